@@ -70,6 +70,6 @@ have cargo || say "no cargo here, so the tests with a robot of another DDS will 
 have haproxy || system_packages "the replicas' tests" haproxy
 have ip || system_packages "the weak link's test" iproute2
 have chromium || system_packages "the console's tests" chromium
-{ have cmake c++ make pkg-config && pkg-config --exists libzstd libcurl nlohmann_json; } ||
+{ have cmake c++ make pkg-config && pkg-config --exists libzstd libcurl libcrypto nlohmann_json; } ||
   system_packages "the C++ client's tests" \
-    cmake g++ make pkg-config libzstd-dev libcurl4-openssl-dev nlohmann-json3-dev
+    cmake g++ make pkg-config libzstd-dev libcurl4-openssl-dev libssl-dev nlohmann-json3-dev

@@ -14,7 +14,7 @@ from typing import Any
 
 import zstandard
 
-from . import cases, damage, documents, files
+from . import cases, damage, documents, files, signatures
 from .python_client import run
 
 FOLDER = Path(__file__).resolve().parent / "vectors"
@@ -30,13 +30,13 @@ def write(folder: Path) -> None:
     index = [_expecting_body(folder, vector) for vector in encoded]
     index += [_read_back(vector) for vector in index if _can_be_read_back(vector)]
     index += _damaged(folder)
-    for vector in (*cases.parameters(), *documents.vectors()):
+    for vector in (*cases.parameters(), *documents.vectors(), *signatures.vectors()):
         index.append(
             vector if "expected" in vector else {**vector, "expected": {"value": run(folder, vector)}}
         )
     zstd = ".".join(map(str, zstandard.ZSTD_VERSION))
     listing = {"format": 1, "made_with": {"libzstd": zstd}, "vectors": index}
-    _store(folder, {"index.json": json.dumps(listing, indent=1).encode() + b"\n"})
+    _store(folder, {"index.json": json.dumps(listing, indent=0).encode() + b"\n"})
 
 
 def _expecting_body(folder: Path, vector: Vector) -> Vector:

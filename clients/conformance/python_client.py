@@ -22,6 +22,7 @@ from firstfix.transform import from_quaternion
 from firstfix.wire import query as wire_query
 from firstfix.wire import scan as wire
 from firstfix.wire import sequence as wire_sequence
+from firstfix.wire.signature import Asked, QuerySignature, SigningKey
 from firstfix_client.errors import error_of_problem
 
 from .files import read_body
@@ -138,6 +139,26 @@ def _problem(folder: Path, given: Vector, parameters: Vector) -> dict[str, Any] 
     return None if error is None else {"code": error.code, "detail": str(error)}
 
 
+def _zenoh_query(folder: Path, given: Vector, parameters: Vector) -> dict[str, str]:
+    key, payload = _signing_key(given), bytes.fromhex(given["payload"])
+    asked = Asked.of(given["key"], [(name, value) for name, value in given["parameters"]], given["encoding"])
+    signature = key.sign(asked, payload, given["time_ms"], bytes.fromhex(given["nonce"]))
+    return {"attachment": signature.to_bytes().hex()}
+
+
+def _zenoh_reply(folder: Path, given: Vector, parameters: Vector) -> dict[str, bool]:
+    query = QuerySignature.parse(bytes.fromhex(given["attachment"]))
+    assert query is not None
+    payload = bytes.fromhex(given["payload"])
+    return {"is_signed": _signing_key(given).has_replied(query, given["is_ok"], given["encoding"], payload)}
+
+
+def _signing_key(given: Vector) -> SigningKey:
+    key = SigningKey.of_api_key(given["api_key"])
+    assert key is not None
+    return key
+
+
 _FUNCTIONS: dict[str, Callable[[Path, Vector, Vector], Any]] = {
     "encode_scan": _encode_scan,
     "decode_scan": _decode_scan,
@@ -151,4 +172,6 @@ _FUNCTIONS: dict[str, Callable[[Path, Vector, Vector], Any]] = {
     "answer": _answer,
     "geopose": _geopose,
     "problem": _problem,
+    "zenoh_query": _zenoh_query,
+    "zenoh_reply": _zenoh_reply,
 }

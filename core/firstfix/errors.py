@@ -31,6 +31,7 @@
     |  |- ClusterUnavailable      the build machines cannot be reached: try again
     |  `- BuildCancelled          it was cancelled
     |- Unauthorized               missing or invalid credential
+    |  `- ClockSkew               the caller's clock is wrong: ask again by the service's
     |- Forbidden                  the credential does not allow this
     |- RateLimited                too many requests of one caller: try again later
     |- QuotaExceeded              the caller has reached a limit
@@ -237,6 +238,20 @@ class Unauthorized(FirstfixError):
     """Missing or invalid credential."""
 
     code = "unauthorized"
+
+
+class ClockSkew(Unauthorized):
+    """The caller's clock is wrong: ask again by the service's.
+
+    Attributes:
+        time_ms: of the service's clock, since 1970 (UTC).
+    """
+
+    code = "clock_skew"
+
+    def __init__(self, message: str, time_ms: int = 0) -> None:
+        super().__init__(message)
+        self.time_ms = time_ms
 
 
 class Forbidden(FirstfixError):

@@ -51,6 +51,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.ClusterUnavailable: 503,
     errors.BuildCancelled: 409,
     errors.Unauthorized: 401,
+    errors.ClockSkew: 401,
     errors.Forbidden: 403,
     errors.RateLimited: 429,
     errors.QuotaExceeded: 429,
@@ -74,12 +75,14 @@ class Problem:
 
     Attributes:
         headers: of the HTTP response; zenoh has none.
+        members: further members of the document.
     """
 
     code: str
     status: int
     detail: str
     headers: dict[str, str] = field(default_factory=dict)
+    members: dict[str, int] = field(default_factory=dict)
 
     @property
     def body(self) -> bytes:
@@ -91,6 +94,7 @@ class Problem:
                 "status": self.status,
                 "detail": self.detail,
                 "code": self.code,
+                **self.members,
             },
             separators=(",", ":"),
         ).encode()
@@ -110,7 +114,8 @@ def problem_of(error: BaseException) -> Problem:
     retry_after_s = getattr(error, "retry_after_s", None)
     if retry_after_s is not None:
         headers = {"Retry-After": str(max(1, math.ceil(retry_after_s)))}
-    return Problem(error.code, STATUS[mapped], redact(str(error)), headers)
+    members = {"time_ms": error.time_ms} if isinstance(error, errors.ClockSkew) else {}
+    return Problem(error.code, STATUS[mapped], redact(str(error)), headers, members)
 
 
 def add_handlers(app: FastAPI) -> None:

@@ -108,3 +108,59 @@ def test_it_ends_when_it_is_closed(teller: Teller, client: ZenohClient):
     thread.join(LIMIT_S)
     assert not thread.is_alive()
     assert ended == []
+
+
+TOO_DEEP = "[" * 3000
+HUGE = '{"map_id": "hall", "seq": 1e999, "version": "x"}'
+ODD = ["-1", "true", "9007199254740992", "1.5", "null", "NaN"]
+
+
+def test_no_message_of_a_stranger_ends_the_watch(teller: Teller, client: ZenohClient):
+    teller.known = {"hall": {"map_id": "hall", "seq": 2, "version": "a"}}
+    with client.watch_versions() as watch:
+        next(watch)
+        for text in (TOO_DEEP, HUGE, *(f'{{"map_id": "hall", "seq": {seq}, "version": "x"}}' for seq in ODD)):
+            teller.put("hall", text)
+        for map_id, version in (("../hall", "x"), ("hall", 7), ("hall", "x" * 65)):
+            teller.put("hall", json.dumps({"map_id": map_id, "seq": 9, "version": version}))
+        teller.tell("hall", 3, "b")
+        assert next(watch) == VersionChange("hall", "b", "a")
+
+
+def test_a_look_survives_every_answer(teller: Teller, client: ZenohClient):
+    def answer(query: Any) -> None:
+        with query:
+            for text in (TOO_DEEP, HUGE, '{"map_id": "hall", "seq": 2, "version": "a"}'):
+                query.reply("firstfix/hall/version", text)
+
+    teller.queryable.undeclare()
+    kept = teller.session.declare_queryable("firstfix/*/version", answer)
+    with client.watch_versions(look_every_s=0.05) as watch:
+        # zenoh keeps one reply of a key: the last one
+        assert next(watch) == VersionChange("hall", "a", None)
+    kept.undeclare()
+
+
+def test_a_false_number_does_not_make_it_deaf(teller: Teller, client: ZenohClient):
+    teller.known = {"hall": {"map_id": "hall", "seq": 2, "version": "a"}}
+    with client.watch_versions(look_every_s=0.05) as watch:
+        assert next(watch).version == "a"
+        teller.tell("hall", 10**15, "false")
+        assert next(watch).version == "false"
+        assert next(watch).version == "a", "the replicas have contradicted it"
+        teller.tell("hall", 3, "b")
+        teller.known = {"hall": {"map_id": "hall", "seq": 3, "version": "b"}}
+        assert next(watch).version == "b"
+
+
+def test_a_replica_that_lags_takes_nothing_back(teller: Teller, client: ZenohClient):
+    teller.known = {"hall": {"map_id": "hall", "seq": 2, "version": "a"}}
+    with client.watch_versions(look_every_s=3600) as watch:
+        assert next(watch).version == "a"
+        teller.tell("hall", 3, "b")
+        assert next(watch).version == "b"
+        watch._look()  # it still tells the old one
+        teller.known = {"hall": {"map_id": "hall", "seq": 3, "version": "b"}}
+        watch._look()
+        teller.tell("hall", 4, "c")
+        assert next(watch) == VersionChange("hall", "c", "b")

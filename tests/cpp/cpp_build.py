@@ -14,7 +14,7 @@ from waiting import LIMIT_S
 
 REPO = Path(__file__).resolve().parents[2]
 
-LIBRARIES = ("libzstd", "libcurl", "nlohmann_json")
+LIBRARIES = ("libzstd", "libcurl", "libcrypto", "nlohmann_json")
 SANITISED = "-O0 -fsanitize=address,undefined -fno-sanitize-recover=all"
 
 

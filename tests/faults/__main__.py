@@ -22,6 +22,7 @@ DRILLS = (
     "restart_clients",
     "rot",
     "smoke",
+    "zenoh_stranger",
 )
 
 

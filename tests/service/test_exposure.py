@@ -10,7 +10,8 @@ import pytest
 from structlog.testing import capture_logs
 
 from firstfix.errors import InvalidOption
-from firstfix_service.exposure import check_exposure, is_loopback
+from firstfix.wire.endpoints import is_loopback
+from firstfix_service.exposure import check_exposure, open_zenoh
 from firstfix_service.settings import Settings
 from waiting import LIMIT_S
 
@@ -30,8 +31,69 @@ PRIVATE: list[dict[str, Any]] = [
     {"zenoh_listen": ("tcp/0.0.0.0:7447",)},  # zenoh is off
     {"zenoh": True, "zenoh_listen": ("tcp/[::1]:7447", "tcp/localhost:0?prio=1")},
     {"zenoh": True, "zenoh_listen": ("unixsock-stream//run/firstfix.sock",)},
-    {"zenoh_config": Path("zenoh.json5")},  # the operator's own rules
 ]
+QUIET = {"scouting": {"multicast": {"enabled": False}}}
+RULES = {"enabled": True, "default_permission": "deny", "rules": [], "subjects": [], "policies": []}
+RULE = {"id": "a", "permission": "allow", "messages": ["query"], "key_exprs": ["**"]}
+TLS = "tls/[::]:7447"
+LOGIN = {"auth": {"usrpwd": {"user": "replica", "password": "secret"}}}
+KEPT: list[dict[str, Any]] = [  # strangers have no part
+    {**QUIET, "listen": {"endpoints": ["tcp/127.0.0.1:7447"]}},
+    {**QUIET, "mode": "client"},
+    {**QUIET, "listen": {"endpoints": [TLS]}, "access_control": {**RULES, "rules": [RULE]}},
+    {**QUIET, "listen": {"endpoints": []}, "connect": {"endpoints": [TLS]}, "transport": LOGIN},
+]
+OPEN: list[dict[str, Any]] = [
+    {},
+    {"listen": {"endpoints": ["tcp/127.0.0.1:7447"]}},  # it looks for others
+    {**QUIET, "listen": {"endpoints": [TLS]}},
+    {**QUIET, "listen": {"endpoints": [TLS]}, "access_control": RULES},
+    {**QUIET, "listen": {"endpoints": [TLS]}, "access_control": {**RULES, "enabled": False, "rules": [RULE]}},
+    {**QUIET, "listen": {"endpoints": ["tcp/[::]:7447"]}, "access_control": {**RULES, "rules": [RULE]}},
+    {**QUIET, "listen": {"endpoints": [TLS, "tcp/[::]:1"]}, "access_control": {**RULES, "rules": [RULE]}},
+    {**QUIET, "listen": {"endpoints": [TLS]}, "transport": LOGIN},
+    {**QUIET, "listen": {"endpoints": []}, "connect": {"endpoints": ["tcp/a:1"]}, "transport": LOGIN},
+    {**QUIET, "listen": {"endpoints": []}, "connect": {"endpoints": [TLS]}},
+]
+
+
+def with_config(folder: Path, content: dict[str, Any], **changes: Any) -> Settings:
+    path = folder / "zenoh.json5"
+    path.write_text(json.dumps(content))
+    return Settings(store="memory://", zenoh_config=path, **changes)
+
+
+@pytest.mark.parametrize("content", KEPT)
+def test_a_zenoh_configuration_may_keep_strangers_out(tmp_path: Path, content: dict[str, Any]):
+    for changes in ({}, {"auth": "on"}, {"auth": "on", "zenoh_trusted": True}, {"auth": "off"}):
+        settings = with_config(tmp_path, content, **changes)
+        check_exposure(settings)
+        assert open_zenoh(settings) == ""
+
+
+@pytest.mark.parametrize("content", OPEN)
+def test_a_zenoh_configuration_that_does_not_is_told_the_ways_out(tmp_path: Path, content: dict[str, Any]):
+    for changes in ({}, {"auth": "on", "zenoh_trusted": True}):
+        with pytest.raises(
+            InvalidOption, match=r"FIRSTFIX_AUTH=on.*FIRSTFIX_ZENOH_CONFIG.*FIRSTFIX_AUTH=off"
+        ):
+            check_exposure(with_config(tmp_path, content, **changes))
+    for chosen in ("on", "off"):
+        check_exposure(with_config(tmp_path, content, auth=chosen))
+
+
+def test_trust_in_an_open_zenoh_is_refused():
+    with pytest.raises(InvalidOption, match="FIRSTFIX_ZENOH_TRUSTED"):
+        check_exposure(
+            Settings(
+                store="memory://", auth="on", zenoh=True, zenoh_trusted=True, zenoh_listen=("tcp/[::]:1",)
+            )
+        )
+
+
+def test_a_configuration_that_cannot_be_read_is_said(tmp_path: Path):
+    with pytest.raises(InvalidOption, match="zenoh config"):
+        check_exposure(Settings(store="memory://", zenoh_config=tmp_path / "none.json5"))
 
 
 @pytest.mark.parametrize("changes", PUBLIC)

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "firstfix/signature.hpp"
 #include "programs.hpp"
 #include "vectors.hpp"
 
@@ -212,6 +213,35 @@ Result geopose_vector(const std::string& folder, const Json& input, const Json&)
            {"quaternion", {{"x", x}, {"y", y}, {"z", z}, {"w", w}}}}};
 }
 
+std::string bytes_of(const Json& hexadecimal) {
+  const Bytes bytes = from_hex(hexadecimal.get<std::string>());
+  return {bytes.begin(), bytes.end()};
+}
+
+Result zenoh_query_vector(const std::string&, const Json& input, const Json&) {
+  const QuerySigner signer(input.at("api_key").get<std::string>());
+  const Asked asked{input.at("key").get<std::string>(),
+                    input.at("parameters").get<std::vector<std::pair<std::string, std::string>>>(),
+                    input.at("encoding").get<std::string>()};
+  const Bytes random = from_hex(input.at("nonce").get<std::string>());
+  Nonce nonce{};
+  std::copy(random.begin(), random.end(), nonce.begin());
+  std::string digits;
+  for (const char c : signer.sign(asked, bytes_of(input.at("payload")), input.at("time_ms").get<std::uint64_t>(), nonce)) {
+    digits.push_back("0123456789abcdef"[static_cast<unsigned char>(c) >> 4]);
+    digits.push_back("0123456789abcdef"[static_cast<unsigned char>(c) & 15]);
+  }
+  return {std::nullopt, {{"attachment", digits}}};
+}
+
+Result zenoh_reply_vector(const std::string&, const Json& input, const Json&) {
+  const QuerySigner signer(input.at("api_key").get<std::string>());
+  const auto encoding =
+      signer.checked_encoding(bytes_of(input.at("attachment")), input.at("is_ok").get<bool>(),
+                              input.at("encoding").get<std::string>(), bytes_of(input.at("payload")));
+  return {std::nullopt, {{"is_signed", encoding.has_value()}}};
+}
+
 Result problem_vector(const std::string& folder, const Json& input, const Json&) {
   const auto problem = parse_problem(read_text(folder + input.at("document").get<std::string>()),
                                      input.at("status").get<long>());
@@ -227,6 +257,7 @@ const std::map<std::string, Function>& functions() {
       {"decode_query", decode_query_vector},         {"descriptor_parameters", descriptor_parameters_vector},
       {"options", options_vector},                   {"answer", answer_vector},
       {"geopose", geopose_vector},                   {"problem", problem_vector},
+      {"zenoh_query", zenoh_query_vector},           {"zenoh_reply", zenoh_reply_vector},
   };
   return all;
 }

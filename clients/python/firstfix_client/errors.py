@@ -10,8 +10,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from firstfix.errors import FirstfixError, Overloaded, RateLimited, StoreUnavailable, error_class
+from firstfix.errors import ClockSkew, FirstfixError, Overloaded, RateLimited, StoreUnavailable, error_class
 
+_MAX_TIME_MS = 1 << 52  # some 140,000 years
 TRANSIENT = (Overloaded, RateLimited, StoreUnavailable)  # worth another try
 
 
@@ -32,13 +33,21 @@ def error_of_problem(body: bytes, status: int | None = None) -> FirstfixError | 
     """
     try:
         problem = json.loads(body)
-    except ValueError:
+    except (ValueError, RecursionError):
         problem = None
     if isinstance(problem, Mapping) and isinstance(problem.get("code"), str):
-        return error_class(problem["code"])(_text_of(problem))
+        kind = error_class(problem["code"])
+        if kind is ClockSkew:
+            return ClockSkew(_text_of(problem), _time_ms_of(problem))
+        return kind(_text_of(problem))
     if status == 503:
         return Overloaded("the service, or a proxy in front of it, answered 503")
     return None
+
+
+def _time_ms_of(problem: Mapping[str, Any]) -> int:
+    time_ms = problem.get("time_ms")
+    return time_ms if isinstance(time_ms, int) and 0 <= time_ms < _MAX_TIME_MS else 0
 
 
 def _text_of(problem: Mapping[str, Any]) -> str:

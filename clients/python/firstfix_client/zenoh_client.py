@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -13,15 +14,18 @@ from numpy.typing import ArrayLike
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
-from firstfix.errors import InvalidOption
+from firstfix.errors import FirstfixError, InvalidOption
 from firstfix.ids import check_map_id
 from firstfix.scan.sequence import ScanSequence
+from firstfix.wire.endpoints import Links
+from firstfix.wire.signature import SigningKey
 
 from .calls.builds import BuildCalls
 from .calls.maps import MapCalls
 from .drivers import blocking
 from .drivers.live_replicas import LiveReplicas
-from .drivers.zenoh_ask import ReplicaRoute, ZenohAsk, ZenohQuery
+from .drivers.replica_route import ReplicaRoute, SignedRoute
+from .drivers.zenoh_ask import ZenohAsk, ZenohQuery
 from .errors import ServiceUnreachable
 from .policies import HedgePolicy, RetryPolicy
 from .records import MapInfo, ReplicaInfo
@@ -62,12 +66,14 @@ class ZenohClient(MapCalls, BuildCalls):
             endpoints of the config.
         config: a zenoh configuration file (JSON5), for TLS, users and so on.
         url: of the service over HTTP, as in ``Client``; None: methods that need it raise InvalidOption.
-        api_key: as in ``Client``; it is sent as the query's attachment.
+        api_key: as in ``Client``. Queries are signed with it, and only replies that the service has signed
+            are taken; the key itself is never sent over zenoh. A token of another form has to be sent as it
+            is: it is refused unless the endpoints are on this machine or speak TLS.
         hedge: when another replica is asked because the first is slow; False: never.
         timeout_s, retry, resolution_m, voxel_m: as in ``Client``.
 
     Raises:
-        InvalidOption: the config or the URL cannot be used.
+        InvalidOption: the config or the URL cannot be used, or a token would be sent where others read along.
         ServiceUnreachable: nothing listens at the endpoint.
         ModuleNotFoundError: the extra ``zenoh`` is not installed.
     """
@@ -91,6 +97,7 @@ class ZenohClient(MapCalls, BuildCalls):
         self._hedging = Hedging(policy) if policy else None
         self._zenoh = _zenoh()
         settings = self._settings(endpoint, config)
+        given = _checked(credential(api_key), settings)
         form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
         self._service = None if url is None else _service(url, timeout_s, self._retry, form, api_key)
         self._fixes = LocalizeSteps(form, self._ask_body, None if url is None else self._look_up)
@@ -101,7 +108,7 @@ class ZenohClient(MapCalls, BuildCalls):
                 f"no zenoh peer at {endpoint or config or 'scouting'}: {error}"
             ) from None
         self._replicas = LiveReplicas(self._session)
-        self._ask = ZenohAsk(self._zenoh, self._session, credential(api_key))
+        self._ask = ZenohAsk(self._zenoh, self._session, given, self._replicas)
 
     def __enter__(self) -> ZenohClient:
         return self
@@ -154,7 +161,8 @@ class ZenohClient(MapCalls, BuildCalls):
             ServiceUnreachable: no replica answered.
         """
         route = ReplicaRoute(MAPS, None)
-        steps = send(lambda left_s: ZenohQuery(), route, self._retry, Deadline(self._timeout_s))
+        query = ZenohQuery(needs_credential=False)
+        steps = send(lambda left_s: query, route, self._retry, Deadline(self._timeout_s))
         answer: Answer = blocking.run(steps, self._ask)
         return answer.parsed(lambda data: [MapInfo.from_mapping(item) for item in data["maps"]])
 
@@ -163,8 +171,13 @@ class ZenohClient(MapCalls, BuildCalls):
         replies = self._session.get(
             "firstfix/@replicas/*", target=self._zenoh.QueryTarget.ALL, timeout=LOOK_S
         )
-        found = [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
-        return sorted((ReplicaInfo.from_mapping(item) for item in found), key=lambda one: one.replica)
+        found = []
+        for reply in replies:
+            if reply.ok is not None:
+                answer = Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+                with suppress(FirstfixError):  # of somebody else, or of a later release
+                    found.append(answer.parsed(ReplicaInfo.from_mapping))
+        return sorted(found, key=lambda one: one.replica)
 
     def watch_versions(self, *, look_every_s: float = 10.0) -> VersionWatch:
         """Returns an iterator over changes of the maps' active versions. Close it after use.
@@ -185,7 +198,7 @@ class ZenohClient(MapCalls, BuildCalls):
             query = {"deadline_ms": str(max(1, int(left_s * 1000))), **asked}
             return ZenohQuery(query, body, media_type)
 
-        route = ReplicaRoute(shared, self._replicas)
+        route = (SignedRoute if self._ask.signs else ReplicaRoute)(shared, self._replicas)
         answer: Answer = yield from send(
             make, route, self._retry, Deadline(self._timeout_s), hedging=self._hedging
         )
@@ -214,6 +227,23 @@ def _service(
     from .drivers.blocking_service import BlockingService
 
     return BlockingService(HttpSteps(url, timeout_s, retry, None, form), sent_headers(api_key, None), None)
+
+
+def _checked(given: str | None, settings: Any) -> str | None:
+    """Returns the credential if it may be used in such a session.
+
+    Raises:
+        InvalidOption: it cannot sign, and others may read along.
+    """
+    if given is None or SigningKey.of_api_key(given) is not None:
+        return given
+    links = Links.of(settings)
+    if not links.are_encrypted:
+        raise InvalidOption(
+            "this credential is no API key (ffx_...), so it cannot sign queries, and sent as it is by "
+            f"{', '.join(links.beyond)} others could take it: use an API key, TLS endpoints, or HTTPS"
+        )
+    return given
 
 
 def _zenoh() -> Any:

@@ -23,11 +23,11 @@ from typing import Any
 from ..errors import Conflict, InvalidOption, NotFound, UnreadableRecord
 from ..store.json_record import RecordKind, read_each, read_record, record_json, text_of, texts_of
 from ..store.store import Store
+from ..wire.signature import API_KEY
 from .permissions import Grant
 
 _FOLDER = "keys"
 _KEY_ID = re.compile(r"[0-9a-f]{12}")
-_TOKEN = re.compile(r"ffx_([0-9a-f]{12})_([0-9a-f]{64})")
 _RECORD, _REVOKED = ".json", ".revoked"
 MAX_NAME_CHARS = 100
 
@@ -161,7 +161,7 @@ class ApiKeys:
 
 def parse_token(token: str) -> tuple[str, str] | None:
     """Key id and secret of a token, or None if it has not the form of one."""
-    match = _TOKEN.fullmatch(token)
+    match = API_KEY.fullmatch(token)
     return None if match is None else (match[1], match[2])
 
 

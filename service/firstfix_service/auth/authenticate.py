@@ -21,6 +21,7 @@ from ..telemetry.metrics import Metrics
 from .key_ring import KeyRing
 from .principal import Principal
 from .rate_limit import RateLimit
+from .signed_queries import SignedQueries
 
 if TYPE_CHECKING:
     from .token_verifier import TokenVerifier
@@ -38,6 +39,9 @@ class Authenticator:
     Args:
         keys: None means that authentication is off: credentials are ignored.
         tokens: None means that only API keys are accepted.
+
+    Attributes:
+        signatures: checks signed queries; None if authentication is off.
     """
 
     def __init__(self, settings: Settings, keys: KeyRing | None, tokens: TokenVerifier | None) -> None:
@@ -53,6 +57,7 @@ class Authenticator:
             "change": _limit("changes of this map", changes_per_min / 60, changes_per_min),
         }
         self._failures = _limit("invalid credentials", per_min / 60, per_min)
+        self.signatures = None if keys is None else SignedQueries(keys)
 
     @property
     def is_on(self) -> bool:
@@ -81,10 +86,19 @@ class Authenticator:
                 return self._keys.principal(credential)
             return await self._tokens.principal(credential)
         except Unauthorized as error:
-            if credential and self._failures is not None:
-                self._failures.take(address)
-                _log.info("refused a credential", address=address, reason=str(error))
+            if credential:
+                self.count_refusal(address, error)
             raise
+
+    def count_refusal(self, address: str, error: Unauthorized) -> None:
+        """Counts and logs an invalid credential.
+
+        Raises:
+            RateLimited: too many from this address.
+        """
+        if self._failures is not None:
+            self._failures.take(address)
+            _log.info("refused a credential", address=address, reason=str(error))
 
     async def check(
         self, credential: str | None, scope: Scope, map_id: str | None, *, address: str = "zenoh"

@@ -15,8 +15,8 @@ import jwt
 import structlog
 
 from firstfix.errors import InvalidOption, Overloaded, Unauthorized
+from firstfix.wire.endpoints import is_loopback
 
-from ..exposure import is_loopback
 from ..lanes import KEYS
 
 _log = structlog.get_logger(__name__)

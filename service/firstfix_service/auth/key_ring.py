@@ -10,10 +10,12 @@ import structlog
 
 from firstfix.access.api_keys import ApiKey, ApiKeys, parse_token
 from firstfix.errors import StoreError, StoreUnavailable, Unauthorized
+from firstfix.wire.signature import Asked, QuerySignature, SigningKey
 
 from .principal import Principal
 
 _log = structlog.get_logger(__name__)
+NO_SUCH_KEY = "no such API key, or it was revoked"
 
 
 class KeyRing:
@@ -62,12 +64,38 @@ class KeyRing:
         parsed = parse_token(token)
         if parsed is None:
             raise Unauthorized("the credential does not have the form of an API key")
+        key_id, secret = parsed
+        key = self._key(key_id)
+        if not key.matches(secret):
+            raise Unauthorized(NO_SUCH_KEY)
+        return _principal(key)
+
+    def signer(self, signature: QuerySignature, asked: Asked) -> tuple[Principal, SigningKey]:
+        """Returns the caller who signed a query, and the keys of its signatures.
+
+        Raises:
+            Unauthorized: there is no such key, it has expired, or the signature is wrong.
+            StoreUnavailable: the keys could not be read for ``max_age_s``.
+        """
+        key = self._key(signature.key_id)
+        try:
+            signing = SigningKey.of_hash(key.key_id, bytes.fromhex(key.sha256))
+        except ValueError:  # a record whose hash is none: the key is not accepted over HTTP either
+            raise Unauthorized(NO_SUCH_KEY) from None
+        if not signing.has_signed(signature, asked):
+            raise Unauthorized("the signature does not fit the query")
+        return _principal(key), signing
+
+    def _key(self, key_id: str) -> ApiKey:
         if self.age_s > self._max_age_s:
             raise StoreUnavailable("the API keys cannot be read")
-        key_id, secret = parsed
         key = self._known.get(key_id)  # ids are not secret: the time of this look-up reveals nothing
-        if key is None or not key.matches(secret):
-            raise Unauthorized("no such API key, or it was revoked")
-        if key.is_expired(datetime.now(timezone.utc)):
-            raise Unauthorized(f"API key {key_id} has expired")
-        return Principal(f"key:{key_id}", key.grant)
+        if key is None:
+            raise Unauthorized(NO_SUCH_KEY)
+        return key
+
+
+def _principal(key: ApiKey) -> Principal:
+    if key.is_expired(datetime.now(timezone.utc)):
+        raise Unauthorized(f"API key {key.key_id} has expired")
+    return Principal(f"key:{key.key_id}", key.grant)

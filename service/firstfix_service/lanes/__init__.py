@@ -21,6 +21,7 @@ __all__ = [
     "LOOKS",
     "METRICS",
     "READS",
+    "SIGNATURES",
     "START",
     "UPKEEP",
     "Lane",
@@ -35,6 +36,7 @@ AUTH = Lane("auth", 4, TURN_WITHIN_S)  # reads whether a caller may see the buil
 BUILDS = Lane("builds", 8)  # leases of builds, and how builds ended
 READS = Lane("reads", 16, TURN_WITHIN_S)  # reads one small record of the catalog
 LISTS = Lane("lists", 4, TURN_WITHIN_S)  # reads much of the catalog: pages of lists, pictures
+SIGNATURES = Lane("signatures", 2)  # hashes the bodies of signed queries
 LOOKS = Lane("looks", 2)  # lays scans over maps, for people who look at answers
 METRICS = Lane("metrics", 2)  # puts the metrics together, which asks many parts for their state
 CHANGES = Lane("changes", 4, TURN_WITHIN_S)  # activates versions, sets georeferences

@@ -8,8 +8,8 @@
 
 No map can have the id ``@any``, and no wildcard matches it. The options are selector parameters. The payload
 has the same bytes as the HTTP body; its encoding is the media type. The parameters ``content_encoding``,
-``accept``, ``request_id`` and ``traceparent`` replace the HTTP headers. The attachment carries the credential
-of the header Authorization, without the word Bearer. Errors are the same problem documents.
+``accept``, ``request_id`` and ``traceparent`` replace the HTTP headers. The attachment is a signature with
+the caller's API key (``callers``). Errors are the same problem documents.
 """
 
 from __future__ import annotations
@@ -28,11 +28,9 @@ from typing import Any
 import structlog
 import zenoh
 
-from firstfix.access.permissions import Scope
 from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
 
 from ..auth.authenticate import Authenticator
-from ..auth.principal import Principal
 from ..localize.held_bodies import HeldBodies
 from ..localize.response_format import content_of
 from ..localize.use_case import LocalizeUseCase
@@ -40,14 +38,14 @@ from ..query_workers.answer import AnswerForm
 from ..settings import Settings
 from ..telemetry.request_scope import Requests, current_caller, note
 from ..telemetry.stall_watch import Pulse
+from .callers import ZenohCallers
 from .config import session_config
 from .log import TRANSPORT, logged_query
-from .query import ANY_MAP, credential_of, key_of, read_query, reply_error
+from .query import ANY_MAP, key_of, read_query, reply_error, reply_ok
 from .replies import ReplyThreads
 from .session_watch import SessionWatch
 
 _log = structlog.get_logger(__name__)
-TRUSTED = "zenoh"  # name of a caller whom zenoh's own access rules let through
 DRAIN_S = 10.0  # for queries under way when the service stops
 ENDPOINT_CLOSE_WITHIN_S = DRAIN_S + 5.0
 _NOT_READ = "too many answers wait for callers who do not read them: try again"
@@ -77,8 +75,7 @@ class ZenohEndpoint:
         """
         self.replica = replica
         self._use_case = use_case
-        self._authenticator = authenticator
-        self._trusted = settings.zenoh_trusted
+        self._callers = ZenohCallers(settings, authenticator)
         self._loop = loop
         self._requests = requests
         self._max_body_bytes = settings.max_body_bytes
@@ -161,7 +158,8 @@ class ZenohEndpoint:
         except FirstfixError as error:  # before the payload is copied
             with logged_query(self._requests, query, arrived):
                 self._use_case.count(TRANSPORT, error)
-            self.replies.send(query, partial(reply_error, query, error))
+            caller = self._callers.look(query)
+            self.replies.send(query, partial(reply_error, query, error, caller))
             return
         try:
             future = asyncio.run_coroutine_threadsafe(self._answer(query, arrived), self._loop)
@@ -204,23 +202,25 @@ class ZenohEndpoint:
 
     async def _answer(self, query: Any, arrived: float) -> None:
         with logged_query(self._requests, query, arrived), ExitStack() as place:
+            caller = self._callers.look(query)
             try:
-                caller = await self._caller(query)
-                note(caller=caller.name)
-                if self.replies.is_full_for(caller.name):
+                principal = await self._callers.admit(caller, query)
+                note(caller=principal.name)
+                if self.replies.is_full_for(principal.name):
                     raise Overloaded(_NOT_READ)
                 payload = query.payload  # None: an empty body, as over HTTP
-                place.enter_context(self._place(caller.name, 0 if payload is None else len(payload)))
+                place.enter_context(self._place(principal.name, 0 if payload is None else len(payload)))
                 asked = read_query(query, arrived)
-                admission = self._use_case.admit(asked.head, caller)
+                admission = self._use_case.admit(asked.head, principal)
                 body = b"" if payload is None else payload.to_bytes()
+                await caller.check_body(body)
                 answer = await self._use_case.localize(admission, body, AnswerForm(asked.pose))
                 content, media_type = content_of(answer)
             except Exception as error:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))
                 self._use_case.count(TRANSPORT, error)
-                await self._reply(query, partial(reply_error, query, error))
+                await self._reply(query, partial(reply_error, query, error, caller))
                 # Its frames hold the body in a reference cycle, which only the garbage collector would free.
                 error.__traceback__ = None
                 return
@@ -228,7 +228,7 @@ class ZenohEndpoint:
             # The reply's key must match the query's, which may ask for every replica.
             own = f"{asked.key}/{self.replica}"
             key = own if query.key_expr.intersects(zenoh.KeyExpr(own)) else asked.key
-            await self._reply(query, partial(query.reply, key, content, encoding=media_type))
+            await self._reply(query, partial(reply_ok, query, caller, key, content, media_type))
 
     async def _reply(self, query: Any, send: Callable[[], None]) -> None:
         self._replying += 1
@@ -255,15 +255,3 @@ class ZenohEndpoint:
             self._of_caller[caller] -= 1
             if not self._of_caller[caller]:
                 del self._of_caller[caller]
-
-    async def _caller(self, query: Any) -> Principal:
-        """The caller, with the scope ``localize`` and within its rate limit.
-
-        Raises:
-            Unauthorized, Forbidden, RateLimited: as ``Authenticator`` says.
-        """
-        if self._trusted:
-            return Principal(TRUSTED)
-        caller = await self._authenticator.check(credential_of(query), Scope.LOCALIZE, None)
-        self._authenticator.take("localize", caller)
-        return caller

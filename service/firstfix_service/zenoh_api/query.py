@@ -1,4 +1,4 @@
-"""Reading of a zenoh query (key, selector parameters, encoding, attachment), and the reply if it failed."""
+"""Reading of a zenoh query (key, selector parameters, encoding), and its replies."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-from firstfix.errors import InvalidOption, Unauthorized
+from firstfix.errors import InvalidOption
 
 from .. import problems
 from ..localize.query_head import QueryHead, split_map_ids
 from ..localize.response_format import requested_pose
 from ..problems import problem_of
 from ..query_workers.answer import PoseFormat
+from .callers import ZenohCaller
 from .log import PARAMETERS
 
 CONTENT_ENCODING = "content_encoding"
 ACCEPT = "accept"
 MAP_PARAMETER = "map"
 ANY_MAP = "@any"
-MAX_CREDENTIAL_BYTES = 16 << 10
+UNSIGNED = ZenohCaller()
 
 
 @dataclass(frozen=True)
@@ -34,20 +35,6 @@ class ZenohQuery:
     key: str
     head: QueryHead
     pose: PoseFormat | None
-
-
-def credential_of(query: Any) -> str | None:
-    """Returns the API key or token in a query's attachment; None without an attachment.
-
-    Raises:
-        Unauthorized: the attachment is too long.
-    """
-    attachment = query.attachment
-    if attachment is None:
-        return None
-    if len(attachment) > MAX_CREDENTIAL_BYTES:
-        raise Unauthorized(f"the attachment, a credential, has over {MAX_CREDENTIAL_BYTES} bytes")
-    return attachment.to_bytes().decode("ascii", "replace")
 
 
 def read_query(query: Any, arrived: float) -> ZenohQuery:
@@ -80,6 +67,12 @@ def key_of(map_id: str) -> str:
     return f"firstfix/{map_id}/localize"
 
 
-def reply_error(query: Any, error: BaseException) -> None:
-    """Answers a query with the problem document of an error."""
-    query.reply_err(problem_of(error).body, encoding=problems.MEDIA_TYPE)
+def reply_ok(query: Any, caller: ZenohCaller, key: str, content: bytes, media_type: str) -> None:
+    """Answers a query, with a signature if the query has one."""
+    query.reply(key, content, encoding=caller.encoding(True, media_type, content))
+
+
+def reply_error(query: Any, error: BaseException, caller: ZenohCaller = UNSIGNED) -> None:
+    """Answers a query with the problem document of an error, with a signature if the query has one."""
+    content = problem_of(error).body
+    query.reply_err(content, encoding=caller.encoding(False, problems.MEDIA_TYPE, content))

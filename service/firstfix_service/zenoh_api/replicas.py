@@ -16,6 +16,8 @@ from typing import Any
 import structlog
 import zenoh
 
+from firstfix.ids import is_name
+
 _log = structlog.get_logger(__name__)
 TOKENS = "firstfix/@replicas"
 FIRST_LOOK_S = 2.0
@@ -23,6 +25,7 @@ RETRY_S = 3.0
 # Time without a change before the replicas count. When a router restarts, the replicas vanish and come back
 # one after the other. Without this wait, each would load the maps of all the others.
 SETTLED_S = 3.0
+MAX_REPLICAS = 256  # anybody in the zenoh network may declare tokens
 
 
 class ZenohReplicas:
@@ -104,7 +107,9 @@ class ZenohReplicas:
             watching = self._session if self._client is None else zenoh.open(self._client)
             replies = watching.liveliness().get(pattern, timeout=FIRST_LOOK_S)
             with self._lock:
-                self._keys |= {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+                for reply in replies:
+                    if reply.ok is not None:
+                        self._add(str(reply.ok.key_expr))
             # history: also reports changes between the look and now
             self._subscriber = watching.liveliness().declare_subscriber(pattern, self._on_token, history=True)
         except zenoh.ZError as error:
@@ -117,12 +122,16 @@ class ZenohReplicas:
         with self._lock:
             before = len(self._keys)
             if not str(sample.kind).endswith("DELETE"):
-                self._keys.add(key)
+                self._add(key)
             elif key != self._own:
                 self._keys.discard(key)
             has_changed = len(self._keys) != before
         if has_changed:
             self._event.set()
+
+    def _add(self, key: str) -> None:
+        if len(self._keys) < MAX_REPLICAS and is_name(key.rpartition("/")[2]):
+            self._keys.add(key)
 
     def _run(self) -> None:
         while self._watching is None and not self._stop.wait(RETRY_S):

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-import random
+import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ..errors import ServiceUnreachable, error_of_problem
+from firstfix.errors import ClockSkew, Unauthorized
+from firstfix.wire.signature import NONCE_BYTES, Asked, SigningKey
+
+from ..errors import TRANSIENT, ServiceUnreachable, error_of_problem
 from ..steps.answer import Answer
 from ..steps.outcome import Outcome, lost, refused, too_late
 from ..steps.step import Try
-from .blocking import Asked
+from .blocking import Asked as Performed
 from .live_replicas import LiveReplicas
 from .race import race
+from .service_clock import ServiceClock
+
+_UNSIGNED = (
+    "this reply has no signature by the API key: the service does not know the key or asks for none, or "
+    "somebody else answered"
+)
+
+
+# Errors of a service that could not check the query's signature, or not yet.
+_MAY_BE_UNSIGNED: tuple[type[Exception], ...] = (Unauthorized, *TRANSIENT)
 
 
 @dataclass(frozen=True)
@@ -24,36 +37,20 @@ class ZenohQuery:
 
     Attributes:
         encoding: media type of the payload.
+        needs_credential: False: it is for anybody, and goes without signature and credential.
     """
 
     parameters: Mapping[str, str] = field(default_factory=dict)
     payload: bytes | None = None
     encoding: str | None = None
+    needs_credential: bool = True
 
 
-class ReplicaRoute:
-    """Route to the live replicas of a key in random order, with their shared key last."""
-
-    def __init__(self, shared: str, replicas: LiveReplicas | None) -> None:
-        self._shared = shared
-        self._replicas = replicas
-
-    def order(self) -> list[str]:
-        """Returns the replicas' keys in random order, then the shared key."""
-        live = [] if self._replicas is None else self._replicas.of(self._shared)
-        random.shuffle(live)
-        return [*live, self._shared]
-
-    def rival(self, target: str, others: list[str]) -> str | None:
-        """Returns another live replica, never the shared key: the same replica might get the query."""
-        return others[0] if len(others) > 1 else None
-
-    def last_resort(self, target: str, others: list[str]) -> str | None:
-        """Returns the shared key: zenoh may not report a query lost when the only replica restarts."""
-        return self._shared
-
-    def answered(self, target: str) -> None:
-        """Does nothing: the next query goes to another replica, so the load is spread."""
+@dataclass(frozen=True)
+class _Reply:
+    is_ok: bool
+    encoding: str
+    content: bytes
 
 
 class ZenohAsk:
@@ -61,14 +58,24 @@ class ZenohAsk:
 
     Args:
         zenoh: the module.
+        credential: an API key, which signs queries and checks replies; a token, which is sent as it is; or
+            None.
     """
 
-    def __init__(self, zenoh: Any, session: Any, api_key: str | None) -> None:
+    def __init__(self, zenoh: Any, session: Any, credential: str | None, replicas: LiveReplicas) -> None:
         self._zenoh = zenoh
         self._session = session
-        self._api_key = api_key
+        self._key = None if credential is None else SigningKey.of_api_key(credential)
+        self._token = credential if self._key is None else None
+        self._replicas = replicas
+        self._clock = ServiceClock()
 
-    def __call__(self, step: Try, opened: ExitStack) -> Asked:
+    @property
+    def signs(self) -> bool:
+        """True if queries are signed."""
+        return self._key is not None
+
+    def __call__(self, step: Try, opened: ExitStack) -> Performed:
         """Performs a try, as a race if it has a rival."""
         begun = time.monotonic()
         until = begun + step.timeout_s
@@ -85,28 +92,63 @@ class ZenohAsk:
         """Returns a new cancellation token."""
         return self._zenoh.CancellationToken()
 
-    def first_outcome(self, step: Try, target: str, timeout_s: float, token: Any) -> Outcome:
-        """Asks one replica and returns the outcome of its first reply."""
-        query: ZenohQuery = step.make(timeout_s)
+    def outcome_of(self, step: Try, target: str, until: float, token: Any) -> Outcome:
+        """Asks one replica, or with the shared key any, and returns the outcome."""
+        query: ZenohQuery = step.make(_left_s(until))
+        if self._key is None or not query.needs_credential:
+            return self._first_outcome(query, target, until, token)
+        outcome = self._signed_outcome(self._key, query, target, until, token)
+        if not isinstance(outcome.failure, ClockSkew):
+            return outcome
+        self._clock.follow(outcome.failure.time_ms)
+        return self._signed_outcome(self._key, query, target, until, token)
+
+    def _first_outcome(self, query: ZenohQuery, target: str, until: float, token: Any) -> Outcome:
+        """The outcome of the first reply, whoever gave it."""
+        timeout_s = _left_s(until)
+        attachment = self._token if query.needs_credential else None
         selector = self._zenoh.Selector(target, dict(query.parameters))
+        for reply in self._get(selector, query, timeout_s, token, attachment=attachment):
+            return _outcome(target, reply, timeout_s)
+        return _no_answer(target)
+
+    def _signed_outcome(
+        self, key: SigningKey, query: ZenohQuery, target: str, until: float, token: Any
+    ) -> Outcome:
+        """The outcome of the first reply that the service has signed. Other replies are passed over."""
+        timeout_s = _left_s(until)
+        selector = self._zenoh.Selector(target, dict(query.parameters))
+        encoding = None if query.encoding is None else self._zenoh.Encoding(query.encoding)
+        asked = Asked.of(selector.key_expr, selector.parameters, encoding)
+        signature = key.sign(asked, query.payload or b"", self._clock.now_ms, os.urandom(NONCE_BYTES))
+        outcome = _no_answer(target)
+        # All who declare the key get the query: otherwise zenoh might choose a stranger, not the replica.
+        how = {"target": self._zenoh.QueryTarget.ALL, "attachment": signature.to_bytes()}
+        for reply in self._get(selector, query, timeout_s, token, **how):
+            if not key.has_replied(signature, reply.is_ok, reply.encoding, reply.content):
+                outcome = _false(target, reply, timeout_s)
+                continue
+            self._replicas.prove(target)
+            return _outcome(target, reply, timeout_s)
+        return outcome
+
+    def _get(
+        self, selector: Any, query: ZenohQuery, timeout_s: float, token: Any, **how: Any
+    ) -> Iterator[_Reply]:
         replies = self._session.get(
             selector,
             timeout=timeout_s,
             payload=query.payload,
             encoding=query.encoding,
-            attachment=self._api_key,
-            # By default zenoh holds replies back until all who were asked have ended. A router is asked too.
+            # By default zenoh holds replies back until all who were asked have ended, a router too. And it
+            # might replace the true reply by a later one.
             consolidation=self._zenoh.ConsolidationMode.NONE,
             cancellation_token=token,
+            **how,
         )
         for reply in replies:
-            if reply.ok is not None:
-                return Outcome(target, Answer(target, reply.ok.payload.to_bytes()))
-            problem = error_of_problem(reply.err.payload.to_bytes())
-            if problem is None:  # zenoh's own error: a timeout
-                return too_late(target, timeout_s, repeatable=True)
-            return refused(target, problem, repeatable=True)
-        return lost(target, ServiceUnreachable(f"no replica answers on {target}"), repeatable=True)
+            sample = reply.err if reply.ok is None else reply.ok
+            yield _Reply(reply.ok is not None, str(sample.encoding), sample.payload.to_bytes())
 
 
 class _Get:
@@ -117,8 +159,35 @@ class _Get:
         self._token = ask.token()
 
     def run(self) -> Outcome:
-        left_s = max(self._until - time.monotonic(), 0.001)
-        return self._ask.first_outcome(self._step, self._target, left_s, self._token)
+        return self._ask.outcome_of(self._step, self._target, self._until, self._token)
 
     def abort(self) -> None:
         self._token.cancel()
+
+
+def _outcome(target: str, reply: _Reply, timeout_s: float) -> Outcome:
+    if reply.is_ok:
+        return Outcome(target, Answer(target, reply.content))
+    problem = error_of_problem(reply.content)
+    if problem is None:  # zenoh's own error: a timeout
+        return too_late(target, timeout_s, repeatable=True)
+    return refused(target, problem, repeatable=True)
+
+
+def _false(target: str, reply: _Reply, timeout_s: float) -> Outcome:
+    """The outcome if no better reply comes: a reply that may be anybody's decides nothing."""
+    problem = None if reply.is_ok else error_of_problem(reply.content)
+    if problem is None and not reply.is_ok:
+        return too_late(target, timeout_s, repeatable=True)
+    said = "" if problem is None else f"{problem}: "
+    text = f"no answer from {target}: {said}{_UNSIGNED}"
+    kind = next((kind for kind in _MAY_BE_UNSIGNED if isinstance(problem, kind)), ServiceUnreachable)
+    return lost(target, kind(text), repeatable=True)
+
+
+def _no_answer(target: str) -> Outcome:
+    return lost(target, ServiceUnreachable(f"no replica answers on {target}"), repeatable=True)
+
+
+def _left_s(until: float) -> float:
+    return max(until - time.monotonic(), 0.001)

@@ -32,7 +32,7 @@ class Answer:
         """
         try:
             return parse(json.loads(self.body))
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             raise FirstfixError(
                 f"{self.source} sent an answer that this client cannot read: {error!r}"
             ) from None

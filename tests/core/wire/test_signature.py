@@ -1,0 +1,98 @@
+"""Signatures: whatever is changed in a query or a reply, its signature is wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firstfix.wire.signature import REPLY_MARK, SIGNATURE_BYTES, Asked, QuerySignature, SigningKey
+
+API_KEY = "ffx_0123456789ab_" + "c3" * 32
+KEY = SigningKey.of_api_key(API_KEY)
+assert KEY is not None
+ASKED = Asked.of("firstfix/hall/localize/r1", [("gravity", "0,0,-1"), ("deadline_ms", "9000")], "a/b")
+BODY = b"a scan"
+SIGNATURE = KEY.sign(ASKED, BODY, 1_700_000_000_000, bytes(range(16)))
+
+
+def test_both_sides_derive_the_same_keys():
+    of_store = SigningKey.of_hash("0123456789ab", hashlib.sha256(("c3" * 32).encode()).digest())
+    assert of_store == KEY
+    assert of_store.query_key != of_store.answer_key
+    assert of_store.query_key.hex() not in repr(of_store)
+
+
+@pytest.mark.parametrize("other", ["", "eyJhbGciOi.e30.x", API_KEY + "0", API_KEY.upper(), "\nffx_"])
+def test_another_credential_signs_nothing(other: str):
+    assert SigningKey.of_api_key(other) is None
+
+
+def test_a_signature_survives_its_way():
+    sent = SIGNATURE.to_bytes()
+    assert len(sent) == SIGNATURE_BYTES == 104
+    assert QuerySignature.parse(sent) == SIGNATURE
+    assert KEY.has_signed(SIGNATURE, ASKED)
+    assert SIGNATURE.fits(BODY)
+    assert b"c3c3" not in sent
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        dataclasses.replace(ASKED, key="firstfix/yard/localize/r1"),
+        dataclasses.replace(ASKED, key="firstfix/hall/localize"),
+        dataclasses.replace(ASKED, parameters=()),
+        dataclasses.replace(ASKED, parameters=(*ASKED.parameters, ("version", ""))),
+        dataclasses.replace(ASKED, parameters=(("deadline_ms", "90"), ("00gravity", "0,0,-1"))),
+        dataclasses.replace(ASKED, encoding="a/c"),
+        Asked("firstfix/hall/localize/r1a/b", ASKED.parameters, ""),
+    ],
+)
+def test_a_signature_fits_one_query_alone(other: Asked):
+    assert not KEY.has_signed(SIGNATURE, other)
+
+
+def test_the_order_of_parameters_and_zenohs_own_are_no_part():
+    shuffled = Asked.of(ASKED.key, [("deadline_ms", "9000"), ("_anyke", ""), ("gravity", "0,0,-1")], "a/b")
+    assert KEY.has_signed(SIGNATURE, shuffled)
+
+
+def test_every_bit_counts():
+    sent = SIGNATURE.to_bytes()
+    for bit in range(8 * len(sent)):
+        changed = bytearray(sent)
+        changed[bit // 8] ^= 1 << bit % 8
+        parsed = QuerySignature.parse(bytes(changed))
+        assert parsed is None or not KEY.has_signed(parsed, ASKED), bit
+    assert not SIGNATURE.fits(BODY + b"\0")
+
+
+@given(st.binary(max_size=200))
+def test_other_bytes_are_no_signature(attachment: bytes):
+    parsed = QuerySignature.parse(attachment)
+    assert parsed is None or not KEY.has_signed(parsed, ASKED)
+
+
+def test_a_reply_fits_one_query_one_kind_and_one_content():
+    signed = KEY.signed_encoding(SIGNATURE, True, "application/cdr;a/b", b"pose")
+    assert signed.startswith("application/cdr;a/b" + REPLY_MARK)
+    assert KEY.has_replied(SIGNATURE, True, signed, b"pose")
+    again = KEY.sign(ASKED, BODY, SIGNATURE.time_ms, bytes(16))
+    other = SigningKey.of_api_key("ffx_0123456789ab_" + "c4" * 32)
+    assert other is not None
+    assert not KEY.has_replied(again, True, signed, b"pose")
+    assert not KEY.has_replied(SIGNATURE, False, signed, b"pose")
+    assert not KEY.has_replied(SIGNATURE, True, signed, b"pope")
+    assert not KEY.has_replied(SIGNATURE, True, signed.replace("a/b", "a/c"), b"pose")
+    assert not other.has_replied(SIGNATURE, True, signed, b"pose")
+    for wrong in ("", "application/json", REPLY_MARK, signed[:-1], signed + "0", signed.upper()):
+        assert not KEY.has_replied(SIGNATURE, True, wrong, b"pose")
+
+
+def test_whoever_asks_cannot_answer():
+    """A query's signature is no reply's, though both come from one API key."""
+    assert not KEY.has_replied(SIGNATURE, True, f"a/b{REPLY_MARK}{SIGNATURE.mac.hex()}", BODY)

@@ -1,0 +1,133 @@
+"""Signed queries: accepted once, in time, by a key that is valid."""
+
+from __future__ import annotations
+
+import pytest
+
+from firstfix.access.api_keys import ApiKeys
+from firstfix.access.permissions import Grant
+from firstfix.errors import ClockSkew, RateLimited, StoreUnavailable, Unauthorized
+from firstfix.store.store import Store
+from firstfix.wire.signature import WINDOW_S, Asked, SigningKey
+from firstfix_service.auth import signed_queries
+from firstfix_service.auth.key_ring import KeyRing
+from firstfix_service.auth.signed_queries import REMEMBERED_S, ReplayedQuery, SignedQueries
+
+ASKED = Asked.of("firstfix/hall/localize", [], "a/b")
+NOW_MS = 1_700_000_000_000
+
+
+class World:
+    def __init__(self) -> None:
+        self.keys = ApiKeys(Store.open("memory://"))
+        self.ring_s, self.now_s = 0.0, NOW_MS / 1000
+        self.ring = KeyRing(self.keys, 100.0, lambda: self.ring_s)
+        self.queries = SignedQueries(self.ring, lambda: self.now_s)
+        self.now_s += 1000.0
+        self.key = self.made_key()
+        self._nonce = 0
+
+    def made_key(self) -> SigningKey:
+        made = SigningKey.of_api_key(self.keys.create("a", Grant.parse(["localize"], ["*"]))[1])
+        assert made is not None
+        self.ring.refresh()
+        return made
+
+    def signed(self, late_s: float = 0.0, nonce: bytes | None = None, key: SigningKey | None = None) -> bytes:
+        self._nonce += 1
+        time_ms = round((self.now_s - late_s) * 1000)
+        return (
+            (key or self.key).sign(ASKED, b"", time_ms, nonce or self._nonce.to_bytes(16, "big")).to_bytes()
+        )
+
+    def ask(self, attachment: bytes) -> None:
+        self.queries.accept(self.queries.check(attachment, ASKED))
+
+
+@pytest.fixture
+def world() -> World:
+    return World()
+
+
+def test_the_caller_is_the_key(world: World):
+    found = world.queries.check(world.signed(), ASKED)
+    assert found.principal.name == f"key:{world.key.key_id}"
+    world.queries.accept(found)
+
+
+def test_a_query_is_accepted_once(world: World):
+    attachment = world.signed()
+    world.ask(attachment)
+    with pytest.raises(ReplayedQuery):
+        world.ask(attachment)
+    world.ask(world.signed())
+
+
+@pytest.mark.parametrize("late_s", [-WINDOW_S, 0, WINDOW_S])
+def test_a_clock_may_be_a_little_wrong(world: World, late_s: float):
+    world.ask(world.signed(late_s))
+
+
+@pytest.mark.parametrize("late_s", [-1e6, -WINDOW_S - 0.01, WINDOW_S + 0.01, 1e6])
+def test_a_wrong_clock_is_told_the_time(world: World, late_s: float):
+    with pytest.raises(ClockSkew) as caught:
+        world.ask(world.signed(late_s))
+    assert caught.value.time_ms == int(world.now_s * 1000)
+
+
+@pytest.mark.parametrize("late_s", [-WINDOW_S, 0, WINDOW_S])
+def test_a_query_is_remembered_as_long_as_it_is_in_time(world: World, late_s: float):
+    attachment = world.signed(late_s)
+    world.ask(attachment)
+    for _ in range(2 * REMEMBERED_S):
+        world.now_s += 1
+        with pytest.raises((ReplayedQuery, ClockSkew)):
+            world.ask(attachment)
+    world.ask(world.signed())
+    assert len(world.queries._seen) == 1, "what is out of time is forgotten"
+    assert sum(world.queries._of_key.values()) == 1
+
+
+def test_what_was_made_before_the_start_is_not_accepted(world: World):
+    """A service that starts anew does not know which queries it has answered."""
+    attachment = world.signed()
+    world.ask(attachment)
+    world.now_s += 1.0
+    world.queries = SignedQueries(world.ring, lambda: world.now_s)
+    with pytest.raises(ClockSkew):
+        world.ask(attachment)
+
+
+def test_one_key_cannot_fill_the_memory_of_another(world: World, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(signed_queries, "MAX_NONCES_PER_KEY", 5)
+    for _ in range(5):
+        world.ask(world.signed())
+    with pytest.raises(RateLimited):
+        world.ask(world.signed())
+    other = world.made_key()
+    world.ask(world.signed(key=other))
+    world.now_s += REMEMBERED_S + 1
+    world.ask(world.signed())
+
+
+def test_a_stranger_fills_nothing(world: World):
+    stranger = SigningKey.of_api_key(f"ffx_{world.key.key_id}_{'0' * 64}")
+    unknown = SigningKey.of_api_key(f"ffx_{'0' * 12}_{'0' * 64}")
+    for attachment in (b"", b"FFQ1", b"x" * 104, *(world.signed(key=key) for key in (stranger, unknown))):
+        with pytest.raises(Unauthorized):
+            world.ask(attachment)
+    assert not world.queries._seen
+
+
+def test_a_revoked_key_signs_no_more(world: World):
+    world.ask(world.signed())
+    world.keys.revoke(world.key.key_id)
+    world.ring.refresh()
+    with pytest.raises(Unauthorized, match="revoked"):
+        world.ask(world.signed())
+
+
+def test_keys_that_cannot_be_read_for_long_are_not_accepted(world: World):
+    world.ring_s += 101.0
+    with pytest.raises(StoreUnavailable):
+        world.ask(world.signed())
