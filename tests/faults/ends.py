@@ -36,7 +36,7 @@ from .kill_deployment import Deployment, Member
 from .tiny_worker import STAGES
 
 LIMIT_S = 120.0  # for a build to end, or a service to start
-DISK_BYTES = 64 << 20
+DISK_BYTES = 512 << 20  # holds the versions of all builds that succeed
 MEMORY_BYTES = 400 << 20
 LARGE_FILE_BYTES, LEFT_BYTES = 4 << 20, 8 << 20  # a version has four files: they do not fit into what is left
 
