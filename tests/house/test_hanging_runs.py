@@ -153,9 +153,12 @@ def test_a_run_ends_at_its_limit_with_names_and_stacks(folder: Path, options: li
     mark = f"left-by-{folder}"
     (folder / "test_a.py").write_text(hanging(mark))
     run = start(folder, *options)
-    wait_until(lambda: (folder / "begun").exists())
+    assert run.stdout is not None
+    while "test_a.py::test_hangs, for" not in run.stdout.readline():  # the controller knows of it
+        pass
     run.send_signal(signal.SIGTERM)  # as at the limit
-    said = ended(run)
+    said = run.stdout.read()
+    run.wait(LIMIT_S)
     assert "asked to end; running:\n    test_a.py::test_hangs, for" in said
     assert "in test_hangs\n" in said
     assert "Exit: asked to end" in said, "the summary"

@@ -27,10 +27,6 @@ class SignedQuery:
     signature: QuerySignature
 
 
-class ReplayedQuery(Unauthorized):
-    """The query was received before, so this one may be a stranger's copy."""
-
-
 class SignedQueries:
     """Checks signatures. ``accept`` is for use by one event loop; ``check`` is thread-safe.
 
@@ -58,12 +54,11 @@ class SignedQueries:
         principal, key = self._keys.signer(signature, asked)
         return SignedQuery(principal, key, signature)
 
-    def accept(self, query: SignedQuery) -> None:
-        """Accepts a query once.
+    def accept(self, query: SignedQuery) -> bool:
+        """Accepts a query once. Returns False if it was accepted before: this one may be a stranger's copy.
 
         Raises:
             ClockSkew: it was made too long ago or will be made later, by the service's clock.
-            ReplayedQuery: it was accepted before.
             RateLimited: the key has asked too often to remember it.
         """
         now_ms, signature = self._now_ms, query.signature
@@ -77,11 +72,12 @@ class SignedQueries:
         self._forget(now_ms)
         seen = signature.key_id, signature.nonce
         if seen in self._seen:
-            raise ReplayedQuery("this query was received before")
+            return False
         if self._of_key[signature.key_id] >= MAX_NONCES_PER_KEY:
             raise RateLimited(f"over {MAX_NONCES_PER_KEY} queries in {REMEMBERED_S} s", WINDOW_S)
         self._seen[seen] = now_ms
         self._of_key[signature.key_id] += 1
+        return True
 
     @property
     def _now_ms(self) -> int:

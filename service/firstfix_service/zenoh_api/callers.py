@@ -15,7 +15,7 @@ from firstfix.wire.signature import Asked
 
 from ..auth.authenticate import Authenticator
 from ..auth.principal import Principal
-from ..auth.signed_queries import ReplayedQuery, SignedQuery
+from ..auth.signed_queries import SignedQuery
 from ..exposure import open_zenoh
 from ..lanes import SIGNATURES
 from ..settings import Settings
@@ -33,10 +33,12 @@ class ZenohCaller:
     Attributes:
         signed: None: the query has no signature, or a wrong one.
         refused: why the signature is not accepted.
+        is_repeated: the query was received before.
     """
 
     signed: SignedQuery | None = None
     refused: FirstfixError | None = None
+    is_repeated: bool = False
 
     def encoding(self, is_ok: bool, encoding: str, payload: bytes) -> str:
         """Returns the encoding of a reply: signed, if the query is.
@@ -44,7 +46,7 @@ class ZenohCaller:
         The refusal of a repeated query is not signed: the first one may still get its answer, and a client
         takes a signed refusal to be final.
         """
-        if self.signed is None or isinstance(self.refused, ReplayedQuery):
+        if self.signed is None or self.is_repeated:
             return encoding
         return self.signed.key.signed_encoding(self.signed.signature, is_ok, encoding, payload)
 
@@ -87,7 +89,8 @@ class ZenohCallers:
         """Returns the principal, with the scope ``localize`` and within its rate limit. Admits a query once.
 
         Raises:
-            ClockSkew, Unauthorized, RateLimited: as ``SignedQueries.accept``.
+            ClockSkew, RateLimited: as ``SignedQueries.accept``.
+            Unauthorized: the query was received before.
             Unauthorized, Forbidden, RateLimited: as ``Authenticator.check``.
         """
         principal = await self._principal(caller, query)
@@ -100,11 +103,9 @@ class ZenohCallers:
     async def _principal(self, caller: ZenohCaller, query: Any) -> Principal:
         signatures = self._authenticator.signatures
         if caller.signed is not None and signatures is not None:
-            try:
-                signatures.accept(caller.signed)
-            except FirstfixError as error:
-                caller.refused = error
-                raise
+            caller.is_repeated = not signatures.accept(caller.signed)
+            if caller.is_repeated:
+                raise Unauthorized("this query was received before")
             return caller.signed.principal
         if self._is_trusted:
             return Principal(TRUSTED)
