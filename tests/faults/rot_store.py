@@ -88,7 +88,7 @@ def fill(store: Store, scratch: Path) -> None:
         attempts = BuildAttempts(store, "me", lease_s=30, max_attempts=3)
         attempt = attempts.claim(build_id, "")
         assert attempt is not None
-        attempts.end(attempt, AttemptEnd.ENDED, stage="publish", ran_s=12.5)
+        attempts.end(attempt, AttemptEnd.ENDED, ran_s=12.5)
     catalog.set_build_status(
         "b2", new_status("succeeded", map_id="hall", version=catalog.active_version("hall"))
     )

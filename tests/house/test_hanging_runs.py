@@ -69,7 +69,7 @@ def start(folder: Path, *options: str, limit_s: float = 2 * LIMIT_S) -> subproce
     return subprocess.Popen(
         [*REAPER, "--limit-s", str(int(limit_s)), *pytest_command, *options],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(TESTS)},
+        env={**os.environ, "PYTHONPATH": str(TESTS), "CI": ""},  # in CI pytest's summary has longer lines
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

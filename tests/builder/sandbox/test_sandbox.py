@@ -228,9 +228,9 @@ def test_the_worker_goes_on_after_a_hostile_build(tmp_path: Path):
     """The whole way: two builds of one worker, of which the first attacks."""
     catalog = Catalog(Store.open(str(tmp_path / "store")))
     (tmp_path / "upload").write_bytes(b"a cloud")
-    key = f"maps/hall/sources/{put_source(catalog.store, 'hall', tmp_path / 'upload')}"
     ended = {}
     for build_id, do in (("b1", "fork bomb"), ("b2", "succeed")):
+        key = f"maps/hall/sources/{put_source(catalog.store, 'hall', tmp_path / 'upload')}"
         request = {
             "map_id": "hall",
             "source": {"key": key},

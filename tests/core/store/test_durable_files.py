@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from firstfix.errors import StoreError, StoreUnavailable, StoreUnsafe
+from firstfix.errors import OutOfSpace, StoreError, StoreUnavailable, StoreUnsafe
 from firstfix.store import durable_files
 from firstfix.store.durable_files import DurableFiles
 from firstfix.store.store import Store
@@ -175,7 +175,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, name: str, number: int) -> Iterator
 @pytest.mark.parametrize("write", WRITERS)
 @pytest.mark.parametrize(
     ("number", "error"),
-    [(errno.ENOSPC, StoreUnavailable), (errno.EROFS, StoreUnavailable), (errno.EACCES, StoreError)],
+    [(errno.ENOSPC, OutOfSpace), (errno.EROFS, StoreUnavailable), (errno.EACCES, StoreError)],
 )
 def test_what_a_disk_refuses_leaves_nothing(
     tmp_path: Path, source: Path, write: Any, number: int, error: type, monkeypatch: pytest.MonkeyPatch

@@ -109,7 +109,7 @@ def test_a_build_without_space_is_run_a_few_times_and_then_fails(
         assert (ended["state"], ended["error"]["code"]) == ("failed", "out_of_space")
         assert "needs 9 bytes" in ended["error"]["detail"]
         assert "3 bytes are free" in ended["error"]["detail"]
-        assert service.catalog.store.list("maps/full/sources") == []
+        wait_until(lambda: service.catalog.store.list("maps/full/sources") == [])
     lines = (tmp_path / "work/order.txt").read_text().splitlines()
     assert [line.split()[0] for line in lines].count("full") == 4
     assert capfd.readouterr().out.count("a build was put back") == 3

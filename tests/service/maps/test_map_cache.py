@@ -453,5 +453,5 @@ def test_ids_that_were_made_up_leave_no_trace(world: World):
     for k in range(20):
         with pytest.raises(NotFound):
             cache.get(f"made-up-{k}")
-    traces = (cache._loads._waiting, cache.served.versions, cache._prefetcher._settled, cache.served.ids)
+    traces = (cache._loads._loads, cache.served.versions, cache._prefetcher._settled, cache.served.ids)
     assert not any((*traces, cache._loader._under_way, cache._loader._refused))
