@@ -93,6 +93,12 @@ class Bbs:
         T_map_level = self._search(points @ T_level_sensor[:3, :3].T)
         return None if T_map_level is None else self._gicp.refine(points, T_map_level @ T_level_sensor)
 
+    def close(self) -> None:
+        """Ends the driver, which reads until its input ends."""
+        self._to.close()
+        self._from.close()
+        self._driver.wait()
+
     def _search(self, points: NDArray[np.float64]) -> Matrix | None:
         thinned = voxel_means(points, SCAN_VOXEL_M)
         self._to.write(np.uint64(len(thinned)).tobytes() + thinned.astype("<f8").tobytes())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -129,10 +130,10 @@ def test_a_levelled_scan_goes_to_the_driver_and_its_pose_is_refined(tmp_path: Pa
     given = PeerInput(dataset, tmp_path, tmp_path, 0.5, 0.5, 0.5, 0.1, driver)
     np.save(tmp_path / "map.npy", points)
     scan = Scan.from_points(transform_points(inverse(true), points[::5]))
-    peer = bbs.Bbs(given)
-    found = peer(scan, true[:3, :3].T @ [0.0, 0.0, -1.0])
-    assert found is not None
-    off_m, off_deg = pose_error(true, found)
-    assert off_m < 0.05
-    assert off_deg < 0.5
-    assert peer(scan, np.array([1.0, 0.0, 0.0])) is None  # on its side: the driver finds nothing
+    with closing(bbs.Bbs(given)) as peer:
+        found = peer(scan, true[:3, :3].T @ [0.0, 0.0, -1.0])
+        assert found is not None
+        off_m, off_deg = pose_error(true, found)
+        assert off_m < 0.05
+        assert off_deg < 0.5
+        assert peer(scan, np.array([1.0, 0.0, 0.0])) is None  # on its side: the driver finds nothing
