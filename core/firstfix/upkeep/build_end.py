@@ -14,7 +14,6 @@ from typing import Any
 
 from ..builds.records import FINAL_STATES
 from ..catalog.catalog import Catalog
-from ..catalog.log.map_state import Event
 from ..errors import NotFound, StoreError, UnreadableRecord
 from .garbage import remove_sources_of
 
@@ -48,11 +47,7 @@ def _retire_provisional(catalog: Catalog, build_id: str, map_id: str) -> bool:
     if not map_id:
         return False
     state = catalog.state(map_id)
-    own = {
-        entry.version
-        for entry in state.entries
-        if (entry.event, entry.build_id) == (Event.PUBLISHED, build_id) and entry.version in state.published
-    }
+    own = state.published_by(build_id)
     # Two builds may make the same one: the log names the first, and the status of each names it.
     named = {catalog.status_or_queued(build_id)["provisional_version"]}
     for version in (own | named) & state.provisional:

@@ -28,7 +28,6 @@ from ..builds.records import FINAL_STATES
 from ..catalog.catalog import Catalog, log_folder
 from ..catalog.log.log_garbage import change_garbage, log_garbage
 from ..catalog.log.map_log import MapLog
-from ..catalog.log.map_state import Event, MapState
 from ..errors import InvalidOption, NotFound, UnreadableRecord
 from ..ids import check_map_id, is_name
 from ..store.json_record import read_each
@@ -251,11 +250,8 @@ def _ended_without_version(catalog: Catalog, build_id: str) -> bool:
     status = catalog.build_status(build_id)
     if status["state"] not in FINAL_STATES - {"succeeded"}:
         return False
-    state = catalog.state(str(status["map_id"])) if is_name(str(status["map_id"])) else MapState()
-    return not any(
-        (entry.event, entry.build_id) == (Event.PUBLISHED, build_id) and entry.version in state.published
-        for entry in state.entries
-    )
+    map_id = str(status["map_id"])
+    return not is_name(map_id) or not catalog.state(map_id).published_by(build_id)
 
 
 def _sources_of(catalog: Catalog, build_id: str) -> list[str]:

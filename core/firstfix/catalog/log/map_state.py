@@ -129,6 +129,15 @@ class MapState:
         found = {e.version: e.provisional for e in self.entries if e.event is Event.PUBLISHED}
         return frozenset(version for version in self.published if found.get(version, False))
 
+    def published_by(self, build_id: str) -> frozenset[str]:
+        """The versions that can be served and that a build has published first."""
+        return frozenset(
+            entry.version
+            for entry in self.entries
+            if (entry.event, entry.build_id) == (Event.PUBLISHED, build_id)
+            and entry.version in self.published
+        )
+
     @property
     def has_full(self) -> bool:
         """A version that is not provisional can be served."""
