@@ -38,6 +38,7 @@ def test_a_map_is_built_from_a_dropped_file(page, world, house_file, tmp_path):
     broken = tmp_path / f"{MARKUP}.ply"
     broken.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1000000\n")
     page.drop(".drop", broken)
+    page.wait(".drop", broken.name)  # the file is read after the drop
     assert page.js("find('input', 'Name of the map').validity.valid")
     page.fill("Name of the map", "broken")
     page.click("dialog button.primary", "Build")
