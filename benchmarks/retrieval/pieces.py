@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.descriptor import Descriptor
 from firstfix.engine.localizer import Localizer
-from firstfix.portable.sample import rows_by_chance
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel, preset
 from firstfix.transform import Matrix

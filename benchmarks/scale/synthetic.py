@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.engine.config import SearchConfig
 from firstfix.engine.retrieval.key_search import build_key_search, load_key_search
-from firstfix.portable.sample import rows_by_chance
 
 from .key_recall import ENGINES, NEAREST, Engine
 

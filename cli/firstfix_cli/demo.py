@@ -22,8 +22,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from firstfix.answer.options import LocalizeOptions
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.decode import read_scan_file
-from firstfix.portable.sample import rows_by_chance
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, pose_error, yaw_of
 from firstfix_client import BuildStatus, Client

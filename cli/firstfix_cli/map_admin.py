@@ -135,7 +135,7 @@ class _StoreMaps:
         return {"map_id": map_id, "version": wanted, **found}
 
     def collect_garbage(self, map_id: str | None, *, dry_run: bool) -> Record:
-        from firstfix.upkeep.garbage import collect_garbage
+        from firstfix.maintenance.garbage import collect_garbage
 
         found = collect_garbage(self._catalog, map_id=map_id, dry_run=dry_run)
         return {"objects": {kind: len(keys) for kind, keys in found.keys.items()}}

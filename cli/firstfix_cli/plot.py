@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.portable.sample import rows_by_chance
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, transform_points
 

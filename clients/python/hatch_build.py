@@ -30,7 +30,7 @@ INTERNAL = (
     "firstfix/descriptor/",
     "firstfix/formats/",
     "firstfix/ids.py",
-    "firstfix/portable/",
+    "firstfix/bit_exact/",
     "firstfix/ros/",
     "firstfix/scan/condense.py",
     "firstfix/scan/levelling.py",

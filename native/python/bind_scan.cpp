@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "arrays.hpp"
-#include "firstfix/portable/sample.hpp"
+#include "firstfix/bit_exact/sample.hpp"
 #include "firstfix/scan/deskew.hpp"
 #include "firstfix/scan/flat_patches.hpp"
 #include "firstfix/scan/levelling.hpp"

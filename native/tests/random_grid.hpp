@@ -4,7 +4,7 @@
 #include <array>
 #include <vector>
 
-#include "firstfix/portable/rigid_motion.hpp"
+#include "firstfix/bit_exact/rigid_motion.hpp"
 #include "firstfix/registration/surface_grid.hpp"
 #include "hostile.hpp"
 

@@ -19,11 +19,11 @@ from .app import create_app
 from .http_api.routes.console.page import page_files
 from .http_server.connections import ConnectionLimits, Connections, EndReason
 from .http_server.protocol import LimitedHttpProtocol
-from .lanes import give_up_requests
 from .settings import Settings
 from .telemetry.log_setup import LAST_LINES_WITHIN_S, drain_log, set_up_logging
 from .telemetry.metrics import Metrics
 from .telemetry.stall_watch import EXIT_STALLED, Pulse, end_process
+from .thread_pools import give_up_requests
 
 _log = structlog.get_logger(__name__)
 STOP_WITHIN_S = 20  # requests that run longer are aborted

@@ -18,9 +18,9 @@ from firstfix.access.permissions import Grant
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.sources import put_source, source_key
 from firstfix.errors import CorruptVersion
+from firstfix.maintenance.rebuild import rebuild
 from firstfix.store.store import Store
 from firstfix.transform import pose_error
-from firstfix.upkeep.rebuild import rebuild
 from firstfix_client import Client
 from servers import free_port, running
 from small_world import CONFIG

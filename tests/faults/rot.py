@@ -33,10 +33,10 @@ from firstfix.catalog.manifest import FILE_NAME
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import FirstfixError
+from firstfix.maintenance.backup import copy_store
+from firstfix.maintenance.record_kinds import form_of
+from firstfix.maintenance.verify import Verification
 from firstfix.store.store import Store
-from firstfix.upkeep.backup import copy_store
-from firstfix.upkeep.record_kinds import form_of
-from firstfix.upkeep.verify import Verification
 
 from .rot_store import ABSENT, built_store, fill, look
 

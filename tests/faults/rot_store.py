@@ -35,8 +35,8 @@ from firstfix.catalog.versions.objects import VersionFolder
 from firstfix.engine.changes.sighting import Sighting
 from firstfix.engine.changes.tally import Tally
 from firstfix.errors import FirstfixError
+from firstfix.maintenance.checked_objects import CheckedObjects
 from firstfix.store.store import Store
-from firstfix.upkeep.checked_objects import CheckedObjects
 from tests.small_world import COARSE_CONFIG, yard
 
 EVERY = 4  # entries between two snapshots

@@ -7,8 +7,8 @@ import pytest
 
 from firstfix.answer.localization import Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
+from firstfix.bit_exact.atan2 import COEFFICIENTS
 from firstfix.errors import all_errors
-from firstfix.portable.atan2 import COEFFICIENTS
 from firstfix.wire import query as wire_query
 from firstfix.wire import scan as wire
 from firstfix.wire import sequence as wire_sequence
@@ -34,7 +34,7 @@ def test_the_page_names_it(name: str):
 
 def test_the_arctangent_is_the_one_that_is_computed():
     page = (CLIENTS / "protocol" / "on-the-robot.md").read_text()
-    header = (CLIENTS.parent / "native" / "include" / "firstfix" / "portable" / "atan2.hpp").read_text()
+    header = (CLIENTS.parent / "native" / "include" / "firstfix" / "bit_exact" / "atan2.hpp").read_text()
     for coefficient in map(str, COEFFICIENTS):
         assert coefficient in page
         assert f"{coefficient}F" in header

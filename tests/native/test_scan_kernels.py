@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 import firstfix.native as native
 from every_case import every_case
+from firstfix.bit_exact.accelerated import REFERENCES
 from firstfix.decode import read_scan_file
-from firstfix.portable.accelerated import REFERENCES
 from firstfix.scan.condense import flat_patches
 from firstfix.scan.levelling import directions_about_z, levelling_rotation
 from firstfix.scan.range_view import least_of_neighbours, nearest_by_direction

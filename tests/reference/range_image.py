@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.portable.atan2 import atan2_turns
+from firstfix.bit_exact.atan2 import atan2_turns
 
 ENOUGH = 3  # of a direction and its eight neighbours that have a return
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from firstfix.bit_exact.atan2 import atan2_turns
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf
-from firstfix.portable.atan2 import atan2_turns
 from firstfix.transform import pose_error
 
 OTHER_FACE = -0.2  # cosine: normals further apart face opposite ways, even with noise

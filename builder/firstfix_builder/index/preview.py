@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.portable.sample import rows_by_chance
+from firstfix.bit_exact.sample import rows_by_chance
 
 from .top_view import TopView
 

@@ -23,7 +23,7 @@ from firstfix.builds.exit_codes import ExitCode
 from firstfix.builds.records import FINAL_STATES, new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import StoreError
-from firstfix.upkeep.build_end import end_build
+from firstfix.maintenance.build_end import end_build
 
 _log = logging.getLogger(__name__)
 STATUS_PERIOD_S = 0.5

@@ -22,8 +22,8 @@ from firstfix.errors import (
     StoreError,
     StoreUnavailable,
 )
+from firstfix.maintenance.build_end import end_build
 from firstfix.store.store import Store
-from firstfix.upkeep.build_end import end_build
 
 from ..execution.build_trace import BuildTrace
 from ..execution.stage_names import PROVISIONAL

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.builds.config import CleanConfig
 from firstfix.errors import BuildFailed
 from firstfix.native import column_means
-from firstfix.portable.sample import rows_by_chance
 
 from .places.steps import SPACING_STEPS, stepped
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from firstfix.portable.sample import rows_by_chance
+from firstfix.bit_exact.sample import rows_by_chance
 
 from .places.steps import SPACING_STEPS, VIEW_STEPS, stepped
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.errors import MalformedData
-from firstfix.portable.sample import rows_by_chance
 from firstfix.transform import make_transform
 
 from .map_data import MapData

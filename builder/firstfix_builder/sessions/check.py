@@ -37,7 +37,7 @@ class SharedPlace:
         position_m: (3,) in the session that was placed.
         rays: number of rays that meet a surface in both sessions.
         same: 0..1, share of these that meet the same surface.
-        things: number of rays to things that both have, and to things that only one has.
+        movable: number of rays to movable objects that both have, and to things that only one has.
         offset: offset of the surfaces around the place, in metres and in degrees; None: too little of them is
             in both sessions.
     """
@@ -45,7 +45,7 @@ class SharedPlace:
     position_m: NDArray[np.float64]
     rays: int
     same: float
-    things: tuple[int, int]
+    movable: tuple[int, int]
     offset: tuple[float, float] | None
 
 
@@ -77,12 +77,12 @@ def shared_places(
         floor_known_z = moved(T_known_placed, np.array([*position_m[:2], floor_z]))[2]
         thing = np.where(
             here <= there,
-            placed.things.among(points, floor_z),
-            known.things.among(moved(T_known_placed, points), floor_known_z),
+            placed.movable_objects.among(points, floor_z),
+            known.movable_objects.among(moved(T_known_placed, points), floor_known_z),
         )
         offset = _offset(scan_at(placed, T_placed_sensor), grids, T_known_sensor)
-        things = int((thing & same).sum()), int((thing & ~same).sum())
-        found.append(SharedPlace(position_m, len(same), float(same.mean()), things, offset))
+        movable = int((thing & same).sum()), int((thing & ~same).sum())
+        found.append(SharedPlace(position_m, len(same), float(same.mean()), movable, offset))
     return found
 
 

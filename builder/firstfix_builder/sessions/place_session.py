@@ -17,7 +17,7 @@ from .ask_places import AskedPlace, ask_places
 from .check import SharedPlace, shared_places
 from .consensus import Consensus, consensus_of
 from .join import Overlap, PlacedSurface
-from .refusal import bent, no_consensus, not_one_place, things_of
+from .refusal import bent, movable_shares, no_consensus, not_one_place
 from .session_map import PlacedSession, SessionMap
 
 
@@ -102,8 +102,8 @@ def _evidence(
         "overlap": round(overlap.share, 3),
         "residual_m": round(overlap.residual_m, 4),
         "same_view": round(float(np.median([p.same for p in shared])), 3) if shared else 0.0,
-        "things": round(things_of(shared)[0], 3),
-        "things_same": round(things_of(shared)[1], 3),
+        "things": round(movable_shares(shared)[0], 3),
+        "things_same": round(movable_shares(shared)[1], 3),
         "largest_offset_m": round(max((o[0] for o in offsets), default=0.0), 3),
         "largest_offset_deg": round(max((o[1] for o in offsets), default=0.0), 3),
     }

@@ -19,7 +19,10 @@ MIN_LEAD = 2.0  # ratio to the votes of any other transform
 MIN_OVERLAP = 0.05
 MAX_RESIDUAL_M = 0.08
 MIN_SAME = 0.7  # median share of equal rays, over the places in both sessions
-MIN_THINGS, MIN_THINGS_SAME = 0.03, 0.35  # share of rays to things; of these, to things of both sessions
+MIN_MOVABLE, MIN_MOVABLE_SAME = (
+    0.03,
+    0.35,
+)  # share of rays to movable objects; of these, to objects of both sessions
 MAX_OFFSET_M, MAX_OFFSET_DEG = 0.2, 1.5
 MAX_OFF_SHARE = 0.1  # of the places that may be off by more
 BENT_WITHIN_M = 6.0  # smaller errors of a localized place show a bent map, larger ones a wrong answer
@@ -62,20 +65,20 @@ def not_one_place(asked: Agreement, overlap: Overlap, shared: Sequence[SharedPla
             f"it may be another place that looks alike: from places where both have been, only {same:.0%} of "
             "the view is the same"
         )
-    things, things_same = things_of(shared)
-    if things >= MIN_THINGS and things_same < MIN_THINGS_SAME:
+    movable, movable_same = movable_shares(shared)
+    if movable >= MIN_MOVABLE and movable_same < MIN_MOVABLE_SAME:
         return (
             "it may be another place that looks alike, such as another storey: only "
-            f"{things_same:.0%} of the things in it are the same"
+            f"{movable_same:.0%} of the things in it are the same"
         )
     if overlap.residual_m > MAX_RESIDUAL_M:
         return f"after registration the surfaces lie {overlap.residual_m:.2f} m apart (median)"
     return None
 
 
-def things_of(shared: Sequence[SharedPlace]) -> tuple[float, float]:
-    """Share of the rays that meet things, and share of these that meet the same thing in both sessions."""
-    same, other = (sum(place.things[which] for place in shared) for which in (0, 1))
+def movable_shares(shared: Sequence[SharedPlace]) -> tuple[float, float]:
+    """Share of rays that meet movable objects, and share of these that meet the same one in both sessions."""
+    same, other = (sum(place.movable[which] for place in shared) for which in (0, 1))
     rays = sum(place.rays for place in shared)
     return (same + other) / max(rays, 1), same / max(same + other, 1)
 

@@ -14,7 +14,7 @@ from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, inverse
 
 from ..simulation.simulate import Simulator
-from .things import Things
+from .movable_objects import MovableObjects
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,9 @@ class SessionMap:
         return cls(name, simulator, sensor, position_m, height_m, surface, found)
 
     @cached_property
-    def things(self) -> Things:
-        """Classifier of things and tall surfaces."""
-        return Things(self.surface)
+    def movable_objects(self) -> MovableObjects:
+        """Classifier of movable objects and tall surfaces."""
+        return MovableObjects(self.surface)
 
     @property
     def T_level_map(self) -> Matrix:

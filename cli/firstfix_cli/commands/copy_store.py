@@ -30,9 +30,9 @@ def copy_store(source: From, target: To, as_json: AsJson = False) -> None:
     reported and not copied, and the exit code is then 2. A map that has another history in TO is left out,
     and the exit code is then 5.
     """
+    from firstfix.maintenance.backup import copy_store as copy
     from firstfix.store.store import Store
     from firstfix.telemetry.redact import redact
-    from firstfix.upkeep.backup import copy_store as copy
 
     report = copy(Store.open(source, read_only=True), Store.open(target))
     if as_json:

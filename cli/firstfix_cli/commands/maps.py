@@ -161,8 +161,8 @@ def rebuild(
     The builds use the files and the config of the active versions. A service or a worker runs them.
     """
     from firstfix.catalog.catalog import Catalog
+    from firstfix.maintenance.rebuild import rebuild as request_rebuild
     from firstfix.store.store import Store as ObjectStore
-    from firstfix.upkeep.rebuild import rebuild as request_rebuild
 
     catalog = Catalog(ObjectStore.open(store))
     for map_id in map_ids:
@@ -211,9 +211,9 @@ def verify(
 
     It reads records, logs, versions, sources, kept queries and uploads. The exit code is 2 if damage remains.
     """
+    from firstfix.maintenance.repair import Repair
+    from firstfix.maintenance.verify import Verification
     from firstfix.store.store import Store as ObjectStore
-    from firstfix.upkeep.repair import Repair
-    from firstfix.upkeep.verify import Verification
 
     opened = ObjectStore.open(store, read_only=not repair)
     report = Verification(opened, repair=Repair(opened, cache) if repair else None).run()

@@ -10,7 +10,7 @@ One process at a time runs a build (see ``firstfix.builds.attempts``), so the st
 the last run wrote the truth.
 
 A build with a damaged request or status (``UnreadableRecord``) is listed as ``unreadable`` and is not run.
-All other builds go on. ``firstfix.upkeep.repair`` repairs it or moves it aside.
+All other builds go on. ``firstfix.maintenance.repair`` repairs it or moves it aside.
 """
 
 from __future__ import annotations

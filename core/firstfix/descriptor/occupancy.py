@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..portable.accelerated import accelerated
+from ..bit_exact.accelerated import accelerated
 from .base import Described
 from .polar import PolarGrid
 from .scan_batch import ScanBatch

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..portable.atan2 import atan2_turns
+from ..bit_exact.atan2 import atan2_turns
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ class LshConfig(Stage):
 
 
 class EffortConfig(Stage):
-    """Work of one step of the effort ladder (docs/method.md section 7.1), however large the map is.
+    """Work of one step of the effort levels (docs/method.md section 7.1), however large the map is.
 
     The scan is levelled in several ways, which share the first two numbers.
     """
@@ -118,7 +118,7 @@ class SearchConfig(Stage):
     Attributes:
         engine: search engine of the keys. "auto": "faiss_sq8", or "faiss_ivf_sq8" if there are too many keys
             to read them all.
-        wide, exhaustive: the next steps of the ladder, if the first search is not convincing.
+        wide, exhaustive: the next effort levels, if the first search is not convincing.
     """
 
     engine: Literal[

@@ -14,9 +14,9 @@ from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
+from .effort_levels.map_search import MapSearch, Step
 from .hint.find import find_hint
 from .index import MapIndex
-from .ladder.map_search import MapSearch, Step
 from .motion.deskewed import deskewed
 from .preprocess import PreparedQuery, preprocess
 from .registered_candidate import RegisteredCandidate, features_of
@@ -137,7 +137,7 @@ def localize_among(
 
 
 def _search(searches: Sequence[MapSearch]) -> None:
-    """Climbs the effort ladder until a place explains the scan: most scans need the first step alone."""
+    """Climbs the effort levels until a place explains the scan: most scans need the first step alone."""
     for search in searches:
         search.take(Step.NARROW)
         if not search.is_accepted:

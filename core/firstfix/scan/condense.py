@@ -13,10 +13,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bit_exact.accelerated import accelerated
+from ..bit_exact.eigh3 import smallest_eigenvectors
 from ..descriptor import LayeredOccupancy, ScanBatch
 from ..errors import InvalidOption
-from ..portable.accelerated import accelerated
-from ..portable.eigh3 import smallest_eigenvectors
 from .compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
 from .descriptor_parameters import DescriptorParameters
 from .levelling import estimate_up, floor_height, levelling_rotation, turned

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..portable.accelerated import accelerated
+from ..bit_exact.accelerated import accelerated
 from .voxel_filter import at_most
 
 _Float = TypeVar("_Float", bound=np.floating)

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..portable.accelerated import accelerated
-from ..portable.atan2 import atan2_turns
+from ..bit_exact.accelerated import accelerated
+from ..bit_exact.atan2 import atan2_turns
 
 CELL_DEG = 2.0
 COLUMNS = round(360 / CELL_DEG)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..bit_exact.accelerated import accelerated
 from ..errors import InvalidScan, TooLarge
-from ..portable.accelerated import accelerated
 
 MAX_POINTS = 2_000_000  # an OS1-128 at 2048 columns has 262,144; merged scans stay below this limit
 MAX_ABS_COORDINATE_M = 1_000.0  # beyond the range of any scanner on a robot

@@ -12,8 +12,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..portable.accelerated import accelerated
-from ..portable.sample import hashed, rows_by_chance
+from ..bit_exact.accelerated import accelerated
+from ..bit_exact.sample import hashed, rows_by_chance
 
 _Float = TypeVar("_Float", bound=np.floating)
 

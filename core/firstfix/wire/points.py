@@ -39,8 +39,8 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
+from ..bit_exact.accelerated import accelerated
 from ..errors import InvalidOption, TooLarge
-from ..portable.accelerated import accelerated
 from ..scan.scan import MAX_ABS_COORDINATE_M, MAX_POINTS, Scan
 from .frame_reader import FrameReader
 from .packing import joined, planes_of

@@ -58,9 +58,9 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
+from ..bit_exact.accelerated import accelerated
 from ..descriptor import LayeredOccupancy, PolarGrid
 from ..errors import InvalidOption, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
-from ..portable.accelerated import accelerated
 from ..scan.compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
 from ..scan.range_view import COLUMNS, ROWS
 from ..scan.scan import MAX_ABS_COORDINATE_M

@@ -53,9 +53,9 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
+from ..bit_exact.accelerated import accelerated
+from ..bit_exact.atan2 import atan2_turns
 from ..errors import InvalidOption, MalformedData, TooLarge
-from ..portable.accelerated import accelerated
-from ..portable.atan2 import atan2_turns
 from ..scan.scan import MAX_POINTS, Scan
 from .frame_reader import FrameReader
 from .packing import halves_of, joined, packed_halves, planes_of

@@ -13,11 +13,11 @@ from firstfix.access.permissions import Scope
 from firstfix.errors import Unauthorized
 from firstfix.store.store import Store
 
-from ..exposure import exposed_at
-from ..lanes import KEYS
-from ..lanes.background import PeriodicTask
+from ..security_check import exposed_at
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
+from ..thread_pools import KEYS
+from ..thread_pools.background import PeriodicTask
 from .key_ring import KeyRing
 from .principal import Principal
 from .rate_limit import RateLimit

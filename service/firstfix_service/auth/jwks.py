@@ -17,7 +17,7 @@ import structlog
 from firstfix.errors import InvalidOption, Overloaded, Unauthorized
 from firstfix.wire.endpoints import is_loopback
 
-from ..lanes import KEYS
+from ..thread_pools import KEYS
 
 _log = structlog.get_logger(__name__)
 REFRESH_S = 300.0

@@ -17,8 +17,8 @@ import structlog
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import FirstfixError, UnreadableRecord
 
-from ..lanes import UPKEEP
 from ..telemetry.metrics import Metrics
+from ..thread_pools import MAINTENANCE
 from .fair_order import FairOrder
 from .process import BuildCommand
 from .runner import BuildRunner, Turn
@@ -98,7 +98,7 @@ class EmbeddedBuildQueue:
 
     async def _run_one(self, runner: BuildRunner) -> bool:
         """Runs the next build that nobody else runs. Returns False if there is none, or if it has to wait."""
-        for build in self._order.sort(await UPKEEP.run(self._unfinished.find)):
+        for build in self._order.sort(await MAINTENANCE.run(self._unfinished.find)):
             if time.monotonic() < self._not_before.get(build.build_id, 0.0):
                 continue
             try:

@@ -18,7 +18,7 @@ from typing import BinaryIO
 
 from firstfix.errors import BuildError
 
-from ..lanes import BUILDS
+from ..thread_pools import BUILDS
 from .metrics import last_message
 from .session_processes import kill_session, session_memory_bytes
 
@@ -117,7 +117,7 @@ class BuildProcess:
     def kill(self) -> None:
         """Kills the process and all that it started.
 
-        It reads /proc, which takes milliseconds. In a lane it could wait for a store that hangs.
+        It reads /proc, which takes milliseconds. In a thread pool it could wait for a store that hangs.
         """
         kill_session(self._process.pid)
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 from firstfix.builds.attempts import has_open_attempt
 from firstfix.builds.records import FINAL_STATES, new_status
 from firstfix.catalog.catalog import Catalog
-from firstfix.upkeep.build_end import end_build
+from firstfix.maintenance.build_end import end_build
 
 
 class BuildQueue(Protocol):

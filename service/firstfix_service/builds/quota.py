@@ -10,9 +10,9 @@ from firstfix.builds.caller_usage import CallerUsage
 from firstfix.errors import QuotaExceeded
 
 from ..auth.authenticate import chosen_limit
-from ..exposure import exposed_at
-from ..lanes import READS
+from ..security_check import exposed_at
 from ..settings import Settings
+from ..thread_pools import READS
 
 BUILDS_RETRY_S = 60.0
 DEFAULT_BUILDS, DEFAULT_MINUTES_PER_DAY = 50.0, 1440.0  # for one caller of an exposed service

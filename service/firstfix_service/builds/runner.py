@@ -26,10 +26,10 @@ from firstfix.errors import (
     OutOfSpace,
     StoreError,
 )
-from firstfix.upkeep.build_end import end_build
+from firstfix.maintenance.build_end import end_build
 
-from ..lanes import BUILDS
 from ..telemetry.metrics import Metrics
+from ..thread_pools import BUILDS
 from .metrics import count_build
 from .process import STOP_GRACE_S, BuildCommand, BuildProcess
 from .watch import BuildLimits, BuildWatch

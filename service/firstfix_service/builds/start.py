@@ -7,10 +7,10 @@ from contextlib import AsyncExitStack
 
 from firstfix.catalog.catalog import Catalog
 
-from ..lanes.background import run_in_background
+from ..maintenance.cleanup import shared_stages_removal
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
-from ..upkeep.cleanup import shared_stages_removal
+from ..thread_pools.background import run_in_background
 from .embedded_queue import EmbeddedBuildQueue
 from .nats.queue import NatsBuildQueue
 from .process import BuildCommand

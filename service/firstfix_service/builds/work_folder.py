@@ -11,7 +11,7 @@ from pathlib import Path
 
 import structlog
 
-from ..lanes import START
+from ..thread_pools import START
 
 _log = structlog.get_logger(__name__)
 WAIT_S = 1.0

@@ -19,13 +19,13 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.errors import BuildAttemptsExceeded, InvalidOption, NotFound, StoreError, UnreadableRecord
 from firstfix.store.store import Store
 
-from ..lanes import BUILDS
-from ..lanes.background import end_if_cancelled, run_in_background
+from ..maintenance.cleanup import shared_stages_removal
 from ..settings import Settings
 from ..telemetry.log_setup import set_up_logging
 from ..telemetry.metrics import Metrics
 from ..telemetry.stall_watch import StallWatch, end_process
-from ..upkeep.cleanup import shared_stages_removal
+from ..thread_pools import BUILDS
+from ..thread_pools.background import end_if_cancelled, run_in_background
 from .nats.queue import NatsBuildQueue
 from .runner import BuildRunner, Turn
 from .start import build_command, build_limits

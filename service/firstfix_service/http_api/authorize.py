@@ -15,9 +15,9 @@ from firstfix.errors import NotFound, ReadOnly, Unauthorized
 from ..auth.permission import Permission
 from ..auth.principal import Principal
 from ..http_server.client_address import address_of
-from ..lanes import AUTH
 from ..settings import Settings
 from ..telemetry.request_scope import note
+from ..thread_pools import AUTH
 from .dependencies import parts_of
 
 PUBLIC = None

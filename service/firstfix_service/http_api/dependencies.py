@@ -20,11 +20,11 @@ from ..builds.quota import BuildQuota
 from ..localize.pool import QueryPool
 from ..localize.recent import RecentAnswers
 from ..localize.use_case import LocalizeUseCase
+from ..maintenance.sightings import SightingsKeeper
 from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
-from ..upkeep.sightings import SightingsKeeper
 from .bodies.disk_space import DiskSpace
 from .bodies.paced_body import Pace
 from .bodies.request_body import BodyReader

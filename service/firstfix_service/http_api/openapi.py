@@ -8,7 +8,7 @@ from typing import Any
 from fastapi import FastAPI, Request, Response
 from pydantic import BaseModel
 
-from ..lanes import LISTS
+from ..thread_pools import LISTS
 from .schema.answer_models import GeoPose
 from .schema.api_models import GeoreferenceBody
 from .schema.key_models import NewKeyBody

@@ -10,13 +10,13 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import FirstfixError, WorkerLost
 
 from ..auth.principal import Principal
-from ..lanes import COPIES
 from ..maps.leases import Leases
 from ..maps.map_cache import MapCache
 from ..query_workers.answer import AnswerForm, EncodedAnswer
 from ..query_workers.base import QueryWorkers
 from ..query_workers.body_format import Body
 from ..query_workers.query import Query
+from ..thread_pools import COPIES
 from .admission import Admission, admit
 from .pool import QueryPool
 from .query_head import QueryHead

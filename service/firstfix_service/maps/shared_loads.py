@@ -7,8 +7,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 
-from ..lanes import Lane
 from ..telemetry.request_scope import current_caller
+from ..thread_pools import ThreadPool
 from .leases import Lease
 
 LOADERS = 8  # loads at the same time: a slow one does not delay the others
@@ -40,7 +40,7 @@ class SharedLoads:
         self._load = load
         self._lock = threading.Lock()
         self._loads: dict[Wanted, _SharedLoad] = {}
-        self._lane = Lane("map-loader", LOADERS)
+        self._pool = ThreadPool("map-loader", LOADERS)
 
     def request(self, map_id: str, version: str | None) -> Future[Lease]:
         """Returns a future of a lease. The first caller whose turn comes begins the load."""
@@ -52,12 +52,12 @@ class SharedLoads:
             is_queued = shared.has_begun or caller in shared.callers
             shared.callers.add(caller)
         if not is_queued:
-            self._lane.submit(caller, self._run, wanted, shared)
+            self._pool.submit(caller, self._run, wanted, shared)
         return future
 
     def close(self) -> None:
         """Waits for the loads that have begun; the others are cancelled."""
-        self._lane.close()
+        self._pool.close()
 
     def _run(self, wanted: Wanted, shared: _SharedLoad) -> None:
         with self._lock:

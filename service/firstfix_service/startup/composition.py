@@ -27,7 +27,6 @@ from firstfix.store.store import Store
 from ..auth.authenticate import open_authenticator
 from ..builds.quota import BuildQuota
 from ..builds.start import start_builds
-from ..exposure import check_exposure
 from ..http_api.bodies.disk_space import DiskSpace
 from ..http_api.bodies.paced_body import Pace
 from ..http_api.bodies.request_body import BodyReader
@@ -35,13 +34,15 @@ from ..http_api.bodies.upload_quota import UploadQuota
 from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.dependencies import Parts
 from ..http_api.health import Health
-from ..lanes import START
-from ..lanes.background import close_within, run_in_background
 from ..localize.pool import QueryPool
 from ..localize.recent import RecentAnswers
 from ..localize.recorder import QueryRecorder
 from ..localize.sampler import QuerySampler, SamplePolicy
 from ..localize.use_case import LocalizeUseCase
+from ..maintenance.cleanup import abandoned_objects_removal
+from ..maintenance.clock import clock_comparison
+from ..maintenance.sightings import SightingsKeeper, sightings_maintenance
+from ..maintenance.verification import store_verification
 from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
 from ..maps.map_poller import MapPoller
@@ -49,16 +50,15 @@ from ..maps.placement import open_placement
 from ..query_workers.base import QueryWorkers, QueryWorkerThreads
 from ..query_workers.pool import QueryWorkerProcesses
 from ..query_workers.query import load_localizer
+from ..security_check import check_security
 from ..settings import Settings
 from ..telemetry.metered_store import metered
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests
 from ..telemetry.stall_watch import StallWatch
 from ..telemetry.tracing import start_tracing
-from ..upkeep.cleanup import abandoned_objects_removal
-from ..upkeep.clock import clock_comparison
-from ..upkeep.sightings import SightingsKeeper, sightings_upkeep
-from ..upkeep.verification import store_verification
+from ..thread_pools import START
+from ..thread_pools.background import close_within, run_in_background
 from .settings_summary import settings_summary
 
 MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # at the same time, with their scans in memory
@@ -86,7 +86,7 @@ async def compose(
         closing: see ``Parts``.
         draining: set before ``closing``: other replicas take over while this one still answers.
     """
-    check_exposure(settings)
+    check_security(settings)
     replica = settings.replica or uuid.uuid4().hex[:12]
     placement = open_placement(settings, replica)
     await _start_tracing(requests, replica, stack)
@@ -137,7 +137,7 @@ async def compose(
         if settings.verify_bytes_per_s:
             store_verification(settings, store, metrics).start(stack)
     if settings.sightings_counted_share:
-        sightings_upkeep(sightings, settings).start(stack)
+        sightings_maintenance(sightings, settings).start(stack)
     georeferences = Georeferences(store)
     uploads, usage = Uploads(store), CallerUsage(catalog)
     upload_quota = UploadQuota(

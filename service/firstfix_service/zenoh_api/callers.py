@@ -1,7 +1,7 @@
 """Callers of zenoh queries, by the attachment: a signature with an API key, or a credential as it is.
 
 Whoever may declare a zenoh key sees the queries on it. So a credential as it is, which works elsewhere too,
-is only taken where strangers have no part in the zenoh network (``exposure.open_zenoh``).
+is only taken where strangers have no part in the zenoh network (``security_check.open_zenoh``).
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from firstfix.wire.signature import Asked
 from ..auth.authenticate import Authenticator
 from ..auth.principal import Principal
 from ..auth.signed_queries import SignedQuery
-from ..exposure import open_zenoh
-from ..lanes import SIGNATURES
+from ..security_check import open_zenoh
 from ..settings import Settings
+from ..thread_pools import SIGNATURES
 
 TRUSTED = "zenoh"  # name of a caller whom zenoh's own access rules let through
 MAX_CREDENTIAL_BYTES = 16 << 10

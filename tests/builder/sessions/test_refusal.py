@@ -47,7 +47,7 @@ def test_what_too_few_places_agree_on(found, why):
         (AGREEMENT, replace(OVERLAP, share=0.02), PLACE, "too little overlap: 2%"),
         (replace(AGREEMENT, in_both=40), OVERLAP, PLACE, "of 40 places where both have been, only 12"),
         (AGREEMENT, OVERLAP, replace(PLACE, same=0.5), "only 50% of the view"),
-        (AGREEMENT, OVERLAP, replace(PLACE, things=(60, 200)), "another storey: only 23%"),
+        (AGREEMENT, OVERLAP, replace(PLACE, movable=(60, 200)), "another storey: only 23%"),
         (AGREEMENT, replace(OVERLAP, residual_m=0.15), PLACE, "0.15 m apart"),
     ],
 )
@@ -56,7 +56,7 @@ def test_what_is_not_one_place(agreement, overlap, place, why):
 
 
 def test_a_place_with_hardly_a_thing_is_not_judged_by_things():
-    assert not_one_place(AGREEMENT, OVERLAP, [replace(PLACE, things=(5, 30))] * 20) is None
+    assert not_one_place(AGREEMENT, OVERLAP, [replace(PLACE, movable=(5, 30))] * 20) is None
 
 
 def test_a_bend_is_told_with_its_worst_place():

@@ -7,8 +7,8 @@ import pytest
 from firstfix.builds.caller_usage import FOLDER, CallerUsage
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
+from firstfix.maintenance.garbage import USAGE_DAYS, collect_garbage, remove_abandoned
 from firstfix.store.store import Store
-from firstfix.upkeep.garbage import USAGE_DAYS, collect_garbage, remove_abandoned
 
 
 def catalog_with(*build_ids: str, url: str = "memory://") -> Catalog:

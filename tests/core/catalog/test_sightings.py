@@ -19,11 +19,11 @@ from firstfix.engine.changes.cells import keys_of
 from firstfix.engine.changes.sighting import Sighting
 from firstfix.engine.changes.tally import Tally
 from firstfix.errors import NotFound
+from firstfix.maintenance.backup import copy_store
+from firstfix.maintenance.garbage import Ages, collect_garbage
+from firstfix.maintenance.repair import Repair
+from firstfix.maintenance.verify import Verification
 from firstfix.store.store import Store
-from firstfix.upkeep.backup import copy_store
-from firstfix.upkeep.garbage import Ages, collect_garbage
-from firstfix.upkeep.repair import Repair
-from firstfix.upkeep.verify import Verification
 
 NOW = datetime(2026, 3, 4, 12, tzinfo=timezone.utc)
 PLACE = np.sort(keys_of(np.array([[x, 4, 2] for x in range(4)])))

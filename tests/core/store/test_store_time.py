@@ -21,10 +21,10 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.query_samples import QuerySamples, new_sample_id
 from firstfix.catalog.sources import source_key
 from firstfix.catalog.uploads.uploads import Uploads
+from firstfix.maintenance.garbage import collect_garbage, remove_abandoned
 from firstfix.store.store import Store
-from firstfix.upkeep.garbage import collect_garbage, remove_abandoned
 
-ROOMS = ("builds", "catalog", "store", "upkeep")
+ROOMS = ("builds", "catalog", "store", "maintenance")
 WRITES_TIMES_FOR_PEOPLE = ("builds/attempts.py", "catalog/log/map_log.py")
 HOURS_WRONG = [25, -25]
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 import firstfix.wire.scan  # noqa: F401  (its kernels)
 from every_case import every_case
 from firstfix import native
+from firstfix.bit_exact.accelerated import REFERENCES
 from firstfix.errors import FirstfixError
-from firstfix.portable.accelerated import REFERENCES
 from firstfix.scan.range_view import COLUMNS, ROWS
 from firstfix.scan.scan import Scan
 from firstfix.wire.query import _LEVELS_M

@@ -10,8 +10,8 @@ from service_world import Service, running_service
 
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.manifest import Manifest
+from firstfix.maintenance.rebuild import rebuild
 from firstfix.store.store import Store
-from firstfix.upkeep.rebuild import rebuild
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow

@@ -16,9 +16,9 @@ from firstfix.catalog.log.map_state import Event
 from firstfix.catalog.sources import put_source, source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.errors import NotFound
+from firstfix.maintenance.garbage import Ages, collect_garbage
+from firstfix.maintenance.rebuild import rebuild
 from firstfix.store.store import Store
-from firstfix.upkeep.garbage import Ages, collect_garbage
-from firstfix.upkeep.rebuild import rebuild
 from firstfix_builder.job.fetch_source import SourceFetch
 from firstfix_service.auth.principal import Principal
 from firstfix_service.http_api.bodies.disk_space import DiskSpace

@@ -9,9 +9,9 @@ import pytest
 from cache_world import World
 
 from firstfix.errors import NotFound
+from firstfix.maintenance.repair import Repair
+from firstfix.maintenance.verify import Verification
 from firstfix.store.store import Store
-from firstfix.upkeep.repair import Repair
-from firstfix.upkeep.verify import Verification
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.portable.sample import hashed
+from firstfix.bit_exact.sample import hashed
 
 from .runs import begins_run, rank_in_run
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, Union, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.errors import InvalidOption
-from firstfix.portable.sample import rows_by_chance
 from firstfix.scan.compact import CompactScan
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import native
+from ...bit_exact.sample import rows_by_chance
 from ...errors import CorruptVersion, InvalidScan
-from ...portable.sample import rows_by_chance
 from ...scan.compact import CompactScan, ScanDescriptor
 from ...scan.range_view import cells_of, nearest_by_direction
 from ...scan.scan import Scan

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ... import native
 from ...scan.voxel_filter import rows_by_voxel_hash
 from ...transform import Matrix
-from .slabs import slabs
+from .chunked_x import chunked_x
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Surface:
 
     def thinned(self, voxel_m: float) -> Surface:
         """Surface of the mean point of every voxel, one for each main direction of its normals."""
-        parts = [self.at(rows)._thinned(voxel_m) for rows in slabs(self.points, voxel_m)]
+        parts = [self.at(rows)._thinned(voxel_m) for rows in chunked_x(self.points, voxel_m)]
         return parts[0] if len(parts) == 1 else Surface.together(parts)
 
     def _thinned(self, voxel_m: float) -> Surface:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ... import native
 from ...scan.voxel_filter import voxel_means
 from ..array_file import map_arrays, save_arrays
-from ..registration.slabs import slabs
+from ..registration.chunked_x import chunked_x
 from ..retrieval.tile_table import tile_table
 
 
@@ -45,7 +45,7 @@ class PointTiles:
     @classmethod
     def of(cls, points: NDArray[np.floating], voxel_m: float) -> PointTiles:
         """Tiles of (n, 3) points, thinned to one point a voxel."""
-        thinned = np.concatenate([voxel_means(points[rows], voxel_m) for rows in slabs(points, voxel_m)])
+        thinned = np.concatenate([voxel_means(points[rows], voxel_m) for rows in chunked_x(points, voxel_m)])
         order, begin, low = tile_table(thinned)
         return cls(thinned[order].astype(np.float32), begin, low)
 

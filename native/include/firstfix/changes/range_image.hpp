@@ -8,7 +8,7 @@
 #include <limits>
 #include <vector>
 
-#include "firstfix/portable/atan2.hpp"
+#include "firstfix/bit_exact/atan2.hpp"
 
 namespace firstfix {
 

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "firstfix/descriptor/bit_string.hpp"
-#include "firstfix/portable/lanes.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
 
 namespace firstfix {
 

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "firstfix/portable/atan2.hpp"
+#include "firstfix/bit_exact/atan2.hpp"
 
 namespace firstfix {
 

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "firstfix/descriptor/bit_string.hpp"
-#include "firstfix/portable/atan2.hpp"
+#include "firstfix/bit_exact/atan2.hpp"
 
 namespace firstfix {
 

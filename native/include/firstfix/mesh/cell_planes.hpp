@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "firstfix/mesh/brick_grid.hpp"
-#include "firstfix/portable/eigh3.hpp"
+#include "firstfix/bit_exact/eigh3.hpp"
 
 namespace firstfix {
 

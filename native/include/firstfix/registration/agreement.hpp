@@ -7,8 +7,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "firstfix/portable/atan2.hpp"
-#include "firstfix/portable/eight_lanes.hpp"
+#include "firstfix/bit_exact/atan2.hpp"
+#include "firstfix/bit_exact/eight_lanes.hpp"
 #include "firstfix/registration/pairs.hpp"
 #include "firstfix/registration/scan_surface.hpp"
 #include "firstfix/registration/surface_grid.hpp"

@@ -6,9 +6,9 @@
 #include <cstddef>
 #include <cstring>
 
-#include "firstfix/portable/cholesky.hpp"
-#include "firstfix/portable/eight_lanes.hpp"
-#include "firstfix/portable/rigid_motion.hpp"
+#include "firstfix/bit_exact/cholesky.hpp"
+#include "firstfix/bit_exact/eight_lanes.hpp"
+#include "firstfix/bit_exact/rigid_motion.hpp"
 #include "firstfix/registration/normal_equations.hpp"
 #include "firstfix/registration/pairs.hpp"
 

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "firstfix/portable/rigid_motion.hpp"
+#include "firstfix/bit_exact/rigid_motion.hpp"
 
 namespace firstfix {
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <vector>
 
-#include "firstfix/portable/lanes.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
 
 namespace firstfix::detail {
 

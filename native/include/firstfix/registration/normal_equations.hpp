@@ -1,7 +1,7 @@
 // Normal equations of one Gauss-Newton step, point to plane (equation 7.0 of docs/method.md).
 #pragma once
 
-#include "firstfix/portable/eight_lanes.hpp"
+#include "firstfix/bit_exact/eight_lanes.hpp"
 #include "firstfix/registration/pairs.hpp"
 
 namespace firstfix {

@@ -8,7 +8,7 @@
 #include <limits>
 #include <vector>
 
-#include "firstfix/portable/lanes.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
 #include "firstfix/registration/kd_tree.hpp"
 
 namespace firstfix {

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "firstfix/portable/eight_lanes.hpp"
+#include "firstfix/bit_exact/eight_lanes.hpp"
 #include "firstfix/registration/scan_surface.hpp"
 #include "firstfix/registration/surface_grid.hpp"
 

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "firstfix/portable/eight_lanes.hpp"
+#include "firstfix/bit_exact/eight_lanes.hpp"
 
 namespace firstfix {
 

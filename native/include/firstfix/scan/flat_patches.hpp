@@ -6,8 +6,8 @@
 #include <cstddef>
 #include <vector>
 
-#include "firstfix/portable/eigh3.hpp"
-#include "firstfix/portable/vector3.hpp"
+#include "firstfix/bit_exact/eigh3.hpp"
+#include "firstfix/bit_exact/vector3.hpp"
 #include "firstfix/scan/voxel_order.hpp"
 
 namespace firstfix {

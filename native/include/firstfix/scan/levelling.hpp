@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include "firstfix/portable/vector3.hpp"
+#include "firstfix/bit_exact/vector3.hpp"
 
 namespace firstfix {
 

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "firstfix/errors.hpp"
-#include "firstfix/portable/sample.hpp"
+#include "firstfix/bit_exact/sample.hpp"
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/scan/voxel_filter.hpp"
 

@@ -7,10 +7,10 @@
 #include <cstddef>
 #include <vector>
 
-#include "firstfix/portable/atan2.hpp"
-#include "firstfix/portable/eigh3.hpp"
-#include "firstfix/portable/exp.hpp"
-#include "firstfix/portable/vector3.hpp"
+#include "firstfix/bit_exact/atan2.hpp"
+#include "firstfix/bit_exact/eigh3.hpp"
+#include "firstfix/bit_exact/exp.hpp"
+#include "firstfix/bit_exact/vector3.hpp"
 #include "firstfix/scan/voxel_filter.hpp"
 
 namespace firstfix {

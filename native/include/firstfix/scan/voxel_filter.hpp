@@ -10,8 +10,8 @@
 #include <stdexcept>
 #include <vector>
 
-#include "firstfix/portable/sample.hpp"
-#include "firstfix/portable/vector3.hpp"
+#include "firstfix/bit_exact/sample.hpp"
+#include "firstfix/bit_exact/vector3.hpp"
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/scan/voxel_order.hpp"
 

@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "firstfix/portable/atan2.hpp"
+#include "firstfix/bit_exact/atan2.hpp"
 #include "firstfix/scan/range_view.hpp"
 #include "firstfix/verification/point_tiles.hpp"
 

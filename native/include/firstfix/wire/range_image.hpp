@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "firstfix/errors.hpp"
-#include "firstfix/portable/atan2.hpp"
+#include "firstfix/bit_exact/atan2.hpp"
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/wire/bytes.hpp"
 #include "firstfix/wire/range_image_points.hpp"

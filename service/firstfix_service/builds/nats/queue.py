@@ -15,10 +15,10 @@ import structlog
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import FirstfixError
 
-from ...lanes import UPKEEP
-from ...lanes.background import end_if_cancelled
 from ...settings import Settings
 from ...telemetry.metrics import Metrics
+from ...thread_pools import MAINTENANCE
+from ...thread_pools.background import end_if_cancelled
 from ..fair_order import FairOrder
 from ..unfinished import UnfinishedBuilds
 from .address import NatsAddress
@@ -89,7 +89,7 @@ class NatsBuildQueue:
 
     async def _submit_waiting(self, room: int) -> bool:
         """Submits up to ``room`` builds that are not in the stream. Returns whether others have to wait."""
-        for build in self._order.sort(await UPKEEP.run(self._unfinished.find)):
+        for build in self._order.sort(await MAINTENANCE.run(self._unfinished.find)):
             if room <= 0:
                 return True
             if await self.builds.submit(build.build_id):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from firstfix.store.store import Store
 
-from ...lanes import COPIES
+from ...thread_pools import COPIES
 from .disk_space import DiskSpace, Reservation
 
 

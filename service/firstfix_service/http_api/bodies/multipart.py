@@ -14,7 +14,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 
 from firstfix.errors import InvalidOption, MalformedData, TooLarge
 
-from ...lanes import COPIES
+from ...thread_pools import COPIES
 from .paced_body import Pace, paced_pieces
 
 if TYPE_CHECKING:

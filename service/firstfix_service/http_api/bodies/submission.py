@@ -16,8 +16,8 @@ from firstfix.builds.source_policy import check_source_url
 from firstfix.catalog.sources import put_source, source_key
 from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id, check_upload_id
+from firstfix.maintenance.pending_deletions import is_deletion_pending
 from firstfix.store.sha256 import sha256_of
-from firstfix.upkeep.pending_deletions import is_deletion_pending
 
 from ...auth.principal import Principal
 from ..dependencies import Parts

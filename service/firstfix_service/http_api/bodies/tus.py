@@ -11,7 +11,7 @@ from email.utils import format_datetime
 
 from firstfix.catalog.uploads.uploads import Upload
 from firstfix.errors import ChecksumMismatch, InvalidOption, PreconditionFailed
-from firstfix.upkeep.garbage import DAY_S
+from firstfix.maintenance.garbage import DAY_S
 
 VERSION = "1.0.0"
 EXTENSIONS = "creation,checksum,termination,expiration"

@@ -10,7 +10,7 @@ from firstfix.catalog.uploads.uploads import Upload, Uploads
 from firstfix.errors import DeadlineExceeded, NotFound, TooLarge
 
 from ...auth.principal import Principal
-from ...lanes import COPIES
+from ...thread_pools import COPIES
 from .disk_space import Reservation
 from .paced_body import Pace, paced_pieces
 from .tus import Checksum

@@ -17,7 +17,7 @@ from firstfix.builds.records import FINAL_STATES
 from firstfix.errors import FirstfixError, StoreUnavailable
 
 from ...auth.permission import Permission, PermissionDep
-from ...lanes import READS
+from ...thread_pools import READS
 from ..authorize import CallerDep
 from ..dependencies import Parts, PartsDep
 from ..event_stream import HEARTBEAT, HEARTBEAT_S, EventStream

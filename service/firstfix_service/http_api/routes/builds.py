@@ -11,7 +11,7 @@ from firstfix.errors import NotFound, UnreadableRecord
 from firstfix.ids import check_map_id
 
 from ...builds.queue import cancel_build as cancel_build_anywhere
-from ...lanes import CHANGES, LISTS, READS
+from ...thread_pools import CHANGES, LISTS, READS
 from ..authorize import CallerDep
 from ..dependencies import PartsDep
 from ..schema.api_models import Build, BuildPage

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query
 from firstfix.catalog.sightings.changes import changes_of
 from firstfix.errors import NotFound
 
-from ...lanes import LISTS
+from ...thread_pools import LISTS
 from ..dependencies import PartsDep
 from ..schema.changes_model import MapChanges
 from ..schema.parameters import DEFAULT_LIMIT, Limit, MapId

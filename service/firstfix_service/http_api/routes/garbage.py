@@ -6,9 +6,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from firstfix.upkeep.garbage import DAY_S, Ages, Garbage, collect_garbage
+from firstfix.maintenance.garbage import DAY_S, Ages, Garbage, collect_garbage
 
-from ...lanes import UPKEEP
+from ...thread_pools import MAINTENANCE
 from ..dependencies import PartsDep
 from ..schema.api_models import GarbageReport
 from ..schema.parameters import MapId
@@ -23,7 +23,7 @@ OlderThanH = Annotated[
 
 
 @router.post("/maps/{map_id}/collect-garbage")
-@UPKEEP.route
+@MAINTENANCE.route
 def collect_garbage_of_map(
     map_id: MapId, parts: PartsDep, dry_run: DryRun = False, older_than_h: OlderThanH = 24.0
 ) -> GarbageReport:
@@ -33,7 +33,7 @@ def collect_garbage_of_map(
 
 
 @router.post("/collect-garbage")
-@UPKEEP.route
+@MAINTENANCE.route
 def collect_all_garbage(
     parts: PartsDep,
     dry_run: DryRun = False,

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Request
 from firstfix.catalog.geopose import Georeference
 from firstfix.errors import InvalidOption, NotFound
 
-from ...lanes import CHANGES, READS
+from ...thread_pools import CHANGES, READS
 from ..bodies.json_body import read_model
 from ..dependencies import Parts, PartsDep
 from ..schema.api_models import GeoreferenceBody, GeoreferenceRecord

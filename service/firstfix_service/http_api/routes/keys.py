@@ -11,7 +11,7 @@ from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
 from firstfix.errors import Forbidden
 
-from ...lanes import CHANGES, LISTS
+from ...thread_pools import CHANGES, LISTS
 from ..authorize import CallerDep
 from ..bodies.json_body import read_model
 from ..dependencies import Parts, PartsDep

@@ -17,11 +17,11 @@ from firstfix.errors import InvalidOption
 from firstfix.ros.media_types import POSE
 
 from ...auth.principal import Principal
-from ...lanes import READS
 from ...localize.negotiation import negotiate
 from ...localize.query_head import QueryHead, split_map_ids
 from ...localize.response_format import JSON, PARAMETERS, content_of, requested_pose
 from ...query_workers.answer import AnswerForm, EncodedAnswer
+from ...thread_pools import READS
 from ..authorize import caller_of
 from ..dependencies import Parts, parts_of
 from ..direct_route import DirectRoute

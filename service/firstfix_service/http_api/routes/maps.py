@@ -14,8 +14,8 @@ from firstfix.errors import Conflict, NotFound, UnsupportedFormat
 from firstfix.ids import is_name, new_build_id
 
 from ...auth.principal import Principal
-from ...lanes import CHANGES, COPIES, LISTS, READS
 from ...telemetry.request_scope import with_traceparent
+from ...thread_pools import CHANGES, COPIES, LISTS, READS
 from ..authorize import CallerDep
 from ..bodies.form_room import form_room
 from ..bodies.request_body import check_declared_length, declared_length

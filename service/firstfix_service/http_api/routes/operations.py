@@ -7,9 +7,9 @@ from fastapi import APIRouter, Request, Response
 import firstfix
 from firstfix.errors import Overloaded
 
-from ...lanes import METRICS
 from ...telemetry.metrics import Metrics
 from ...telemetry.stall_watch import StallWatch
+from ...thread_pools import METRICS
 from ..dependencies import PartsDep
 from ..schema.api_models import Health, Readiness
 

@@ -13,7 +13,7 @@ from firstfix.ids import check_map_id
 from firstfix.transform import from_quaternion
 
 from ...auth.principal import Principal
-from ...lanes import CHANGES, LISTS
+from ...thread_pools import CHANGES, LISTS
 from ..answer_room import AnswerPlaceDep
 from ..authorize import CallerDep
 from ..bodies.json_body import read_model

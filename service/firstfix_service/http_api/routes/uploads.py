@@ -14,7 +14,7 @@ from firstfix.catalog.uploads.uploads import Upload
 from firstfix.errors import Conflict, InvalidOption, TooLarge, UnsupportedFormat
 from firstfix.ids import check_version
 
-from ...lanes import CHANGES, COPIES, LISTS, READS
+from ...thread_pools import CHANGES, COPIES, LISTS, READS
 from ..authorize import CallerDep
 from ..bodies import tus
 from ..bodies.multipart import harmless_name

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 
 from firstfix.errors import NotFound
 
-from ...lanes import CHANGES, LISTS, READS
+from ...thread_pools import CHANGES, LISTS, READS
 from ..answer_room import AnswerPlaceDep
 from ..cache_headers import FOREVER
 from ..dependencies import PartsDep

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
-from firstfix.portable.sample import rows_by_chance
 from firstfix.transform import make_transform, pose_error, rotation_z
 
 CONFIG = RegistrationConfig(map_voxel_m=0.1, coarse_voxel_m=0.5, fine_distance_m=0.4, inlier_distance_m=0.13)

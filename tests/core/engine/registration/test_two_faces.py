@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.other_faces import other_faces
 from firstfix.engine.registration.surface import Surface
-from firstfix.portable.sample import rows_by_chance
 from firstfix.transform import make_transform, pose_error, rotation_z
 
 CONFIG = RegistrationConfig()

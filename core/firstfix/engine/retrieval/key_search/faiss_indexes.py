@@ -13,7 +13,7 @@ import faiss
 import numpy as np
 from numpy.typing import NDArray
 
-from ....portable.sample import rows_by_chance
+from ....bit_exact.sample import rows_by_chance
 
 _L2 = faiss.METRIC_L2
 FLAT_UP_TO = 250_000  # keys: reading so many takes a few milliseconds, and misses none

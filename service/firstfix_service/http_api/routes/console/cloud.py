@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Response
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.errors import NotFound
 
-from ....lanes import LISTS
+from ....thread_pools import LISTS
 from ...answer_room import AnswerPlaceDep
 from ...cache_headers import FOREVER
 from ...dependencies import PartsDep

@@ -16,8 +16,8 @@ from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id, check_version
 from firstfix.transform import Matrix
 
-from ....lanes import LOOKS
 from ....query_workers.body_format import Body, BodyFormat
+from ....thread_pools import LOOKS
 from ...authorize import CallerDep
 from ...dependencies import PartsDep
 from ...schema.parameters import MapId, Version

@@ -1,0 +1,125 @@
+"""Search of one query in one map, step by step of the effort levels (docs/method.md section 7.1)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...answer.options import LocalizeOptions
+from ..candidates import Candidates, find_candidates
+from ..config import EffortConfig
+from ..hypotheses import HypothesisSearch
+from ..index import MapIndex
+from ..preprocess import PreparedQuery, PreparedScan
+from ..registered_candidate import RegisteredCandidate, features_of
+from ..stopwatch import Stopwatch
+from .level_hypotheses import level_hypotheses
+from .screening import screened_candidates
+
+SCREENED_PER_REGISTERED = 12  # poses that are screened in the time of one candidate's registration
+COMPARED_PER_REGISTERED = 200  # templates that are compared in this time
+SLOWER = 1.5  # than estimated, at worst
+OTHER_UPS = 6  # at most, each with a first search of its own
+
+
+class Step(Enum):
+    """Effort levels, cheapest first."""
+
+    NARROW = "as levelled, the templates most similar by descriptor"
+    WIDE = "several ups near it, and more templates, screened on the map"
+    OTHER_UPS = "ups for a sensor that hangs head down or lies on its side"
+    EXHAUSTIVE = "more ups, and all templates of a map that is not too large, screened on the map"
+
+
+class MapSearch:
+    """Search of one query in one map. Each step adds to what the steps before it registered.
+
+    Attributes:
+        registered: best first, of all steps so far.
+    """
+
+    def __init__(
+        self,
+        index: MapIndex,
+        prepared: PreparedQuery,
+        options: LocalizeOptions,
+        watch: Stopwatch,
+        map_id: str = "",
+    ) -> None:
+        self._index, self._prepared, self._options, self._watch = index, prepared, options, watch
+        self._hypotheses = HypothesisSearch(index, prepared, options.prior, map_id)
+        self._narrow_ms = 0.0
+        self.registered: list[RegisteredCandidate] = []
+
+    @property
+    def is_accepted(self) -> bool:
+        """Returns whether the best pose may be answered ``localized``."""
+        best = self.registered
+        return bool(best) and self._index.calibration.accepts(features_of(best))
+
+    def take(self, step: Step) -> None:
+        """Searches with the effort of one step, if the caller's deadline leaves time for it."""
+        if self._expected_ms(step) > self._watch.left_ms:
+            return
+        search = self._index.config.search
+        if step is Step.NARROW:
+            began = time.perf_counter()
+            self._by_descriptor(self._prepared.scans)
+            self._narrow_ms = (time.perf_counter() - began) * 1e3
+        elif step is Step.OTHER_UPS:
+            with self._watch.stage("preprocess"):
+                ups = self._prepared.with_other_ups(self._options.gravity, self._index.config.preprocess)
+            self._by_descriptor(ups)
+        elif search.widened > 1 and self._options.max_candidates is None:
+            is_last = step is Step.EXHAUSTIVE
+            self._by_screening(search.exhaustive if is_last else search.wide, tilted=is_last)
+
+    def _expected_ms(self, step: Step) -> float:
+        """Time that a step takes, at worst: measured by the first one, which always runs."""
+        search = self._index.config.search
+        if step is Step.NARROW:
+            return -math.inf
+        if step is Step.OTHER_UPS:
+            return SLOWER * OTHER_UPS * self._narrow_ms
+        effort = search.exhaustive if step is Step.EXHAUSTIVE else search.wide
+        registrations = (
+            effort.candidates
+            + effort.screened / SCREENED_PER_REGISTERED
+            + effort.clusters / COMPARED_PER_REGISTERED
+        )
+        return SLOWER * self._narrow_ms * registrations / search.candidates
+
+    def _by_descriptor(self, levelled: Sequence[PreparedScan]) -> None:
+        if not levelled:
+            return
+        index = self._index
+        with self._watch.stage("describe"):
+            described = [one.described_by(index.cascade.descriptor) for one in levelled]
+        with self._watch.stage("search"):
+            candidates = find_candidates(index, described, levelled, self._options)
+        self._register(candidates)
+
+    def _by_screening(self, effort: EffortConfig, *, tilted: bool) -> None:
+        index, options = self._index, self._options
+        with self._watch.stage("preprocess"):
+            usual_height_m = index.cascade.templates.usual_height_m
+            levelled = level_hypotheses(self._prepared, self._expected_up(), usual_height_m, tilted=tilted)
+        with self._watch.stage("search"):
+            candidates = screened_candidates(index, self._prepared, levelled, options, effort)
+        self._register(candidates)
+
+    def _register(self, candidates: Candidates) -> None:
+        with self._watch.stage("register"):
+            self.registered = self._hypotheses.run(candidates)
+
+    def _expected_up(self) -> NDArray[np.float64] | None:
+        """(3,) up by the mounting, or None: gravity is known."""
+        if self._options.gravity is not None:
+            return None
+        mounting = self._options.T_base_sensor
+        return np.array([0.0, 0.0, 1.0]) if mounting is None else mounting[2, :3]

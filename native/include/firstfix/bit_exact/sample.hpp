@@ -1,0 +1,37 @@
+// Random rows of a list, the same on every machine: equal to firstfix.bit_exact.sample.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace firstfix::detail {
+
+// A hash of 32 bits: the last steps of MurmurHash3.
+inline std::uint32_t hashed(std::uint32_t x) {
+  x ^= x >> 16;
+  x *= 0x85ebca6bu;
+  x ^= x >> 13;
+  x *= 0xc2b2ae35u;
+  return x ^ (x >> 16);
+}
+
+// Ascending rows of a list of `count`: one random row of each of `at_most` equal runs, or all rows if there are no
+// more. Taking every k-th row instead would take rows that repeat with the period k, such as the beams of a scan,
+// either always or never.
+inline std::vector<std::int64_t> rows_by_chance(std::uint64_t count, std::uint64_t at_most) {
+  const bool all = count <= at_most;
+  std::vector<std::int64_t> rows(all ? count : at_most);
+  if (rows.empty()) return rows;
+  const std::uint64_t whole = count / at_most, part = count % at_most;  // a run begins at floor(i * count / at_most)
+  for (std::uint64_t i = 0, start = 0, rest = 0; i < rows.size(); ++i) {
+    rest += part;
+    const std::uint64_t width = whole + (rest >= at_most ? 1 : 0);
+    if (rest >= at_most) rest -= at_most;
+    rows[i] = static_cast<std::int64_t>(all ? i : start + (hashed(static_cast<std::uint32_t>(i)) * width >> 32));
+    start += width;
+  }
+  return rows;
+}
+
+}  // namespace firstfix::detail

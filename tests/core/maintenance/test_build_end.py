@@ -1,0 +1,108 @@
+"""A build that made no full version leaves nothing but its record, and takes nothing that others need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from firstfix.builds.records import new_status
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source, source_key
+from firstfix.maintenance.build_end import end_build
+from firstfix.store.store import Store
+from interleavings import run_interleaved
+
+
+@pytest.fixture
+def catalog(any_store_url: str) -> Catalog:
+    return Catalog(Store.open(any_store_url))
+
+
+def recorded(catalog: Catalog, tmp_path: Path, build_id: str, content: str = "a cloud") -> str:
+    """Records a build that runs. Returns the key of its source."""
+    (tmp_path / "source").write_text(content)
+    key = source_key("hall", put_source(catalog.store, "hall", tmp_path / "source"))
+    catalog.put_build(build_id, {"map_id": "hall", "source": {"key": key}, "config": {}})
+    catalog.set_build_status(build_id, new_status("running", map_id="hall"))
+    return key
+
+
+def published(catalog: Catalog, tmp_path: Path, build_id: str, *, provisional: bool) -> str:
+    folder = tmp_path / f"version-{provisional}"
+    folder.mkdir(exist_ok=True)
+    (folder / "a.bin").write_bytes(b"coarse" if provisional else b"fine")
+    manifest = Manifest.for_directory(folder, provisional=provisional)
+    version = catalog.publish("hall", folder, manifest, build_id=build_id)
+    status = new_status("running", map_id="hall", provisional_version=version if provisional else None)
+    catalog.set_build_status(build_id, status)
+    return version
+
+
+def ended(state: str = "cancelled", **changes: Any) -> dict[str, Any]:
+    return {**new_status(state, map_id="hall"), **changes}
+
+
+@pytest.mark.parametrize("state", ["cancelled", "failed"])
+def test_its_provisional_version_and_its_source_go(catalog: Catalog, tmp_path: Path, state: str):
+    recorded(catalog, tmp_path, "b1")
+    published(catalog, tmp_path, "b1", provisional=True)
+    for _ in range(2):
+        end_build(catalog, "b1", ended(state))
+        assert catalog.active_version("hall") is None
+        assert catalog.build_status("b1")["state"] == state
+        assert catalog.store.list("maps/hall/sources") == []
+
+
+def test_the_version_before_serves_again(catalog: Catalog, tmp_path: Path):
+    """The map had a provisional version of another build, which still runs."""
+    recorded(catalog, tmp_path, "b1")
+    before = published(catalog, tmp_path, "b1", provisional=True)
+    recorded(catalog, tmp_path, "b2", "another cloud")
+    (tmp_path / "version-True" / "a.bin").write_bytes(b"another")
+    manifest = Manifest.for_directory(tmp_path / "version-True", provisional=True)
+    catalog.publish("hall", tmp_path / "version-True", manifest, build_id="b2")
+    end_build(catalog, "b2", ended())
+    assert catalog.active_version("hall") == before
+
+
+def test_what_another_build_needs_stays(catalog: Catalog, tmp_path: Path):
+    key = recorded(catalog, tmp_path, "b1")
+    recorded(catalog, tmp_path, "b2")
+    version = published(catalog, tmp_path, "b1", provisional=True)
+    catalog.set_build_status("b2", new_status("running", map_id="hall", provisional_version=version))
+    end_build(catalog, "b1", ended())
+    assert catalog.active_version("hall") == version
+    assert catalog.store.list("maps/hall/sources") == [key]
+    end_build(catalog, "b2", ended("failed"))
+    assert catalog.store.list("maps/hall/sources") == []
+
+
+def test_a_full_version_that_was_published_stays_with_its_source(catalog: Catalog, tmp_path: Path):
+    """The process was killed after the publication, before it recorded its success."""
+    key = recorded(catalog, tmp_path, "b1")
+    version = published(catalog, tmp_path, "b1", provisional=False)
+    end_build(catalog, "b1", ended())
+    assert catalog.active_version("hall") == version
+    assert catalog.store.list("maps/hall/sources") == [key]
+
+
+def test_a_kill_on_the_way_is_mended_by_a_repeat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def run(kill_at: int) -> int:
+        catalog = Catalog(Store.open("memory://"))
+        recorded(catalog, tmp_path, "b1")
+        published(catalog, tmp_path, "b1", provisional=True)
+        works: list[Callable[[], Any]] = [lambda: end_build(catalog, "b1", ended()), lambda: None]
+        steps = run_interleaved(works, (), kill_at=kill_at, monkeypatch=monkeypatch)
+        if catalog.build_status("b1")["state"] == "cancelled":
+            assert catalog.active_version("hall") is None, "whoever sees the end sees no version"
+        end_build(Catalog(catalog.store), "b1", ended())
+        assert catalog.store.list("maps/hall/sources") == []
+        assert catalog.active_version("hall") is None
+        return len(steps)
+
+    for kill_at in range(run(1_000_000)):
+        run(kill_at)
