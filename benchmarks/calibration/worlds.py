@@ -19,8 +19,8 @@ from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MapIndex
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.simulation.worlds import NAMES, make_world
-from firstfix_builder.simulation.worlds.write_world import ply_of_mesh, write_world
+from firstfix_worlds import NAMES, make_world
+from firstfix_worlds.write_world import ply_of_mesh, write_world
 
 from ..common.datasets import SHARED
 from ..common.worlds import Scenery, layout, write_drive

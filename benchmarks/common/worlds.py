@@ -21,16 +21,16 @@ from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.read_map import read_map, read_trajectory
 from firstfix_builder.simulation.simulate import Simulator
-from firstfix_builder.simulation.worlds import NAMES, make_world
-from firstfix_builder.simulation.worlds.campus import campus
-from firstfix_builder.simulation.worlds.drive import drive
-from firstfix_builder.simulation.worlds.factory import factory
-from firstfix_builder.simulation.worlds.farm import farm
-from firstfix_builder.simulation.worlds.office import CLEAR_M, CORRIDOR, STAIR_X, STAIR_Y, STOREY_M, office
-from firstfix_builder.simulation.worlds.place import Place
-from firstfix_builder.simulation.worlds.write_world import ply_of_mesh, write_world
 from firstfix_builder.viewpoints.sample import sample_viewpoints
 from firstfix_cli.poses_csv import read_poses_csv
+from firstfix_worlds import NAMES, make_world
+from firstfix_worlds.campus import campus
+from firstfix_worlds.drive import drive
+from firstfix_worlds.factory import factory
+from firstfix_worlds.farm import farm
+from firstfix_worlds.office import CLEAR_M, CORRIDOR, STAIR_X, STAIR_Y, STOREY_M, office
+from firstfix_worlds.place import Place
+from firstfix_worlds.write_world import ply_of_mesh, write_world
 
 from .datasets import SHARED
 

@@ -34,11 +34,11 @@ from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.simulation import simulate
 from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator, upright
-from firstfix_builder.simulation.worlds.campus import campus
-from firstfix_builder.simulation.worlds.drive import drive
-from firstfix_builder.simulation.worlds.make_world import NAMES
 from firstfix_builder.templates.make import scan_batch
 from firstfix_builder.viewpoints.sample import sample_viewpoints
+from firstfix_worlds.campus import campus
+from firstfix_worlds.drive import drive
+from firstfix_worlds.make_world import NAMES
 
 SEED = 0
 SPACING_M = 0.2

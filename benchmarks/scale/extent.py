@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from firstfix_builder.simulation.worlds.city.city import City
-from firstfix_builder.simulation.worlds.city.write_city import write_meshes
+from firstfix_worlds.city.city import City
+from firstfix_worlds.city.write_city import write_meshes
 
 SEED = 7
 

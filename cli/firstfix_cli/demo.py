@@ -110,7 +110,7 @@ def offer_console(console: Console, service: LocalService) -> None:
 
 
 def _make_world(directory: Path) -> None:
-    from firstfix_builder.simulation.worlds import make_world, write_world
+    from firstfix_worlds import make_world, write_world
 
     write_world(make_world(WORLD), directory)
 

@@ -14,8 +14,8 @@ from firstfix.transform import pose_error
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
-from firstfix_builder.simulation.worlds.farm import farm
-from firstfix_builder.simulation.worlds.write_world import ply_of_mesh
+from firstfix_worlds.farm import farm
+from firstfix_worlds.write_world import ply_of_mesh
 from small_world import SENSOR
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a version of a farm is built

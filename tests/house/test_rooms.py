@@ -14,7 +14,7 @@ ROOMS_AT_THE_TOP = {
     "builder/firstfix_builder": 15,
     "clients/python/firstfix_client": 15,
 }
-PACKAGES = [*ROOMS_AT_THE_TOP, "cli/firstfix_cli"]
+PACKAGES = [*ROOMS_AT_THE_TOP, "cli/firstfix_cli", "worlds/firstfix_worlds"]
 TESTS = {
     "core/firstfix": "core",
     "service/firstfix_service": "service",

@@ -1,1 +1,1 @@
-"""Simulated scans of a mesh with their perturbations, and sample worlds to simulate."""
+"""Simulated scans of a mesh with their perturbations."""

@@ -33,7 +33,7 @@ def world(
     It consists of the true mesh, a point cloud as SLAM would build it, the trajectory of the mapping drive,
     query scans, and their true poses in poses.csv. A city has its true meshes alone, a folder of files.
     """
-    from firstfix_builder.simulation.worlds import make_world, write_city, write_world
+    from firstfix_worlds import make_world, write_city, write_world
 
     if name == "city":
         city = write_city(out, extent_m=CITY_M if extent_m is None else extent_m, seed=seed)

@@ -11,10 +11,10 @@ from firstfix.errors import InvalidOption
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.read_map import read_parts
 from firstfix_builder.simulation.simulate import Simulator
-from firstfix_builder.simulation.worlds import write_city
-from firstfix_builder.simulation.worlds.city.city import City
-from firstfix_builder.simulation.worlds.city.layout import BLOCK_M
-from firstfix_builder.simulation.worlds.city.write_city import city_queries, write_meshes
+from firstfix_worlds import write_city
+from firstfix_worlds.city.city import City
+from firstfix_worlds.city.layout import BLOCK_M
+from firstfix_worlds.city.write_city import city_queries, write_meshes
 
 
 def test_a_block_depends_on_its_number_and_the_seed_alone():

@@ -16,9 +16,9 @@ from firstfix.errors import InvalidOption
 from firstfix.sensor import SensorModel
 from firstfix.transform import from_quaternion, rotation_angle_deg, transform_points
 from firstfix_builder.simulation.simulate import Simulator
-from firstfix_builder.simulation.worlds import NAMES, World, make_world, write_world
-from firstfix_builder.simulation.worlds.drive import drive
-from firstfix_builder.simulation.worlds.make_world import QUERIES, _place
+from firstfix_worlds import NAMES, World, make_world, write_world
+from firstfix_worlds.drive import drive
+from firstfix_worlds.make_world import QUERIES, _place
 
 pytestmark = pytest.mark.slow
 
