@@ -9,44 +9,35 @@ import argparse
 import json
 from pathlib import Path
 
+from .beside import suite as beside
 from .calibration import suite as calibration
 from .common.datasets import DATASETS
-from .encodings import suite as encodings
-from .hints import suite as hints
 from .hostile import suite as hostile
-from .koide import suite as koide
-from .native import suite as native
 from .paper import suite as paper
 from .peers import suite as peers
 from .real import suite as real
-from .retrieval import suite as retrieval
 from .robust import suite as robust
 from .scale import suite as scale
 from .service import suite as service
 
 SUITES = {
+    "beside": beside.run,
     "calibration": calibration.run,
-    "encodings": encodings.run,
-    "hints": hints.run,
     "hostile": hostile.run,
-    "koide": koide.run,
-    "native": native.run,
     "paper": paper.run,
     "peers": peers.run,
     "real": real.run,
-    "retrieval": retrieval.run,
     "robust": robust.run,
     "scale": scale.run,
     "service": service.run,
 }
 OPTIONS = {
     "attacks": ("hostile",),
-    "beside": ("native",),
-    "parts": ("native",),
+    "beside": ("beside",),
+    "parts": ("beside",),
     "sets": ("real", "peers"),
-    "scans": ("peers", "koide"),
+    "scans": ("peers",),
     "bbs": ("peers",),
-    "data": ("koide",),
 }
 
 
@@ -58,7 +49,7 @@ def _names(known: tuple[str, ...], text: str) -> tuple[str, ...]:
 
 
 def _parts(text: str) -> tuple[str, ...]:
-    return _names(tuple(native.PARTS), text)
+    return _names(tuple(beside.PARTS), text)
 
 
 def _attacks(text: str) -> tuple[str, ...]:
@@ -80,19 +71,14 @@ def main() -> None:
     parser.add_argument("suite", choices=sorted(SUITES))
     parser.add_argument("--quick", action="store_true", help="a smaller version")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
-    parser.add_argument("--beside", type=Path, metavar="DIR", help="native: another checkout, asked in turns")
+    parser.add_argument("--beside", type=Path, metavar="DIR", help="beside: another checkout, asked in turns")
     parser.add_argument(
-        "--parts", type=_parts, metavar="NAMES", help=f"native: some of {','.join(native.PARTS)}"
+        "--parts", type=_parts, metavar="NAMES", help=f"beside: some of {','.join(beside.PARTS)}"
     )
     parser.add_argument("--attacks", type=_attacks, metavar="NAMES", help="hostile: some of the attacks")
     parser.add_argument("--sets", type=_sets, metavar="NAMES", help="real, peers: some of the data sets")
-    parser.add_argument(
-        "--scans", type=_count, metavar="N", help="peers, koide: queries of each set or sequence"
-    )
+    parser.add_argument("--scans", type=_count, metavar="N", help="peers: queries of each set")
     parser.add_argument("--bbs", type=Path, metavar="PREFIX", help="peers: where 3D-BBS is installed")
-    parser.add_argument(
-        "--data", type=Path, metavar="FOLDER", help="koide: folder of the downloaded data set"
-    )
     arguments = parser.parse_args()
     given = {name: getattr(arguments, name) for name in OPTIONS if getattr(arguments, name) is not None}
     for name in given:

@@ -6,8 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from .suite import SCANS, WORK, measure
-from .worlds import FITTED_WORLDS
+from .suite import FITTED_WORLDS, SCANS, WORK, measure
 
 
 def main() -> None:

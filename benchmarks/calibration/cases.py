@@ -21,7 +21,7 @@ from firstfix.transform import Matrix, pose_error, transform_points
 from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 
-from .worlds import FittedWorld, MappedWorld
+from ..common.worlds import BenchWorld, WorldFiles
 
 SEED = 77  # not that of the robust suite
 RIGHT_M, RIGHT_DEG = 1.0, 10.0
@@ -82,7 +82,7 @@ class ElsewherePrior(Prior):
         return far
 
 
-def cases_of(world: FittedWorld, mapped: MappedWorld, localizer: Localizer, scans: int) -> list[Case]:
+def cases_of(world: BenchWorld, files: WorldFiles, localizer: Localizer, scans: int) -> list[Case]:
     """The cases of one world.
 
     Args:
@@ -90,7 +90,7 @@ def cases_of(world: FittedWorld, mapped: MappedWorld, localizer: Localizer, scan
             of strange yards.
     """
     cases = []
-    for scenery, scan, T_map_sensor in _scans(world, mapped, localizer, scans):
+    for scenery, scan, T_map_sensor in _scans(world, files, localizer, scans):
         if T_map_sensor is None:
             kind = "alike" if scenery == LOOK_ALIKE else "outside"
             cases.append(Case(world.name, scenery, kind, _found(localizer, scan, None, None)[0]))
@@ -104,19 +104,22 @@ def cases_of(world: FittedWorld, mapped: MappedWorld, localizer: Localizer, scan
 
 
 def _scans(
-    world: FittedWorld, mapped: MappedWorld, localizer: Localizer, count: int
+    world: BenchWorld, files: WorldFiles, localizer: Localizer, count: int
 ) -> Iterator[tuple[str, Scan, Matrix | None]]:
     rng = np.random.default_rng([SEED, crc32(world.name.encode())])
-    sensor, index = preset(world.sensor), localizer.index
+    sensor, index = preset(world.config["sensor"]), localizer.index
     at_m = transform_points(index.T_map_level, index.cascade.templates.position_m)
-    for name, scenery in mapped.sceneries.items():
+    sceneries = {"as mapped": files.map, "another day": files.changed, "emptied": files.emptied}
+    for name, scenery in sceneries.items():
+        if scenery is None:
+            continue
         simulator = scenery.simulator()
         for perturb in PERTURBATIONS:
             for scan, T in perturbed_scans(simulator, sensor, at_m, 1.0, count, perturb, rng):
                 yield name, scan, T
-    if mapped.look_alike is not None:
-        simulator = mapped.look_alike.simulator()
-        there_m = mapped.look_alike.viewpoints(simulator, sensor.mount_height_m)
+    for look_alike in files.look_alikes:
+        simulator = look_alike.simulator()
+        there_m = look_alike.viewpoints(simulator, sensor.mount_height_m)
         for perturb in PERTURBATIONS:
             for scan, _ in perturbed_scans(simulator, sensor, there_m, 1.0, count, perturb, rng):
                 yield LOOK_ALIKE, scan, None

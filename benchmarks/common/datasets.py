@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from firstfix.transform import Matrix, from_quaternion
 
+from .koide import write_drawn_scans
+from .pose_rows import POSE, write_rows
 from .turning_robot import write_turning_robot
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
-POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Dataset:
         map_file: in it.
         scans: glob of the file of a query scan, by the first column of its row.
         references: true poses of the query scans by the name of their source. Scans are judged by the first.
-        trajectory: poses of the mapping run, without the query scans.
+        trajectory: poses of the mapping run, without the query scans; None: there are none.
         sensor: name of a preset, or a YAML file in the folder.
         viewpoints: config of the build's viewpoints.
         kept_share: of the points, in a scan made sparse at random; None: the points lie in rings, and every
@@ -66,7 +67,7 @@ class Dataset:
     map_file: str
     scans: str
     references: Mapping[str, PoseTable]
-    trajectory: PoseTable
+    trajectory: PoseTable | None
     sensor: str
     viewpoints: Mapping[str, Any] = field(default_factory=dict)
     kept_share: float | None = None
@@ -103,9 +104,11 @@ class Dataset:
         self.convert(self.path, folder)
         return replace(self, root=work, folder=self.name, convert=None)
 
-    def write_trajectory(self, path: Path) -> Path:
+    def write_trajectory(self, path: Path) -> Path | None:
         """The mapping run's poses, without the held-out ones, as the CSV that ``build`` reads."""
-        return _write(path, POSE, [pose for _, pose in self.trajectory.rows(self.path)])
+        if self.trajectory is None:
+            return None
+        return write_rows(path, POSE, [pose for _, pose in self.trajectory.rows(self.path)])
 
     def write_queries(self, path: Path, reference: str | None = None) -> Path:
         """``poses.csv`` of the held-out scans that are there, for ``evaluate``.
@@ -118,10 +121,11 @@ class Dataset:
             (sorted(self.path.glob(self.scans.format(name))), pose) for name, pose in table.rows(self.path)
         ]
         rows = [[str(files[0]), *pose] for files, pose in found if files]
-        return _write(path, ("scan", *POSE), rows)
+        return write_rows(path, ("scan", *POSE), rows)
 
     def mapping_scans(self) -> list[tuple[NDArray[np.float64], Matrix]]:
         """Scans of the mapping run, (n, 3) in the sensor frame, and T_map_sensor."""
+        assert self.trajectory is not None
         poses = {int(name): [float(v) for v in pose] for name, pose in self.trajectory.rows(self.path)}
         scans = []
         with np.load(self.path / self.mapping_file) as file:
@@ -129,14 +133,6 @@ class Dataset:
                 pose = poses[int(number)]
                 scans.append((file[number] * self.mapping_unit_m, from_quaternion(pose[:3], pose[3:])))
         return scans
-
-
-def _write(path: Path, header: tuple[str, ...], rows: list[list[str]]) -> Path:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(rows)
-    return path
 
 
 _QUERY, _MAP = ("query",), ("map", "map_thin")
@@ -198,4 +194,21 @@ TURNING = Dataset(
     kept_share=0.25,
     convert=write_turning_robot,
 )
-DATASETS = (STREET, HALL, YARD, GARAGE, TURNING)
+
+
+def _koide(name: str) -> Dataset:
+    """A map of Koide's Hard Point Cloud Localization Dataset; BENCHMARK.md says where to get it."""
+    return Dataset(
+        name,
+        f"koide_hard/{name}",
+        "map.ply",
+        "{}",
+        {"authors": PoseTable("eval.csv")},
+        None,
+        "sensor.yaml",
+        kept_share=0.25,
+        convert=write_drawn_scans,
+    )
+
+
+DATASETS = (STREET, HALL, YARD, GARAGE, TURNING, _koide("outdoor_hard"), _koide("outdoor_kidnap"))

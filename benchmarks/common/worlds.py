@@ -34,7 +34,7 @@ from firstfix_worlds.write_world import ply_of_mesh, write_world
 
 from .datasets import SHARED
 
-SEED, OTHER_SEED = 0, 1
+SEED = 0
 _RECIPE = {"worlds": sha256_of(Path(__file__))}
 _LAYOUTS: dict[str, Callable[[np.random.Generator], Place]] = {
     "factory": factory,
@@ -80,12 +80,14 @@ class WorldFiles:
         map: the surfaces, and what the templates are made of if there is no cloud.
         cloud: what a mapping run left of the map, for the build to start from, or None.
         changed: the same place on another day, or None.
+        emptied: the same place with all gone that can be moved, or None.
         look_alikes: places outside the map that look like it.
         poses: ``poses.csv`` of the world's own query scans, or None.
     """
 
     map: Scenery
     changed: Scenery | None = None
+    emptied: Scenery | None = None
     look_alikes: tuple[Scenery, ...] = ()
     poses: Path | None = None
     cloud: Path | None = None
@@ -130,7 +132,9 @@ def shared_world(name: str, changed: str | None = None, **config: Any) -> BenchW
     return BenchWorld(name, name, {"sensor": "os1-64"} | config, lambda cache: files, missing)
 
 
-def own_world(name: str, large: bool = False, mapped: bool = False) -> BenchWorld:
+def own_world(
+    kind: str, large: bool = False, mapped: bool = False, seed: int = SEED, look_alike_seed: int = SEED + 1
+) -> BenchWorld:
     """A world of ``firstfix world``: another day of it, another seed as its look-alike, its own queries.
 
     Args:
@@ -139,27 +143,30 @@ def own_world(name: str, large: bool = False, mapped: bool = False) -> BenchWorl
     """
 
     def produce(out: Path) -> None:
-        world, place = make_world(name, seed=SEED), layout(name, SEED)
+        world, place = make_world(kind, seed=seed), layout(kind, seed)
         write_world(world, out)
-        other_day = place.changed_mesh(np.random.default_rng([SEED, NAMES.index(name), 2]))
+        other_day = place.changed_mesh(np.random.default_rng([seed, NAMES.index(kind), 2]))
         (out / "changed.ply").write_bytes(ply_of_mesh(other_day))
-        other = layout(name, OTHER_SEED)
+        (out / "emptied.ply").write_bytes(ply_of_mesh(Mesh.joined(place.fixed)))
+        other = layout(kind, look_alike_seed)
         (out / "look_alike.ply").write_bytes(ply_of_mesh(other.mesh()))
         write_drive(other, out / "look_alike.txt")
 
     def make(cache: StageCache) -> WorldFiles:
-        out = cache.run("bench_world", _RECIPE, {"name": name}, produce).directory
+        recipe = {"kind": kind, "seed": seed, "look_alike_seed": look_alike_seed}
+        out = cache.run("bench_world", _RECIPE, recipe, produce).directory
         trajectory = out / "trajectory.txt"
         return WorldFiles(
             Scenery(out / "mesh.ply", trajectory),
             Scenery(out / "changed.ply", trajectory),
+            Scenery(out / "emptied.ply", trajectory),
             (Scenery(out / "look_alike.ply", out / "look_alike.txt"),),
             out / "poses.csv",
             out / "map.ply" if mapped else None,
         )
 
-    config = {"sensor": _SENSORS[name]} | _CONFIGS.get(name, {})
-    return BenchWorld(f"{name}_mapped" if mapped else name, name, config, make, large=large)
+    config = {"sensor": _SENSORS[kind]} | _CONFIGS.get(kind, {})
+    return BenchWorld(f"{kind}_mapped" if mapped else kind, kind, config, make, large=large)
 
 
 def ground_floor() -> BenchWorld:

@@ -87,8 +87,9 @@ def _build(dataset: Dataset, scratch: Path, store: Path) -> dict[str, Any]:
     config = scratch / "config.json"
     config.write_text(json.dumps(dataset.config))
     trajectory = dataset.write_trajectory(scratch / "trajectory.csv")
+    poses = [] if trajectory is None else ["--trajectory", str(trajectory)]
     build = ["build", str(dataset.map_path), "--map-id", dataset.name, "--store", str(store), "--json"]
-    build += ["--trajectory", str(trajectory), "--config", str(config), "--work", str(scratch / "work")]
+    build += [*poses, "--config", str(config), "--work", str(scratch / "work")]
     begin = time.monotonic()
     with PeakMemory() as memory:
         built = json.loads(_firstfix(*build))

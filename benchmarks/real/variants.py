@@ -7,10 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from firstfix.builds.config import BuildConfig
+from firstfix.decode import decode_query
 from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import AnyScan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
 from firstfix_cli.evaluate import random_yaws, turned
+from firstfix_client.steps.scan_body import BodyForm, Encoding, encoded
 
 from ..common.datasets import Dataset
 from .degrade import every_second_ring, part_of_points, tilted, without_sectors
@@ -18,10 +21,11 @@ from .degrade import every_second_ring, part_of_points, tilted, without_sectors
 SEED = 1  # of the yaw that each scan is turned by, and of what degrades it
 LOST = 0.3  # of the points, in sectors
 TILT_DEG = 5.0
+ENCODINGS: tuple[Encoding, ...] = ("range_image", "compact")  # as robots send it
 
 
-def variants(dataset: Dataset, scan: Scan, number: int) -> Iterator[tuple[str, Scan, Matrix]]:
-    """Yields the scan as it is; then as it is and degraded in each way, turned by a random yaw.
+def variants(dataset: Dataset, scan: Scan, number: int) -> Iterator[tuple[str, AnyScan, Matrix]]:
+    """Yields the scan as it is and as robots send it; then degraded in each way, turned by a random yaw.
 
     Args:
         number: of the scan; it decides on everything random.
@@ -40,6 +44,9 @@ def variants(dataset: Dataset, scan: Scan, number: int) -> Iterator[tuple[str, S
         (f"rolled and pitched by {TILT_DEG:g} deg", *tilted(scan, as_it_is, TILT_DEG, rng)),
     )
     yield "as it is", scan, as_it_is
+    for encoding in ENCODINGS:
+        media_type, body = encoded(scan, BodyForm(encoding))
+        yield f"sent as {encoding}", decode_query(body, media_type), as_it_is
     for (name, worse, T), yaw in zip(degraded, random_yaws(len(degraded), SEED + number), strict=True):
         turned_scan, T_scan_sensor = turned(worse, T, float(yaw))
         assert T_scan_sensor is not None

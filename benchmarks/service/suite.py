@@ -14,7 +14,6 @@ from typing import Any
 
 from ..common.programs import free_port, replica
 from ..common.worlds import WORLDS
-from .consoles import QUICK, ConsoleCourse, consoles
 from .loading import cold_load, hot_swap
 from .many_maps import many_maps
 from .queried_version import QueriedVersion, make_queried_version
@@ -32,7 +31,6 @@ PARTS = (
     "replicas",
     "many_maps",
     "replica_memory",
-    "consoles",
 )
 
 
@@ -68,8 +66,6 @@ def measure(queried: QueriedVersion, parts: Iterable[str], *, quick: bool = Fals
                 )
             elif part == "many_maps":
                 figures[part] = many_maps(queried, bodies, directory, rounds=1 if quick else 3)
-            elif part == "consoles":
-                figures[part] = consoles(queried, bodies, directory, QUICK if quick else ConsoleCourse())
             elif part == "replica_memory":
                 figures[part] = replica_memory(queried, bodies, directory)
             else:

@@ -28,7 +28,6 @@ PAGES = {
     "tutorials/examples.md": "examples/README.md",
     "method/figures.md": "benchmarks/BENCHMARK.md",
     "method/paper.md": "benchmarks/PAPER.md",
-    "method/koide.md": "benchmarks/koide/README.md",
     "project/changelog.md": "CHANGELOG.md",
     "project/contributing.md": "CONTRIBUTING.md",
 }

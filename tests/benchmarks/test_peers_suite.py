@@ -84,7 +84,7 @@ def test_a_missing_library_is_named(prefix, tmp_path: Path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["koide", "--bbs", "x"], "--bbs belongs to peers, not to koide"),
+        (["real", "--bbs", "x"], "--bbs belongs to peers, not to real"),
         (["real", "--sets", "hall,moon"], "moon"),
         (["peers", "--scans", "0"], "above 0"),
     ],

@@ -139,12 +139,14 @@ def test_scans_of_the_small_world(small_version, small_scans, tmp_path: Path):
 
     assert list(figures) == [
         "as it is",
+        "sent as range_image",
+        "sent as compact",
         "turned",
         "50 % of the points",
         "30 % lost in sectors",
         "rolled and pitched by 5 deg",
     ]
-    assert len(answers) == 4 * 5 * len(GRAVITY)
+    assert len(answers) == 4 * 7 * len(GRAVITY)
     for by_gravity in figures.values():
         assert list(by_gravity) == list(GRAVITY)
         for found in by_gravity.values():

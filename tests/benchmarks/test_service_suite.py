@@ -5,8 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.service import request_path
-from benchmarks.service.consoles import STATES, ConsoleCourse, consoles
 from benchmarks.service.loading import cold_load, hot_swap
 from benchmarks.service.queried_version import QueriedVersion
 from benchmarks.service.replicas import Course, replicas_suite
@@ -61,38 +59,3 @@ def test_no_query_fails_while_replicas_and_store_come_and_go(
     for part in ("activation", "killed_and_restarted", "store_cut", "rolling_restart"):
         assert figures[part]["outcomes"]["ok"] >= 10, part
         assert figures[part]["failed"] == 0, figures[part]["outcomes"]
-
-
-def test_what_consoles_cost_is_told(queried: QueriedVersion, tmp_path: Path):
-    bodies = [body_of(queried, scan) for scan in queried.scans]
-    course = ConsoleCourse(points=60_000, templates=1000, consoles=3, clients=2, phase_s=1.0, rounds=1)
-    figures = consoles(queried, bodies, tmp_path, course)
-    for state in STATES:
-        assert set(figures[state]["outcomes"]) == {"ok"}
-    for ratios in figures["ratio_to_without"].values():
-        assert all(ratio > 0 for ratio in ratios.values())
-    read = figures["read_by_consoles"]
-    assert read["opened"] >= 3, "every console saw the map"
-    assert read["answers"] >= 3
-    assert 0 < figures["mib"]["before"] <= figures["mib"]["peak"] * 1.2
-
-
-def test_the_request_path_is_told_by_process(
-    small_version, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    asked = [
-        "--version",
-        str(small_version.directory),
-        "--rounds",
-        "1",
-        "--queries",
-        "2",
-        "--body",
-        "compact",
-    ]
-    monkeypatch.setattr("sys.argv", ["request_path", *asked])
-    request_path.main()
-    names, *rows = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert [row[:2] for row in rows] == [["http", "compact"], ["zenoh", "compact"]]
-    for role in ("server", "workers"):
-        assert all(float(row[names.index(f"{role}_cpu_ms")]) > 0 for row in rows)

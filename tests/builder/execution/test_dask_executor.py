@@ -14,7 +14,8 @@ import pytest
 
 pytest.importorskip("distributed", reason="needs firstfix[dask]")
 
-from benchmarks.common.dask_cluster import DaskCluster, dask_cluster
+from dask_cluster import DaskCluster, dask_cluster
+
 from certificates import certificates
 from firstfix.builds.config import BuildConfig, ReconstructConfig
 from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption

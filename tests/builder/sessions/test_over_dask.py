@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("distributed", reason="needs firstfix[dask]")
 
 from building import building, session
+from dask_cluster import dask_cluster
 
-from benchmarks.common.dask_cluster import dask_cluster
 from firstfix.builds.config import BuildConfig
 from firstfix.errors import BuildCancelled
 from firstfix.store.store import Store

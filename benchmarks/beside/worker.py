@@ -52,34 +52,21 @@ class Worker:
         """Returns the answer to a query, and its processor milliseconds."""
         return self.call("ask", body)
 
-    def keep(self, bodies: list[Body]) -> None:
-        """Gives the process queries that ``switches`` and ``repeat`` ask."""
-        for body in bodies:
-            self.call("keep", body)
-
     def call(self, do: str, body: Body | None = None, **arguments: Any) -> dict[str, Any]:
-        """Sends a request and returns the reply."""
-        self.send(do, body, **arguments)
-        return self.reply()
-
-    def send(self, do: str, body: Body | None = None, **arguments: Any) -> None:
-        """Sends a request and does not wait."""
-        request = {"do": do, **arguments}
-        if body is not None:
-            request |= {"media_type": body.media_type, "bytes": len(body.content)}
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(request).encode() + b"\n")
-        if body is not None:
-            self._process.stdin.write(body.content)
-        self._process.stdin.flush()
-
-    def reply(self) -> dict[str, Any]:
-        """Returns the reply to the first request that has none yet.
+        """Sends a request and returns the reply.
 
         Raises:
             RuntimeError: the process ended.
         """
+        request = {"do": do, **arguments}
+        if body is not None:
+            request |= {"media_type": body.media_type, "bytes": len(body.content)}
+        assert self._process.stdin is not None
         assert self._process.stdout is not None
+        self._process.stdin.write(json.dumps(request).encode() + b"\n")
+        if body is not None:
+            self._process.stdin.write(body.content)
+        self._process.stdin.flush()
         line = self._process.stdout.readline()
         if not line:
             raise RuntimeError(

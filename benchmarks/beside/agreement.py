@@ -8,8 +8,6 @@ import numpy as np
 
 from firstfix.transform import pose_error
 
-from .layouts import REASONS
-
 Answer = dict[str, Any]  # as ``serve.Answerer.ask`` returns it
 
 
@@ -46,4 +44,4 @@ def agreement(here: list[Answer], beside: list[Answer]) -> dict[str, Any]:
 
 
 def _outcome(answer: Answer) -> tuple[str, ...]:
-    return answer["verdict"], *(REASONS.get(reason, reason) for reason in answer["reasons"])
+    return answer["verdict"], *answer["reasons"]

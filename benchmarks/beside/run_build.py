@@ -1,4 +1,4 @@
-"""A build with the code on the path: ``python -m benchmarks.native.run_build TASK.json``.
+"""A build with the code on the path: ``python -m benchmarks.beside.run_build TASK.json``.
 
 It is a process of its own, so that its processor time, and that of all it starts, belongs to this build.
 """
@@ -11,10 +11,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from firstfix.builds.config import BuildConfig
 from firstfix_builder.pipeline import build_version
 
 from ..common.processor_time import cpu_s_of_family
-from .layouts import core
 
 
 class StageCosts:
@@ -44,7 +44,7 @@ def main() -> None:
     costs = StageCosts(lambda: cpu_s_of_family(os.getpid()))
     build_version(
         Path(task["map"]),
-        core("BuildConfig").parse(task["config"]),
+        BuildConfig.parse(task["config"]),
         work,
         trajectory=Path(task["trajectory"]) if task["trajectory"] else None,
         progress=costs,

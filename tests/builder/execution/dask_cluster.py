@@ -6,13 +6,14 @@ import os
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from waiting import wait_until
+
 PATIENCE_S = 300.0  # a busy machine starts a worker slowly
-_ROOT = Path(__file__).resolve().parents[2]
+_ROOT = Path(__file__).resolve().parents[3]
 
 
 class DaskCluster:
@@ -56,19 +57,17 @@ class DaskCluster:
         place = ("--host", "127.0.0.1", "--port", str(self._port), "--dashboard-address", "127.0.0.1:0")
         self._scheduler = self._start(environment or {}, "scheduler", *place, *self._secured)
 
-    def start_worker(self, *path: Path, processor: int | None = None) -> subprocess.Popen[bytes]:
+    def start_worker(self, *path: Path) -> subprocess.Popen[bytes]:
         """Starts one more worker.
 
         Args:
             path: folders to import from before all others.
-            processor: the only one that it may use; None: any.
         """
         self._started += 1
         place = ("--local-directory", str(self._folder / f"worker-{self._started}"))
         options = ("--nthreads", "1", "--no-nanny", "--dashboard-address", "127.0.0.1:0")
         options += ("--death-timeout", "60", *self._secured)
-        bound = () if processor is None else ("taskset", "--cpu-list", str(processor))
-        worker = self._start({}, "worker", self.address, *options, *place, path=path, before=bound)
+        worker = self._start({}, "worker", self.address, *options, *place, path=path)
         self.workers.append(worker)
         return worker
 
@@ -103,7 +102,6 @@ class DaskCluster:
         environment: Mapping[str, str],
         *command: str,
         path: tuple[Path, ...] = (),
-        before: tuple[str, ...] = (),
     ) -> subprocess.Popen[bytes]:
         folders = [*map(str, path), *map(str, self._path), os.environ.get("PYTHONPATH", "")]
         whole = {
@@ -114,7 +112,7 @@ class DaskCluster:
         }
         with (self._folder / "log").open("ab") as log:
             return subprocess.Popen(
-                [*before, sys.executable, "-m", "dask", *command], stdout=log, stderr=log, env=whole
+                [sys.executable, "-m", "dask", *command], stdout=log, stderr=log, env=whole
             )
 
 
@@ -125,32 +123,14 @@ def dask_cluster(
     *,
     path: tuple[Path, ...] = (),
     environment: Mapping[str, str] | None = None,
-    bound: bool = False,
     tls: tuple[Path, Path] | None = None,
 ) -> Iterator[DaskCluster]:
-    """One that is running, with so many workers on their way.
-
-    Args:
-        bound: each worker to a processor of its own.
-    """
+    """One that is running, with so many workers on their way."""
     cluster = DaskCluster(folder, path, tls)
     try:
         cluster.start_scheduler(environment)
-        for number in range(workers):
-            cluster.start_worker(processor=number % (os.cpu_count() or 1) if bound else None)
+        for _ in range(workers):
+            cluster.start_worker()
         yield cluster
     finally:
         cluster.stop()
-
-
-def wait_until(condition: Callable[[], bool], seconds: float = PATIENCE_S) -> None:
-    """Waits for a condition.
-
-    Raises:
-        TimeoutError: it did not come true.
-    """
-    end = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > end:
-            raise TimeoutError("nothing of the kind happened")
-        time.sleep(0.02)

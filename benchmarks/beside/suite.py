@@ -1,6 +1,6 @@
 """This checkout, and another one beside it: what a query and a build cost, and whether the answers agree.
 
-    python -m benchmarks.run native --beside ../old --parts street,factory
+    python -m benchmarks.run beside --beside ../old --parts street,factory
 
 Each checkout builds its own version with its own code. One process of each answers the same queries on one
 thread, in turns, scan by scan: each in its own version, then both in the other checkout's version.
@@ -9,7 +9,6 @@ thread, in turns, scan by scan: each in its own version, then both in the other 
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,22 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.scan.scan import Scan
-
 from ..common.load import Body
 from .agreement import Answer, agreement
 from .build import Built, built
-from .layouts import in_this_layout
 from .places import FORMS, SEED, bodies_of, missing, place
 from .tree import ROOT, Tree
 from .worker import CannotLoad, Worker
 
-WORK = ROOT / "build" / "bench" / "native"
+WORK = ROOT / "build" / "bench" / "beside"
 PARTS = ("street", "factory", "campus")  # the campus has 108,464 templates and takes long to build
 DEFAULT_PARTS = ("street", "factory")
 SCANS, ROUNDS = 40, 3
-THREADS, SWITCH_SCANS = 2, 10
-THROUGHPUT_S = 10.0
 STAGES = {
     "templates": ("make_templates",),
     "keys": ("learn_keys",),
@@ -62,33 +56,17 @@ def _in_place(name: str, trees: list[Tree], quick: bool) -> dict[str, Any]:
     where = place(name, WORK / name)
     versions = [built(tree, where.source, WORK / name / "versions") for tree in trees]
     scans = where.scans_in(versions[0].version, 8 if quick else SCANS)
-    rounds, seconds = (1, 2.0) if quick else (ROUNDS, THROUGHPUT_S)
+    rounds = 1 if quick else ROUNDS
     sides = [(tree, version.version) for tree, version in zip(trees, versions, strict=True)]
-    bodies = bodies_of(scans, sides[0][1])
     figures: dict[str, Any] = {"scans": len(scans), "build_cpu_s": build_costs(trees, versions)}
-    figures["own_versions"] = asked(sides, bodies, rounds)
-    if len(sides) == 2:
-        figures["one_version"] = asked_of_one_version(trees, sides[1][1], scans, rounds)
-    for tree, version in sides:
-        figures.setdefault("switches_a_fix", {})[tree.name] = {
-            form: switches(tree, version, bodies[form][:SWITCH_SCANS]) for form in FORMS
-        }
-        figures.setdefault("fixes_a_second", {})[tree.name] = {
-            form: processes(tree, version, bodies[form], seconds) for form in FORMS
-        }
-    return figures
-
-
-def asked_of_one_version(
-    trees: list[Tree], version: Path, scans: list[Scan], rounds: int
-) -> dict[str, Any] | str:
-    """Asks both checkouts in the version that the second built: only the code that answers differs."""
-    with tempfile.TemporaryDirectory(dir=version.parent) as folder:
-        here = in_this_layout(version, Path(folder) / "version")
+    figures["own_versions"] = asked(sides, bodies_of(scans, sides[0][1]), rounds)
+    if len(sides) == 2:  # only the code that answers differs
+        other = sides[1][1]
         try:
-            return asked([(trees[0], here), (trees[1], version)], bodies_of(scans, here), rounds)
+            figures["one_version"] = asked([(tree, other) for tree in trees], bodies_of(scans, other), rounds)
         except CannotLoad as error:
-            return f"skipped: {error}"
+            figures["one_version"] = f"skipped: {error}"
+    return figures
 
 
 def build_costs(trees: list[Tree], versions: list[Built]) -> dict[str, Any]:
@@ -147,38 +125,6 @@ def in_turns(
                 if turn == 0:
                     answers[which].append(answer)
     return answers, cpu_ms.min(axis=2).tolist()
-
-
-def switches(tree: Tree, version: Path, bodies: list[Body]) -> float:
-    """Returns voluntary context switches a fix, of two threads that answer at the same time."""
-    with Worker(tree, version) as worker:
-        worker.keep(bodies)
-        found = worker.call("switches", threads=THREADS)
-    return round(found["voluntary"] / found["fixes"], 1)
-
-
-def processes(tree: Tree, version: Path, bodies: list[Body], seconds: float) -> dict[str, float]:
-    """Returns the fixes a second of one process and of two, and how many times as many two give.
-
-    On a machine that does other work, too, the processor time of a fix says more: it grows where two
-    processes are in each other's way.
-    """
-    with Worker(tree, version) as first, Worker(tree, version) as second:
-        for worker in (first, second):
-            worker.keep(bodies)
-            worker.ask(bodies[0])
-        one = first.call("repeat", seconds=seconds)
-        for worker in (first, second):
-            worker.send("repeat", seconds=seconds)
-        two = [worker.reply() for worker in (first, second)]
-    rate = sum(each["fixes_a_second"] for each in two)
-    return {
-        "one": round(one["fixes_a_second"], 1),
-        "two": round(rate, 1),
-        "ratio": round(rate / one["fixes_a_second"], 2),
-        "cpu_ms_one": round(one["cpu_ms"], 2),
-        "cpu_ms_two": round(float(np.mean([each["cpu_ms"] for each in two])), 2),
-    }
 
 
 def _compared(names: list[str], costs: list[float]) -> dict[str, float]:

@@ -1,1 +1,0 @@
-"""Hints of ambiguous answers, followed in simulated worlds: ``python -m benchmarks.run hints``."""

@@ -1,1 +1,0 @@
-"""Koide's Hard Point Cloud Localization Dataset: ``python -m benchmarks.run koide --data FOLDER``."""

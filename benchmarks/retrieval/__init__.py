@@ -1,1 +1,0 @@
-"""Templates that a scan finds before registration: ``python -m benchmarks.run retrieval``."""

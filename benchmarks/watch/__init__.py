@@ -1,1 +1,0 @@
-"""The watch over robots' own localization: ``python -m benchmarks.watch``."""
