@@ -12,6 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from firstfix.access import permissions as grant
 
 from .authenticate import Authenticator
+from .principal import Needs
 
 CHECK_S = 1.0  # between two checks: they read memory only, and verify the signature of a token
 
@@ -37,10 +38,10 @@ class Permission:
             map_id: the map of the request, if it is not in the path.
 
         Raises:
-            Unauthorized, Forbidden, RateLimited, StoreUnavailable, Overloaded: see ``Authenticator.check``.
+            FirstfixError: see ``Authenticator.authorize``.
         """
-        await self.authenticator.check(
-            self.credential, self.scope, map_id or self.map_id, address=self.address
+        await self.authenticator.authorize(
+            self.credential, self.address, Needs(self.scope), map_id or self.map_id
         )
 
 

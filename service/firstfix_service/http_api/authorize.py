@@ -5,7 +5,7 @@ A route that is missing in the table needs ``admin``: a forgotten entry closes a
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Depends, Request
 
@@ -13,10 +13,9 @@ from firstfix.access.permissions import Scope
 from firstfix.errors import NotFound, ReadOnly, Unauthorized
 
 from ..auth.permission import Permission
-from ..auth.principal import Principal
+from ..auth.principal import Needs, Principal
 from ..http_server.client_address import address_of
 from ..settings import Settings
-from ..telemetry.request_scope import note
 from ..thread_pools import AUTH
 from .dependencies import parts_of
 
@@ -75,7 +74,7 @@ SCOPES: dict[str, Scope | None] = {
     "collect_all_garbage": Scope.ADMIN,
 }
 # Rate limits of routes. Reads of much data count as queries do.
-LIMITED = {
+LIMITED: dict[str, Any] = {
     "localize": "localize",
     "post_overlay": "localize",
     "get_cloud": "localize",
@@ -114,18 +113,14 @@ async def authorize(request: Request) -> None:
         return  # also before the store has answered
     parts = await parts_of(request)
     credential, address = _credential(request), address_of(request, settings.trusted_proxies)
-    caller = await parts.authenticator.authenticate(credential, address)
+    map_id, needs = request.path_params.get("map_id"), Needs(scope, LIMITED.get(name, ""))
+    caller = await parts.authenticator.authorize(credential, address, needs, map_id)
     request.state.caller = caller
-    note(caller=caller.name)
-    map_id = request.path_params.get("map_id")
-    caller.check(scope, map_id)
     request.state.permission = Permission(parts.authenticator, credential, address, scope, map_id)
     if (build_id := request.path_params.get("build_id")) is not None and not caller.sees_every_map:
         status = await AUTH.run(parts.catalog.shown_status, build_id)
         if not caller.sees(status["map_id"]):
             raise NotFound(f"no build {build_id}")
-    if name in LIMITED:
-        parts.authenticator.take(LIMITED[name], caller, request.path_params.get("map_id", ""))
 
 
 async def refuse_changes(request: Request) -> None:

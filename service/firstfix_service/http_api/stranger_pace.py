@@ -5,10 +5,11 @@ from __future__ import annotations
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from ..auth.rate_limit import RateLimit
+from ..auth.authenticate import RateLimit
 from ..http_server.client_address import address_of
 from ..http_server.hold import HOLD, Hold
 from ..settings import Settings
+from ..telemetry.request_scope import current_caller
 
 BURST_S = 2.0  # a page and its files come at once, for several people behind one address
 MAX_HOLD_S = 2.0
@@ -43,7 +44,7 @@ class StrangerPace:
 
         async def send_in_time(message: Message) -> None:
             is_start = message["type"] == "http.response.start"
-            if is_start and "caller" not in scope.get("state", {}) and (wait_s := self._wait_s(scope)):
+            if is_start and not current_caller() and (wait_s := self._wait_s(scope)):
                 await hold(wait_s)
             await send(message)
 

@@ -20,8 +20,8 @@ from firstfix.errors import Forbidden, StoreUnavailable, Unauthorized
 from firstfix.store.store import Store
 from firstfix_client import Client, ZenohClient
 from firstfix_service.app import create_app
-from firstfix_service.auth import key_ring
-from firstfix_service.auth.key_ring import KeyRing
+from firstfix_service.auth import authenticate
+from firstfix_service.auth.authenticate import KeyRing
 from firstfix_service.http_api.authorize import SCOPES, authorize
 from firstfix_service.settings import Settings
 from waiting import wait_until
@@ -205,7 +205,7 @@ def test_keys_come_and_go_while_the_service_runs(guarded: Service):
 def test_a_key_expires_without_a_look_at_the_store(guarded: Service, monkeypatch: pytest.MonkeyPatch):
     key = give(guarded, "localize", expires=datetime.now(timezone.utc) + timedelta(hours=1))
     wait_until(lambda: get(guarded, "/maps", key).is_success)
-    monkeypatch.setattr(key_ring, "datetime", LaterClock)
+    monkeypatch.setattr(authenticate, "datetime", LaterClock)
     assert "has expired" in get(guarded, "/maps", key).text
 
 
