@@ -15,7 +15,7 @@ from firstfix.engine.localizer import Localizer
 from . import problems
 from .auth.permission import WhilePermitted
 from .http_api.answer_room import AnswerRoom, CountedAnswers
-from .http_api.authorize import authorize, refuse_changes
+from .http_api.edge import authorize, refuse_changes
 from .http_api.openapi import DocumentedApp
 from .http_api.request_log import RequestLog
 from .http_api.routes import (

@@ -12,8 +12,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from firstfix.errors import FirstfixError, Overloaded, QuotaExceeded
 
-from ..http_server.answer import PIECE_BYTES, declared_bytes
 from ..http_server.client_address import address_of
+from ..http_server.streams import PIECE_BYTES, declared_bytes
 from ..problems import problem_of
 from ..settings import Settings
 

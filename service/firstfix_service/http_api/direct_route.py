@@ -9,7 +9,7 @@ from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
 from starlette.types import Receive, Scope, Send
 
-from .authorize import authorize
+from .edge import authorize
 
 
 class DirectRoute(APIRoute):

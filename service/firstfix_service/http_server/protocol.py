@@ -16,11 +16,11 @@ import httptools
 from starlette.requests import ClientDisconnect
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
-from .answer import AnswerTransport, declared_bytes, in_pieces, limit_kernel_buffer
 from .body_receiver import RECEIVE_INTO, Arrived, BodyReceiver
 from .connections import Connections, ConnectionUse, EndReason
 from .hold import HOLD
 from .reading_pace import MIN_BYTES_PER_S, ReadingPace
+from .streams import AnswerTransport, declared_bytes, in_pieces, limit_kernel_buffer
 
 MAX_HEAD_BYTES = 64 << 10
 MAX_HEADERS = 100

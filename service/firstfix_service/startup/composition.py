@@ -32,8 +32,8 @@ from ..http_api.bodies.paced_body import Pace
 from ..http_api.bodies.request_body import BodyReader
 from ..http_api.bodies.upload_quota import UploadQuota
 from ..http_api.concurrency_limit import ConcurrencyLimit
-from ..http_api.dependencies import Parts
 from ..http_api.health import Health
+from ..http_api.parts import Parts
 from ..localize.pool import QueryPool
 from ..localize.recent import RecentAnswers
 from ..localize.recorder import QueryRecorder

@@ -22,7 +22,7 @@ from firstfix_client import Client, ZenohClient
 from firstfix_service.app import create_app
 from firstfix_service.auth import authenticate
 from firstfix_service.auth.authenticate import KeyRing
-from firstfix_service.http_api.authorize import SCOPES, authorize
+from firstfix_service.http_api.edge import SCOPES, authorize
 from firstfix_service.settings import Settings
 from waiting import wait_until
 

@@ -20,7 +20,7 @@ from firstfix.maintenance.pending_deletions import is_deletion_pending
 from firstfix.store.sha256 import sha256_of
 
 from ...auth.principal import Principal
-from ..dependencies import Parts
+from ..parts import Parts
 from .form_room import FormRoom
 from .json_body import parse_object, read_object
 from .multipart import FormFile, harmless_name, receive_form

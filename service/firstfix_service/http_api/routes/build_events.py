@@ -18,9 +18,9 @@ from firstfix.errors import FirstfixError, StoreUnavailable
 
 from ...auth.permission import Permission, PermissionDep
 from ...thread_pools import READS
-from ..authorize import CallerDep
-from ..dependencies import Parts, PartsDep
+from ..edge import CallerDep
 from ..event_stream import HEARTBEAT, HEARTBEAT_S, EventStream
+from ..parts import Parts, PartsDep
 from ..schema.parameters import BuildId
 
 router = APIRouter(prefix="/builds", tags=["builds"])

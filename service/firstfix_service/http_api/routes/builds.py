@@ -12,8 +12,8 @@ from firstfix.ids import check_map_id
 
 from ...builds.queue import cancel_build as cancel_build_anywhere
 from ...thread_pools import CHANGES, LISTS, READS
-from ..authorize import CallerDep
-from ..dependencies import PartsDep
+from ..edge import CallerDep
+from ..parts import PartsDep
 from ..schema.api_models import Build, BuildPage
 from ..schema.parameters import DEFAULT_LIMIT, After, BuildId, Limit
 

@@ -10,7 +10,7 @@ from firstfix.catalog.sightings.changes import changes_of
 from firstfix.errors import NotFound
 
 from ...thread_pools import LISTS
-from ..dependencies import PartsDep
+from ..parts import PartsDep
 from ..schema.changes_model import MapChanges
 from ..schema.parameters import DEFAULT_LIMIT, Limit, MapId
 

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query
 from firstfix.maintenance.garbage import DAY_S, Ages, Garbage, collect_garbage
 
 from ...thread_pools import MAINTENANCE
-from ..dependencies import PartsDep
+from ..parts import PartsDep
 from ..schema.api_models import GarbageReport
 from ..schema.parameters import MapId
 

@@ -11,7 +11,7 @@ from firstfix.errors import InvalidOption, NotFound
 
 from ...thread_pools import CHANGES, READS
 from ..bodies.json_body import read_model
-from ..dependencies import Parts, PartsDep
+from ..parts import Parts, PartsDep
 from ..schema.api_models import GeoreferenceBody, GeoreferenceRecord
 from ..schema.parameters import MapId
 

@@ -12,9 +12,9 @@ from firstfix.access.permissions import Grant
 from firstfix.errors import Forbidden
 
 from ...thread_pools import CHANGES, LISTS
-from ..authorize import CallerDep
 from ..bodies.json_body import read_model
-from ..dependencies import Parts, PartsDep
+from ..edge import CallerDep
+from ..parts import Parts, PartsDep
 from ..schema.key_models import Key, KeyList, NewKey, NewKeyBody
 from ..schema.parameters import KeyId
 

@@ -22,10 +22,10 @@ from ...localize.query_head import QueryHead, split_map_ids
 from ...localize.response_format import JSON, PARAMETERS, content_of, requested_pose
 from ...query_workers.answer import AnswerForm, EncodedAnswer
 from ...thread_pools import READS
-from ..authorize import caller_of
-from ..dependencies import Parts, parts_of
 from ..direct_route import DirectRoute
 from ..disconnect import cancel_on_disconnect
+from ..edge import caller_of
+from ..parts import Parts, parts_of
 from ..schema.answer_models import Answer
 
 MAP_PARAMETER = "map"

@@ -16,11 +16,11 @@ from firstfix.ids import is_name, new_build_id
 from ...auth.principal import Principal
 from ...telemetry.request_scope import with_traceparent
 from ...thread_pools import CHANGES, COPIES, LISTS, READS
-from ..authorize import CallerDep
 from ..bodies.form_room import form_room
 from ..bodies.request_body import check_declared_length, declared_length
 from ..bodies.submission import Submission, from_form, from_json, keep_for_good
-from ..dependencies import Parts, PartsDep
+from ..edge import CallerDep
+from ..parts import Parts, PartsDep
 from ..schema.api_models import Build, MapDetails, MapPage, MapRemoval
 from ..schema.map_submission import BODY, IDEMPOTENCY_KEY_TEXT
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId

@@ -10,7 +10,7 @@ from firstfix.errors import Overloaded
 from ...telemetry.metrics import Metrics
 from ...telemetry.stall_watch import StallWatch
 from ...thread_pools import METRICS
-from ..dependencies import PartsDep
+from ..parts import PartsDep
 from ..schema.api_models import Health, Readiness
 
 router = APIRouter(tags=["operations"])

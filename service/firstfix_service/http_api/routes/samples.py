@@ -15,9 +15,9 @@ from firstfix.transform import from_quaternion
 from ...auth.principal import Principal
 from ...thread_pools import CHANGES, LISTS
 from ..answer_room import AnswerPlaceDep
-from ..authorize import CallerDep
 from ..bodies.json_body import read_model
-from ..dependencies import Parts, PartsDep
+from ..edge import CallerDep
+from ..parts import Parts, PartsDep
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, SampleId
 from ..schema.sample_models import Sample, SamplePage, Truth
 

@@ -15,11 +15,11 @@ from firstfix.errors import Conflict, InvalidOption, TooLarge, UnsupportedFormat
 from firstfix.ids import check_version
 
 from ...thread_pools import CHANGES, COPIES, LISTS, READS
-from ..authorize import CallerDep
 from ..bodies import tus
 from ..bodies.multipart import harmless_name
 from ..bodies.upload_stream import append_body, own_upload
-from ..dependencies import PartsDep
+from ..edge import CallerDep
+from ..parts import PartsDep
 from ..schema.api_models import UploadStatus
 from ..schema.parameters import UploadId
 

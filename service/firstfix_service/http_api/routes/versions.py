@@ -11,7 +11,7 @@ from firstfix.errors import NotFound
 from ...thread_pools import CHANGES, LISTS, READS
 from ..answer_room import AnswerPlaceDep
 from ..cache_headers import FOREVER
-from ..dependencies import PartsDep
+from ..parts import PartsDep
 from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId, Version
 

@@ -19,9 +19,9 @@ from firstfix.ids import check_map_id
 from ....auth.permission import Permission, PermissionDep
 from ....auth.principal import Principal
 from ....localize.recent import RecentAnswer, RecentAnswers
-from ...authorize import CallerDep
-from ...dependencies import Parts, PartsDep
+from ...edge import CallerDep
 from ...event_stream import HEARTBEAT, HEARTBEAT_S, EventStream
+from ...parts import Parts, PartsDep
 
 router = APIRouter(prefix="/answers", tags=["answers"])
 _log = structlog.get_logger(__name__)

@@ -6,8 +6,8 @@ from fastapi import APIRouter
 
 from firstfix.access.permissions import Scope
 
-from ...authorize import CallerDep
-from ...dependencies import PartsDep
+from ...edge import CallerDep
+from ...parts import PartsDep
 from ...schema.api_models import Caller
 
 router = APIRouter(tags=["operations"])

@@ -12,7 +12,7 @@ from firstfix.errors import NotFound
 from ....thread_pools import LISTS
 from ...answer_room import AnswerPlaceDep
 from ...cache_headers import FOREVER
-from ...dependencies import PartsDep
+from ...parts import PartsDep
 from ...schema.parameters import MapId, Version
 
 router = APIRouter(prefix="/maps/{map_id}/versions/{version}/cloud", tags=["versions"])

@@ -18,8 +18,8 @@ from firstfix.transform import Matrix
 
 from ....query_workers.body_format import Body, BodyFormat
 from ....thread_pools import LOOKS
-from ...authorize import CallerDep
-from ...dependencies import PartsDep
+from ...edge import CallerDep
+from ...parts import PartsDep
 from ...schema.parameters import MapId, Version
 
 router = APIRouter(prefix="/maps/{map_id}/versions/{version}/overlay", tags=["localize"])

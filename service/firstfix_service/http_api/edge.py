@@ -17,7 +17,7 @@ from ..auth.principal import Needs, Principal
 from ..http_server.client_address import address_of
 from ..settings import Settings
 from ..thread_pools import AUTH
-from .dependencies import parts_of
+from .parts import parts_of
 
 PUBLIC = None
 _READING = frozenset({"GET", "HEAD", "OPTIONS"})
