@@ -6,12 +6,14 @@ import time
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING
 
 import structlog
 
 from firstfix.access.api_keys import ApiKey, ApiKeys, parse_token
+from firstfix.access.permissions import Scope
 from firstfix.errors import RateLimited, StoreError, StoreUnavailable, Unauthorized
 from firstfix.store.store import Store
 from firstfix.wire.signature import Asked, QuerySignature, SigningKey
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 _log = structlog.get_logger(__name__)
 _API_KEY = "ffx_"
 NO_SUCH_KEY = "no such API key, or it was revoked"
+CHECK_S = 1.0  # between two checks of a permission: they read memory, and verify the signature of a token
 MAX_CALLERS = 10_000  # buckets in memory; the least recently used one is dropped, and is full again later
 # Defaults for one caller of an exposed service; changes are counted for each map.
 DEFAULT_LOCALIZE_PER_S, DEFAULT_BUILDS_PER_HOUR, DEFAULT_CHANGES_PER_MIN = 50.0, 60.0, 60.0
@@ -263,6 +266,33 @@ class Authenticator:
         limit = self._limits.get(needs.rate)
         if limit is not None:
             limit.take(f"{caller.name} {map_id}" if map_id else caller.name)
+
+
+@dataclass(frozen=True)
+class Permission:
+    """Permission of one request, checked again and again because a key can expire or be revoked.
+
+    Attributes:
+        map_id: the map in the path of the request, if any.
+    """
+
+    authenticator: Authenticator
+    credential: str | None
+    address: str
+    scope: Scope
+    map_id: str | None
+
+    async def check(self, map_id: str | None = None) -> None:
+        """Checks that the permission is still valid.
+
+        Args:
+            map_id: the map of the request, if it is not in the path.
+
+        Raises:
+            FirstfixError: see ``Authenticator.authorize``.
+        """
+        needs = Needs(self.scope)
+        await self.authenticator.authorize(self.credential, self.address, needs, map_id or self.map_id)
 
 
 @asynccontextmanager

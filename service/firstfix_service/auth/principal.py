@@ -11,6 +11,9 @@ from firstfix.errors import Forbidden
 EVERYTHING = Grant(frozenset({Scope.ADMIN}))
 
 
+Rate = Literal["", "localize", "build", "change"]
+
+
 class Needs(NamedTuple):
     """Needs of a request.
 
@@ -20,7 +23,7 @@ class Needs(NamedTuple):
     """
 
     scope: Scope
-    rate: Literal["", "localize", "build", "change"] = ""
+    rate: Rate = ""
 
 
 @dataclass(frozen=True)
