@@ -13,13 +13,11 @@ import firstfix
 from firstfix.engine.localizer import Localizer
 
 from . import problems
-from .auth.permission import WhilePermitted
 from .http_api.answer_room import AnswerRoom, CountedAnswers
-from .http_api.authorize import authorize, refuse_changes
+from .http_api.bodies.request_body import WhilePermitted
+from .http_api.edge import AnonymousThrottle, RequestLog, authorize, check_routes
 from .http_api.openapi import DocumentedApp
-from .http_api.request_log import RequestLog
 from .http_api.routes import (
-    build_events,
     builds,
     changes,
     garbage,
@@ -32,8 +30,7 @@ from .http_api.routes import (
     uploads,
     versions,
 )
-from .http_api.routes.console import answer_events, caller, cloud, overlay, page, sensors
-from .http_api.stranger_pace import StrangerPace
+from .http_api.routes.console import answer_events, caller, cloud, overlay, page
 from .settings import Settings
 from .startup.composition import compose
 from .startup.retry import PlainStartError, RetryingStart
@@ -41,7 +38,10 @@ from .telemetry.metrics import Metrics
 from .telemetry.request_scope import Requests
 from .telemetry.stall_watch import StallWatch
 
-_OF_THE_STORE = (
+_ROUTES = (
+    operations,
+    caller,
+    overlay,
     maps,
     versions,
     cloud,
@@ -49,7 +49,6 @@ _OF_THE_STORE = (
     georeference,
     uploads,
     builds,
-    build_events,
     answer_events,
     samples,
     keys,
@@ -80,6 +79,9 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
 
     Args:
         load: makes the localizer of a version's folder. With it, queries run in threads of this process.
+
+    Raises:
+        TypeError: a route does not say what its callers need.
     """
     metrics, requests = Metrics(), Requests()
     watch = StallWatch(metrics.event_loop_lag, settings.stalled_exit_s)
@@ -112,21 +114,19 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     app.state.settings, app.state.metrics, app.state.closing = settings, metrics, asyncio.Event()
     app.state.draining, app.state.watch = asyncio.Event(), watch
     localize.add_route(app)
-    app.include_router(operations.router)
+    for module in _ROUTES:
+        app.include_router(module.router)
     if settings.console:
         page.page_files()  # packed here, not while queries wait
         app.include_router(page.router)
-    app.include_router(caller.router)
-    app.include_router(sensors.router)
-    app.include_router(overlay.router)
-    for module in _OF_THE_STORE:
-        app.include_router(module.router, dependencies=[Depends(refuse_changes)])
+    check_routes(app)
     problems.add_handlers(app)
     app.add_middleware(WhilePermitted)
     room = AnswerRoom(settings.max_unsent_bytes)
     metrics.unsent_bytes.set_function(lambda: room.taken_bytes)
-    app.add_middleware(CountedAnswers, room=room, settings=settings)
-    app.add_middleware(RequestLog, metrics=metrics, requests=requests)
-    app.add_middleware(StrangerPace, settings=settings)
+    app.add_middleware(CountedAnswers, room=room)
+    throttle = AnonymousThrottle(settings.strangers_per_s)
+    trusted = settings.trusted_proxies
+    app.add_middleware(RequestLog, metrics=metrics, requests=requests, trusted=trusted, throttle=throttle)
     app.add_middleware(PlainStartError)
     return app

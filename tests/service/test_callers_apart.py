@@ -12,6 +12,7 @@ from callers_world import CLOUD, callers
 from firstfix.access.permissions import Grant, Scope
 from firstfix.builds.caller_usage import CallerUsage
 from firstfix_service.auth.principal import Principal
+from firstfix_service.http_api.parts import UploadParts
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -83,7 +84,7 @@ def test_streams_of_one_caller_are_limited_alone(tmp_path: Path):
         callers(tmp_path, max_upload_streams=4, max_upload_streams_per_caller=2) as these,
         ExitStack() as open_,
     ):
-        places = these.service.app.state.start.parts.upload_streams
+        places = these.service.app.state.start.parts[UploadParts].streams
         for _ in range(2):
             open_.enter_context(these.a.sending(these.a.begin(), 1000))
         wait_until(lambda: places.taken == 2)

@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 from firstfix.access.permissions import Grant, Scope
 from firstfix.errors import Forbidden
 
 EVERYTHING = Grant(frozenset({Scope.ADMIN}))
+
+
+Rate = Literal["", "localize", "build", "change"]
+
+
+class Needs(NamedTuple):
+    """Needs of a request.
+
+    Attributes:
+        rate: name of the limit that it counts against. A change counts for its map, because each one is an
+            entry in that map's log.
+    """
+
+    scope: Scope
+    rate: Rate = ""
 
 
 @dataclass(frozen=True)

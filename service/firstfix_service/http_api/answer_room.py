@@ -7,20 +7,17 @@ from collections import Counter
 from typing import Annotated
 
 from fastapi import Depends, Request
-from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from firstfix.errors import FirstfixError, Overloaded, QuotaExceeded
 
-from ..http_server.answer import PIECE_BYTES, declared_bytes
-from ..http_server.client_address import address_of
+from ..http_server.streams import PIECE_BYTES, declared_bytes
 from ..problems import problem_of
-from ..settings import Settings
+from ..telemetry.request_scope import current_caller
+from .edge import needs_of
 
 RETRY_AFTER_S = 2.0
 SMALL_BYTES = 1 << 20
-# Functions of routes whose answers are in memory once, for all callers, and take no more when they wait.
-SHARED = {"openapi", "get_console_file"}
 _ALL = "all"
 
 
@@ -82,10 +79,9 @@ class AnswerRoom:
 class AnswerPlace:
     """The room of one request's answer."""
 
-    def __init__(self, room: AnswerRoom, scope: Scope, settings: Settings) -> None:
+    def __init__(self, room: AnswerRoom, scope: Scope) -> None:
         self._room = room
         self._scope = scope
-        self._settings = settings
         self._taken: list[tuple[str, str, int]] = []
 
     def take(self, size_bytes: int) -> None:
@@ -97,9 +93,8 @@ class AnswerPlace:
         missing = size_bytes - sum(count for _, _, count in self._taken)
         if size_bytes <= PIECE_BYTES or missing <= 0:
             return
-        address = address_of(HTTPConnection(self._scope), self._settings.trusted_proxies)
-        caller = self._scope["state"].get("caller")
-        name = f"stranger:{address}" if caller is None else caller.name
+        address, name = self._scope["state"]["address"], current_caller()
+        name = name or f"stranger:{address}"
         self._room.take(name, address, missing)
         self._taken.append((name, address, missing))
 
@@ -116,17 +111,16 @@ class CountedAnswers:
     A route that knows the size of its answer takes the room itself, before it reads the answer.
     """
 
-    def __init__(self, app: ASGIApp, room: AnswerRoom, settings: Settings) -> None:
+    def __init__(self, app: ASGIApp, room: AnswerRoom) -> None:
         self._app = app
         self._room = room
-        self._settings = settings
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serves one request."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        place = AnswerPlace(self._room, scope, self._settings)
+        place = AnswerPlace(self._room, scope)
         scope.setdefault("state", {})["answer_place"] = place
         is_refused = False
 
@@ -151,7 +145,7 @@ class CountedAnswers:
 
 def needs_room(scope: Scope) -> bool:
     """Returns whether the answer to a request takes memory of its own while it waits."""
-    return scope["method"] != "HEAD" and getattr(scope.get("endpoint"), "__name__", "") not in SHARED
+    return scope["method"] != "HEAD" and needs_of(scope) is not None  # public answers are there once, for all
 
 
 async def place_of(request: Request) -> AnswerPlace:

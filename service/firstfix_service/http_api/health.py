@@ -12,7 +12,7 @@ from ..maps.map_cache import MapCache
 from ..telemetry.metrics import Metrics
 
 
-class Health:
+class HealthCheck:
     """State behind readiness. The poller reports each read of the catalog. Thread-safe."""
 
     def __init__(self, maps: MapCache, pool: QueryPool, metrics: Metrics) -> None:

@@ -16,11 +16,20 @@ import httptools
 from starlette.requests import ClientDisconnect
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
-from .answer import AnswerTransport, declared_bytes, in_pieces, limit_kernel_buffer
-from .body_receiver import RECEIVE_INTO, Arrived, BodyReceiver
 from .connections import Connections, ConnectionUse, EndReason
-from .hold import HOLD
-from .reading_pace import MIN_BYTES_PER_S, ReadingPace
+from .streams import (
+    DELAY_ANSWER,
+    MIN_BYTES_PER_S,
+    RECEIVE_INTO,
+    AnswerDelay,
+    AnswerTransport,
+    Arrived,
+    BodyReceiver,
+    ReadingPace,
+    declared_bytes,
+    in_pieces,
+    limit_kernel_buffer,
+)
 
 MAX_HEAD_BYTES = 64 << 10
 MAX_HEADERS = 100
@@ -62,13 +71,13 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._linger_bytes, self._linger_limit = 0, LINGER_BYTES
         self._keep_alive = False  # the caller's wish; granted after its body was read
         self._refusal: tuple[bytes, str] | None = None
-        self.pace = ReadingPace(self._limits.answer_s)
+        self._pace = ReadingPace(self._limits.answer_s)
         self.app = in_pieces(self.app, self._answer_begins)
         self._answer_bytes: int | None = None  # of the current one, of several; None: not begun; 0: a stream
         self._is_half_closed = False  # the caller sends no more, and may still read
         self._closing_since: float | None = None
         self._body: asyncio.Future[None] | None = None  # set when a body was received into its buffer
-        self._held: asyncio.Future[None] | None = None  # set while an answer is held back
+        self._delay = AnswerDelay()
         self._is_out_of_step = False  # the parser has missed a part of the body: it must not go on
 
     # Used by ``Connections``
@@ -81,21 +90,22 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     @property
     def waits_for_caller(self) -> bool:
         """True if no work is done for the caller now."""
-        ending = self.is_lingering or self.transport.is_closing()
-        is_held = self._held is not None
-        return ending or is_held or (self._reading is not Reading.BODY and not self._answering)
+        ending = self._is_lingering or self.transport.is_closing()
+        return (
+            ending or self._delay.is_under_way or (self._reading is not Reading.BODY and not self._answering)
+        )
 
     def overdue(self, now: float) -> EndReason | None:
         """Returns the reason to end the connection now, if there is one."""
         last_check, self._checked_at = self._checked_at, now
-        if self.pace.is_paused:
-            is_too_slow = self.pace.is_too_slow(now, self.transport.get_write_buffer_size())
+        if self._pace.is_paused:
+            is_too_slow = self._pace.is_too_slow(now, self.transport.get_write_buffer_size())
             return EndReason.ANSWER if is_too_slow else None
         if self.transport.is_closing():
             if self._closing_since is None:
                 self._closing_since = now
             return EndReason.ANSWER if now - self._closing_since > LINGER_S else None
-        if self.is_lingering:
+        if self._is_lingering:
             allowed_s = LINGER_S + self._linger_bytes / LINGER_BYTES_PER_S
             return EndReason.UNREAD if now - self._since > allowed_s else None
         if self._reading is Reading.BODY:
@@ -132,12 +142,12 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """Gives the place back."""
         self._all.leave(self)
         super().connection_lost(exc)
-        self.body_ended(ClientDisconnect())
-        self._end_hold()
+        self._body_ended(ClientDisconnect())
+        self._delay.end()
 
     def data_received(self, data: bytes) -> None:
         """Parses data, or drops it while the connection lingers."""
-        if self.is_lingering or self._is_out_of_step:
+        if self._is_lingering or self._is_out_of_step:
             self._linger_bytes += len(data)
             if self._linger_bytes > self._linger_limit:
                 self.abort()
@@ -169,12 +179,12 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     def pause_writing(self) -> None:
         """Starts to measure how fast the caller reads."""
         super().pause_writing()
-        self.pace.paused(self.loop.time())
+        self._pace.paused(self.loop.time())
 
     def resume_writing(self) -> None:
         """Ends the measurement: the caller has read enough."""
         super().resume_writing()
-        self.pace.resumed(self.loop.time())
+        self._pace.resumed(self.loop.time())
 
     # Called by the parser
 
@@ -208,9 +218,11 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         # An answer before the end of the body closes the connection, and its headers say so.
         self._keep_alive = self.cycle.keep_alive and self._use is ConnectionUse.ALL
         self.cycle.keep_alive = False
-        self.cycle.transport = AnswerTransport(self, self.cycle)  # type: ignore[assignment]
+        self.cycle.transport = AnswerTransport(  # type: ignore[assignment]
+            self, self.cycle, self._pace, lambda: self._is_lingering, self._end_after_answer
+        )
         receive_into = partial(self._receive_into, self.cycle)
-        extensions: dict[str, Any] = {RECEIVE_INTO: receive_into, HOLD: self._hold}
+        extensions: dict[str, Any] = {RECEIVE_INTO: receive_into, DELAY_ANSWER: self._delay.wait}
         self.scope["extensions"] = extensions
         self._wait_for(Reading.BODY)
 
@@ -236,7 +248,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     def on_response_complete(self) -> None:
         """Waits for the next request."""
-        if self.is_lingering:
+        if self._is_lingering:
             self.server_state.total_requests += 1
             return
         self._answer_bytes = None
@@ -250,7 +262,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._keep_alive = False
         super().shutdown()
 
-    def end_after_answer(self) -> None:
+    def _end_after_answer(self) -> None:
         """Closes the connection after an answer.
 
         If the request is still arriving, the connection lingers first: the operating system would drop the
@@ -264,7 +276,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         else:
             self.transport.close()
 
-    def body_ended(self, error: Exception | None) -> None:
+    def _body_ended(self, error: Exception | None) -> None:
         """Ends the reception of a body into a buffer, and parses what comes next.
 
         Args:
@@ -298,29 +310,17 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if cycle.disconnected or cycle.response_complete:
             raise ClientDisconnect
         self._body = body = self.loop.create_future()
-        self._read_with(BodyReceiver(self, buffer[len(parsed) :], partial(self._take, arrived)))
+        self._read_with(
+            BodyReceiver(self, buffer[len(parsed) :], partial(self._take, arrived), self._body_ended)
+        )
         try:
             await body
         finally:
-            self.body_ended(ClientDisconnect())  # where nobody waits for it any more
-
-    async def _hold(self, seconds: float) -> None:
-        """Holds an answer back, see ``Hold``."""
-        self._held = held = self.loop.create_future()
-        timer = self.loop.call_later(seconds, self._end_hold)
-        try:
-            await held
-        finally:
-            timer.cancel()
-            self._held = None
-
-    def _end_hold(self) -> None:
-        if self._held is not None and not self._held.done():
-            self._held.set_result(None)
+            self._body_ended(ClientDisconnect())  # where nobody waits for it any more
 
     def _answer_begins(self, size_bytes: int) -> None:
         self._answer_bytes = size_bytes
-        self.pace.begin(size_bytes, self.transport.get_write_buffer_size())
+        self._pace.begin(size_bytes, self.transport.get_write_buffer_size())
 
     def _look_for_reset(self) -> None:
         """Ends the connection if the caller's system has refused what was sent last: the caller is gone."""
@@ -340,13 +340,13 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self.transport.resume_reading()
 
     @property
-    def is_lingering(self) -> bool:
+    def _is_lingering(self) -> bool:
         """True if received data is dropped until the caller closes."""
         return self._reading is Reading.LINGER
 
     @property
     def _is_ending(self) -> bool:
-        return self.is_lingering or self.transport.is_closing()
+        return self._is_lingering or self.transport.is_closing()
 
     @property
     def _answering(self) -> bool:
@@ -388,7 +388,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if self._answering:  # tells the reader of the body that no more of it will arrive
             self.cycle.disconnected = True
             self.cycle.message_event.set()
-        self.body_ended(ClientDisconnect())
+        self._body_ended(ClientDisconnect())
         self._wait_for(Reading.LINGER)
         self._unset_keepalive_if_required()
         self.flow.resume_reading()

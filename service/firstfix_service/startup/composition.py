@@ -24,7 +24,7 @@ from firstfix.engine.localizer import Localizer
 from firstfix.errors import InvalidOption, StoreUnavailable
 from firstfix.store.store import Store
 
-from ..auth.authenticate import open_authenticator
+from ..auth.authenticate import Authenticator, open_authenticator
 from ..builds.quota import BuildQuota
 from ..builds.start import start_builds
 from ..http_api.bodies.disk_space import DiskSpace
@@ -32,8 +32,9 @@ from ..http_api.bodies.paced_body import Pace
 from ..http_api.bodies.request_body import BodyReader
 from ..http_api.bodies.upload_quota import UploadQuota
 from ..http_api.concurrency_limit import ConcurrencyLimit
-from ..http_api.dependencies import Parts
-from ..http_api.health import Health
+from ..http_api.event_stream import EventStreams
+from ..http_api.health import HealthCheck
+from ..http_api.parts import BuildParts, LocalizeParts, MapParts, Parts, UploadParts
 from ..localize.pool import QueryPool
 from ..localize.recent import RecentAnswers
 from ..localize.recorder import QueryRecorder
@@ -83,7 +84,7 @@ async def compose(
     Args:
         watch: gets the pulses of the parts that may hang.
         load: loads a version's folder in this process; None: as the settings say.
-        closing: see ``Parts``.
+        closing: set when the service begins to stop.
         draining: set before ``closing``: other replicas take over while this one still answers.
     """
     check_security(settings)
@@ -129,7 +130,7 @@ async def compose(
     recorder = QueryRecorder(metrics, requests, recent, sampler)
     limit = settings.max_decoded_bytes
     use_case = LocalizeUseCase(maps, pool, workers, recorder, max_decoded_bytes=limit)
-    health = Health(maps, pool, metrics)
+    health = HealthCheck(maps, pool, metrics)
     builds = start_builds(settings, catalog, metrics, stack)
     if not settings.read_only:
         abandoned_objects_removal(catalog).start(stack)
@@ -147,38 +148,40 @@ async def compose(
         max_bytes_per_caller=settings.max_upload_bytes_per_caller,
     )
     pace = Pace(settings.body_timeout_s, settings.upload_min_bytes_per_s, settings.upload_timeout_s)
-    parts = Parts(
-        settings,
-        metrics,
-        catalog,
-        maps,
-        pool,
-        use_case,
-        bodies,
-        builds,
-        health,
+    georeference_cache = GeoreferenceCache(georeferences, settings.georeference_ttl_s)
+    upload_streams = ConcurrencyLimit(
+        settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"
+    )
+    event_streams = ConcurrencyLimit(
+        settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"
+    )
+    overlays = ConcurrencyLimit(MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER, "overlays")
+    made = (
         authenticator,
-        uploads,
-        upload_quota,
-        ConcurrencyLimit(settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"),
-        pace,
-        BuildQuota.of(settings, usage),
-        usage,
-        DiskSpace(settings.min_free_bytes),
-        ConcurrencyLimit(
-            settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"
-        ),
-        ConcurrencyLimit(MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER, "overlays"),
-        georeferences,
-        GeoreferenceCache(georeferences, settings.georeference_ttl_s),
-        sightings,
+        catalog,
+        health,
         samples,
         recent,
-        closing,
+        EventStreams(event_streams, closing),
+        LocalizeParts(use_case, bodies, maps, georeference_cache, metrics, overlays, limit),
+        MapParts(catalog, maps, georeferences, georeference_cache, sightings),
+        BuildParts(catalog, builds, BuildQuota.of(settings, usage), usage),
+        UploadParts(
+            store,
+            uploads,
+            upload_quota,
+            upload_streams,
+            pace,
+            DiskSpace(settings.min_free_bytes),
+            settings.work_dir / "uploads",
+            settings.max_upload_bytes,
+            settings.source_urls,
+        ),
     )
+    parts = {type(part): part for part in made}
     update_zenoh = None
     if settings.zenoh_enabled:
-        update_zenoh = await _start_zenoh(parts, replica, requests, watch, draining, stack)
+        update_zenoh = await _start_zenoh(settings, parts, pool, replica, requests, watch, draining, stack)
 
     def polled() -> None:
         health.catalog_read()
@@ -245,7 +248,9 @@ def _start_sampler(
 
 
 async def _start_zenoh(
+    settings: Settings,
     parts: Parts,
+    pool: QueryPool,
     replica: str,
     requests: Requests,
     watch: StallWatch,
@@ -261,41 +266,41 @@ async def _start_zenoh(
     from ..zenoh_api.threads import in_zenoh_thread
     from ..zenoh_api.updates import ZenohUpdates
 
-    settings, loop, pulse = parts.settings, asyncio.get_running_loop(), watch.add("zenoh")
+    loop, pulse = asyncio.get_running_loop(), watch.add("zenoh")
+    localize: LocalizeParts = parts[LocalizeParts]
+    maps, metrics = localize.maps, localize.metrics
     endpoint = await in_zenoh_thread(
-        ZenohEndpoint, settings, replica, parts.use_case, parts.authenticator, loop, requests, pulse
+        ZenohEndpoint, settings, replica, localize.use_case, parts[Authenticator], loop, requests, pulse
     )
     close_within(stack, endpoint.close, ENDPOINT_CLOSE_WITHIN_S, "zenoh", in_zenoh_thread)
-    parts.metrics.zenoh_replies.set_function(endpoint.replies.__len__)
-    parts.metrics.zenoh_connections.set_function(lambda: endpoint.connections)
-    parts.metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)
+    metrics.zenoh_replies.set_function(endpoint.replies.__len__)
+    metrics.zenoh_connections.set_function(lambda: endpoint.connections)
+    metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)
     zenoh_catalog = None
     # These keys need no credential. If callers need one, they are served only where zenoh has access rules.
     if settings.auth != "on" or settings.zenoh_trusted:
 
         def load() -> dict[str, int]:
-            return {"queries": parts.pool.admitted, "limit": settings.workers + settings.queue_size}
+            return {"queries": pool.admitted, "limit": settings.workers + settings.queue_size}
 
-        zenoh_catalog = ZenohCatalog(
-            endpoint.session, replica, parts.maps, parts.catalog, load, endpoint.replies
-        )
+        zenoh_catalog = ZenohCatalog(endpoint.session, replica, maps, parts[Catalog], load, endpoint.replies)
         close_within(stack, zenoh_catalog.close, ZENOH_CLOSE_WITHIN_S, "zenoh's catalog", in_zenoh_thread)
         config = client_config(settings)
-        answers = await in_zenoh_thread(ZenohAnswers, endpoint.session, parts.recent, config)
+        answers = await in_zenoh_thread(ZenohAnswers, endpoint.session, parts[RecentAnswers], config)
         close_within(stack, answers.close, ZENOH_CLOSE_WITHIN_S, "zenoh's answers", in_zenoh_thread)
     _log.info("answering over zenoh", replica=replica)
     replicas: ZenohReplicas | None = None
     is_polled = threading.Event()
 
     def update(before_each: Callable[[], None]) -> None:
-        touched = parts.maps.served.take_touched()
+        touched = maps.served.take_touched()
         try:
-            offered = {map_id: parts.maps.is_offered(map_id) for map_id in touched}
+            offered = {map_id: maps.is_offered(map_id) for map_id in touched}
             endpoint.show_maps(offered, before_each)
             if zenoh_catalog is not None:
                 zenoh_catalog.update(touched, before_each)
         except BaseException:
-            parts.maps.served.touch(touched)
+            maps.served.touch(touched)
             raise
         if replicas is not None and is_polled.is_set():
             replicas.join()
@@ -307,15 +312,15 @@ async def _start_zenoh(
         is_polled.set()
         updates.wake()
 
-    if parts.maps.placement is None or settings.replica_names:
+    if maps.placement is None or settings.replica_names:
         return polled
 
     def changed(names: frozenset[str], is_superseded: Callable[[], bool]) -> None:
-        parts.maps.set_replicas(names, updates.wake, is_superseded)
+        maps.set_replicas(names, updates.wake, is_superseded)
 
     replicas = ZenohReplicas(endpoint.session, replica, changed, client_config(settings))
     close_within(stack, replicas.close, ZENOH_CLOSE_WITHIN_S, "zenoh's replicas", in_zenoh_thread)
-    parts.maps.placement.set_replicas(await in_zenoh_thread(replicas.start))
+    maps.placement.set_replicas(await in_zenoh_thread(replicas.start))
 
     async def leave() -> None:
         await draining.wait()

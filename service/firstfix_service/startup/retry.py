@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from firstfix.errors import FirstfixError, StoreError, StoreUnavailable
 
-from ..http_api.dependencies import Parts
+from ..http_api.parts import Parts
 
 _log = structlog.get_logger(__name__)
 FIRST_TRY_S = 5.0  # after this time the process listens and says that it is not ready

@@ -14,12 +14,13 @@ from firstfix.errors import FirstfixError, Unauthorized
 from firstfix.wire.signature import Asked
 
 from ..auth.authenticate import Authenticator
-from ..auth.principal import Principal
-from ..auth.signed_queries import SignedQuery
+from ..auth.principal import Needs, Principal
+from ..auth.signed_queries import SignedQueries, SignedQuery
 from ..security_check import open_zenoh
 from ..settings import Settings
 from ..thread_pools import SIGNATURES
 
+_NEEDS = Needs(Scope.LOCALIZE, "localize")
 TRUSTED = "zenoh"  # name of a caller whom zenoh's own access rules let through
 MAX_CREDENTIAL_BYTES = 16 << 10
 _SIGNED = b"FFQ"  # first bytes of every version of a signature; no API key and no token begins so
@@ -68,12 +69,13 @@ class ZenohCallers:
 
     def __init__(self, settings: Settings, authenticator: Authenticator) -> None:
         self._authenticator = authenticator
+        self._signatures = None if authenticator.keys is None else SignedQueries(authenticator.keys)
         self._is_trusted = settings.zenoh_trusted
         self._is_open = authenticator.is_on and bool(open_zenoh(settings))
 
     def look(self, query: Any) -> ZenohCaller:
         """Returns the caller, after a look at its signature. Changes nothing. Thread-safe, and quick."""
-        attachment, signatures = query.attachment, self._authenticator.signatures
+        attachment, signatures = query.attachment, self._signatures
         if signatures is None or attachment is None or len(attachment) > MAX_CREDENTIAL_BYTES:
             return ZenohCaller()
         content = attachment.to_bytes()
@@ -91,24 +93,17 @@ class ZenohCallers:
         Raises:
             ClockSkew, RateLimited: as ``SignedQueries.accept``.
             Unauthorized: the query was received before.
-            Unauthorized, Forbidden, RateLimited: as ``Authenticator.check``.
+            Unauthorized, Forbidden, RateLimited: as ``Authenticator.authorize``.
         """
-        principal = await self._principal(caller, query)
-        if self._is_trusted:
-            return Principal(TRUSTED)
-        principal.check(Scope.LOCALIZE, None)
-        self._authenticator.take("localize", principal)
-        return principal
-
-    async def _principal(self, caller: ZenohCaller, query: Any) -> Principal:
-        signatures = self._authenticator.signatures
-        if caller.signed is not None and signatures is not None:
-            caller.is_repeated = not signatures.accept(caller.signed)
+        if caller.signed is not None and self._signatures is not None:
+            caller.is_repeated = not self._signatures.accept(caller.signed)
             if caller.is_repeated:
                 raise Unauthorized("this query was received before")
-            return caller.signed.principal
         if self._is_trusted:
             return Principal(TRUSTED)
+        if caller.signed is not None:
+            self._authenticator.permit(caller.signed.principal, _NEEDS)
+            return caller.signed.principal
         if caller.refused is not None:
             if isinstance(caller.refused, Unauthorized):
                 self._authenticator.count_refusal("zenoh", caller.refused)
@@ -119,7 +114,7 @@ class ZenohCallers:
                 "strangers may read along on this zenoh network, so it takes signed queries alone, and no "
                 "API key or token as it is: a client of this release signs with its API key"
             )
-        return await self._authenticator.authenticate(credential, "zenoh")
+        return await self._authenticator.authorize(credential, "zenoh", _NEEDS)
 
 
 def credential_of(query: Any) -> str | None:

@@ -17,8 +17,9 @@ from service_world import XYZ, Service, publish, running_service
 from token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
 
 from firstfix.access.api_keys import ApiKeys
-from firstfix_service.auth import key_ring, permission
-from firstfix_service.auth.permission import Permission
+from firstfix_service.auth import authenticate
+from firstfix_service.auth.authenticate import Permission
+from firstfix_service.http_api.bodies import request_body
 from waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
@@ -71,7 +72,7 @@ def test_an_event_stream_ends_with_its_revoked_key(guarded: Service):
 
 def test_an_event_stream_ends_with_its_expired_key(guarded: Service, monkeypatch: pytest.MonkeyPatch):
     key = give(guarded, "build", expires=datetime.now(timezone.utc) + timedelta(hours=1))
-    seen = seen_of_events(guarded, key, lambda: monkeypatch.setattr(key_ring, "datetime", LaterClock))
+    seen = seen_of_events(guarded, key, lambda: monkeypatch.setattr(authenticate, "datetime", LaterClock))
     assert "event: end" not in seen
 
 
@@ -104,7 +105,7 @@ def test_an_event_stream_with_a_key_for_its_map_goes_on(guarded: Service, monkey
 
 @pytest.mark.parametrize("kind", ["a form", "a part of an upload"])
 def test_an_upload_ends_with_its_revoked_key(guarded: Service, kind: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(permission, "CHECK_S", 0.0)
+    monkeypatch.setattr(request_body, "CHECK_S", 0.0)
     key = give(guarded, "build")
     wait_until(lambda: is_known(guarded, key))
     headers = {"Authorization": f"Bearer {key}"}

@@ -34,9 +34,8 @@ ANY_AGE = Ages(things_s=-5, builds_s=-5)
 
 def parts_of(store: Store) -> Any:
     catalog = Catalog(store)
-    return SimpleNamespace(
-        catalog=catalog, uploads=Uploads(store), usage=CallerUsage(catalog), disks=DiskSpace(0)
-    )
+    uploads = SimpleNamespace(store=store, uploads=Uploads(store), disks=DiskSpace(0))
+    return uploads, SimpleNamespace(catalog=catalog, usage=CallerUsage(catalog))
 
 
 def collect(store: Store) -> None:
@@ -79,7 +78,7 @@ def test_a_build_that_was_taken_finds_its_source(
         prepare(store)
         put_source(store, "hall", tmp_path / "a.xyz")  # of a build long ago
         works: list[Callable[[], Any]] = [
-            lambda: _record(parts_of(store), "b1", handed_in, False),
+            lambda: _record(*parts_of(store), "b1", handed_in, False),
             lambda: collect(store),
         ]
         if first == "collect":
@@ -103,11 +102,11 @@ def test_a_request_that_is_repeated_after_a_kill_finds_its_source(
         store = Store.open("memory://")
         put_source(store, "hall", tmp_path / "a.xyz")
         works: list[Callable[[], Any]] = [
-            lambda: _record(parts_of(store), "b1", handed_in, True),
+            lambda: _record(*parts_of(store), "b1", handed_in, True),
             lambda: collect(store),
         ]
         steps = run_interleaved(works, switches, kill_at=kill_at, monkeypatch=monkeypatch)
-        _record(parts_of(store), "b1", handed_in, True)
+        _record(*parts_of(store), "b1", handed_in, True)
         collect(store)
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
         return len(steps)
@@ -130,7 +129,7 @@ def test_a_collection_that_was_killed_leaves_nothing_for_ever(
         put_source(store, "hall", tmp_path / "a.xyz")
         works: list[Callable[[], Any]] = [lambda: collect(store), lambda: None]
         steps = run_interleaved(works, (), kill_at=kill_at, monkeypatch=monkeypatch)
-        _record(parts_of(store), "b1", handed_in, False)
+        _record(*parts_of(store), "b1", handed_in, False)
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
         Catalog(store).set_build_status("b1", new_status("failed", map_id="hall"))
         collect_garbage(Catalog(store), ages=ANY_AGE)

@@ -11,6 +11,7 @@ import pytest
 from raw_connection import all_of, connect
 from service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
 
+from firstfix_service.http_api.event_stream import EventStreams
 from firstfix_service.http_server import connections
 from waiting import let_pass, wait_until
 
@@ -36,7 +37,7 @@ def query(version: int = 1) -> bytes:
 
 
 def admitted(service: Service) -> int:
-    return int(service.app.state.start.parts.pool.admitted)
+    return int(service.app.state.metrics.registry.get_sample_value("firstfix_queries_admitted"))
 
 
 def open_gate(service: Service) -> None:
@@ -99,4 +100,4 @@ def test_a_stream_ends_with_its_caller(service: Service):
         connection.sendall(b"GET /answers/events HTTP/1.1\r\nHost: x\r\n\r\n")
         assert b"watching" in connection.recv(1 << 16)
         connection.shutdown(socket.SHUT_WR)
-        wait_until(lambda: service.app.state.start.parts.event_streams.taken == 0)
+        wait_until(lambda: service.app.state.start.parts[EventStreams].limit.taken == 0)

@@ -1,6 +1,6 @@
 """Pace at which answers are taken in: how long a caller may wait with an answer, by its size."""
 
-from firstfix_service.http_server.reading_pace import ReadingPace
+from firstfix_service.http_server.streams import ReadingPace
 
 ANSWER_S = 30.0
 LARGE = 4_000_000

@@ -6,15 +6,17 @@ The server receives a long body of declared length right into its place (``RECEI
 from __future__ import annotations
 
 import asyncio
+import time
 
 import numpy as np
 from fastapi import Request
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from firstfix.errors import DeadlineExceeded, InputError, Overloaded, TooLarge
+from firstfix.errors import DeadlineExceeded, Overloaded, TooLarge
 from firstfix.formats.point_cloud import Body
 
-from ...auth.permission import CHECK_S, Permission
-from ...http_server.body_receiver import RECEIVE_INTO, Arrived
+from ...auth.authenticate import CHECK_S, Permission
+from ...http_server.streams import RECEIVE_INTO, Arrived, ReceiveInto, declared_bytes
 from ...localize.held_bodies import HeldBodies
 
 LONG_BYTES = 64 << 10  # of a body that is received right into its place
@@ -41,8 +43,7 @@ class BodyReader:
             Overloaded: all bodies together are too large, or those of this caller.
             DeadlineExceeded: it did not arrive in time.
         """
-        check_declared_length(request, self._max_bytes)
-        declared = declared_length(request) or 0
+        declared = checked_length(request, self._max_bytes)
         is_long = declared >= LONG_BYTES and RECEIVE_INTO in request.scope.get("extensions", {})
         size = 0
 
@@ -68,23 +69,12 @@ class BodyReader:
 
 
 async def _long(request: Request, declared: int, arrived: Arrived) -> Body:
-    """A body in memory of its declared length. The system provides that memory as the bytes arrive.
-
-    The permission is checked meanwhile, as ``WhilePermitted`` does it for other bodies.
-    """
+    """A body in memory of its declared length. The system provides that memory as the bytes arrive."""
     try:
         buffer = np.empty(declared, np.uint8).data
     except MemoryError:
         raise Overloaded("there is no memory for the body: try again") from None
-    receiving = asyncio.ensure_future(request.scope["extensions"][RECEIVE_INTO](buffer, arrived))
-    permission: Permission | None = getattr(request.state, "permission", None)
-    try:
-        while not (await asyncio.wait({receiving}, timeout=CHECK_S))[0]:
-            if permission is not None:
-                await permission.check()
-        receiving.result()
-    finally:
-        receiving.cancel()
+    await request.scope["extensions"][RECEIVE_INTO](buffer, arrived)
     return buffer
 
 
@@ -96,26 +86,52 @@ async def _joined(request: Request, arrived: Arrived) -> bytes:
     return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
-def declared_length(request: Request) -> int | None:
-    """Returns Content-Length, or None without that header.
-
-    Raises:
-        InputError: it is not a number.
-    """
-    declared = request.headers.get("content-length")
-    if declared is None:
-        return None
-    if not (declared.isascii() and declared.isdecimal()) or len(declared) > 18:
-        raise InputError("Content-Length is not a number")
-    return int(declared)
-
-
-def check_declared_length(request: Request, max_bytes: int) -> None:
-    """Checks Content-Length before the body is read.
+def checked_length(request: Request, max_bytes: int) -> int:
+    """Returns Content-Length, or 0 without that header. The server has checked that it is a number.
 
     Raises:
         TooLarge: over the limit.
     """
-    declared = declared_length(request)
-    if declared is not None and declared > max_bytes:
+    declared = declared_bytes(request.scope["headers"])
+    if declared > max_bytes:
         raise TooLarge(f"the body has {declared} bytes, the limit is {max_bytes}")
+    return declared
+
+
+class WhilePermitted:
+    """ASGI middleware that raises in the reader of a request body when the permission has ended."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serves a request."""
+        checked_at = time.monotonic()
+
+        async def check() -> None:
+            nonlocal checked_at
+            permission: Permission | None = scope.get("state", {}).get("permission")
+            if permission is not None and time.monotonic() - checked_at >= CHECK_S:
+                await permission.check()
+                checked_at = time.monotonic()
+
+        async def receive_while_permitted() -> Message:
+            message = await receive()
+            if message["type"] == "http.request":
+                await check()
+            return message
+
+        async def receive_into_while_permitted(buffer: memoryview, arrived: Arrived) -> None:
+            receiving = asyncio.ensure_future(receive_into(buffer, arrived))
+            try:
+                while not (await asyncio.wait({receiving}, timeout=CHECK_S))[0]:
+                    await check()
+                receiving.result()
+            finally:
+                receiving.cancel()
+
+        extensions = scope.get("extensions", {})
+        if RECEIVE_INTO in extensions:
+            receive_into: ReceiveInto = extensions[RECEIVE_INTO]
+            scope["extensions"] = {**extensions, RECEIVE_INTO: receive_into_while_permitted}
+        await self._app(scope, receive_while_permitted, send)

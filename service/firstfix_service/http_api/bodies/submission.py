@@ -20,8 +20,8 @@ from firstfix.maintenance.pending_deletions import is_deletion_pending
 from firstfix.store.sha256 import sha256_of
 
 from ...auth.principal import Principal
-from ..dependencies import Parts
-from .form_room import FormRoom
+from ..parts import UploadParts
+from .form_directory import FormDirectory
 from .json_body import parse_object, read_object
 from .multipart import FormFile, harmless_name, receive_form
 from .upload_stream import own_upload
@@ -75,7 +75,7 @@ class Submission:
         described = [self.map_id, _identity(self.source), _identity(self.trajectory), self.config]
         return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
 
-    def keep(self, parts: Parts, *, build_id: str = "") -> dict[str, Any]:
+    def keep(self, parts: UploadParts, *, build_id: str = "") -> dict[str, Any]:
         """Puts the files into the store and returns the build's record.
 
         It may be repeated, and then restores files that a garbage collection has removed meanwhile.
@@ -103,21 +103,23 @@ class Submission:
             "owner": self.caller.name,
         }
 
-    def _kept(self, parts: Parts, source: Source, build_id: str) -> tuple[dict[str, str], str]:
+    def _kept(self, parts: UploadParts, source: Source, build_id: str) -> tuple[dict[str, str], str]:
         """The source's entry in the record, and the file name whose suffix says how to read it."""
         if isinstance(source, NamedUrl):
             return {"url": source.url}, source.file_name
         if isinstance(source, FormFile):
-            sha256 = put_source(parts.catalog.store, self.map_id, source.path, build_id=build_id)
+            sha256 = put_source(parts.store, self.map_id, source.path, build_id=build_id)
             return {"key": source_key(self.map_id, sha256)}, source.file_name
         upload = own_upload(parts.uploads, self.caller, source.upload_id)
-        with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
+        with parts.disks.reserve("the store's disk", parts.store.directory) as room:
             room.ensure(upload.size_bytes)
             sha256 = parts.uploads.keep_as_source(upload, self.map_id, build_id=build_id)
         return {"key": source_key(self.map_id, sha256)}, upload.file_name
 
 
-def keep_for_good(parts: Parts, build_id: str, record: Mapping[str, Any], submission: Submission) -> None:
+def keep_for_good(
+    parts: UploadParts, build_id: str, record: Mapping[str, Any], submission: Submission
+) -> None:
     """Makes sure that a recorded build has its files.
 
     A garbage collection that began before the record was written may have removed a file, or may still do so.
@@ -126,7 +128,7 @@ def keep_for_good(parts: Parts, build_id: str, record: Mapping[str, Any], submis
     Raises:
         FirstfixError: as ``Submission.keep``.
     """
-    store = parts.catalog.store
+    store = parts.store
     keys = [one["key"] for role in ("source", "trajectory") if (one := record.get(role)) and "key" in one]
     if any(is_deletion_pending(store, key) for key in keys):
         submission.keep(parts, build_id=build_id)
@@ -134,8 +136,10 @@ def keep_for_good(parts: Parts, build_id: str, record: Mapping[str, Any], submis
         submission.keep(parts)
 
 
-async def from_form(request: Request, parts: Parts, caller: Principal, room: FormRoom) -> Submission:
-    """Returns the submission in a multipart form. Its files are in the room's directory.
+async def from_form(
+    request: Request, parts: UploadParts, caller: Principal, directory: FormDirectory
+) -> Submission:
+    """Returns the submission in a multipart form. Its files are in the directory.
 
     Raises:
         InvalidOption, MalformedData, TooLarge: the form cannot be used.
@@ -145,12 +149,12 @@ async def from_form(request: Request, parts: Parts, caller: Principal, room: For
     """
     form = await receive_form(
         request,
-        room.directory,
+        directory.path,
         text_fields=_TEXTS,
         file_fields=_FILES,
-        max_bytes=parts.settings.max_upload_bytes,
-        pace=parts.upload_pace,
-        take=room.take,
+        max_bytes=parts.max_bytes,
+        pace=parts.pace,
+        take=directory.take,
     )
     if "source" not in form.files:
         raise InvalidOption("the form has no file 'source'")
@@ -163,7 +167,7 @@ async def from_form(request: Request, parts: Parts, caller: Principal, room: For
     )
 
 
-async def from_json(request: Request, parts: Parts, caller: Principal) -> Submission:
+async def from_json(request: Request, parts: UploadParts, caller: Principal) -> Submission:
     """Returns the submission in a JSON body, which names URLs or uploads.
 
     Raises:
@@ -198,11 +202,11 @@ def _checked_config(config: dict[str, Any]) -> dict[str, Any]:
     return config
 
 
-def _named(parts: Parts, named: Any, role: str) -> NamedUrl | NamedUpload:
+def _named(parts: UploadParts, named: Any, role: str) -> NamedUrl | NamedUpload:
     if isinstance(named, dict) and len(named) == 1:
         ((kind, value),) = named.items()
         if kind == "url" and isinstance(value, str):
-            return NamedUrl(check_source_url(value, parts.settings.source_urls))
+            return NamedUrl(check_source_url(value, parts.source_urls))
         if kind == "upload" and isinstance(value, str):
             return NamedUpload(check_upload_id(value))
     raise InvalidOption(f'{role} is {{"url": "..."}} or {{"upload": "..."}}')

@@ -1,31 +1,54 @@
-"""/builds: list builds, see the progress of one, cancel one."""
+"""/builds: list builds, see the progress of one as it is and as events, cancel one."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import AsyncIterator
 from typing import Annotated, Any, Literal
 
+import structlog
 from fastapi import APIRouter, Query, Response
+from fastapi.responses import StreamingResponse
 
+from firstfix.access.permissions import Scope
 from firstfix.builds.records import FINAL_STATES
-from firstfix.errors import NotFound, UnreadableRecord
+from firstfix.catalog.catalog import Catalog
+from firstfix.errors import FirstfixError, NotFound, StoreUnavailable, UnreadableRecord
 from firstfix.ids import check_map_id
 
 from ...builds.queue import cancel_build as cancel_build_anywhere
 from ...thread_pools import CHANGES, LISTS, READS
-from ..authorize import CallerDep
-from ..dependencies import PartsDep
+from ..edge import CallerDep, PermissionDep, needs
+from ..event_stream import EventStreamsDep
+from ..parts import CatalogDep
 from ..schema.api_models import Build, BuildPage
 from ..schema.parameters import DEFAULT_LIMIT, After, BuildId, Limit
 
 router = APIRouter(prefix="/builds", tags=["builds"])
+_log = structlog.get_logger(__name__)
 RETRY_AFTER_S = 2
+LOOK_S = 1.0  # between reads of the status for events, which its writer renews twice a second
 LOOKED_AT = 1000  # records that are read for one page, however few of them match
+_EVENTS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "`event: progress` with the status as `data` at every change, then `event: end` with "
+        "the final status. Comment lines keep the connection alive. Open the stream again if it ends without "
+        "`end`",
+        "content": {
+            "text/event-stream": {
+                "schema": {"type": "string"},
+                "example": 'event: progress\ndata: {"build_id": "...", "state": "running"}\n\n',
+            }
+        },
+    }
+}
 
 
 @router.get("")
+@needs(Scope.BUILD)
 @LISTS.route
 def get_builds(
-    parts: PartsDep,
+    catalog: CatalogDep,
     caller: CallerDep,
     map_id: Annotated[str | None, Query(max_length=63, description="only builds of this map")] = None,
     state: Annotated[
@@ -41,12 +64,12 @@ def get_builds(
     """
     if map_id is not None:
         check_map_id(map_id)
-    older = [name for name in reversed(parts.catalog.build_ids()) if after is None or name < after]
+    older = [name for name in reversed(catalog.build_ids()) if after is None or name < after]
     found: list[dict[str, Any]] = []
     following = None
     for looked_at, build_id in enumerate(older, 1):
         try:
-            status = parts.catalog.shown_status(build_id)
+            status = catalog.shown_status(build_id)
         except NotFound:  # its record was collected just now
             continue
         wanted = map_id in (None, status["map_id"]) and state in (None, status["state"])
@@ -59,33 +82,72 @@ def get_builds(
 
 
 @router.get("/{build_id}")
+@needs(Scope.BUILD)
 @READS.route
-def get_build(build_id: BuildId, parts: PartsDep, response: Response) -> Build:
+def get_build(build_id: BuildId, catalog: CatalogDep, response: Response) -> Build:
     """State, stage, progress, error, and the version of a build that has succeeded.
 
     Of a build that has ended also its stages, with what each has taken over from earlier builds.
 
     State `unreadable`: the build's record in the store is damaged.
     """
-    status = parts.catalog.shown_status(build_id)
+    status = catalog.shown_status(build_id)
     if status["state"] not in FINAL_STATES:
         response.headers["Retry-After"] = str(RETRY_AFTER_S)
         return Build.model_validate({"build_id": build_id, **status})
-    return Build.model_validate({"build_id": build_id, **status, "stages": _stages(parts, build_id)})
+    return Build.model_validate({"build_id": build_id, **status, "stages": _stages(catalog, build_id)})
 
 
 @router.delete("/{build_id}", status_code=202)
+@needs(Scope.BUILD)
 @CHANGES.route
-def cancel_build(build_id: BuildId, parts: PartsDep) -> Build:
+def cancel_build(build_id: BuildId, catalog: CatalogDep) -> Build:
     """Asks the build to stop.
 
     A waiting build is cancelled at once, a running one within seconds. Its status says when.
     """
-    return Build.model_validate({"build_id": build_id, **cancel_build_anywhere(parts.catalog, build_id)})
+    return Build.model_validate({"build_id": build_id, **cancel_build_anywhere(catalog, build_id)})
 
 
-def _stages(parts: PartsDep, build_id: str) -> list[dict[str, Any]]:
+@router.get("/{build_id}/events", response_class=StreamingResponse, responses=_EVENTS)
+@needs(Scope.BUILD)
+async def get_build_events(
+    build_id: BuildId,
+    catalog: CatalogDep,
+    streams: EventStreamsDep,
+    caller: CallerDep,
+    permission: PermissionDep,
+) -> StreamingResponse:
+    """The build's status as it changes, until it ends or the caller's key or token is no longer valid."""
+    status = await READS.run(catalog.build_status, build_id)
+    events = _events(catalog, build_id, status)
+    return streams.open(caller.name, permission, status["map_id"], events, LOOK_S)
+
+
+async def _events(catalog: Catalog, build_id: str, status: dict[str, Any]) -> AsyncIterator[bytes]:
+    """Events until the build ends."""
+    said: dict[str, Any] | None = None
+    while status["state"] not in FINAL_STATES:
+        if status != said:
+            yield _event("progress", build_id, status)
+            said = status
+        yield b""
+        try:
+            status = await READS.run(catalog.build_status, build_id)
+        except StoreUnavailable as error:  # it comes back, or the caller gives up
+            _log.warning("cannot read the build's status", build_id=build_id, error=str(error))
+        except FirstfixError:  # its record was removed
+            return
+    yield _event("end", build_id, status)
+
+
+def _event(name: str, build_id: str, status: dict[str, Any]) -> bytes:
+    data = json.dumps({"build_id": build_id, **status}, separators=(",", ":"))
+    return f"event: {name}\ndata: {data}\n\n".encode()
+
+
+def _stages(catalog: Catalog, build_id: str) -> list[dict[str, Any]]:
     try:
-        return parts.catalog.build_stages(build_id)
+        return catalog.build_stages(build_id)
     except UnreadableRecord:  # they are for people: the build's state does not depend on them
         return []

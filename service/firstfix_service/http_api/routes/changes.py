@@ -6,11 +6,13 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 
+from firstfix.access.permissions import Scope
 from firstfix.catalog.sightings.changes import changes_of
 from firstfix.errors import NotFound
 
 from ...thread_pools import LISTS
-from ..dependencies import PartsDep
+from ..edge import needs
+from ..parts import MapPartsDep
 from ..schema.changes_model import MapChanges
 from ..schema.parameters import DEFAULT_LIMIT, Limit, MapId
 
@@ -18,10 +20,11 @@ router = APIRouter(prefix="/maps/{map_id}", tags=["maps"])
 
 
 @router.get("/changes", response_model=MapChanges, response_model_exclude_unset=True)
+@needs(Scope.LOCALIZE, "localize")
 @LISTS.route
 def get_changes(
     map_id: MapId,
-    parts: PartsDep,
+    parts: MapPartsDep,
     version: Annotated[
         str | None,
         Query(description="default: the active version", json_schema_extra={"pattern": "^[0-9a-f]{64}$"}),

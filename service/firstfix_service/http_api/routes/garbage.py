@@ -6,10 +6,12 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
+from firstfix.access.permissions import Scope
 from firstfix.maintenance.garbage import DAY_S, Ages, Garbage, collect_garbage
 
 from ...thread_pools import MAINTENANCE
-from ..dependencies import PartsDep
+from ..edge import needs
+from ..parts import CatalogDep
 from ..schema.api_models import GarbageReport
 from ..schema.parameters import MapId
 
@@ -23,19 +25,21 @@ OlderThanH = Annotated[
 
 
 @router.post("/maps/{map_id}/collect-garbage")
+@needs(Scope.ADMIN)
 @MAINTENANCE.route
 def collect_garbage_of_map(
-    map_id: MapId, parts: PartsDep, dry_run: DryRun = False, older_than_h: OlderThanH = 24.0
+    map_id: MapId, catalog: CatalogDep, dry_run: DryRun = False, older_than_h: OlderThanH = 24.0
 ) -> GarbageReport:
     """Removes files of retired versions, of unfinished publishes, and sources that no build names."""
     ages = Ages(things_s=older_than_h * 3600)
-    return _report(collect_garbage(parts.catalog, map_id=map_id, ages=ages, dry_run=dry_run), dry_run)
+    return _report(collect_garbage(catalog, map_id=map_id, ages=ages, dry_run=dry_run), dry_run)
 
 
 @router.post("/collect-garbage")
+@needs(Scope.ADMIN)
 @MAINTENANCE.route
 def collect_all_garbage(
-    parts: PartsDep,
+    catalog: CatalogDep,
     dry_run: DryRun = False,
     older_than_h: OlderThanH = 24.0,
     builds_older_than_d: Annotated[
@@ -52,7 +56,7 @@ def collect_all_garbage(
     Also removes abandoned uploads, idempotency keys, and old records of builds without a version.
     """
     ages = Ages(things_s=older_than_h * 3600, builds_s=builds_older_than_d * DAY_S)
-    return _report(collect_garbage(parts.catalog, ages=ages, dry_run=dry_run), dry_run)
+    return _report(collect_garbage(catalog, ages=ages, dry_run=dry_run), dry_run)
 
 
 def _report(found: Garbage, dry_run: bool) -> GarbageReport:

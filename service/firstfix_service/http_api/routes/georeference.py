@@ -6,12 +6,14 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 
+from firstfix.access.permissions import Scope
 from firstfix.catalog.geopose import Georeference
 from firstfix.errors import InvalidOption, NotFound
 
 from ...thread_pools import CHANGES, READS
 from ..bodies.json_body import read_model
-from ..dependencies import Parts, PartsDep
+from ..edge import needs
+from ..parts import MapParts, MapPartsDep
 from ..schema.api_models import GeoreferenceBody, GeoreferenceRecord
 from ..schema.parameters import MapId
 
@@ -25,7 +27,8 @@ _BODY: dict[str, Any] = {
 
 
 @router.put("", openapi_extra=_BODY)
-async def put_georeference(map_id: MapId, request: Request, parts: PartsDep) -> GeoreferenceRecord:
+@needs(Scope.BUILD, "change")
+async def put_georeference(map_id: MapId, request: Request, parts: MapPartsDep) -> GeoreferenceRecord:
     """Sets where the map lies on the Earth, for all its versions.
 
     This replica uses it at once, other replicas within seconds.
@@ -37,8 +40,9 @@ async def put_georeference(map_id: MapId, request: Request, parts: PartsDep) -> 
 
 
 @router.get("")
+@needs(Scope.LOCALIZE)
 @READS.route
-def get_georeference(map_id: MapId, parts: PartsDep) -> GeoreferenceRecord:
+def get_georeference(map_id: MapId, parts: MapPartsDep) -> GeoreferenceRecord:
     """The map's place on the Earth; 404 if it was never set."""
     georeference = parts.georeferences.get(map_id)
     if georeference is None:
@@ -47,8 +51,9 @@ def get_georeference(map_id: MapId, parts: PartsDep) -> GeoreferenceRecord:
 
 
 @router.delete("", status_code=204)
+@needs(Scope.BUILD, "change")
 @CHANGES.route
-def delete_georeference(map_id: MapId, parts: PartsDep) -> None:
+def delete_georeference(map_id: MapId, parts: MapPartsDep) -> None:
     """Removes the georeference."""
     if parts.georeferences.get(map_id) is None:
         raise NotFound(f"map {map_id} has no georeference")
@@ -66,7 +71,7 @@ def _georeference(body: GeoreferenceBody) -> Georeference:
     return Georeference(*where, (x, y, z, w), (ax, ay, az))
 
 
-def _set(parts: Parts, map_id: str, georeference: Georeference | None) -> None:
+def _set(parts: MapParts, map_id: str, georeference: Georeference | None) -> None:
     if not parts.catalog.state(map_id).exists:
         raise NotFound(f"no map {map_id}")
     parts.georeferences.set(map_id, georeference)

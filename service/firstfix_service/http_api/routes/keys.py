@@ -8,13 +8,14 @@ from typing import Any
 from fastapi import APIRouter, Depends, Request
 
 from firstfix.access.api_keys import ApiKeys
-from firstfix.access.permissions import Grant
+from firstfix.access.permissions import Grant, Scope
 from firstfix.errors import Forbidden
+from firstfix.store.store import Store
 
 from ...thread_pools import CHANGES, LISTS
-from ..authorize import CallerDep
 from ..bodies.json_body import read_model
-from ..dependencies import Parts, PartsDep
+from ..edge import CallerDep, needs
+from ..parts import CatalogDep
 from ..schema.key_models import Key, KeyList, NewKey, NewKeyBody
 from ..schema.parameters import KeyId
 
@@ -39,29 +40,32 @@ _BODY: dict[str, Any] = {
 
 
 @router.get("")
+@needs(Scope.ADMIN)
 @LISTS.route
-def get_keys(parts: PartsDep) -> KeyList:
+def get_keys(catalog: CatalogDep) -> KeyList:
     """All keys, oldest first, without their secrets. `unreadable`: ids of keys whose records are damaged."""
-    found, bad = ApiKeys(parts.catalog.store).all()
+    found, bad = ApiKeys(catalog.store).all()
     return KeyList(keys=[Key.model_validate(key.to_mapping()) for key in found], unreadable=bad)
 
 
 @router.post("", status_code=201, openapi_extra=_BODY)
-async def post_key(request: Request, parts: PartsDep) -> NewKey:
+@needs(Scope.ADMIN, "change")
+async def post_key(request: Request, catalog: CatalogDep) -> NewKey:
     """Makes a key. Its token is in this answer alone: nobody can read it again."""
     body = await read_model(request, NewKeyBody)
-    return await CHANGES.run(_create, parts, body)
+    return await CHANGES.run(_create, catalog.store, body)
 
 
 @router.delete("/{key_id}", status_code=204)
+@needs(Scope.ADMIN, "change")
 @CHANGES.route
-def delete_key(key_id: KeyId, parts: PartsDep) -> None:
+def delete_key(key_id: KeyId, catalog: CatalogDep) -> None:
     """Revokes a key for good. Replicas refuse it within `FIRSTFIX_KEYS_REFRESH_S`."""
-    ApiKeys(parts.catalog.store).revoke(key_id)
+    ApiKeys(catalog.store).revoke(key_id)
 
 
-def _create(parts: Parts, body: NewKeyBody) -> NewKey:
-    store, expires = parts.catalog.store, None
+def _create(store: Store, body: NewKeyBody) -> NewKey:
+    expires = None
     if body.expires_in_days is not None:
         expires = store.now() + timedelta(days=body.expires_in_days)
     key, token = ApiKeys(store).create(body.name, Grant.parse(body.scopes, body.maps), expires)

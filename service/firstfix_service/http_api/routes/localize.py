@@ -10,6 +10,7 @@ from typing import Any
 from fastapi import FastAPI, Request, Response
 from starlette.requests import ClientDisconnect
 
+from firstfix.access.permissions import Scope
 from firstfix.answer.options import LocalizeOptions
 from firstfix.catalog.geopose import MEDIA_TYPE as GEOPOSE
 from firstfix.decode import MEDIA_TYPES
@@ -22,10 +23,8 @@ from ...localize.query_head import QueryHead, split_map_ids
 from ...localize.response_format import JSON, PARAMETERS, content_of, requested_pose
 from ...query_workers.answer import AnswerForm, EncodedAnswer
 from ...thread_pools import READS
-from ..authorize import caller_of
-from ..dependencies import Parts, parts_of
-from ..direct_route import DirectRoute
-from ..disconnect import cancel_on_disconnect
+from ..edge import DirectRoute, caller_of, cancel_on_disconnect, needs
+from ..parts import LocalizeParts, part_of
 from ..schema.answer_models import Answer
 
 MAP_PARAMETER = "map"
@@ -103,6 +102,7 @@ def add_route(app: FastAPI) -> None:
     )
 
 
+@needs(Scope.LOCALIZE, "localize")
 async def localize(request: Request) -> Response:
     """The pose of a scan in a map, or the reasons why there is none.
 
@@ -110,7 +110,7 @@ async def localize(request: Request) -> Response:
     `Accept` with the media type of a ROS pose message asks for that message.
     """
     arrived = time.monotonic()
-    parts, caller = await parts_of(request), await caller_of(request)
+    parts, caller = part_of(request, LocalizeParts), await caller_of(request)
     try:
         answer, content, media_type = await _localize(request, parts, caller, arrived)
     except ClientDisconnect:
@@ -125,7 +125,7 @@ async def localize(request: Request) -> Response:
 
 
 async def _localize(
-    request: Request, parts: Parts, caller: Principal, arrived: float
+    request: Request, parts: LocalizeParts, caller: Principal, arrived: float
 ) -> tuple[EncodedAnswer, bytes, str]:
     """The answer, its bytes and their media type."""
     options, accept = single_values(request), request.headers.get("accept", "")

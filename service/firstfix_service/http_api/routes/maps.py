@@ -9,18 +9,20 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Request, Response
 from fastapi.responses import JSONResponse
 
+from firstfix.access.permissions import Scope
 from firstfix.builds.idempotency import CallersKey, claim_build, claimed_build
+from firstfix.catalog.catalog import Catalog
 from firstfix.errors import Conflict, NotFound, UnsupportedFormat
 from firstfix.ids import is_name, new_build_id
 
 from ...auth.principal import Principal
 from ...telemetry.request_scope import with_traceparent
 from ...thread_pools import CHANGES, COPIES, LISTS, READS
-from ..authorize import CallerDep
-from ..bodies.form_room import form_room
-from ..bodies.request_body import check_declared_length, declared_length
+from ..bodies.form_directory import form_directory
+from ..bodies.request_body import checked_length
 from ..bodies.submission import Submission, from_form, from_json, keep_for_good
-from ..dependencies import Parts, PartsDep
+from ..edge import CallerDep, needs
+from ..parts import BuildParts, BuildPartsDep, CatalogDep, UploadParts, UploadPartsDep
 from ..schema.api_models import Build, MapDetails, MapPage, MapRemoval
 from ..schema.map_submission import BODY, IDEMPOTENCY_KEY_TEXT
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId
@@ -38,9 +40,11 @@ _ACCEPTED = {
 
 
 @router.post("", status_code=202, response_class=JSONResponse, responses={202: _ACCEPTED}, openapi_extra=BODY)
+@needs(Scope.BUILD, "build")
 async def post_map(
     request: Request,
-    parts: PartsDep,
+    uploads: UploadPartsDep,
+    builds: BuildPartsDep,
     caller: CallerDep,
     idempotency_key: Annotated[
         str | None,
@@ -53,29 +57,33 @@ async def post_map(
     """
     build_id = new_build_id()
     key = None if idempotency_key is None else CallersKey(caller.repeats_as, idempotency_key)
-    async with _within_quota(parts, caller, build_id, key), _received(request, parts, caller) as submission:
+    async with (
+        _within_quota(builds, caller, build_id, key),
+        _received(request, uploads, caller) as submission,
+    ):
         if key is not None:
             fingerprint = await COPIES.run(submission.fingerprint)
-            build_id = await COPIES.run(claim_build, parts.catalog.store, key, fingerprint, build_id)
-        await COPIES.run(_record, parts, build_id, submission, key is not None)
-    if parts.builds is not None:
-        await parts.builds.submit(build_id)
-    status = await READS.run(parts.catalog.build_status, build_id)
+            build_id = await COPIES.run(claim_build, uploads.store, key, fingerprint, build_id)
+        await COPIES.run(_record, uploads, builds, build_id, submission, key is not None)
+    if builds.queue is not None:
+        await builds.queue.submit(build_id)
+    status = await READS.run(builds.catalog.build_status, build_id)
     headers = {"Location": f"/builds/{build_id}", "Retry-After": str(RETRY_AFTER_S)}
     return JSONResponse({"build_id": build_id, **status}, 202, headers)
 
 
 @router.get("")
+@needs(Scope.LOCALIZE)
 @LISTS.route
 def get_maps(
-    parts: PartsDep, caller: CallerDep, limit: Limit = DEFAULT_LIMIT, after: After = None
+    catalog: CatalogDep, caller: CallerDep, limit: Limit = DEFAULT_LIMIT, after: After = None
 ) -> MapPage:
     """The caller's maps that have a version, sorted by id."""
     found: list[dict[str, Any]] = []
-    for map_id in parts.catalog.store.folders("maps"):
+    for map_id in catalog.store.folders("maps"):
         if not is_name(map_id) or map_id <= (after or "") or not caller.sees(map_id):
             continue
-        state = parts.catalog.state(map_id)
+        state = catalog.state(map_id)
         if state.published:
             if len(found) == limit:
                 return MapPage.model_validate({"maps": found, "next": found[-1]["map_id"]})
@@ -84,10 +92,11 @@ def get_maps(
 
 
 @router.get("/{map_id}", response_model=MapDetails, response_model_exclude_unset=True)
+@needs(Scope.LOCALIZE)
 @READS.route
-def get_map(map_id: MapId, parts: PartsDep) -> dict[str, Any]:
+def get_map(map_id: MapId, catalog: CatalogDep) -> dict[str, Any]:
     """One map, with the manifest of its active version."""
-    state = parts.catalog.state(map_id)
+    state = catalog.state(map_id)
     if not state.exists:
         raise NotFound(f"no map {map_id}")
     described: dict[str, Any] = {
@@ -96,75 +105,77 @@ def get_map(map_id: MapId, parts: PartsDep) -> dict[str, Any]:
         "versions": len(state.published),
     }
     if state.active is not None:
-        described["manifest"] = parts.catalog.manifest(map_id, state.active).to_mapping()
+        described["manifest"] = catalog.manifest(map_id, state.active).to_mapping()
     return described
 
 
 @router.delete("/{map_id}")
+@needs(Scope.ADMIN, "change")
 @CHANGES.route
-def delete_map(map_id: MapId, parts: PartsDep) -> MapRemoval:
+def delete_map(map_id: MapId, catalog: CatalogDep) -> MapRemoval:
     """Takes all versions of a map out of service, so that the map is no longer listed.
 
     Replicas stop answering within their poll interval. The next garbage collection removes the files. A build
     of the map that ends later publishes the map again: cancel it first.
     """
-    return MapRemoval(map_id=map_id, retired=parts.catalog.remove_map(map_id))
+    return MapRemoval(map_id=map_id, retired=catalog.remove_map(map_id))
 
 
 @asynccontextmanager
 async def _within_quota(
-    parts: Parts, caller: Principal, build_id: str, key: CallersKey | None
+    builds: BuildParts, caller: Principal, build_id: str, key: CallersKey | None
 ) -> AsyncIterator[None]:
     """Counts the build against the caller's quota, before anything of a form is read.
 
     A repeated request, whose build is recorded already, does not count.
     """
-    if key is not None and await READS.run(_is_repeated, parts, key):
+    if key is not None and await READS.run(_is_repeated, builds.catalog, key):
         yield
         return
-    async with parts.build_quota.reserve(caller.name, build_id):
+    async with builds.quota.reserve(caller.name, build_id):
         yield
 
 
 @asynccontextmanager
-async def _received(request: Request, parts: Parts, caller: Principal) -> AsyncIterator[Submission]:
+async def _received(request: Request, parts: UploadParts, caller: Principal) -> AsyncIterator[Submission]:
     """The request's submission. Files of a form are on this disk until the block ends."""
     media_type = request.headers.get("content-type", "").split(";", 1)[0].strip().lower()
     if media_type == "application/json":
         submission = await from_json(request, parts, caller)
-        with parts.upload_streams.request(caller.name) if submission.copies_uploads else nullcontext():
+        with parts.streams.request(caller.name) if submission.copies_uploads else nullcontext():
             yield submission
     elif media_type == "multipart/form-data":
-        folder, declared_bytes = parts.settings.work_dir / "uploads", declared_length(request) or 0
-        check_declared_length(request, parts.settings.max_upload_bytes)
-        with parts.upload_streams.request(caller.name):
-            async with form_room(parts.disks, parts.catalog.store, folder, declared_bytes) as room:
-                yield await from_form(request, parts, caller, room)
+        declared_bytes = checked_length(request, parts.max_bytes)
+        with parts.streams.request(caller.name):
+            async with form_directory(parts, declared_bytes) as directory:
+                yield await from_form(request, parts, caller, directory)
     else:
         raise UnsupportedFormat("POST /maps accepts multipart/form-data or application/json")
 
 
-def _record(parts: Parts, build_id: str, submission: Submission, repeated: bool) -> None:
+def _record(
+    uploads: UploadParts, builds: BuildParts, build_id: str, submission: Submission, repeated: bool
+) -> None:
     """Stores the files, then the build's record. A repeated request may find the record there."""
-    record = _on_record(parts, build_id) if repeated else None
+    record = _on_record(builds.catalog, build_id) if repeated else None
     if record is None:
-        record = submission.keep(parts)
-        parts.usage.begin(submission.caller.name, build_id)
+        record = submission.keep(uploads)
+        builds.usage.begin(submission.caller.name, build_id)
         try:
-            parts.catalog.put_build(build_id, with_traceparent(record))
+            builds.catalog.put_build(build_id, with_traceparent(record))
         except Conflict:  # by the same request at the same time
             if not repeated:
                 raise
-    keep_for_good(parts, build_id, record, submission)
+    keep_for_good(uploads, build_id, record, submission)
 
 
-def _is_repeated(parts: Parts, key: CallersKey) -> bool:
-    build_id = claimed_build(parts.catalog.store, key)
-    return build_id is not None and _on_record(parts, build_id) is not None
+def _is_repeated(catalog: Catalog, key: CallersKey) -> bool:
+    build_id = claimed_build(catalog.store, key)
+    return build_id is not None and _on_record(catalog, build_id) is not None
 
 
-def _on_record(parts: Parts, build_id: str) -> dict[str, Any] | None:
+def _on_record(catalog: Catalog, build_id: str) -> dict[str, Any] | None:
     try:
-        return parts.catalog.build_request(build_id)
+        return catalog.build_request(build_id)
     except NotFound:
         return None

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from fastapi import APIRouter, Request, Response
 
 import firstfix
+from firstfix.access.permissions import Scope
 from firstfix.errors import Overloaded
 
 from ...telemetry.metrics import Metrics
 from ...telemetry.stall_watch import StallWatch
 from ...thread_pools import METRICS
-from ..dependencies import PartsDep
+from ..edge import needs, public
+from ..health import HealthCheck
+from ..parts import part
 from ..schema.api_models import Health, Readiness
 
 router = APIRouter(tags=["operations"])
 
 
 @router.get("/healthz")
+@public
 async def healthz(request: Request) -> Health:
     """Liveness: the process answers, and no part of it stands still.
 
@@ -27,22 +33,24 @@ async def healthz(request: Request) -> Health:
 
 
 @router.get("/readyz")
-async def readyz(request: Request, parts: PartsDep) -> Readiness:
+@public
+async def readyz(request: Request, health: Annotated[HealthCheck, part(HealthCheck)]) -> Readiness:
     """Readiness: the catalog was read, and as many maps are loaded as fit.
 
     The service stays ready when the store fails later, because loaded maps go on answering. It stops being
     ready FIRSTFIX_DRAIN_S before it ends.
     """
     _check_well(request)
-    why_not = parts.health.why_not_ready()
+    why_not = health.why_not_ready()
     if request.app.state.draining.is_set():
         why_not = "the service is about to stop"
     if why_not is not None:
         raise Overloaded(why_not)
-    return Readiness.model_validate({"status": "ready", **parts.health.details()})
+    return Readiness.model_validate({"status": "ready", **health.details()})
 
 
 @router.get("/metrics", include_in_schema=False)
+@needs(Scope.METRICS)
 async def metrics(request: Request) -> Response:
     """Metrics in Prometheus format, also before the service is ready."""
     counted: Metrics = request.app.state.metrics

@@ -6,8 +6,9 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
+from firstfix.access.permissions import Scope
 from firstfix.answer.localization import Verdict
-from firstfix.catalog.query_samples import QuerySample
+from firstfix.catalog.query_samples import QuerySample, QuerySamples
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.ids import check_map_id
 from firstfix.transform import from_quaternion
@@ -15,9 +16,9 @@ from firstfix.transform import from_quaternion
 from ...auth.principal import Principal
 from ...thread_pools import CHANGES, LISTS
 from ..answer_room import AnswerPlaceDep
-from ..authorize import CallerDep
 from ..bodies.json_body import read_model
-from ..dependencies import Parts, PartsDep
+from ..edge import CallerDep, needs
+from ..parts import SamplesDep
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, SampleId
 from ..schema.sample_models import Sample, SamplePage, Truth
 
@@ -32,9 +33,10 @@ _TRUTH_BODY: dict[str, Any] = {
 
 
 @router.get("")
+@needs(Scope.BUILD, "localize")
 @LISTS.route
 def get_samples(
-    parts: PartsDep,
+    samples: SamplesDep,
     caller: CallerDep,
     map_id: Annotated[str | None, Query(description="only queries about this map")] = None,
     verdict: Annotated[Verdict | None, Query(description="only answers with this verdict")] = None,
@@ -48,11 +50,11 @@ def get_samples(
     """
     if map_id is not None:
         caller.check_map(check_map_id(map_id))
-    ids = [one for one in reversed(parts.samples.ids()) if after is None or one < after]
+    ids = [one for one in reversed(samples.ids()) if after is None or one < after]
     found: list[QuerySample] = []
     last = None
     for last in ids[:MAX_READ]:
-        sample = parts.samples.find(last)
+        sample = samples.find(last)
         if sample is None or not _sees(caller, sample) or (map_id and not sample.is_about(map_id)):
             continue
         if verdict is not None and sample.answer["verdict"] != verdict.value:
@@ -67,10 +69,11 @@ def get_samples(
 
 
 @router.get("/{sample_id}")
+@needs(Scope.BUILD)
 @LISTS.route
-def get_sample(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> Sample:
+def get_sample(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) -> Sample:
     """One kept query, with its answer."""
-    return Sample.of(_shown(parts, caller, sample_id))
+    return Sample.of(_shown(samples, caller, sample_id))
 
 
 @router.get(
@@ -78,25 +81,27 @@ def get_sample(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> Sampl
     response_class=Response,
     responses={200: {"content": {"*/*": {"schema": {"type": "string", "format": "binary"}}}}},
 )
+@needs(Scope.BUILD, "localize")
 @LISTS.route
 def get_sample_body(
-    sample_id: SampleId, parts: PartsDep, caller: CallerDep, place: AnswerPlaceDep
+    sample_id: SampleId, samples: SamplesDep, caller: CallerDep, place: AnswerPlaceDep
 ) -> Response:
     """The body of the query, as it came: `POST /localize` takes it again.
 
     Its content encoding is in the sample, not in this answer's header: the body stays as it is.
     """
-    sample = _shown(parts, caller, sample_id)
+    sample = _shown(samples, caller, sample_id)
     place.take(sample.body_bytes)
     return Response(
-        parts.samples.body(sample_id),
+        samples.body(sample_id),
         media_type="application/octet-stream",
         headers={"Cache-Control": "private, no-store", "X-Body-Type": _printable(sample.media_type)},
     )
 
 
 @router.put("/{sample_id}/truth", openapi_extra=_TRUTH_BODY)
-async def put_truth(sample_id: SampleId, request: Request, parts: PartsDep, caller: CallerDep) -> Sample:
+@needs(Scope.BUILD)
+async def put_truth(sample_id: SampleId, request: Request, samples: SamplesDep, caller: CallerDep) -> Sample:
     """Notes where the scan was taken, for tests of later versions."""
     truth = await read_model(request, Truth)
     caller.check_map(check_map_id(truth.map_id))
@@ -105,22 +110,24 @@ async def put_truth(sample_id: SampleId, request: Request, parts: PartsDep, call
             from_quaternion(truth.T_map_sensor.position, truth.T_map_sensor.quaternion)
         except ValueError as error:
             raise InvalidOption(f"T_map_sensor: {error}") from None
-    return await CHANGES.run(_set_truth, parts, caller, sample_id, truth.model_dump(mode="json"))
+    return await CHANGES.run(_set_truth, samples, caller, sample_id, truth.model_dump(mode="json"))
 
 
 @router.delete("/{sample_id}/truth")
+@needs(Scope.BUILD)
 @CHANGES.route
-def delete_truth(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> Sample:
+def delete_truth(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) -> Sample:
     """Forgets where the scan was taken."""
-    return _set_truth(parts, caller, sample_id, {})
+    return _set_truth(samples, caller, sample_id, {})
 
 
 @router.delete("/{sample_id}", status_code=204)
+@needs(Scope.ADMIN)
 @CHANGES.route
-def delete_sample(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> None:
+def delete_sample(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) -> None:
     """Removes a kept query for good."""
-    _shown(parts, caller, sample_id)
-    parts.samples.delete(sample_id)
+    _shown(samples, caller, sample_id)
+    samples.delete(sample_id)
 
 
 def _printable(media_type: str) -> str:
@@ -128,18 +135,18 @@ def _printable(media_type: str) -> str:
     return "".join(char for char in media_type[:200] if " " <= char <= "~")
 
 
-def _set_truth(parts: Parts, caller: Principal, sample_id: str, truth: dict[str, Any]) -> Sample:
-    _shown(parts, caller, sample_id)
-    return Sample.of(parts.samples.set_truth(sample_id, truth))
+def _set_truth(samples: QuerySamples, caller: Principal, sample_id: str, truth: dict[str, Any]) -> Sample:
+    _shown(samples, caller, sample_id)
+    return Sample.of(samples.set_truth(sample_id, truth))
 
 
-def _shown(parts: Parts, caller: Principal, sample_id: str) -> QuerySample:
+def _shown(samples: QuerySamples, caller: Principal, sample_id: str) -> QuerySample:
     """The sample, if the caller may see it.
 
     Raises:
         NotFound: there is none, or it is about a map that is hidden from the caller.
     """
-    sample = parts.samples.get(sample_id)
+    sample = samples.get(sample_id)
     if not _sees(caller, sample):
         raise NotFound(f"no sample {sample_id}")
     return sample

@@ -10,16 +10,17 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Request, Response
 
+from firstfix.access.permissions import Scope
 from firstfix.catalog.uploads.uploads import Upload
 from firstfix.errors import Conflict, InvalidOption, TooLarge, UnsupportedFormat
 from firstfix.ids import check_version
 
 from ...thread_pools import CHANGES, COPIES, LISTS, READS
-from ..authorize import CallerDep
 from ..bodies import tus
 from ..bodies.multipart import harmless_name
 from ..bodies.upload_stream import append_body, own_upload
-from ..dependencies import PartsDep
+from ..edge import CallerDep, needs
+from ..parts import UploadPartsDep
 from ..schema.api_models import UploadStatus
 from ..schema.parameters import UploadId
 
@@ -44,7 +45,8 @@ _PART: dict[str, Any] = {
 @router.options(
     "", status_code=204, responses={204: _headers("Tus-Version", "Tus-Extension", "Tus-Max-Size")}
 )
-async def describe_uploads(parts: PartsDep) -> Response:
+@needs(Scope.BUILD)
+async def describe_uploads(parts: UploadPartsDep) -> Response:
     """The tus version, extensions and limits of this service."""
     return Response(
         status_code=204,
@@ -53,7 +55,7 @@ async def describe_uploads(parts: PartsDep) -> Response:
             "Tus-Version": tus.VERSION,
             "Tus-Extension": tus.EXTENSIONS,
             "Tus-Checksum-Algorithm": ",".join(tus.CHECKSUMS),
-            "Tus-Max-Size": str(parts.settings.max_upload_bytes),
+            "Tus-Max-Size": str(parts.max_bytes),
         },
     )
 
@@ -63,9 +65,10 @@ async def describe_uploads(parts: PartsDep) -> Response:
     status_code=201,
     responses={201: {**_headers("Location", "Upload-Offset", "Upload-Expires"), "description": "created"}},
 )
+@needs(Scope.BUILD)
 @LISTS.route
 def begin_upload(
-    parts: PartsDep,
+    parts: UploadPartsDep,
     caller: CallerDep,
     response: Response,
     upload_length: Annotated[
@@ -90,8 +93,8 @@ def begin_upload(
     size_bytes = tus.number("Upload-Length", upload_length)
     if size_bytes < 1:
         raise InvalidOption("Upload-Length is 0: a map file must not be empty")
-    if size_bytes > parts.settings.max_upload_bytes:
-        raise TooLarge(f"a file has at most {parts.settings.max_upload_bytes} bytes")
+    if size_bytes > parts.max_bytes:
+        raise TooLarge(f"a file has at most {parts.max_bytes} bytes")
     metadata = tus.metadata(upload_metadata)
     if not metadata.get("filename"):
         raise InvalidOption("Upload-Metadata has no filename")
@@ -99,18 +102,19 @@ def begin_upload(
     if sha256 is not None:
         check_version(sha256)
     upload_id, name = f"u{uuid.uuid4().hex}", harmless_name(metadata["filename"])
-    with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
+    with parts.disks.reserve("the store's disk", parts.store.directory) as room:
         room.ensure(size_bytes)  # refused at once without room; reserved as bytes arrive
-    parts.upload_quota.begin(caller.name, upload_id, size_bytes=size_bytes, file_name=name, sha256=sha256)
+    parts.quota.begin(caller.name, upload_id, size_bytes=size_bytes, file_name=name, sha256=sha256)
     upload = parts.uploads.get(upload_id)
     response.headers.update({**tus.headers_of(upload), "Location": f"/uploads/{upload_id}"})
     return _status(upload)
 
 
 @router.head("/{upload_id}", response_class=Response, responses={200: _STATE_HEADERS})
+@needs(Scope.BUILD)
 @READS.route
 def get_upload_offset(
-    upload_id: UploadId, parts: PartsDep, caller: CallerDep, tus_resumable: TusResumable = None
+    upload_id: UploadId, parts: UploadPartsDep, caller: CallerDep, tus_resumable: TusResumable = None
 ) -> Response:
     """Offset at which to continue, in `Upload-Offset`."""
     tus.check_version(tus_resumable)
@@ -118,17 +122,19 @@ def get_upload_offset(
 
 
 @router.get("/{upload_id}")
+@needs(Scope.BUILD)
 @READS.route
-def get_upload(upload_id: UploadId, parts: PartsDep, caller: CallerDep) -> UploadStatus:
+def get_upload(upload_id: UploadId, parts: UploadPartsDep, caller: CallerDep) -> UploadStatus:
     """State of an upload, for people."""
     return _status(own_upload(parts.uploads, caller, upload_id))
 
 
 @router.patch("/{upload_id}", status_code=204, responses={204: _STATE_HEADERS}, openapi_extra=_PART)
+@needs(Scope.BUILD)
 async def append_to_upload(
     upload_id: UploadId,
     request: Request,
-    parts: PartsDep,
+    parts: UploadPartsDep,
     caller: CallerDep,
     upload_offset: Annotated[
         str,
@@ -153,22 +159,23 @@ async def append_to_upload(
         raise UnsupportedFormat(f"the media type of a part is {tus.MEDIA_TYPE}")
     offset = tus.number("Upload-Offset", upload_offset)
     checksum = None if upload_checksum is None else tus.Checksum(upload_checksum)
-    with parts.upload_streams.request(caller.name):
+    with parts.streams.request(caller.name):
         upload = await READS.run(own_upload, parts.uploads, caller, upload_id)
         if offset != upload.offset:
             raise Conflict(f"upload {upload_id} continues at {upload.offset}, not at {offset}")
-        with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
+        with parts.disks.reserve("the store's disk", parts.store.directory) as room:
             await READS.run(room.ensure, upload.size_bytes - offset)
-            upload = await append_body(parts.uploads, upload, request, checksum, parts.upload_pace, room)
+            upload = await append_body(parts.uploads, upload, request, checksum, parts.pace, room)
         if upload.complete:
             await COPIES.run(parts.uploads.finish, upload)
     return Response(status_code=204, headers=tus.headers_of(upload))
 
 
 @router.delete("/{upload_id}", status_code=204)
+@needs(Scope.BUILD)
 @CHANGES.route
 def delete_upload(
-    upload_id: UploadId, parts: PartsDep, caller: CallerDep, tus_resumable: TusResumable = None
+    upload_id: UploadId, parts: UploadPartsDep, caller: CallerDep, tus_resumable: TusResumable = None
 ) -> Response:
     """Removes an upload, complete or not. A map that was built from it keeps its own copy."""
     tus.check_version(tus_resumable)

@@ -6,18 +6,21 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Request, Response
 
+from firstfix.access.permissions import Scope
 from firstfix.errors import NotFound
 
 from ...thread_pools import CHANGES, LISTS, READS
 from ..answer_room import AnswerPlaceDep
-from ..cache_headers import FOREVER
-from ..dependencies import PartsDep
+from ..edge import needs
+from ..parts import CatalogDep, MapPartsDep
 from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId, Version
 
 router = APIRouter(prefix="/maps/{map_id}", tags=["versions"])
 PICTURES = ("preview", "reliability", "localizability")
 MAX_PICTURE_BYTES = 64 << 20
+# Cache-Control of what never changes. Shared caches must not serve it: callers need permission.
+FOREVER = "private, max-age=31536000, immutable"
 _PICTURE: dict[int | str, dict[str, Any]] = {
     200: {
         "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
@@ -28,12 +31,13 @@ _PICTURE: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/versions")
+@needs(Scope.LOCALIZE)
 @READS.route
 def get_versions(
-    map_id: MapId, parts: PartsDep, limit: Limit = DEFAULT_LIMIT, after: After = None
+    map_id: MapId, catalog: CatalogDep, limit: Limit = DEFAULT_LIMIT, after: After = None
 ) -> VersionPage:
     """Published versions of the map, newest first."""
-    infos = parts.catalog.versions(map_id)
+    infos = catalog.versions(map_id)
     if after is not None:
         names = [info.version for info in infos]
         if after not in names:
@@ -53,26 +57,28 @@ def get_versions(
 
 
 @router.get("/versions/{version}", response_model=VersionDetails)
+@needs(Scope.LOCALIZE)
 @READS.route
-def get_version(map_id: MapId, version: Version, parts: PartsDep) -> dict[str, Any]:
+def get_version(map_id: MapId, version: Version, catalog: CatalogDep) -> dict[str, Any]:
     """One version, with its manifest."""
-    manifest = parts.catalog.manifest(map_id, version)
+    manifest = catalog.manifest(map_id, version)
     return {
         "map_id": map_id,
         "version": version,
-        "active": parts.catalog.active_version(map_id) == version,
+        "active": catalog.active_version(map_id) == version,
         "manifest": manifest.to_mapping(),
     }
 
 
 @router.get("/versions/{version}/report", response_model=VersionReport)
+@needs(Scope.LOCALIZE)
 @READS.route
-def get_report(map_id: MapId, version: Version, parts: PartsDep) -> dict[str, Any]:
+def get_report(map_id: MapId, version: Version, catalog: CatalogDep) -> dict[str, Any]:
     """Results of the build's self-test.
 
     Success rate, reliability of the probabilities, and localizability: where a robot can find itself.
     """
-    manifest = parts.catalog.manifest(map_id, version)
+    manifest = catalog.manifest(map_id, version)
     return {
         "map_id": map_id,
         "version": version,
@@ -87,12 +93,13 @@ def get_report(map_id: MapId, version: Version, parts: PartsDep) -> dict[str, An
 @router.get("/versions/{version}/preview", response_class=Response, responses=_PICTURE)
 @router.get("/versions/{version}/reliability", response_class=Response, responses=_PICTURE)
 @router.get("/versions/{version}/localizability", response_class=Response, responses=_PICTURE)
+@needs(Scope.LOCALIZE, "localize")
 @LISTS.route
 def get_picture(
     map_id: MapId,
     version: Version,
     request: Request,
-    parts: PartsDep,
+    catalog: CatalogDep,
     place: AnswerPlaceDep,
     if_none_match: Annotated[str | None, Header(description="ETags of the caller's copies")] = None,
 ) -> Response:
@@ -102,20 +109,21 @@ def get_picture(
     `localizability`: where a robot can find itself.
     """
     name = f"{request.url.path.rsplit('/', 1)[-1]}.png"
-    entry = parts.catalog.manifest(map_id, version).files.get(name)
+    entry = catalog.manifest(map_id, version).files.get(name)
     if entry is None:
         raise NotFound(f"version {version} of map {map_id} has no {name}")
     headers = {"ETag": f'"{entry.sha256}"', "Cache-Control": FOREVER}
     if if_none_match is not None and _names(if_none_match, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     place.take(min(entry.bytes, MAX_PICTURE_BYTES))
-    data = parts.catalog.read_file(map_id, version, name, max_bytes=MAX_PICTURE_BYTES)
+    data = catalog.read_file(map_id, version, name, max_bytes=MAX_PICTURE_BYTES)
     return Response(data, media_type="image/png", headers=headers)
 
 
 @router.post("/versions/{version}/activate")
+@needs(Scope.BUILD, "change")
 @CHANGES.route
-def activate(map_id: MapId, version: Version, parts: PartsDep) -> Activation:
+def activate(map_id: MapId, version: Version, parts: MapPartsDep) -> Activation:
     """Makes a published version, older or newer, the active one.
 
     This replica serves it before it answers the request, other replicas within their poll interval.
@@ -126,8 +134,9 @@ def activate(map_id: MapId, version: Version, parts: PartsDep) -> Activation:
 
 
 @router.post("/rollback")
+@needs(Scope.BUILD, "change")
 @CHANGES.route
-def roll_back(map_id: MapId, parts: PartsDep) -> Activation:
+def roll_back(map_id: MapId, parts: MapPartsDep) -> Activation:
     """Makes the previously active version the active one. A second call undoes the first.
 
     409: no version was active before.
@@ -138,11 +147,12 @@ def roll_back(map_id: MapId, parts: PartsDep) -> Activation:
 
 
 @router.delete("/versions/{version}")
+@needs(Scope.ADMIN, "change")
 @CHANGES.route
 def retire(
     map_id: MapId,
     version: Version,
-    parts: PartsDep,
+    catalog: CatalogDep,
     force: Annotated[
         bool, Query(description="also retire the active version: the one before it becomes active")
     ] = False,
@@ -151,8 +161,8 @@ def retire(
 
     409: it is the active version, and `force` is not set.
     """
-    parts.catalog.retire(map_id, version, force=force)
-    return Retirement(map_id=map_id, version=version, active_version=parts.catalog.active_version(map_id))
+    catalog.retire(map_id, version, force=force)
+    return Retirement(map_id=map_id, version=version, active_version=catalog.active_version(map_id))
 
 
 def _names(if_none_match: str, etag: str) -> bool:

@@ -17,6 +17,7 @@ from service_world import Service, running_service
 from firstfix.catalog.uploads.parts import PART_BYTES
 from firstfix.errors import OutOfSpace
 from firstfix_service.http_api.bodies.disk_space import DiskSpace
+from firstfix_service.http_api.parts import UploadParts
 from waiting import wait_until
 
 MIB = 1 << 20
@@ -132,7 +133,7 @@ def test_a_form_that_does_not_tell_its_length_stops_at_the_reserve(service: Serv
     assert min(free_bytes) > 0
     assert service.catalog.build_ids() == []
     wait_until(lambda: list(service.settings.work_dir.glob("uploads/*")) == [])
-    disks = service.app.state.start.parts.disks
+    disks = service.app.state.start.parts[UploadParts].disks
     assert disks.promised_bytes == 0
     assert service.http.post("/maps", content=form(bytes(2 * MIB)), headers=FORM).status_code == 202
 
@@ -152,7 +153,7 @@ def test_of_several_uploads_at_once_those_fit_that_have_room_together(service: S
     size = 3 * MIB
     urls = [caller.begin(size) for _ in range(4)]
     disk.size_bytes = disk.used_bytes + 2 * size + MIB
-    disks = service.app.state.start.parts.disks
+    disks = service.app.state.start.parts[UploadParts].disks
     with ExitStack() as under_way:
         for number, url in enumerate(urls[:2], 1):
             under_way.enter_context(caller.sending(url, size))
@@ -178,7 +179,7 @@ def test_an_upload_needs_room_for_its_copy_among_the_sources(service: Service, d
 
 def test_a_form_that_breaks_off_gives_its_room_back(service: Service, disk: Disk):
     address = urlsplit(service.url)
-    disks = service.app.state.start.parts.disks
+    disks = service.app.state.start.parts[UploadParts].disks
     told = f"Content-Type: {FORM['Content-Type']}\r\nContent-Length: 5000"
     head = f"POST /maps HTTP/1.1\r\nHost: x\r\n{told}\r\n\r\n"
     with socket.create_connection((str(address.hostname), int(address.port or 0))) as connection:

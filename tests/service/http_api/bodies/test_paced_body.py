@@ -14,6 +14,7 @@ from service_world import running_service
 from firstfix.errors import DeadlineExceeded
 from firstfix_service.http_api.bodies import paced_body
 from firstfix_service.http_api.bodies.paced_body import Pace, paced_pieces
+from firstfix_service.http_api.parts import UploadParts
 from waiting import wait_until
 
 PACE = Pace(stall_s=30.0, min_bytes_per_s=1000, timeout_s=3600.0)
@@ -82,4 +83,4 @@ def test_a_form_that_stalls_is_given_up(tmp_path: Path, length: str):
             connection.sendall(head.encode() + b"5\r\n--b\r\n\r\n")
             assert b" 504 " in connection.recv(4096).split(b"\r\n")[0]
         wait_until(lambda: list(service.settings.work_dir.glob("uploads/*")) == [])
-        assert service.app.state.start.parts.disks.promised_bytes == 0
+        assert service.app.state.start.parts[UploadParts].disks.promised_bytes == 0

@@ -121,7 +121,7 @@ def _opens(service: Service) -> bool:
 
 
 def test_silence_is_filled_with_comments(recorder: Service, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("firstfix_service.http_api.routes.build_events.HEARTBEAT_S", 0.5)
+    monkeypatch.setattr("firstfix_service.http_api.event_stream.HEARTBEAT_S", 0.5)
     put(recorder, "b1")
     with recorder.http.stream("GET", "/builds/b1/events") as response:
         assert next(line for line in response.iter_lines() if line.startswith(":")) == ": still there"

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
 from collections.abc import AsyncIterator
-from contextlib import ExitStack, suppress
 from typing import Annotated, Any
 
 import orjson
-import structlog
 from fastapi import APIRouter, Query
 from fastapi.responses import StreamingResponse
 
-from firstfix.errors import FirstfixError
+from firstfix.access.permissions import Scope
 from firstfix.ids import check_map_id
 
-from ....auth.permission import Permission, PermissionDep
 from ....auth.principal import Principal
 from ....localize.recent import RecentAnswer, RecentAnswers
-from ...authorize import CallerDep
-from ...dependencies import Parts, PartsDep
-from ...event_stream import HEARTBEAT, HEARTBEAT_S, EventStream
+from ...edge import CallerDep, PermissionDep, needs
+from ...event_stream import EventStreamsDep
+from ...parts import part
 
 router = APIRouter(prefix="/answers", tags=["answers"])
-_log = structlog.get_logger(__name__)
 LOOK_S = 0.25  # between looks for new answers
 _EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
@@ -39,8 +33,10 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/events", response_class=StreamingResponse, responses=_EVENTS)
+@needs(Scope.BUILD)
 async def get_answer_events(
-    parts: PartsDep,
+    recent: Annotated[RecentAnswers, part(RecentAnswers)],
+    streams: EventStreamsDep,
     caller: CallerDep,
     permission: PermissionDep,
     map_id: Annotated[str | None, Query(description="only answers in this map")] = None,
@@ -55,38 +51,22 @@ async def get_answer_events(
     """
     if map_id is not None:
         caller.check_map(check_map_id(map_id))
-    counted = ExitStack()
-    counted.enter_context(parts.event_streams.request(caller.name))
-    counted.enter_context(parts.recent.watched())
-    return EventStream(_events(parts, caller, permission, map_id, after), counted)
+    events = _events(recent, caller, map_id, after)
+    return streams.open(caller.name, permission, map_id, events, LOOK_S, recent.watched())
 
 
 async def _events(
-    parts: Parts, caller: Principal, permission: Permission, map_id: str | None, after: int
+    recent: RecentAnswers, caller: Principal, map_id: str | None, after: int
 ) -> AsyncIterator[bytes]:
-    yield _watching(parts.recent)  # the headers go out at once
-    said = checked = time.monotonic()
-    while not parts.closing.is_set():
-        for one in parts.recent.after(after):
+    yield _watching(recent)  # the headers go out at once
+    while True:
+        for one in recent.after(after):
             after = one.number
             found_in = one.map_id
             shown = caller.sees(found_in) if found_in else caller.sees_every_map
             if shown and map_id in (None, found_in):
                 yield _event(one)
-                said = time.monotonic()
-        if time.monotonic() - said > HEARTBEAT_S:
-            yield HEARTBEAT
-            said = time.monotonic()
-        with suppress(TimeoutError):
-            async with asyncio.timeout(LOOK_S):
-                await parts.closing.wait()
-        if time.monotonic() - checked > 1.0:
-            try:
-                await permission.check(map_id)
-            except FirstfixError as error:
-                _log.info("a stream of events ended: its caller has lost the permission", code=error.code)
-                return
-            checked = time.monotonic()
+        yield b""
 
 
 def _watching(recent: RecentAnswers) -> bytes:

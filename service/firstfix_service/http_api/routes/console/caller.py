@@ -1,25 +1,35 @@
-"""/caller: who the caller is and what it may do."""
+"""/caller and /sensors: who the caller is and what it may do, and for which sensors it may build."""
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 
 from firstfix.access.permissions import Scope
+from firstfix.sensor import preset, presets
 
-from ...authorize import CallerDep
-from ...dependencies import PartsDep
-from ...schema.api_models import Caller
+from ....settings import Settings
+from ...edge import CallerDep, needs
+from ...schema.api_models import Caller, Sensor
 
-router = APIRouter(tags=["operations"])
+router = APIRouter()
 
 
-@router.get("/caller")
-async def get_caller(parts: PartsDep, caller: CallerDep) -> Caller:
+@router.get("/caller", tags=["operations"])
+@needs(Scope.LOCALIZE)
+async def get_caller(request: Request, caller: CallerDep) -> Caller:
     """The caller and its permissions: a page shows only what they allow."""
+    settings: Settings = request.app.state.settings
     return Caller(
         name=caller.name,
         scopes=[scope.value for scope in Scope if caller.grant.allows(scope)],
         maps=list(caller.grant.maps),
-        authentication=parts.settings.auth == "on",
-        read_only=parts.settings.read_only,
+        authentication=settings.auth == "on",
+        read_only=settings.read_only,
     )
+
+
+@router.get("/sensors", tags=["maps"])
+@needs(Scope.LOCALIZE)
+async def get_sensors() -> list[Sensor]:
+    """The sensor presets, by name. A build's config names one, or changes some of its values."""
+    return [Sensor.model_validate(preset(name).to_mapping()) for name in presets()]

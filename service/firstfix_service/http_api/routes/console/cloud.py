@@ -6,14 +6,16 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
+from firstfix.access.permissions import Scope
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.errors import NotFound
 
 from ....thread_pools import LISTS
 from ...answer_room import AnswerPlaceDep
-from ...cache_headers import FOREVER
-from ...dependencies import PartsDep
+from ...edge import needs
+from ...parts import CatalogDep
 from ...schema.parameters import MapId, Version
+from ..versions import FOREVER
 
 router = APIRouter(prefix="/maps/{map_id}/versions/{version}/cloud", tags=["versions"])
 POINT_BYTES = 8
@@ -26,8 +28,9 @@ MAX_INDEX_BYTES = 64 << 20
     response_class=Response,
     responses={200: {"content": {"application/json": {"schema": {"type": "object"}}}}},
 )
+@needs(Scope.LOCALIZE, "localize")
 @LISTS.route
-def get_cloud(map_id: MapId, version: Version, parts: PartsDep, place: AnswerPlaceDep) -> Response:
+def get_cloud(map_id: MapId, version: Version, catalog: CatalogDep, place: AnswerPlaceDep) -> Response:
     """The nodes of the octree that holds the map's points.
 
     `low_m` and `edge_m`: low corner and edge of the root, in map coordinates. `nodes`: `[level, x, y, z,
@@ -35,11 +38,11 @@ def get_cloud(map_id: MapId, version: Version, parts: PartsDep, place: AnswerPla
     `low_m + (x, y, z) * edge`. `marks`: `[first, count]` of the templates and of the mapping run, packed as
     points of the root. 404: the version was built before there were clouds, or it is provisional.
     """
-    entry = parts.catalog.manifest(map_id, version).files.get(CLOUD_INDEX)
+    entry = catalog.manifest(map_id, version).files.get(CLOUD_INDEX)
     if entry is None:
         raise NotFound(f"version {version} of map {map_id} has no cloud for viewers")
     place.take(min(entry.bytes, MAX_INDEX_BYTES))
-    data = parts.catalog.read_file(map_id, version, CLOUD_INDEX, max_bytes=MAX_INDEX_BYTES)
+    data = catalog.read_file(map_id, version, CLOUD_INDEX, max_bytes=MAX_INDEX_BYTES)
     return Response(data, media_type="application/json", headers={"Cache-Control": FOREVER})
 
 
@@ -50,11 +53,12 @@ def get_cloud(map_id: MapId, version: Version, parts: PartsDep, place: AnswerPla
         200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}
     },
 )
+@needs(Scope.LOCALIZE, "localize")
 @LISTS.route
 def get_cloud_points(
     map_id: MapId,
     version: Version,
-    parts: PartsDep,
+    catalog: CatalogDep,
     place: AnswerPlaceDep,
     first: Annotated[int, Query(ge=0, description="number of the first point")],
     count: Annotated[int, Query(ge=1, le=MAX_POINTS, description="number of points")],
@@ -65,5 +69,5 @@ def get_cloud_points(
     where it is not known.
     """
     place.take(count * POINT_BYTES)
-    data = parts.catalog.read_part(map_id, version, CLOUD_POINTS, first * POINT_BYTES, count * POINT_BYTES)
+    data = catalog.read_part(map_id, version, CLOUD_POINTS, first * POINT_BYTES, count * POINT_BYTES)
     return Response(data, media_type="application/octet-stream", headers={"Cache-Control": FOREVER})

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 
+from firstfix.access.permissions import Scope
 from firstfix.answer.options import LocalizeOptions
 from firstfix.decode import MEDIA_TYPES
 from firstfix.engine.changes.overlay import OverlayMap
@@ -18,8 +19,8 @@ from firstfix.transform import Matrix
 
 from ....query_workers.body_format import Body, BodyFormat
 from ....thread_pools import LOOKS
-from ...authorize import CallerDep
-from ...dependencies import PartsDep
+from ...edge import CallerDep, needs
+from ...parts import LocalizePartsDep
 from ...schema.parameters import MapId, Version
 
 router = APIRouter(prefix="/maps/{map_id}/versions/{version}/overlay", tags=["localize"])
@@ -36,11 +37,12 @@ _POINTS: dict[int | str, dict[str, Any]] = {
 
 
 @router.post("", response_class=Response, responses=_POINTS, openapi_extra=_BODY)
+@needs(Scope.LOCALIZE, "localize")
 async def post_overlay(
     map_id: MapId,
     version: Version,
     request: Request,
-    parts: PartsDep,
+    parts: LocalizePartsDep,
     caller: CallerDep,
     T_map_sensor: Annotated[str, Query(max_length=400, description="pose, `x,y,z,qx,qy,qz,qw`")],
 ) -> Response:
@@ -62,7 +64,7 @@ async def post_overlay(
             leases = await asyncio.wrap_future(parts.maps.lease((map_id,), version))
             try:
                 directory = leases.served[0].directory
-                limit = parts.settings.max_decoded_bytes
+                limit = parts.max_decoded_bytes
                 data = await LOOKS.run(_overlay, directory, body_format, body, limit, pose)
             finally:
                 leases.close()

@@ -12,7 +12,8 @@ from fastapi.responses import RedirectResponse
 
 from firstfix.errors import NotFound
 
-from ...cache_headers import FOREVER
+from ...edge import public
+from ..versions import FOREVER
 
 router = APIRouter(include_in_schema=False)
 FILES = Path(__file__).parents[3] / "console_files"
@@ -54,6 +55,7 @@ class PageFile:
 
 @router.api_route("/", methods=_READ)
 @router.api_route("/console", methods=_READ)
+@public
 async def show_console() -> Response:
     """Leads to the page, under whatever prefix a proxy puts before it."""
     _page()
@@ -61,6 +63,7 @@ async def show_console() -> Response:
 
 
 @router.api_route("/console/{name:path}", methods=_READ)
+@public
 async def get_console_file(name: str, request: Request) -> Response:
     """A file of the page.
 

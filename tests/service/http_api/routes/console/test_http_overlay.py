@@ -10,6 +10,7 @@ from service_world import XYZ, Service
 from changed_hall import Hall, pose, standing
 from firstfix.catalog.manifest import Manifest
 from firstfix.engine.index import ENGINE_FILE
+from firstfix_service.http_api.parts import LocalizeParts
 from firstfix_service.startup.composition import MOST_OVERLAYS_PER_CALLER
 from waiting import wait_until
 
@@ -74,7 +75,7 @@ def test_one_caller_holds_few_scans_at_a_time(service: Service, version: str):
     """Their bodies are in the memory that queries need too, from the first byte until the answer."""
     path = f"/maps/hall/versions/{version}/overlay?T_map_sensor={PLACE}"
     head = f"POST {path} HTTP/1.1\r\nHost: h\r\nContent-Type: {XYZ}\r\nContent-Length: 1200\r\n\r\n"
-    held = service.app.state.start.parts.overlays
+    held = service.app.state.start.parts[LocalizeParts].overlays
     slow = [connect(service) for _ in range(MOST_OVERLAYS_PER_CALLER)]
     try:
         for connection in slow:

@@ -10,9 +10,9 @@ from access_world import give
 from raw_connection import all_of, connect
 from service_world import running_service
 
-from firstfix_service.http_api import stranger_pace
-from firstfix_service.http_api.stranger_pace import MAX_HOLD_S, MAX_PROBE_HOLD_S
-from firstfix_service.http_server.protocol import LimitedHttpProtocol
+from firstfix_service.http_api import edge
+from firstfix_service.http_api.edge import MAX_DELAY_S, MAX_PROBE_DELAY_S
+from firstfix_service.http_server.streams import AnswerDelay
 from waiting import wait_until
 
 PROXY = ("127.0.0.0/8",)
@@ -23,10 +23,10 @@ def held(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Records for how many seconds answers should wait, and lets them go at once."""
     seen: list[float] = []
 
-    async def hold(connection: LimitedHttpProtocol, seconds: float) -> None:
+    async def wait(delay: AnswerDelay, seconds: float) -> None:
         seen.append(seconds)
 
-    monkeypatch.setattr(LimitedHttpProtocol, "_hold", hold)
+    monkeypatch.setattr(AnswerDelay, "wait", wait)
     return seen
 
 
@@ -48,7 +48,7 @@ def test_a_stranger_waits_after_its_burst_and_others_do_not(tmp_path: Path, held
         assert not held
         refused = ask(path, key, "192.0.2.1")
         assert refused.status_code in (200, 401, 404), "it is answered all the same"
-        assert held == [MAX_HOLD_S]
+        assert held == [MAX_DELAY_S]
         ask(path, key, "192.0.2.2")
         assert len(held) == 1, "another address"
         for _ in range(3):
@@ -61,11 +61,11 @@ def test_probes_wait_for_a_short_time_alone(tmp_path: Path, held):
         held.clear()
         for _ in range(3):
             service.http.get("/nothing")
-        assert set(held) == {MAX_HOLD_S}
+        assert set(held) == {MAX_DELAY_S}
         held.clear()
         for _ in range(3):
             assert service.http.get("/healthz").is_success
-        assert set(held) == {MAX_PROBE_HOLD_S}
+        assert set(held) == {MAX_PROBE_DELAY_S}
 
 
 def test_there_may_be_no_limit(tmp_path: Path, held):
@@ -76,7 +76,7 @@ def test_there_may_be_no_limit(tmp_path: Path, held):
 
 
 def test_a_stranger_that_waits_gives_its_place_to_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(stranger_pace, "MAX_HOLD_S", 1e6)
+    monkeypatch.setattr(edge, "MAX_DELAY_S", 1e6)
     with running_service(
         tmp_path, auth="on", strangers_per_s=1e-5, max_connections=1, zenoh=False
     ) as service:

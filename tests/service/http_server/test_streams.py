@@ -8,9 +8,9 @@ from typing import Any
 import uvicorn
 from uvicorn.server import ServerState
 
-from firstfix_service.http_server.answer import PIECE_BYTES, in_pieces
 from firstfix_service.http_server.connections import ConnectionLimits, Connections
 from firstfix_service.http_server.protocol import LimitedHttpProtocol
+from firstfix_service.http_server.streams import PIECE_BYTES, in_pieces
 from firstfix_service.settings import Settings
 
 REQUEST = b"%s / HTTP/1.1\r\nHost: x\r\nContent-Length: 0\r\n\r\n"

@@ -1,0 +1,316 @@
+"""Edge of HTTP: who calls a route and may, the log line of each request, and what strangers wait for."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Coroutine, Iterable
+from functools import cache
+from typing import Annotated, Any, TypeVar
+
+import structlog
+from fastapi import Depends, FastAPI, Request, Response
+from fastapi.routing import APIRoute, iter_route_contexts
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+from starlette.types import ASGIApp, Message, Receive, Send
+from starlette.types import Scope as ASGIScope
+
+from firstfix.access.permissions import Scope
+from firstfix.catalog.catalog import Catalog
+from firstfix.errors import NotFound, ReadOnly, Unauthorized
+
+from ..auth.authenticate import Authenticator, Permission, RateLimit
+from ..auth.principal import Needs, Principal, Rate
+from ..http_server.connections import Network, address_of
+from ..http_server.streams import DELAY_ANSWER, DelayAnswer
+from ..problems import problem_of
+from ..settings import Settings
+from ..telemetry.metrics import Metrics
+from ..telemetry.request_scope import Requests, RequestScope, current_caller
+from ..thread_pools import AUTH
+from .parts import part_of
+
+T = TypeVar("T")
+Route = TypeVar("Route", bound=Callable[..., Any])
+
+_log = structlog.get_logger(__name__)
+TRANSPORT = "http"
+MAX_PATH_CHARS = 300  # a longer path is cut in the log
+CLIENT_GONE = 499  # nginx's status for it; nobody reads the answer
+BURST_S = 2.0  # a page and its files come at once, for several people behind one address
+MAX_DELAY_S = 2.0
+MAX_PROBE_DELAY_S = 0.25  # probes give up after a second, and one may share its address with a stranger
+_READING = frozenset({"GET", "HEAD", "OPTIONS"})
+_METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
+_PROBES = {"/healthz", "/readyz"}
+_QUIET = {*_PROBES, "/metrics"}
+_NOSNIFF = (b"x-content-type-options", b"nosniff")
+
+
+def needs(scope: Scope, rate: Rate = "") -> Callable[[Route], Route]:
+    """Marks the function of a route with what its callers need.
+
+    Args:
+        rate: limit that requests count against. Reads of much data count as queries do.
+    """
+    return lambda route: _marked(route, Needs(scope, rate))
+
+
+def public(route: Route) -> Route:
+    """Marks the function of a route that everybody may call. Large answers are in memory once, for all."""
+    return _marked(route, None)
+
+
+def _marked(route: Route, what: Needs | None) -> Route:
+    route.__dict__["needs"] = what
+    return route
+
+
+def needs_of(scope: ASGIScope) -> Needs | None:
+    """Returns what callers of the route need; None if it is public."""
+    found: Needs | None = getattr(scope.get("endpoint"), "needs", Needs(Scope.ADMIN))
+    return found
+
+
+def check_routes(app: FastAPI) -> None:
+    """Checks that each route says what its callers need, and that ``authorize`` sees their requests.
+
+    Raises:
+        TypeError: names the first route that does not.
+    """
+    for route in iter_route_contexts(app.routes):
+        if not hasattr(route.endpoint, "needs"):
+            raise TypeError(f"{route.path} does not say what it needs: mark its function @needs or @public")
+        is_asked = isinstance(route.original_route, APIRoute)
+        if not is_asked and needs_of({"endpoint": route.endpoint}) is not None:
+            raise TypeError(f"{route.path} needs a caller, and only routes of FastAPI ask for one")
+
+
+async def authorize(request: Request) -> None:
+    """Lets a request pass, or refuses it, before its body is read. A dependency of every route.
+
+    Stores the ``Principal`` in ``request.state.caller`` and the ``Permission``, for later checks, in
+    ``request.state.permission``. Checks the map or build in the path. Routes check the maps in a body or in
+    query parameters.
+
+    Raises:
+        Unauthorized, Forbidden, RateLimited: the request is refused.
+        NotFound: the build belongs to a map that the caller may not see.
+        ReadOnly: the request would change something. The store, which is opened read-only, refuses it too.
+    """
+    needs, settings = needs_of(request.scope), _settings_of(request)
+    is_open = (
+        needs is not None
+        and needs.scope is Scope.METRICS
+        and (settings.metrics_public or settings.auth != "on")
+    )
+    if needs is None or is_open:
+        return  # also before the store has answered
+    authenticator, map_id = part_of(request, Authenticator), request.path_params.get("map_id")
+    credential, address = _credential(request), request.state.address
+    caller = await authenticator.authorize(credential, address, needs, map_id)
+    request.state.caller = caller
+    request.state.permission = Permission(authenticator, credential, address, needs.scope, map_id)
+    if (build_id := request.path_params.get("build_id")) is not None and not caller.sees_every_map:
+        status = await AUTH.run(part_of(request, Catalog).shown_status, build_id)
+        if not caller.sees(status["map_id"]):
+            raise NotFound(f"no build {build_id}")
+    changes = request.method not in _READING and needs.scope is not Scope.LOCALIZE
+    if settings.read_only and changes:
+        raise ReadOnly("this service is read-only (FIRSTFIX_READ_ONLY): use one that is not")
+
+
+async def caller_of(request: Request) -> Principal:
+    """Returns the caller of an authorized request."""
+    caller: Principal = request.state.caller
+    return caller
+
+
+async def _permission_of(request: Request) -> Permission:
+    permission: Permission = request.state.permission
+    return permission
+
+
+def _settings_of(request: Request) -> Settings:
+    settings: Settings = request.app.state.settings
+    return settings
+
+
+CallerDep = Annotated[Principal, Depends(caller_of)]
+PermissionDep = Annotated[Permission, Depends(_permission_of)]
+
+
+def _credential(request: Request) -> str | None:
+    """The credential in the header; None without the header. URLs end up in logs, so none is read there.
+
+    Raises:
+        Unauthorized: the header is malformed.
+    """
+    given = request.headers.getlist("authorization")
+    if not given:
+        return None
+    scheme, _, credential = given[0].partition(" ")
+    if len(given) > 1 or scheme.lower() != "bearer" or not credential.strip():
+        raise Unauthorized("a credential comes in one header Authorization, after the word Bearer")
+    return credential.strip()
+
+
+class DirectRoute(APIRoute):
+    """A route whose function gets the request and nothing else, right after ``authorize``.
+
+    The framework documents the route, but it resolves no dependencies: that takes as long as all else that
+    the service does for a query. The app's handlers answer its errors.
+    """
+
+    async def handle(self, scope: ASGIScope, receive: Receive, send: Send) -> None:
+        """Serves one request."""
+        methods = self.methods or set()
+        if scope["method"] not in methods:
+            raise HTTPException(405, headers={"Allow": ", ".join(sorted(methods))})
+        request: Request[Any] = Request(scope, receive, send)
+        await authorize(request)
+        response: Response = await self.endpoint(request)
+        await response(scope, receive, send)
+
+
+async def cancel_on_disconnect(request: Request, work: Coroutine[Any, Any, T]) -> T:
+    """Returns the result of the work, or cancels the work when the connection closes.
+
+    Args:
+        request: its body was read to the end.
+
+    Raises:
+        ClientDisconnect: the caller has gone.
+    """
+    own = asyncio.current_task()
+    assert own is not None
+    has_gone = False
+
+    async def watch() -> None:
+        nonlocal has_gone
+        while (await request.receive())["type"] != "http.disconnect":
+            pass
+        has_gone = True
+        own.cancel()
+
+    watching = asyncio.ensure_future(watch())
+    try:
+        return await work
+    except asyncio.CancelledError:
+        if not has_gone or own.uncancel():  # cancelled by somebody else, too
+            raise
+        raise ClientDisconnect from None
+    finally:
+        watching.cancel()
+
+
+class AnonymousThrottle:
+    """Delays answers to strangers who ask too fast: they take little of the event loop that all share.
+
+    A stranger has no caller: it asks for the console's page or for health, or its credential is missing or
+    invalid. A refusal would take as much time as most of these answers, and the next request would come at
+    once. So the answer comes late instead, and nothing fails. Strangers are counted by address.
+
+    Args:
+        per_s: of one address; 0: no limit.
+    """
+
+    def __init__(self, per_s: float) -> None:
+        self._is_on = per_s > 0
+        self._others, self._probes = (
+            RateLimit(what, per_s, BURST_S * per_s) for what in ("requests", "probes")
+        )
+
+    async def delay(self, scope: ASGIScope) -> None:
+        """Waits until the answer to a stranger may begin."""
+        delay: DelayAnswer | None = scope.get("extensions", {}).get(DELAY_ANSWER)
+        if not self._is_on or delay is None:
+            return
+        address = scope["state"]["address"]
+        if scope["path"] in _PROBES:
+            wait_s = self._probes.owe(address, MAX_PROBE_DELAY_S)
+        else:
+            wait_s = self._others.owe(address, MAX_DELAY_S)
+        if wait_s:
+            await delay(wait_s)
+
+
+class RequestLog:
+    """ASGI middleware that gives each request an id, a span, a log line, metrics, and a problem document.
+
+    Every answer has an X-Request-Id: the caller's, if it is well-formed. Every answer also forbids browsers
+    to guess another type than that in its header: names that callers gave stay text.
+    """
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        metrics: Metrics,
+        requests: Requests,
+        trusted: Iterable[Network],
+        throttle: AnonymousThrottle,
+    ) -> None:
+        self._app = app
+        # Finding a series by its labels takes longer than counting in it. There are few series.
+        self._count = cache(metrics.http_requests.labels)
+        self._seconds = cache(metrics.http_seconds.labels)
+        self._requests = requests
+        self._trusted = tuple(trusted)
+        self._throttle = throttle
+
+    async def __call__(self, scope: ASGIScope, receive: Receive, send: Send) -> None:
+        """Serves one request within its scope."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = dict(scope["headers"])
+        start = time.monotonic()
+        scope.setdefault("state", {})["address"] = address_of(scope, self._trusted)
+        with self._requests.scope(
+            TRANSPORT,
+            None if scope["path"] in _QUIET else scope["method"],
+            request_id=headers.get(b"x-request-id", b"").decode("latin-1"),
+            traceparent=headers.get(b"traceparent", b"").decode("latin-1"),
+            started=start,
+        ) as request:
+            await self._answer(request, scope, receive, send)
+
+    async def _answer(self, request: RequestScope, scope: ASGIScope, receive: Receive, send: Send) -> None:
+        own_headers = [(b"x-request-id", request.request_id.encode()), _NOSNIFF]
+        status = 0
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                message = {**message, "headers": [*message["headers"], *own_headers]}
+                if not current_caller():
+                    await self._throttle.delay(scope)
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_with_id)
+        except ClientDisconnect:
+            status = CLIENT_GONE
+        except Exception as error:
+            _log.exception("unexpected error")
+            if status:  # the answer is under way: the connection must break
+                raise
+            await problem_of(error).response()(scope, receive, send_with_id)
+        finally:
+            request.status = status
+            self._record(request, scope)
+
+    def _record(self, request: RequestScope, scope: ASGIScope) -> None:
+        route = getattr(scope.get("route"), "path", "unknown")
+        method = scope["method"] if scope["method"] in _METHODS else "other"
+        self._count(method, route, str(request.status)).inc()
+        self._seconds(route).observe(request.seconds)
+        path = scope["path"][:MAX_PATH_CHARS]
+        if request.span is not None:
+            request.span.update_name(f"{method} {route}")
+            attributes = {"http.request.method": method, "http.route": route, "url.path": path}
+            request.span.set_attributes({**attributes, "http.response.status_code": request.status})
+        log = _log.debug if route in _QUIET else _log.info
+        log("request", method=method, path=path, **request.line)

@@ -1,0 +1,267 @@
+"""What passes between the app and a connection: answers with the caller's pace, long bodies, delays."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Awaitable, Callable, Iterable
+from typing import Any
+
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
+
+PIECE_BYTES = 64 << 10  # of a body, in one write
+MIN_BYTES_PER_S = 500  # of a body, and of an answer: the slowest mobile networks are faster
+LONGEST_ANSWER_S = 300.0  # for a long answer to be taken in: its bytes stay in memory until then
+App = Callable[[Any, Any, Any], Any]  # ASGI
+
+DELAY_ANSWER = "firstfix.delay_answer"  # extension of the ASGI scope: a ``DelayAnswer``
+DelayAnswer = Callable[[float], Awaitable[None]]
+
+RECEIVE_INTO = "firstfix.receive_into"  # extension of the ASGI scope: a ``ReceiveInto``
+
+Arrived = Callable[[int], None]
+"""Called with the number of bytes of each piece. An error that it raises ends the reception."""
+ReceiveInto = Callable[[memoryview, Arrived], Awaitable[None]]
+"""Receives a whole body of declared length into a buffer of that length, once, instead of ``receive``.
+
+Raises ClientDisconnect if the caller goes, or the error of ``Arrived``.
+"""
+
+
+def in_pieces(app: App, begins: Callable[[int], None]) -> App:
+    """Returns an app whose long bodies go out in pieces, as the caller takes them in.
+
+    One long write would keep the event loop from all other callers. Between two pieces they have their turn,
+    and a piece waits until the transport has room for it.
+
+    Args:
+        begins: called when an answer begins, with the length that its head declares, or 0.
+    """
+
+    async def answer(scope: Any, receive: Any, send: Any) -> None:
+        async def send_in_pieces(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                await send(message)
+                begins(declared_bytes(message["headers"]))
+                return
+            body = memoryview(message.get("body", b""))
+            while len(body) > PIECE_BYTES:
+                await send({**message, "body": body[:PIECE_BYTES], "more_body": True})
+                body = body[PIECE_BYTES:]
+                await asyncio.sleep(0)
+            await send({**message, "body": body})
+
+        await app(scope, receive, send_in_pieces)
+
+    return answer
+
+
+def declared_bytes(headers: Iterable[tuple[bytes, bytes]]) -> int:
+    """Returns the Content-Length, or 0."""
+    return next((int(value) for name, value in headers if name.lower() == b"content-length"), 0)
+
+
+def limit_kernel_buffer(connection: socket.socket | None) -> None:
+    """Bounds what the system holds of answers beyond that which is on its way to the caller.
+
+    Otherwise it takes up to 4 MB of each connection: as memory, and as if the caller had read it.
+    """
+    if connection is not None and hasattr(socket, "TCP_NOTSENT_LOWAT"):
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, 2 * PIECE_BYTES)
+
+
+class AnswerDelay:
+    """A wait before an answer begins.
+
+    No work is done for the caller meanwhile, so the connection gives its place to another if one is needed.
+    """
+
+    def __init__(self) -> None:
+        self._ended: asyncio.Event | None = None
+
+    @property
+    def is_under_way(self) -> bool:
+        """True if an answer waits."""
+        return self._ended is not None
+
+    async def wait(self, seconds: float) -> None:
+        """Waits for some seconds, or until the connection has ended."""
+        self._ended = asyncio.Event()
+        try:
+            async with asyncio.timeout(seconds):
+                await self._ended.wait()
+        except TimeoutError:
+            pass
+        finally:
+            self._ended = None
+
+    def end(self) -> None:
+        """Ends the wait."""
+        if self._ended is not None:
+            self._ended.set()
+
+
+class ReadingPace:
+    """Measures the caller of one answer after the other.
+
+    Only the time during which writing is paused counts: otherwise the service has nothing to send. A pause of
+    its own for each piece of an answer would not do, because a caller may take one piece in, and stop again.
+
+    Args:
+        answer_s: seconds that a caller may wait with any answer.
+    """
+
+    def __init__(self, answer_s: float) -> None:
+        self._answer_s = answer_s
+        self._bytes_per_s = float(MIN_BYTES_PER_S)
+        self._written_bytes = 0
+        self._waited_s = 0.0  # in the pauses that have ended
+        self._paused_at: float | None = None
+
+    @property
+    def is_paused(self) -> bool:
+        """True if the service waits for the caller to take something in."""
+        return self._paused_at is not None
+
+    def begin(self, size_bytes: int, unsent_bytes: int) -> None:
+        """Begins an answer.
+
+        Args:
+            size_bytes: of its body; 0: not known.
+            unsent_bytes: that the transport still has to send, of this and earlier answers.
+        """
+        self._bytes_per_s = max(MIN_BYTES_PER_S, size_bytes / LONGEST_ANSWER_S)
+        self._written_bytes = unsent_bytes
+        self._waited_s = 0.0
+
+    def wrote(self, count: int) -> None:
+        """Counts bytes that were given to the transport."""
+        self._written_bytes += count
+
+    def paused(self, now: float) -> None:
+        """Notes that the transport takes no more, because the caller takes in too little."""
+        if self._paused_at is None:
+            self._paused_at = now
+
+    def resumed(self, now: float) -> None:
+        """Notes that the transport takes more."""
+        if self._paused_at is not None:
+            self._waited_s += now - self._paused_at
+            self._paused_at = None
+
+    def is_too_slow(self, now: float, unsent_bytes: int) -> bool:
+        """Returns whether the caller has taken in too little for the time that it had.
+
+        Args:
+            unsent_bytes: that the transport still has to send.
+        """
+        waited_s = self._waited_s + (0.0 if self._paused_at is None else now - self._paused_at)
+        taken_bytes = max(0, self._written_bytes - unsent_bytes)
+        return waited_s > self._answer_s + taken_bytes / self._bytes_per_s
+
+
+class AnswerTransport:
+    """The transport that one request and its answer use.
+
+    The head of an answer waits for the first piece of its body, and both go out in one write. So if the
+    service is killed, a proxy has seen all of a short answer or nothing, and may ask another replica. Between
+    two writes it could pass on a head that no body follows. A head alone goes out in the loop's next turn.
+
+    Args:
+        is_dropped: whether the connection drops answers.
+        end: closes the connection after an answer.
+    """
+
+    def __init__(
+        self,
+        connection: HttpToolsProtocol,
+        cycle: RequestResponseCycle,
+        pace: ReadingPace,
+        is_dropped: Callable[[], bool],
+        end: Callable[[], None],
+    ) -> None:
+        self._connection = connection
+        self._cycle = cycle
+        self._pace = pace
+        self._is_dropped = is_dropped
+        self._end = end
+        self._head: bytes | None = None
+        self._head_was_written = False
+
+    def write(self, data: bytes | memoryview) -> None:
+        """Writes a head or a piece of a body, unless the connection drops answers."""
+        if self._cycle.response_started and not self._head_was_written:  # else 100 Continue, or a body
+            self._head_was_written = True
+            if self._cycle.scope["method"] != "HEAD":
+                self._head = bytes(data)
+                self._connection.loop.call_soon(self._flush)
+                return
+        head, self._head = self._head or b"", None
+        if not self._is_dropped():
+            self._pace.wrote(len(head) + len(data))
+            self._connection.transport.write(head + data if head else data)
+
+    def is_closing(self) -> bool:
+        """Returns True if nothing more can be written."""
+        return self._is_dropped() or self._connection.transport.is_closing()
+
+    def close(self) -> None:
+        """Ends the connection after what was written."""
+        self._flush()
+        self._end()
+
+    def _flush(self) -> None:
+        if self._head is not None and not self._connection.transport.is_closing():
+            self.write(b"")
+
+
+class BodyReceiver(asyncio.BufferedProtocol):
+    """Takes the connection's place at its transport until the body is complete.
+
+    Args:
+        buffer: the rest of the body's memory; not empty.
+        ended: called once, with the error of ``arrived`` if there is one.
+    """
+
+    def __init__(
+        self,
+        connection: asyncio.Protocol,
+        buffer: memoryview,
+        arrived: Arrived,
+        ended: Callable[[Exception | None], None],
+    ) -> None:
+        self._connection = connection
+        self._left = buffer
+        self._arrived = arrived
+        self._ended = ended
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """Returns the memory for the next bytes."""
+        return self._left
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Counts bytes that came."""
+        self._left = self._left[nbytes:]
+        try:
+            self._arrived(nbytes)
+        except Exception as error:
+            self._ended(error)
+            return
+        if not self._left:
+            self._ended(None)
+
+    def eof_received(self) -> bool | None:
+        """The caller sends no more."""
+        return self._connection.eof_received()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The connection was closed."""
+        self._connection.connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        """The caller does not read."""
+        self._connection.pause_writing()
+
+    def resume_writing(self) -> None:
+        """The caller reads again."""
+        self._connection.resume_writing()
