@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -72,19 +73,17 @@ def answer_query(query: Query, localizers: Sequence[Localizer], offer: Offer | N
     Raises:
         InputError: the body or an option cannot be used.
     """
-    watch = Stopwatch(query.options.deadline_ms)
+    deadline, watch = query.options.deadline_from(time.monotonic()), Stopwatch()
     with watch.stage("decode"):
         plain = query.body_format.decompress(query.body, query.max_decoded_bytes)
         scan = query.body_format.decode(plain)
-    options = query.options
-    if options.deadline_ms is not None:
-        options = replace(options, deadline_ms=watch.left_ms)
     by_map = {one.map_id: one for one in query.versions}
     if len(localizers) == 1:
         (answered,) = query.versions
-        answer = localizers[0].localize(scan, options)
+        answer = localizers[0].localize(scan, query.options, deadline)
     else:
-        answer = localize_among(dict(zip(by_map, localizers, strict=True)), scan, options)
+        among = dict(zip(by_map, localizers, strict=True))
+        answer = localize_among(among, scan, query.options, deadline)
         # If no map is sure: the map of the best hypothesis, if there is one.
         answered = by_map[answer.hypotheses[0].map_id] if answer.hypotheses else query.versions[0]
     answer = replace(
