@@ -17,7 +17,7 @@ from firstfix.catalog.uploads.uploads import Uploads
 from ..auth.authenticate import Authenticator
 from ..builds.queue import BuildQueue
 from ..builds.quota import BuildQuota
-from ..localize.pool import QueryPool
+from ..localize.query_gate import QueryPool
 from ..localize.recent import RecentAnswers
 from ..localize.use_case import LocalizeUseCase
 from ..maintenance.sightings import SightingsKeeper

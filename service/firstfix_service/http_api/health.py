@@ -7,7 +7,7 @@ from typing import Any
 
 from firstfix.errors import FirstfixError
 
-from ..localize.pool import QueryPool
+from ..localize.query_gate import QueryPool
 from ..maps.map_cache import MapCache
 from ..telemetry.metrics import Metrics
 

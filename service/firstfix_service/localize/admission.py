@@ -12,7 +12,7 @@ from ..auth.principal import Principal
 from ..maps.served_maps import ServedMaps
 from ..query_workers.body_format import BodyFormat
 from .asker import SEVERAL_MAPS, Asker
-from .pool import QueryPool
+from .query_gate import QueryPool
 from .query_head import QueryHead
 
 MAX_MAPS = 16  # that one query searches

@@ -18,7 +18,7 @@ from ..query_workers.body_format import Body
 from ..query_workers.query import Query
 from ..thread_pools import COPIES
 from .admission import Admission, admit
-from .pool import QueryPool
+from .query_gate import QueryPool
 from .query_head import QueryHead
 from .recorder import QueryRecorder
 

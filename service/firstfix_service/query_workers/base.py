@@ -1,4 +1,4 @@
-"""Workers that answer queries: threads of this process, or processes (``query_workers.pool``)."""
+"""Workers that answer queries: threads of this process, or processes (``query_workers.processes``)."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ from firstfix.errors import FirstfixError, TooLarge
 
 from .answer import EncodedAnswer
 from .body_memory import BodyMemory
-from .messages import INLINE_BYTES, MessageReader, message_of
-from .process import DROP, HELLO, LOAD, TAKE
+from .protocol import INLINE_BYTES, MessageReader, message_of
+from .worker import DROP, HELLO, LOAD, TAKE
 from .query import Query, ServedVersion
 from .sightings import Sighted
 
@@ -62,7 +62,7 @@ class QueryWorkerHandle:
         with its_queries, its_control:
             ends = (its_queries.fileno(), its_control.fileno(), self._bodies.descriptor)
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "firstfix_service.query_workers.process"]
+                [sys.executable, "-m", "firstfix_service.query_workers.worker"]
                 + [str(number) for number in (*ends, max_body_bytes, sightings_share)],
                 pass_fds=ends,
                 stdin=subprocess.DEVNULL,

@@ -34,7 +34,7 @@ from ..http_api.bodies.upload_quota import UploadQuota
 from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.dependencies import Parts
 from ..http_api.health import Health
-from ..localize.pool import QueryPool
+from ..localize.query_gate import QueryPool
 from ..localize.recent import RecentAnswers
 from ..localize.recorder import QueryRecorder
 from ..localize.sampler import QuerySampler, SamplePolicy
@@ -48,7 +48,7 @@ from ..maps.map_cache import MapCache
 from ..maps.map_poller import MapPoller
 from ..maps.placement import open_placement
 from ..query_workers.base import QueryWorkers, QueryWorkerThreads
-from ..query_workers.pool import QueryWorkerProcesses
+from ..query_workers.processes import QueryWorkerProcesses
 from ..query_workers.query import load_localizer
 from ..security_check import check_security
 from ..settings import Settings

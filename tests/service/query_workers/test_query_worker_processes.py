@@ -22,8 +22,8 @@ from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, Wor
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
 from firstfix_service.query_workers.body_format import BodyFormat
-from firstfix_service.query_workers.messages import INLINE_BYTES
-from firstfix_service.query_workers.pool import QueryWorkerProcesses
+from firstfix_service.query_workers.protocol import INLINE_BYTES
+from firstfix_service.query_workers.processes import QueryWorkerProcesses
 from firstfix_service.query_workers.query import Query, ServedVersion
 from waiting import LIMIT_S, let_pass, wait_until, wait_until_async
 
@@ -238,8 +238,8 @@ def test_closing_ends_the_processes(yard):
 def test_workers_end_with_a_killed_service():
     code = """
 import sys, time
-from firstfix_service.query_workers.messages import INLINE_BYTES
-from firstfix_service.query_workers.pool import QueryWorkerProcesses
+from firstfix_service.query_workers.protocol import INLINE_BYTES
+from firstfix_service.query_workers.processes import QueryWorkerProcesses
 workers = QueryWorkerProcesses(2, query_timeout_s=30, max_body_bytes=1 << 26)
 while len(workers.pids) < 2:
     time.sleep(0.02)

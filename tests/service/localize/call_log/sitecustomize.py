@@ -19,7 +19,7 @@ LOGGED = {
     ("auth/principal.py", "check"): "check scope",
     ("auth/principal.py", "check_map"): "check map of caller",
     ("auth/authenticate.py", "take"): "take from rate limit",
-    ("localize/pool.py", "check_room"): "check room",
+    ("localize/query_gate.py", "check_room"): "check room",
     ("localize/use_case.py", "admit"): "admit",
     ("wire/scan.py", "decode_scan"): "decode body",
 }

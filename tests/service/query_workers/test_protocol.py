@@ -11,7 +11,7 @@ import pytest
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix_service.query_workers.body_format import BodyFormat
-from firstfix_service.query_workers.messages import (
+from firstfix_service.query_workers.protocol import (
     INLINE_BYTES,
     MessageReader,
     message_of,

@@ -11,7 +11,7 @@ import pytest
 
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded
 from firstfix_service.localize.asker import Asker
-from firstfix_service.localize.pool import MAX_RETRY_AFTER_S, QueryPool
+from firstfix_service.localize.query_gate import MAX_RETRY_AFTER_S, QueryPool
 from firstfix_service.localize.slow_share import SLOW_S
 from waiting import let_pass, wait_until_async
 

@@ -1,6 +1,6 @@
 """A process that answers queries, one at a time.
 
-    python -m firstfix_service.query_workers.process QUERIES CONTROL BODIES CAPACITY SHARE
+    python -m firstfix_service.query_workers.worker QUERIES CONTROL BODIES CAPACITY SHARE
 
 QUERIES and CONTROL are sockets to the service, BODIES is the file of its ``BodyMemory`` with CAPACITY bytes.
 SHARE is that of the localized queries whose sightings are counted. One socket carries queries; the other
@@ -25,7 +25,7 @@ from firstfix.errors import FirstfixError
 
 from .body_memory import mapped_bodies
 from .localizers import Localizers
-from .messages import MessageReader, reply_of, send_all
+from .protocol import MessageReader, reply_of, send_all
 from .query import Query, ServedVersion, load_localizer
 from .sightings import Sighted, SightingCounter
 
