@@ -17,7 +17,7 @@ from firstfix.catalog.uploads.uploads import Uploads
 from ..auth.authenticate import Authenticator
 from ..builds.queue import BuildQueue
 from ..builds.quota import BuildQuota
-from ..localize.query_gate import QueryPool
+from ..localize.query_gate import QueryGate
 from ..localize.recent import RecentAnswers
 from ..localize.use_case import LocalizeUseCase
 from ..maintenance.sightings import SightingsKeeper
@@ -46,7 +46,7 @@ class Parts:
     metrics: Metrics
     catalog: Catalog
     maps: MapCache
-    pool: QueryPool
+    gate: QueryGate
     use_case: LocalizeUseCase
     bodies: BodyReader
     builds: BuildQueue | None

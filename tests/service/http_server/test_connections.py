@@ -191,7 +191,7 @@ def test_the_health_finds_a_place_among_callers_that_are_all_being_served(tmp_pa
             asking = stack.enter_context(connect(service))
             head = f"POST /localize?map=hall HTTP/1.1\r\nHost: x\r\nContent-Type: {XYZ}\r\n"
             asking.sendall(f"{head}Content-Length: {len(SCAN_BODY)}\r\n\r\n".encode() + SCAN_BODY)
-        wait_until(lambda: service.app.state.start.parts.pool.admitted == 4)
+        wait_until(lambda: service.app.state.start.parts.gate.admitted == 4)
         for path, status in (("/healthz", 200), ("/readyz", 200), ("/maps", 503), ("/healthz", 200)):
             assert httpx.get(service.url + path, timeout=LIMIT_S).status_code == status
 

@@ -36,7 +36,7 @@ def query(version: int = 1) -> bytes:
 
 
 def admitted(service: Service) -> int:
-    return int(service.app.state.start.parts.pool.admitted)
+    return int(service.app.state.start.parts.gate.admitted)
 
 
 def open_gate(service: Service) -> None:
