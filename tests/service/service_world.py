@@ -58,7 +58,7 @@ class FakeLocalizer:
     label: float
     behaviour: Behaviour
 
-    def localize(self, scan: Scan, options: LocalizeOptions | None = None) -> Localization:
+    def localize(self, scan: Scan, options: LocalizeOptions | None = None, *_: object) -> Localization:
         self.behaviour.started.release()
         if self.behaviour.gate is not None:
             assert self.behaviour.gate.wait(LIMIT_S)

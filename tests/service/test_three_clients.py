@@ -35,7 +35,7 @@ NOWHERE = 7.0
 class Told(FakeLocalizer):
     """Repeats the query in its answer, and rejects queries to the map with the label NOWHERE."""
 
-    def localize(self, scan: Any, options: LocalizeOptions | None = None) -> Localization:
+    def localize(self, scan: Any, options: LocalizeOptions | None = None, *_: object) -> Localization:
         if self.label == NOWHERE:
             return Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
         answer = super().localize([] if not hasattr(scan, "__len__") else scan, options)

@@ -14,12 +14,12 @@ if any("firstfix" in word for word in sys.orig_argv):
     _localize = Localizer.localize
     _answers: dict[tuple[object, ...], object] = {}
 
-    def _localize_once(self, scan, options=None):  # type: ignore[no-untyped-def]
+    def _localize_once(self, scan, options=None, deadline=None):  # type: ignore[no-untyped-def]
         points = getattr(scan, "points", None)
         first = () if points is None or not len(points) else tuple(points[0])
         key = (id(self), type(scan), first, options is None or options.T_base_sensor is None)
         if key not in _answers:
-            _answers[key] = _localize(self, scan, options)
+            _answers[key] = _localize(self, scan, options, deadline)
         return _answers[key]
 
     Localizer.localize = _localize_once  # type: ignore[method-assign]

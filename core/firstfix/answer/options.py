@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -50,6 +51,10 @@ class LocalizeOptions:
     deadline_ms: float | None = None
     version: str | None = None
     twist: NDArray[np.float64] | None = None
+
+    def deadline_from(self, start_s: float) -> float:
+        """Deadline on ``time.monotonic`` of a query that came at ``start_s``; inf: none."""
+        return math.inf if self.deadline_ms is None else start_s + self.deadline_ms / 1e3
 
     @classmethod
     def from_strings(cls, values: Mapping[str, str]) -> LocalizeOptions:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
@@ -54,9 +55,15 @@ class Localizer:
     def __init__(self, index: MapIndex) -> None:
         self.index = index
 
-    def localize(self, scan: AnyScan, options: LocalizeOptions | None = None) -> Localization:
-        """Returns the sensor's pose in the map at the last scan, or the reason why there is none."""
-        return localize_among({"": self}, scan, options)
+    def localize(
+        self, scan: AnyScan, options: LocalizeOptions | None = None, deadline: float | None = None
+    ) -> Localization:
+        """Returns the sensor's pose in the map at the last scan, or the reason why there is none.
+
+        Args:
+            deadline: of ``time.monotonic``, inf: none; None: ``deadline_ms`` of the options from now.
+        """
+        return localize_among({"": self}, scan, options, deadline)
 
     def prepare(
         self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
@@ -92,12 +99,16 @@ class Localizer:
 
 
 def localize_among(
-    maps: Mapping[str, SearchesMap], scan: AnyScan, options: LocalizeOptions | None = None
+    maps: Mapping[str, SearchesMap],
+    scan: AnyScan,
+    options: LocalizeOptions | None = None,
+    deadline: float | None = None,
 ) -> Localization:
     """Localizes a scan in several maps, whose candidates compete on equal terms.
 
     Args:
         maps: by id. The answer's ``map_id`` names the map whose frame the pose is in.
+        deadline: as for ``Localizer.localize``.
 
     Raises:
         InvalidOption: a prior or a version was given for more than one map, or a map cannot keep
@@ -106,7 +117,7 @@ def localize_among(
         DescriptorMismatch: a descriptor-only query whose parameters are not those of every map.
     """
     options = options or LocalizeOptions()
-    watch = Stopwatch(options.deadline_ms)
+    watch = Stopwatch(options.deadline_from(time.monotonic()) if deadline is None else deadline)
     if len(maps) > 1 and (options.prior is not None or options.version is not None):
         raise InvalidOption("a prior and a version belong to one map: name it")
     if isinstance(scan, ScanDescriptor):

@@ -12,28 +12,24 @@ class Stopwatch:
     """Time of each stage, and the time left.
 
     Attributes:
+        deadline: of ``time.monotonic``; inf: none.
         ms: milliseconds by stage, in the order in which stages began.
     """
 
-    def __init__(self, within_ms: float | None = None) -> None:
-        """Starts the watch.
-
-        Args:
-            within_ms: time from now that there is; None: any.
-        """
+    def __init__(self, deadline: float = math.inf) -> None:
+        self.deadline = deadline
         self.ms: dict[str, float] = {}
-        self._end = math.inf if within_ms is None else time.perf_counter() + within_ms / 1e3
 
     @property
-    def left_ms(self) -> float:
-        """Milliseconds until the end; negative after it."""
-        return (self._end - time.perf_counter()) * 1e3
+    def left_s(self) -> float:
+        """Seconds until the deadline; negative after it."""
+        return self.deadline - time.monotonic()
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Adds the time of the block to a stage."""
-        start = time.perf_counter()
+        start = time.monotonic()
         try:
             yield
         finally:
-            self.ms[name] = self.ms.get(name, 0.0) + (time.perf_counter() - start) * 1e3
+            self.ms[name] = self.ms.get(name, 0.0) + (time.monotonic() - start) * 1e3

@@ -153,8 +153,7 @@ class Query:
             raise InvalidOption(f"one query searches up to {MAX_MAPS} maps, not {len(map_ids)}: name some")
         if len(map_ids) > 1 and (options.prior is not None or options.version is not None):
             raise InvalidOption("a prior and a version belong to one map: name it")
-        deadline = math.inf if options.deadline_ms is None else arrived + options.deadline_ms / 1e3
-        return cls(map_ids, options, body_format, deadline, form, caller, given)
+        return cls(map_ids, options, body_format, options.deadline_from(arrived), form, caller, given)
 
     @property
     def asker(self) -> Asker:

@@ -12,13 +12,11 @@ the kernel then closes the sockets.
 from __future__ import annotations
 
 import gc
-import math
 import os
 import signal
 import socket
 import sys
 import threading
-import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -66,18 +64,17 @@ def answer_query(
     Raises:
         InputError: the body or an option cannot be used.
     """
-    watch, options = Stopwatch(), query.options
+    watch = Stopwatch()
     with watch.stage("decode"):
         plain = query.body_format.decompress(query.body, max_decoded_bytes)
         scan = query.body_format.decode(plain)
-    if query.deadline != math.inf:
-        options = replace(options, deadline_ms=(query.deadline - time.monotonic()) * 1e3)
     by_map = {one.map_id: one for one in query.versions}
     if len(localizers) == 1:
         (answered,) = query.versions
-        answer = localizers[0].localize(scan, options)
+        answer = localizers[0].localize(scan, query.options, query.deadline)
     else:
-        answer = localize_among(dict(zip(by_map, localizers, strict=True)), scan, options)
+        maps = dict(zip(by_map, localizers, strict=True))
+        answer = localize_among(maps, scan, query.options, query.deadline)
         # If no map is sure: the map of the best hypothesis, if there is one.
         answered = by_map[answer.hypotheses[0].map_id] if answer.hypotheses else query.versions[0]
     answer = replace(

@@ -36,7 +36,9 @@ from waiting import wait_until
 LOCALIZED_POINTS = 200  # a scan of so many is localized, every other one rejected
 
 
-def judged(self: FakeLocalizer, scan: Scan, options: LocalizeOptions | None = None) -> Localization:
+def judged(
+    self: FakeLocalizer, scan: Scan, options: LocalizeOptions | None = None, *_: object
+) -> Localization:
     T = np.eye(4)
     T[0, 3] = self.label
     place = Hypothesis(T, AlignmentQuality(0.4, 0.3, 0.1), 0.4, 3)
@@ -315,7 +317,9 @@ def test_kept_queries_are_asked_again(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ):
-    def better(self: FakeLocalizer, scan: Scan, options: LocalizeOptions | None = None) -> Localization:
+    def better(
+        self: FakeLocalizer, scan: Scan, options: LocalizeOptions | None = None, *_: object
+    ) -> Localization:
         assert len(scan) == 100, "the same bytes"
         T = np.eye(4)
         T[:3, 3] = self.label + 3, 4, 0

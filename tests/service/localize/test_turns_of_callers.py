@@ -40,7 +40,7 @@ class Laborious(Behaviour):
 
 
 class LaboriousLocalizer(FakeLocalizer):
-    def localize(self, scan, options=None) -> Localization:
+    def localize(self, scan, options=None, *_: object) -> Localization:
         let_pass(HEAVY_S if len(scan) >= 5000 else 0.0)
         return super().localize(scan, options)
 

@@ -37,7 +37,7 @@ DEPLOY = Path(__file__).resolve().parents[3] / "deploy"
 def rejecting(service: Service, monkeypatch: pytest.MonkeyPatch) -> Service:
     """A service whose localizers reject every scan."""
 
-    def reject(self: FakeLocalizer, scan: object, options: object = None) -> Localization:
+    def reject(self: FakeLocalizer, scan: object, *_: object) -> Localization:
         places = (Hypothesis(np.eye(4), AlignmentQuality(0.2, 0.3, 0.1), 0.07, 3, "hall"),)
         reasons = (Reason.LOW_INLIER_RATIO, Reason.LOW_PROBABILITY)
         return Localization(Verdict.REJECTED, reasons, probability=0.07, hypotheses=places)

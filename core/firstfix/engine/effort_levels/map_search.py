@@ -53,7 +53,7 @@ class MapSearch:
     ) -> None:
         self._index, self._prepared, self._options, self._watch = index, prepared, options, watch
         self._hypotheses = HypothesisSearch(index, prepared, options.prior, map_id)
-        self._narrow_ms = 0.0
+        self._narrow_s = 0.0
         self.registered: list[RegisteredCandidate] = []
 
     @property
@@ -64,13 +64,13 @@ class MapSearch:
 
     def take(self, step: Step) -> None:
         """Searches with the effort of one step, if the caller's deadline leaves time for it."""
-        if self._expected_ms(step) > self._watch.left_ms:
+        if self._expected_s(step) > self._watch.left_s:
             return
         search = self._index.config.search
         if step is Step.NARROW:
-            began = time.perf_counter()
+            began = time.monotonic()
             self._by_descriptor(self._prepared.scans)
-            self._narrow_ms = (time.perf_counter() - began) * 1e3
+            self._narrow_s = time.monotonic() - began
         elif step is Step.OTHER_UPS:
             with self._watch.stage("preprocess"):
                 ups = self._prepared.with_other_ups(self._options.gravity, self._index.config.preprocess)
@@ -79,20 +79,20 @@ class MapSearch:
             is_last = step is Step.EXHAUSTIVE
             self._by_screening(search.exhaustive if is_last else search.wide, tilted=is_last)
 
-    def _expected_ms(self, step: Step) -> float:
-        """Time that a step takes, at worst: measured by the first one, which always runs."""
+    def _expected_s(self, step: Step) -> float:
+        """Seconds that a step takes, at worst: measured by the first one, which always runs."""
         search = self._index.config.search
         if step is Step.NARROW:
             return -math.inf
         if step is Step.OTHER_UPS:
-            return SLOWER * OTHER_UPS * self._narrow_ms
+            return SLOWER * OTHER_UPS * self._narrow_s
         effort = search.exhaustive if step is Step.EXHAUSTIVE else search.wide
         registrations = (
             effort.candidates
             + effort.screened / SCREENED_PER_REGISTERED
             + effort.clusters / COMPARED_PER_REGISTERED
         )
-        return SLOWER * self._narrow_ms * registrations / search.candidates
+        return SLOWER * self._narrow_s * registrations / search.candidates
 
     def _by_descriptor(self, levelled: Sequence[PreparedScan]) -> None:
         if not levelled:

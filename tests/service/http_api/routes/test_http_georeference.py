@@ -53,8 +53,8 @@ def test_the_robots_pose_where_its_mount_is_known(tmp_path: Path):
             localizer = super().load(directory)
             plain = localizer.localize
 
-            def localize(scan, options=None):
-                answer = plain(scan, options)
+            def localize(scan, *_: object):
+                answer = plain(scan)
                 T = from_quaternion((5, 6, 7), (0, 0, 1, 1))
                 return Localization(
                     answer.verdict, (), answer.T_map_sensor, T, answer.covariance, 0.9, timings_ms={}
@@ -74,9 +74,7 @@ def test_not_localized_is_told_in_plain_json(tmp_path: Path):
     class Lost(Behaviour):
         def load(self, directory: Path):
             localizer = super().load(directory)
-            localizer.localize = lambda scan, options=None: Localization(
-                Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,)
-            )
+            localizer.localize = lambda *_: Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
             return localizer
 
     with running_service(tmp_path, zenoh=False, behaviour=Lost()) as service:
