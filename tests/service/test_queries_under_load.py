@@ -103,7 +103,7 @@ def _worker_pids() -> set[int]:
                 parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
             except (OSError, IndexError):
                 continue
-            if parent == os.getpid() and b"firstfix_service.query_workers.process" in command:
+            if parent == os.getpid() and b"firstfix_service.query_workers.worker" in command:
                 found.add(int(entry.name))
     return found
 

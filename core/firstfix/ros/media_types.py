@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from ..errors import UnsupportedFormat
 from . import point_cloud2, pose_message
 
@@ -25,17 +23,14 @@ def check_cloud_type(media_type: str) -> None:
         raise UnsupportedFormat(f"a scan cannot be read from a {named[:80]}, only from a {point_cloud2.TYPE}")
 
 
-def wants_pose(accept: str) -> bool:
-    """Returns whether an Accept header prefers the pose message to JSON. It may be malformed."""
-    pose = json = 0.0
-    for media_range in accept.split(","):
-        name, _, parameters = media_range.partition(";")
-        name, weight = name.strip().lower(), _weight(parameters)
-        if name in NAMES and _message_type(parameters) in (None, pose_message.TYPE):
-            pose = max(pose, weight)
-        elif name == "application/json":
-            json = max(json, weight)
-    return pose > 0 and pose >= json
+def is_pose(name: str, parameters: str) -> bool:
+    """Returns whether a media range names the pose message. It may be malformed.
+
+    Args:
+        name: in lower case.
+        parameters: after the first semicolon.
+    """
+    return name in NAMES and _message_type(parameters) in (None, pose_message.TYPE)
 
 
 def _message_type(parameters: str) -> str | None:
@@ -47,15 +42,3 @@ def _message_type(parameters: str) -> str | None:
         if key and not equals:
             return key
     return None
-
-
-def _weight(parameters: str) -> float:
-    for parameter in parameters.split(";"):
-        key, _, value = parameter.partition("=")
-        if key.strip().lower() == "q":
-            try:
-                weight = float(value)
-            except ValueError:
-                return 0.0
-            return weight if math.isfinite(weight) else 0.0
-    return 1.0

@@ -7,7 +7,7 @@ from typing import Any
 
 from firstfix.errors import FirstfixError
 
-from ..localize.pool import QueryPool
+from ..localize.query_gate import QueryGate
 from ..maps.map_cache import MapCache
 from ..telemetry.metrics import Metrics
 
@@ -15,9 +15,9 @@ from ..telemetry.metrics import Metrics
 class HealthCheck:
     """State behind readiness. The poller reports each read of the catalog. Thread-safe."""
 
-    def __init__(self, maps: MapCache, pool: QueryPool, metrics: Metrics) -> None:
+    def __init__(self, maps: MapCache, gate: QueryGate, metrics: Metrics) -> None:
         self._maps = maps
-        self._pool = pool
+        self._gate = gate
         self._read_at: float | None = None  # time.monotonic
         self._error: str | None = None
         self._started = time.monotonic()
@@ -53,5 +53,5 @@ class HealthCheck:
             "maps": len(self._maps.served),
             "holding": None if placement is None else placement.summary(self._maps.held_loaded),
             "catalog": {"age_s": round(self.catalog_age_s(), 1), "error": self._error},
-            "queries": self._pool.admitted,
+            "queries": self._gate.admitted,
         }

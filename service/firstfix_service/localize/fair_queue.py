@@ -15,15 +15,20 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, TypeVar
 
-from .asker import Asker
+from ..query_workers.base import QueryWorker
+from ..query_workers.query import Asker
 from .slow_share import SlowShare
-from .usual_query import UsualQuery
 
+_NEWEST_WEIGHT = 0.1  # in the moving averages
 MAX_IDLE = 4000  # maps of callers without a query in the pool, whose usual queries are remembered
 
 
+def _mean(old: float, new: float) -> float:
+    return old + _NEWEST_WEIGHT * (new - old)
+
+
 class State(Enum):
-    """State of a query in the pool."""
+    """State of a query in the gate."""
 
     PREPARING = "preparing"
     READY = "ready"
@@ -33,7 +38,7 @@ class State(Enum):
 
 @dataclass(eq=False)
 class Job:
-    """One query in the pool.
+    """One query in the gate.
 
     Attributes:
         size_bytes: of its body, from which its time is estimated.
@@ -46,9 +51,9 @@ class Job:
     """
 
     asker: Asker
-    work: Callable[[Any, float], Coroutine[Any, Any, Any]]
+    work: Callable[[Any, Any, float], Coroutine[Any, Any, Any]]
     result: asyncio.Future[Any]
-    deadline: float | None
+    deadline: float
     size_bytes: int
     context: Context
     state: State = State.PREPARING
@@ -58,6 +63,35 @@ class Job:
     charged_s: float = 0.0
     is_slow: bool = False
     timer: asyncio.TimerHandle | None = None
+    worker: QueryWorker | None = None
+
+
+@dataclass(frozen=True)
+class UsualQuery:
+    """The usual query of a caller in a map: moving averages over those that ended.
+
+    Attributes:
+        seconds: time of the work.
+        size_bytes: of the body.
+    """
+
+    seconds: float
+    size_bytes: float
+
+    @classmethod
+    def after(cls, usual: UsualQuery | None, seconds: float, size_bytes: int) -> UsualQuery:
+        """Returns the usual query after one more.
+
+        Args:
+            usual: before it; None: it is the first one.
+        """
+        if usual is None:
+            return cls(seconds, size_bytes)
+        return cls(_mean(usual.seconds, seconds), _mean(usual.size_bytes, size_bytes))
+
+    def expected_s(self, size_bytes: int) -> float:
+        """Returns the time that a query will take: as usual, and longer in proportion if it is larger."""
+        return self.seconds * max(1.0, size_bytes / max(1.0, self.size_bytes))
 
 
 @dataclass
@@ -197,6 +231,11 @@ class FairQueue:
         of_map.usual = UsualQuery.after(of_map.usual, seconds, job.size_bytes)
         self._usual = UsualQuery.after(self._usual, seconds, job.size_bytes)
         self._leave(job)
+
+    @property
+    def is_any_ready(self) -> bool:
+        """True if a query waits for its turn."""
+        return any(caller.ready for caller in self._present.values())
 
     def waiting(self) -> list[Job]:
         """Returns all queries that wait."""

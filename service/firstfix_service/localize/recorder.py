@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from functools import cache
 
+from firstfix.formats.point_cloud import Body
+
 from ..problems import problem_of
 from ..query_workers.answer import EncodedAnswer
-from ..query_workers.body_format import Body
+from ..query_workers.query import Query
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests, RequestScope, current_request, note
 from ..telemetry.tracing import started_ns
-from .query_head import QueryHead
 from .recent import RecentAnswers
 from .sampler import QuerySampler
 
@@ -39,18 +40,18 @@ class QueryRecorder:
         self._stage_seconds = cache(metrics.stage_seconds.labels)
         self._localize_seconds = cache(metrics.localize_seconds.labels)
 
-    def record(self, head: QueryHead, body: Body, answer: EncodedAnswer, queued: float) -> None:
+    def record(self, query: Query, body: Body, answer: EncodedAnswer, queued: float) -> None:
         """Adds the stages of an answered query to its trace, and offers the query to the sampler.
 
         Args:
-            queued: ``time.monotonic`` when the pool got the query. Its timings begin there.
+            queued: ``time.monotonic`` when the gate got the query. Its timings begin there.
         """
         scope = current_request()
         if scope is not None and scope.span is not None and self._requests.tracing is not None:
             self._requests.tracing.stages(scope.span, started_ns(queued), answer.timings_ms)
         note(body_bytes=len(body))
         if self._sampler is not None:
-            self._sampler.offer(head, body, answer, scope)
+            self._sampler.offer(query, body, answer, scope)
 
     def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
         """Counts one query, answered or failed."""

@@ -18,16 +18,17 @@ from datetime import datetime, timezone
 import structlog
 
 import firstfix
+from firstfix.access.permissions import Scope
 from firstfix.answer.localization import Verdict
 from firstfix.catalog.query_samples import REPLAY, QuerySample, QuerySamples, new_sample_id
 from firstfix.errors import FirstfixError
+from firstfix.formats.point_cloud import Body
 
 from ..query_workers.answer import EncodedAnswer
-from ..query_workers.body_format import Body
+from ..query_workers.query import Query
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import RequestScope
-from .query_head import QueryHead
 
 _log = structlog.get_logger(__name__)
 MAX_WAITING, MAX_WAITING_BYTES = 64, 64 << 20  # held in memory until they are written
@@ -105,11 +106,11 @@ class QuerySampler:
         self._waiting.put(None)
         self._thread.join(STOP_WITHIN_S)
 
-    def offer(self, head: QueryHead, body: Body, answer: EncodedAnswer, scope: RequestScope | None) -> None:
+    def offer(self, query: Query, body: Body, answer: EncodedAnswer, scope: RequestScope | None) -> None:
         """Stores the query if the policy chooses it. Never blocks and never fails."""
         if random.random() >= self._policy.share_of(answer):
             return
-        if scope is not None and scope.request_id.startswith(REPLAY):
+        if scope is not None and scope.request_id.startswith(REPLAY) and _may_replay(query):
             return
         result = self._take(len(body))
         if result != "taken":
@@ -122,10 +123,10 @@ class QuerySampler:
             transport="" if scope is None else scope.transport,
             request_id="" if scope is None else scope.request_id,
             trace_id="" if scope is None or scope.trace is None else scope.trace.trace_id,
-            map_id=",".join(head.map_ids),
-            media_type=head.media_type,
-            content_encoding=head.content_encoding or "",
-            options=dict(head.options),
+            map_id=",".join(query.given.map_ids),
+            media_type=query.given.media_type,
+            content_encoding=query.given.content_encoding,
+            options=dict(query.given.options),
             answer=json.loads(answer.json),
             body_bytes=len(body),
             service_version=firstfix.__version__,
@@ -187,3 +188,8 @@ class QuerySampler:
         except Exception:
             _log.exception("old samples could not be removed")
         self._metrics.sample_bytes.set(self._kept_bytes)
+
+
+def _may_replay(query: Query) -> bool:
+    """Returns whether the caller may read kept queries, and so ask them again without a trace."""
+    return query.caller.grant.allows(Scope.BUILD)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 
-from .asker import Asker
+from ..query_workers.query import Asker
 
 SLOW_S = 0.25  # a query that is expected to take longer is slow
 RECENT_S = 60.0  # who was answered within this time may ask again at any moment

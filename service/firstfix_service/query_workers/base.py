@@ -1,4 +1,4 @@
-"""Workers that answer queries: threads of this process, or processes (``query_workers.pool``)."""
+"""Workers that answer queries: threads of this process, or processes (``query_workers.processes``)."""
 
 from __future__ import annotations
 
@@ -12,15 +12,39 @@ from typing import Protocol
 from firstfix.engine.localizer import Localizer
 
 from .answer import EncodedAnswer
-from .localizers import Localizers
 from .query import Query, ServedVersion
 from .sightings import Sighted, SightingCounter
+from .worker import Localizers
+
+MAX_DECODED_BYTES = 64 << 20
+
+
+class QueryWorkerDied(Exception):
+    """The process ended, or was killed because it did not answer."""
+
+
+class QueryWorker(Protocol):
+    """One worker, for one query at a time."""
+
+    @property
+    def is_alive(self) -> bool:
+        """False if it takes no more queries."""
+
+    async def answer(self, query: Query) -> EncodedAnswer:
+        """Returns the answer to a query, whose versions are loaded if they are not.
+
+        Raises:
+            QueryWorkerDied: it ended before it answered.
+            DeadlineExceeded: the query took too long. The worker ends.
+            InputError: the body or an option cannot be used.
+            VersionError: a version cannot be loaded.
+        """
 
 
 class QueryWorkers(Protocol):
-    """Workers that answer queries. Thread-safe; any event loop may ask.
+    """Workers that answer queries, and the versions in all of them. Thread-safe.
 
-    The caller decides which versions are loaded. A query loads its versions if they are not.
+    Each worker is given to the ``QueryGate`` when it is up.
     """
 
     def load(self, version: ServedVersion) -> int:
@@ -42,17 +66,6 @@ class QueryWorkers(Protocol):
         """Returns the sightings that were counted since the last call. Blocks."""
         ...
 
-    async def answer(self, query: Query) -> EncodedAnswer:
-        """Returns the answer to a query.
-
-        Raises:
-            InputError: the body or an option cannot be used.
-            VersionError: a version cannot be loaded.
-            WorkerLost: two processes died over the query.
-            DeadlineExceeded: the query took too long.
-        """
-        ...
-
     def close(self) -> None:
         """Ends the workers. Blocks. Call it when no query runs."""
         ...
@@ -64,15 +77,27 @@ class QueryWorkerThreads:
     Args:
         load: makes the localizer of a version's folder.
         count: queries that are answered at the same time.
+        on_up: called with each worker.
+        max_decoded_bytes: largest body of a query without its content encoding.
         sightings_share: of the localized queries whose sightings are counted.
     """
 
+    is_alive = True
+
     def __init__(
-        self, load: Callable[[Path], Localizer], count: int = 1, sightings_share: float = 0.0
+        self,
+        load: Callable[[Path], Localizer],
+        count: int = 1,
+        *,
+        on_up: Callable[[QueryWorker], None] = lambda worker: None,
+        max_decoded_bytes: int = MAX_DECODED_BYTES,
+        sightings_share: float = 0.0,
     ) -> None:
         self._sightings = SightingCounter(sightings_share) if sightings_share else None
-        self._localizers = Localizers(load, self._sightings)
+        self._localizers = Localizers(load, max_decoded_bytes, self._sightings)
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="query")
+        for _ in range(count):
+            on_up(self)
 
     @property
     def loaded(self) -> tuple[ServedVersion, ...]:

@@ -14,12 +14,11 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
-from firstfix.errors import FirstfixError, TooLarge
+from firstfix.errors import DeadlineExceeded, FirstfixError, TooLarge
 
 from .answer import EncodedAnswer
-from .body_memory import BodyMemory
-from .messages import INLINE_BYTES, MessageReader, message_of
-from .process import DROP, HELLO, LOAD, TAKE
+from .base import QueryWorkerDied
+from .protocol import DROP, HELLO, INLINE_BYTES, LOAD, TAKE, BodyMemory, MessageReader, message_of
 from .query import Query, ServedVersion
 from .sightings import Sighted
 
@@ -30,14 +29,6 @@ STALLED_S = 30.0  # for a control message to go on: then the process was stopped
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-class QueryWorkerDied(Exception):
-    """The process ended, or was killed because it did not answer."""
-
-
-class QueryWorkerStuck(Exception):
-    """The query took too long; the process was killed."""
-
-
 class QueryWorkerDefect(Exception):
     """An unexpected error in the worker, with its traceback as text."""
 
@@ -46,12 +37,20 @@ class QueryWorkerHandle:
     """One worker process. One query at a time may use ``answer``; any thread may call the rest.
 
     Args:
-        max_body_bytes: largest body of a query.
+        query_timeout_s: a query that runs longer fails, and the process is killed.
+        max_body_bytes, max_decoded_bytes: largest body of a query, and without its content encoding.
         sightings_share: of the localized queries whose sightings the process counts.
+
+    Attributes:
+        is_alive: False once it is known to have ended, or to end.
     """
 
-    def __init__(self, max_body_bytes: int, sightings_share: float = 0.0) -> None:
+    def __init__(
+        self, query_timeout_s: float, max_body_bytes: int, max_decoded_bytes: int, sightings_share: float
+    ) -> None:
         """Starts the process. It takes a second until it is up."""
+        self.is_alive = True
+        self._query_timeout_s = query_timeout_s
         self._bodies = BodyMemory(max_body_bytes)
         queries, its_queries = socket.socketpair()
         control, its_control = socket.socketpair()
@@ -62,8 +61,8 @@ class QueryWorkerHandle:
         with its_queries, its_control:
             ends = (its_queries.fileno(), its_control.fileno(), self._bodies.descriptor)
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "firstfix_service.query_workers.process"]
-                + [str(number) for number in (*ends, max_body_bytes, sightings_share)],
+                [sys.executable, "-m", "firstfix_service.query_workers.worker"]
+                + [str(number) for number in (*ends, max_body_bytes, max_decoded_bytes, sightings_share)],
                 pass_fds=ends,
                 stdin=subprocess.DEVNULL,
                 env={**dict.fromkeys(_ONE_THREAD, "1"), **os.environ},
@@ -84,14 +83,14 @@ class QueryWorkerHandle:
         Raises:
             QueryWorkerDied: it ended, or did not start in time.
         """
-        self._tell(HELLO, None)
+        self._request(HELLO, None)
 
-    async def answer(self, query: Query, timeout_s: float) -> EncodedAnswer:
+    async def answer(self, query: Query) -> EncodedAnswer:
         """Returns the process's answer to a query.
 
         Raises:
             QueryWorkerDied: the process ended before it answered.
-            QueryWorkerStuck: no answer within the time.
+            DeadlineExceeded: no answer within ``query_timeout_s``.
             TooLarge: the body has more than ``max_body_bytes``.
             FirstfixError, QueryWorkerDefect: the query failed.
         """
@@ -99,7 +98,7 @@ class QueryWorkerHandle:
             raise QueryWorkerDied("it is being closed")
         try:
             self._send(query)
-            reply = await self._reply(timeout_s)
+            reply = await self._reply()
             self._bodies.trim(len(query.body))
         except (EOFError, OSError) as error:
             self.kill()  # it may only have stalled
@@ -121,19 +120,19 @@ class QueryWorkerHandle:
             QueryWorkerDied: the process ended over it, or it took too long.
             FirstfixError, QueryWorkerDefect: the version cannot be loaded.
         """
-        return int(self._tell(LOAD, version))
+        return int(self._request(LOAD, version))
 
     def drop(self, version: ServedVersion) -> None:
         """Unloads a version. Does nothing if the process has ended."""
         with suppress(QueryWorkerDied):
-            self._tell(DROP, version)
+            self._request(DROP, version)
 
     def take_sightings(self) -> Sighted:
         """Returns what the process has counted. Nothing, if it has ended or loads a version now."""
         if not self._control_lock.acquire(timeout=FREE_WITHIN_S):
             return Sighted()
         try:
-            taken: Sighted = self._told(TAKE, None)
+            taken: Sighted = self._request_locked(TAKE, None)
         except QueryWorkerDied:
             return Sighted()
         finally:
@@ -142,10 +141,13 @@ class QueryWorkerHandle:
 
     def wait(self) -> int:
         """Blocks until the process ends; returns its exit status, the negative number of a signal."""
-        return self._process.wait()
+        status = self._process.wait()
+        self.is_alive = False
+        return status
 
     def kill(self) -> None:
         """Ends the process at once."""
+        self.is_alive = False
         self._process.kill()
 
     def close(self) -> None:
@@ -168,12 +170,12 @@ class QueryWorkerHandle:
         if self._queries.sendmsg(parts) < sum(map(len, parts)):
             raise BlockingIOError("it does not read")
 
-    async def _reply(self, timeout_s: float) -> tuple[bool, Any]:
+    async def _reply(self) -> tuple[bool, Any]:
         """The reply to the query that was sent.
 
         Raises:
             EOFError, OSError: the process has ended.
-            QueryWorkerStuck: there is none within the time.
+            DeadlineExceeded: there is none within the time.
         """
         loop = asyncio.get_running_loop()
         replied: asyncio.Future[tuple[bool, Any]] = loop.create_future()
@@ -189,8 +191,8 @@ class QueryWorkerHandle:
             if received is not None and not replied.done():
                 replied.set_result(received[0])
 
-        stuck = QueryWorkerStuck(f"over {timeout_s:g} s")
-        timer = loop.call_later(timeout_s, _end, replied, stuck)
+        stuck = DeadlineExceeded(f"the query was stopped: it ran for over {self._query_timeout_s:g} s")
+        timer = loop.call_later(self._query_timeout_s, _end, replied, stuck)
         loop.add_reader(self._queries, read)
         try:
             return await replied
@@ -199,11 +201,11 @@ class QueryWorkerHandle:
             timer.cancel()
             self._reader.forget()
 
-    def _tell(self, what: str, version: ServedVersion | None) -> Any:
+    def _request(self, what: str, version: ServedVersion | None) -> Any:
         with self._control_lock:
-            return self._told(what, version)
+            return self._request_locked(what, version)
 
-    def _told(self, what: str, version: ServedVersion | None) -> Any:
+    def _request_locked(self, what: str, version: ServedVersion | None) -> Any:
         """The reply to a control message. The caller holds the lock."""
         try:
             self._control.send((what, version))

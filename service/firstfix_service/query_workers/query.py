@@ -1,23 +1,28 @@
-"""One query, and how it is answered: the same code in a thread and in a worker process."""
+"""One query, from the edge to the engine: read and checked once, before its body."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
-from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
-from firstfix.engine.index import MapIndex
-from firstfix.engine.localizer import Localizer, localize_among
-from firstfix.engine.stopwatch import Stopwatch
-from firstfix.ros.cdr import MessageReader
-from firstfix.ros.header import Stamp, read_stamp
-from firstfix.ros.pose_message import to_pose_cdr
+from firstfix.decode import decoder_of, is_point_cloud2
+from firstfix.errors import InvalidOption, NotFound
+from firstfix.formats.point_cloud import Body
+from firstfix.ids import check_map_id, check_version
+from firstfix.scan.sequence import AnyScan
+from firstfix.wire.content_encoding import decompressor_of
 
-from .answer import AnswerForm, EncodedAnswer, PoseFormat, encoded_answer
-from .body_format import Body, BodyFormat
+from ..auth.principal import Principal
+from .answer import AnswerForm
+
+MAX_MAPS = 16  # that one query searches
+SEVERAL_MAPS = "*"  # all searches of more than one map take turns as one
+_NOBODY = Principal("")
 
 
 @dataclass(frozen=True)
@@ -34,81 +39,144 @@ class ServedVersion:
     provisional: bool = False
 
 
-@dataclass(frozen=True)
-class Query:
-    """A query for a worker: everything but the body is parsed already.
+class BodyFormat(NamedTuple):
+    """Decompressor and decoder of one body. The service chooses them, a worker process applies them.
 
     Attributes:
-        body: as it came, with its content encoding.
-        options: as the caller gave them, with the time left for ``deadline_ms``.
-        versions: of different maps; where there are several, their places compete.
+        decompress: of a body, up to so many bytes.
+            Raises MalformedData or TooLarge.
+        decode: of a body without its content encoding.
+            Raises MalformedData, TooLarge or InvalidScan.
+    """
+
+    decompress: Callable[[Body, int], Body]
+    decode: Callable[[Body], AnyScan]
+
+    @classmethod
+    def of(cls, media_type: str, content_encoding: str | None) -> BodyFormat:
+        """Returns the format that the headers name.
+
+        Raises:
+            UnsupportedFormat: unknown media type or content encoding.
+        """
+        return cls(decompressor_of(content_encoding or ""), decoder_of(media_type))
+
+    @property
+    def is_point_cloud2(self) -> bool:
+        """True for a ROS PointCloud2, which has a stamp."""
+        return is_point_cloud2(self.decode)
+
+
+class Asker(NamedTuple):
+    """One of those whose queries take turns.
+
+    Attributes:
+        caller: name of its ``Principal``. Without credentials it is an address: all who share one are one
+            caller. All zenoh clients without a credential are one, too: zenoh does not say who asks.
+        map_id: the map, or ``SEVERAL_MAPS``.
+    """
+
+    caller: str
+    map_id: str
+
+
+class AsGiven(NamedTuple):
+    """Texts of a query as they came, for kept queries."""
+
+    map_ids: tuple[str, ...] = ()
+    media_type: str = ""
+    content_encoding: str = ""
+    options: Mapping[str, str] = {}
+
+
+_NOTHING = AsGiven()
+
+
+@dataclass(frozen=True)
+class Query:
+    """A query whose head was checked.
+
+    Attributes:
+        map_ids: maps to search, each once. Where there are several, their places compete.
+        options: as the caller gave them.
+        deadline: of ``time.monotonic``, one clock for all processes of a machine; infinite: none.
         form: how the caller wants the answer.
+        body: as it came, with its content encoding. The last three are filled in by ``LocalizeUseCase``.
         waits_ms: milliseconds that the query waited before, by stage. They become part of its timings.
     """
 
-    body: Body
-    body_format: BodyFormat
+    map_ids: tuple[str, ...]
     options: LocalizeOptions
-    versions: tuple[ServedVersion, ...]
-    max_decoded_bytes: int
+    body_format: BodyFormat
+    deadline: float = math.inf
     form: AnswerForm = field(default_factory=AnswerForm)
+    caller: Principal = _NOBODY
+    given: AsGiven = _NOTHING
+    body: Body = b""
+    versions: tuple[ServedVersion, ...] = ()
     waits_ms: Mapping[str, float] = field(default_factory=dict)
 
+    @classmethod
+    def read(
+        cls,
+        given: AsGiven,
+        form: AnswerForm,
+        caller: Principal,
+        served: Callable[[], Iterable[str]],
+        arrived: float,
+    ) -> Query:
+        """Checks the head of a query.
 
-Offer = Callable[[ServedVersion, Localizer, object, Localization], None]
+        Args:
+            caller: has the scope ``localize``, and its rate limit allows the query: the transport checked
+                both.
+            served: returns the served maps, which are searched if none is named.
+            arrived: ``time.monotonic`` when the query came. Its deadline counts from then.
+
+        Raises:
+            Forbidden: a named map is not one of the caller's.
+            InvalidOption: an id, an option or the version is malformed, there are too many maps, or they are
+                several for an option that belongs to one.
+            UnsupportedFormat: unknown media type or content encoding.
+            NotFound: no map is served yet.
+        """
+        for map_id in given.map_ids:
+            caller.check_map(check_map_id(map_id))
+        options = LocalizeOptions.from_strings(given.options)
+        if options.version is not None:
+            check_version(options.version)
+        body_format = BodyFormat.of(given.media_type, given.content_encoding)
+        map_ids = tuple(dict.fromkeys(given.map_ids)) or tuple(filter(caller.sees, served()))
+        if not map_ids:
+            raise NotFound("no map is served yet")
+        if len(map_ids) > MAX_MAPS:
+            raise InvalidOption(f"one query searches up to {MAX_MAPS} maps, not {len(map_ids)}: name some")
+        if len(map_ids) > 1 and (options.prior is not None or options.version is not None):
+            raise InvalidOption("a prior and a version belong to one map: name it")
+        return cls(map_ids, options, body_format, options.deadline_from(arrived), form, caller, given)
+
+    @property
+    def asker(self) -> Asker:
+        """The one whose turn it takes."""
+        return Asker(self.caller.name, self.map_ids[0] if len(self.map_ids) == 1 else SEVERAL_MAPS)
+
+    def without_body(self) -> Query:
+        """Returns the part of the query that a worker process needs beside the body."""
+        return replace(self, body=b"", caller=_NOBODY, given=_NOTHING)
 
 
-def load_localizer(directory: Path) -> Localizer:
-    """Returns the localizer of a version's folder."""
-    return Localizer(MapIndex.load(directory))
-
-
-def answer_query(query: Query, localizers: Sequence[Localizer], offer: Offer | None = None) -> EncodedAnswer:
-    """Returns the answer with its map version, the waits, and the time of decoding.
-
-    Args:
-        localizers: one for each of ``query.versions``.
-        offer: gets the version that answered, its localizer, the scan and the answer.
+def single_values(pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
+    """Returns query parameters by name.
 
     Raises:
-        InputError: the body or an option cannot be used.
+        InvalidOption: one is given more than once: to take either would ignore the other.
     """
-    deadline, watch = query.options.deadline_from(time.monotonic()), Stopwatch()
-    with watch.stage("decode"):
-        plain = query.body_format.decompress(query.body, query.max_decoded_bytes)
-        scan = query.body_format.decode(plain)
-    by_map = {one.map_id: one for one in query.versions}
-    if len(localizers) == 1:
-        (answered,) = query.versions
-        answer = localizers[0].localize(scan, query.options, deadline)
-    else:
-        among = dict(zip(by_map, localizers, strict=True))
-        answer = localize_among(among, scan, query.options, deadline)
-        # If no map is sure: the map of the best hypothesis, if there is one.
-        answered = by_map[answer.hypotheses[0].map_id] if answer.hypotheses else query.versions[0]
-    answer = replace(
-        answer,
-        map_id=answered.map_id,
-        map_version=answered.version,
-        map_provisional=answered.provisional,
-        timings_ms={**query.waits_ms, **watch.ms, **answer.timings_ms},
-    )
-    if offer is not None:
-        offer(answered, localizers[query.versions.index(answered)], scan, answer)
-    message = _pose_message(answer, query.form.pose, query.body_format, plain)
-    return encoded_answer(answer, message, geographic=query.form.geographic)
+    twice = sorted(name for name, count in Counter(name for name, _ in pairs).items() if count > 1)
+    if twice:
+        raise InvalidOption(f"given more than once: {', '.join(twice)}")
+    return dict(pairs)
 
 
-def _pose_message(
-    answer: Localization, pose: PoseFormat | None, body_format: BodyFormat, plain: Body
-) -> bytes | None:
-    """The ROS message of a pose that was asked for. An answer without a pose has none.
-
-    Its stamp, if none is given, is that of a PointCloud2; of other scans zero: "not known" in ROS.
-    """
-    if pose is None or answer.T_map_sensor is None:
-        return None
-    stamp = pose.stamp
-    if stamp is None and body_format.is_point_cloud2:
-        stamp = read_stamp(MessageReader("PointCloud2", plain))
-    return to_pose_cdr(answer, stamp or Stamp(), pose.frame_id)
+def split_map_ids(maps: str) -> tuple[str, ...]:
+    """Returns the ids in a ``map`` parameter: one, several separated by commas, or none."""
+    return tuple(maps.split(",")) if maps else ()

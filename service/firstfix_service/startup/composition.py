@@ -35,7 +35,7 @@ from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.event_stream import EventStreams
 from ..http_api.health import HealthCheck
 from ..http_api.parts import BuildParts, LocalizeParts, MapParts, Parts, UploadParts
-from ..localize.pool import QueryPool
+from ..localize.query_gate import QueryGate
 from ..localize.recent import RecentAnswers
 from ..localize.recorder import QueryRecorder
 from ..localize.sampler import QuerySampler, SamplePolicy
@@ -49,8 +49,8 @@ from ..maps.map_cache import MapCache
 from ..maps.map_poller import MapPoller
 from ..maps.placement import open_placement
 from ..query_workers.base import QueryWorkers, QueryWorkerThreads
-from ..query_workers.pool import QueryWorkerProcesses
-from ..query_workers.query import load_localizer
+from ..query_workers.processes import QueryWorkerProcesses
+from ..query_workers.worker import load_localizer
 from ..security_check import check_security
 from ..settings import Settings
 from ..telemetry.metered_store import metered
@@ -95,7 +95,8 @@ async def compose(
     authenticator = await stack.enter_async_context(open_authenticator(settings, store, metrics))
     catalog = Catalog(store)
     await START.run(_remove_abandoned_uploads, settings.work_dir / "uploads")
-    workers = _workers(settings, metrics, load)
+    gate = QueryGate(settings.workers, settings.queue_size, settings.max_inflight_bytes)
+    workers = _workers(settings, metrics, load, gate)
     maps = MapCache(
         catalog,
         settings.cache_dir,
@@ -115,22 +116,20 @@ async def compose(
     if settings.sightings_counted_share:
         # before the workers end, after the last query
         close_within(stack, sightings.flush, FLUSH_WITHIN_S, "sightings")
-    pool = QueryPool(settings.workers, settings.queue_size)
-    stack.push_async_callback(pool.close)
-    metrics.queries_admitted.set_function(lambda: pool.admitted)
+    stack.push_async_callback(gate.close)
+    metrics.queries_admitted.set_function(lambda: gate.admitted)
     if placement is not None:
         metrics.maps_held.set_function(placement.__len__)
         metrics.maps_held_loaded.set_function(lambda: maps.held_loaded)
         metrics.holding_replicas.set_function(lambda: len(placement.replicas))
-    bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
-    metrics.body_bytes.set_function(lambda: bodies.inflight_bytes)
+    bodies = BodyReader(settings.max_body_bytes, gate.bodies, settings.body_timeout_s)
+    metrics.body_bytes.set_function(lambda: gate.bodies.bytes)
     samples = await _open_samples(settings, store, metrics)
     sampler = _start_sampler(settings, samples, metrics, stack)
     recent = RecentAnswers(replica)
     recorder = QueryRecorder(metrics, requests, recent, sampler)
-    limit = settings.max_decoded_bytes
-    use_case = LocalizeUseCase(maps, pool, workers, recorder, max_decoded_bytes=limit)
-    health = HealthCheck(maps, pool, metrics)
+    use_case = LocalizeUseCase(maps, gate, recorder)
+    health = HealthCheck(maps, gate, metrics)
     builds = start_builds(settings, catalog, metrics, stack)
     if not settings.read_only:
         abandoned_objects_removal(catalog).start(stack)
@@ -163,7 +162,9 @@ async def compose(
         samples,
         recent,
         EventStreams(event_streams, closing),
-        LocalizeParts(use_case, bodies, maps, georeference_cache, metrics, overlays, limit),
+        LocalizeParts(
+            use_case, bodies, maps, georeference_cache, metrics, overlays, settings.max_decoded_bytes
+        ),
         MapParts(catalog, maps, georeferences, georeference_cache, sightings),
         BuildParts(catalog, builds, BuildQuota.of(settings, usage), usage),
         UploadParts(
@@ -181,7 +182,7 @@ async def compose(
     parts = {type(part): part for part in made}
     update_zenoh = None
     if settings.zenoh_enabled:
-        update_zenoh = await _start_zenoh(settings, parts, pool, replica, requests, watch, draining, stack)
+        update_zenoh = await _start_zenoh(settings, parts, gate, replica, requests, watch, draining, stack)
 
     def polled() -> None:
         health.catalog_read()
@@ -201,17 +202,26 @@ async def compose(
     return parts
 
 
-def _workers(settings: Settings, metrics: Metrics, load: Callable[[Path], Localizer] | None) -> QueryWorkers:
+def _workers(
+    settings: Settings, metrics: Metrics, load: Callable[[Path], Localizer] | None, gate: QueryGate
+) -> QueryWorkers:
     if load is None and settings.worker_processes:
         return QueryWorkerProcesses(
             settings.workers,
+            on_up=gate.add_worker,
             query_timeout_s=settings.query_timeout_s,
             max_body_bytes=settings.max_body_bytes,
+            max_decoded_bytes=settings.max_decoded_bytes,
             sightings_share=settings.sightings_counted_share,
             on_death=metrics.worker_deaths.inc,
         )
-    share = settings.sightings_counted_share
-    return QueryWorkerThreads(load or load_localizer, settings.workers, share)
+    return QueryWorkerThreads(
+        load or load_localizer,
+        settings.workers,
+        on_up=gate.add_worker,
+        max_decoded_bytes=settings.max_decoded_bytes,
+        sightings_share=settings.sightings_counted_share,
+    )
 
 
 def _open_store(settings: Settings) -> Store:
@@ -250,7 +260,7 @@ def _start_sampler(
 async def _start_zenoh(
     settings: Settings,
     parts: Parts,
-    pool: QueryPool,
+    gate: QueryGate,
     replica: str,
     requests: Requests,
     watch: StallWatch,
@@ -270,7 +280,15 @@ async def _start_zenoh(
     localize: LocalizeParts = parts[LocalizeParts]
     maps, metrics = localize.maps, localize.metrics
     endpoint = await in_zenoh_thread(
-        ZenohEndpoint, settings, replica, localize.use_case, parts[Authenticator], loop, requests, pulse
+        ZenohEndpoint,
+        settings,
+        replica,
+        localize.use_case,
+        gate.bodies,
+        parts[Authenticator],
+        loop,
+        requests,
+        pulse,
     )
     close_within(stack, endpoint.close, ENDPOINT_CLOSE_WITHIN_S, "zenoh", in_zenoh_thread)
     metrics.zenoh_replies.set_function(endpoint.replies.__len__)
@@ -281,7 +299,7 @@ async def _start_zenoh(
     if settings.auth != "on" or settings.zenoh_trusted:
 
         def load() -> dict[str, int]:
-            return {"queries": pool.admitted, "limit": settings.workers + settings.queue_size}
+            return {"queries": gate.admitted, "limit": settings.workers + settings.queue_size}
 
         zenoh_catalog = ZenohCatalog(endpoint.session, replica, maps, parts[Catalog], load, endpoint.replies)
         close_within(stack, zenoh_catalog.close, ZENOH_CLOSE_WITHIN_S, "zenoh's catalog", in_zenoh_thread)

@@ -17,11 +17,10 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent import futures
 from concurrent.futures import Future
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
@@ -31,10 +30,8 @@ import zenoh
 from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
 
 from ..auth.authenticate import Authenticator
-from ..localize.held_bodies import HeldBodies
-from ..localize.response_format import content_of
+from ..localize.query_gate import HeldBodies
 from ..localize.use_case import LocalizeUseCase
-from ..query_workers.answer import AnswerForm
 from ..settings import Settings
 from ..telemetry.request_scope import Requests, current_caller, note
 from ..telemetry.stall_watch import Pulse
@@ -60,6 +57,7 @@ class ZenohEndpoint:
         settings: Settings,
         replica: str,
         use_case: LocalizeUseCase,
+        bodies: HeldBodies,
         authenticator: Authenticator,
         loop: asyncio.AbstractEventLoop,
         requests: Requests,
@@ -68,6 +66,7 @@ class ZenohEndpoint:
         """Blocks until the session is open.
 
         Args:
+            bodies: those in memory, of HTTP too.
             pulse: of the session's watch.
 
         Raises:
@@ -75,21 +74,18 @@ class ZenohEndpoint:
         """
         self.replica = replica
         self._use_case = use_case
+        self._bodies = bodies
         self._callers = ZenohCallers(settings, authenticator)
         self._loop = loop
         self._requests = requests
         self._max_body_bytes = settings.max_body_bytes
-        self._max_per_caller = settings.workers + settings.queue_size
-        self._max_pending = ANY_CALLERS * self._max_per_caller
-        self._max_inflight_bytes = settings.max_inflight_bytes
+        self._max_pending = ANY_CALLERS * (settings.workers + settings.queue_size)
         self._tokens: dict[str, Any] = {}
         self._tokens_lock = threading.Lock()
         self._closed = False
-        self._pending: dict[Future[None], int] = {}  # queries without an answer yet, and their bytes
+        self._pending: set[Future[None]] = set()  # queries without an answer yet
         self._replying = 0  # of these, changed by the event loop alone
         self.replies = ReplyThreads()
-        self._of_caller: Counter[str] = Counter()  # those of them whose callers are known
-        self._bodies = HeldBodies(settings.max_inflight_bytes)
         self._queryables: list[Any] = []
         try:
             self.session = zenoh.open(session_config(settings))
@@ -155,6 +151,7 @@ class ZenohEndpoint:
         size = 0 if query.payload is None else len(query.payload)
         try:
             self._check_room(size)
+            self._bodies.add("", size, body_bytes=size)
         except FirstfixError as error:  # before the payload is copied
             with logged_query(self._requests, query, arrived):
                 self._use_case.count(TRANSPORT, error)
@@ -162,37 +159,32 @@ class ZenohEndpoint:
             self.replies.send(query, partial(reply_error, query, error, caller))
             return
         try:
-            future = asyncio.run_coroutine_threadsafe(self._answer(query, arrived), self._loop)
+            future = asyncio.run_coroutine_threadsafe(self._answer(query, size, arrived), self._loop)
         except RuntimeError:  # the loop has ended with the service
+            self._bodies.give_back("", size)
             self.replies.end(query)
             return
-        self._pending[future] = size
+        self._pending.add(future)
         future.add_done_callback(partial(self._ended, query))
 
     def _check_room(self, size: int) -> None:
-        """Checks the limits of zenoh queries, before it is known who asks.
-
-        ``_place`` checks those of the caller, ``LocalizeUseCase.admit`` the room in the pool.
+        """Checks the limits of zenoh queries, before it is known who asks: the gate checks all others.
 
         Raises:
             TooLarge: over the limit of one body.
-            Overloaded: the service stops, too many zenoh queries wait already, or all bodies together
-                would be too large.
+            Overloaded: the service stops, or too many zenoh queries wait already.
         """
         if size > self._max_body_bytes:
             raise TooLarge(f"the body has {size} bytes, the limit is {self._max_body_bytes}")
         if self._closed:
             raise Overloaded("the service is stopping")
-        held = list(self._pending.values())
-        if len(held) - self._replying >= self._max_pending:
+        if len(self._pending) - self._replying >= self._max_pending:
             raise Overloaded(f"{self._max_pending} queries wait or run: try again")
         if self.replies.is_full:
             raise Overloaded(_NOT_READ)
-        if held and sum(held) + size > self._max_inflight_bytes:
-            raise Overloaded("too many bodies arrive at the same time: try again")
 
     def _ended(self, query: Any, future: Future[None]) -> None:
-        self._pending.pop(future, None)
+        self._pending.discard(future)
         if future.cancelled():
             # Otherwise the garbage collector would end the query: on the event loop, which may then wait.
             self.replies.end(query)
@@ -200,22 +192,22 @@ class ZenohEndpoint:
             # The session is closing, or the caller has gone.
             _log.warning("no reply could be sent", error=repr(error))
 
-    async def _answer(self, query: Any, arrived: float) -> None:
-        with logged_query(self._requests, query, arrived), ExitStack() as place:
+    async def _answer(self, query: Any, size: int, arrived: float) -> None:
+        owner = ""  # for whom the body counts
+        with logged_query(self._requests, query, arrived), ExitStack() as stack:
+            stack.callback(lambda: self._bodies.give_back(owner, size))
             caller = self._callers.look(query)
             try:
                 principal = await self._callers.admit(caller, query)
                 note(caller=principal.name)
                 if self.replies.is_full_for(principal.name):
                     raise Overloaded(_NOT_READ)
-                payload = query.payload  # None: an empty body, as over HTTP
-                place.enter_context(self._place(principal.name, 0 if payload is None else len(payload)))
-                asked = read_query(query, arrived)
-                admission = self._use_case.admit(asked.head, principal)
-                body = b"" if payload is None else payload.to_bytes()
-                await caller.check_body(body)
-                answer = await self._use_case.localize(admission, body, AnswerForm(asked.pose))
-                content, media_type = content_of(answer)
+                self._bodies.name_caller(principal.name, size)
+                owner = principal.name
+                shared_key, asked = read_query(query, principal, self._use_case.served, arrived)
+                self._use_case.check_room(asked)
+                body = b"" if query.payload is None else query.payload.to_bytes()
+                answer = await self._use_case.localize(asked, body, partial(caller.check_body, body))
             except Exception as error:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))
@@ -226,9 +218,9 @@ class ZenohEndpoint:
                 return
             self._use_case.count(TRANSPORT, answer)
             # The reply's key must match the query's, which may ask for every replica.
-            own = f"{asked.key}/{self.replica}"
-            key = own if query.key_expr.intersects(zenoh.KeyExpr(own)) else asked.key
-            await self._reply(query, partial(reply_ok, query, caller, key, content, media_type))
+            own = f"{shared_key}/{self.replica}"
+            key = own if query.key_expr.intersects(zenoh.KeyExpr(own)) else shared_key
+            await self._reply(query, partial(reply_ok, query, caller, key, *answer.content))
 
     async def _reply(self, query: Any, send: Callable[[], None]) -> None:
         self._replying += 1
@@ -236,22 +228,3 @@ class ZenohEndpoint:
             await asyncio.wrap_future(self.replies.send(query, send, current_caller()))
         finally:
             self._replying -= 1
-
-    @contextmanager
-    def _place(self, caller: str, size: int) -> Iterator[None]:
-        """Counts a query of a caller, from its authentication to its reply.
-
-        Raises:
-            Overloaded: too many queries of this caller wait already, or their bodies are too large.
-        """
-        self._of_caller[caller] += 1
-        try:
-            self._bodies.add(caller, size, body_bytes=size)
-            if self._of_caller[caller] > self._max_per_caller:
-                raise Overloaded(f"{self._max_per_caller} queries of this caller wait or run: try again")
-            yield
-        finally:
-            self._bodies.give_back(caller, size)
-            self._of_caller[caller] -= 1
-            if not self._of_caller[caller]:
-                del self._of_caller[caller]

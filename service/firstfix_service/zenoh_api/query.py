@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from firstfix.errors import InvalidOption
-
 from .. import problems
-from ..localize.query_head import QueryHead, split_map_ids
-from ..localize.response_format import requested_pose
+from ..auth.principal import Principal
 from ..problems import problem_of
-from ..query_workers.answer import PoseFormat
+from ..query_workers.answer import AnswerForm
+from ..query_workers.query import AsGiven, Query, single_values, split_map_ids
 from .callers import ZenohCaller
 from .log import PARAMETERS
 
@@ -23,43 +20,28 @@ ANY_MAP = "@any"
 UNSIGNED = ZenohCaller()
 
 
-@dataclass(frozen=True)
-class ZenohQuery:
-    """A query without its payload.
-
-    Attributes:
-        key: the key that all replicas share.
-        pose: None: the answer is JSON.
-    """
-
-    key: str
-    head: QueryHead
-    pose: PoseFormat | None
-
-
-def read_query(query: Any, arrived: float) -> ZenohQuery:
+def read_query(
+    query: Any, caller: Principal, served: Callable[[], Iterable[str]], arrived: float
+) -> tuple[str, Query]:
     """Reads all of a query except its payload.
 
-    Args:
-        arrived: ``time.monotonic`` when it came.
+    Returns:
+        The key that all replicas share, and the query.
 
     Raises:
-        InvalidOption: a parameter is given twice, or one of the pose format cannot be used.
+        FirstfixError: as ``Query.read``, and a parameter is given twice.
     """
-    pairs = list(query.parameters)
-    twice = sorted(name for name, count in Counter(name for name, _ in pairs).items() if count > 1)
-    if twice:
-        raise InvalidOption(f"given more than once: {', '.join(twice)}")
     # Names that begin with an underscore are zenoh's own.
-    options = {name: value for name, value in pairs if not name.startswith("_") and name not in PARAMETERS}
+    parameters = single_values(list(query.parameters))
+    options = {k: v for k, v in parameters.items() if not k.startswith("_") and k not in PARAMETERS}
     parts = str(query.key_expr).split("/")
     named = parts[1] if len(parts) > 1 else ""
     map_ids = split_map_ids(options.pop(MAP_PARAMETER, "")) if named == ANY_MAP else (named,)
-    content_encoding = options.pop(CONTENT_ENCODING, None)
-    pose = requested_pose(options.pop(ACCEPT, ""), options)
+    content_encoding = options.pop(CONTENT_ENCODING, "")
+    form = AnswerForm.read(options.pop(ACCEPT, ""), options)
     media_type = "" if query.encoding is None else str(query.encoding)
-    head = QueryHead(map_ids, media_type, content_encoding, options, arrived)
-    return ZenohQuery(key_of(named), head, pose)
+    given = AsGiven(map_ids, media_type, content_encoding, options)
+    return key_of(named), Query.read(given, form, caller, served, arrived)
 
 
 def key_of(map_id: str) -> str:

@@ -1,4 +1,4 @@
-"""Names of messages, and the choice of the pose message."""
+"""Names of messages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from every_case import every_case
 from firstfix.decode import decode_query
 from firstfix.errors import UnsupportedFormat
-from firstfix.ros.media_types import POINT_CLOUD2, POSE, wants_pose
+from firstfix.ros.media_types import POINT_CLOUD2
 from ros_samples import cdr, cloud_of_points
 
 
@@ -35,39 +35,3 @@ def test_a_cloud_by_any_of_its_names(media_type):
 def test_another_message_is_refused_by_name(media_type):
     with pytest.raises(UnsupportedFormat, match=r"a scan cannot be read from a (sensor|std)_msgs/msg/"):
         decode_query(cdr(cloud_of_points(np.ones((3, 3)))), media_type)
-
-
-@every_case(
-    "accept",
-    [
-        POSE,
-        "application/vnd.ros2.cdr",
-        "application/vnd.ros2.cdr; type=geometry_msgs/msg/PoseWithCovarianceStamped",
-        "application/cdr;geometry_msgs/msg/PoseWithCovarianceStamped",
-        f"text/html, {POSE}, */*;q=0.1",
-        f"{POSE}, application/json;q=0.5",
-        f"{POSE}, application/json",
-    ],
-)
-def test_the_pose_message_is_wanted(accept):
-    assert wants_pose(accept)
-
-
-@every_case(
-    "accept",
-    [
-        "",
-        "*/*",
-        "application/json",
-        "application/*",
-        "application/geopose+json",
-        "application/vnd.ros2.cdr; type=geometry_msgs/msg/PoseStamped",
-        f"{POSE};q=0",
-        f"{POSE};q=0.4, application/json;q=0.5",
-        f"{POSE};q=nan",
-        f"{POSE};q=much",
-        ";;,,=;q",
-    ],
-)
-def test_it_is_not(accept):
-    assert not wants_pose(accept)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from .part import Effect
 from .processes import command_of, send
 
-_MODULE = "firstfix_service.query_workers.process"
+_MODULE = "firstfix_service.query_workers.worker"
 
 
 class QueryWorker:

@@ -30,7 +30,7 @@ from firstfix_service.settings import Settings
 serve(Settings())
 """
 ONCE = {
-    "admit",
+    "read query",
     "check scope",
     "take from rate limit",
     "check map id",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import heapq
+import math
 from collections import Counter
 from contextvars import copy_context
 from typing import Any, cast
@@ -11,9 +12,9 @@ from typing import Any, cast
 import pytest
 
 from firstfix_service.localize import fair_queue
-from firstfix_service.localize.asker import Asker
 from firstfix_service.localize.fair_queue import FairQueue, Job, State
 from firstfix_service.localize.slow_share import RECENT_S, SLOW_S
+from firstfix_service.query_workers.query import Asker
 
 QUICK_S, HEAVY_S = 1 / 16, 2.0  # of binary fractions, whose sums are exact
 USUAL_BYTES = 1000
@@ -38,7 +39,7 @@ class Simulated:
 
     def ask(self, caller: str, seconds: float, map_id: str = "hall", size_bytes: int = USUAL_BYTES) -> Job:
         result = cast("asyncio.Future[Any]", None)
-        job = Job(Asker(caller, map_id), _no_work, result, None, size_bytes, copy_context())
+        job = Job(Asker(caller, map_id), _no_work, result, math.inf, size_bytes, copy_context())
         self._seconds[job] = seconds
         self.queue.add(job)
         self.queue.make_ready(job)
@@ -65,7 +66,7 @@ class Simulated:
         self.pass_until(self.now + 1e6)
 
 
-async def _no_work(prepared: Any, waited_s: float) -> None:
+async def _no_work(ask: Any, prepared: Any, waited_s: float) -> None:
     raise AssertionError("nothing is run here")
 
 

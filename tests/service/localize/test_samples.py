@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from access_world import give
 from service_world import SCAN_BODY, XYZ, FakeLocalizer, Service, publish, running_service
 
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
@@ -25,9 +26,10 @@ from firstfix.errors import InvalidOption, NotFound, StoreUnavailable
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix_cli.main import run
-from firstfix_service.localize.query_head import QueryHead
+from firstfix_service.auth.principal import Principal
 from firstfix_service.localize.sampler import MAX_WAITING, QuerySampler, SamplePolicy
-from firstfix_service.query_workers.answer import EncodedAnswer, encoded_answer
+from firstfix_service.query_workers.answer import AnswerForm, EncodedAnswer, encoded_answer
+from firstfix_service.query_workers.query import AsGiven, Query
 from firstfix_service.telemetry.metrics import Metrics
 from waiting import wait_until
 
@@ -126,7 +128,7 @@ def found(probability: float) -> EncodedAnswer:
     return encoded_answer(Localization(Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), probability))
 
 
-HEAD = QueryHead(("hall",), XYZ, None, {})
+QUERY = Query.read(AsGiven(("hall",), XYZ), AnswerForm(), Principal("robot"), lambda: (), 0.0)
 
 
 class Kept:
@@ -148,7 +150,7 @@ class Kept:
 def test_a_share_is_kept(tmp_path: Path):
     kept = Kept(tmp_path, share=0.5, per_minute=6000)
     for _ in range(60):
-        kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
+        kept.sampler.offer(QUERY, bytes(100), REJECTED, None)
     kept.finish()
     assert 10 <= len(kept.samples.ids()) <= 50, "60 coins"
 
@@ -156,17 +158,17 @@ def test_a_share_is_kept(tmp_path: Path):
 @pytest.mark.parametrize(("probability", "count"), [(0.9, 1), (0.99, 0)])
 def test_a_share_of_the_improbable_localized_ones(tmp_path: Path, probability: float, count: int):
     kept = Kept(tmp_path, share=0.0, share_localized=1.0)
-    kept.sampler.offer(HEAD, bytes(100), found(probability), None)
-    kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
+    kept.sampler.offer(QUERY, bytes(100), found(probability), None)
+    kept.sampler.offer(QUERY, bytes(100), REJECTED, None)
     kept.finish()
     assert len(kept.samples.ids()) == count
 
 
 def test_so_many_a_minute_and_no_large_ones(tmp_path: Path):
     kept = Kept(tmp_path, per_minute=3)
-    kept.sampler.offer(HEAD, bytes(2001), REJECTED, None)
+    kept.sampler.offer(QUERY, bytes(2001), REJECTED, None)
     for _ in range(5):
-        kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
+        kept.sampler.offer(QUERY, bytes(100), REJECTED, None)
     kept.finish()
     assert len(kept.samples.ids()) == 3
     assert (kept.count("kept"), kept.count("rate_limited"), kept.count("too_large")) == (3, 2, 1)
@@ -175,7 +177,7 @@ def test_so_many_a_minute_and_no_large_ones(tmp_path: Path):
 def test_what_the_writer_cannot_keep_up_with_is_dropped(tmp_path: Path):
     kept = Kept(tmp_path, per_minute=6000)
     for _ in range(MAX_WAITING + 5):  # nobody writes yet
-        kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
+        kept.sampler.offer(QUERY, bytes(100), REJECTED, None)
     assert kept.count("dropped") == 5
     kept.finish()
     assert kept.count("kept") == MAX_WAITING
@@ -190,9 +192,9 @@ def test_a_store_that_fails_costs_the_samples_alone(tmp_path: Path, monkeypatch:
     with monkeypatch.context() as broken:
         broken.setattr(Store, "put", fails)
         kept.sampler.start()
-        kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
+        kept.sampler.offer(QUERY, bytes(100), REJECTED, None)
         wait_until(lambda: kept.count("failed") == 1)
-    kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
+    kept.sampler.offer(QUERY, bytes(100), REJECTED, None)
     kept.sampler.close()
     assert kept.count("kept") == 1
 
@@ -244,7 +246,7 @@ def test_the_oldest_go_when_all_together_are_too_large(tmp_path: Path):
 def test_the_limit_holds_while_samples_come(tmp_path: Path):
     kept = Kept(tmp_path, max_bytes=20_000, per_minute=6000)
     for _ in range(MAX_WAITING):
-        kept.sampler.offer(HEAD, bytes(2000), REJECTED, None)
+        kept.sampler.offer(QUERY, bytes(2000), REJECTED, None)
     kept.finish()
     size = sum(path.stat().st_size for path in (tmp_path / "samples").iterdir())
     assert size <= 20_000 + 4000, "the last one may be over"
@@ -356,6 +358,22 @@ def test_what_is_asked_again_is_not_kept_again(service: Service, sample_id: str)
     service.ask("http")  # kept after the other would have been
     wait_until(lambda: len(kept_by(service).ids()) > 1)
     assert len(kept_by(service).ids()) == 2
+
+
+def test_only_who_may_read_kept_queries_asks_again_without_a_trace(tmp_path: Path):
+    with running_service(tmp_path, zenoh=False, samples_share=1.0, auth="on", keys_refresh_s=0.1) as service:
+        publish(service.catalog, "hall", "1", service.scratch)
+        robot, operator = give(service, "localize"), give(service, "build")
+
+        def ask(key: str) -> bool:
+            headers = {"Content-Type": XYZ, "Authorization": f"Bearer {key}", "X-Request-Id": "replay-me"}
+            return service.http.post("/localize?map=hall", content=SCAN_BODY, headers=headers).is_success
+
+        wait_until(lambda: ask(operator))
+        assert ask(robot)
+        wait_until(lambda: kept_by(service).ids())
+    kept = kept_by(service)
+    assert [kept.get(one).request_id for one in kept.ids()] == ["replay-me"], "the robot's, and no other"
 
 
 def test_a_query_that_cannot_be_asked_again_says_why(

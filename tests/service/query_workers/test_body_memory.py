@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from firstfix.errors import TooLarge
-from firstfix_service.query_workers.body_memory import KEPT_BYTES, BodyMemory, mapped_bodies
+from firstfix_service.query_workers.protocol import KEPT_BYTES, BodyMemory, mapped_bodies
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has files in memory")
 CAPACITY = 16 << 20

@@ -10,8 +10,10 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,15 +23,14 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, WorkerLost
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
-from firstfix_service.query_workers.body_format import BodyFormat
-from firstfix_service.query_workers.messages import INLINE_BYTES
-from firstfix_service.query_workers.pool import QueryWorkerProcesses
-from firstfix_service.query_workers.query import Query, ServedVersion
-from waiting import LIMIT_S, let_pass, wait_until, wait_until_async
+from firstfix_service.localize.query_gate import AskWorker, QueryGate
+from firstfix_service.query_workers.answer import EncodedAnswer
+from firstfix_service.query_workers.processes import QueryWorkerProcesses
+from firstfix_service.query_workers.protocol import INLINE_BYTES
+from firstfix_service.query_workers.query import BodyFormat, Query, ServedVersion
+from waiting import LIMIT_S, let_pass, wait_until
 
 pytestmark = pytest.mark.slow
-
-FORMAT = BodyFormat.of(MEDIA_TYPE, None)
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +38,46 @@ def yard(small_version) -> ServedVersion:
     return ServedVersion("yard", "1" * 64, small_version.directory)
 
 
+class Answering:
+    """Worker processes behind a gate, in an event loop of their own."""
+
+    def __init__(self, count: int, **more: Any) -> None:
+        self.loop = asyncio.new_event_loop()
+        threading.Thread(target=self.loop.run_forever, daemon=True).start()
+        self.gate = self._run(self._gate(count))
+        values = {"query_timeout_s": 30, "max_body_bytes": 1 << 26, **more}
+        self.processes = QueryWorkerProcesses(count, on_up=self.gate.add_worker, **values)
+
+    @property
+    def pids(self) -> list[int]:
+        return self.processes.pids
+
+    def ask(self, query: Query) -> Localization:
+        return Localization.from_mapping(json.loads(self._run(self._answer(query)).json))
+
+    def close(self) -> None:
+        self._run(self.gate.close())
+        self.processes.close()
+        self.loop.call_soon_threadsafe(self.loop.stop)
+
+    async def _gate(self, count: int) -> QueryGate:
+        return QueryGate(count, 8, 1 << 26)
+
+    async def _answer(self, query: Query) -> EncodedAnswer:
+        async def work(ask: AskWorker, _: Any, waited_s: float) -> EncodedAnswer:
+            return await ask(query)
+
+        done: Future[Any] = Future()
+        done.set_result(SimpleNamespace(close=lambda: None))
+        return await self.gate.run(query.asker, lambda: done, work)
+
+    def _run(self, work: Any) -> Any:
+        return asyncio.run_coroutine_threadsafe(work, self.loop).result(LIMIT_S)
+
+
 @pytest.fixture(scope="module")
-def shared_workers() -> Iterator[QueryWorkerProcesses]:
-    running = QueryWorkerProcesses(2, query_timeout_s=30, max_body_bytes=1 << 26)
+def shared_workers() -> Iterator[Answering]:
+    running = Answering(2)
     try:
         yield running
     finally:
@@ -47,21 +85,21 @@ def shared_workers() -> Iterator[QueryWorkerProcesses]:
 
 
 @pytest.fixture
-def workers(shared_workers: QueryWorkerProcesses, yard: ServedVersion) -> QueryWorkerProcesses:
+def workers(shared_workers: Answering, yard: ServedVersion) -> Answering:
     """Two processes that are up and have loaded the yard: the same for all tests, or their replacements."""
     wait_until(lambda: len(shared_workers.pids) == 2)
-    shared_workers.load(yard)
+    shared_workers.processes.load(yard)
     return shared_workers
+
+
+def query_of(yard: ServedVersion, body: bytes, media_type: str = MEDIA_TYPE) -> Query:
+    body_format = BodyFormat.of(media_type, None)
+    return Query(("yard",), LocalizeOptions(), body_format, body=body, versions=(yard,))
 
 
 @pytest.fixture
 def query(yard: ServedVersion, small_scans) -> Query:
-    body = encode_scan(small_scans[0][0])
-    return Query(body, FORMAT, LocalizeOptions(), (yard,), 1 << 28)
-
-
-def asked(workers: QueryWorkerProcesses, query: Query) -> Localization:
-    return Localization.from_mapping(json.loads(asyncio.run(workers.answer(query)).json))
+    return query_of(yard, encode_scan(small_scans[0][0]))
 
 
 def right(answer, truth) -> bool:
@@ -75,35 +113,30 @@ def gone(pid: int) -> bool:
         return True
 
 
-def test_it_answers_as_the_localizer_does(workers: QueryWorkerProcesses, query: Query, small_scans, yard):
-    answers = [
-        asked(workers, Query(encode_scan(scan), FORMAT, query.options, (yard,), 1 << 28))
-        for scan, _ in small_scans[:8]
-    ]
+def test_it_answers_as_the_localizer_does(workers: Answering, query: Query, small_scans, yard):
+    answers = [workers.ask(query_of(yard, encode_scan(scan))) for scan, _ in small_scans[:8]]
     found = [right(answer, truth) for answer, (_, truth) in zip(answers, small_scans, strict=False)]
     assert sum(found) >= 6
     assert {(answer.map_id, answer.map_version) for answer in answers} == {("yard", yard.version)}
     assert "decode" in answers[0].timings_ms
 
 
-def test_the_callers_errors_come_back_as_they_are(workers: QueryWorkerProcesses, query: Query, yard):
+def test_the_callers_errors_come_back_as_they_are(workers: Answering, query: Query, yard):
     with pytest.raises(MalformedData):
-        asked(workers, Query(b"no scan", FORMAT, query.options, (yard,), 1 << 28))
-    assert asked(workers, query).map_id == "yard"
+        workers.ask(query_of(yard, b"no scan"))
+    assert workers.ask(query).map_id == "yard"
 
 
-def test_a_version_that_cannot_be_loaded_is_refused_and_forgotten(
-    workers: QueryWorkerProcesses, query: Query, tmp_path
-):
+def test_a_version_that_cannot_be_loaded_is_refused_and_forgotten(workers: Answering, query: Query, tmp_path):
     bad = ServedVersion("bad", "2" * 64, tmp_path)
     with pytest.raises(CorruptVersion):
-        workers.load(bad)
+        workers.processes.load(bad)
     pids = workers.pids
-    assert asked(workers, query).map_id == "yard"
+    assert workers.ask(query).map_id == "yard"
     assert workers.pids == pids
 
 
-def test_queries_survive_kills(workers: QueryWorkerProcesses, query: Query):
+def test_queries_survive_kills(workers: Answering, query: Query):
     """Repeated kills of idle and busy workers: a query is answered, or fails as lost with its worker."""
     end = threading.Event()
 
@@ -111,7 +144,7 @@ def test_queries_survive_kills(workers: QueryWorkerProcesses, query: Query):
         good = lost = 0
         while not end.is_set():
             try:
-                assert asked(workers, query).map_id == "yard"
+                assert workers.ask(query).map_id == "yard"
                 good += 1
             except WorkerLost:
                 lost += 1
@@ -131,20 +164,18 @@ def test_queries_survive_kills(workers: QueryWorkerProcesses, query: Query):
     assert sum(good for good, _ in outcomes) > 0
     wait_until(lambda: len(workers.pids) == 2)
     assert not killed & set(workers.pids)
-    assert asked(workers, query).map_id == "yard", "the new ones know the version"
+    assert workers.ask(query).map_id == "yard", "the new ones know the version"
 
 
 def test_a_worker_that_is_stuck_is_killed_and_replaced(query: Query, yard):
     deaths = []
-    workers = QueryWorkerProcesses(
-        1, query_timeout_s=1.5, max_body_bytes=1 << 26, on_death=lambda: deaths.append(1)
-    )
+    workers = Answering(1, query_timeout_s=1.5, on_death=lambda: deaths.append(1))
     try:
-        workers.load(yard)
+        workers.processes.load(yard)
         (stuck,) = workers.pids
         os.kill(stuck, signal.SIGSTOP)
         with pytest.raises(DeadlineExceeded):
-            asked(workers, query)
+            workers.ask(query)
         wait_until(lambda: gone(stuck) and workers.pids)
         wait_until(lambda: deaths == [1])
         wait_until(lambda: _answers(workers, query))
@@ -152,9 +183,9 @@ def test_a_worker_that_is_stuck_is_killed_and_replaced(query: Query, yard):
         workers.close()
 
 
-def _answers(workers: QueryWorkerProcesses, query: Query) -> bool:
+def _answers(workers: Answering, query: Query) -> bool:
     try:
-        return asked(workers, query).map_id == "yard"
+        return workers.ask(query).map_id == "yard"
     except DeadlineExceeded:  # it was still starting
         return False
 
@@ -164,19 +195,17 @@ def test_a_worker_killed_with_a_long_body_loses_and_leaks_nothing(small_scans, y
     scan, _ = small_scans[0]
     body = scan.points.astype("<f4").tobytes() + bytes(12) * 4000  # points at the sensor, which are cropped
     assert len(body) > INLINE_BYTES
-    query = Query(
-        body, BodyFormat.of("application/vnd.firstfix.xyz", None), LocalizeOptions(), (yard,), 1 << 28
-    )
+    query = query_of(yard, body, "application/vnd.firstfix.xyz")
     before = _bodies_mapped(os.getpid())
-    workers = QueryWorkerProcesses(1, query_timeout_s=LIMIT_S, max_body_bytes=1 << 26)
+    workers = Answering(1, query_timeout_s=LIMIT_S)
     try:
-        workers.load(yard)
+        workers.processes.load(yard)
         (first,) = workers.pids
-        usual = asked(workers, query)
+        usual = workers.ask(query)
         os.kill(first, signal.SIGSTOP)
         with ThreadPoolExecutor(1) as threads:
-            asking = threads.submit(asked, workers, query)
-            wait_until(lambda: not workers._idle._idle)  # it was given to the worker
+            asking = threads.submit(workers.ask, query)
+            wait_until(lambda: not workers.gate._free)  # it was given to the worker
             os.kill(first, signal.SIGKILL)
             again = asking.result(LIMIT_S)
         assert again.verdict is usual.verdict
@@ -190,15 +219,17 @@ def test_a_worker_killed_with_a_long_body_loses_and_leaks_nothing(small_scans, y
 
 
 def test_a_reply_that_nobody_waited_for_answers_no_other_query(query: Query, yard: ServedVersion):
-    workers = QueryWorkerProcesses(1, query_timeout_s=LIMIT_S, max_body_bytes=1 << 26)
+    workers = Answering(1, query_timeout_s=LIMIT_S)
     try:
-        workers.load(yard)
+        workers.processes.load(yard)
         (first,) = workers.pids
+        wait_until(lambda: workers.gate._free)
+        worker = workers.gate._free.pop()
         os.kill(first, signal.SIGSTOP)
 
         async def give_up() -> None:
-            asking = asyncio.ensure_future(workers.answer(query))
-            await wait_until_async(lambda: not workers._idle._idle)
+            asking = asyncio.ensure_future(worker.answer(query))
+            await asyncio.sleep(0)  # it was given to the worker
             asking.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await asking
@@ -206,7 +237,7 @@ def test_a_reply_that_nobody_waited_for_answers_no_other_query(query: Query, yar
         asyncio.run(give_up())
         wait_until(lambda: gone(first) and workers.pids)
         with pytest.raises(MalformedData):
-            asked(workers, Query(b"no scan", FORMAT, query.options, (yard,), 1 << 28))
+            workers.ask(query_of(yard, b"no scan"))
     finally:
         workers.close()
 
@@ -215,20 +246,18 @@ def _bodies_mapped(pid: int) -> int:
     return Path(f"/proc/{pid}/maps").read_text().count("firstfix-bodies")
 
 
-def test_workers_ignore_the_signals_that_are_meant_for_the_service(
-    workers: QueryWorkerProcesses, query: Query
-):
+def test_workers_ignore_the_signals_that_are_meant_for_the_service(workers: Answering, query: Query):
     pids = workers.pids
     for pid in pids:
         os.kill(pid, signal.SIGINT)
         os.kill(pid, signal.SIGTERM)
-    assert asked(workers, query).map_id == "yard"
+    assert workers.ask(query).map_id == "yard"
     assert workers.pids == pids
 
 
 def test_closing_ends_the_processes(yard):
-    workers = QueryWorkerProcesses(2, query_timeout_s=30, max_body_bytes=1 << 26)
-    workers.load(yard)
+    workers = Answering(2)
+    workers.processes.load(yard)
     pids = workers.pids
     workers.close()
     assert workers.pids == []
@@ -238,9 +267,10 @@ def test_closing_ends_the_processes(yard):
 def test_workers_end_with_a_killed_service():
     code = """
 import sys, time
-from firstfix_service.query_workers.messages import INLINE_BYTES
-from firstfix_service.query_workers.pool import QueryWorkerProcesses
-workers = QueryWorkerProcesses(2, query_timeout_s=30, max_body_bytes=1 << 26)
+from firstfix_service.query_workers.processes import QueryWorkerProcesses
+workers = QueryWorkerProcesses(
+    2, on_up=lambda worker: None, query_timeout_s=30, max_body_bytes=1 << 26
+)
 while len(workers.pids) < 2:
     time.sleep(0.02)
 print(*workers.pids, flush=True)

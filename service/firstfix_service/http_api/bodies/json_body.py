@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from firstfix.errors import InvalidOption, MalformedData
 
+from ...localize.query_gate import HeldBodies
 from .request_body import BodyReader
 
 MAX_JSON_BYTES = 1 << 20
@@ -27,7 +28,7 @@ async def read_object(request: Request) -> dict[str, Any]:
         DeadlineExceeded: it did not arrive in time.
         MalformedData: as ``parse_object``.
     """
-    body = bytes(await BodyReader(MAX_JSON_BYTES, MAX_JSON_BYTES, TIMEOUT_S).read(request))
+    body = bytes(await BodyReader(MAX_JSON_BYTES, HeldBodies(MAX_JSON_BYTES), TIMEOUT_S).read(request))
     return parse_object(body, "the body")
 
 

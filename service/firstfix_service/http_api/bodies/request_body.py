@@ -17,23 +17,18 @@ from firstfix.formats.point_cloud import Body
 
 from ...auth.authenticate import CHECK_S, Permission
 from ...http_server.streams import RECEIVE_INTO, Arrived, ReceiveInto, declared_bytes
-from ...localize.held_bodies import HeldBodies
+from ...localize.query_gate import HeldBodies
 
 LONG_BYTES = 64 << 10  # of a body that is received right into its place
 
 
 class BodyReader:
-    """Reads bodies up to limits: of each, of a caller, and of all together. Belongs to one event loop."""
+    """Reads bodies up to limits: of each, of a caller, and of all together."""
 
-    def __init__(self, max_bytes: int, max_inflight_bytes: int, timeout_s: float) -> None:
+    def __init__(self, max_bytes: int, held: HeldBodies, timeout_s: float) -> None:
         self._max_bytes = max_bytes
-        self._held = HeldBodies(max_inflight_bytes)
+        self._held = held
         self._timeout_s = timeout_s
-
-    @property
-    def inflight_bytes(self) -> int:
-        """Bytes of all bodies in memory."""
-        return self._held.bytes
 
     async def read(self, request: Request, caller: str = "") -> Body:
         """Returns the body. Call ``release`` when it is no longer needed.
@@ -49,8 +44,8 @@ class BodyReader:
 
         def arrived(count: int) -> None:
             nonlocal size
+            self._held.add(caller, count, body_bytes=size + count)
             size += count
-            self._held.add(caller, count, body_bytes=size)
             if size > self._max_bytes:
                 raise TooLarge(f"the body has over {self._max_bytes} bytes")
 

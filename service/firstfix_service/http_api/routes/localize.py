@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections import Counter
 from typing import Any
 
 from fastapi import FastAPI, Request, Response
@@ -14,14 +13,11 @@ from firstfix.access.permissions import Scope
 from firstfix.answer.options import LocalizeOptions
 from firstfix.catalog.geopose import MEDIA_TYPE as GEOPOSE
 from firstfix.decode import MEDIA_TYPES
-from firstfix.errors import InvalidOption
 from firstfix.ros.media_types import POSE
 
 from ...auth.principal import Principal
-from ...localize.negotiation import negotiate
-from ...localize.query_head import QueryHead, split_map_ids
-from ...localize.response_format import JSON, PARAMETERS, content_of, requested_pose
-from ...query_workers.answer import AnswerForm, EncodedAnswer
+from ...query_workers.answer import PARAMETERS, AnswerForm, EncodedAnswer
+from ...query_workers.query import AsGiven, Query, single_values, split_map_ids
 from ...thread_pools import READS
 from ..edge import DirectRoute, caller_of, cancel_on_disconnect, needs
 from ..parts import LocalizeParts, part_of
@@ -128,42 +124,27 @@ async def _localize(
     request: Request, parts: LocalizeParts, caller: Principal, arrived: float
 ) -> tuple[EncodedAnswer, bytes, str]:
     """The answer, its bytes and their media type."""
-    options, accept = single_values(request), request.headers.get("accept", "")
-    pose = requested_pose(accept, options)
-    is_geographic = pose is None and negotiate(accept, (JSON, GEOPOSE)) == GEOPOSE
-    head = QueryHead(
+    options, headers = single_values(request.query_params.multi_items()), request.headers
+    form = AnswerForm.read(headers.get("accept", ""), options, may_be_geographic=True)
+    given = AsGiven(
         split_map_ids(options.pop(MAP_PARAMETER, "")),
-        request.headers.get("content-type", ""),
-        request.headers.get("content-encoding"),
+        headers.get("content-type", ""),
+        headers.get("content-encoding", ""),
         options,
-        arrived,
     )
-    admission = parts.use_case.admit(head, caller)
-    if is_geographic and len(head.map_ids) == 1:  # of several maps, one has to answer first
-        await READS.run(parts.georeference_cache.of, head.map_ids[0])
+    query = Query.read(given, form, caller, parts.use_case.served, arrived)
+    parts.use_case.check_room(query)
+    if form.geographic and len(given.map_ids) == 1:  # of several maps, one has to answer first
+        await READS.run(parts.georeference_cache.of, given.map_ids[0])
     body = await parts.bodies.read(request, caller.name)
     try:
-        form = AnswerForm(pose, is_geographic)
-        answer = await cancel_on_disconnect(request, parts.use_case.localize(admission, body, form))
+        answer = await cancel_on_disconnect(request, parts.use_case.localize(query, body))
         if answer.T_map_body is not None:
             georeference = await READS.run(parts.georeference_cache.of, answer.map_id)
             return answer, json.dumps(georeference.geopose(answer.T_map_body)).encode(), GEOPOSE
-        return answer, *content_of(answer)
+        return answer, *answer.content
     finally:
         parts.bodies.release(body, caller.name)
-
-
-def single_values(request: Request) -> dict[str, str]:
-    """Returns the query parameters.
-
-    Raises:
-        InvalidOption: one is given more than once: to take either would ignore the other.
-    """
-    counts = Counter(name for name, _ in request.query_params.multi_items())
-    twice = sorted(name for name, count in counts.items() if count > 1)
-    if twice:
-        raise InvalidOption(f"given more than once: {', '.join(twice)}")
-    return dict(request.query_params)
 
 
 def server_timing(answer: EncodedAnswer) -> str:

@@ -19,8 +19,8 @@ LOGGED = {
     ("auth/principal.py", "check"): "check scope",
     ("auth/principal.py", "check_map"): "check map of caller",
     ("auth/authenticate.py", "take"): "take from rate limit",
-    ("localize/pool.py", "check_room"): "check room",
-    ("localize/use_case.py", "admit"): "admit",
+    ("localize/query_gate.py", "check_room"): "check room",
+    ("query_workers/query.py", "read"): "read query",
     ("wire/scan.py", "decode_scan"): "decode body",
 }
 _NAMES = {name for _, name in LOGGED}

@@ -14,10 +14,11 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.decode import MEDIA_TYPES
 from firstfix.engine.changes.overlay import OverlayMap
 from firstfix.errors import InvalidOption
+from firstfix.formats.point_cloud import Body
 from firstfix.ids import check_map_id, check_version
 from firstfix.transform import Matrix
 
-from ....query_workers.body_format import Body, BodyFormat
+from ....query_workers.query import BodyFormat
 from ....thread_pools import LOOKS
 from ...edge import CallerDep, needs
 from ...parts import LocalizePartsDep

@@ -6,7 +6,6 @@ that comes earlier loads the versions that it needs.
 
 from __future__ import annotations
 
-import asyncio
 import threading
 import time
 from collections.abc import Callable
@@ -16,17 +15,16 @@ from functools import partial
 
 import structlog
 
-from firstfix.errors import DeadlineExceeded, FirstfixError, VersionError, WorkerLost
+from firstfix.errors import FirstfixError, VersionError
 
-from .answer import EncodedAnswer
-from .handle import QueryWorkerDefect, QueryWorkerDied, QueryWorkerHandle, QueryWorkerStuck
-from .idle_workers import IdleWorkers
-from .query import Query, ServedVersion
+from .base import MAX_DECODED_BYTES, QueryWorker, QueryWorkerDied
+from .handle import QueryWorkerDefect, QueryWorkerHandle
+from .query import ServedVersion
 from .sightings import Sighted
 
 _log = structlog.get_logger(__name__)
-ATTEMPTS = 2
-FREE_WITHIN_S = 30.0  # for a process to replace one that died
+LOAD_ATTEMPTS = 2
+BORN_WITHIN_S = 30.0  # for a process to replace one that died
 SHORT_LIFE_S, PAUSE_S = 5.0, 1.0  # after such a short life the next process waits for the pause
 
 
@@ -34,8 +32,9 @@ class QueryWorkerProcesses:
     """A fixed number of worker processes. Each is replaced when it dies.
 
     Args:
+        on_up: called with each process that can answer, in another thread.
         query_timeout_s: a query that runs longer fails, and its process is replaced.
-        max_body_bytes: largest body of a query.
+        max_body_bytes, max_decoded_bytes: largest body of a query, and without its content encoding.
         sightings_share: of the localized queries whose sightings are counted.
         on_death: called when a process dies unexpectedly.
     """
@@ -44,21 +43,23 @@ class QueryWorkerProcesses:
         self,
         count: int,
         *,
+        on_up: Callable[[QueryWorker], None],
         query_timeout_s: float,
         max_body_bytes: int,
+        max_decoded_bytes: int = MAX_DECODED_BYTES,
         sightings_share: float = 0.0,
         on_death: Callable[[], None] = lambda: None,
     ) -> None:
-        self._query_timeout_s = query_timeout_s
-        self._max_body_bytes = max_body_bytes
+        self._start = partial(
+            QueryWorkerHandle, query_timeout_s, max_body_bytes, max_decoded_bytes, sightings_share
+        )
         self._sightings_share = sightings_share
-        self._on_death = on_death
+        self._on_up, self._on_death = on_up, on_death
         self._lock = threading.RLock()
         self._born = threading.Condition(self._lock)
         self._closing = threading.Event()
         self._versions: dict[ServedVersion, None] = {}  # loaded, in that order
         self._living: dict[QueryWorkerHandle, None] = {}
-        self._idle: IdleWorkers[QueryWorkerHandle] = IdleWorkers()
         self._loaders = ThreadPoolExecutor(count, thread_name_prefix="worker-load")
         self._keepers = [
             threading.Thread(target=self._keep_one, name=f"worker-{k}", daemon=True) for k in range(count)
@@ -82,10 +83,10 @@ class QueryWorkerProcesses:
 
     def _load_in_one(self, version: ServedVersion) -> tuple[QueryWorkerHandle, int]:
         tried: list[QueryWorkerHandle] = []
-        for _ in range(ATTEMPTS):
+        for _ in range(LOAD_ATTEMPTS):
             with self._lock:
                 self._born.wait_for(
-                    lambda: self._closing.is_set() or self._living.keys() - set(tried), FREE_WITHIN_S
+                    lambda: self._closing.is_set() or self._living.keys() - set(tried), BORN_WITHIN_S
                 )
                 untried = [worker for worker in self._living if worker not in tried]
             if not untried:
@@ -113,23 +114,6 @@ class QueryWorkerProcesses:
             living = list(self._living)
         return [worker.take_sightings() for worker in living] if self._sightings_share else []
 
-    async def answer(self, query: Query) -> EncodedAnswer:
-        """Returns the answer of a free process. If it dies, one other process tries."""
-        for _ in range(ATTEMPTS):
-            worker = await self._free_one()
-            try:
-                answer = await worker.answer(query, self._query_timeout_s)
-            except QueryWorkerDied:
-                continue  # its keeper starts another one
-            except QueryWorkerStuck as error:
-                raise DeadlineExceeded(f"the query was stopped: it ran for {error}") from None
-            except (FirstfixError, QueryWorkerDefect):
-                self._idle.put(worker)
-                raise
-            self._idle.put(worker)
-            return answer
-        raise WorkerLost("two worker processes died over the query")
-
     def close(self) -> None:
         """Ends the processes. Call it when no query runs."""
         with self._lock:
@@ -142,27 +126,11 @@ class QueryWorkerProcesses:
             keeper.join()
         self._loaders.shutdown()
 
-    async def _free_one(self) -> QueryWorkerHandle:
-        """A process that runs no query.
-
-        Raises:
-            WorkerLost: no process was free in time.
-        """
-        try:
-            async with asyncio.timeout(FREE_WITHIN_S):
-                while True:
-                    worker = await self._idle.take()
-                    with self._lock:
-                        if worker in self._living:
-                            return worker
-        except TimeoutError:
-            raise WorkerLost("no worker process is up: try again") from None
-
     def _keep_one(self) -> None:
         """Keeps one process running: starts another one when it dies."""
         while not self._closing.is_set():
             try:
-                worker = QueryWorkerHandle(self._max_body_bytes, self._sightings_share)
+                worker = self._start()
             except OSError as error:  # no memory, or too many processes
                 _log.error("no worker process could be started", error=str(error))
                 self._closing.wait(PAUSE_S)
@@ -175,7 +143,7 @@ class QueryWorkerProcesses:
                 worker.kill()
             with suppress(QueryWorkerDied):
                 worker.wait_until_up()
-                self._idle.put(worker)
+                self._on_up(worker)
                 self._load_again(worker, versions)
             status = worker.wait()
             with self._lock:

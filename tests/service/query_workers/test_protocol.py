@@ -10,15 +10,14 @@ from pathlib import Path
 import pytest
 
 from firstfix.answer.options import LocalizeOptions
-from firstfix_service.query_workers.body_format import BodyFormat
-from firstfix_service.query_workers.messages import (
+from firstfix_service.query_workers.protocol import (
     INLINE_BYTES,
     MessageReader,
     message_of,
     reply_of,
     send_all,
 )
-from firstfix_service.query_workers.query import Query, ServedVersion
+from firstfix_service.query_workers.query import BodyFormat, Query, ServedVersion
 
 FORMAT = BodyFormat.of("application/vnd.firstfix.xyz", None)
 
@@ -31,7 +30,8 @@ def ends() -> Iterator[tuple[socket.socket, socket.socket]]:
 
 
 def query(body: bytes) -> Query:
-    return Query(body, FORMAT, LocalizeOptions(), (ServedVersion("hall", "1" * 64, Path("/x")),), 1 << 20)
+    versions = (ServedVersion("hall", "1" * 64, Path("/x")),)
+    return Query(("hall",), LocalizeOptions(), FORMAT, body=body, versions=versions)
 
 
 def received(reader: MessageReader, stream: socket.socket):

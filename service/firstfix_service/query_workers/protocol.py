@@ -1,4 +1,4 @@
-"""Messages of queries and replies between the service and a worker process, over a stream socket.
+"""Protocol between the service and a worker process: messages over a stream socket, and shared memory.
 
     offset  type   field
          0  u32    length of the pickled object
@@ -7,22 +7,33 @@
 
 A small body follows in the message itself: a copy through the socket is as quick as shared memory then. There
 is one message under way at a time, so a receiver reads all that has come.
+
+A file without a name holds the memory for long bodies: the service writes, the worker reads. So the kernel
+frees it as soon as neither process has it open, however they end. Each worker has memory of its own: it never
+sees a body of another worker's queries.
 """
 
 from __future__ import annotations
 
+import fcntl
+import mmap
+import os
 import pickle
 import socket
 import struct
+import sys
+import tempfile
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
+from firstfix.errors import TooLarge
 from firstfix.formats.point_cloud import Body
 
 from .query import Query
 
+LOAD, DROP, HELLO, TAKE = "load", "drop", "hello", "take"  # over the other socket, for control
 INLINE_BYTES = 32 << 10
+KEPT_BYTES = 4 << 20  # of memory, after a query; larger bodies are rare
 _HEAD = struct.Struct("<IIQ")
 _MAX_MESSAGE_BYTES = 1 << 30
 _ROOM_BYTES = 128 << 10
@@ -31,7 +42,7 @@ _ROOM_BYTES = 128 << 10
 def message_of(query: Query) -> list[Body]:
     """Returns the parts of a query's message. A body over INLINE_BYTES is only announced."""
     size = len(query.body)
-    pickled = pickle.dumps(replace(query, body=b""), pickle.HIGHEST_PROTOCOL)
+    pickled = pickle.dumps(query.without_body(), pickle.HIGHEST_PROTOCOL)
     if size > INLINE_BYTES:
         return [_HEAD.pack(len(pickled), 0, size), pickled]
     return [_HEAD.pack(len(pickled), size, 0), pickled, query.body]
@@ -94,3 +105,55 @@ class MessageReader:
         """Gives back the room of a long message, once it has been used."""
         if len(self._room) > _ROOM_BYTES:
             self._room = bytearray(_ROOM_BYTES)
+
+
+class BodyMemory:
+    """The service's end. For one query at a time.
+
+    Args:
+        capacity_bytes: largest body. Only the part that bodies have filled takes memory.
+    """
+
+    def __init__(self, capacity_bytes: int) -> None:
+        self._capacity_bytes = capacity_bytes
+        self.descriptor = _nameless_file(capacity_bytes)
+        self._map = mmap.mmap(self.descriptor, capacity_bytes)
+
+    def write(self, body: Body) -> None:
+        """Copies a body to the beginning.
+
+        Raises:
+            TooLarge: it is larger than the capacity.
+        """
+        if len(body) > self._capacity_bytes:
+            raise TooLarge(f"the body has {len(body)} bytes, the limit is {self._capacity_bytes}")
+        self._map[: len(body)] = body
+
+    def trim(self, used_bytes: int) -> None:
+        """Gives back the memory of a large body, once its query has ended."""
+        if used_bytes > KEPT_BYTES and sys.platform == "linux":
+            self._map.madvise(mmap.MADV_REMOVE, KEPT_BYTES, self._capacity_bytes - KEPT_BYTES)
+
+    def close(self) -> None:
+        """Gives the memory back, apart from the worker's own mapping."""
+        self._map.close()
+        os.close(self.descriptor)
+
+
+def mapped_bodies(descriptor: int, capacity_bytes: int) -> memoryview:
+    """Returns the worker's view of the memory, read-only."""
+    return memoryview(mmap.mmap(descriptor, capacity_bytes, access=mmap.ACCESS_READ))
+
+
+def _nameless_file(size: int) -> int:
+    if sys.platform == "linux":
+        descriptor = os.memfd_create("firstfix-bodies", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        os.ftruncate(descriptor, size)
+        # A worker cannot cut the file off: the service would die of its next write.
+        fcntl.fcntl(
+            descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL
+        )
+        return descriptor
+    with tempfile.TemporaryFile() as file:
+        file.truncate(size)
+        return os.dup(file.fileno())

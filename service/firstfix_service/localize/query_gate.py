@@ -1,0 +1,345 @@
+"""The gate to the workers: places, turns, free workers, and the bytes of bodies in memory.
+
+One query at a time runs on each worker, a few more wait, the others are refused at once. Callers take turns,
+and so do the maps of each caller (``fair_queue``). A full gate still accepts a query of a caller that has
+few: it replaces the newest query of the caller that has most. A query waits nowhere else, so its deadline
+ends each wait.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextvars
+import math
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Awaitable, Callable, Coroutine
+from concurrent.futures import Future
+from contextlib import suppress
+from functools import partial
+from typing import Any, Protocol, TypeVar
+
+from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded, WorkerLost
+
+from ..query_workers.answer import EncodedAnswer
+from ..query_workers.base import QueryWorker, QueryWorkerDied
+from ..query_workers.query import Asker, Query
+from .fair_queue import FairQueue, Job, State
+
+T = TypeVar("T")
+MAX_RETRY_AFTER_S = 60.0
+ATTEMPTS = 2  # of a query whose process dies
+UP_WITHIN_S = 30.0  # for any worker process to come up, before those that wait are refused
+AskWorker = Callable[[Query], Awaitable[EncodedAnswer]]
+
+
+class Closeable(Protocol):
+    """Resources of a query while it waits and runs."""
+
+    def close(self) -> None:
+        """Gives the resources back."""
+        ...
+
+
+C = TypeVar("C", bound=Closeable)
+
+
+class HeldBodies:
+    """Counts the bytes of bodies in memory, of both transports together. Thread-safe.
+
+    One caller has at most half of the limit, so that it leaves room to others. One body alone may have more.
+    """
+
+    def __init__(self, max_bytes: int) -> None:
+        self._max_bytes = max_bytes
+        self._lock = threading.Lock()
+        self._of_caller: Counter[str] = Counter()
+        self.bytes = 0
+
+    def add(self, caller: str, count: int, *, body_bytes: int) -> None:
+        """Counts bytes of a body.
+
+        Args:
+            caller: empty: it is not known yet.
+            body_bytes: of this body so far, these included.
+
+        Raises:
+            Overloaded: the caller, or all callers together, would have too many. They are not counted.
+        """
+        with self._lock:
+            if self.bytes + count > self._max_bytes:
+                raise Overloaded("too many bodies arrive at the same time: try again")
+            self._add_to_share(caller, count, body_bytes)
+            self.bytes += count
+
+    def name_caller(self, caller: str, count: int) -> None:
+        """Counts a whole body, whose caller was not known, for its caller.
+
+        Raises:
+            Overloaded: the caller would have too many. The body still counts, for nobody.
+        """
+        with self._lock:
+            self._add_to_share(caller, count, count)
+            self._take_from_share("", count)
+
+    def give_back(self, caller: str, count: int) -> None:
+        """Ends the count of these bytes."""
+        with self._lock:
+            self._take_from_share(caller, count)
+            self.bytes -= count
+
+    def _take_from_share(self, caller: str, count: int) -> None:
+        self._of_caller[caller] -= count
+        if not self._of_caller[caller]:
+            del self._of_caller[caller]
+
+    def _add_to_share(self, caller: str, count: int, body_bytes: int) -> None:
+        held = self._of_caller[caller] + count
+        if caller and held > body_bytes and held > self._max_bytes // 2:
+            raise Overloaded("too many bodies of this caller arrive at the same time: try again")
+        self._of_caller[caller] = held
+
+
+class QueryGate:
+    """The way of all queries to the workers. Belongs to the event loop in which it is made.
+
+    Args:
+        workers: number of workers that ``add_worker`` will bring.
+        queue_size: number of queries that may wait.
+
+    Attributes:
+        bodies: the bodies in memory. Transports count them as they arrive.
+    """
+
+    def __init__(self, workers: int, queue_size: int, max_body_bytes: int) -> None:
+        self.bodies = HeldBodies(max_body_bytes)
+        self._loop = asyncio.get_running_loop()
+        self._workers = workers
+        self._limit = workers + queue_size
+        self._queue = FairQueue(workers)
+        self._closed = False
+        self._running: set[asyncio.Task[Any]] = set()
+        self._free: list[QueryWorker] = []  # the one that worked last comes first: its caches are warm
+        self._bereaved: deque[asyncio.Future[QueryWorker]] = deque()  # that run, and whose worker died
+        self._giving_up: asyncio.TimerHandle | None = None
+
+    def add_worker(self, worker: QueryWorker) -> None:
+        """Adds a worker that is up. Thread-safe."""
+        _in(self._loop, self._worker_came, worker)
+
+    @property
+    def admitted(self) -> int:
+        """Number of queries that wait or run. Thread-safe."""
+        return self._queue.size
+
+    def check_room(self, asker: Asker) -> None:
+        """Checks that there is room for one more query now. ``run`` takes the room.
+
+        Raises:
+            Overloaded: the pool is full, or the service stops.
+        """
+        self._replaced_by(asker)
+
+    async def run(
+        self,
+        asker: Asker,
+        prepare: Callable[[], Future[C]],
+        work: Callable[[AskWorker, C, float], Coroutine[Any, Any, T]],
+        *,
+        size_bytes: int = 0,
+        deadline: float = math.inf,
+        check: Callable[[], Awaitable[None]] | None = None,
+    ) -> T:
+        """Returns the result of the work, once it is the query's turn and a worker is free.
+
+        A cancelled call gives up its place in the queue. Work that has begun goes on and keeps its place
+        until it ends; otherwise abandoned queries would pile up behind it.
+
+        Args:
+            asker: takes turns with the others.
+            prepare: called once the query has a place. No worker waits for its future. The result is closed
+                when the query has ended in any way.
+            work: gets a function that asks the worker, the prepared resources, and the seconds that the query
+                then waited for its turn. If the worker dies, another one is asked.
+            size_bytes: of the query's body. A larger one should take longer.
+            deadline: of ``time.monotonic``; infinite: none.
+            check: of the query, once it has a place.
+
+        Raises:
+            Overloaded: the gate is full.
+            DeadlineExceeded: there is no result at the deadline.
+            WorkerLost: two workers died over the query, or none came up.
+            Exception: any error of ``check``, ``prepare`` or ``work``.
+        """
+        loop = self._loop
+        if (replaced := self._replaced_by(asker)) is not None:
+            self._refuse(replaced, self._full())
+        job = Job(asker, work, loop.create_future(), deadline, size_bytes, contextvars.copy_context())
+        self._queue.add(job)
+        try:
+            if deadline != math.inf:
+                left_s = deadline - time.monotonic()
+                job.timer = loop.call_later(max(0.0, left_s), self._refuse, job, _too_late())
+            if check is not None:
+                await check()
+            if not job.result.done():
+                prepared = prepare()
+                if prepared.done():
+                    self._prepared(job, prepared)
+                else:
+                    prepared.add_done_callback(partial(_in, loop, self._prepared, job))
+            result: T = await job.result
+            return result
+        finally:
+            if job.timer is not None:
+                job.timer.cancel()
+            self._leave(job)
+
+    async def close(self) -> None:
+        """Refuses the queries that wait, and waits for the end of those that run."""
+        self._closed = True
+        self._refuse_waiting(Overloaded("the service is stopping"))
+        if self._running:
+            await asyncio.wait(self._running)
+        await asyncio.sleep(0)  # delivers the last results
+
+    def _prepared(self, job: Job, future: Future[Any]) -> None:
+        if job.state is State.GONE:
+            if future.exception() is None:
+                future.result().close()
+            return
+        error = future.exception()
+        if error is not None:
+            self._refuse(job, error)
+            return
+        job.prepared = future.result()
+        self._queue.make_ready(job)
+        self._dispatch()
+
+    def _worker_came(self, worker: QueryWorker) -> None:
+        self._free = [one for one in self._free if one.is_alive] + [worker]
+        self._dispatch()
+
+    def _dispatch(self) -> None:
+        while self._free:
+            worker = self._free.pop()
+            if not worker.is_alive:
+                continue
+            if self._bereaved:
+                waiting = self._bereaved.popleft()
+                if not waiting.done():
+                    waiting.set_result(worker)
+                    continue
+            job = self._queue.next()
+            if job is None:
+                self._free.append(worker)
+                break
+            self._begin(job, worker)
+        self._expect_workers()
+
+    def _begin(self, job: Job, worker: QueryWorker) -> None:
+        job.began, job.worker = time.monotonic(), worker
+        work = job.work(partial(self._ask, job), job.prepared, job.began - job.ready_since)
+        task = self._loop.create_task(work, context=job.context)
+        self._running.add(task)
+        task.add_done_callback(partial(self._ended, job))
+
+    async def _ask(self, job: Job, query: Query) -> EncodedAnswer:
+        for _ in range(ATTEMPTS):
+            if job.worker is None:
+                job.worker = await self._another_worker()
+            try:
+                return await job.worker.answer(query)
+            except QueryWorkerDied:
+                job.worker = None
+            if job.result.done():  # too late, or its caller has gone
+                break
+        raise WorkerLost("two worker processes died over the query")
+
+    async def _another_worker(self) -> QueryWorker:
+        waiting: asyncio.Future[QueryWorker] = self._loop.create_future()
+        self._bereaved.append(waiting)
+        self._dispatch()
+        return await waiting
+
+    def _expect_workers(self) -> None:
+        """Gives queries up that wait, if no worker answers one and none comes up in time."""
+        is_any_up = self._free or len(self._running) > len(self._bereaved)
+        if is_any_up or not (self._bereaved or self._queue.is_any_ready):
+            if self._giving_up is not None:
+                self._giving_up.cancel()
+                self._giving_up = None
+        elif self._giving_up is None:
+            self._giving_up = self._loop.call_later(UP_WITHIN_S, self._give_up)
+
+    def _give_up(self) -> None:
+        self._giving_up = None
+        self._refuse_waiting(WorkerLost("no worker process is up: try again"))
+
+    def _refuse_waiting(self, error: FirstfixError) -> None:
+        for job in self._queue.waiting():
+            self._refuse(job, error)
+        while self._bereaved:
+            waiting = self._bereaved.popleft()
+            if not waiting.done():
+                waiting.set_exception(error)
+
+    def _ended(self, job: Job, task: asyncio.Task[Any]) -> None:
+        self._running.discard(task)
+        self._queue.ended(job, time.monotonic() - job.began)
+        job.prepared.close()
+        if job.worker is not None:
+            self._free.append(job.worker)
+        error = Overloaded("the service is stopping") if task.cancelled() else task.exception()
+        if not job.result.done():
+            if error is not None:
+                job.result.set_exception(error)
+            elif time.monotonic() > job.deadline:
+                job.result.set_exception(_too_late())
+            else:
+                job.result.set_result(task.result())
+        self._dispatch()
+
+    def _refuse(self, job: Job, error: BaseException) -> None:
+        if not job.result.done():
+            job.result.set_exception(error)
+        self._leave(job)
+
+    def _leave(self, job: Job) -> None:
+        """Removes a query that has not begun."""
+        if job.state in (State.PREPARING, State.READY):
+            self._queue.remove(job)
+            if job.prepared is not None:
+                job.prepared.close()
+
+    def _replaced_by(self, asker: Asker) -> Job | None:
+        """The waiting query that a new one replaces; None while there is room for both.
+
+        Raises:
+            Overloaded: as ``check_room``.
+        """
+        if self._closed:
+            raise Overloaded("the service is stopping")
+        if self._queue.size < self._limit:
+            return None
+        replaced = self._queue.crowding(asker)
+        if replaced is None:
+            raise self._full()
+        return replaced
+
+    def _full(self) -> Overloaded:
+        expected_s = self._queue.size * self._queue.mean_s / self._workers
+        return Overloaded(
+            f"{self._limit} queries wait or run: try again",
+            retry_after_s=min(expected_s, MAX_RETRY_AFTER_S),
+        )
+
+
+def _in(loop: asyncio.AbstractEventLoop, call: Callable[..., None], *args: Any) -> None:
+    with suppress(RuntimeError):  # the loop has ended with the service
+        loop.call_soon_threadsafe(call, *args)
+
+
+def _too_late() -> FirstfixError:
+    return DeadlineExceeded("the answer would have come after deadline_ms")
