@@ -8,6 +8,7 @@ export default defineConfig({
   build: {
     outDir: "../service/firstfix_service/console_files",
     emptyOutDir: true,
+    license: { fileName: "notices.txt" }, // of the packages that the scripts hold
     assetsInlineLimit: 0,
     modulePreload: { polyfill: false },
   },

@@ -28,6 +28,7 @@ from pictures import (
 from typer.testing import CliRunner
 
 from firstfix.catalog.query_samples import QuerySamples, new_sample_id
+from firstfix.engine.calibration import Calibration
 from firstfix.scan.scan import Scan
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.main import app
@@ -168,6 +169,26 @@ def test_the_least_probability_decides(page, world):
     assert world.ask(file, min_probability="1.0")["verdict"] == page.text(".verdict")
     page.slide("Least probability", round(answer["probability"] - 0.01, 2))
     page.wait(".verdict", "localized")
+
+
+def test_the_slider_of_the_least_probability_goes_back_to_the_default(page, world):
+    file, _, _ = _localized(world)
+    _try(page, file)
+    page.wait(".verdict", "localized")
+    page.wait("label", "Least probability of the map")
+    slider = "find('input[type=range]', 'Least probability')"
+    default = page.js(f"{slider}.value")
+    assert float(default) == Calibration.min_probability
+    page.slide("Least probability", 1.0)
+    page.until("!find('.verdict', 'localized')")
+    page.click("button", "As the map has it")
+    page.wait("label", "Least probability of the map")
+    page.wait(".verdict", "localized")
+    assert page.js(f"{slider}.value") == default
+    page.js(f"{slider}.focus()")
+    page.press("ArrowRight")
+    page.press("ArrowLeft")
+    page.wait("label", f"Least probability {default}")
 
 
 def test_a_copied_command_asks_the_same(page, world):

@@ -207,6 +207,21 @@ def test_a_distance_is_measured_between_two_clicks(page, world):
     assert float(page.text("output").split()[0]) == pytest.approx(3.0, abs=0.15)
 
 
+def test_a_map_that_is_left_is_not_watched_any_more(page):
+    page.call(
+        "Page.addScriptToEvaluateOnNewDocument",
+        source="globalThis.watched = new Map(); globalThis.ResizeObserver = class extends ResizeObserver {"
+        " observe(one, ...rest) { watched.set(this, one); super.observe(one, ...rest); }"
+        " disconnect() { watched.delete(this); super.disconnect(); } }",
+    )
+    page.open("#/maps/yard")
+    page.map_picture()
+    assert page.js("[...watched.values()].some((one) => one.matches('.map-canvas'))")
+    page.click("a", "Maps")
+    page.wait("button", "Build a map")
+    page.until("watched.size === 0")
+
+
 # Versions
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 import re
 import subprocess
 import sys
@@ -73,6 +74,13 @@ def test_it_names_its_files_without_a_host_and_without_the_root():
 def test_its_styles_load_nothing_from_elsewhere():
     for path in PAGE.rglob("*.css"):
         assert not re.search(r"@import|url\((?!['\"]?(\./|data:))", path.read_text()), path.name
+
+
+def test_the_licences_of_what_it_holds_are_with_it():
+    notices = (PAGE / "notices.txt").read_text()
+    packages = json.loads((REPO / "console" / "package.json").read_text())["dependencies"]
+    missing = [name for name, version in packages.items() if f"## {name} - {version} (MIT)" not in notices]
+    assert not missing
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,12 @@
 // Who is signed in. The key stays in this tab alone, and goes with it.
 
 import { computed, signal } from "@preact/signals";
-import type { Schemas } from "../api/client";
+import type { components } from "../api/schema";
 
 const PLACE = "firstfix.key";
 
 export const key = signal(sessionStorage.getItem(PLACE) ?? "");
-export const caller = signal<Schemas["Caller"] | null>(null);
+export const caller = signal<components["schemas"]["Caller"] | null>(null);
 export const refusal = signal<unknown>(null); // why the last key is not taken any more
 export const mayBuild = computed(() => may("build"));
 export const mayAdminister = computed(() => may("admin"));

@@ -44,6 +44,7 @@ export class MapScene {
   private readonly scene = new Scene();
   private readonly renderer: WebGLRenderer;
   private readonly controls: MapControls;
+  private readonly sized = new ResizeObserver(() => this.resize());
   private readonly loaded = new Map<string, { object: Points; count: number; used: number }>();
   private readonly loads = new Loads<CloudNode, ArrayBuffer>(
     (run, signal) => pointsOfRun(this.cloud, run, signal),
@@ -78,7 +79,7 @@ export class MapScene {
     const [low, high] = cloud.index.bounds_m.map((corner) => this.local(corner)) as [Vector3, Vector3];
     this.material.heights = [low.z, high.z];
     this.material.spacing = 0.05;
-    new ResizeObserver(() => this.resize()).observe(element);
+    this.sized.observe(element);
     this.resize();
     this.lookAtAll();
   }
@@ -199,6 +200,7 @@ export class MapScene {
 
   dispose(): void {
     this.loads.end();
+    this.sized.disconnect();
     cancelAnimationFrame(this.frame);
     this.controls.dispose();
     for (const { object } of this.loaded.values()) object.geometry.dispose();

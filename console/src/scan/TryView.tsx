@@ -26,6 +26,8 @@ import { useHandle } from "./useHandle";
 import { useOverlay } from "./useOverlay";
 import { VersionChoice } from "./VersionChoice";
 
+const USUAL_LEAST = "0.995"; // of a map that was built without a threshold of its own
+
 export function TryView({ map }: { map: string }) {
   const details = useLoaded((signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal), [map]);
   const active = details.value?.active_version ?? "";
@@ -129,11 +131,12 @@ export function TryView({ map }: { map: string }) {
             type="range"
             min={0}
             max={1}
-            step={0.01}
-            value={least.value || "0.9"}
+            step={0.005}
+            value={least.value || USUAL_LEAST}
             onChange={(event) => (least.value = event.currentTarget.value)}
           />
         </label>
+        {least.value ? <button onClick={() => (least.value = "")}>As the map has it</button> : null}
         <HandPanel hand={hand} isPrior={isPrior} isTiltKnown={isTiltKnown} begin={begin} />
         {byHand && asked.value ? (
           <label class="check">

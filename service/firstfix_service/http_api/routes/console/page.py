@@ -24,6 +24,7 @@ MEDIA_TYPES = {
     ".html": "text/html",
     ".js": "text/javascript",
     ".svg": "image/svg+xml",
+    ".txt": "text/plain",
     ".woff2": "font/woff2",
 }
 _NEVER = "no-cache"  # asked for again each time: it names the files of this release
