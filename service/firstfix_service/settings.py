@@ -51,20 +51,7 @@ class Settings(BaseSettings):
     max_inflight_bytes: int = Field(
         512 * MIB, ge=1, description="maximum size of all query bodies in memory together"
     )
-    body_timeout_s: float = Field(
-        30.0, gt=0, description="time for a query body to arrive, and for the next piece of an uploaded file"
-    )
 
-    max_connections: int | None = Field(
-        None, ge=1, description="maximum number of HTTP connections; default: up to 4096, as open files allow"
-    )
-    max_connections_per_address: int = Field(
-        256,
-        ge=0,
-        description="maximum number of HTTP connections of one address, at most half of all; 0: no limit",
-    )
-    head_timeout_s: float = Field(20.0, gt=0, description="time for the head of a request to arrive")
-    keep_alive_s: float = Field(30.0, gt=0, description="time that an idle connection is kept open")
     answer_timeout_s: float = Field(
         30.0, gt=0, description="time to read an answer, and 1 s for each 500 bytes up to 300 s"
     )
@@ -182,42 +169,6 @@ class Settings(BaseSettings):
         None, description="PEM file with the client certificate and key for NATS"
     )
 
-    max_open_uploads: int = Field(
-        256,
-        ge=0,
-        description="maximum number of open uploads in the store: begun at /uploads and not yet removed",
-    )
-    max_open_uploads_per_caller: int = Field(
-        32, ge=1, description="maximum number of open uploads of one caller"
-    )
-    max_upload_bytes_per_caller: int = Field(
-        100 * GIB, ge=1, description="maximum announced size of the open uploads of one caller together"
-    )
-    max_upload_streams: int = Field(
-        16, ge=1, description="maximum number of uploads and forms at the same time; each needs 32 MiB"
-    )
-    max_upload_streams_per_caller: int = Field(
-        4, ge=1, description="maximum number of uploads and forms of one caller at the same time"
-    )
-    upload_min_bytes_per_s: int = Field(
-        1024,
-        ge=0,
-        description="minimum mean rate of an upload over `body_timeout_s`; a slower one is aborted",
-    )
-    upload_timeout_s: float = Field(
-        6 * 3600.0,
-        gt=0,
-        description="maximum time of one upload request; a large file can be sent in several requests",
-    )
-    min_free_bytes: int = Field(
-        GIB,
-        ge=0,
-        description="space that uploads leave free on the disks of the work folder and of a file store",
-    )
-    max_event_streams: int = Field(128, ge=0, description="maximum number of open streams of events")
-    max_event_streams_per_caller: int = Field(
-        16, ge=1, description="maximum number of open streams of events of one caller"
-    )
     verify_bytes_per_s: int = Field(
         4 * MIB,
         ge=0,

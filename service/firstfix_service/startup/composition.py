@@ -27,13 +27,14 @@ from firstfix.store.store import Store
 from ..auth.authenticate import open_authenticator
 from ..builds.quota import BuildQuota
 from ..builds.start import start_builds
-from ..http_api.bodies.disk_space import DiskSpace
+from ..http_api.bodies.disk_space import MIN_FREE_BYTES, DiskSpace
 from ..http_api.bodies.paced_body import Pace
 from ..http_api.bodies.request_body import BodyReader
 from ..http_api.bodies.upload_quota import UploadQuota
 from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.dependencies import Parts
 from ..http_api.health import Health
+from ..http_server.connections import ConnectionLimits
 from ..localize.pool import QueryPool
 from ..localize.recent import RecentAnswers
 from ..localize.recorder import QueryRecorder
@@ -61,7 +62,10 @@ from ..thread_pools import START
 from ..thread_pools.background import close_within, run_in_background
 from .settings_summary import settings_summary
 
-MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # at the same time, with their scans in memory
+# At the same time, of all callers and of one
+MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # with their scans in memory
+MAX_UPLOAD_STREAMS, MAX_UPLOAD_STREAMS_PER_CALLER = 16, 4  # 32 MiB of memory each
+MAX_EVENT_STREAMS, MAX_EVENT_STREAMS_PER_CALLER = 128, 16  # pages of the console, and who waits for a build
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
 # For parts that may wait for the store or zenoh when the service stops. An orchestrator kills it in the end.
@@ -121,7 +125,8 @@ async def compose(
         metrics.maps_held.set_function(placement.__len__)
         metrics.maps_held_loaded.set_function(lambda: maps.held_loaded)
         metrics.holding_replicas.set_function(lambda: len(placement.replicas))
-    bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
+    body_s = ConnectionLimits.of(settings).body_s
+    bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, body_s)
     metrics.body_bytes.set_function(lambda: bodies.inflight_bytes)
     samples = await _open_samples(settings, store, metrics)
     sampler = _start_sampler(settings, samples, metrics, stack)
@@ -140,13 +145,7 @@ async def compose(
         sightings_maintenance(sightings, settings).start(stack)
     georeferences = Georeferences(store)
     uploads, usage = Uploads(store), CallerUsage(catalog)
-    upload_quota = UploadQuota(
-        uploads,
-        max_open=settings.max_open_uploads,
-        max_open_per_caller=settings.max_open_uploads_per_caller,
-        max_bytes_per_caller=settings.max_upload_bytes_per_caller,
-    )
-    pace = Pace(settings.body_timeout_s, settings.upload_min_bytes_per_s, settings.upload_timeout_s)
+    upload_quota = UploadQuota(uploads, settings.max_upload_bytes)
     parts = Parts(
         settings,
         metrics,
@@ -160,14 +159,12 @@ async def compose(
         authenticator,
         uploads,
         upload_quota,
-        ConcurrencyLimit(settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"),
-        pace,
+        ConcurrencyLimit(MAX_UPLOAD_STREAMS, MAX_UPLOAD_STREAMS_PER_CALLER, "uploads"),
+        Pace(body_s),
         BuildQuota.of(settings, usage),
         usage,
-        DiskSpace(settings.min_free_bytes),
-        ConcurrencyLimit(
-            settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"
-        ),
+        DiskSpace(MIN_FREE_BYTES),
+        ConcurrencyLimit(MAX_EVENT_STREAMS, MAX_EVENT_STREAMS_PER_CALLER, "streams of events"),
         ConcurrencyLimit(MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER, "overlays"),
         georeferences,
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),

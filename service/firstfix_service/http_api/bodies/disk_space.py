@@ -10,6 +10,10 @@ from pathlib import Path
 
 from firstfix.errors import OutOfSpace
 
+MIN_FREE_BYTES = (
+    1 << 30
+)  # on the disks of the work folder and of a file store: logs, records and builds go on
+
 
 class DiskSpace:
     """Reserved bytes of each disk, of this process. Thread-safe.
