@@ -94,16 +94,13 @@ def bodies_of(scan: Scan, version: Path) -> dict[str, Body]:
 class Contestant:
     """The service of one checkout."""
 
-    def __init__(
-        self, checkout: Path, store: str, directory: Path, *, processes: bool, instant: bool
-    ) -> None:
+    def __init__(self, checkout: Path, store: str, directory: Path, *, instant: bool) -> None:
         folders = [str(INSTANT)] if instant else []
         folders += [str(checkout / package) for package in PACKAGES]
         settings: dict[str, object] = {
             "store": store,
             "run_builds": False,
             "workers": 2,
-            "worker_processes": processes,
             "zenoh": True,
             "zenoh_listen": [f"tcp/127.0.0.1:{free_port()}"],
             "log_level": "info",
@@ -199,7 +196,6 @@ def main() -> None:
     parser.add_argument("--checkout", type=Path, action="append", default=[], help="another checkout")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--queries", type=int, default=100)
-    parser.add_argument("--threads", action="store_true", help="answer in threads of the server")
     parser.add_argument("--localizer", action="store_true", help="with the localizer's own time")
     parser.add_argument("--body", action="append", help="only this form of body; may be repeated")
     parser.add_argument("--transport", action="append", choices=("http", "zenoh"))
@@ -217,7 +213,6 @@ def main() -> None:
                 checkout,
                 store,
                 directory / str(number),
-                processes=not chosen.threads,
                 instant=not chosen.localizer,
             )
             stack.callback(one.service.end)

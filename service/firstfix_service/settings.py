@@ -44,9 +44,8 @@ class Settings(BaseSettings):
         description="number of query workers: queries answered at the same time",
     )
     queue_size: int = Field(32, ge=0, description="queries that may wait; further ones get status 503")
-    max_body_bytes: int = Field(64 * MIB, ge=1, description="maximum size of a query body as received")
-    max_decoded_bytes: int = Field(
-        64 * MIB, ge=1, description="maximum size of a query body after Content-Encoding is removed"
+    max_body_bytes: int = Field(
+        64 * MIB, ge=1, description="maximum size of a query body, as received and without Content-Encoding"
     )
     max_inflight_bytes: int = Field(
         512 * MIB, ge=1, description="maximum size of all query bodies in memory together"
@@ -59,12 +58,6 @@ class Settings(BaseSettings):
         128 * MIB, ge=1, description="maximum size of the large answers that wait to be read"
     )
 
-    worker_processes: bool = Field(
-        True, description="run query workers as processes; false: as threads of this process"
-    )
-    query_timeout_s: float = Field(
-        30.0, gt=0, description="maximum time of a query; then it is aborted and its query worker is replaced"
-    )
     pinned_maps: tuple[str, ...] = Field(
         (), description="maps that are loaded at the start and never evicted"
     )
@@ -73,17 +66,11 @@ class Settings(BaseSettings):
         ge=0,
         description="maximum size of fetched versions on the disk; versions in use are not removed",
     )
-    sweep_interval_s: float = Field(
-        60.0,
-        gt=0,
-        description="time in which the log of every map is read again, in case a change notice was lost",
-    )
 
     cache_dir: Path = Field(
         default_factory=lambda: _cache_home() / "versions",
         description="folder of map versions that were fetched from a remote store",
     )
-    cache_max_versions: int = Field(16, ge=1, description="maximum number of map versions in memory")
     cache_max_bytes: int = Field(
         8 * GIB,
         ge=1,
@@ -174,12 +161,6 @@ class Settings(BaseSettings):
         ge=0,
         description="maximum rate of the background verification of the store; 0: no verification",
     )
-    verify_days: float = Field(
-        30.0, ge=1, le=3650, description="days after which a verified file is verified again"
-    )
-    georeference_ttl_s: float = Field(
-        5.0, ge=0, description="time until every replica uses a changed georeference"
-    )
 
     zenoh: bool = Field(False, description="answer over zenoh too")
     zenoh_config: Path | None = Field(
@@ -190,11 +171,6 @@ class Settings(BaseSettings):
     )
     zenoh_connect: tuple[str, ...] = Field(
         (), description="zenoh routers or peers to connect to, if there is no configuration file"
-    )
-    zenoh_max_message_bytes: int = Field(
-        96 * MIB,
-        ge=1,
-        description="maximum size of a zenoh message; a longer one is dropped without an answer",
     )
     replica: str | None = Field(None, pattern=NAME, description="name of this replica; default: random")
 

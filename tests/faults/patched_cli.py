@@ -1,4 +1,4 @@
-"""The command line, with other values for constants of the service: ``CONSTANTS='{"build_attempts": 1000}'``."""
+"""The command line with other constants of the service: ``CONSTANTS='{"build_attempts": 1000}'``."""
 
 import json
 import os

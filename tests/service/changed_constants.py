@@ -20,13 +20,15 @@ CONSTANTS = {
     "max_upload_streams_per_caller": "startup.composition.MAX_UPLOAD_STREAMS_PER_CALLER",
     "max_event_streams": "startup.composition.MAX_EVENT_STREAMS",
     "max_event_streams_per_caller": "startup.composition.MAX_EVENT_STREAMS_PER_CALLER",
+    "max_versions": "startup.composition.MAX_VERSIONS",
+    "georeference_ttl_s": "startup.composition.GEOREFERENCE_TTL_S",
     "min_free_bytes": "startup.composition.MIN_FREE_BYTES",
 }
 
 
 @contextmanager
 def changed_constants(changes: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Gives constants of the service other values until the block ends. Yields the other changes: settings."""
+    """Gives constants other values until the block ends. Yields the changes that are settings."""
     with ExitStack() as stack:
         for name in CONSTANTS.keys() & changes.keys():
             stack.enter_context(patch(f"firstfix_service.{CONSTANTS[name]}", changes[name]))

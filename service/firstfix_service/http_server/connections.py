@@ -22,8 +22,8 @@ MAX_CONNECTIONS = 4096  # even if more files may be open: each connection can us
 MAX_CONNECTIONS_PER_ADDRESS = 256
 HEAD_TIMEOUT_S = 20.0  # a head has at most 64 KiB: 3 kB/s
 BODY_TIMEOUT_S = 30.0  # before the time for ``MIN_BYTES_PER_S``; for the next piece of an uploaded file
-# Longer than the 60 s for which proxies commonly keep idle connections: the proxy closes first, so that none of
-# its requests meets a connection that is being closed. An idle connection costs little: it makes room for others.
+# Longer than the 60 s for which proxies commonly keep idle connections: a proxy closes first, so none of its
+# requests meets a connection that is being closed. An idle connection costs little: it makes room for others.
 KEEP_ALIVE_S = 75.0
 MAX_RESERVED_FILES = 256  # open files reserved for the store, query workers, zenoh and logs
 HEALTH_RESERVE = 16  # connections above the limit, for health requests only

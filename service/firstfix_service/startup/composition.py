@@ -44,13 +44,12 @@ from ..maintenance.cleanup import abandoned_objects_removal
 from ..maintenance.clock import clock_comparison
 from ..maintenance.sightings import SightingsKeeper, sightings_maintenance
 from ..maintenance.verification import store_verification
-from ..maps.georeference_cache import GeoreferenceCache
-from ..maps.map_cache import MapCache
+from ..maps.georeference_cache import GEOREFERENCE_TTL_S, GeoreferenceCache
+from ..maps.map_cache import MAX_VERSIONS, MapCache
 from ..maps.map_poller import MapPoller
 from ..maps.placement import open_placement
 from ..query_workers.base import QueryWorkers, QueryWorkerThreads
-from ..query_workers.pool import QueryWorkerProcesses
-from ..query_workers.query import load_localizer
+from ..query_workers.pool import QUERY_TIMEOUT_S, QueryWorkerProcesses
 from ..security_check import check_security
 from ..settings import Settings
 from ..telemetry.metered_store import metered
@@ -86,7 +85,7 @@ async def compose(
 
     Args:
         watch: gets the pulses of the parts that may hang.
-        load: loads a version's folder in this process; None: as the settings say.
+        load: loads a version's folder in this process; None: query workers are processes.
         closing: see ``Parts``.
         draining: set before ``closing``: other replicas take over while this one still answers.
     """
@@ -104,13 +103,12 @@ async def compose(
         settings.cache_dir,
         workers,
         metrics,
-        max_versions=settings.cache_max_versions,
+        max_versions=MAX_VERSIONS,
         max_bytes=settings.cache_max_bytes,
         max_disk_bytes=settings.cache_max_disk_bytes,
         pinned=settings.pinned_maps,
         placement=placement,
         poll_interval_s=settings.poll_interval_s,
-        sweep_interval_s=settings.sweep_interval_s,
     )
     close_within(stack, maps.close, CLOSE_WITHIN_S, "loads of maps")
     stack.push_async_callback(START.run, workers.close)  # closed before the maps: it ends the loads under way
@@ -132,7 +130,7 @@ async def compose(
     sampler = _start_sampler(settings, samples, metrics, stack)
     recent = RecentAnswers(replica)
     recorder = QueryRecorder(metrics, requests, recent, sampler)
-    limit = settings.max_decoded_bytes
+    limit = settings.max_body_bytes
     use_case = LocalizeUseCase(maps, pool, workers, recorder, max_decoded_bytes=limit)
     health = Health(maps, pool, metrics)
     builds = start_builds(settings, catalog, metrics, stack)
@@ -167,7 +165,7 @@ async def compose(
         ConcurrencyLimit(MAX_EVENT_STREAMS, MAX_EVENT_STREAMS_PER_CALLER, "streams of events"),
         ConcurrencyLimit(MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER, "overlays"),
         georeferences,
-        GeoreferenceCache(georeferences, settings.georeference_ttl_s),
+        GeoreferenceCache(georeferences, GEOREFERENCE_TTL_S),
         sightings,
         samples,
         recent,
@@ -196,16 +194,16 @@ async def compose(
 
 
 def _workers(settings: Settings, metrics: Metrics, load: Callable[[Path], Localizer] | None) -> QueryWorkers:
-    if load is None and settings.worker_processes:
+    if load is None:
         return QueryWorkerProcesses(
             settings.workers,
-            query_timeout_s=settings.query_timeout_s,
+            query_timeout_s=QUERY_TIMEOUT_S,
             max_body_bytes=settings.max_body_bytes,
             sightings_share=settings.sightings_counted_share,
             on_death=metrics.worker_deaths.inc,
         )
     share = settings.sightings_counted_share
-    return QueryWorkerThreads(load or load_localizer, settings.workers, share)
+    return QueryWorkerThreads(load, settings.workers, share)
 
 
 def _open_store(settings: Settings) -> Store:

@@ -10,9 +10,7 @@ from pathlib import Path
 
 from firstfix.errors import OutOfSpace
 
-MIN_FREE_BYTES = (
-    1 << 30
-)  # on the disks of the work folder and of a file store: logs, records and builds go on
+MIN_FREE_BYTES = 1 << 30  # on the disks of the work folder and of a file store, for logs and records
 
 
 class DiskSpace:

@@ -62,7 +62,7 @@ async def post_overlay(
             leases = await asyncio.wrap_future(parts.maps.lease((map_id,), version))
             try:
                 directory = leases.served[0].directory
-                limit = parts.settings.max_decoded_bytes
+                limit = parts.settings.max_body_bytes
                 data = await LOOKS.run(_overlay, directory, body_format, body, limit, pose)
             finally:
                 leases.close()
