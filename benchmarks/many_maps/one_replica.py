@@ -82,7 +82,8 @@ def memory_of_loaded(store: str, versions: tuple[int, int], directory: Path) -> 
     settings = {"store": store, "run_builds": False, "workers": 1, "log_level": "warning"}
     mb = []
     for count in versions:
-        with replica(directory / f"{count}", cache_max_versions=count, **settings) as one:
+        pinned = [name_of(k) for k in range(count)]
+        with replica(directory / f"{count}", pinned_maps=pinned, **settings) as one:
             loaded = httpx.get(f"{one.url}/metrics").text
             assert f"firstfix_versions_loaded {count:.1f}" in loaded
             mb.append(pss_of_family(one.pid) / 1e6)

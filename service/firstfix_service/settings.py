@@ -44,27 +44,13 @@ class Settings(BaseSettings):
         description="number of query workers: queries answered at the same time",
     )
     queue_size: int = Field(32, ge=0, description="queries that may wait; further ones get status 503")
-    max_body_bytes: int = Field(64 * MIB, ge=1, description="maximum size of a query body as received")
-    max_decoded_bytes: int = Field(
-        64 * MIB, ge=1, description="maximum size of a query body after Content-Encoding is removed"
+    max_body_bytes: int = Field(
+        64 * MIB, ge=1, description="maximum size of a query body, as received and without Content-Encoding"
     )
     max_inflight_bytes: int = Field(
         512 * MIB, ge=1, description="maximum size of all query bodies in memory together"
     )
-    body_timeout_s: float = Field(
-        30.0, gt=0, description="time for a query body to arrive, and for the next piece of an uploaded file"
-    )
 
-    max_connections: int | None = Field(
-        None, ge=1, description="maximum number of HTTP connections; default: up to 4096, as open files allow"
-    )
-    max_connections_per_address: int = Field(
-        256,
-        ge=0,
-        description="maximum number of HTTP connections of one address, at most half of all; 0: no limit",
-    )
-    head_timeout_s: float = Field(20.0, gt=0, description="time for the head of a request to arrive")
-    keep_alive_s: float = Field(30.0, gt=0, description="time that an idle connection is kept open")
     answer_timeout_s: float = Field(
         30.0, gt=0, description="time to read an answer, and 1 s for each 500 bytes up to 300 s"
     )
@@ -72,12 +58,6 @@ class Settings(BaseSettings):
         128 * MIB, ge=1, description="maximum size of the large answers that wait to be read"
     )
 
-    worker_processes: bool = Field(
-        True, description="run query workers as processes; false: as threads of this process"
-    )
-    query_timeout_s: float = Field(
-        30.0, gt=0, description="maximum time of a query; then it is aborted and its query worker is replaced"
-    )
     pinned_maps: tuple[str, ...] = Field(
         (), description="maps that are loaded at the start and never evicted"
     )
@@ -86,17 +66,11 @@ class Settings(BaseSettings):
         ge=0,
         description="maximum size of fetched versions on the disk; versions in use are not removed",
     )
-    sweep_interval_s: float = Field(
-        60.0,
-        gt=0,
-        description="time in which the log of every map is read again, in case a change notice was lost",
-    )
 
     cache_dir: Path = Field(
         default_factory=lambda: _cache_home() / "versions",
         description="folder of map versions that were fetched from a remote store",
     )
-    cache_max_versions: int = Field(16, ge=1, description="maximum number of map versions in memory")
     cache_max_bytes: int = Field(
         8 * GIB,
         ge=1,
@@ -182,52 +156,10 @@ class Settings(BaseSettings):
         None, description="PEM file with the client certificate and key for NATS"
     )
 
-    max_open_uploads: int = Field(
-        256,
-        ge=0,
-        description="maximum number of open uploads in the store: begun at /uploads and not yet removed",
-    )
-    max_open_uploads_per_caller: int = Field(
-        32, ge=1, description="maximum number of open uploads of one caller"
-    )
-    max_upload_bytes_per_caller: int = Field(
-        100 * GIB, ge=1, description="maximum announced size of the open uploads of one caller together"
-    )
-    max_upload_streams: int = Field(
-        16, ge=1, description="maximum number of uploads and forms at the same time; each needs 32 MiB"
-    )
-    max_upload_streams_per_caller: int = Field(
-        4, ge=1, description="maximum number of uploads and forms of one caller at the same time"
-    )
-    upload_min_bytes_per_s: int = Field(
-        1024,
-        ge=0,
-        description="minimum mean rate of an upload over `body_timeout_s`; a slower one is aborted",
-    )
-    upload_timeout_s: float = Field(
-        6 * 3600.0,
-        gt=0,
-        description="maximum time of one upload request; a large file can be sent in several requests",
-    )
-    min_free_bytes: int = Field(
-        GIB,
-        ge=0,
-        description="space that uploads leave free on the disks of the work folder and of a file store",
-    )
-    max_event_streams: int = Field(128, ge=0, description="maximum number of open streams of events")
-    max_event_streams_per_caller: int = Field(
-        16, ge=1, description="maximum number of open streams of events of one caller"
-    )
     verify_bytes_per_s: int = Field(
         4 * MIB,
         ge=0,
         description="maximum rate of the background verification of the store; 0: no verification",
-    )
-    verify_days: float = Field(
-        30.0, ge=1, le=3650, description="days after which a verified file is verified again"
-    )
-    georeference_ttl_s: float = Field(
-        5.0, ge=0, description="time until every replica uses a changed georeference"
     )
 
     zenoh: bool = Field(False, description="answer over zenoh too")
@@ -239,11 +171,6 @@ class Settings(BaseSettings):
     )
     zenoh_connect: tuple[str, ...] = Field(
         (), description="zenoh routers or peers to connect to, if there is no configuration file"
-    )
-    zenoh_max_message_bytes: int = Field(
-        96 * MIB,
-        ge=1,
-        description="maximum size of a zenoh message; a longer one is dropped without an answer",
     )
     replica: str | None = Field(None, pattern=NAME, description="name of this replica; default: random")
 

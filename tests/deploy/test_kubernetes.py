@@ -103,7 +103,7 @@ def test_numbers_and_lists_reach_the_settings(monkeypatch: pytest.MonkeyPatch):
         "pinned_maps": ["hall", "yard"],
         "read_only": True,
         "log_level": "debug",
-        "query_timeout_s": 2.5,
+        "answer_timeout_s": 2.5,
     }
     ((_, pod),) = [
         found for found in pod_specs(rendered(values={**STORE, "settings": given})) if found[0] == "firstfix"

@@ -209,11 +209,8 @@ def ends(
             folder,
             None,
             python=python,
-            variables={
-                "FIRSTFIX_BUILD_ATTEMPTS": "3",
-                "FIRSTFIX_BUILD_MAX_MEMORY_BYTES": str(MEMORY_BYTES),
-                "FIRSTFIX_MIN_FREE_BYTES": "0",
-            },
+            variables={"FIRSTFIX_BUILD_MAX_MEMORY_BYTES": str(MEMORY_BYTES)},
+            constants={"min_free_bytes": 0},
         )
         world = World(folder, deployment, folder / "go")
         deployment.start()

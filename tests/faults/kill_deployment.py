@@ -19,6 +19,7 @@ from .tiny_worker import config_telling
 
 LEASE_S = 2.0
 STAGE_S = 0.1
+PATCHED_CLI = Path(__file__).with_name("patched_cli.py")
 
 
 @dataclass
@@ -69,6 +70,8 @@ class Deployment:
     nats_url: str | None
     python: str = sys.executable
     variables: dict[str, str] = field(default_factory=dict)
+    # the kills are ours, not the builds'
+    constants: dict[str, int] = field(default_factory=lambda: {"build_attempts": 1000})
     members: list[Member] = field(default_factory=list)
     port: int = field(default_factory=free_port)
 
@@ -85,14 +88,14 @@ class Deployment:
             "FIRSTFIX_RUN_BUILDS": "true",
             "FIRSTFIX_BUILD_COMMAND": json.dumps([self.python, "-m", "tests.faults.tiny_worker"]),
             "FIRSTFIX_BUILD_LEASE_S": str(LEASE_S),
-            "FIRSTFIX_BUILD_ATTEMPTS": "1000",  # the kills are ours, not the builds'
+            "CONSTANTS": json.dumps(self.constants),
             "FIRSTFIX_CACHE_DIR": str(self.folder / "cache"),
             **self.variables,
         }
         roles = ["serve", *(["worker", "worker"] if self.nats_url else [])]
         for i, role in enumerate(roles):
             work = self.folder / f"work{i}"
-            command = [self.python, "-m", "firstfix_cli.main", role, "--work", str(work)]
+            command = [self.python, str(PATCHED_CLI), role, "--work", str(work)]
             self.members.append(Member(role, command, environment, self.folder / f"{role}{i}.log"))
         for member in self.members:
             member.start()

@@ -141,12 +141,13 @@ def _service(folder: Path, store: Path, root: Path) -> Iterator[Replica]:
         "run_builds": False,
         "metrics_public": True,
         "samples_share": 1.0,
-        "samples_per_minute": 600,
         "log_level": "warning",
         "zenoh": True,
         "zenoh_listen": [f"tcp/127.0.0.1:{free_port()}"],
     }
-    one = Replica(folder, settings, [python, "-m", "firstfix_cli.main", "serve"]).start()
+    command = [python, str(Path(__file__).with_name("patched_cli.py")), "serve"]
+    constants = {"CONSTANTS": json.dumps({"samples_per_minute": 600})}
+    one = Replica(folder, settings, command, constants).start()
     try:
         one.wait_until_ready()
         yield one

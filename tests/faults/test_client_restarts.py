@@ -29,7 +29,6 @@ def replica(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Replica]:
     command = [sys.executable, str(Path(__file__).parents[1] / "service" / "replica_process.py")]
     with pytest.MonkeyPatch.context() as environment:
         environment.setenv("FAKE_SECONDS", "0.05")  # so that some are being worked on when it is killed
-        environment.setenv("FIRSTFIX_MIN_FREE_BYTES", "0")
         replica = replica_of(folder / "replica", store, command)
     replica.start().wait_until_ready()
     yield replica

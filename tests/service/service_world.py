@@ -14,6 +14,7 @@ from typing import Any
 import httpx
 import numpy as np
 import zenoh
+from changed_constants import changed_constants
 from fastapi import FastAPI
 
 from firstfix.answer.localization import Localization, Verdict
@@ -147,6 +148,11 @@ class Reply:
 
 @contextmanager
 def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
+    with changed_constants({"min_free_bytes": 0, **changes}) as settings:
+        yield from _running_service(directory, **settings)
+
+
+def _running_service(directory: Path, **changes: Any) -> Iterator[Service]:
     behaviour = changes.pop("behaviour", None) or Behaviour()
     load = changes.pop("load", behaviour.load)
     settings = Settings(
@@ -158,7 +164,6 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
             "poll_interval_s": 0.1,
             "run_builds": False,
             "workers": 2,
-            "min_free_bytes": 0,
             "zenoh": True,
             "zenoh_listen": (f"tcp/127.0.0.1:{free_port()}",),
             "replica": "r1",

@@ -70,7 +70,7 @@ def test_open_uploads_of_one_caller_are_limited_alone(tmp_path: Path):
 
 
 def test_bytes_of_one_callers_uploads_are_limited_alone(tmp_path: Path):
-    with callers(tmp_path, max_upload_bytes_per_caller=1000) as these:
+    with callers(tmp_path, max_upload_bytes=1000, largest_files_per_caller=1) as these:
         url = these.a.begin(600)
         assert refusal(these.a.announce(401)) == (429, "quota_exceeded")
         these.a.begin(400)

@@ -90,7 +90,7 @@ def workers() -> Workers:
 
 @pytest.fixture
 def service(tmp_path: Path, workers: Workers) -> Iterator[Service]:
-    with running_service(tmp_path, zenoh=False, load=None, cache_max_versions=3, queue_size=64) as running:
+    with running_service(tmp_path, zenoh=False, load=None, max_versions=3, queue_size=64) as running:
         yield running
 
 

@@ -43,7 +43,7 @@ class LocalizeParts:
     georeference_cache: GeoreferenceCache
     metrics: Metrics
     overlays: ConcurrencyLimit
-    max_decoded_bytes: int
+    max_body_bytes: int
 
 
 @dataclass(frozen=True)

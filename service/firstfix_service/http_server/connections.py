@@ -15,14 +15,19 @@ from functools import lru_cache
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address
 from typing import Protocol
 
-import structlog
 from starlette.types import Scope
 
 from ..settings import Settings
 
-_log = structlog.get_logger(__name__)
 CHECK_S = 0.5
-DEFAULT_MAX_CONNECTIONS = 4096  # even if more files may be open: each connection can use 128 KiB
+MAX_CONNECTIONS = 4096  # even if more files may be open: each connection can use 128 KiB
+# More of one address push out its idle ones. Robots behind one address have one connection each, or two.
+MAX_CONNECTIONS_PER_ADDRESS = 256
+HEAD_TIMEOUT_S = 20.0  # a head has at most 64 KiB: 3 kB/s
+BODY_TIMEOUT_S = 30.0  # before the time for ``MIN_BYTES_PER_S``; for the next piece of an uploaded file
+# Longer than the 60 s for which proxies commonly keep idle connections: a proxy closes first, so none of its
+# requests meets a connection that is being closed. An idle connection costs little: it makes room for others.
+KEEP_ALIVE_S = 75.0
 MAX_RESERVED_FILES = 256  # open files reserved for the store, query workers, zenoh and logs
 HEALTH_RESERVE = 16  # connections above the limit, for health requests only
 Network = IPv4Network | IPv6Network
@@ -86,44 +91,33 @@ class ConnectionLimits:
         answer_s: time for the caller to read an answer; a long answer has more, see ``ReadingPace``.
     """
 
-    total: int = DEFAULT_MAX_CONNECTIONS
+    total: int = MAX_CONNECTIONS
     per_address: int = 0
-    head_s: float = 20.0
-    idle_s: float = 30.0
-    body_s: float = 30.0
+    head_s: float = HEAD_TIMEOUT_S
+    idle_s: float = KEEP_ALIVE_S
+    body_s: float = BODY_TIMEOUT_S
     answer_s: float = 30.0
 
     @classmethod
     def of(cls, settings: Settings, open_files: int | None = None) -> ConnectionLimits:
-        """Returns the limits of the settings, reduced to what the limit of open files allows.
+        """Returns the limits of a service: as many connections as the limit of open files allows.
 
         Args:
             open_files: limit of this process; default: the system's.
         """
-        available = _available(
-            resource.getrlimit(resource.RLIMIT_NOFILE)[0] if open_files is None else open_files
-        )
-        total = settings.max_connections or min(available, DEFAULT_MAX_CONNECTIONS)
-        if total > available:
-            _log.warning(
-                "the limit of open files is too low for so many connections", wanted=total, possible=available
-            )
-            total = available
-        per_address = settings.max_connections_per_address
+        if open_files is None:
+            open_files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        total = min(_available(open_files), MAX_CONNECTIONS)
+        per_address = min(MAX_CONNECTIONS_PER_ADDRESS, max(1, total // 2))
         return cls(
-            total,
-            min(per_address, max(1, total // 2)),
-            settings.head_timeout_s,
-            settings.keep_alive_s,
-            settings.body_timeout_s,
-            settings.answer_timeout_s,
+            total, per_address, HEAD_TIMEOUT_S, KEEP_ALIVE_S, BODY_TIMEOUT_S, settings.answer_timeout_s
         )
 
 
 def _available(open_files: int) -> int:
     """Number of connections for which files can be open."""
     if open_files == resource.RLIM_INFINITY:
-        return DEFAULT_MAX_CONNECTIONS
+        return MAX_CONNECTIONS
     return max(1, open_files - min(open_files // 2, MAX_RESERVED_FILES) - HEALTH_RESERVE)
 
 

@@ -20,6 +20,7 @@ from ..thread_pools.background import PeriodicTask
 _log = structlog.get_logger(__name__)
 FIRST_AFTER_S = 300.0  # a service that has just started reads other things first
 INTERVAL_S = 3600.0  # from the end of a pass to the next pass
+VERIFY_DAYS = 30.0  # a store charges for reads, and disks rot in years
 CALL_BYTES = 64 << 10  # each call to the store counts as so many bytes at least: small records are not free
 
 
@@ -27,7 +28,7 @@ def store_verification(settings: Settings, store: Store, metrics: Metrics) -> Pe
     """Returns the task that verifies the store.
 
     Replicas may run it at the same time: a file that one of them found good is skipped by all for
-    ``verify_days``.
+    ``VERIFY_DAYS``.
     """
     return PeriodicTask(
         "verify the store", lambda: verify_once(settings, store, metrics), INTERVAL_S, FIRST_AFTER_S
@@ -40,7 +41,7 @@ async def verify_once(settings: Settings, store: Store, metrics: Metrics) -> Non
     Raises:
         StoreUnavailable, StoreError: the store failed.
     """
-    verification = Verification(store, max_age=timedelta(days=settings.verify_days))
+    verification = Verification(store, max_age=timedelta(days=VERIFY_DAYS))
     steps, progress = verification.steps(), _Progress(metrics)
     while (seconds := await MAINTENANCE.run(_timed_step, steps)) is not None:
         metrics.verify_seconds.inc(seconds)

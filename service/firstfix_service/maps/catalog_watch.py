@@ -12,7 +12,8 @@ from collections import deque
 
 from firstfix.catalog.catalog import Catalog
 
-MAX_LOGS_PER_S = 10
+# A lost notice is rare, and stores charge for requests: 10,000 maps are read in an hour.
+SWEEP_INTERVAL_S, MAX_LOGS_PER_S = 60.0, 3
 
 
 class CatalogWatch:

@@ -12,6 +12,7 @@ from firstfix.catalog.georeferences import Georeferences
 from firstfix.errors import NotAcceptable, StoreUnavailable
 
 MAX_MAPS = 1024
+GEOREFERENCE_TTL_S = 5.0  # until every replica uses a changed one, as with keys; one read of an object each
 
 
 @dataclass(frozen=True)

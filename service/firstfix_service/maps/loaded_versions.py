@@ -19,6 +19,7 @@ from .eviction_order import EvictionOrder, Key
 from .leases import Lease
 
 _log = structlog.get_logger(__name__)
+MAX_AHEAD = 16  # versions that are loaded before anybody asks, so that a service with many maps starts soon
 ROOM_WITHIN_S = 30.0  # a load waits so long for an unload to end, then it exceeds the limits
 
 
@@ -98,14 +99,16 @@ class LoadedVersions:
 
         Args:
             size_bytes: of these versions together.
-            protected: they are protected versions: unprotected ones may be evicted for them.
+            protected: they are protected versions: unprotected ones may be evicted for them, and more than
+                ``MAX_AHEAD`` may be loaded.
         """
         with self._changed:
             used, used_bytes = self._used()
+            limit = self._max_versions if protected else min(self._max_versions, MAX_AHEAD)
             if protected:
                 used -= len(self._loaded) - self._loaded.protected
                 used_bytes -= self._loaded.bytes - self._loaded.protected_bytes
-            return used + versions <= self._max_versions and used_bytes + size_bytes <= self._max_bytes
+            return used + versions <= limit and used_bytes + size_bytes <= self._max_bytes
 
     @property
     def protected(self) -> int:

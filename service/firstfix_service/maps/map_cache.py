@@ -19,7 +19,7 @@ from firstfix.errors import FirstfixError, NotFound, StoreError, VersionError
 from ..query_workers.base import QueryWorkers
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
-from .catalog_watch import CatalogWatch
+from .catalog_watch import SWEEP_INTERVAL_S, CatalogWatch
 from .eviction_order import Key
 from .leases import Lease, Leases, gather_leases
 from .loaded_versions import LoadedVersions
@@ -31,6 +31,8 @@ from .shared_loads import SharedLoads
 from .version_loader import VersionLoader
 
 _log = structlog.get_logger(__name__)
+# A process has at most 65,530 mappings (vm.max_map_count), and a version takes 12. The bytes end before.
+MAX_VERSIONS = 2000
 _NAMED_ENTRIES = 10  # damaged ones of a log, in a message
 
 
@@ -67,7 +69,7 @@ class MapCache:
         pinned: Iterable[str] = (),
         placement: Placement | None = None,
         poll_interval_s: float = 2.0,
-        sweep_interval_s: float = 60.0,
+        sweep_interval_s: float = SWEEP_INTERVAL_S,
     ) -> None:
         self._catalog = catalog
         self._metrics = metrics

@@ -24,6 +24,7 @@ from .sightings import Sighted
 
 _log = structlog.get_logger(__name__)
 LOAD_ATTEMPTS = 2
+QUERY_TIMEOUT_S = 30.0  # the hardest queries take a few seconds: one that takes longer hangs
 BORN_WITHIN_S = 30.0  # for a process to replace one that died
 SHORT_LIFE_S, PAUSE_S = 5.0, 1.0  # after such a short life the next process waits for the pause
 

@@ -27,7 +27,7 @@ from firstfix.store.store import Store
 from ..auth.authenticate import Authenticator, open_authenticator
 from ..builds.quota import BuildQuota
 from ..builds.start import start_builds
-from ..http_api.bodies.disk_space import DiskSpace
+from ..http_api.bodies.disk_space import MIN_FREE_BYTES, DiskSpace
 from ..http_api.bodies.paced_body import Pace
 from ..http_api.bodies.request_body import BodyReader
 from ..http_api.bodies.upload_quota import UploadQuota
@@ -35,6 +35,7 @@ from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.event_stream import EventStreams
 from ..http_api.health import HealthCheck
 from ..http_api.parts import BuildParts, LocalizeParts, MapParts, Parts, UploadParts
+from ..http_server.connections import ConnectionLimits
 from ..localize.query_gate import QueryGate
 from ..localize.recent import RecentAnswers
 from ..localize.recorder import QueryRecorder
@@ -44,13 +45,12 @@ from ..maintenance.cleanup import abandoned_objects_removal
 from ..maintenance.clock import clock_comparison
 from ..maintenance.sightings import SightingsKeeper, sightings_maintenance
 from ..maintenance.verification import store_verification
-from ..maps.georeference_cache import GeoreferenceCache
-from ..maps.map_cache import MapCache
+from ..maps.georeference_cache import GEOREFERENCE_TTL_S, GeoreferenceCache
+from ..maps.map_cache import MAX_VERSIONS, MapCache
 from ..maps.map_poller import MapPoller
 from ..maps.placement import open_placement
 from ..query_workers.base import QueryWorkers, QueryWorkerThreads
-from ..query_workers.processes import QueryWorkerProcesses
-from ..query_workers.worker import load_localizer
+from ..query_workers.processes import QUERY_TIMEOUT_S, QueryWorkerProcesses
 from ..security_check import check_security
 from ..settings import Settings
 from ..telemetry.metered_store import metered
@@ -62,7 +62,10 @@ from ..thread_pools import START
 from ..thread_pools.background import close_within, run_in_background
 from .settings_summary import settings_summary
 
-MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # at the same time, with their scans in memory
+# At the same time, of all callers and of one
+MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # with their scans in memory
+MAX_UPLOAD_STREAMS, MAX_UPLOAD_STREAMS_PER_CALLER = 16, 4  # 32 MiB of memory each
+MAX_EVENT_STREAMS, MAX_EVENT_STREAMS_PER_CALLER = 128, 16  # pages of the console, and who waits for a build
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
 # For parts that may wait for the store or zenoh when the service stops. An orchestrator kills it in the end.
@@ -83,7 +86,7 @@ async def compose(
 
     Args:
         watch: gets the pulses of the parts that may hang.
-        load: loads a version's folder in this process; None: as the settings say.
+        load: loads a version's folder in this process; None: query workers are processes.
         closing: set when the service begins to stop.
         draining: set before ``closing``: other replicas take over while this one still answers.
     """
@@ -102,13 +105,12 @@ async def compose(
         settings.cache_dir,
         workers,
         metrics,
-        max_versions=settings.cache_max_versions,
+        max_versions=MAX_VERSIONS,
         max_bytes=settings.cache_max_bytes,
         max_disk_bytes=settings.cache_max_disk_bytes,
         pinned=settings.pinned_maps,
         placement=placement,
         poll_interval_s=settings.poll_interval_s,
-        sweep_interval_s=settings.sweep_interval_s,
     )
     close_within(stack, maps.close, CLOSE_WITHIN_S, "loads of maps")
     stack.push_async_callback(START.run, workers.close)  # closed before the maps: it ends the loads under way
@@ -122,7 +124,8 @@ async def compose(
         metrics.maps_held.set_function(placement.__len__)
         metrics.maps_held_loaded.set_function(lambda: maps.held_loaded)
         metrics.holding_replicas.set_function(lambda: len(placement.replicas))
-    bodies = BodyReader(settings.max_body_bytes, gate.bodies, settings.body_timeout_s)
+    body_s = ConnectionLimits.of(settings).body_s
+    bodies = BodyReader(settings.max_body_bytes, gate.bodies, body_s)
     metrics.body_bytes.set_function(lambda: gate.bodies.bytes)
     samples = await _open_samples(settings, store, metrics)
     sampler = _start_sampler(settings, samples, metrics, stack)
@@ -140,20 +143,10 @@ async def compose(
         sightings_maintenance(sightings, settings).start(stack)
     georeferences = Georeferences(store)
     uploads, usage = Uploads(store), CallerUsage(catalog)
-    upload_quota = UploadQuota(
-        uploads,
-        max_open=settings.max_open_uploads,
-        max_open_per_caller=settings.max_open_uploads_per_caller,
-        max_bytes_per_caller=settings.max_upload_bytes_per_caller,
-    )
-    pace = Pace(settings.body_timeout_s, settings.upload_min_bytes_per_s, settings.upload_timeout_s)
-    georeference_cache = GeoreferenceCache(georeferences, settings.georeference_ttl_s)
-    upload_streams = ConcurrencyLimit(
-        settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"
-    )
-    event_streams = ConcurrencyLimit(
-        settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"
-    )
+    upload_quota = UploadQuota(uploads, settings.max_upload_bytes)
+    georeference_cache = GeoreferenceCache(georeferences, GEOREFERENCE_TTL_S)
+    upload_streams = ConcurrencyLimit(MAX_UPLOAD_STREAMS, MAX_UPLOAD_STREAMS_PER_CALLER, "uploads")
+    event_streams = ConcurrencyLimit(MAX_EVENT_STREAMS, MAX_EVENT_STREAMS_PER_CALLER, "streams of events")
     overlays = ConcurrencyLimit(MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER, "overlays")
     made = (
         authenticator,
@@ -162,9 +155,7 @@ async def compose(
         samples,
         recent,
         EventStreams(event_streams, closing),
-        LocalizeParts(
-            use_case, bodies, maps, georeference_cache, metrics, overlays, settings.max_decoded_bytes
-        ),
+        LocalizeParts(use_case, bodies, maps, georeference_cache, metrics, overlays, settings.max_body_bytes),
         MapParts(catalog, maps, georeferences, georeference_cache, sightings),
         BuildParts(catalog, builds, BuildQuota.of(settings, usage), usage),
         UploadParts(
@@ -172,8 +163,8 @@ async def compose(
             uploads,
             upload_quota,
             upload_streams,
-            pace,
-            DiskSpace(settings.min_free_bytes),
+            Pace(body_s),
+            DiskSpace(MIN_FREE_BYTES),
             settings.work_dir / "uploads",
             settings.max_upload_bytes,
             settings.source_urls,
@@ -205,21 +196,21 @@ async def compose(
 def _workers(
     settings: Settings, metrics: Metrics, load: Callable[[Path], Localizer] | None, gate: QueryGate
 ) -> QueryWorkers:
-    if load is None and settings.worker_processes:
+    if load is None:
         return QueryWorkerProcesses(
             settings.workers,
             on_up=gate.add_worker,
-            query_timeout_s=settings.query_timeout_s,
+            query_timeout_s=QUERY_TIMEOUT_S,
             max_body_bytes=settings.max_body_bytes,
-            max_decoded_bytes=settings.max_decoded_bytes,
+            max_decoded_bytes=settings.max_body_bytes,
             sightings_share=settings.sightings_counted_share,
             on_death=metrics.worker_deaths.inc,
         )
     return QueryWorkerThreads(
-        load or load_localizer,
+        load,
         settings.workers,
         on_up=gate.add_worker,
-        max_decoded_bytes=settings.max_decoded_bytes,
+        max_decoded_bytes=settings.max_body_bytes,
         sightings_share=settings.sightings_counted_share,
     )
 

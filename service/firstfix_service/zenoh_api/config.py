@@ -29,10 +29,18 @@ def session_config(settings: Settings) -> Any:
             config.insert_json5("listen/endpoints", json.dumps(settings.zenoh_listen))
             config.insert_json5("connect/endpoints", json.dumps(settings.zenoh_connect))
             config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("transport/link/rx/max_message_size", str(settings.zenoh_max_message_bytes))
+        config.insert_json5("transport/link/rx/max_message_size", str(max_message_bytes(settings)))
     except zenoh.ZError as error:
         raise InvalidOption(f"zenoh config: {error}") from None
     return config
+
+
+def max_message_bytes(settings: Settings) -> int:
+    """Returns the maximum size of a zenoh message: one that is longer is dropped without an answer.
+
+    A body that is somewhat too large still arrives, so that its sender learns why it is refused.
+    """
+    return settings.max_body_bytes * 3 // 2
 
 
 def client_config(settings: Settings) -> Any | None:

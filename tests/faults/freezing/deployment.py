@@ -30,6 +30,13 @@ from .yard import Yard, publish_yard
 from .zenoh_peer import zenoh_peer
 
 MARK = "FIRSTFIX_FROZEN_DRILL"
+PATCHED_CLI = Path(__file__).parents[1] / "patched_cli.py"
+CONSTANTS = {
+    "min_free_bytes": 0,
+    "build_attempts": 1000,
+    "max_open_uploads": 10_000,  # those that failed stay open
+    "max_open_uploads_per_caller": 10_000,
+}
 START_S = 200.0
 ENDS_S = 20.0  # for the children of a killed process to see that it is gone
 WORKERS = 2
@@ -64,7 +71,7 @@ class Deployment:
             "AWS_SECRET_ACCESS_KEY": secrets.token_hex(16),
         }
         self._stack = ExitStack()
-        self.service = self._member("service", [*self._python, "-m", "firstfix_cli.main", "serve"])
+        self.service = self._member("service", [*self._python, str(PATCHED_CLI), "serve"])
         self.parts: dict[str, Part] = {}
         self.deaths = 0
 
@@ -151,21 +158,17 @@ class Deployment:
             "cache_dir": folder / "cache",
             "workers": WORKERS,
             "poll_interval_s": 0.5,
-            "min_free_bytes": 0,
             "zenoh": "true",
             "zenoh_listen": json.dumps([self.endpoint]),
             "zenoh_connect": json.dumps([self.router_endpoint]),
             "build_queue": f"nats://127.0.0.1:{self._ports['nats']}",
             "build_command": json.dumps([*self._python, "-m", "tests.faults.tiny_worker"]),
             "build_lease_s": 3.0,
-            "build_attempts": 1000,
-            "max_open_uploads": 10_000,  # those that failed stay open
-            "max_open_uploads_per_caller": 10_000,
             "log_level": "warning",
             **settings,
         }
         variables = {f"FIRSTFIX_{key.upper()}": str(value) for key, value in given.items()}
-        variables |= {MARK: self._mark, **self._credentials}
+        variables |= {MARK: self._mark, "CONSTANTS": json.dumps(CONSTANTS), **self._credentials}
         return Member(command, variables, self._folder / f"{name}.log", self._root)
 
     def _store_part(self) -> Part:
@@ -204,7 +207,7 @@ class Deployment:
         found: list[Part] = []
         for number in range(BUILD_WORKERS):
             name = "build worker" if number == 0 else f"build worker {number}"
-            command = [*self._python, "-m", "firstfix_cli.main", "worker"]
+            command = [*self._python, str(PATCHED_CLI), "worker"]
             command += ["--work", str(self._folder / name), "--health-port", str(free_port())]
             found.append(ServerPart(name, self._member(name, command), None, Effect()))
         return found

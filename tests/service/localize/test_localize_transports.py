@@ -140,7 +140,7 @@ def test_an_unexpected_error_tells_nothing(
 
 @both
 def test_a_body_over_the_limit_is_refused(tmp_path: Path, transport: str):
-    with running_service(tmp_path, max_body_bytes=1200, max_decoded_bytes=1200) as service:
+    with running_service(tmp_path, max_body_bytes=1200) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         assert service.ask(transport).ok
         assert service.ask(transport, body=SCAN_BODY + bytes(12)).json["code"] == "too_large"

@@ -45,16 +45,16 @@ def catalog() -> Catalog:
 
 
 def test_thousands_of_maps_cost_a_few_calls_a_poll(catalog: Catalog):
-    watch = CatalogWatch(catalog, interval_s=2, sweep_s=600)
+    watch = CatalogWatch(catalog, interval_s=2, sweep_s=1200)
     names, listed = watch.poll()
     assert len(names) == MAPS
     assert listed == set(names)
     seen: set[str] = set()
     assert isinstance(catalog.store, Counts)
-    for _ in range(300):
+    for _ in range(600):
         catalog.store.calls.clear()
         names, _ = watch.poll()
-        assert len(names) == MAPS / 300, "logs that are then read"
+        assert len(names) == MAPS / 600, "logs that are then read"
         assert sum(catalog.store.calls.values()) <= 4
         seen.update(names)
     assert len(seen) == MAPS
@@ -70,7 +70,7 @@ def test_however_many_maps_there_are_no_more_than_some_logs_are_read_a_second(ca
 
 def test_a_notice_is_followed_at_the_next_poll(catalog: Catalog):
     catalog.changes.note("map-0007")
-    watch = CatalogWatch(catalog, interval_s=2, sweep_s=600)
+    watch = CatalogWatch(catalog, interval_s=2, sweep_s=1200)
     watch.poll()
     watch.poll()
     writer = Catalog(catalog.store)
@@ -91,7 +91,7 @@ def test_a_few_maps_are_read_at_each_poll():
 
 
 def test_after_a_reset_all_maps_are_read(catalog: Catalog):
-    watch = CatalogWatch(catalog, interval_s=2, sweep_s=600)
+    watch = CatalogWatch(catalog, interval_s=2, sweep_s=1200)
     watch.poll()
     watch.poll()
     watch.reset()

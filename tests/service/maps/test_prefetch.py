@@ -15,6 +15,7 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.rendezvous import rendezvous_order
 from firstfix.errors import StoreUnavailable
 from firstfix.store.store import Store
+from firstfix_service.maps import loaded_versions
 from firstfix_service.maps.placement import Placement
 from waiting import let_pass, wait_until
 
@@ -228,7 +229,10 @@ def test_a_stopped_prefetch_loads_nothing(world: World):
     wait_until(lambda: cache.served.version(NAMES[0]) is not None)
 
 
-def test_a_map_that_was_seen_before_its_version_was_activated_is_loaded(world: World):
+def test_a_map_that_was_seen_before_its_version_was_activated_is_loaded(
+    world: World, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(loaded_versions, "MAX_AHEAD", 40)
     cache = world.cache(max_versions=40)
     cache.poll()
     version = world.publish("new", "5")

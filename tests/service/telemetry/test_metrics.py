@@ -66,7 +66,7 @@ def test_every_query_is_timed(service: Service):
 
 
 def test_the_cache_tells_hits_misses_and_what_it_put_out(tmp_path: Path):
-    with running_service(tmp_path, zenoh=False, cache_max_versions=1, poll_interval_s=60) as service:
+    with running_service(tmp_path, zenoh=False, max_versions=1, poll_interval_s=60) as service:
         for map_id, label in (("hall", "1"), ("yard", "2")):
             publish(service.catalog, map_id, label, service.scratch)
         for map_id in ("hall", "hall", "yard"):

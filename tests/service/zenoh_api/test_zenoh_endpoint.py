@@ -156,11 +156,11 @@ def test_the_operators_file_is_used_as_it_is(tmp_path: Path):
         f'{{mode: "router", listen: {{endpoints: ["tcp/127.0.0.1:{port}"]}}, '
         "scouting: {multicast: {enabled: false}}}"
     )
-    settings = Settings(store="memory://", zenoh_config=path, zenoh_max_message_bytes=123456789)
+    settings = Settings(store="memory://", zenoh_config=path, max_body_bytes=1000)
     assert settings.zenoh_enabled
     config = session_config(settings)
     assert config.get_json("mode") == '"router"'
-    assert config.get_json("transport/link/rx/max_message_size") == "123456789"
+    assert config.get_json("transport/link/rx/max_message_size") == "1500"
 
 
 def test_a_bad_file_or_a_taken_port_stops_the_start(tmp_path: Path, service: Service):

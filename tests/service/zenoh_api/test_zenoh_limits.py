@@ -107,7 +107,7 @@ def metric_over(http: httpx.Client, name: str) -> float:
 
 
 def test_a_message_over_the_limit_harms_nobody(tmp_path: Path):
-    with running_service(tmp_path, zenoh_max_message_bytes=1 << 20) as service:
+    with running_service(tmp_path, max_body_bytes=1 << 20) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         other = other_client(service)
         replies = other.session.get("firstfix/hall/localize", payload=bytes(3 << 20), encoding=XYZ, timeout=2)

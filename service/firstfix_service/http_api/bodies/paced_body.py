@@ -11,6 +11,9 @@ from fastapi import Request
 
 from firstfix.errors import DeadlineExceeded
 
+MIN_BYTES_PER_S = 1024  # below it, nothing but an attack: the slowest radio links have more
+TIMEOUT_S = 6 * 3600.0  # 20 GB at 1 MB/s; over a slower link a file comes in several requests
+
 
 @dataclass(frozen=True)
 class Pace:
@@ -23,8 +26,8 @@ class Pace:
     """
 
     stall_s: float
-    min_bytes_per_s: int
-    timeout_s: float
+    min_bytes_per_s: int = MIN_BYTES_PER_S
+    timeout_s: float = TIMEOUT_S
 
 
 async def paced_pieces(request: Request, pace: Pace) -> AsyncIterator[bytes]:

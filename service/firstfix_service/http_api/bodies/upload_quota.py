@@ -8,6 +8,10 @@ from firstfix.catalog.uploads.record import UploadRecord
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.errors import Overloaded, QuotaExceeded
 
+# Each begin lists all open uploads, so there are not many. No caller has more than an eighth of them.
+MAX_OPEN, MAX_OPEN_PER_CALLER = 256, 32
+LARGEST_FILES_PER_CALLER = 5
+
 
 class UploadQuota:
     """Limits of open uploads. Thread-safe.
@@ -15,18 +19,14 @@ class UploadQuota:
     Several replicas that begin uploads of one caller at the same moment may each let one pass.
 
     Args:
-        max_open: uploads of all callers.
-        max_open_per_caller: uploads of one caller.
-        max_bytes_per_caller: announced bytes of one caller's open uploads.
+        max_upload_bytes: size of one upload. The open ones of a caller may have ``LARGEST_FILES_PER_CALLER``
+            times that, as announced.
     """
 
-    def __init__(
-        self, uploads: Uploads, *, max_open: int, max_open_per_caller: int, max_bytes_per_caller: int
-    ) -> None:
+    def __init__(self, uploads: Uploads, max_upload_bytes: int) -> None:
         self._uploads = uploads
-        self._max_open = max_open
-        self._max_open_per_caller = max_open_per_caller
-        self._max_bytes_per_caller = max_bytes_per_caller
+        self._max_open, self._max_open_per_caller = MAX_OPEN, MAX_OPEN_PER_CALLER
+        self._max_bytes_per_caller = LARGEST_FILES_PER_CALLER * max_upload_bytes
         self._beginning: dict[str, UploadRecord] = {}
         self._lock = threading.Lock()
 

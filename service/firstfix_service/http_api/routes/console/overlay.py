@@ -65,7 +65,7 @@ async def post_overlay(
             leases = await asyncio.wrap_future(parts.maps.lease((map_id,), version))
             try:
                 directory = leases.served[0].directory
-                limit = parts.max_decoded_bytes
+                limit = parts.max_body_bytes
                 data = await LOOKS.run(_overlay, directory, body_format, body, limit, pose)
             finally:
                 leases.close()
