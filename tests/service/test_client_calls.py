@@ -10,7 +10,7 @@ import pytest
 from service_world import Service, publish, running_service
 
 from firstfix.builds.records import new_status
-from firstfix.errors import ChecksumMismatch, Conflict, DeadlineExceeded, NotFound
+from firstfix.errors import ChecksumMismatch, DeadlineExceeded, NotFound
 from firstfix_client import Client, RetryPolicy
 from firstfix_client.steps import builds as build_steps
 from firstfix_client.steps import uploads as upload_steps
@@ -127,40 +127,3 @@ def test_lists_longer_than_a_page(service: Service, monkeypatch: pytest.MonkeyPa
     with Client(service.url, transport=TwoAPage()) as client:
         assert [info.map_id for info in client.maps()] == ["hall", "m0", "m1", "m2", "m3"]
         assert len(client.versions("hall")) == 5
-
-
-def test_versions_are_rolled_back_and_retired(service: Service):
-    first = service.catalog.active_version("hall")
-    second = publish(service.catalog, "hall", "2", service.scratch)
-    with Client(service.url) as client:
-        assert client.roll_back("hall") == first
-        with pytest.raises(Conflict):
-            client.retire("hall", first)
-        client.retire("hall", second)
-        assert [info.version for info in client.versions("hall")] == [first]
-        client.retire("hall", first, force=True)
-        assert client.versions("hall") == []
-        assert client.collect_garbage(dry_run=True)["objects"]["versions"] == 0
-        assert client.collect_garbage("hall")["dry_run"] is False
-        with pytest.raises(NotFound):
-            client.report("hall", first)
-
-
-def test_a_map_is_given_its_place(service: Service):
-    with Client(service.url) as client:
-        with pytest.raises(NotFound):
-            client.georeference("hall")
-        client.set_georeference("hall", latitude_deg=48, longitude_deg=11, height_m=500, x_axis_deg=90)
-        assert client.georeference("hall")["x_axis_deg"] == pytest.approx(90)
-        client.set_georeference(
-            "hall",
-            latitude_deg=48,
-            longitude_deg=11,
-            height_m=500,
-            quaternion=(0, 0, 0, 1),
-            anchor_m=(1, 2, 3),
-        )
-        assert client.georeference("hall")["anchor_m"] == [1, 2, 3]
-        client.delete_georeference("hall")
-        with pytest.raises(NotFound):
-            client.delete_georeference("hall")

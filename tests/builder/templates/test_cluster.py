@@ -281,21 +281,6 @@ def test_one_template_is_one_cluster(neighbours):
     assert clusters.representative.tolist() == [0]
 
 
-@pytest.mark.parametrize("neighbours", [None, 9])
-@pytest.mark.usefixtures("unconstrained")
-def test_copies_are_one_cluster_and_strangers_none(neighbours):
-    context = np.zeros((20, GRID.rings, GRID.sectors), np.float16)
-    context[:10, 2] = 1.5
-    for i in range(10, 20):
-        context[i, i % 6, 2 * (i - 10)] = 2.0
-    zeros = np.zeros(20, np.float32)
-    described = {"angle_rad": zeros, "ratio": zeros, "context": context}
-    position_m = np.random.default_rng(0).uniform(0, 1, (20, 3)) + (np.arange(20) >= 10)[:, None] * 50
-    config = ClusterConfig(threshold=0.3, neighbours=neighbours)
-    clusters = cluster_templates(PCA_SC, described, position_m, config)
-    assert groups(clusters) == {frozenset(range(10)), *(frozenset([i]) for i in range(10, 20))}
-
-
 def test_only_complete_linkage_of_all_pairs_takes_more_than_fit_into_memory(monkeypatch):
     monkeypatch.setattr(cluster_unconstrained, "DENSE_LIMIT", 20)
     described, position_m = some_templates(PCA_SC, 21)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -70,21 +68,6 @@ def between(distance: np.ndarray, linkage: str, x: list[int], y: list[int]) -> f
     return float({"complete": block.max, "average": block.mean, "single": block.min}[linkage]())
 
 
-def merged_one_by_one(samples: int, pairs: Pairs, linkage: str, threshold: float) -> set[frozenset[int]]:
-    """The method, written for reading: the nearest two clusters first."""
-    distance, clusters = dense(samples, pairs), [[i] for i in range(samples)]
-    while len(clusters) > 1:
-        apart, i, j = min(
-            (between(distance, linkage, x, y), i, j)
-            for i, x in enumerate(clusters)
-            for j, y in enumerate(clusters[:i])
-        )
-        if apart > threshold:
-            break
-        clusters[j] += clusters.pop(i)
-    return {frozenset(cluster) for cluster in clusters}
-
-
 @alike
 @given(counts, densities, seeds, st.sampled_from(LINKAGES), st.sampled_from(THRESHOLDS))
 def test_equals_scipy_on_the_dense_matrix(samples, share, seed, linkage, threshold):
@@ -94,30 +77,12 @@ def test_equals_scipy_on_the_dense_matrix(samples, share, seed, linkage, thresho
 
 
 @every_linkage
-@pytest.mark.parametrize("threshold", THRESHOLDS)
-@pytest.mark.parametrize("seed", range(3))
-def test_equals_scipy_for_neighbours_in_the_plane(linkage, threshold, seed):
-    pairs = places_pairs(60, 0.5, seed)
-    got = partition(agglomerate(60, pairs, linkage, threshold))
-    assert got == scipy_clusters(60, pairs, linkage, threshold)
-
-
-@every_linkage
 @pytest.mark.parametrize("seed", range(3))
 def test_equals_scipy_for_a_thousand(linkage, seed):
     pairs = places_pairs(1000, 0.08, seed)
     got = agglomerate(1000, pairs, linkage, 0.025)
     assert 10 < got.max() < 900
     assert partition(got) == scipy_clusters(1000, pairs, linkage, 0.025)
-
-
-@every_linkage
-@pytest.mark.parametrize("seed", range(4))
-def test_equals_merging_the_nearest_two_one_by_one(linkage, seed):
-    pairs = some_pairs(18, 0.6, seed)
-    for threshold in (0.3, 0.6, 0.9):
-        got = partition(agglomerate(18, pairs, linkage, threshold))
-        assert got == merged_one_by_one(18, pairs, linkage, threshold)
 
 
 @alike
@@ -156,15 +121,6 @@ def test_single_clusters_are_what_hangs_together_ties_or_not(samples, share, see
 
 
 @alike
-@given(counts, densities, seeds, st.sampled_from(LINKAGES), st.sampled_from([None, 1, 2]))
-def test_the_clusters_of_a_threshold_are_parts_of_those_of_the_next(samples, share, seed, linkage, decimals):
-    pairs = some_pairs(samples, share, seed, decimals)
-    labels = [agglomerate(samples, pairs, linkage, threshold) for threshold in THRESHOLDS]
-    for fine, coarse in pairwise(labels):
-        assert len(np.unique(np.stack([fine, coarse]), axis=1).T) == len(np.unique(fine))
-
-
-@alike
 @given(counts, densities, seeds, st.sampled_from(LINKAGES), st.sampled_from(THRESHOLDS))
 def test_labels_count_up_in_the_order_of_first_samples(samples, share, seed, linkage, threshold):
     label = agglomerate(samples, some_pairs(samples, share, seed), linkage, threshold)
@@ -185,43 +141,11 @@ def test_the_order_of_the_pairs_does_not_matter(linkage, seed, decimals):
 
 
 @every_linkage
-@pytest.mark.parametrize("seed", range(4))
-def test_the_numbers_of_the_samples_do_not_matter_without_ties(linkage, seed):
-    pairs, number = some_pairs(50, 0.5, seed), np.random.default_rng(seed).permutation(50)
-    renumbered = Pairs.of(number[pairs.a], number[pairs.b], pairs.distance)
-    expected = partition(agglomerate(50, pairs, linkage, 0.5))
-    assert partition(agglomerate(50, renumbered, linkage, 0.5)[number]) == expected
-
-
-@every_linkage
 @pytest.mark.parametrize("samples", [1, 2, 9])
 def test_without_pairs_everyone_is_alone(linkage, samples):
     nobody = np.empty(0, np.int32)
     label = agglomerate(samples, Pairs.of(nobody, nobody, np.empty(0)), linkage, 0.9)
     assert label.tolist() == list(range(samples))
-
-
-@every_linkage
-def test_all_near_each_other_are_one_cluster_and_all_too_far_are_none(linkage):
-    a, b = np.triu_indices(40, 1)
-    rng = np.random.default_rng(0)
-    near, far = rng.uniform(0, 0.2, len(a)), rng.uniform(0.6, 0.9, len(a))
-    assert not agglomerate(40, Pairs.of(a, b, near), linkage, 0.3).any()
-    assert agglomerate(40, Pairs.of(a, b, far), linkage, 0.3).tolist() == list(range(40))
-
-
-@every_linkage
-def test_all_at_the_same_distance_are_one_cluster(linkage):
-    a, b = np.triu_indices(33, 1)
-    assert not agglomerate(33, Pairs.of(a, b, np.full(len(a), 0.25)), linkage, 0.5).any()
-
-
-@every_linkage
-def test_copies_are_merged_at_threshold_0(linkage):
-    place = np.random.default_rng(1).permutation(np.repeat(np.arange(10), 4))
-    a, b = np.triu_indices(40, 1)
-    apart = np.where(place[a] == place[b], 0, 0.5)
-    assert partition(agglomerate(40, Pairs.of(a, b, apart), linkage, 0)) == partition(place)
 
 
 @every_linkage

@@ -177,18 +177,6 @@ def test_a_publish_killed_at_any_put_is_never_half_visible_and_can_be_resumed(
         assert [e.event for e in reader.log("hall")] == [Event.PUBLISHED, Event.ACTIVATED] * 2
 
 
-def test_concurrent_publishes_all_arrive(catalog: Catalog, tmp_path: Path) -> None:
-    manifests = [make_version(tmp_path / str(i), b"%d" % i) for i in range(6)]
-
-    def publish(i: int) -> str:
-        return Catalog(catalog.store).publish("hall", tmp_path / str(i // 2), manifests[i // 2])
-
-    with ThreadPoolExecutor(6) as pool:
-        versions = set(pool.map(publish, range(12)))
-    assert {info.version for info in catalog.versions("hall")} == versions == {m.digest for m in manifests}
-    assert catalog.active_version("hall") in versions
-
-
 def test_a_directory_that_is_not_its_manifest_is_not_published(tmp_path: Path) -> None:
     catalog = Catalog(Store.open("memory://"))
     manifest = make_version(tmp_path)
@@ -377,24 +365,6 @@ def test_a_full_disk_is_said_to_be_full(tmp_path: Path) -> None:
     version = catalog.publish("hall", tmp_path / "made", make_version(tmp_path / "made"))
     with pytest.raises(OutOfSpace):
         catalog.fetch_version("hall", version, tmp_path / "cache")
-
-
-def test_garbage_is_what_nobody_can_see(catalog: Catalog, tmp_path: Path) -> None:
-    kept = catalog.publish("hall", tmp_path / "kept", make_version(tmp_path / "kept", b"kept"))
-    gone = catalog.publish("hall", tmp_path / "gone", make_version(tmp_path / "gone", b"gone"))
-    catalog.activate("hall", kept)
-    catalog.retire("hall", gone)
-    orphan = "0" * 64
-    catalog.store.put(f"maps/hall/versions/{orphan}/a.npy", b"of a publish that was killed")
-    assert catalog.collect_garbage("hall") == []  # too young
-    removed = catalog.collect_garbage("hall", older_than_s=-5)
-    assert {key.split("/")[3] for key in removed} == {gone, orphan}
-    assert all(key.split("/")[3] == kept for key in catalog.store.list("maps/hall/versions"))
-    make_version(tmp_path / "kept", b"kept").verify_directory(
-        catalog.fetch_version("hall", kept, tmp_path / "cache")
-    )
-    assert catalog.publish("hall", tmp_path / "gone", make_version(tmp_path / "gone", b"gone")) == gone
-    catalog.fetch_version("hall", gone, tmp_path / "cache")
 
 
 def test_a_source_is_kept_once_by_its_content(catalog: Catalog, tmp_path: Path) -> None:

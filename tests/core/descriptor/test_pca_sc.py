@@ -109,13 +109,6 @@ def test_a_wrong_axis_is_found_by_shifting():
     assert PcaScanContext(GRID, max_ratio=1.0).match(query, template, np.arange(1))[1][0] < 0.95
 
 
-def test_cnz_is_the_share_of_filled_sectors():
-    context = np.zeros((1, 3, 4), np.float16)
-    context[0, 1, :3] = 2.0
-    context[0, 2] = 0.1
-    assert PcaScanContext(PolarGrid(3, 4, 30.0)).keys({"context": context}).tolist() == [[0, 0.75, 1]]
-
-
 def test_a_scan_without_points_has_no_axis():
     nothing = ScanBatch(np.empty((0, 3), np.float32), np.zeros(3, np.intp), np.ones(2, np.float32))
     angle, ratio = principal_axes(nothing, 30.0)

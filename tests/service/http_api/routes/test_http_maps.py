@@ -20,17 +20,6 @@ def test_maps_and_versions_are_listed(service: Service):
     assert versions[0]["published_time"]
 
 
-def test_rolling_back_takes_effect_at_once(service: Service):
-    first = service.catalog.active_version("hall")
-    second = publish(service.catalog, "hall", "2", service.scratch)
-    wait_until(lambda: service.ask("http").x == 2)
-    answer = service.http.post(f"/maps/hall/versions/{first}/activate")
-    assert answer.json() == {"map_id": "hall", "active_version": first, "serving_version": first}
-    assert service.ask("http").x == 1
-    service.http.post(f"/maps/hall/versions/{second}/activate")
-    assert service.ask("zenoh").x == 2
-
-
 def test_a_deleted_map_is_listed_no_more_and_answers_no_more(service: Service):
     first = service.catalog.active_version("hall")
     second = publish(service.catalog, "hall", "2", service.scratch)
