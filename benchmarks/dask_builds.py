@@ -27,11 +27,9 @@ from threadpoolctl import threadpool_limits
 
 from firstfix.builds.config import BuildConfig
 from firstfix_builder.build_stages import BuildStages
-from firstfix_builder.execution.chunk_cache import ChunkCache
-from firstfix_builder.execution.chunk_executor import ChunkExecutor
+from firstfix_builder.execution.chunks import ChunkCache, ChunkExecutor
 from firstfix_builder.execution.dask_executor import DaskExecutor
-from firstfix_builder.execution.die_with_parent import die_with_parent
-from firstfix_builder.execution.local_executor import LocalExecutor
+from firstfix_builder.execution.local_executor import LocalExecutor, die_with_parent
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from firstfix_builder.stage_files import engine_of
 

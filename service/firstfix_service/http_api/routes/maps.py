@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Request, Response
 from fastapi.responses import JSONResponse
 
-from firstfix.builds.idempotency import CallersKey, claim_build, claimed_build
+from firstfix.builds.callers import CallersKey, claim_build, claimed_build
 from firstfix.errors import Conflict, NotFound, UnsupportedFormat
 from firstfix.ids import is_name, new_build_id
 
