@@ -20,7 +20,7 @@ from firstfix.engine.preprocess import preprocess
 from firstfix.engine.retrieval.key_search import KeySearch, build_key_search, load_key_search
 from firstfix.scan.sequence import ScanSequence
 from firstfix_builder.execution.stage_cache import StageCache
-from firstfix_builder.index.make_keys import make_keys
+from firstfix_builder.index.index_files import make_keys
 
 from .build import Built
 from .queries import in_level_frame, read_scans

@@ -11,7 +11,7 @@ from typing import Any
 
 from firstfix.builds.config import BuildConfig
 from firstfix_builder.build_stages import BuildStages
-from firstfix_builder.execution.chunk_cache import ChunkCache
+from firstfix_builder.execution.chunks import ChunkCache
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from firstfix_builder.viewpoints.workload import Workload

@@ -27,7 +27,7 @@ from .execution.build_trace import within_a_stage
 from .execution.chunks import Arrays, Chunk
 from .execution.stage_cache import StageResult
 from .execution.stage_runner import RunChunks, StageRunner
-from .index.draw_cloud import draw_cloud
+from .index.cloud_octree import draw_cloud
 from .index.index_files import VIEWS_SHARE, write_index_files
 from .index.key_scans import KeyScans, key_scan_chunks
 from .index.learn_keys import is_worth_learning, learn_keys, scans_for
@@ -40,7 +40,7 @@ from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
 from .read_map import read_parts, read_trajectory
-from .read_map.content_hash import content_hash
+from .read_map.read_map import content_hash
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test

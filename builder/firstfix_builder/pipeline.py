@@ -25,10 +25,8 @@ from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.errors import BuildFailed
 
 from .build_stages import BuildStages
-from .execution.chunk_cache import ChunkCache
-from .execution.chunk_executor import ChunkExecutor
-from .execution.die_with_parent import die_with_parent
-from .execution.local_executor import LocalExecutor
+from .execution.chunks import ChunkCache, ChunkExecutor
+from .execution.local_executor import LocalExecutor, die_with_parent
 from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
 from .execution.stage_names import PROVISIONAL
 from .execution.stage_names import STAGES as STAGES

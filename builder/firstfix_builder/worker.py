@@ -29,11 +29,11 @@ from firstfix.errors import (
 )
 from firstfix.store.store import Store
 
+from .execution.build_trace import set_up_build_log
 from .execution.executor_url import THREADS, dask_address
 from .execution.stage_names import STAGES
 from .job.build_job import BuildJob, BuildVersion, Built
 from .job.fetch_source import DEFAULT_MAX_BYTES, SourcePolicy
-from .job.log import set_up_build_log
 from .job.run_build import run_build
 from .sandbox.process import SandboxOptions
 from .sandbox.sandboxed_build import SandboxedBuild

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from firstfix.catalog.manifest import Manifest
-from firstfix_builder.execution.die_with_parent import die_with_parent
+from firstfix_builder.execution.local_executor import die_with_parent
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.job import reporter
 from firstfix_builder.job.run_build import run_build

@@ -15,7 +15,7 @@ from engine import ROOT
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
-from firstfix.builds.caller_usage import CallerUsage
+from firstfix.builds.callers import CallerUsage
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest

@@ -14,7 +14,7 @@ from firstfix.engine.retrieval.cascade import Cascade
 from firstfix.engine.retrieval.key_search import build_key_search, tile_shards
 from firstfix.engine.retrieval.template_tiles import FILE
 from firstfix.errors import CorruptVersion
-from firstfix_builder.index.make_keys import make_keys
+from firstfix_builder.index.index_files import make_keys
 
 FEW = {"clusters": 20, "candidates": 5}  # of the small world's two hundred
 

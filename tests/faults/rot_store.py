@@ -18,7 +18,7 @@ import numpy as np
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
 from firstfix.builds.attempts import AttemptEnd, BuildAttempts
-from firstfix.builds.idempotency import CallersKey, claim_build, claimed_build
+from firstfix.builds.callers import CallersKey, claim_build, claimed_build
 from firstfix.builds.records import new_status
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog

@@ -10,7 +10,7 @@ import pytest
 from callers_world import CLOUD, callers
 
 from firstfix.access.permissions import Grant, Scope
-from firstfix.builds.caller_usage import CallerUsage
+from firstfix.builds.callers import CallerUsage
 from firstfix_service.auth.principal import Principal
 from firstfix_service.http_api.parts import UploadParts
 from waiting import wait_until

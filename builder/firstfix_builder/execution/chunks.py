@@ -15,8 +15,8 @@ from __future__ import annotations
 import json
 import zipfile
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, TypeAlias
@@ -25,9 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.builds.shared_stages import RECORD, ROOT, SharedStages
+from firstfix.errors import StoreError
 from firstfix.store.store import Store
 
-from .stage_cache import StageResult
+from .build_trace import mark_chunks
+from .stage_cache import StageCache, StageResult, StagesElsewhere
 
 Arrays: TypeAlias = dict[str, NDArray[Any]]
 _FILE = "arrays.npz"
@@ -141,3 +143,152 @@ class ChunkResults:
 def make_chunk(store: Store, keyed: KeyedChunk, inputs: Mapping[str, Path]) -> None:
     """Runs a chunk and stores its result."""
     ChunkResults(store).put(keyed.key, keyed.chunk.run(inputs))
+
+
+TRIES = 3  # further attempts, if a result is damaged or gone when it is read
+
+
+@dataclass(frozen=True)
+class ChunkBatch:
+    """Chunks of one stage that are to be run.
+
+    Attributes:
+        inputs: finished stages that the chunks read, by the names that the chunks use.
+        done: called after each chunk.
+        cancelled: returns whether the build is cancelled.
+    """
+
+    chunks: Sequence[KeyedChunk]
+    inputs: Mapping[str, StageResult]
+    done: Callable[[], None]
+    cancelled: Callable[[], bool]
+
+
+class ChunkExecutor(ABC):
+    """Runs chunks and puts their results into a store.
+
+    Attributes:
+        store: stores the results.
+        is_shared: whether other machines see the store.
+    """
+
+    store: Store
+    is_shared: bool = False
+
+    @abstractmethod
+    def run(self, batch: ChunkBatch) -> None:
+        """Runs all chunks of the batch. Their results are in the store when it returns.
+
+        Raises:
+            BuildCancelled: the build was cancelled; no further chunk was started.
+            BuildFailed: a chunk ended the processes that ran it.
+            ClusterUnavailable: the machines that run chunks are gone.
+            Exception: any error of a chunk.
+        """
+
+
+def run_chunks(
+    executor: ChunkExecutor,
+    chunks: Sequence[KeyedChunk],
+    made: Set[str],
+    inputs: Mapping[str, StageResult],
+    progress: Callable[[float], None],
+    cancelled: Callable[[], bool],
+) -> Iterator[Arrays]:
+    """Runs the chunks that have no result yet, then yields the results of all in order, one at a time.
+
+    Args:
+        made: keys that have a result.
+
+    Raises:
+        StoreError: a result is damaged or gone, repeatedly.
+        Exception: any error of ``ChunkExecutor.run``.
+    """
+    results = ChunkResults(executor.store)
+    missing = [chunk for chunk in chunks if chunk.key not in made]
+    count = len(chunks) - len(missing)
+
+    def done() -> None:
+        nonlocal count
+        count += 1
+        progress(count / len(chunks))
+
+    batch = ChunkBatch(missing, inputs, done, cancelled)
+    executor.run(batch)
+    for chunk in chunks:
+        arrays, tries = results.load(chunk.key), TRIES
+        while arrays is None:
+            if tries == 0:
+                raise StoreError(f"the store does not keep chunk {chunk.key[:12]}")
+            tries -= 1
+            executor.run(replace(batch, chunks=[chunk], done=lambda: None))
+            arrays = results.load(chunk.key)
+        yield arrays
+
+
+@dataclass(frozen=True)
+class ChunkCache:
+    """The chunks of builds.
+
+    Attributes:
+        keys: makes the keys, which depend on the code's version.
+        shared: where results are fetched from and shared besides; not used if other machines see the
+            executor's store.
+    """
+
+    keys: StageCache
+    executor: ChunkExecutor
+    shared: StagesElsewhere | None = None
+
+    def run(
+        self,
+        stage: str,
+        chunks: Sequence[Chunk],
+        inputs: Mapping[str, StageResult],
+        progress: Callable[[float], None],
+        cancelled: Callable[[], bool],
+    ) -> Iterator[Arrays]:
+        """Yields the results of all chunks in order, one at a time. Runs only the chunks without a result.
+
+        Args:
+            stage: its name.
+
+        Raises:
+            Exception: any error of ``run_chunks``.
+        """
+        results = ChunkResults(self.executor.store)
+        keyed = [KeyedChunk(self._key(stage, chunk, inputs), chunk) for chunk in chunks]
+        found = results.made() & {chunk.key for chunk in keyed}
+        for key in sorted(found):
+            if results.has(key):
+                results.keep(key)
+            else:  # the rest of a result that is being removed
+                found.discard(key)
+        shared = None if self.executor.is_shared else self.shared
+        if shared is not None:
+            found |= {
+                chunk.key for chunk in keyed if chunk.key not in found and _bring(results, shared, chunk.key)
+            }
+        mark_chunks(stage, len(keyed), sum(chunk.key in found for chunk in keyed))
+        yield from run_chunks(self.executor, keyed, found, inputs, progress, cancelled)
+        if shared is not None:
+            for chunk in keyed:
+                if chunk.key not in found:
+                    _share(results, shared, stage, chunk.key)
+
+    def _key(self, stage: str, chunk: Chunk, inputs: Mapping[str, StageResult]) -> str:
+        return self.keys.key_of(f"{stage}/{chunk.work}", chunk.reads(inputs), chunk.plain_values)
+
+
+def _bring(results: ChunkResults, shared: StagesElsewhere, key: str) -> bool:
+    with TemporaryDirectory() as folder:
+        if not shared.fetch(key, Path(folder)):
+            return False
+        results.put_folder(key, Path(folder))
+        return True
+
+
+def _share(results: ChunkResults, shared: StagesElsewhere, stage: str, key: str) -> None:
+    with TemporaryDirectory() as folder:
+        if results.fetch(key, Path(folder)):
+            shared.put(key, stage, Path(folder))

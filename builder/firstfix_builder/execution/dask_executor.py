@@ -17,9 +17,8 @@ from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, Inv
 from firstfix.store.store import Store
 from firstfix.store.url import StoreUrl
 
-from .chunk_executor import ChunkBatch, ChunkExecutor
 from .chunk_job import ChunkJob, check_runtime, run_job
-from .chunks import ChunkResults
+from .chunks import ChunkBatch, ChunkExecutor, ChunkResults
 from .executor_url import check_reachable
 from .runtime import Runtime, this_runtime
 

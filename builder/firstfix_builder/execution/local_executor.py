@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
+import multiprocessing
+import multiprocessing.connection
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from functools import cache
+from itertools import chain, islice
 from pathlib import Path
+from typing import TypeVar
 
 from firstfix.builds.shared_stages import collect_stages
 from firstfix.errors import BuildCancelled, BuildFailed, StoreError
 from firstfix.store.store import Store
 
-from .chunk_executor import ChunkBatch, ChunkExecutor
-from .chunks import KeyedChunk, make_chunk
+from .chunks import ChunkBatch, ChunkExecutor, KeyedChunk, make_chunk
 from .stage_cache import DEFAULT_MAX_AGE_S
 
 POLL_S = 0.5
 DEFAULT_CHUNK_BYTES = 20_000_000_000
+_T = TypeVar("_T")
+_R = TypeVar("_R")
 
 
 class LocalExecutor(ChunkExecutor):
@@ -74,3 +82,43 @@ def _make(store: str, chunk: KeyedChunk, inputs: Mapping[str, Path]) -> None:
 @cache
 def _opened(store: str) -> Store:
     return Store.open(store)
+
+
+def in_turn(function: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[tuple[_T, _R]]:
+    """Yields each item with the function's result, in order. There is one thread for each processor.
+
+    The threads are only a few items ahead of the caller, so few results are in memory. For one item alone no
+    thread is started.
+    """
+    workers = os.cpu_count() or 1
+    waiting: deque[tuple[_T, Future[_R]]] = deque()
+    following = iter(items)
+    first_two = list(islice(following, 2))
+    if len(first_two) < 2:
+        yield from ((item, function(item)) for item in first_two)
+        return
+    with ThreadPoolExecutor(workers) as threads:
+        for item in chain(first_two, following):
+            waiting.append((item, threads.submit(function, item)))
+            if len(waiting) > 2 * workers:
+                first, future = waiting.popleft()
+                yield first, future.result()
+        for item, future in waiting:
+            yield item, future.result()
+
+
+def die_with_parent() -> None:
+    """Ends this process when its parent ends. For ``ProcessPoolExecutor(initializer=...)``.
+
+    Without it the processes of a pool would wait for ever after a kill -9 of the parent: each holds both ends
+    of the pipe through which it gets its work.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True, name="die-with-parent").start()

@@ -9,8 +9,7 @@ from typing import Any
 
 from firstfix.errors import BuildCancelled
 
-from .chunk_cache import ChunkCache
-from .chunks import Arrays, Chunk
+from .chunks import Arrays, Chunk, ChunkCache
 from .stage_cache import StageCache, StageResult
 
 Progress = Callable[[str, float], None]

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.descriptor import Descriptor
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import MAP_FILE
 from firstfix.engine.registration.align import MapSurface
@@ -20,9 +22,37 @@ from firstfix.engine.retrieval.templates import Templates
 from firstfix.engine.verification.free_space import MapView
 
 from ..execution.chunks import Arrays
-from .make_keys import make_keys
-from .preview import draw_preview
+from ..mesh.mapped_array import mapped_scratch
+from .top_view import draw_preview
 from .visible_points import map_surface
+
+AT_ONCE = 4096  # an eighth of a gigabyte of spectra
+
+
+def make_keys(
+    templates: Templates,
+    rows: NDArray[np.integer],
+    descriptor: Descriptor,
+    projection: NDArray[np.float32] | None,
+    scratch: Path,
+) -> NDArray[np.float32]:
+    """(n, numbers) of (n,) templates.
+
+    Args:
+        projection: (d, numbers) that keys are multiplied by, or None.
+        scratch: folder of the file that they are kept in, which goes with the array.
+    """
+    whole: NDArray[np.float32] | None = None
+    for start in range(0, len(rows), AT_ONCE):
+        keys = descriptor.keys(templates.described_at(rows[start : start + AT_ONCE]))
+        keys = keys if projection is None else keys @ projection
+        if whole is None:
+            with TemporaryFile(dir=scratch) as file:
+                whole = mapped_scratch(file, np.float32, (len(rows), keys.shape[1]))
+        whole[start : start + AT_ONCE] = keys
+    assert whole is not None
+    return whole
+
 
 MOST_BESIDE = 5_000_000  # points: of a larger map, what takes memory is made one after the other
 VIEWS_SHARE = 0.6  # of the stage's progress, that the views' chunks tell themselves

@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from firstfix.engine.registration.surface import Surface
 
 from ..execution.chunks import Arrays
-from ..execution.in_turn import in_turn
+from ..execution.local_executor import in_turn
 from ..mesh.clean_cloud import voxel_means
 from ..mesh.map_tiles import by_tiles
 from .seen_voxels import BLOCK_M, SeenBlocks

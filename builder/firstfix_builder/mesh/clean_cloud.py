@@ -11,7 +11,7 @@ from firstfix.builds.config import CleanConfig
 from firstfix.errors import BuildFailed
 from firstfix.native import column_means
 
-from .places.steps import SPACING_STEPS, stepped
+from .places.chance import SPACING_STEPS, stepped
 
 SPACING_SAMPLES = 50_000
 RING = 8  # the neighbours of a point of a raster

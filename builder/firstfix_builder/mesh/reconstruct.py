@@ -17,14 +17,13 @@ from firstfix.errors import BuildFailed
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
-from .blocks import Block, occupied_blocks
 from .clean_cloud import surface_spacings_m
+from .map_tiles import Block, occupied_blocks
 from .mesh import Mesh
-from .places.steps import SPACING_STEPS, stepped
+from .places.chance import SPACING_STEPS, stepped
 from .places.tiled_points import TiledPoints
 from .poisson import Tile, poisson_tile
-from .sampling import Sampling
-from .signed_distance import signed_distance_mesh
+from .signed_distance import Sampling, signed_distance_mesh
 
 PLACE_STEP_M = 0.5
 SIGHT_RANGE_M = 100.0  # a scanner further than this from a block was not what saw it

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from firstfix.errors import BuildFailed
 
-from ..execution.in_turn import in_turn
+from ..execution.local_executor import in_turn
 from .map_tiles import by_tiles
 from .mapped_array import mapped_array
 from .mesh import Mesh, highest, longest_edge, lowest, middle

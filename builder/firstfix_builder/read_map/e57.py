@@ -12,9 +12,8 @@ from firstfix.formats.point_cloud import MAP_LIMITS
 from firstfix.transform import from_quaternion
 
 from .file_errors import foreign
-from .headers.e57 import check_e57, check_points
-from .local_frame import finite_points
-from .map_data import MapData
+from .headers import check_e57, check_points
+from .map_data import MapData, finite_points
 
 
 def read_e57(path: Path) -> MapData:

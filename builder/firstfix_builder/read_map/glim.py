@@ -18,8 +18,7 @@ from firstfix.formats.raw_xyz import decode_xyz
 from firstfix.transform import transform_points
 
 from .file_errors import naming
-from .local_frame import finite_points
-from .map_data import MapData
+from .map_data import MapData, finite_points
 from .rigid import rigid_matrices
 from .trajectory import read_trajectory
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from firstfix.bit_exact.sample import rows_by_chance
+from firstfix.errors import MalformedData
+from firstfix.transform import make_transform
 
 
 @dataclass(frozen=True)
@@ -40,3 +44,66 @@ class MapData:
         if self.vertices is None or self.triangles is None:
             raise ValueError("the map is no mesh")
         return self.vertices, self.triangles
+
+
+MAX_ABS_COORDINATE_M = 1e8  # no projection of the Earth goes further
+LARGE_COORDINATE_M = 10_000.0
+ORIGIN_STEP_M = 100.0
+_SAMPLED_POINTS = 100_000
+
+# LOAM's camera frame (x left, y up, z forward; glTF's as well) to REP-103: x forward, y left, z up.
+_R_ZUP_YUP = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+def finite_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rows of (n, 3) that are finite and on this planet.
+
+    Raises:
+        MalformedData: there are none.
+    """
+    with np.errstate(invalid="ignore"):
+        keep = (np.abs(points) <= MAX_ABS_COORDINATE_M).all(axis=1)  # NaN compares false
+    if not keep.any():
+        raise MalformedData(f"none of its {len(points)} points has finite coordinates")
+    return points if keep.all() else points[keep]
+
+
+def turn_z_up(data: MapData) -> MapData:
+    """From y up, x left, z forward to z up, x forward, y left. Poses turn on both sides."""
+    T_zup_yup = make_transform(_R_ZUP_YUP, np.zeros(3))
+    return replace(
+        data,
+        points=None if data.points is None else data.points @ _R_ZUP_YUP.T,
+        vertices=None if data.vertices is None else data.vertices @ _R_ZUP_YUP.T,
+        trajectory=None if data.trajectory is None else T_zup_yup @ data.trajectory @ T_zup_yup.T,
+    )
+
+
+def local_origin(data: MapData) -> NDArray[np.float64]:
+    """(3,) the local origin of a map with UTM-sized coordinates: a multiple of 100 m in x and y.
+
+    The median decides, so that stray points do not. Within 10 km it is zero.
+    """
+    coordinates = data.coordinates
+    sample = coordinates[rows_by_chance(len(coordinates), _SAMPLED_POINTS), :2]
+    centre = np.median(sample, axis=0)
+    if np.abs(centre).max() <= LARGE_COORDINATE_M:
+        return np.zeros(3)
+    return np.array([*(np.floor(centre / ORIGIN_STEP_M) * ORIGIN_STEP_M), 0.0])
+
+
+def subtract_origin(data: MapData, origin: NDArray[np.float64]) -> MapData:
+    """Moves a map to a local origin."""
+    if not origin.any():
+        return data
+    trajectory = data.trajectory
+    if trajectory is not None:
+        trajectory = trajectory.copy()
+        trajectory[:, :3, 3] -= origin
+    return replace(
+        data,
+        points=None if data.points is None else data.points - origin,
+        vertices=None if data.vertices is None else data.vertices - origin,
+        trajectory=trajectory,
+        origin=data.origin + origin,
+    )

@@ -20,12 +20,17 @@ from firstfix.formats.scanner_bin import decode_scanner_bin
 from firstfix.formats.text import decode_text
 
 from .e57 import read_e57
-from .headers.ply import check_ply
-from .local_frame import finite_points
-from .map_data import MapData
+from .headers import check_ply
+from .map_data import MapData, finite_points
 from .mesh_file import read_mesh
 from .rigid import rigid_matrices
-from .uos import read_uos
+
+
+def read_uos(path: Path) -> MapData:
+    """One scan, in its own frame turned to REP-103 metres. Raises MalformedData or TooLarge."""
+    x, y, z = decode_text(path.read_bytes(), MAP_LIMITS).xyz.T
+    return MapData(points=finite_points(np.stack([z, -x, y], axis=1) / 100.0))
+
 
 RECORDINGS = (".bag", ".db3", ".mcap", ".pcap", ".osf")
 RECORDING_REASON = "a recording, not a map: build the map with a SLAM package first"

@@ -11,9 +11,8 @@ from firstfix.errors import MalformedData
 from firstfix.formats.point_cloud import MAP_LIMITS
 
 from .file_errors import foreign
-from .headers.glb import check_glb
-from .local_frame import MAX_ABS_COORDINATE_M
-from .map_data import MapData
+from .headers import check_glb
+from .map_data import MAX_ABS_COORDINATE_M, MapData
 
 
 def read_mesh(path: Path) -> MapData:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,13 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.errors import InvalidOption, NotFound
+from firstfix.store.sha256 import sha256_of
 
 from .file_errors import naming
-from .local_frame import local_origin, subtract_origin, turn_z_up
-from .map_data import MapData
+from .map_data import MapData, local_origin, subtract_origin, turn_z_up
 from .map_file import read_map_file
 from .map_folder import mesh_files, read_map_folder, trajectory_in
 from .trajectory import read_trajectory
+
+
+def content_hash(path: Path) -> str:
+    """sha256 of a file; of a folder, of its files' names and hashes. Hidden files do not count."""
+    if path.is_file():
+        return sha256_of(path)
+    digest = hashlib.sha256()
+    for file in sorted(path.rglob("*")):
+        name = file.relative_to(path).as_posix()
+        if file.is_file() and not any(part.startswith(".") for part in name.split("/")):
+            digest.update(f"{name}\0{sha256_of(file)}\n".encode())
+    return digest.hexdigest()
+
 
 Axis = Literal["z-up", "y-up"]
 

@@ -142,9 +142,8 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
     """Runs the job and reports how it ended. Returns the exit code."""
     from firstfix.builds.config import BuildConfig
 
-    from ..execution.build_trace import BuildTrace
+    from ..execution.build_trace import BuildTrace, set_up_build_log
     from ..job.error_record import error_record
-    from ..job.log import set_up_build_log
 
     set_up_build_log(job["build_id"], level=job["log_level"], as_json=job["log_json"])
     outside = Outside(speaker, lines, work)

@@ -7,12 +7,49 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from .process_group import wait_until_ended
+# A build has one process for each processor, and in each process a few threads for each processor.
+MAX_PROCESSES = 64 + 4 * (os.cpu_count() or 1)
+MAX_THREADS = 1024 + 16 * (os.cpu_count() or 1) ** 2
+
+
+def too_many_processes(group: int) -> str:
+    """Returns a message about the limit that the group exceeds; empty if it exceeds none."""
+    processes = threads = 0
+    for count in _threads(group):
+        processes += 1
+        threads += count
+    if processes > MAX_PROCESSES:
+        return f"the build started more than {MAX_PROCESSES} processes"
+    if threads > MAX_THREADS:
+        return f"the build started more than {MAX_THREADS} threads"
+    return ""
+
+
+def wait_until_ended(group: int, timeout_s: float) -> None:
+    """Waits until no process of the group runs; all of them were killed."""
+    end = time.monotonic() + timeout_s
+    while any(_threads(group)) and time.monotonic() < end:
+        time.sleep(0.01)
+
+
+def _threads(group: int) -> Iterator[int]:
+    """Yields the number of threads of each running process of the group."""
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            try:
+                # After the name, which may hold anything: state, parent, group, and the threads as the 18th.
+                fields = (folder / "stat").read_bytes().rpartition(b")")[2].split()
+            except OSError:  # ended meanwhile
+                continue
+            if int(fields[2]) == group and fields[0] not in (b"Z", b"X"):
+                yield int(fields[17])
+
 
 END_WITHIN_S = 20.0  # of a process that was killed
 PROGRAM = ("-m", "firstfix_builder.sandbox.inside")

@@ -11,6 +11,7 @@ import logging
 import math
 import os
 import shutil
+import signal
 import subprocess
 import time
 import uuid
@@ -21,16 +22,46 @@ from typing import Any
 
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.manifest import FILE_NAME, MAX_BYTES, Manifest
-from firstfix.errors import BuildFailed, CorruptVersion, FirstfixError
+from firstfix.errors import (
+    BuildCancelled,
+    BuildFailed,
+    CorruptVersion,
+    FirstfixError,
+    InputError,
+    NotFound,
+    OutOfSpace,
+)
 
 from ..execution.build_trace import current_build, mark_cached, mark_chunks
 from ..execution.stage_names import PROVISIONAL, STAGES
 from ..job.build_job import BuildJob
-from .failures import as_error, of_exit
 from .hand_over import take_files
 from .messages import Lines, Speaker
-from .process import SandboxOptions, end_process, start_process
-from .process_group import too_many_processes
+from .process import SandboxOptions, end_process, start_process, too_many_processes
+
+_OTHER_KINDS: tuple[type[FirstfixError], ...] = (NotFound, BuildCancelled, OutOfSpace)
+
+
+def as_error(said: Any) -> FirstfixError:
+    """Returns the error that a sandboxed build reported.
+
+    A build cannot ask to be run again, but for a few times because its disk is full.
+    """
+    if not isinstance(said, dict):
+        return BuildFailed("the build failed and gave no reason")
+    code, detail = str(said.get("code")), str(said.get("detail"))[:1000]
+    if code == FirstfixError.code:
+        return FirstfixError(detail)  # a fault of the program itself: the log has it
+    kinds: list[type[FirstfixError]] = [InputError, *InputError.__subclasses__(), *_OTHER_KINDS]
+    return next((kind for kind in kinds if kind.code == code), BuildFailed)(detail)
+
+
+def of_exit(code: int, stage: str) -> BuildFailed:
+    """Returns the error of a build whose process ended without a report."""
+    if code < 0:
+        return BuildFailed(f"the build's process was ended by {signal.Signals(-code).name} in {stage}")
+    return BuildFailed(f"the build's process ended with exit code {code} in {stage}")
+
 
 _log = logging.getLogger(__name__)
 LOOK_S = 0.2

@@ -15,6 +15,7 @@ from firstfix.answer.localization import Localization
 from firstfix.answer.quality import MAX_MARGIN
 from firstfix.engine.calibration import Calibration
 from firstfix.scan.levelling import turned
+from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, pose_error
 
@@ -105,3 +106,31 @@ def share_seen_alike(
     tells = met & (height_m > floor_m + _LEVEL_M) & (height_m < ceiling_m - _LEVEL_M)
     same = np.abs(own[tells] - found[tells]) < _ALIKE_M + _ALIKE_SHARE * own[tells]
     return float(same.mean()) if len(same) >= _LEAST_RAYS else 0.0
+
+
+_MIRROR = np.diag([1.0, -1.0, 1.0])
+_SAME_RAYS = 0.8  # more rays that meet the same: the mirror image is in the map
+
+
+def mirrored(scan: Scan, sensor: SensorModel) -> Scan:
+    """The scan with the robot's left and right exchanged. Up stays up."""
+    return Scan.from_points(turned(scan.points, _mirror_of(sensor)))
+
+
+def is_in_map(
+    simulator: Simulator, sensor: SensorModel, T_level_sensor: Matrix, T_level_found: Matrix
+) -> bool:
+    """Returns whether the map has the mirror image of a place, at the pose where a mirrored scan was found.
+
+    Args:
+        T_level_sensor: (4, 4) of the scan before it was mirrored.
+        T_level_found: (4, 4) where its mirror image was found.
+    """
+    share = share_seen_alike(simulator, sensor, T_level_sensor, T_level_found, _mirror_of(sensor))
+    return share > _SAME_RAYS
+
+
+def _mirror_of(sensor: SensorModel) -> Matrix:
+    """(3, 3) in the sensor's frame."""
+    mirror: Matrix = sensor.R_base_sensor.T @ _MIRROR @ sensor.R_base_sensor
+    return mirror

@@ -26,9 +26,8 @@ from firstfix.transform import Matrix, inverse, make_transform
 
 from ..simulation.perturb import ScanCase, ScanSimulation, elsewhere
 from ..simulation.simulate import Simulator
-from .equal_places import tie_width, unequal_by
+from .equal_places import is_in_map, mirrored, tie_width, unequal_by
 from .localizability import Spot, grid_of
-from .mirrored import is_in_map, mirrored
 from .outcome import RIGHT_M, Outcome
 from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, mirrored_weight, reliability_of
 

@@ -27,7 +27,7 @@ from ..mesh.clean_cloud import clean_cloud
 from ..mesh.level import level_frame
 from ..mesh.places.tiled_points import TiledPoints
 from ..read_map.archive import SUFFIX, unpack
-from ..read_map.content_hash import content_hash
+from ..read_map.read_map import content_hash
 from ..simulation.simulate import Simulator
 from ..stage_files import link, simulator_of, trajectory_of
 from .description import Session, description_in, read_description

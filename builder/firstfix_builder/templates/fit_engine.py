@@ -19,7 +19,7 @@ from firstfix.engine.config import (
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
 
-from ..mesh.places.steps import SPACING_STEPS, VIEW_STEPS, stepped
+from ..mesh.places.chance import SPACING_STEPS, VIEW_STEPS, stepped
 
 if TYPE_CHECKING:
     from firstfix.builds.config import EngineOverrides

@@ -22,9 +22,8 @@ from ..viewpoints.even_sample import rows_by_hash
 from ..viewpoints.floor_chunks import tiled_viewpoints
 from ..viewpoints.sample import DEFAULT_SPACING_M
 from ..viewpoints.tiles import Tiling, in_order
-from .look_chunks import OPEN_SPACING_M, LookChunk, TellChunk
 from .make import chunk_tile_m
-from .outlook import VIEWPOINT_CELL_M, VIEWPOINTS, percentile_m
+from .outlook import OPEN_SPACING_M, VIEWPOINT_CELL_M, VIEWPOINTS, LookChunk, TellChunk, percentile_m
 
 ROOM_SPACING_M = 0.5
 ROOM_VIEW_M = 12.0  # below this view distance, 0.5 m finds twice as many places as 1 m

@@ -1,16 +1,25 @@
-"""View distance at places of a map, and the places that see only ground."""
+"""View from places of a map: how far one sees, and where a template is informative."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.sensor import SensorModel
 
+from ..execution.chunks import Arrays
+from ..execution.stage_cache import StageResult
 from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator, upright
+from ..viewpoints.even_sample import Spots, one_per_block
+from ..viewpoints.floor_chunks import TileChunk
 
 RAYS = 4000
 SHARE = 75  # percentile, over the directions
@@ -90,3 +99,104 @@ def percentile_m(furthest_m: NDArray[np.float32], sensor: SensorModel) -> float:
     """Returns how far one sees in a map, from the furthest returns in directions of some viewpoints."""
     seen = furthest_m[furthest_m > 0]
     return float(np.percentile(seen, SHARE)) if len(seen) else sensor.max_range_m
+
+
+OPEN_SPACING_M = 2.0
+OPEN_VIEW_M = 20.0  # from this view distance on, 2 m find as many as 1 m (docs/method.md section 1)
+AT_ONCE = 256
+REACH_MARGIN_M = 0.1  # above the rounding of single precision
+
+
+@dataclass(frozen=True)
+class PlacesChunk(TileChunk):
+    """Looks from some of the places of a tile. Reads the stage ``places``."""
+
+    sensor: SensorModel
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The sensor. Rows and tiles say where the places are, and these are read."""
+        return {"sensor": asdict(self.sensor)}
+
+    def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
+        """Hashes of the places, and of the surface that the sensor can see from there."""
+        positions, floor_z = self._places(inputs["places"].directory)
+        return {
+            "places": sha256(positions.tobytes() + floor_z.tobytes()).hexdigest(),
+            "mesh": self.surface(inputs["mesh"], self._reach_m),
+        }
+
+    def _places(self, folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n, 3) positions and (n,) heights of the floor."""
+        positions, floor_z = (
+            np.asarray(np.load(folder / f"{name}.npy", mmap_mode="r")[self._rows])
+            for name in ("positions", "floor_z")
+        )
+        return positions, floor_z
+
+    @property
+    @abstractmethod
+    def _rows(self) -> slice | list[int]:
+        """Rows of the places."""
+
+    @property
+    def _reach_m(self) -> float:
+        return self.sensor.max_range_m + REACH_MARGIN_M
+
+
+@dataclass(frozen=True)
+class LookChunk(PlacesChunk):
+    """Viewing distance from some places.
+
+    Attributes:
+        rows: of the places.
+    """
+
+    rows: tuple[int, ...]
+
+    @property
+    def _rows(self) -> list[int]:
+        return list(self.rows)
+
+    def run(self, inputs: Mapping[str, Path]) -> Arrays:
+        """Returns the furthest return in all directions of all places: of all, and of all but the ground."""
+        simulator = self.simulator(inputs["mesh"], self._reach_m)
+        positions, floor_z = self._places(inputs["places"])
+        outlook = Outlook.of(self.sensor)
+        return {
+            "furthest_m": outlook.furthest_m(outlook.ranges(simulator, positions)).ravel(),
+            "off_ground_m": outlook.furthest_m(outlook.off_ground(simulator, positions, floor_z)).ravel(),
+        }
+
+
+@dataclass(frozen=True)
+class TellChunk(PlacesChunk):
+    """Choice of the places that tell something that their neighbours do not.
+
+    Attributes:
+        first, last: rows of the places, which are those of the tile.
+    """
+
+    first: int
+    last: int
+
+    @property
+    def _rows(self) -> slice:
+        return slice(self.first, self.last)
+
+    def run(self, inputs: Mapping[str, Path]) -> Arrays:
+        """Returns which places to keep. What becomes of a block of OPEN_SPACING_M depends on what is seen."""
+        positions, floor_z = self._places(inputs["places"])
+        block, standing = one_per_block(Spots.alone(positions[:, :2], floor_z), OPEN_SPACING_M)
+        simulator = self.simulator(inputs["mesh"], self._reach_m)
+        outlook = Outlook.of(self.sensor)
+        looks = [
+            outlook.at(simulator, positions[rows], floor_z[rows])
+            for rows in (standing[i : i + AT_ONCE] for i in range(0, len(standing), AT_ONCE))
+        ]
+        view_m, tells = (np.concatenate(column) for column in zip(*looks, strict=True))
+        keep = np.zeros(len(positions), np.bool_)
+        keep[standing] = True
+        keep |= (view_m < OPEN_VIEW_M)[block]
+        keep &= tells[block]
+        return {"keep": keep}

@@ -1,12 +1,13 @@
-"""Sample of points that is even in space, whatever their order and density."""
+"""Samples of points that are even in space, whatever their order and density."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.places.chance import chance_of
-from ..mesh.places.runs import rank_in_run
+from ..mesh.places.chance import begins_run, chance_of, rank_in_run
 
 
 def rows_by_place(
@@ -54,3 +55,65 @@ def rows_by_hash(points: NDArray[np.floating], at_most: int, cell_m: float) -> N
 def cells_of(points: NDArray[np.floating], cell_m: float) -> NDArray[np.int64]:
     """(n, 3) cube of each of (n, 3) points."""
     return np.floor(np.asarray(points, np.float64) / cell_m).astype(np.int64)
+
+
+STOREY_GAP_M = 1.0
+
+
+@dataclass(frozen=True)
+class Spots:
+    """Places, each of which may stand for others around it.
+
+    Attributes:
+        xy_m: (n, 2) of the places.
+        z: (n,) their heights.
+        low_z, high_z: (n,) lowest and highest place that each stands for.
+    """
+
+    xy_m: NDArray[np.float64]
+    z: NDArray[np.float64]
+    low_z: NDArray[np.float64]
+    high_z: NDArray[np.float64]
+
+    @classmethod
+    def alone(cls, xy_m: NDArray[np.float64], z: NDArray[np.float64]) -> Spots:
+        """Places of which each stands for itself."""
+        return cls(xy_m, z, z, z)
+
+
+def one_per_block(
+    spots: Spots, side_m: float, part: NDArray[np.integer] | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The block of each of n spots, and for each block the spot nearest to its centre.
+
+    Blocks are counted from the frame's origin. Places of one block whose heights leave no gap of
+    STOREY_GAP_M are on one storey. So the places of several parts may be thinned part by part, and what is
+    left of them together, with the result of thinning all at once.
+
+    Args:
+        part: (n,) places of different parts have different blocks; None: there are no parts.
+
+    Returns:
+        (n,) block and storey of each spot, and (blocks,) row of the spot that stands for each.
+    """
+    xy_m, z = spots.xy_m, spots.z
+    block = np.floor(xy_m / side_m).astype(np.int64)
+    place = np.column_stack([np.zeros(len(z), np.int64) if part is None else part, block])
+    order = np.lexsort((spots.low_z, place[:, 2], place[:, 1], place[:, 0]))
+    new_place = begins_run(place[order])
+    below = spots.high_z[order[_highest_so_far(spots.high_z[order], np.cumsum(new_place))]]
+    new_storey = np.append(True, spots.low_z[order][1:] - below[:-1] > STOREY_GAP_M)[: len(z)]
+    group = np.zeros(len(z), np.int64)
+    group[order] = np.cumsum(new_place | new_storey) - 1
+    off_centre = np.linalg.norm(xy_m - (block + 0.5) * side_m, axis=1).round(6)
+    best = np.lexsort((z, xy_m[:, 1], xy_m[:, 0], off_centre, group))
+    return group, best[np.append(True, np.diff(group[best]) != 0)[: len(z)]]
+
+
+def _highest_so_far(z: NDArray[np.float64], place: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n,) row of the highest of (n,) heights up to each row, within its place; places ascend."""
+    rank = np.empty(len(z), np.int64)
+    by_height = np.argsort(z, kind="stable")
+    rank[by_height] = np.arange(len(z))
+    highest: NDArray[np.int64] = by_height[np.maximum.accumulate(place * len(z) + rank) - place * len(z)]
+    return highest

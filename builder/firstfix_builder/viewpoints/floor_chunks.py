@@ -20,7 +20,7 @@ from ..mesh.places.surface_cells import surface_cells_of
 from ..mesh.tiled_mesh import TiledMesh
 from ..simulation.local_simulator import local_simulator
 from ..simulation.simulate import Simulator
-from .one_per_block import Spots
+from .even_sample import Spots
 from .sample import Viewpoints, floor_sampling, foot_near, joined_viewpoints
 from .tile_floors import FloorSampling, TileFloors, tile_floors
 from .tiles import SHARED_TILES, Tiling, in_order

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..execution.in_turn import in_turn
+from ..execution.local_executor import in_turn
 from ..simulation.simulate import MOST_SURFACES, Simulator
 
 APART_M = 0.02  # of the surfaces of a column

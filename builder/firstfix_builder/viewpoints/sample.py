@@ -16,8 +16,8 @@ from firstfix.builds.config import ViewpointConfig
 from firstfix.errors import BuildFailed
 
 from ..simulation.simulate import Simulator
+from .even_sample import Spots, one_per_block
 from .joined_parts import JoinedParts
-from .one_per_block import Spots, one_per_block
 from .tile_floors import FloorSampling, TileFloors, tile_floors
 from .tiles import Tiling
 from .trajectory_floor import Track, mount_height_m

@@ -10,10 +10,10 @@ from scipy.spatial import cKDTree
 
 from firstfix.builds.config import ViewpointConfig
 
-from ..mesh.places.runs import rank_in_run
+from ..mesh.places.chance import rank_in_run
 from ..simulation.simulate import Simulator
+from .even_sample import Spots, one_per_block
 from .floors import Grid, Surfaces, find_surfaces, fit_planes
-from .one_per_block import Spots, one_per_block
 from .tiles import MAX_COLUMN, Tiling
 from .trajectory_floor import with_trajectory_floor
 from .traversable import connected_parts, gap_strides, has_room, passable_pairs

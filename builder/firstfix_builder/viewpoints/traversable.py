@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ..execution.in_turn import in_turn
+from ..execution.local_executor import in_turn
 from ..simulation.simulate import Simulator
 from .floors import ColumnIndex, Grid, Surfaces
 

@@ -22,8 +22,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 
-from ..builds.caller_usage import FOLDER as CALLERS
-from ..builds.idempotency import FOLDER as IDEMPOTENCY
+from ..builds.callers import CALLERS_FOLDER, IDEMPOTENCY_FOLDER
 from ..builds.records import FINAL_STATES
 from ..catalog.catalog import Catalog, log_folder
 from ..catalog.log.log_garbage import change_garbage, log_garbage
@@ -94,11 +93,11 @@ def collect_garbage(
     if map_id is None:
         found.keys["builds"] = _builds(catalog, now - timedelta(seconds=ages.builds_s))
         found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
-        found.keys[IDEMPOTENCY] = [item.key for item in _older(catalog, IDEMPOTENCY, cutoff)]
-        found.keys[CALLERS] = _usage(catalog, now)
+        found.keys[IDEMPOTENCY_FOLDER] = [item.key for item in _older(catalog, IDEMPOTENCY_FOLDER, cutoff)]
+        found.keys[CALLERS_FOLDER] = _usage(catalog, now)
         found.keys["changes"] = change_garbage(catalog.store, cutoff)
         if not dry_run:
-            for kind in ("builds", "uploads", IDEMPOTENCY, CALLERS, "changes"):
+            for kind in ("builds", "uploads", IDEMPOTENCY_FOLDER, CALLERS_FOLDER, "changes"):
                 _remove(catalog, found.keys[kind])
         announcements = [item.key for item in _older(catalog, PENDING_DELETIONS, cutoff)]
         if not dry_run:
@@ -122,8 +121,8 @@ def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbag
     cutoff = now - timedelta(seconds=older_than_s)
     found = Garbage()
     found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
-    found.keys[IDEMPOTENCY] = [item.key for item in _older(catalog, IDEMPOTENCY, cutoff)]
-    found.keys[CALLERS] = _usage(catalog, now)
+    found.keys[IDEMPOTENCY_FOLDER] = [item.key for item in _older(catalog, IDEMPOTENCY_FOLDER, cutoff)]
+    found.keys[CALLERS_FOLDER] = _usage(catalog, now)
     for keys in found.keys.values():
         _remove(catalog, keys)
     return found
@@ -176,7 +175,7 @@ def _older(catalog: Catalog, folder: str, cutoff: datetime) -> list[StoredObject
 
 
 def _usage(catalog: Catalog, now: datetime) -> list[str]:
-    return [item.key for item in _older(catalog, CALLERS, now - timedelta(days=USAGE_DAYS))]
+    return [item.key for item in _older(catalog, CALLERS_FOLDER, now - timedelta(days=USAGE_DAYS))]
 
 
 def _by_folder(

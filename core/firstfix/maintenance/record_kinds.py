@@ -9,7 +9,7 @@ from typing import Any
 
 from ..access.api_keys import parse_key
 from ..builds.attempts import parse_attempt
-from ..builds.idempotency import parse_claim
+from ..builds.callers import parse_claim
 from ..builds.records import parse_request, parse_stages, parse_status
 from ..builds.shared_stages import parse_stage
 from ..catalog.georeferences import parse_georeference

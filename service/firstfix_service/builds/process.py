@@ -6,21 +6,111 @@ All queues run builds in such a process, because the service itself has no mesh 
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import os
+import re
 import signal
 import time
+import uuid
 from asyncio.subprocess import Process
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
+import structlog
+
 from firstfix.errors import BuildError
 
-from ..thread_pools import BUILDS
+from ..thread_pools import BUILDS, START
 from .metrics import last_message
-from .session_processes import kill_session, session_memory_bytes
+
+_PRIVATE = re.compile(rb"^(?:RssAnon|RssShmem):\s+(\d+) kB$", re.M)
+
+
+def session_memory_bytes(session: int) -> int:
+    """Returns the anonymous and shared memory of all processes of the session, without mapped files."""
+    total = 0
+    for folder, _ in _processes(session):
+        with suppress(OSError):  # it has ended
+            total += sum(int(kib) << 10 for kib in _PRIVATE.findall((folder / "status").read_bytes()))
+    return total
+
+
+def kill_session(session: int) -> None:
+    """Kills all processes of the session, group by group: a group is killed at once, even while it forks."""
+    for group in {session, *(group for _, group in _processes(session))}:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(group, signal.SIGKILL)
+
+
+def _processes(session: int) -> Iterator[tuple[Path, int]]:
+    """Yields the folder in /proc and the process group of each process."""
+    for folder in Path("/proc").iterdir():
+        if not folder.name.isdigit():
+            continue
+        try:
+            # The fields after the name, which can contain any character: state, parent, group, session.
+            fields = (folder / "stat").read_bytes().rpartition(b")")[2].split()
+            if int(fields[3]) == session:
+                yield folder, int(fields[2])
+        except (OSError, IndexError, ValueError):  # it has ended
+            continue
+
+
+_log = structlog.get_logger(__name__)
+WAIT_S = 1.0
+
+
+class WorkFolder:
+    """A folder with a lock that ends with its process.
+
+    It must be on a local disk, because locks over a network are not reliable.
+
+    Attributes:
+        claimant: id of the folder, for ``BuildAttempts``. Every process that takes the folder has the same
+            id, so it recognises open attempts of a killed predecessor.
+    """
+
+    def __init__(self, path: Path, handle: int, claimant: str) -> None:
+        self.path = path
+        self._handle = handle
+        self.claimant = claimant
+
+    @classmethod
+    def take(cls, path: Path) -> WorkFolder | None:
+        """Takes the folder; returns None if another process has it."""
+        path.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path / "queue.lock", os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            return None
+        claimant = uuid.uuid4().hex
+        with suppress(FileNotFoundError):
+            claimant = (path / "queue.id").read_text().strip() or claimant
+        part = path / ".queue.id.part"
+        part.write_text(claimant)
+        part.replace(path / "queue.id")
+        return cls(path, handle, claimant)
+
+    @classmethod
+    async def wait_for(cls, path: Path) -> WorkFolder:
+        """Takes the folder as soon as it is free. During a deployment the old process may still have it."""
+        waits = False
+        while (folder := await START.run(cls.take, path)) is None:
+            if not waits:
+                _log.info("another process runs builds in this folder", work_dir=str(path))
+            waits = True
+            await asyncio.sleep(WAIT_S)
+        return folder
+
+    def release(self) -> None:
+        """Gives the folder back."""
+        os.close(self._handle)
+
 
 STOP_GRACE_S = 10.0  # between SIGTERM and SIGKILL
 OLD_LOG_S = 30 * 86400.0

@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import datetime, timedelta, timezone
 
-from firstfix.builds.caller_usage import CallerUsage
+from firstfix.builds.callers import CallerUsage
 from firstfix.errors import QuotaExceeded
 
 from ..auth.authenticate import chosen_limit

@@ -6,21 +6,25 @@ import asyncio
 import math
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
 import structlog
 
 from firstfix.builds.attempts import Attempt, AttemptEnd, BuildAttempts
-from firstfix.builds.caller_usage import CallerUsage
+from firstfix.builds.callers import CallerUsage
 from firstfix.builds.exit_codes import ExitCode
 from firstfix.builds.records import FINAL_STATES, new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import (
     BuildAttemptsExceeded,
+    BuildError,
     BuildFailed,
+    BuildStalled,
+    BuildTimedOut,
     FirstfixError,
     NotFound,
     OutOfSpace,
@@ -31,9 +35,69 @@ from firstfix.maintenance.build_end import end_build
 from ..telemetry.metrics import Metrics
 from ..thread_pools import BUILDS
 from .metrics import count_build
-from .process import STOP_GRACE_S, BuildCommand, BuildProcess
-from .watch import BuildLimits, BuildWatch
-from .work_folder import WorkFolder
+from .process import STOP_GRACE_S, BuildCommand, BuildProcess, WorkFolder
+
+
+@dataclass(frozen=True)
+class BuildLimits:
+    """Time limits.
+
+    Attributes:
+        timeout_s: of all attempts of a build together.
+        stall_s: of one attempt whose status does not change.
+    """
+
+    timeout_s: float
+    stall_s: float
+
+
+class BuildWatch:
+    """Watches the time of one attempt, from its start.
+
+    Args:
+        before_s: time that earlier attempts have run.
+        clock: monotonic time in seconds.
+    """
+
+    def __init__(
+        self, limits: BuildLimits, before_s: float, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._limits = limits
+        self._before_s = before_s
+        self._clock = clock
+        self._started = self._progressed = clock()
+        self._stopped: float | None = None
+        self._seen: object = None
+
+    @property
+    def ran_s(self) -> float:
+        """Time that this attempt has run."""
+        return (self._clock() if self._stopped is None else self._stopped) - self._started
+
+    def stop(self) -> None:
+        """Stops the clock: the attempt has ended."""
+        self._stopped = self._clock()
+
+    def see(self, status: Mapping[str, Any] | None) -> None:
+        """Records the status of the build.
+
+        Args:
+            status: None if it cannot be read now. The time without progress then starts again, because an
+                unreadable status is not the build's fault.
+        """
+        seen = None if status is None else (status.get("stage"), status.get("progress"))
+        if seen is None or seen != self._seen:
+            self._seen = seen
+            self._progressed = self._clock()
+
+    def overdue(self) -> BuildError | None:
+        """Returns the error if a limit is exceeded."""
+        if self._before_s + self.ran_s > self._limits.timeout_s:
+            return BuildTimedOut(f"the build ran for more than {self._limits.timeout_s:g} s")
+        if self._clock() - self._progressed > self._limits.stall_s:
+            return BuildStalled(f"the build made no progress for {self._limits.stall_s:g} s")
+        return None
+
 
 _log = structlog.get_logger(__name__)
 FINAL_RECORD_S = 5.0  # limit for the last write to the store when this process has to end

@@ -11,11 +11,10 @@ from ..maintenance.cleanup import shared_stages_removal
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..thread_pools.background import run_in_background
-from .embedded_queue import EmbeddedBuildQueue
 from .nats.queue import NatsBuildQueue
 from .process import BuildCommand
-from .queue import BuildQueue
-from .watch import BuildLimits
+from .queue import BuildQueue, EmbeddedBuildQueue
+from .runner import BuildLimits
 
 
 def builder_is_installed() -> bool:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Request
 
-from firstfix.builds.caller_usage import CallerUsage
+from firstfix.builds.callers import CallerUsage
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.query_samples import QuerySamples

@@ -15,7 +15,7 @@ import structlog
 
 import firstfix
 from firstfix import native
-from firstfix.builds.caller_usage import CallerUsage
+from firstfix.builds.callers import CallerUsage
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.query_samples import QuerySamples

@@ -19,11 +19,11 @@ from firstfix_builder.execution.build_trace import (
     BuildTrace,
     current_build,
     mark_cached,
+    set_up_build_log,
     within_a_stage,
 )
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.job.build_job import BuildJob
-from firstfix_builder.job.log import set_up_build_log
 from firstfix_builder.job.run_build import run_build
 from otlp_collector import Collector, running_collector
 from waiting import LIMIT_S

@@ -17,9 +17,15 @@ from firstfix.errors import BuildCancelled, StoreError
 from firstfix.sensor import preset
 from firstfix.store.store import Store
 from firstfix_builder.execution.build_trace import BuildTrace
-from firstfix_builder.execution.chunk_cache import ChunkCache
-from firstfix_builder.execution.chunk_executor import ChunkBatch, ChunkExecutor, run_chunks
-from firstfix_builder.execution.chunks import ChunkResults, KeyedChunk, make_chunk
+from firstfix_builder.execution.chunks import (
+    ChunkBatch,
+    ChunkCache,
+    ChunkExecutor,
+    ChunkResults,
+    KeyedChunk,
+    make_chunk,
+    run_chunks,
+)
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from firstfix_builder.mesh.map_tiles import by_nested_tiles
 from firstfix_builder.templates.make import TemplatesChunk, chunk_tile_m, template_chunks, write_templates

@@ -20,9 +20,7 @@ from certificates import certificates
 from firstfix.builds.config import BuildConfig, ReconstructConfig
 from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption
 from firstfix.store.store import Store
-from firstfix_builder.execution.chunk_cache import ChunkCache
-from firstfix_builder.execution.chunk_executor import run_chunks
-from firstfix_builder.execution.chunks import ChunkResults
+from firstfix_builder.execution.chunks import ChunkCache, ChunkResults, run_chunks
 from firstfix_builder.execution.dask_executor import DaskExecutor
 from firstfix_builder.execution.executor_url import dask_address
 from firstfix_builder.execution.stage_cache import StageCache, StageResult

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from firstfix.errors import BuildCancelled, BuildFailed
-from firstfix_builder.execution.chunk_executor import ChunkBatch, run_chunks
-from firstfix_builder.execution.chunks import ChunkResults
+from firstfix_builder.execution.chunks import ChunkBatch, ChunkResults, run_chunks
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageResult
 

@@ -17,7 +17,7 @@ from firstfix.builds.config import BuildConfig
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.engine.index import MAP_FILE
 from firstfix.transform import make_transform, rotation_angle_deg, rotation_z, transform_points
-from firstfix_builder.execution.chunk_cache import ChunkCache
+from firstfix_builder.execution.chunks import ChunkCache
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from firstfix_builder.index.cloud_octree import NO_NORMAL, POINT

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from firstfix_builder.index.preview import draw_preview
-from firstfix_builder.index.top_view import PIXELS, TopView
+from firstfix_builder.index.top_view import PIXELS, TopView, draw_preview
 
 
 def test_pixels_tell_how_high_and_how_many_points_are_and_lie_where_they_are():

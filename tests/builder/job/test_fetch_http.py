@@ -11,9 +11,8 @@ import pytest
 
 from firstfix.errors import BuildFailed, InvalidOption, NotFound, TooLarge
 from firstfix.store.store import Store
-from firstfix_builder.job import fetch_http as module
-from firstfix_builder.job.fetch_http import fetch_http
-from firstfix_builder.job.fetch_source import SourceFetch, SourcePolicy
+from firstfix_builder.job import fetch_source as module
+from firstfix_builder.job.fetch_source import SourceFetch, SourcePolicy, fetch_http
 
 pytestmark = pytest.mark.slow
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firstfix_builder.mesh.clip import clip_mesh
 from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.mesh.poisson import clip_mesh
 
 
 def area_vectors(mesh: Mesh) -> NDArray[np.float64]:

@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from firstfix.builds.config import ReconstructConfig
 from firstfix.errors import BuildFailed
-from firstfix_builder.mesh.blocks import Block
+from firstfix_builder.mesh.map_tiles import Block
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.reconstruct import mesh_chunks
-from firstfix_builder.mesh.sampling import Sampling
-from firstfix_builder.mesh.signed_distance import signed_distance_mesh
+from firstfix_builder.mesh.signed_distance import Sampling, signed_distance_mesh
 from firstfix_builder.simulation.simulate import Simulator, upright
 
 SPACING_M = 0.1

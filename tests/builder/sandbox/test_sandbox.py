@@ -28,8 +28,8 @@ from firstfix_builder.execution.stage_names import STAGES
 from firstfix_builder.job.build_job import BuildJob
 from firstfix_builder.job.run_build import run_build
 from firstfix_builder.sandbox import seccomp
+from firstfix_builder.sandbox.confine import SIGNALS_VERSION, landlock_version
 from firstfix_builder.sandbox.hand_over import take_files
-from firstfix_builder.sandbox.landlock import SIGNALS_VERSION, landlock_version
 from firstfix_builder.sandbox.process import SandboxOptions
 from firstfix_builder.sandbox.sandboxed_build import Built, SandboxedBuild
 from firstfix_builder.sessions import stages as session_stages

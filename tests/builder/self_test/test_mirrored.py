@@ -6,7 +6,7 @@ import pytest
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform, rotation_z
-from firstfix_builder.self_test.mirrored import is_in_map, mirrored
+from firstfix_builder.self_test.equal_places import is_in_map, mirrored
 from firstfix_builder.simulation.boxes import Boxes
 from firstfix_builder.simulation.simulate import Simulator
 

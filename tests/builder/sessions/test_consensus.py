@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 
 from firstfix.transform import make_transform, rotation_z
+from firstfix_builder.sessions.agreement import consensus_of
 from firstfix_builder.sessions.ask_places import AskedPlace
-from firstfix_builder.sessions.consensus import consensus_of
 
 T_TRUE = make_transform(rotation_z(2.0), [30.0, -12.0, 0.4])
 

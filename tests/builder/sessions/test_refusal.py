@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firstfix_builder.sessions.agreement import Agreement
+from firstfix_builder.sessions.agreement import Agreement, Consensus
 from firstfix_builder.sessions.ask_places import AskedPlace
 from firstfix_builder.sessions.check import SharedPlace
-from firstfix_builder.sessions.consensus import Consensus
 from firstfix_builder.sessions.join import Overlap
-from firstfix_builder.sessions.refusal import bent, no_consensus, not_one_place
+from firstfix_builder.sessions.place_session import bent, no_consensus, not_one_place
 
 VOTES = [AskedPlace(np.array([float(n), 0, 0]), np.eye(4)[None], np.array([0.7]), True) for n in range(20)]
 FOUND = Consensus(np.eye(4), np.arange(12), 8.4, 1.0)

@@ -4,7 +4,7 @@ import numpy as np
 from box_scenes import box, floor, sampled, walls
 
 from firstfix_builder.mesh.mesh import Mesh
-from firstfix_builder.sessions.seen_through import seen_through
+from firstfix_builder.sessions.merge import seen_through
 from firstfix_builder.simulation.simulate import Simulator
 
 ROOM = [floor(0, 0, 12, 8), *walls(0, 0, 12, 8)]

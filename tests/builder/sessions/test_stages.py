@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from firstfix.builds.config import BuildConfig
 from firstfix.errors import BuildFailed, InvalidOption, MalformedData
 from firstfix.transform import inverse, rotation_angle_deg, transform_points
-from firstfix_builder.execution.chunk_cache import ChunkCache
+from firstfix_builder.execution.chunks import ChunkCache
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.sessions.stages import SessionStages

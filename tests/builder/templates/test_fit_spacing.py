@@ -18,8 +18,7 @@ from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.tiled_mesh import TiledMesh
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.templates.fit_spacing import ROOM_SPACING_M, fitting_viewpoints, write_places
-from firstfix_builder.templates.look_chunks import OPEN_SPACING_M
-from firstfix_builder.templates.outlook import Outlook
+from firstfix_builder.templates.outlook import OPEN_SPACING_M, Outlook
 from firstfix_builder.viewpoints.sample import DEFAULT_SPACING_M
 
 SENSOR = SensorModel("rings", tuple(np.linspace(-20, 20, 32).tolist()), 1.0, 0.1, 45.0, 0.8)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from firstfix_builder.viewpoints.one_per_block import Spots, one_per_block
+from firstfix_builder.viewpoints.even_sample import Spots, one_per_block
 
 
 def test_the_place_nearest_to_the_centre_stands_for_its_block_and_storey():

@@ -52,7 +52,7 @@ def test_small_files_of_large_maps_end_before_the_work(tmp_path, monkeypatch, ma
     monkeypatch.setattr("firstfix_builder.build_stages.clean_cloud", lambda cloud, config: cloud)
     chunks = []
     monkeypatch.setattr(
-        "firstfix_builder.execution.chunk_cache.ChunkCache.run", lambda self, *given: chunks.append(given)
+        "firstfix_builder.execution.chunks.ChunkCache.run", lambda self, *given: chunks.append(given)
     )
     published = []
     with pytest.raises(BuildFailed, match=why) as refused:

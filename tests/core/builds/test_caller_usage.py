@@ -4,7 +4,7 @@ from datetime import timedelta
 
 import pytest
 
-from firstfix.builds.caller_usage import FOLDER, CallerUsage
+from firstfix.builds.callers import FOLDER, CallerUsage
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.maintenance.garbage import USAGE_DAYS, collect_garbage, remove_abandoned

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from firstfix.builds.idempotency import FOLDER, CallersKey, claim_build, claimed_build
+from firstfix.builds.callers import FOLDER, CallersKey, claim_build, claimed_build
 from firstfix.errors import IdempotencyConflict
 from firstfix.store.store import Store
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from firstfix.builds.idempotency import CallersKey, claim_build
+from firstfix.builds.callers import CallersKey, claim_build
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest

@@ -14,7 +14,7 @@ import pytest
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
 from firstfix.builds.attempts import AttemptEnd, BuildAttempts
-from firstfix.builds.idempotency import CallersKey, claim_build
+from firstfix.builds.callers import CallersKey, claim_build
 from firstfix.builds.records import UNREADABLE, new_status
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import firstfix
-from firstfix.builds.idempotency import CallersKey, claim_build
+from firstfix.builds.callers import CallersKey, claim_build
 from firstfix.builds.shared_stages import SharedStages, collect_stages
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest

@@ -18,8 +18,7 @@ from firstfix.builds.attempts import BuildAttempts
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
-from firstfix_service.builds.session_processes import session_memory_bytes
-from firstfix_service.builds.work_folder import WorkFolder
+from firstfix_service.builds.process import WorkFolder, session_memory_bytes
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow

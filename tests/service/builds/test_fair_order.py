@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from nats_world import nats_world
 
 from firstfix.builds.records import FINAL_STATES
-from firstfix_service.builds.fair_order import FairOrder
 from firstfix_service.builds.nats.builds import MAX_AHEAD
-from firstfix_service.builds.unfinished import UnfinishedBuild
+from firstfix_service.builds.queue import FairOrder, UnfinishedBuild
 from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 from waiting import wait_until
 

@@ -11,7 +11,7 @@ import httpx
 import pytest
 from service_world import Service, running_service
 
-from firstfix.builds.idempotency import CallersKey, claim_build
+from firstfix.builds.callers import CallersKey, claim_build
 from firstfix_service.auth.principal import ANONYMOUS
 from firstfix_service.http_api.bodies.submission import NamedUrl, Submission
 

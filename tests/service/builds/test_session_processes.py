@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from firstfix_service.builds.session_processes import kill_session, session_memory_bytes
+from firstfix_service.builds.process import kill_session, session_memory_bytes
 from waiting import wait_until
 
 ALLOCATE = "import sys; data = bytearray(b'x') * (100 << 20); print('ready', flush=True); sys.stdin.read()"

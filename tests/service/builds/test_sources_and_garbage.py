@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from firstfix.builds.caller_usage import CallerUsage
+from firstfix.builds.callers import CallerUsage
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.log.map_state import Event

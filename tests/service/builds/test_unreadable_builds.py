@@ -9,7 +9,7 @@ from service_world import Service
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
-from firstfix_service.builds.unfinished import UnfinishedBuilds
+from firstfix_service.builds.queue import UnfinishedBuilds
 from firstfix_service.telemetry.metrics import Metrics
 
 BROKEN = [b"", b'{"map_id": "ha', b"[]", b'{"state": 3, "map_id": []}', b'{"a":' * 50_000]

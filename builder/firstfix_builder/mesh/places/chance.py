@@ -1,4 +1,4 @@
-"""Samples that depend on each place alone: a change of a map leaves the sample elsewhere as it is."""
+"""Samples and roundings that a change of one part of a map leaves as they are elsewhere."""
 
 from __future__ import annotations
 
@@ -7,7 +7,28 @@ from numpy.typing import NDArray
 
 from firstfix.bit_exact.sample import hashed
 
-from .runs import begins_run, rank_in_run
+
+def begins_run(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(n,) whether each of (n, k) rows differs from the one before. The first does."""
+    begins = np.ones(len(rows), np.bool_)
+    begins[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    return begins
+
+
+def rank_in_run(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n,) number of each of (n, k) rows within its run, from 0."""
+    at = np.arange(len(rows))
+    return at - np.maximum.accumulate(np.where(begins_run(rows), at, 0))
+
+
+SPACING_STEPS = 12  # of an octave: 6 %
+VIEW_STEPS = 6  # of an octave: 12 %
+
+
+def stepped(value: float, per_octave: int) -> float:
+    """Returns the nearest power of 2 ** (1 / per_octave) to a positive value."""
+    return float(2 ** (round(np.log2(value) * per_octave) / per_octave))
+
 
 _SPREAD = np.uint32(0x9E3779B1)
 

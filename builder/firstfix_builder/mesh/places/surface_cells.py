@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh import highest, longest_edge, lowest, middle
-from .runs import begins_run
+from .chance import begins_run
 
 CELL_M = 4.0
 FILE = "surface_cells.npz"

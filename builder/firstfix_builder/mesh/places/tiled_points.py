@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .runs import begins_run
+from .chance import begins_run
 
 TILE_M = 8.0
 _POINTS, _TILES = "points.npy", "point_tiles.npz"

@@ -19,8 +19,7 @@ from ...settings import Settings
 from ...telemetry.metrics import Metrics
 from ...thread_pools import MAINTENANCE
 from ...thread_pools.background import end_if_cancelled
-from ..fair_order import FairOrder
-from ..unfinished import UnfinishedBuilds
+from ..queue import FairOrder, UnfinishedBuilds
 from .address import NatsAddress
 from .builds import NatsBuilds
 

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Header, Request, Response
 from fastapi.responses import JSONResponse
 
 from firstfix.access.permissions import Scope
-from firstfix.builds.idempotency import CallersKey, claim_build, claimed_build
+from firstfix.builds.callers import CallersKey, claim_build, claimed_build
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import Conflict, NotFound, UnsupportedFormat
 from firstfix.ids import is_name, new_build_id

@@ -13,7 +13,7 @@ from firstfix.engine.config import OccupancyConfig
 from firstfix.sensor import preset
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.mesh.mesh import Mesh
-from firstfix_builder.mesh.places.steps import stepped
+from firstfix_builder.mesh.places.chance import stepped
 from firstfix_builder.mesh.places.surface_cells import CELL_M, FILE, GROUP, SurfaceCells
 from firstfix_builder.mesh.places.tiled_points import TILE_M, TiledPoints
 from firstfix_builder.mesh.reconstruct import PoissonChunk

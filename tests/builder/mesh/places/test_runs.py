@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from firstfix_builder.mesh.places.runs import begins_run, rank_in_run
+from firstfix_builder.mesh.places.chance import begins_run, rank_in_run
 
 ROWS = np.array([[0, 0], [0, 0], [0, 1], [2, 1], [2, 1], [2, 1], [0, 0]])
 

@@ -1,1 +1,0 @@
-"""Declarations in the headers of files, compared with their size before a library believes them."""
