@@ -47,8 +47,13 @@ class Asked:
         return {**found, "outcomes": dict(self.outcomes)}
 
 
-def ask_over_http(url: str, map_id: str, timeout_s: float = 30.0) -> Iterator[Ask]:
-    with httpx.Client(base_url=url, timeout=timeout_s) as http:
+def ask_over_http(
+    url: str, map_id: str, timeout_s: float = 30.0, api_key: str = "", keep_alive: bool = True
+) -> Iterator[Ask]:
+    """Asks over a connection of its own, or over a new one each time."""
+    headers = {"Authorization": f"Bearer {api_key}"} if api_key else {}
+    limits = httpx.Limits(max_keepalive_connections=1 if keep_alive else 0)
+    with httpx.Client(base_url=url, timeout=timeout_s, headers=headers, limits=limits) as http:
 
         def ask(body: Body) -> str:
             try:

@@ -11,11 +11,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,15 +28,14 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import CLOUD_POINTS, Manifest
 from firstfix.store.store import Store
 
-from ..common.load import Body
+from ..common.load import Ask, Body, Crowd, ask_over_http
 from ..common.programs import Replica, replica
 from ..common.small_map import make_small_map, query_of
 from .attacks import ATTACKS
 
 MAP = "yard"
-CLIENTS = 2
 PAUSE_S = 0.05  # between two queries of a client: this caller leaves most of the machine alone
-HEALTH_PAUSE_S = 0.2
+CALL_PAUSE_S = 0.2
 TIMEOUT_S = 30.0
 WARM_UP_QUERIES = 20
 MAX_RATIO = 2.0
@@ -85,16 +84,14 @@ def under_attack(
     }
     settings = {"store": store, "auth": "on", "run_builds": False, "metrics_public": True}
     with replica(directory / "replica", **settings) as one:
-        for _ in range(WARM_UP_QUERIES):
-            _ask(one.url, ours, body)
+        with contextmanager(ask_over_http)(one.url, MAP, TIMEOUT_S, ours) as ask:
+            for _ in range(WARM_UP_QUERIES):
+                ask(body)
         for name in attacks:
-            with _watched(one, ours, body) as quiet:
-                time.sleep(seconds)
-            with (
-                _attacked(one, name, (digest, theirs), seconds + TIMEOUT_S, share) as attackers,
-                _watched(one, ours, body) as attacked,
-            ):
-                time.sleep(seconds)
+            quiet, attacked = Watch(one, ours, body), Watch(one, ours, body)
+            quiet.run(seconds)
+            with _attacked(one, name, (digest, theirs), seconds + TIMEOUT_S, share) as attackers:
+                attacked.run(seconds)
             figures["attacks"][name] = {
                 "quiet": quiet.figures(),
                 "attacked": attacked.figures(),
@@ -123,111 +120,77 @@ def table(figures: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-@dataclass
-class Seen:
-    """The queries of another caller during an attack.
+class Watch:
+    """Another caller during a block: its queries, its calls of /caller, the health checks, and the memory.
 
-    Attributes:
-        calls: seconds of its calls of /caller, which need neither the store nor a query worker.
-        failures: of its queries, its calls and the health checks, in words.
-        most_mb: memory of the service's process.
+    The calls need neither the store nor a query worker. Queries go over kept connections and over new ones.
     """
 
-    seconds: list[float] = field(default_factory=list)
-    calls: list[float] = field(default_factory=list)
-    most_mb: float = 0.0
-    failures: list[str] = field(default_factory=list)
+    def __init__(self, one: Replica, key: str, body: Body) -> None:
+        self._one = one
+        robots = [
+            Crowd(partial(ask_over_http, one.url, MAP, TIMEOUT_S, key, keep_alive=kept), [body], 1, PAUSE_S)
+            for kept in (True, False)
+        ]
+        caller, health = (
+            Crowd(partial(_get, one.url, path, key), [body], 1, CALL_PAUSE_S)
+            for path in ("/caller", "/healthz")
+        )
+        self._crowds = {"query": robots, "caller": [caller], "healthz": [health]}
+        self._most_mb = 0.0
 
     @property
     def p99_ms(self) -> float:
-        return float(np.percentile(self.seconds, 99)) * 1e3 if self.seconds else float("inf")
+        return float(np.percentile(self._seconds("query") or [np.inf], 99)) * 1e3
+
+    def run(self, seconds: float) -> None:
+        """Asks for so long, and until each has been answered once. What is under way then is waited for."""
+        every = [crowd for crowds in self._crowds.values() for crowd in crowds]
+        with ExitStack() as running:
+            for crowd in every:
+                running.enter_context(crowd)
+            until = time.monotonic() + seconds
+            while time.monotonic() < until or not all(crowd.asked.outcomes for crowd in every):
+                self._most_mb = max(self._most_mb, _resident_mb(self._one))
+                time.sleep(CALL_PAUSE_S)
 
     def figures(self) -> dict[str, Any]:
+        failures = Counter(
+            {
+                f"{what}: {outcome}": count
+                for what, crowds in self._crowds.items()
+                for crowd in crowds
+                for outcome, count in crowd.asked.outcomes.items()
+                if outcome != "ok"
+            }
+        )
+        seconds = self._seconds("query")
         return {
-            "queries": len(self.seconds),
-            "failed": len(self.failures),
-            "failures": sorted(set(self.failures)),
-            "p50_ms": round(float(np.median(self.seconds)) * 1e3, 1) if self.seconds else None,
+            "queries": len(seconds),
+            "failed": failures.total(),
+            "failures": sorted(failures),
+            "p50_ms": round(float(np.median(seconds)) * 1e3, 1) if seconds else None,
             "p99_ms": round(self.p99_ms, 1),
-            "slowest_ms": round(max(self.seconds, default=float("inf")) * 1e3, 1),
-            "slowest_call_ms": round(max(self.calls, default=float("inf")) * 1e3, 1),
-            "most_mb": round(self.most_mb, 1),
+            "slowest_ms": round(max(seconds, default=np.inf) * 1e3, 1),
+            "slowest_call_ms": round(max(self._seconds("caller"), default=np.inf) * 1e3, 1),
+            "most_mb": round(self._most_mb, 1),
         }
 
-
-@contextmanager
-def _watched(one: Replica, key: str, body: Body) -> Iterator[Seen]:
-    """Asks until the block ends: on connections that are kept and on new ones, and for the health.
-
-    What is under way then is waited for: it may be the slowest of all.
-    """
-    seen, stop = Seen(), threading.Event()
-
-    def robot(is_kept: bool) -> None:
-        with httpx.Client(timeout=TIMEOUT_S) as kept:
-            while not (stop.is_set() and (seen.seconds or seen.failures)):  # a busy machine begins late
-                begin = time.perf_counter()
-                outcome = _ask(one.url, key, body, kept if is_kept else None)
-                if outcome == "ok":
-                    seen.seconds.append(time.perf_counter() - begin)
-                else:
-                    seen.failures.append(outcome)
-                stop.wait(PAUSE_S)
-
-    def caller() -> None:
-        while not (stop.is_set() and (seen.calls or seen.failures)):
-            seen.most_mb = max(seen.most_mb, _resident_mb(one))
-            begin = time.perf_counter()
-            try:
-                answer = httpx.get(f"{one.url}/caller", headers=_authorization(key), timeout=TIMEOUT_S)
-                if answer.is_success:
-                    seen.calls.append(time.perf_counter() - begin)
-                else:
-                    seen.failures.append(f"caller: {answer.status_code}")
-            except httpx.TransportError as error:
-                seen.failures.append(f"caller: {type(error).__name__}")
-            stop.wait(HEALTH_PAUSE_S)
-
-    def health() -> None:
-        while not stop.is_set():
-            try:
-                answer = httpx.get(f"{one.url}/healthz", timeout=TIMEOUT_S)
-                if not answer.is_success:
-                    seen.failures.append(f"healthz: {answer.status_code}")
-            except httpx.TransportError as error:
-                seen.failures.append(f"healthz: {type(error).__name__}")
-            stop.wait(HEALTH_PAUSE_S)
-
-    threads = [threading.Thread(target=robot, args=(n % 2 == 0,)) for n in range(CLIENTS)]
-    threads += [threading.Thread(target=health), threading.Thread(target=caller)]
-    for thread in threads:
-        thread.start()
-    try:
-        yield seen
-    finally:
-        stop.set()
-        for thread in threads:
-            thread.join()
+    def _seconds(self, what: str) -> list[float]:
+        return [seconds for crowd in self._crowds[what] for seconds in crowd.asked.seconds]
 
 
-def _ask(url: str, key: str, body: Body, http: httpx.Client | None = None) -> str:
-    headers = {"Content-Type": body.media_type, **_authorization(key)}
-    post = httpx.post if http is None else http.post
-    try:
-        answer = post(
-            f"{url}/localize",
-            params={"map": MAP},
-            content=body.content,
-            headers=headers,
-            timeout=TIMEOUT_S,
-        )
-    except httpx.TransportError as error:
-        return type(error).__name__
-    return "ok" if answer.is_success else str(answer.status_code)
+def _get(url: str, path: str, key: str) -> Iterator[Ask]:
+    """Gets the path over a new connection each time."""
 
+    def ask(body: Body) -> str:
+        try:
+            answer = httpx.get(f"{url}{path}", headers={"Authorization": f"Bearer {key}"}, timeout=TIMEOUT_S)
+        except httpx.TransportError as error:
+            return type(error).__name__
+        return "ok" if answer.is_success else str(answer.status_code)
 
-def _authorization(key: str) -> dict[str, str]:
-    return {"Authorization": f"Bearer {key}"}
+    yield ask
 
 
 def _resident_mb(one: Replica) -> float:

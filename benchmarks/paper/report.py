@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from ..common.markdown import table
 from .published import DESCRIPTOR_MS, TABLE_2, TABLE_3, TABLE_4, TABLE_5, WITHIN_M
 
 
@@ -136,6 +137,4 @@ def _within() -> list[str]:
 
 
 def _markdown(title: str, header: Sequence[Any], rows: Iterable[Sequence[Any]]) -> str:
-    lines = [f"### {title}", "", "| " + " | ".join(map(str, header)) + " |", "|" + "---|" * len(header)]
-    lines += ["| " + " | ".join(map(str, row)) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
+    return "\n".join([f"### {title}", "", *table(header, rows)]) + "\n"

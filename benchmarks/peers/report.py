@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ..common.by_dataset import Figures, sections
+from ..common.markdown import table
 
 COLUMNS = {
     "success_0.2m_1deg": "0.2 m, 1 deg",
@@ -25,14 +26,10 @@ def report(figures: Mapping[str, Figures | str]) -> str:
 
 
 def _section(rows: Figures) -> list[str]:
-    lines = [
-        f"{len(rows['asked'])} scans: {', '.join(rows['asked'])}",
-        "",
-        f"| method | {' | '.join(COLUMNS.values())} |",
-        "|---" * (1 + len(COLUMNS)) + "|",
+    peers = [
+        (peer, row) if isinstance(row, str) else (peer, *(row[key] for key in COLUMNS))
+        for peer, row in rows.items()
+        if peer != "asked"
     ]
-    for peer, row in rows.items():
-        if peer != "asked":
-            cells = [row] if isinstance(row, str) else [str(row[key]) for key in COLUMNS]
-            lines.append(f"| {peer} | {' | '.join(cells)} |")
-    return lines
+    asked = f"{len(rows['asked'])} scans: {', '.join(rows['asked'])}"
+    return [asked, "", *table(("method", *COLUMNS.values()), peers)]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..common.by_dataset import Figures, sections
+from ..common.markdown import table
 
 HEAD = (
     "scans",
@@ -38,12 +39,14 @@ def _section(found: Figures) -> list[str]:
         f"{build['bytes'] / 1e6:.0f} MB.",
         *(_http_line(gravity, evaluated) for gravity, evaluated in found["over_http"].items()),
         "",
-        _row(HEAD),
-        "|---" * len(HEAD) + "|",
     ]
-    for variant, by_gravity in found["variants"].items():
-        for gravity, figures in by_gravity.items():
-            lines += [_row(cells) for cells in _cells(variant, gravity, figures)]
+    asked = [
+        cells
+        for variant, by_gravity in found["variants"].items()
+        for gravity, figures in by_gravity.items()
+        for cells in _cells(variant, gravity, figures)
+    ]
+    lines += table(HEAD, asked)
     reasons = [
         f"* {variant}, gravity {gravity}: {_counts(figures['reasons'])}"
         for variant, by_gravity in found["variants"].items()
@@ -87,7 +90,3 @@ def _pair(percentiles: Mapping[str, float] | None, digits: int) -> str:
 
 def _counts(reasons: Mapping[str, int]) -> str:
     return ", ".join(f"{reason} {number}" for reason, number in sorted(reasons.items()))
-
-
-def _row(cells: tuple[str, ...] | list[str]) -> str:
-    return f"| {' | '.join(cells)} |"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+from ..common.markdown import table
 from .figures import NEES_MEDIAN
 
 BARS = {
@@ -97,10 +98,8 @@ def _table(
     cells: Callable[[Mapping[str, Any]], Iterable[Any]],
     more: Iterable[Iterable[Any]] = (),
 ) -> str:
-    lines = [f"### {title}", "", _line((first, *header)), "|" + "---|" * (len(header) + 1)]
-    lines += [_line((name, *cells(row))) for name, row in rows.items()]
-    lines += map(_line, more)
-    return "\n".join(lines) + "\n"
+    lines = table((first, *header), [*((name, *cells(row)) for name, row in rows.items()), *more])
+    return "\n".join([f"### {title}", "", *lines]) + "\n"
 
 
 def _bar_cells(row: Mapping[str, Any]) -> list[Any]:
@@ -129,7 +128,3 @@ def _cells(row: Mapping[str, Any]) -> tuple[Any, ...]:
 
 def _milliseconds(percentiles: Mapping[str, float]) -> str:
     return " / ".join(f"{ms:.0f}" for ms in percentiles.values())
-
-
-def _line(cells: Iterable[Any]) -> str:
-    return "| " + " | ".join("-" if cell is None else str(cell) for cell in cells) + " |"

@@ -15,7 +15,6 @@ from typing import Any
 from ..common.programs import free_port, replica
 from ..common.worlds import WORLDS
 from .loading import cold_load, hot_swap
-from .many_maps import many_maps
 from .queried_version import QueriedVersion, make_queried_version
 from .replica_memory import replica_memory
 from .replicas import Course, replicas_suite
@@ -29,7 +28,6 @@ PARTS = (
     "cold_load",
     "hot_swap",
     "replicas",
-    "many_maps",
     "replica_memory",
 )
 
@@ -64,8 +62,6 @@ def measure(queried: QueriedVersion, parts: Iterable[str], *, quick: bool = Fals
                 figures[part] = replicas_suite(
                     queried, bodies, directory, Course(cut_s=5.0) if quick else Course()
                 )
-            elif part == "many_maps":
-                figures[part] = many_maps(queried, bodies, directory, rounds=1 if quick else 3)
             elif part == "replica_memory":
                 figures[part] = replica_memory(queried, bodies, directory)
             else:

@@ -87,9 +87,10 @@ def body_answerer(
 
 
 def _in_process(map_id: str, store: str) -> BodyAnswerer:
-    from firstfix.decode import decode_query, undo_content_encoding
+    from firstfix.decode import decode_query
     from firstfix.engine.index import MapIndex
     from firstfix.engine.localizer import Localizer
+    from firstfix.wire.content_encoding import undo_content_encoding
 
     loaded: dict[str | None, tuple[str, Localizer, bool]] = {}
 

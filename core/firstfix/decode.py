@@ -20,7 +20,6 @@ from .ros.media_types import CDR, ZENOH_CDR, check_cloud_type
 from .ros.point_cloud2 import decode_point_cloud2
 from .scan.scan import Scan
 from .scan.sequence import AnyScan, ScanSequence
-from .wire.content_encoding import undo_content_encoding
 
 __all__ = [
     "MEDIA_TYPES",
@@ -29,7 +28,6 @@ __all__ = [
     "decoder_of",
     "is_point_cloud2",
     "read_scan_file",
-    "undo_content_encoding",
 ]
 
 MAX_SCAN_FILE_BYTES = 1_000_000_000

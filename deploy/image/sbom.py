@@ -2,7 +2,8 @@
 
     sbom.py VENV NAME VERSION >FILE
 
-It lists the Python packages in VENV with their licences, and the Debian packages that dpkg lists.
+It lists the Python packages in VENV with their licences, and the Debian packages that dpkg lists. It is not
+cyclonedx-bom, which knows no Debian packages, nor syft, whose makers publish no package that a lock can pin.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Removes files from an image that no running program needs, and checks that all modules still load.
 
-    slim.py VENV service    also removes the parts of SciPy that only builds use
+    slim.py VENV service    also removes what only builds use: parts of SciPy, the sample worlds
     slim.py VENV builder
 
 Run it with the system's Python while an image is made; it needs strip from binutils. It keeps the metadata
@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 # The service uses k-d trees, rotations and a minimizer of SciPy. These parts are not needed for them.
-UNUSED_BY_SERVICE = [
+UNUSED_BY_SERVICE = ["firstfix_worlds"] + [
     f"scipy/{part}"
     for part in ("cluster", "datasets", "differentiate", "fftpack", "integrate", "interpolate", "io", "misc")
     + ("ndimage", "odr", "signal", "stats")
@@ -48,7 +48,7 @@ def main(venv: Path, kind: str) -> None:
         # auditwheel patched those in *.libs: strip would break them, and they have no debug symbols.
         if not library.parent.name.endswith(".libs") and library.stat().st_size >= STRIPPED_FROM_BYTES:
             subprocess.run(["strip", "--strip-unneeded", library], check=True)
-    roots = SERVICE_PACKAGES if kind == "service" else [*SERVICE_PACKAGES, "firstfix_builder"]
+    roots = SERVICE_PACKAGES + (["firstfix_builder", "firstfix_worlds"] if kind == "builder" else [])
     subprocess.run([venv / "bin/python", "-c", LOAD_ALL, *roots], check=True)
     if kind == "builder":
         subprocess.run([venv / "bin/python", "-c", LOAD_DASK], check=True)

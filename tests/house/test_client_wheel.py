@@ -8,13 +8,11 @@ import os
 import re
 import subprocess
 import sys
-import traceback
 import zipfile
 from collections.abc import Iterator
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import pytest
 import tomllib
@@ -22,16 +20,13 @@ import tomllib
 REPO = Path(__file__).resolve().parents[2]
 CLIENT = REPO / "clients" / "python"
 THREE = {"numpy", "httpx", "zstandard"}
-MAX_WHEEL_BYTES = 110_000  # the signatures of zenoh queries have 5,000
+MAX_WHEEL_BYTES = 150_000
 # of three dependencies, and of what these bring themselves
 KNOWN = {"anyio", "certifi", "h11", "httpcore", "idna", "sniffio", "typing_extensions", *THREE}
 EXTRAS = {"zenoh", "laspy", "lzf"}  # imported where they are used, with a word on what to install
 
 sys.path.insert(0, str(CLIENT))
 from import_closure import import_closure  # noqa: E402
-from strip_spaces import strip_spaces  # noqa: E402
-from strip_text import strip_text  # noqa: E402
-from strip_types import strip_types  # noqa: E402
 
 
 @cache
@@ -127,127 +122,9 @@ def test_the_closure_follows_every_kind_of_import(tmp_path: Path):
     assert set(found) == expected | {"firstfix/py.typed", "firstfix_client/py.typed"}
 
 
-def test_stripping_leaves_every_statement_on_its_line():
-    source = (
-        '"""Module."""\n\nimport sys  # why\n\n\nclass A:\n    """Of\n    several lines."""\n\n'
-        '    def f(self):\n        """Only this."""\n\n    def g(self):\n        text = "# no comment"\n'
-        "        raise ValueError(text)  # here\n"
-    )
-    stripped = strip_text(source)
-    assert "Of" not in stripped
-    assert "why" not in stripped
-    space: dict[str, type] = {}
-    exec(compile(stripped, "stripped.py", "exec"), space)
-    with pytest.raises(ValueError, match="# no comment") as caught:
-        space["A"]().g()
-    assert traceback.extract_tb(caught.value.__traceback__)[-1].lineno == 15
-    assert space["A"]().f() is None
-
-
-TYPED = """
-from __future__ import annotations
-
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from decimal import Decimal
-
-
-@dataclass(frozen=True)
-class Point:
-    x_m: float = 0.0
-
-    def scaled(self, by: Decimal | float, *, names: Mapping[str, Any] = {"a: b": 1}, **rest: int) -> Point:
-        doubled: list[float] = [2 * self.x_m * by]
-        return Point(doubled[0])
-
-
-def _first(
-    found: Mapping[
-        str, Any
-    ],
-) -> Any:
-    raise KeyError(found)
-"""
-
-
-@pytest.mark.parametrize("public", [True, False])
-def test_stripping_types_leaves_the_behaviour_and_the_lines(public: bool):
-    stripped = strip_types(TYPED, public=public)
-    space: dict[str, Any] = {"__name__": __name__}
-    exec(compile(stripped, "stripped.py", "exec"), space)
-    assert space["Point"](1.5).scaled(2) == space["Point"](6.0)
-    with pytest.raises(KeyError) as caught:
-        space["_first"]({})
-    assert (
-        traceback.extract_tb(caught.value.__traceback__)[-1].lineno
-        == TYPED.splitlines().index("    raise KeyError(found)") + 1
-    )
-    assert not space["_first"].__annotations__
-    assert bool(space["Point"].scaled.__annotations__) is not public
-    assert ("Decimal" in stripped) is not public
-    assert ("Mapping" in stripped) is not public
-    assert "doubled = [" in stripped
-
-
-class Bare(ast.NodeTransformer):
-    """Removes docstrings and annotations, and imports for annotations, from a syntax tree."""
-
-    def visit(self, node: ast.AST) -> Any:
-        self.generic_visit(node)
-        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
-            node.body = [one for one in node.body if not is_text(one)]
-        if isinstance(node, ast.arg):
-            node.annotation = None
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-            node.returns = None
-        if isinstance(node, ast.AnnAssign) and node.value is not None:
-            return ast.copy_location(ast.Assign([node.target], node.value), node)
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-            return None
-        typing = isinstance(node, ast.ImportFrom) and node.module in TYPING
-        return None if typing else node
-
-
-TYPING = {"__future__", "collections.abc", "numpy.typing", "types", "typing"}
-
-
-def is_text(node: ast.stmt) -> bool:
-    """Returns True for a docstring, or the ellipsis in its place."""
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-
-
-def bare(source: str) -> tuple[str, list[int]]:
-    """Returns the bare syntax tree as text, and the lines of its statements."""
-    tree = Bare().visit(ast.parse(source))
-    return ast.dump(tree), [node.lineno for node in ast.walk(tree) if isinstance(node, ast.stmt)]
-
-
-def test_the_modules_of_the_wheel_do_what_their_sources_do(installed: Path):
-    """Apart from docstrings and annotations their syntax trees are equal, line numbers included."""
+def test_the_modules_of_the_wheel_are_their_sources(installed: Path):
     for name, path in closure().items():
-        if path.suffix == ".py":
-            assert bare((installed / name).read_text()) == bare(path.read_text()), name
-
-
-def test_public_names_of_the_wheel_keep_their_types(installed: Path):
-    program = f"""
-import firstfix_client, inspect
-assert firstfix_client.__file__.startswith({str(installed)!r})
-for name in firstfix_client.__all__:
-    kind = getattr(firstfix_client, name)
-    for label, value in inspect.getmembers(kind, inspect.isroutine):
-        if label.startswith("_") or not str(getattr(value, "__module__", "")).startswith("firstfix"):
-            continue
-        signature = inspect.signature(value)
-        given = [one for one in signature.parameters.values() if one.name != "self"]
-        untyped = [one for one in given if one.annotation is one.empty]
-        assert not untyped, (name, label, untyped)
-        assert signature.return_annotation is not signature.empty, (name, label)
-"""
-    modules_after(program, str(installed))
+        assert (installed / name).read_bytes() == path.read_bytes(), name
 
 
 def test_the_wheel_is_small_and_whole(wheel: Path):
@@ -305,27 +182,3 @@ def test_a_client_loads_less_than_its_dependencies():
     made = modules_after("from firstfix_client import Client\nClient('http://localhost:1')", *HERE) - before
     assert not {"asyncio", "zenoh"} & (made - modules_after(PLAIN, *HERE))
     assert third_party(made) <= third_party(modules_after(PLAIN, *HERE)) | KNOWN
-
-
-SPACED = '''
-def scaled(x: float, *, by: dict[str, int] | None = None, **rest: int) -> list[float]:
-    text = """first
-        second  line"""
-    if by is not None and "a  b" not in by:
-        return [x ** -1 if x else - x for _ in range(3)]
-    name = f"{x :.1f}  {{ {text!r} }}  = {by = }"
-    raise KeyError(
-        name, r" a ", b" b" if not rest else 1 .real
-    )
-'''
-
-
-def test_stripping_spaces_leaves_the_syntax_and_the_lines():
-    stripped = strip_spaces(SPACED)
-    assert ast.dump(ast.parse(stripped)) == ast.dump(ast.parse(SPACED))
-    assert [node.lineno for node in ast.walk(ast.parse(stripped)) if isinstance(node, ast.stmt)] == [
-        node.lineno for node in ast.walk(ast.parse(SPACED)) if isinstance(node, ast.stmt)
-    ]
-    assert '\n if by is not None and "a  b" not in by:\n' in stripped
-    assert "\n  return[x**-1 if x else-x for _ in range(3)]\n" in stripped
-    assert '\n        second  line"""\n' in stripped

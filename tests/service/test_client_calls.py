@@ -13,7 +13,6 @@ from firstfix.builds.records import new_status
 from firstfix.errors import ChecksumMismatch, DeadlineExceeded, NotFound
 from firstfix_client import Client, RetryPolicy
 from firstfix_client.steps import builds as build_steps
-from firstfix_client.steps import uploads as upload_steps
 
 DATA = bytes(range(256)) * 200
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
@@ -49,7 +48,7 @@ class Breaks(httpx.HTTPTransport):
 
 @pytest.fixture
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(upload_steps, "PART_BYTES", 5000)
+    monkeypatch.setattr(build_steps, "PART_BYTES", 5000)
     monkeypatch.setattr(build_steps, "IN_PARTS_FROM_BYTES", 10_000)
 
 
@@ -83,7 +82,7 @@ def test_what_a_map_was_made_of_does_not_stay(service: Service, tmp_path: Path):
 def test_a_file_that_changes_while_it_is_read_is_no_map(
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(upload_steps, "_sha256", lambda path: "0" * 64)
+    monkeypatch.setattr(build_steps, "_sha256", lambda path: "0" * 64)
     with Client(service.url, retry=QUICK) as client, pytest.raises(ChecksumMismatch):
         client.build_map(file_of(tmp_path), "hall")
     assert service.catalog.build_ids() == []

@@ -88,11 +88,6 @@ def surface_spacings_m(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return ring / RING_RADIUS
 
 
-def surface_spacing_m(points: NDArray[np.float64]) -> float:
-    """Edge of the square of surface that one point stands for, the median over the cloud."""
-    return float(np.median(surface_spacings_m(points)))
-
-
 def _quick_tree(points: NDArray[np.float64]) -> cKDTree:
     """A tree that is made in half the time of a balanced one, and finds the same distances."""
     return cKDTree(points, balanced_tree=False, compact_nodes=False)

@@ -101,7 +101,7 @@ def _samples(store: str) -> QuerySamples:
 
 
 def _plain_body(kept: QuerySamples, sample: QuerySample) -> bytes:
-    from firstfix.decode import undo_content_encoding
+    from firstfix.wire.content_encoding import undo_content_encoding
 
     from ..replay import MAX_DECODED_BYTES
 

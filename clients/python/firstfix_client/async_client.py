@@ -13,8 +13,7 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.scan.sequence import ScanSequence
 
-from .calls.async_builds import AsyncBuildCalls
-from .calls.async_maps import AsyncMapCalls
+from .async_calls import AsyncBuildCalls, AsyncMapCalls
 from .policies import HedgePolicy, RetryPolicy
 from .steps.http import HttpSteps, sent_headers
 from .steps.localize import options_of

@@ -13,8 +13,7 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.scan.sequence import ScanSequence
 
-from .calls.builds import BuildCalls
-from .calls.maps import MapCalls
+from .calls import BuildCalls, MapCalls
 from .policies import HedgePolicy, RetryPolicy
 from .steps.http import HttpSteps, sent_headers
 from .steps.localize import options_of
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
     from firstfix.scan.descriptor_parameters import DescriptorParameters
 
-    from .drivers.blocking_service import BlockingService
+    from .drivers.blocking_http import BlockingService
 
 
 class Client(MapCalls, BuildCalls):
@@ -66,7 +65,7 @@ class Client(MapCalls, BuildCalls):
         headers: Mapping[str, str] | None = None,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
-        from .drivers.blocking_service import BlockingService  # importing httpx takes as long as all the rest
+        from .drivers.blocking_http import BlockingService  # importing httpx takes as long as all the rest
 
         form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
         steps = HttpSteps(url, timeout_s, retry, hedge, form)

@@ -20,30 +20,25 @@ from firstfix.scan.sequence import ScanSequence
 from firstfix.wire.endpoints import Links
 from firstfix.wire.signature import SigningKey
 
-from .calls.builds import BuildCalls
-from .calls.maps import MapCalls
+from .calls import BuildCalls, MapCalls
 from .drivers import blocking
-from .drivers.live_replicas import LiveReplicas
-from .drivers.replica_route import ReplicaRoute, SignedRoute
+from .drivers.live_replicas import LiveReplicas, ReplicaRoute, SignedRoute
 from .drivers.zenoh_ask import ZenohAsk, ZenohQuery
 from .errors import ServiceUnreachable
 from .policies import HedgePolicy, RetryPolicy
 from .records import MapInfo, ReplicaInfo
-from .steps.answer import Answer
-from .steps.credential import credential
-from .steps.deadline import Deadline
-from .steps.hedging import Hedging
-from .steps.http import HttpSteps, sent_headers
+from .steps.http import HttpSteps, credential, sent_headers
 from .steps.localize import LocalizeSteps, options_of
+from .steps.outcome import Answer
 from .steps.scan_body import BodyForm, Encoding, ScanLike
-from .steps.send import send
+from .steps.send import Deadline, Hedging, send
 from .steps.step import Steps, work
 from .version_watch import VersionWatch
 
 if TYPE_CHECKING:
     from firstfix.scan.descriptor_parameters import DescriptorParameters
 
-    from .drivers.blocking_service import BlockingService
+    from .drivers.blocking_http import BlockingService
 
 MAX_MESSAGE_BYTES = 16 << 20
 MAPS = "firstfix/maps"
@@ -224,7 +219,7 @@ class ZenohClient(MapCalls, BuildCalls):
 def _service(
     url: str | Sequence[str], timeout_s: float, retry: RetryPolicy, form: BodyForm, api_key: str | None
 ) -> BlockingService:
-    from .drivers.blocking_service import BlockingService
+    from .drivers.blocking_http import BlockingService
 
     return BlockingService(HttpSteps(url, timeout_s, retry, None, form), sent_headers(api_key, None), None)
 

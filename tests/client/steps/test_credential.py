@@ -10,7 +10,7 @@ import pytest
 
 from firstfix.errors import FirstfixError, InvalidOption, RateLimited
 from firstfix_client import Client, RetryPolicy
-from firstfix_client.steps.credential import VARIABLE, credential
+from firstfix_client.steps.http import VARIABLE, credential
 
 KEY = "ffx_0123456789ab_" + "5e" * 32
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from firstfix.errors import DeadlineExceeded
-from firstfix_client.steps.deadline import Deadline
-from firstfix_client.steps.http_messages import retry_after_s
+from firstfix_client.steps.http_sender import retry_after_s
+from firstfix_client.steps.send import Deadline
 from waiting import let_pass
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from firstfix_client.policies import HedgePolicy
-from firstfix_client.steps.hedging import ENOUGH, Hedging
+from firstfix_client.steps.send import ENOUGH, Hedging
 
 
 def test_a_set_time_is_taken():

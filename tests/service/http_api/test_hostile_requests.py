@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
-from firstfix.decode import MEDIA_TYPES, decode_query, undo_content_encoding
+from firstfix.decode import MEDIA_TYPES, decode_query
 from firstfix.errors import InputError
+from firstfix.wire.content_encoding import undo_content_encoding
 from tests.faults.fuzz_bodies import Ask, fuzz, http_asker, zenoh_asker
 from tests.faults.hostile_bodies import Body, damaged, good_bodies
 

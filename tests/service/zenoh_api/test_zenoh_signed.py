@@ -21,7 +21,7 @@ from firstfix.answer.localization import Verdict
 from firstfix.errors import Forbidden, InvalidOption, NotFound, Unauthorized
 from firstfix.wire.signature import Asked, QuerySignature, SigningKey
 from firstfix_client import RetryPolicy, ServiceUnreachable, ZenohClient
-from firstfix_client.drivers import service_clock
+from firstfix_client.drivers import zenoh_ask
 from waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
@@ -204,7 +204,7 @@ def test_a_robot_with_a_wrong_clock_asks_again(
             cls.looks += 1
             return time.time() + ahead_s
 
-    monkeypatch.setattr(service_clock, "time", WrongTime)
+    monkeypatch.setattr(zenoh_ask, "time", WrongTime)
     with client(service, robot.api_key) as connected:
         for _ in range(3):
             assert connected.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED

@@ -1,21 +1,72 @@
-"""Tries over HTTP for blocking calls."""
+"""Tries over HTTP for blocking calls, on connections that another thread can close."""
 
 from __future__ import annotations
 
+import socket
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
+from typing import Any, TypeVar
 
 import httpx
 
-from ..steps.http_messages import outcome_of_error, outcome_of_response
+from ..steps.http import HttpSteps
+from ..steps.http_sender import outcome_of_error, outcome_of_response
 from ..steps.outcome import Outcome, too_late
-from ..steps.step import Try
-from .abortable_connection import AbortableConnection
-from .blocking import Asked
-from .race import race
+from ..steps.step import Steps, Try
+from . import blocking
+from .blocking import Asked, race
+
+# Events of httpcore when a socket is there: plain, through a proxy, or with TLS.
+_CONNECTED = ("connect_tcp.complete", "connect_unix_socket.complete", "start_tls.complete")
+
+
+class AbortableConnection:
+    """At most one connection, for one query at a time.
+
+    httpx cannot cancel a request from another thread. But shutting down the socket ends every wait on it, and
+    the service sees that the caller is gone.
+
+    Args:
+        http: used by this object only, with a limit of one connection.
+    """
+
+    def __init__(self, http: httpx.Client) -> None:
+        self._http = http
+        self._lock = threading.Lock()
+        self._socket: socket.socket | None = None
+        self._aborted = False
+
+    def send(self, request: httpx.Request, *, stream: bool = False) -> httpx.Response:
+        """Sends a request and returns the response.
+
+        Raises:
+            httpx.TransportError: no answer, or ``abort`` was called.
+        """
+        request.extensions = {**request.extensions, "trace": self._on_trace}
+        return self._http.send(request, stream=stream)
+
+    def abort(self) -> None:
+        """Ends the request under way. The connection cannot be used again."""
+        with self._lock:
+            self._aborted = True
+            if self._socket is not None:
+                with suppress(OSError):  # the other side closed it first
+                    self._socket.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Closes the connection."""
+        self._http.close()
+
+    def _on_trace(self, event: str, info: Mapping[str, Any]) -> None:
+        if not event.endswith(_CONNECTED):
+            return
+        with self._lock:
+            self._socket = info["return_value"].get_extra_info("socket")
+            if self._aborted:
+                raise httpx.ConnectError("aborted")
 
 
 class BlockingHttp:
@@ -170,3 +221,32 @@ def _lines(response: httpx.Response) -> Iterator[str]:
         yield from response.iter_lines()
     except httpx.TransportError:  # it broke: the reader connects again
         return
+
+
+T = TypeVar("T")
+
+
+class BlockingService:
+    """A service over HTTP: the steps of its calls, and their blocking driver.
+
+    Attributes:
+        steps: all calls, to be passed to ``run`` or ``items``.
+    """
+
+    def __init__(
+        self, steps: HttpSteps, headers: Mapping[str, str], transport: httpx.BaseTransport | None
+    ) -> None:
+        self.steps = steps
+        self._http = BlockingHttp(headers, transport)
+
+    def run(self, steps: Steps[T]) -> T:
+        """Performs a call and returns its result."""
+        return blocking.run(steps, self._http.ask)
+
+    def items(self, steps: Steps[None]) -> Iterator[Any]:
+        """Performs a call and yields its items."""
+        return blocking.iterate(steps, self._http.ask)
+
+    def close(self) -> None:
+        """Closes the connections."""
+        self._http.close()

@@ -1,4 +1,4 @@
-"""Tries over zenoh."""
+"""Tries over zenoh, with the service's clock: a robot's own may be wrong."""
 
 from __future__ import annotations
 
@@ -13,13 +13,29 @@ from firstfix.errors import ClockSkew, Unauthorized
 from firstfix.wire.signature import NONCE_BYTES, Asked, SigningKey
 
 from ..errors import TRANSIENT, ServiceUnreachable, error_of_problem
-from ..steps.answer import Answer
-from ..steps.outcome import Outcome, lost, refused, too_late
+from ..steps.outcome import Answer, Outcome, lost, refused, too_late
 from ..steps.step import Try
 from .blocking import Asked as Performed
+from .blocking import race
 from .live_replicas import LiveReplicas
-from .race import race
-from .service_clock import ServiceClock
+
+
+class ServiceClock:
+    """This machine's clock, until the service has shown that it is wrong. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._ahead_s: float | None = None  # of the monotonic clock, which nobody sets
+
+    @property
+    def now_ms(self) -> int:
+        """Milliseconds since 1970 (UTC)."""
+        now_s = time.time() if self._ahead_s is None else time.monotonic() + self._ahead_s
+        return max(0, int(now_s * 1000))
+
+    def follow(self, time_ms: int) -> None:
+        """Takes over the service's time that has just arrived. It is never ahead: at most late by its way."""
+        self._ahead_s = time_ms / 1000 - time.monotonic()
+
 
 _UNSIGNED = (
     "this reply has no signature by the API key: the service does not know the key or asks for none, or "

@@ -1,18 +1,36 @@
-"""The HTTP calls of one client, as steps."""
+"""The HTTP calls of one client as steps, and the credential that it sends."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from functools import partial
 
+from firstfix.errors import InvalidOption
+
 from ..policies import HedgePolicy, RetryPolicy
 from .builds import BuildSteps
-from .credential import credential
-from .http_messages import service_urls
-from .http_sender import HttpSender
+from .http_sender import HttpSender, service_urls
 from .localize import LocalizeSteps, ask_over_http
 from .maps import MapSteps
 from .scan_body import BodyForm
+
+VARIABLE = "FIRSTFIX_API_KEY"
+
+
+def credential(given: str | None) -> str | None:
+    """Returns the given API key or token, else that of the environment, else None.
+
+    Raises:
+        InvalidOption: the key is not valid in a header. The message does not contain it.
+    """
+    found = os.environ.get(VARIABLE) if given is None else given
+    if not found:
+        return None
+    key = found.strip()  # a key read from a file ends with a newline
+    if not key.isascii() or not key.isprintable() or " " in key:
+        raise InvalidOption("an API key can only have printable ASCII characters, without spaces")
+    return key
 
 
 class HttpSteps:

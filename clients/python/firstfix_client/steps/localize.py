@@ -15,8 +15,7 @@ from firstfix.answer.prior import Prior
 from firstfix.errors import DescriptorMismatch
 from firstfix.scan.sequence import ScanSequence
 
-from .http_messages import HttpRequest
-from .http_sender import HttpSender
+from .http_sender import HttpRequest, HttpSender
 from .scan_body import BodyForm, ScanLike, encoded
 from .step import Steps, work
 

@@ -2,14 +2,71 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from ..policies import RetryPolicy
-from .deadline import Deadline
-from .hedging import Hedging
+from firstfix.errors import DeadlineExceeded
+
+from ..policies import HedgePolicy, RetryPolicy
 from .outcome import Outcome
 from .step import Sleep, Steps, Try
+
+
+class Deadline:
+    """A point in time that all tries and waits of one call share."""
+
+    def __init__(self, timeout_s: float) -> None:
+        self._end_s = time.monotonic() + timeout_s
+        self._timeout_s = timeout_s
+
+    def remaining_s(self) -> float:
+        """Returns the seconds that are left.
+
+        Raises:
+            DeadlineExceeded: no time is left.
+        """
+        left = self._end_s - time.monotonic()
+        if left <= 0:
+            raise self.exceeded()
+        return left
+
+    def allows(self, wait_s: float) -> bool:
+        """Returns whether time is left after such a wait."""
+        return time.monotonic() + wait_s < self._end_s
+
+    def exceeded(self) -> DeadlineExceeded:
+        """Returns the error that says so."""
+        return DeadlineExceeded(f"no answer within {self._timeout_s:g} s")
+
+
+REMEMBERED = 200
+ENOUGH = 20
+
+
+class Hedging:
+    """A hedge policy with the response times seen so far. Thread-safe."""
+
+    def __init__(self, policy: HedgePolicy) -> None:
+        self._policy = policy
+        self._took_s: deque[float] = deque(maxlen=REMEMBERED)
+        self._lock = threading.Lock()
+
+    def saw(self, took_s: float) -> None:
+        """Records how long an answer took."""
+        with self._lock:
+            self._took_s.append(took_s)
+
+    def after_s(self) -> float:
+        """Returns the seconds after which the second replica is asked."""
+        if self._policy.after_s is not None:
+            return self._policy.after_s
+        with self._lock:
+            took_s = sorted(self._took_s)
+        seen = took_s[len(took_s) * 95 // 100] if len(took_s) >= ENOUGH else self._policy.first_after_s
+        return max(seen, self._policy.min_after_s)
 
 
 class Route(Protocol):

@@ -1,1 +1,0 @@
-"""Methods of the clients in groups: calls about maps, and calls about builds."""
