@@ -21,10 +21,9 @@ from firstfix.store.sha256 import sha256_of
 
 from ...auth.principal import Principal
 from ..parts import UploadParts
-from .form_directory import FormDirectory
+from .form import FormDirectory, FormFile, harmless_name, receive_form
 from .json_body import parse_object, read_object
-from .multipart import FormFile, harmless_name, receive_form
-from .upload_stream import own_upload
+from .uploads import own_upload
 
 _TEXTS, _FILES = {"map_id", "config"}, {"source", "trajectory"}
 

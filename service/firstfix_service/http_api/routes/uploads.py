@@ -17,8 +17,8 @@ from firstfix.ids import check_version
 
 from ...thread_pools import CHANGES, COPIES, LISTS, READS
 from ..bodies import tus
-from ..bodies.multipart import harmless_name
-from ..bodies.upload_stream import append_body, own_upload
+from ..bodies.form import harmless_name
+from ..bodies.uploads import append_body, own_upload
 from ..edge import CallerDep, needs
 from ..parts import UploadPartsDep
 from ..schema.api_models import UploadStatus
