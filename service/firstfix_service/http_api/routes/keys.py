@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from datetime import timedelta
-from typing import Any
 
 from fastapi import APIRouter, Depends, Request
 
@@ -16,6 +15,7 @@ from ...thread_pools import CHANGES, LISTS
 from ..bodies.json_body import read_model
 from ..edge import CallerDep, needs
 from ..parts import CatalogDep
+from ..schema.bodies import json_body
 from ..schema.key_models import Key, KeyList, NewKey, NewKeyBody
 from ..schema.parameters import KeyId
 
@@ -31,12 +31,6 @@ async def _sees_every_map(caller: CallerDep) -> None:
 
 
 router = APIRouter(prefix="/keys", tags=["keys"], dependencies=[Depends(_sees_every_map)])
-_BODY: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/NewKeyBody"}}},
-    }
-}
 
 
 @router.get("")
@@ -48,7 +42,7 @@ def get_keys(catalog: CatalogDep) -> KeyList:
     return KeyList(keys=[Key.model_validate(key.to_mapping()) for key in found], unreadable=bad)
 
 
-@router.post("", status_code=201, openapi_extra=_BODY)
+@router.post("", status_code=201, openapi_extra=json_body(NewKeyBody))
 @needs(Scope.ADMIN, "change")
 async def post_key(request: Request, catalog: CatalogDep) -> NewKey:
     """Makes a key. Its token is in this answer alone: nobody can read it again."""

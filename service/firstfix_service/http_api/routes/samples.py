@@ -19,17 +19,12 @@ from ..answer_room import AnswerPlaceDep
 from ..bodies.json_body import read_model
 from ..edge import CallerDep, needs
 from ..parts import SamplesDep
+from ..schema.bodies import binary_answer, json_body
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, SampleId
 from ..schema.sample_models import Sample, SamplePage, Truth
 
 router = APIRouter(prefix="/samples", tags=["samples"])
 MAX_READ = 2000  # records that one request reads
-_TRUTH_BODY: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Truth"}}},
-    }
-}
 
 
 @router.get("")
@@ -79,7 +74,7 @@ def get_sample(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) -> S
 @router.get(
     "/{sample_id}/body",
     response_class=Response,
-    responses={200: {"content": {"*/*": {"schema": {"type": "string", "format": "binary"}}}}},
+    responses=binary_answer("*/*"),
 )
 @needs(Scope.BUILD, "localize")
 @LISTS.route
@@ -99,7 +94,7 @@ def get_sample_body(
     )
 
 
-@router.put("/{sample_id}/truth", openapi_extra=_TRUTH_BODY)
+@router.put("/{sample_id}/truth", openapi_extra=json_body(Truth))
 @needs(Scope.BUILD)
 async def put_truth(sample_id: SampleId, request: Request, samples: SamplesDep, caller: CallerDep) -> Sample:
     """Notes where the scan was taken, for tests of later versions."""
