@@ -229,9 +229,9 @@ class AnonymousThrottle:
             return
         address = scope["state"]["address"]
         if scope["path"] in _PROBES:
-            wait_s = self._probes.owe(address, MAX_PROBE_DELAY_S)
+            wait_s = self._probes.take_on_credit(address, MAX_PROBE_DELAY_S)
         else:
-            wait_s = self._others.owe(address, MAX_DELAY_S)
+            wait_s = self._others.take_on_credit(address, MAX_DELAY_S)
         if wait_s:
             await delay(wait_s)
 
