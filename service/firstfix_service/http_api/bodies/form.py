@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import shutil
 import uuid
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +24,7 @@ from firstfix.errors import InvalidOption, MalformedData, TooLarge
 from ...thread_pools import COPIES
 from ..parts import UploadParts
 from .disk_space import Reservation
-from .request_body import Pace, paced_pieces
+from .request_body import paced_pieces
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
@@ -102,21 +102,15 @@ async def form_directory(parts: UploadParts, declared_bytes: int) -> AsyncIterat
 
 async def receive_form(
     request: Request,
-    directory: Path,
-    *,
+    parts: UploadParts,
+    directory: FormDirectory,
     text_fields: set[str],
     file_fields: set[str],
-    max_bytes: int,
-    pace: Pace,
-    take: Callable[[int], None],
 ) -> Form:
     """Returns the form in a request's body.
 
-    Args:
-        directory: for the files. The caller removes it.
-        take: called in a thread before so many bytes are written. It raises if there is no room.
-
     Raises:
+        OutOfSpace: see ``FormDirectory.take``.
         DeadlineExceeded: the body is too slow.
         TooLarge: over the limit.
         InvalidOption: a field is unknown or given twice.
@@ -126,20 +120,20 @@ async def receive_form(
     boundary = parameters.get(b"boundary")
     if not boundary:
         raise MalformedData("the multipart form has no boundary")
-    writer = _FormWriter(directory, text_fields, file_fields)
+    writer = _FormWriter(directory.path, text_fields, file_fields)
     try:
         parser = MultipartParser(boundary, writer.callbacks())
 
         def write(data: bytes) -> None:
-            take(len(data))
+            directory.take(len(data))
             parser.write(data)
 
         size = 0
         batch = bytearray()
-        async for part in paced_pieces(request, pace):
+        async for part in paced_pieces(request, parts.pace):
             size += len(part)
-            if size > max_bytes:
-                raise TooLarge(f"the form has over {max_bytes} bytes")
+            if size > parts.max_bytes:
+                raise TooLarge(f"the form has over {parts.max_bytes} bytes")
             batch += part
             if len(batch) >= _BATCH_BYTES:
                 await COPIES.run(write, bytes(batch))

@@ -146,15 +146,7 @@ async def from_form(
         DeadlineExceeded: it arrives too slowly.
         Forbidden: the caller may not build this map.
     """
-    form = await receive_form(
-        request,
-        directory.path,
-        text_fields=_TEXTS,
-        file_fields=_FILES,
-        max_bytes=parts.max_bytes,
-        pace=parts.pace,
-        take=directory.take,
-    )
+    form = await receive_form(request, parts, directory, _TEXTS, _FILES)
     if "source" not in form.files:
         raise InvalidOption("the form has no file 'source'")
     return Submission(
