@@ -73,7 +73,7 @@ class RateLimit:
             raise RateLimited(f"too many {self._what}: try again in {wait_s:.3g} s", wait_s)
         self._keep(name, tokens - 1.0)
 
-    def owe(self, name: str, at_most_s: float) -> float:
+    def take_on_credit(self, name: str, at_most_s: float) -> float:
         """Takes one token from the caller's bucket, on credit if it is empty.
 
         Returns:

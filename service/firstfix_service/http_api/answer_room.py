@@ -128,7 +128,9 @@ class CountedAnswers:
             nonlocal is_refused
             if is_refused:
                 return
-            if message["type"] == "http.response.start" and needs_room(scope):
+            # public answers are in memory once, for all callers
+            is_counted = scope["method"] != "HEAD" and needs_of(scope) is not None
+            if message["type"] == "http.response.start" and is_counted:
                 try:
                     place.take(declared_bytes(message["headers"]))
                 except FirstfixError as error:
@@ -141,11 +143,6 @@ class CountedAnswers:
             await self._app(scope, receive, send_if_there_is_room)
         finally:
             place.give_back()
-
-
-def needs_room(scope: Scope) -> bool:
-    """Returns whether the answer to a request takes memory of its own while it waits."""
-    return scope["method"] != "HEAD" and needs_of(scope) is not None  # public answers are there once, for all
 
 
 async def place_of(request: Request) -> AnswerPlace:

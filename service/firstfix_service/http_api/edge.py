@@ -100,12 +100,8 @@ async def authorize(request: Request) -> None:
         ReadOnly: the request would change something. The store, which is opened read-only, refuses it too.
     """
     needs, settings = needs_of(request.scope), _settings_of(request)
-    is_open = (
-        needs is not None
-        and needs.scope is Scope.METRICS
-        and (settings.metrics_public or settings.auth != "on")
-    )
-    if needs is None or is_open:
+    metrics_are_open = settings.metrics_public or settings.auth != "on"
+    if needs is None or (needs.scope is Scope.METRICS and metrics_are_open):
         return  # also before the store has answered
     authenticator, map_id = part_of(request, Authenticator), request.path_params.get("map_id")
     credential, address = _credential(request), request.state.address
@@ -116,8 +112,8 @@ async def authorize(request: Request) -> None:
         status = await AUTH.run(part_of(request, Catalog).shown_status, build_id)
         if not caller.sees(status["map_id"]):
             raise NotFound(f"no build {build_id}")
-    changes = request.method not in _READING and needs.scope is not Scope.LOCALIZE
-    if settings.read_only and changes:
+    is_change = request.method not in _READING and needs.scope is not Scope.LOCALIZE
+    if settings.read_only and is_change:
         raise ReadOnly("this service is read-only (FIRSTFIX_READ_ONLY): use one that is not")
 
 
@@ -229,9 +225,9 @@ class AnonymousThrottle:
             return
         address = scope["state"]["address"]
         if scope["path"] in _PROBES:
-            wait_s = self._probes.owe(address, MAX_PROBE_DELAY_S)
+            wait_s = self._probes.take_on_credit(address, MAX_PROBE_DELAY_S)
         else:
-            wait_s = self._others.owe(address, MAX_DELAY_S)
+            wait_s = self._others.take_on_credit(address, MAX_DELAY_S)
         if wait_s:
             await delay(wait_s)
 

@@ -61,15 +61,15 @@ class EventStreams:
     async def _sent(
         self, permission: Permission, map_id: str | None, events: AsyncIterator[bytes], look_s: float
     ) -> AsyncIterator[bytes]:
-        said = checked = time.monotonic()
+        sent = checked = time.monotonic()
         async for event in events:
             if event:
                 yield event
-                said = time.monotonic()
+                sent = time.monotonic()
                 continue
-            if time.monotonic() - said > HEARTBEAT_S:
+            if time.monotonic() - sent > HEARTBEAT_S:
                 yield HEARTBEAT
-                said = time.monotonic()
+                sent = time.monotonic()
             with suppress(TimeoutError):
                 async with asyncio.timeout(look_s):
                     await self._closing.wait()

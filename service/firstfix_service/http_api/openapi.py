@@ -6,17 +6,11 @@ import json
 from typing import Any
 
 from fastapi import FastAPI, Request, Response
-from pydantic import BaseModel
 
 from ..thread_pools import LISTS
 from .edge import public
-from .schema.answer_models import GeoPose
-from .schema.api_models import GeoreferenceBody
-from .schema.key_models import NewKeyBody
+from .schema.bodies import SCHEMAS
 from .schema.map_submission import CONFIG_SCHEMAS
-from .schema.sample_models import Truth
-
-_REF = "#/components/schemas/{model}"
 
 
 class DocumentedApp(FastAPI):
@@ -26,9 +20,7 @@ class DocumentedApp(FastAPI):
         """Returns the document."""
         if self.openapi_schema is None:
             schemas = super().openapi()["components"]["schemas"]
-            schemas.update(CONFIG_SCHEMAS)
-            for model in (GeoPose, GeoreferenceBody, NewKeyBody, Truth):
-                schemas.update(_schemas_of(model))
+            schemas.update({**CONFIG_SCHEMAS, **SCHEMAS})
         assert self.openapi_schema is not None
         return self.openapi_schema
 
@@ -50,8 +42,3 @@ class DocumentedApp(FastAPI):
 
         assert self.openapi_url is not None
         self.add_route(self.openapi_url, openapi, include_in_schema=False)
-
-
-def _schemas_of(model: type[BaseModel]) -> dict[str, Any]:
-    schema = model.model_json_schema(ref_template=_REF)
-    return {**schema.pop("$defs", {}), model.__name__: schema}

@@ -24,9 +24,8 @@ from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
 from ..telemetry.metrics import Metrics
 from .bodies.disk_space import DiskSpace
-from .bodies.paced_body import Pace
-from .bodies.request_body import BodyReader
-from .bodies.upload_quota import UploadQuota
+from .bodies.request_body import BodyReader, Pace
+from .bodies.uploads import UploadQuota
 from .concurrency_limit import ConcurrencyLimit
 
 Part = TypeVar("Part")

@@ -237,10 +237,10 @@ def client_address(peer: str | None, forwarded_for: Iterable[str], trusted: Iter
     address = _parsed(peer or "")
     hops = [hop.strip() for value in forwarded_for for hop in value.split(",")]
     while address is not None and hops and _is_in(address, networks):
-        said = _parsed(hops.pop())
-        if said is None:
+        hop = _parsed(hops.pop())
+        if hop is None:
             break
-        address = said
+        address = hop
     return UNKNOWN if address is None else _named(address)
 
 

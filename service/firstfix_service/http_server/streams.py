@@ -1,4 +1,4 @@
-"""What passes between the app and a connection: answers with the caller's pace, long bodies, delays."""
+"""Streams between the app and a connection: answers at the pace of the caller, long bodies, delays."""
 
 from __future__ import annotations
 

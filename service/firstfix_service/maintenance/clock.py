@@ -50,9 +50,5 @@ class ClockComparison:
 
 def clock_comparison(store: Store, metrics: Metrics) -> PeriodicTask:
     """Returns the task that compares the clocks. It writes to the store."""
-    comparison = ClockComparison(store, metrics)
-
-    async def compare() -> None:
-        await MAINTENANCE.run(comparison.compare)
-
+    compare = MAINTENANCE.route(ClockComparison(store, metrics).compare)
     return PeriodicTask("compare the clocks", compare, INTERVAL_S)

@@ -104,8 +104,4 @@ class SightingsKeeper:
 def sightings_maintenance(keeper: SightingsKeeper, settings: Settings) -> PeriodicTask:
     """Returns the task that puts the sightings of this replica into the store."""
     interval_s = settings.sightings_flush_s
-
-    async def flush() -> None:
-        await MAINTENANCE.run(keeper.flush)
-
-    return PeriodicTask("store sightings", flush, interval_s, interval_s)
+    return PeriodicTask("store sightings", MAINTENANCE.route(keeper.flush), interval_s, interval_s)

@@ -28,9 +28,8 @@ from ..auth.authenticate import Authenticator, open_authenticator
 from ..builds.quota import BuildQuota
 from ..builds.start import start_builds
 from ..http_api.bodies.disk_space import MIN_FREE_BYTES, DiskSpace
-from ..http_api.bodies.paced_body import Pace
-from ..http_api.bodies.request_body import BodyReader
-from ..http_api.bodies.upload_quota import UploadQuota
+from ..http_api.bodies.request_body import BodyReader, Pace
+from ..http_api.bodies.uploads import UploadQuota
 from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.event_stream import EventStreams
 from ..http_api.health import HealthCheck

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from functools import partial
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info, ProcessCollector
 from prometheus_client.exposition import choose_encoder
@@ -28,214 +29,143 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = registry = CollectorRegistry()
-        self.http_requests = Counter(
-            "firstfix_http_requests", "HTTP requests", ["method", "route", "status"], registry=registry
+        counter, gauge = partial(Counter, registry=registry), partial(Gauge, registry=registry)
+        histogram = partial(Histogram, registry=registry)
+        self.http_requests = counter("firstfix_http_requests", "HTTP requests", ["method", "route", "status"])
+        self.http_seconds = histogram(
+            "firstfix_http_seconds", "Time to answer an HTTP request", ["route"], buckets=_SECONDS
         )
-        self.http_seconds = Histogram(
-            "firstfix_http_seconds",
-            "Time to answer an HTTP request",
-            ["route"],
-            buckets=_SECONDS,
-            registry=registry,
-        )
-        self.http_connections = Gauge("firstfix_http_connections", "HTTP connections", registry=registry)
-        self.http_connections_ended = Counter(
+        self.http_connections = gauge("firstfix_http_connections", "HTTP connections")
+        self.http_connections_ended = counter(
             "firstfix_http_connections_ended",
             "HTTP connections that the service ended, by what the caller did not do in time",
             ["why"],
-            registry=registry,
         )
-        self.verdicts = Counter(
-            "firstfix_localizations", "Answers by verdict", ["transport", "verdict"], registry=registry
+        self.verdicts = counter("firstfix_localizations", "Answers by verdict", ["transport", "verdict"])
+        self.failures = counter(
+            "firstfix_localize_failures", "Queries that got an error", ["transport", "code"]
         )
-        self.failures = Counter(
-            "firstfix_localize_failures",
-            "Queries that got an error",
-            ["transport", "code"],
-            registry=registry,
-        )
-        self.localize_seconds = Histogram(
+        self.localize_seconds = histogram(
             "firstfix_localize_seconds",
             "Time from the arrival of a query to its answer or error",
             ["transport"],
             buckets=_SECONDS,
-            registry=registry,
         )
-        self.reasons = Counter(
+        self.reasons = counter(
             "firstfix_reasons",
             "Reasons why answers were not localized; one answer can have several",
             ["reason"],
-            registry=registry,
         )
-        self.probability = Histogram(
-            "firstfix_probability",
-            "Probability of the best hypothesis",
-            ["verdict"],
-            buckets=_PROBABILITIES,
-            registry=registry,
+        self.probability = histogram(
+            "firstfix_probability", "Probability of the best hypothesis", ["verdict"], buckets=_PROBABILITIES
         )
-        self.stage_seconds = Histogram(
+        self.stage_seconds = histogram(
             "firstfix_stage_seconds",
             "Time in a stage of a query; queue: waiting for a query worker",
             ["stage"],
             buckets=_SECONDS,
-            registry=registry,
         )
-        self.cache_lookups = Counter(
+        self.cache_lookups = counter(
             "firstfix_cache_lookups",
             "Map versions that queries needed: in memory (hit) or not (miss)",
             ["result"],
-            registry=registry,
         )
-        self.version_evictions = Counter(
-            "firstfix_version_evictions", "Map versions evicted from memory", registry=registry
+        self.version_evictions = counter("firstfix_version_evictions", "Map versions evicted from memory")
+        self.version_loads = counter("firstfix_version_loads", "Loads of map versions, by result", ["result"])
+        self.load_seconds = histogram(
+            "firstfix_version_load_seconds", "Time to fetch and load a map version", buckets=_LOAD_SECONDS
         )
-        self.version_loads = Counter(
-            "firstfix_version_loads", "Loads of map versions, by result", ["result"], registry=registry
-        )
-        self.load_seconds = Histogram(
-            "firstfix_version_load_seconds",
-            "Time to fetch and load a map version",
-            buckets=_LOAD_SECONDS,
-            registry=registry,
-        )
-        self.versions_loaded = Gauge("firstfix_versions_loaded", "Map versions in memory", registry=registry)
-        self.version_bytes = Gauge(
+        self.versions_loaded = gauge("firstfix_versions_loaded", "Map versions in memory")
+        self.version_bytes = gauge(
             "firstfix_version_bytes",
             "Bytes of the map versions in memory: their files, and other memory of the query workers",
-            registry=registry,
         )
-        self.maps_behind = Gauge(
+        self.maps_behind = gauge(
             "firstfix_maps_behind",
             "Maps that answer from an older version because the active one was refused",
-            registry=registry,
         )
-        self.maps_held = Gauge(
-            "firstfix_maps_held",
-            "Maps that this replica holds; 0 without FIRSTFIX_HOLDERS",
-            registry=registry,
+        self.maps_held = gauge(
+            "firstfix_maps_held", "Maps that this replica holds; 0 without FIRSTFIX_HOLDERS"
         )
-        self.maps_held_loaded = Gauge(
-            "firstfix_maps_held_loaded",
-            "Maps that this replica holds and that are in memory",
-            registry=registry,
+        self.maps_held_loaded = gauge(
+            "firstfix_maps_held_loaded", "Maps that this replica holds and that are in memory"
         )
-        self.holding_replicas = Gauge(
+        self.holding_replicas = gauge(
             "firstfix_holding_replicas",
             "Replicas that share the maps, as this one sees it; 0 without FIRSTFIX_HOLDERS",
-            registry=registry,
         )
-        self.worker_deaths = Counter(
-            "firstfix_worker_deaths",
-            "Query workers that died and were replaced",
-            registry=registry,
-        )
-        self.builds = Counter(
-            "firstfix_builds", "Builds that ended in this process, by state", ["state"], registry=registry
-        )
-        self.builds_waiting = Gauge(
-            "firstfix_builds_waiting", "Builds that have not ended", registry=registry
-        )
-        self.build_stage_seconds = Histogram(
+        self.worker_deaths = counter("firstfix_worker_deaths", "Query workers that died and were replaced")
+        self.builds = counter("firstfix_builds", "Builds that ended in this process, by state", ["state"])
+        self.builds_waiting = gauge("firstfix_builds_waiting", "Builds that have not ended")
+        self.build_stage_seconds = histogram(
             "firstfix_build_stage_seconds",
             "Time in a stage of a build that ended in this process; cached: the result was there already",
             ["stage", "cached"],
             buckets=_BUILD_SECONDS,
-            registry=registry,
         )
-        self.store_seconds = Histogram(
+        self.store_seconds = histogram(
             "firstfix_store_seconds",
             "Time of an operation on the object store",
             ["operation"],
             buckets=_STORE_SECONDS,
-            registry=registry,
         )
-        self.catalog_age = Gauge(
+        self.catalog_age = gauge(
             "firstfix_catalog_age_seconds",
             "Time since the catalog was last read; if it grows, the store does not answer",
-            registry=registry,
         )
-        self.store_errors = Counter(
+        self.store_errors = counter(
             "firstfix_store_errors",
             "Operations on the object store that failed or were refused",
             ["operation", "code"],
-            registry=registry,
         )
-        self.unreadable_records = Counter(
+        self.unreadable_records = counter(
             "firstfix_unreadable_records",
             "Damaged records found in the store and skipped, by kind; each is counted once",
             ["kind"],
-            registry=registry,
         )
-        self.verified_objects = Counter(
-            "firstfix_verified_objects",
-            "Objects in the store that were verified",
-            ["result"],
-            registry=registry,
+        self.verified_objects = counter(
+            "firstfix_verified_objects", "Objects in the store that were verified", ["result"]
         )
-        self.verify_bytes = Counter(
-            "firstfix_verify_bytes", "Bytes of the store that were verified", registry=registry
+        self.verify_bytes = counter("firstfix_verify_bytes", "Bytes of the store that were verified")
+        self.verify_seconds = counter("firstfix_verify_seconds", "Time spent on verification of the store")
+        self.damaged_objects = gauge(
+            "firstfix_damaged_objects", "Damaged objects found by the last complete verification of the store"
         )
-        self.verify_seconds = Counter(
-            "firstfix_verify_seconds", "Time spent on verification of the store", registry=registry
-        )
-        self.damaged_objects = Gauge(
-            "firstfix_damaged_objects",
-            "Damaged objects found by the last complete verification of the store",
-            registry=registry,
-        )
-        self.clock_offset = Gauge(
+        self.clock_offset = gauge(
             "firstfix_clock_offset_seconds",
             "This machine's clock minus the store's, measured every five minutes; 0 on a read-only service",
-            registry=registry,
         )
-        self.zenoh_connections = Gauge(
-            "firstfix_zenoh_connections", "Connected zenoh routers, peers and clients", registry=registry
+        self.zenoh_connections = gauge(
+            "firstfix_zenoh_connections", "Connected zenoh routers, peers and clients"
         )
-        self.zenoh_maps = Gauge(
-            "firstfix_zenoh_maps", "Maps for which this replica has a zenoh token", registry=registry
-        )
-        self.zenoh_replies = Gauge(
+        self.zenoh_maps = gauge("firstfix_zenoh_maps", "Maps for which this replica has a zenoh token")
+        self.zenoh_replies = gauge(
             "firstfix_zenoh_replies",
             "zenoh replies that are being sent; they wait for callers who do not read",
-            registry=registry,
         )
-        self.event_loop_lag = Histogram(
+        self.event_loop_lag = histogram(
             "firstfix_event_loop_lag_seconds",
             "Time until the event loop comes to a call, ten times a second",
             buckets=_LAG_SECONDS,
-            registry=registry,
         )
-        self.queries_admitted = Gauge(
-            "firstfix_queries_admitted", "Queries that wait or run", registry=registry
+        self.queries_admitted = gauge("firstfix_queries_admitted", "Queries that wait or run")
+        self.body_bytes = gauge("firstfix_body_bytes", "Bytes of query bodies in memory")
+        self.unsent_bytes = gauge(
+            "firstfix_unsent_bytes", "Bytes of large answers in memory that callers have not taken in"
         )
-        self.body_bytes = Gauge("firstfix_body_bytes", "Bytes of query bodies in memory", registry=registry)
-        self.unsent_bytes = Gauge(
-            "firstfix_unsent_bytes",
-            "Bytes of large answers in memory that callers have not taken in",
-            registry=registry,
+        self.keys_age = gauge(
+            "firstfix_keys_age_seconds", "Time since the API keys were read; 0 without authentication"
         )
-        self.keys_age = Gauge(
-            "firstfix_keys_age_seconds",
-            "Time since the API keys were read; 0 without authentication",
-            registry=registry,
+        self.samples = counter(
+            "firstfix_samples", "Queries chosen to be kept as samples, by result", ["result"]
         )
-        self.samples = Counter(
-            "firstfix_samples",
-            "Queries chosen to be kept as samples, by result",
-            ["result"],
-            registry=registry,
+        self.sample_bytes = gauge(
+            "firstfix_sample_bytes", "Bytes of kept queries in the store, at the last count"
         )
-        self.sample_bytes = Gauge(
-            "firstfix_sample_bytes",
-            "Bytes of kept queries in the store, at the last count",
-            registry=registry,
-        )
-        self.sightings = Counter(
+        self.sightings = counter(
             "firstfix_sightings",
             "Localized queries that were chosen to be compared with their map, by result",
             ["result"],
-            registry=registry,
         )
         self.info = Info("firstfix", "This service's version", registry=registry)
         self.info.info({"version": firstfix.__version__, "python": platform.python_version()})

@@ -12,18 +12,21 @@ interpreter's lock.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import os
+import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import NoReturn
 
 import structlog
 from prometheus_client import Histogram
 
 from .log_setup import LAST_LINES_WITHIN_S, drain_log
-from .stacks import stacks_of_all_threads
 
 _log = structlog.get_logger(__name__)
 EXIT_STALLED = 70  # EX_SOFTWARE: exit code of a process that ended itself because a part stood still
@@ -31,6 +34,8 @@ TICK_S = 0.1
 STACKS_AFTER_S = 1.0
 UNWELL_AFTER_S = 5.0  # of a stall, for /healthz
 UNWELL_FOR_S = 20.0  # after the end of such a stall
+MOST_FRAMES = 25  # of one thread's stack, the innermost
+MAX_STACKS_CHARS = 24_000
 
 
 def end_process(event: str, part: str) -> NoReturn:
@@ -181,3 +186,25 @@ class StallWatch:
             ends_process_after_s=self._limit_s or None,
             stacks=stacks_of_all_threads(),
         )
+
+
+def stacks_of_all_threads() -> str:
+    """Returns the stacks without variables, which could contain secrets, innermost frame last.
+
+    Threads that stand at the same place share one stack.
+    """
+    names = {thread.ident: thread.name for thread in threading.enumerate()}
+    main = threading.main_thread().ident
+    found: dict[str, list[str]] = {}
+    frames = sys._current_frames()
+    for ident in sorted(frames, key=lambda one: (one != main, names.get(one, ""))):
+        found.setdefault(_text(frames[ident]), []).append(names.get(ident, f"thread {ident}"))
+    whole = "\n".join(f"{', '.join(threads)}:\n{text}" for text, threads in found.items())
+    return whole if len(whole) <= MAX_STACKS_CHARS else f"{whole[:MAX_STACKS_CHARS]}\n..."
+
+
+def _text(frame: FrameType) -> str:
+    """Reads no source file: its disk may be what hangs."""
+    inner = itertools.islice(traceback.walk_stack(frame), MOST_FRAMES)
+    lines = [f"  {one.f_code.co_filename}:{line} {one.f_code.co_name}" for one, line in inner]
+    return "\n".join(reversed(lines))

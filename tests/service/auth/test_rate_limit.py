@@ -69,9 +69,10 @@ def test_callers_beyond_number_take_no_memory(monkeypatch: pytest.MonkeyPatch):
 def test_what_is_owed_is_paid_at_the_rate_and_no_debt_grows_without_end():
     clock = Clock()
     limit = RateLimit("requests", per_s=2.0, burst=3.0, clock=clock)
-    assert [limit.owe("a", 1.5) for _ in range(7)] == [0.0, 0.0, 0.0, 0.5, 1.0, 1.5, 1.5]
-    assert limit.owe("b", 1.5) == 0.0
+    assert [limit.take_on_credit("a", 1.5) for _ in range(7)] == [0.0, 0.0, 0.0, 0.5, 1.0, 1.5, 1.5]
+    assert limit.take_on_credit("b", 1.5) == 0.0
     clock.now += 1.5
-    assert limit.owe("a", 1.5) == 0.5
+    assert limit.take_on_credit("a", 1.5) == 0.5
     clock.now += 100.0
-    assert [limit.owe("a", 1.5) for _ in range(4)] == [0.0, 0.0, 0.0, 0.5], "no more than the burst is saved"
+    waits = [limit.take_on_credit("a", 1.5) for _ in range(4)]
+    assert waits == [0.0, 0.0, 0.0, 0.5], "no more than the burst is saved"

@@ -22,7 +22,7 @@ from firstfix.store.store import Store
 from firstfix_builder.job.fetch_source import SourceFetch
 from firstfix_service.auth.principal import Principal
 from firstfix_service.http_api.bodies.disk_space import DiskSpace
-from firstfix_service.http_api.bodies.multipart import FormFile
+from firstfix_service.http_api.bodies.form import FormFile
 from firstfix_service.http_api.bodies.submission import NamedUpload, Submission
 from firstfix_service.http_api.routes.maps import _record
 from interleavings import Step, run_every_order, run_interleaved

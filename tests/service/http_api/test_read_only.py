@@ -5,11 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from fastapi.routing import iter_route_contexts
 from service_world import Service, publish, running_service
 
+from firstfix.access.permissions import Scope
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import ReadOnly
 from firstfix.store.store import Store
+from firstfix_service.app import create_app
+from firstfix_service.settings import Settings
 from waiting import wait_until
 
 
@@ -45,6 +49,18 @@ def test_it_refuses_changes(read_only: tuple[Service, str]):
         response = service.http.request(method, path, **body)
         assert (response.status_code, response.json()["code"]) == (403, "read_only")
         assert "FIRSTFIX_READ_ONLY" in response.json()["detail"]
+
+
+def test_routes_that_need_no_more_than_to_localize_change_nothing():
+    """The edge lets them pass, whatever their method."""
+    routes = iter_route_contexts(create_app(Settings(store="memory://")).routes)
+    passing = {
+        route.path
+        for route in routes
+        if {"POST", "PUT", "PATCH", "DELETE"} & (route.methods or set())
+        and route.endpoint.needs.scope is Scope.LOCALIZE
+    }
+    assert passing == {"/localize", "/maps/{map_id}/versions/{version}/overlay"}
 
 
 def test_its_store_refuses_as_well(read_only: tuple[Service, str]):

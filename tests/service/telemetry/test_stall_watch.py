@@ -20,8 +20,13 @@ import pytest
 from prometheus_client import CollectorRegistry, Histogram
 
 from firstfix_service.telemetry import stall_watch
-from firstfix_service.telemetry.stacks import MAX_CHARS, stacks_of_all_threads
-from firstfix_service.telemetry.stall_watch import EXIT_STALLED, Pulse, StallWatch
+from firstfix_service.telemetry.stall_watch import (
+    EXIT_STALLED,
+    MAX_STACKS_CHARS,
+    Pulse,
+    StallWatch,
+    stacks_of_all_threads,
+)
 from servers import free_port
 from waiting import LIMIT_S, let_pass, wait_until
 
@@ -141,7 +146,7 @@ def test_stacks_name_threads_and_places_but_no_values():
     assert "waits-0, waits-1, waits-2:" in text, "threads at one place share a stack"
     assert "test_stacks_name_threads" in text
     assert secret not in text
-    assert len(text) <= MAX_CHARS + 10
+    assert len(text) <= MAX_STACKS_CHARS + 10
 
 
 @dataclass

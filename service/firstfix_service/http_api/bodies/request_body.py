@@ -1,4 +1,4 @@
-"""Request bodies in memory, with limits of their size and of the time to send them.
+"""Request bodies: whole ones in memory, and long ones in pieces, with limits of size and time.
 
 The server receives a long body of declared length right into its place (``RECEIVE_INTO``).
 """
@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
 
 import numpy as np
 from fastapi import Request
@@ -19,6 +21,10 @@ from ...auth.authenticate import CHECK_S, Permission
 from ...http_server.streams import RECEIVE_INTO, Arrived, ReceiveInto, declared_bytes
 from ...localize.query_gate import HeldBodies
 
+MIN_BYTES_PER_S = (
+    1024  # of an uploaded file; below it, nothing but an attack: the slowest radio links have more
+)
+TIMEOUT_S = 6 * 3600.0  # 20 GB at 1 MB/s; over a slower link a file comes in several requests
 LONG_BYTES = 64 << 10  # of a body that is received right into its place
 
 
@@ -130,3 +136,59 @@ class WhilePermitted:
             receive_into: ReceiveInto = extensions[RECEIVE_INTO]
             scope["extensions"] = {**extensions, RECEIVE_INTO: receive_into_while_permitted}
         await self._app(scope, receive_while_permitted, send)
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Minimum pace of a body. Only the time in which the service waits for the sender counts.
+
+    Attributes:
+        stall_s: limit without a single byte. The mean rate is measured over windows of this length.
+        min_bytes_per_s: lowest mean rate.
+        timeout_s: limit of the whole body.
+    """
+
+    stall_s: float
+    min_bytes_per_s: int = MIN_BYTES_PER_S
+    timeout_s: float = TIMEOUT_S
+
+
+async def paced_pieces(request: Request, pace: Pace) -> AsyncIterator[bytes]:
+    """Yields the pieces of a request's body as they arrive.
+
+    Raises:
+        DeadlineExceeded: the body is too slow.
+        ClientDisconnect: the caller has gone.
+    """
+    stream = aiter(request.stream())
+    waited_s = window_s = 0.0
+    window_bytes = 0
+    while True:
+        asked = time.monotonic()
+        try:
+            async with asyncio.timeout(min(pace.stall_s, pace.timeout_s - waited_s)):
+                piece = await anext(stream)
+        except StopAsyncIteration:
+            return
+        except TimeoutError:
+            raise _too_slow(pace, waited_s + pace.stall_s >= pace.timeout_s) from None
+        took_s = time.monotonic() - asked
+        waited_s += took_s
+        window_s += took_s
+        window_bytes += len(piece)
+        if waited_s >= pace.timeout_s:
+            raise _too_slow(pace, True)
+        if window_s >= pace.stall_s:
+            if window_bytes < pace.min_bytes_per_s * window_s:
+                raise DeadlineExceeded(
+                    f"the body arrives with {window_bytes / window_s:.0f} bytes/s, the minimum is "
+                    f"{pace.min_bytes_per_s}"
+                )
+            window_s, window_bytes = 0.0, 0
+        yield piece
+
+
+def _too_slow(pace: Pace, in_all: bool) -> DeadlineExceeded:
+    if in_all:
+        return DeadlineExceeded(f"the body did not arrive within {pace.timeout_s:g} s")
+    return DeadlineExceeded(f"no byte of the body arrived for {pace.stall_s:g} s")

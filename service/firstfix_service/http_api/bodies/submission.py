@@ -21,10 +21,9 @@ from firstfix.store.sha256 import sha256_of
 
 from ...auth.principal import Principal
 from ..parts import UploadParts
-from .form_directory import FormDirectory
+from .form import FormDirectory, FormFile, harmless_name, receive_form
 from .json_body import parse_object, read_object
-from .multipart import FormFile, harmless_name, receive_form
-from .upload_stream import own_upload
+from .uploads import own_upload
 
 _TEXTS, _FILES = {"map_id", "config"}, {"source", "trajectory"}
 
@@ -147,15 +146,7 @@ async def from_form(
         DeadlineExceeded: it arrives too slowly.
         Forbidden: the caller may not build this map.
     """
-    form = await receive_form(
-        request,
-        directory.path,
-        text_fields=_TEXTS,
-        file_fields=_FILES,
-        max_bytes=parts.max_bytes,
-        pace=parts.pace,
-        take=directory.take,
-    )
+    form = await receive_form(request, parts, directory, _TEXTS, _FILES)
     if "source" not in form.files:
         raise InvalidOption("the form has no file 'source'")
     return Submission(

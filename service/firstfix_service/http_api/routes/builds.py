@@ -126,11 +126,11 @@ async def get_build_events(
 
 async def _events(catalog: Catalog, build_id: str, status: dict[str, Any]) -> AsyncIterator[bytes]:
     """Events until the build ends."""
-    said: dict[str, Any] | None = None
+    sent: dict[str, Any] | None = None
     while status["state"] not in FINAL_STATES:
-        if status != said:
+        if status != sent:
             yield _event("progress", build_id, status)
-            said = status
+            sent = status
         yield b""
         try:
             status = await READS.run(catalog.build_status, build_id)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from fastapi import APIRouter, Request
 
 from firstfix.access.permissions import Scope
@@ -15,18 +13,13 @@ from ..bodies.json_body import read_model
 from ..edge import needs
 from ..parts import MapParts, MapPartsDep
 from ..schema.api_models import GeoreferenceBody, GeoreferenceRecord
+from ..schema.bodies import json_body
 from ..schema.parameters import MapId
 
 router = APIRouter(prefix="/maps/{map_id}/georeference", tags=["georeference"])
-_BODY: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/GeoreferenceBody"}}},
-    }
-}
 
 
-@router.put("", openapi_extra=_BODY)
+@router.put("", openapi_extra=json_body(GeoreferenceBody))
 @needs(Scope.BUILD, "change")
 async def put_georeference(map_id: MapId, request: Request, parts: MapPartsDep) -> GeoreferenceRecord:
     """Sets where the map lies on the Earth, for all its versions.

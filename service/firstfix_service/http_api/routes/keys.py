@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from datetime import timedelta
-from typing import Any
 
 from fastapi import APIRouter, Depends, Request
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.config import JsonDict
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant, Scope
@@ -16,7 +17,7 @@ from ...thread_pools import CHANGES, LISTS
 from ..bodies.json_body import read_model
 from ..edge import CallerDep, needs
 from ..parts import CatalogDep
-from ..schema.key_models import Key, KeyList, NewKey, NewKeyBody
+from ..schema.bodies import json_body
 from ..schema.parameters import KeyId
 
 
@@ -31,12 +32,44 @@ async def _sees_every_map(caller: CallerDep) -> None:
 
 
 router = APIRouter(prefix="/keys", tags=["keys"], dependencies=[Depends(_sees_every_map)])
-_BODY: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/NewKeyBody"}}},
-    }
-}
+
+
+_EXAMPLE: JsonDict = {"name": "robot-7", "scopes": ["localize"], "maps": ["hall*"], "expires_in_days": 90}
+
+
+class NewKeyBody(BaseModel):
+    """An API key to be made."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [_EXAMPLE]})
+    name: str = Field(max_length=100, description="for people")
+    scopes: list[str] = Field(min_length=1, max_length=10, description="localize, build, metrics or admin")
+    maps: list[str] = Field(["*"], description="patterns of map ids, with * and ?")
+    expires_in_days: float | None = Field(None, gt=0, le=36500, description="null: it does not expire")
+
+
+class Key(BaseModel):
+    """An API key without its secret."""
+
+    key_id: str
+    name: str
+    scopes: list[str]
+    maps: list[str]
+    created_time: str = Field(description="UTC, ISO 8601")
+    expires_time: str | None = Field(description="UTC, ISO 8601; null: it does not expire")
+    revoked: bool
+
+
+class NewKey(Key):
+    """An API key that was made just now."""
+
+    token: str = Field(description="what the caller sends; it is shown only once")
+
+
+class KeyList(BaseModel):
+    """All API keys."""
+
+    keys: list[Key] = Field(description="oldest first")
+    unreadable: list[str] = Field(description="ids of keys whose records are damaged")
 
 
 @router.get("")
@@ -48,7 +81,7 @@ def get_keys(catalog: CatalogDep) -> KeyList:
     return KeyList(keys=[Key.model_validate(key.to_mapping()) for key in found], unreadable=bad)
 
 
-@router.post("", status_code=201, openapi_extra=_BODY)
+@router.post("", status_code=201, openapi_extra=json_body(NewKeyBody))
 @needs(Scope.ADMIN, "change")
 async def post_key(request: Request, catalog: CatalogDep) -> NewKey:
     """Makes a key. Its token is in this answer alone: nobody can read it again."""

@@ -21,7 +21,8 @@ from ...query_workers.query import AsGiven, Query, single_values, split_map_ids
 from ...thread_pools import READS
 from ..edge import DirectRoute, caller_of, cancel_on_disconnect, needs
 from ..parts import LocalizeParts, part_of
-from ..schema.answer_models import Answer
+from ..schema.answer_models import Answer, GeoPose
+from ..schema.bodies import BINARY, add_schema, binary_body
 
 MAP_PARAMETER = "map"
 _OPTION_TEXT = {
@@ -61,10 +62,7 @@ def _openapi() -> dict[str, Any]:
             }
             for name in names
         ],
-        "requestBody": {
-            "required": True,
-            "content": {name: {"schema": {"type": "string", "format": "binary"}} for name in MEDIA_TYPES},
-        },
+        **binary_body(MEDIA_TYPES),
     }
 
 
@@ -74,8 +72,8 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
         "description": "the answer, also if the scan was not localized: then it has no pose and is always "
         "`application/json`",
         "content": {
-            GEOPOSE: {"schema": {"$ref": "#/components/schemas/GeoPose"}},
-            POSE: {"schema": {"type": "string", "format": "binary"}},
+            GEOPOSE: {"schema": {"$ref": add_schema(GeoPose)}},
+            POSE: BINARY,
         },
         "headers": {
             "Server-Timing": {"description": "milliseconds of each stage", "schema": {"type": "string"}}

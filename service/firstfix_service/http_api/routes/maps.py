@@ -18,7 +18,7 @@ from firstfix.ids import is_name, new_build_id
 from ...auth.principal import Principal
 from ...telemetry.request_scope import with_traceparent
 from ...thread_pools import CHANGES, COPIES, LISTS, READS
-from ..bodies.form_directory import form_directory
+from ..bodies.form import form_directory
 from ..bodies.request_body import checked_length
 from ..bodies.submission import Submission, from_form, from_json, keep_for_good
 from ..edge import CallerDep, needs

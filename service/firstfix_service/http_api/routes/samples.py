@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field
 
 from firstfix.access.permissions import Scope
 from firstfix.answer.localization import Verdict
@@ -19,17 +21,62 @@ from ..answer_room import AnswerPlaceDep
 from ..bodies.json_body import read_model
 from ..edge import CallerDep, needs
 from ..parts import SamplesDep
+from ..schema.answer_models import Pose
+from ..schema.bodies import binary_answer, json_body
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, SampleId
-from ..schema.sample_models import Sample, SamplePage, Truth
 
 router = APIRouter(prefix="/samples", tags=["samples"])
 MAX_READ = 2000  # records that one request reads
-_TRUTH_BODY: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Truth"}}},
-    }
-}
+
+
+class Truth(BaseModel):
+    """Place where a scan was taken, as people have told."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [
+                {
+                    "map_id": "hall",
+                    "T_map_sensor": {"position": [12.3, -4.0, 1.0], "quaternion": [0.0, 0.0, 0.0, 1.0]},
+                }
+            ]
+        },
+    )
+    map_id: str
+    T_map_sensor: Pose | None = Field(description="null: the scan was not taken in this map")
+
+
+class Sample(BaseModel):
+    """A kept query."""
+
+    sample_id: str
+    time: str = Field(description="of the answer, UTC, ISO 8601")
+    transport: str
+    request_id: str
+    trace_id: str
+    map_id: str = Field(description="as in the request: one, several separated by commas, or empty")
+    media_type: str
+    content_encoding: str
+    options: dict[str, str]
+    answer: dict[str, Any] = Field(description="see `POST /localize`")
+    body_bytes: int
+    service_version: str
+    truth: Truth | None = Field(description="null: nobody has told")
+
+    @classmethod
+    def of(cls, sample: QuerySample) -> Sample:
+        """Returns the model of a sample."""
+        return cls.model_validate({**asdict(sample), "truth": sample.truth or None})
+
+
+class SamplePage(BaseModel):
+    """A page of kept queries."""
+
+    samples: list[Sample] = Field(description="newest first")
+    next: str | None = Field(
+        description="`after` of the next page, even if this page is short; null: this is the last page"
+    )
 
 
 @router.get("")
@@ -79,7 +126,7 @@ def get_sample(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) -> S
 @router.get(
     "/{sample_id}/body",
     response_class=Response,
-    responses={200: {"content": {"*/*": {"schema": {"type": "string", "format": "binary"}}}}},
+    responses=binary_answer("*/*"),
 )
 @needs(Scope.BUILD, "localize")
 @LISTS.route
@@ -99,7 +146,7 @@ def get_sample_body(
     )
 
 
-@router.put("/{sample_id}/truth", openapi_extra=_TRUTH_BODY)
+@router.put("/{sample_id}/truth", openapi_extra=json_body(Truth))
 @needs(Scope.BUILD)
 async def put_truth(sample_id: SampleId, request: Request, samples: SamplesDep, caller: CallerDep) -> Sample:
     """Notes where the scan was taken, for tests of later versions."""

@@ -17,11 +17,12 @@ from firstfix.ids import check_version
 
 from ...thread_pools import CHANGES, COPIES, LISTS, READS
 from ..bodies import tus
-from ..bodies.multipart import harmless_name
-from ..bodies.upload_stream import append_body, own_upload
+from ..bodies.form import harmless_name
+from ..bodies.uploads import append_body, own_upload
 from ..edge import CallerDep, needs
 from ..parts import UploadPartsDep
 from ..schema.api_models import UploadStatus
+from ..schema.bodies import binary_body
 from ..schema.parameters import UploadId
 
 router = APIRouter(prefix="/uploads", tags=["uploads"])
@@ -34,12 +35,6 @@ def _headers(*names: str) -> dict[str, Any]:
 
 
 _STATE_HEADERS = _headers("Upload-Offset", "Upload-Length", "Upload-Expires", "Tus-Resumable")
-_PART: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "content": {tus.MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}},
-    }
-}
 
 
 @router.options(
@@ -129,7 +124,12 @@ def get_upload(upload_id: UploadId, parts: UploadPartsDep, caller: CallerDep) ->
     return _status(own_upload(parts.uploads, caller, upload_id))
 
 
-@router.patch("/{upload_id}", status_code=204, responses={204: _STATE_HEADERS}, openapi_extra=_PART)
+@router.patch(
+    "/{upload_id}",
+    status_code=204,
+    responses={204: _STATE_HEADERS},
+    openapi_extra=binary_body([tus.MEDIA_TYPE]),
+)
 @needs(Scope.BUILD)
 async def append_to_upload(
     upload_id: UploadId,

@@ -14,6 +14,7 @@ from ..answer_room import AnswerPlaceDep
 from ..edge import needs
 from ..parts import CatalogDep, MapPartsDep
 from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
+from ..schema.bodies import BINARY
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId, Version
 
 router = APIRouter(prefix="/maps/{map_id}", tags=["versions"])
@@ -23,7 +24,7 @@ MAX_PICTURE_BYTES = 64 << 20
 FOREVER = "private, max-age=31536000, immutable"
 _PICTURE: dict[int | str, dict[str, Any]] = {
     200: {
-        "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
+        "content": {"image/png": BINARY},
         "headers": {"ETag": {"description": "sha256 of the picture", "schema": {"type": "string"}}},
     },
     304: {"description": "not modified"},

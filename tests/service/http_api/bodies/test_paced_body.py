@@ -12,8 +12,8 @@ import pytest
 from service_world import running_service
 
 from firstfix.errors import DeadlineExceeded
-from firstfix_service.http_api.bodies import paced_body
-from firstfix_service.http_api.bodies.paced_body import Pace, paced_pieces
+from firstfix_service.http_api.bodies import request_body
+from firstfix_service.http_api.bodies.request_body import Pace, paced_pieces
 from firstfix_service.http_api.parts import UploadParts
 from waiting import wait_until
 
@@ -37,7 +37,7 @@ class Sender:
 
 
 def received(monkeypatch: pytest.MonkeyPatch, sender: Sender, pace: Pace = PACE, busy_s: float = 0.0) -> int:
-    monkeypatch.setattr(paced_body, "time", sender)
+    monkeypatch.setattr(request_body, "time", sender)
 
     async def run() -> int:
         total = 0

@@ -14,6 +14,7 @@ from ....thread_pools import LISTS
 from ...answer_room import AnswerPlaceDep
 from ...edge import needs
 from ...parts import CatalogDep
+from ...schema.bodies import binary_answer
 from ...schema.parameters import MapId, Version
 from ..versions import FOREVER
 
@@ -49,9 +50,7 @@ def get_cloud(map_id: MapId, version: Version, catalog: CatalogDep, place: Answe
 @router.get(
     "/points",
     response_class=Response,
-    responses={
-        200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}
-    },
+    responses=binary_answer("application/octet-stream"),
 )
 @needs(Scope.LOCALIZE, "localize")
 @LISTS.route

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from fastapi import APIRouter, Query, Request, Response
@@ -22,22 +22,19 @@ from ....query_workers.query import BodyFormat
 from ....thread_pools import LOOKS
 from ...edge import CallerDep, needs
 from ...parts import LocalizePartsDep
+from ...schema.bodies import binary_answer, binary_body
 from ...schema.parameters import MapId, Version
 
 router = APIRouter(prefix="/maps/{map_id}/versions/{version}/overlay", tags=["localize"])
 POINT = np.dtype([("at", "<f4", 3), ("kind", "<u4")])
-_BODY: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "content": {name: {"schema": {"type": "string", "format": "binary"}} for name in MEDIA_TYPES},
-    }
-}
-_POINTS: dict[int | str, dict[str, Any]] = {
-    200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}
-}
 
 
-@router.post("", response_class=Response, responses=_POINTS, openapi_extra=_BODY)
+@router.post(
+    "",
+    response_class=Response,
+    responses=binary_answer("application/octet-stream"),
+    openapi_extra=binary_body(MEDIA_TYPES),
+)
 @needs(Scope.LOCALIZE, "localize")
 async def post_overlay(
     map_id: MapId,

@@ -1,28 +1,35 @@
-"""Multipart forms. Their files are written to disk as they arrive, so gigabytes need little memory."""
+"""Multipart forms. Their files are written to disk as they arrive, so gigabytes need little memory.
+
+The parser is python-multipart's, which bounds the boundary and the headers of a field. Its ready-made forms
+would not do: they keep a text of any length in memory, and write a file before its name can be refused.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+import shutil
+import uuid
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from fastapi import Request
-from python_multipart.exceptions import MultipartParseError
+from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
 from firstfix.errors import InvalidOption, MalformedData, TooLarge
 
 from ...thread_pools import COPIES
-from .paced_body import Pace, paced_pieces
+from ..parts import UploadParts
+from .disk_space import Reservation
+from .request_body import paced_pieces
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
 MAX_TEXT_BYTES = 1 << 20
-MAX_HEADER_BYTES = 16 << 10
-MAX_BOUNDARY_BYTES = 70  # RFC 2046; the parser's work grows with it
 _BATCH_BYTES = 1 << 20  # written by one call in a thread
 
 
@@ -46,23 +53,64 @@ class Form:
     files: dict[str, FormFile] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class FormDirectory:
+    """Directory of one form. It is removed with its files."""
+
+    path: Path
+    here: Reservation
+    in_store: Reservation
+
+    def take(self, size_bytes: int) -> None:
+        """Announces a write of so many bytes to the directory.
+
+        Raises:
+            OutOfSpace: there is no room here or in the store.
+        """
+        self.here.take(size_bytes)
+        self.in_store.ensure(self.here.taken_bytes)
+
+
+@asynccontextmanager
+async def form_directory(parts: UploadParts, declared_bytes: int) -> AsyncIterator[FormDirectory]:
+    """Makes a directory for one form and reserves space for it, until the block ends.
+
+    Args:
+        declared_bytes: size of the form; 0: not declared.
+
+    Raises:
+        OutOfSpace: there is no room for the declared size. No directory was made.
+    """
+    path = parts.folder / uuid.uuid4().hex
+    with (
+        parts.disks.reserve("this service's disk", parts.folder) as here,
+        parts.disks.reserve("the store's disk", parts.store.directory) as in_store,
+    ):
+
+        def make() -> None:
+            parts.folder.mkdir(parents=True, exist_ok=True)
+            here.ensure(declared_bytes)
+            in_store.ensure(declared_bytes)
+            path.mkdir()
+
+        try:
+            await COPIES.run(make)
+            yield FormDirectory(path, here, in_store)
+        finally:
+            await COPIES.run(shutil.rmtree, path, ignore_errors=True)
+
+
 async def receive_form(
     request: Request,
-    directory: Path,
-    *,
+    parts: UploadParts,
+    directory: FormDirectory,
     text_fields: set[str],
     file_fields: set[str],
-    max_bytes: int,
-    pace: Pace,
-    take: Callable[[int], None],
 ) -> Form:
     """Returns the form in a request's body.
 
-    Args:
-        directory: for the files. The caller removes it.
-        take: called in a thread before so many bytes are written. It raises if there is no room.
-
     Raises:
+        OutOfSpace: see ``FormDirectory.take``.
         DeadlineExceeded: the body is too slow.
         TooLarge: over the limit.
         InvalidOption: a field is unknown or given twice.
@@ -70,28 +118,28 @@ async def receive_form(
     """
     _, parameters = parse_options_header(request.headers.get("content-type"))
     boundary = parameters.get(b"boundary")
-    if not boundary or len(boundary) > MAX_BOUNDARY_BYTES:
-        raise MalformedData(f"the multipart form has no boundary of 1 to {MAX_BOUNDARY_BYTES} characters")
-    writer = _FormWriter(directory, text_fields, file_fields)
+    if not boundary:
+        raise MalformedData("the multipart form has no boundary")
+    writer = _FormWriter(directory.path, text_fields, file_fields)
     try:
         parser = MultipartParser(boundary, writer.callbacks())
 
         def write(data: bytes) -> None:
-            take(len(data))
+            directory.take(len(data))
             parser.write(data)
 
         size = 0
         batch = bytearray()
-        async for part in paced_pieces(request, pace):
+        async for part in paced_pieces(request, parts.pace):
             size += len(part)
-            if size > max_bytes:
-                raise TooLarge(f"the form has over {max_bytes} bytes")
+            if size > parts.max_bytes:
+                raise TooLarge(f"the form has over {parts.max_bytes} bytes")
             batch += part
             if len(batch) >= _BATCH_BYTES:
                 await COPIES.run(write, bytes(batch))
                 batch.clear()
         await COPIES.run(write, bytes(batch))
-    except MultipartParseError as error:
+    except FormParserError as error:
         raise MalformedData(f"not a multipart form: {error}") from None
     finally:
         writer.close()
@@ -108,8 +156,7 @@ class _FormWriter:
         self.ended = False
         self._directory = directory
         self._text_fields, self._file_fields = text_fields, file_fields
-        self._header_name = b""
-        self._header_value = b""
+        self._header_name = self._header_value = b""
         self._headers: dict[bytes, bytes] = {}
         self._name = ""
         self._text = bytearray()
@@ -141,16 +188,9 @@ class _FormWriter:
 
     def _header_field(self, data: bytes, start: int, end: int) -> None:
         self._header_name += data[start:end]
-        self._check_headers()
 
     def _header_data(self, data: bytes, start: int, end: int) -> None:
         self._header_value += data[start:end]
-        self._check_headers()
-
-    def _check_headers(self) -> None:
-        size = len(self._header_name) + len(self._header_value) + sum(map(len, self._headers.values()))
-        if size > MAX_HEADER_BYTES:
-            raise TooLarge("the headers of a form field are too long")
 
     def _header_end(self) -> None:
         self._headers[self._header_name.lower()] = self._header_value
