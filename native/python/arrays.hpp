@@ -1,14 +1,19 @@
-// Arrays that cross the border to Python. A kernel sees plain pointers; everything else is checked here.
+// Arrays that cross the border to Python. A kernel sees plain numbers; types, shapes and sizes are checked here.
 #pragma once
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <array>
 #include <cstddef>
+#include <cstring>
 #include <initializer_list>
 #include <memory>
+#include <type_traits>
 #include <utility>
 #include <vector>
+
+#include "firstfix/bit_exact/vectors.hpp"
 
 namespace firstfix::python {
 
@@ -18,9 +23,40 @@ namespace nb = nanobind;
 template <class T, class... Shape>
 using In = nb::ndarray<const T, Shape..., nb::c_contig, nb::device::cpu>;
 
+// The vectors of an array (n, 3).
+template <class Array>
+auto vectors_of(const Array& array) -> Vectors<std::remove_pointer_t<decltype(array.data())>> {
+  return {array.data(), array.shape(0)};
+}
+
 // Throws ValueError.
 inline void require(bool holds, const char* message) {
   if (!holds) throw nb::value_error(message);
+}
+
+// Calls a kernel while other threads of Python run.
+template <class Kernel>
+auto without_gil(Kernel&& kernel) {
+  nb::gil_scoped_release release;
+  return kernel();
+}
+
+inline std::vector<PoseMatrix> poses_of(const In<double, nb::shape<-1, 4, 4>>& array) {
+  std::vector<PoseMatrix> poses(array.shape(0));
+  if (!poses.empty()) std::memcpy(poses.data(), array.data(), poses.size() * sizeof(PoseMatrix));
+  return poses;
+}
+
+inline PoseMatrix pose_of(const In<double, nb::shape<4, 4>>& array) {
+  PoseMatrix pose;
+  std::memcpy(pose.data(), array.data(), sizeof pose);
+  return pose;
+}
+
+inline Vector6 twist_of(const In<double, nb::shape<6>>& array) {
+  Vector6 twist;
+  std::memcpy(twist.data(), array.data(), sizeof twist);
+  return twist;
 }
 
 // Times of a scan's points, in seconds from its stamp.
@@ -54,6 +90,19 @@ nb::ndarray<nb::numpy, T> array_of(std::vector<T>&& values, std::initializer_lis
   auto* held = new std::vector<T>(std::move(values));
   nb::capsule owner(held, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
   return nb::ndarray<nb::numpy, T>(held->data(), shape, owner);
+}
+
+// A NumPy array that owns the memory of matrices.
+template <std::size_t N>
+nb::ndarray<nb::numpy, double> array_of(std::vector<std::array<double, N>>&& matrices, std::initializer_list<std::size_t> shape) {
+  auto* held = new std::vector<std::array<double, N>>(std::move(matrices));
+  nb::capsule owner(held, [](void* p) noexcept { delete static_cast<std::vector<std::array<double, N>>*>(p); });
+  return nb::ndarray<nb::numpy, double>(held->data(), shape, owner);
+}
+
+template <class T>
+nb::ndarray<nb::numpy, T> array_of(std::vector<T>&& values) {
+  return array_of(std::move(values), {values.size()});
 }
 
 }  // namespace firstfix::python

@@ -19,7 +19,7 @@ namespace firstfix::python {
 namespace {
 
 using Points = In<float, nb::shape<-1, 3>>;
-using Pose = In<double, nb::shape<4, 4>>;
+using PoseArray = In<double, nb::shape<4, 4>>;
 constexpr std::int32_t kMostColumns = 3600, kMostCellsAnEdge = 256;
 
 nb::ndarray<nb::numpy, bool> flags_of(const std::vector<std::uint8_t>& values) {
@@ -30,37 +30,31 @@ nb::ndarray<nb::numpy, bool> flags_of(const std::vector<std::uint8_t>& values) {
 
 void check_reach(double reach_m) { require(reach_m > 0 && reach_m <= 1000, "points are compared from 0 to 1000 m"); }
 
-auto compare_points(const Tiles& near, const Tiles& far, double fine_m, double reach_m, Pose T_map_sensor, Points returns,
+auto compare_points(const Tiles& near, const Tiles& far, double fine_m, double reach_m, PoseArray T_map_sensor, Points returns,
                     std::int32_t columns) {
   check_reach(fine_m);
   check_reach(reach_m);
   require(columns >= 4 && columns <= kMostColumns && columns % 2 == 0, "there must be 4 to 3600 directions, an even number");
   ComparedPoints found;
-  {
-    nb::gil_scoped_release release;
-    found.add(near.view, T_map_sensor.data(), 0.0F, static_cast<float>(fine_m));
-    found.add(far.view, T_map_sensor.data(), static_cast<float>(fine_m), static_cast<float>(reach_m));
-    found.compare(returns.data(), returns.shape(0), columns);
-  }
+  without_gil([&] {
+    found.add(near.view, pose_of(T_map_sensor), 0.0F, static_cast<float>(fine_m));
+    found.add(far.view, pose_of(T_map_sensor), static_cast<float>(fine_m), static_cast<float>(reach_m));
+    found.compare(vectors_of(returns), columns);
+  });
   const std::size_t count = found.size();
   auto gone = flags_of(found.gone), met = flags_of(found.met);
   return std::make_tuple(array_of(std::move(found.points), {count, 3}), gone, met);
 }
 
-std::vector<float> numbers_of(const Points& points) {
-  return {points.data(), points.data() + 3 * points.shape(0)};
-}
-
 nb::ndarray<nb::numpy, bool> unexplained_returns(Points returns, Points mapped, const Grid& fine, const Grid& coarse,
-                                                 Pose T_map_sensor, Points around, Points below, double reach_m) {
+                                                 PoseArray T_map_sensor, Points around, Points below, double reach_m) {
   check_reach(reach_m);
   require(around.shape(0) <= 1000 && below.shape(0) <= 1000, "there are over 1000 places to look at");
   std::vector<std::uint8_t> is_new(returns.shape(0));
-  {
-    nb::gil_scoped_release release;
-    unexplained(returns.data(), is_new.size(), numbers_of(mapped), fine.view, coarse.view, T_map_sensor.data(),
-                numbers_of(around), numbers_of(below), static_cast<float>(reach_m), is_new.data());
-  }
+  without_gil([&] {
+    unexplained(vectors_of(returns), vectors_of(mapped), fine.view, coarse.view, pose_of(T_map_sensor), vectors_of(around),
+                vectors_of(below), static_cast<float>(reach_m), is_new.data());
+  });
   return flags_of(is_new);
 }
 
@@ -72,8 +66,7 @@ auto cell_counts(In<float, nb::shape<3, 3>> turn, In<float, nb::shape<3>> start,
   require(is_new.shape(0) == returns.shape(0), "returns and is_new differ in length");
   require(until_m.shape(0) == rays.shape(0), "rays and until_m differ in length");
   std::vector<std::int32_t> cells, counts;
-  {
-    nb::gil_scoped_release release;
+  without_gil([&] {
     CellCounts cube(turn.data(), start.data(), size);
     for (std::size_t i = 0; i < mapped.shape(0); ++i) {
       if (bytes_of(gone)[i]) cube.add(mapped.data() + 3 * i, 0);
@@ -89,7 +82,7 @@ auto cell_counts(In<float, nb::shape<3, 3>> turn, In<float, nb::shape<3>> start,
       cells.push_back(number);
       counts.insert(counts.end(), found.begin(), found.end());
     });
-  }
+  });
   const std::size_t count = cells.size();
   return std::make_tuple(array_of(std::move(cells), {count}), array_of(std::move(counts), {count, 4}));
 }

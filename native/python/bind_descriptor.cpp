@@ -21,11 +21,10 @@ std::size_t bytes_of(std::size_t rings, std::size_t sectors) {
 nb::ndarray<nb::numpy, std::uint8_t> described(const float* points, const std::int64_t* start, const float* height_m,
                                                std::size_t scans, const Rotation* R, const LayeredGrid& grid) {
   std::vector<std::uint8_t> bits;
-  {
-    nb::gil_scoped_release release;
+  without_gil([&] {
     bits.resize(scans * grid.bytes());
     occupied_cells(points, start, height_m, scans, R, grid, bits.data());
-  }
+  });
   return array_of(std::move(bits), {scans, grid.bytes()});
 }
 
@@ -71,15 +70,14 @@ void bind_descriptor(nb::module_& module) {
         const std::size_t scans = occupancy.shape(0);
         std::vector<float> keys;
         std::size_t size;
-        {
-          nb::gil_scoped_release release;
+        without_gil([&] {
           RingSpectra spectra(rings, sectors, coefficients);
           size = spectra.size();
           keys.resize(scans * size);
           for (std::size_t i = 0; i < scans; ++i) {
             spectra.key(occupancy.data() + i * occupancy.shape(1), occupancy.shape(1), &keys[i * size]);
           }
-        }
+        });
         return array_of(std::move(keys), {scans, size});
       },
       nb::arg("occupancy"), nb::arg("rings"), nb::arg("sectors"), nb::arg("coefficients"));
@@ -95,12 +93,11 @@ void bind_descriptor(nb::module_& module) {
         }
         std::vector<std::int64_t> shift;
         std::vector<float> score;
-        {
-          nb::gil_scoped_release release;
+        without_gil([&] {
           shift.resize(count), score.resize(count);
           BestShifts(query.data(), bytes, rings, sectors)
               .compare(templates.data(), rows.data(), count, shift.data(), score.data());
-        }
+        });
         return std::pair(array_of(std::move(shift), {count}), array_of(std::move(score), {count}));
       },
       nb::arg("query"), nb::arg("templates").noconvert(), nb::arg("rows"), nb::arg("rings"), nb::arg("sectors"));

@@ -19,31 +19,20 @@ void bind_index(nb::module_& module) {
              In<float, nb::shape<-1, -1>> ranges) {
             const std::size_t number = origins.shape(0), count = directions.shape(0);
             require(ranges.shape(0) == number && ranges.shape(1) == count, "ranges have a row for each origin");
-            nb::gil_scoped_release release;
-            surface.add(origins.data(), number, directions.data(), count, ranges.data());
+            without_gil([&] { surface.add(origins.data(), number, directions.data(), count, ranges.data()); });
           },
           nb::arg("origins"), nb::arg("directions"), nb::arg("ranges"))
       .def("means", [](const SeenSurface& surface) {
-        std::vector<double> means;
-        {
-          nb::gil_scoped_release release;
-          means = surface.means();
-        }
-        const std::size_t count = means.size() / SeenSurface::kColumns;
-        return array_of(std::move(means), {count, SeenSurface::kColumns});
+        auto means = without_gil([&] { return surface.means(); });
+        return array_of(std::move(means), {means.size() / SeenSurface::kColumns, SeenSurface::kColumns});
       });
   module.def(
       "column_means",
       [](In<double, nb::shape<-1, -1>> rows, double voxel_m) {
         const std::size_t columns = rows.shape(1);
         require(columns >= 3, "a row begins with x, y, z");
-        std::vector<double> means;
-        {
-          nb::gil_scoped_release release;
-          means = column_means(rows.data(), rows.shape(0), columns, voxel_m);
-        }
-        const std::size_t count = means.size() / columns;
-        return array_of(std::move(means), {count, columns});
+        auto means = without_gil([&] { return column_means(rows.data(), rows.shape(0), columns, voxel_m); });
+        return array_of(std::move(means), {means.size() / columns, columns});
       },
       nb::arg("rows"), nb::arg("voxel_m"));
 }

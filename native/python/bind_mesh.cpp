@@ -28,11 +28,7 @@ void bind_mesh(nb::module_& module) {
       "cell_planes",
       [](Points points, double cell_m) {
         require_cells(points.shape(0), cell_m);
-        CellPlanes planes;
-        {
-          nb::gil_scoped_release release;
-          planes = cell_planes(points.data(), points.shape(0), cell_m);
-        }
+        CellPlanes planes = without_gil([&] { return cell_planes(points.data(), points.shape(0), cell_m); });
         const std::size_t cells = planes.weights.size();
         return std::make_tuple(array_of(std::move(planes.means), {cells, 3}),
                                array_of(std::move(planes.normals), {cells, 3}),
@@ -57,11 +53,10 @@ void bind_mesh(nb::module_& module) {
         require(std::all_of(weights.data(), weights.data() + rows, [](double w) { return w > 0 && w <= 1e9; }),
                 "a weight is not positive, or over 1e9");
         SurfaceNet net;
-        {
-          nb::gil_scoped_release release;
+        without_gil([&] {
           net = surface_net(means.data(), normals.data(), weights.data(), rows, near.data(), near.shape(0), cell_m,
                             reach_cells, trim_cells);
-        }
+        });
         const std::size_t vertices = net.vertices.size() / 3, triangles = net.triangles.size() / 3;
         return std::make_tuple(array_of(std::move(net.vertices), {vertices, 3}),
                                array_of(std::move(net.triangles), {triangles, 3}));

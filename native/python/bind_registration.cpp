@@ -25,17 +25,15 @@ constexpr int kMostIterations = 1000;  // a caller's slip must not keep a thread
 
 nb::ndarray<nb::numpy, std::int32_t> nearest(const Grid& grid, Points points) {
   std::vector<std::int32_t> rows(points.shape(0));
-  {
-    nb::gil_scoped_release release;
+  without_gil([&] {
     const SurfaceGrid& view = grid.view;
     for (std::size_t i = 0; i < rows.size(); ++i) {
       std::int32_t cell[3];
       for (int axis = 0; axis < 3; ++axis) cell[axis] = cell_at(points.data()[3 * i + axis] * (1 / view.cell_m), view.last(axis));
       view.nearest(&cell[0], &cell[1], &cell[2], 1, &rows[i]);
     }
-  }
-  const std::size_t count = rows.size();
-  return array_of(std::move(rows), {count});
+  });
+  return array_of(std::move(rows));
 }
 
 // The cubes of blocks first to end, the last one excluded.
@@ -55,11 +53,7 @@ auto nearest_of_points(In<std::int32_t, nb::shape<-1, 3>> cell, Points offset, I
   GridBlocks grid{group.data(), {}, block.data(), static_cast<std::int64_t>(block.shape(0)), bits_of(block), block_bits,
                   first, end - first};
   for (std::size_t axis = 0; axis < 3; ++axis) grid.shape[axis] = static_cast<std::int64_t>(group.shape(axis));
-  std::vector<std::int32_t> found;
-  {
-    nb::gil_scoped_release release;
-    found = nearest_points(grid, cell.data(), offset.data(), row.data(), count);
-  }
+  auto found = without_gil([&] { return nearest_points(grid, cell.data(), offset.data(), row.data(), count); });
   const std::size_t side = std::size_t{1} << block_bits;
   return array_of(std::move(found), {static_cast<std::size_t>(grid.count), side, side, side});
 }
@@ -78,19 +72,19 @@ auto align_all(const Grid& grid, Points points, Points normals, Flags oriented, 
                float reach_m, float half_angle, float inlier_distance_m) {
   const std::size_t scan_points = points.shape(0), poses = T_start.shape(0);
   check(points, normals, oriented, iterations, {reach_m, half_angle, inlier_distance_m});
-  std::vector<double> T(16 * poses), information(36 * poses), inlier_ratio(poses), alignment_score(poses);
-  {
-    nb::gil_scoped_release release;
-    std::copy_n(T_start.data(), T.size(), T.data());
-    const ScanSurface scan(points.data(), normals.data(), bytes_of(oriented), scan_points);
+  std::vector<PoseMatrix> T = poses_of(T_start);
+  std::vector<Matrix6> information(poses);
+  std::vector<double> inlier_ratio(poses), alignment_score(poses);
+  without_gil([&] {
+    const ScanSurface scan(vectors_of(points), vectors_of(normals), bytes_of(oriented));
     PairFinder finder(grid.view, scan);
     for (std::size_t pose = 0; pose < poses; ++pose) {
-      align(finder, scan_points, {iterations, reach_m, half_angle}, &T[16 * pose], &information[36 * pose]);
-      const AlignmentQuality quality = quality_at(finder, scan_points, &T[16 * pose], inlier_distance_m);
+      align(finder, scan_points, {iterations, reach_m, half_angle}, T[pose], information[pose]);
+      const AlignmentQuality quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
       inlier_ratio[pose] = quality.inlier_ratio;
       alignment_score[pose] = quality.alignment_score;
     }
-  }
+  });
   return std::make_tuple(array_of(std::move(T), {poses, 4, 4}), array_of(std::move(inlier_ratio), {poses}),
                          array_of(std::move(alignment_score), {poses}), array_of(std::move(information), {poses, 6, 6}));
 }
@@ -103,20 +97,20 @@ auto align_all_moving(const Grid& grid, Points points, Points normals, Flags ori
   for (std::size_t k = 0; k < 6; ++k) {
     require(scale.data()[k] >= 1e-9 && scale.data()[k] <= 1e9, "the scale of a twist is not positive, or too large");
   }
-  std::vector<double> T(16 * poses), twist(6 * poses), information(36 * poses), inlier_ratio(poses), alignment_score(poses);
-  {
-    nb::gil_scoped_release release;
-    std::copy_n(T_start.data(), T.size(), T.data());
-    MovingScan scan(points.data(), normals.data(), bytes_of(oriented), time_s.data(), scan_points);
+  std::vector<PoseMatrix> T = poses_of(T_start);
+  std::vector<Vector6> twist(poses);
+  std::vector<Matrix6> information(poses);
+  std::vector<double> inlier_ratio(poses), alignment_score(poses);
+  without_gil([&] {
+    MovingScan scan(vectors_of(points), vectors_of(normals), bytes_of(oriented), time_s.data());
     PairFinder finder(grid.view, scan.seen());
     for (std::size_t pose = 0; pose < poses; ++pose) {
-      align_moving(finder, scan, {iterations, reach_m, half_angle}, scale.data(), &T[16 * pose], &twist[6 * pose],
-                   &information[36 * pose]);
-      const AlignmentQuality quality = quality_at(finder, scan_points, &T[16 * pose], inlier_distance_m);
+      align_moving(finder, scan, {iterations, reach_m, half_angle}, twist_of(scale), T[pose], twist[pose], information[pose]);
+      const AlignmentQuality quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
       inlier_ratio[pose] = quality.inlier_ratio;
       alignment_score[pose] = quality.alignment_score;
     }
-  }
+  });
   return std::make_tuple(array_of(std::move(T), {poses, 4, 4}), array_of(std::move(inlier_ratio), {poses}),
                          array_of(std::move(alignment_score), {poses}), array_of(std::move(information), {poses, 6, 6}),
                          array_of(std::move(twist), {poses, 6}));
@@ -126,17 +120,17 @@ auto agreement_of_all(const Grid& grid, const Grid& coarse, Points points, Point
                       Poses T_level_sensor, float inlier_distance_m) {
   const std::size_t scan_points = points.shape(0), poses = T_level_sensor.shape(0);
   check(points, normals, oriented, 0, {inlier_distance_m});
+  const std::vector<PoseMatrix> T = poses_of(T_level_sensor);
   std::vector<double> beside_surface(poses), same_plane(poses);
-  {
-    nb::gil_scoped_release release;
-    const ScanSurface scan(points.data(), normals.data(), bytes_of(oriented), scan_points);
+  without_gil([&] {
+    const ScanSurface scan(vectors_of(points), vectors_of(normals), bytes_of(oriented));
     PairFinder finder(grid.view, scan);
     for (std::size_t pose = 0; pose < poses; ++pose) {
-      const Agreement found = agreement_at(finder, coarse.view, scan, T_level_sensor.data() + 16 * pose, inlier_distance_m);
+      const Agreement found = agreement_at(finder, coarse.view, scan, T[pose], inlier_distance_m);
       beside_surface[pose] = found.beside_surface;
       same_plane[pose] = found.same_plane;
     }
-  }
+  });
   return std::make_tuple(array_of(std::move(beside_surface), {poses}), array_of(std::move(same_plane), {poses}));
 }
 
@@ -163,9 +157,7 @@ void bind_registration(nb::module_& module) {
   module.def(
       "distinct_poses",
       [](Poses T, double within_m, double within_rad, std::size_t most) {
-        std::vector<std::int64_t> kept = distinct_poses(T.data(), T.shape(0), within_m, within_rad, most);
-        const std::size_t count = kept.size();
-        return array_of(std::move(kept), {count});
+        return array_of(distinct_poses(poses_of(T), within_m, within_rad, most));
       },
       nb::arg("T"), nb::arg("within_m"), nb::arg("within_rad"), nb::arg("most"));
 }

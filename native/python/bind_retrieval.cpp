@@ -11,13 +11,9 @@ void bind_retrieval(nb::module_& module) {
          double spot_cosine, std::size_t at_most_a_spot) {
         const std::size_t count = position_m.shape(0);
         require(yaw_rad.shape(0) == count, "a pose has one position and one yaw");
-        std::vector<std::int64_t> chosen;
-        {
-          nb::gil_scoped_release release;
-          chosen = spread_out(position_m.data(), yaw_rad.data(), count, at_most, {spot_m, spot_cosine, at_most_a_spot});
-        }
-        const std::size_t left = chosen.size();
-        return array_of(std::move(chosen), {left});
+        return array_of(without_gil([&] {
+          return spread_out(position_m.data(), yaw_rad.data(), count, at_most, {spot_m, spot_cosine, at_most_a_spot});
+        }));
       },
       nb::arg("position_m"), nb::arg("yaw_rad"), nb::arg("at_most"), nb::arg("spot_m"), nb::arg("spot_cosine"),
       nb::arg("at_most_a_spot"));

@@ -31,60 +31,36 @@ void bind_vectors(nb::module_& module) {
   module.def(
       "first_in_voxel",
       [](Vectors<T> points, double voxel_m) {
-        std::vector<std::int64_t> rows;
-        {
-          nb::gil_scoped_release release;
-          rows = first_in_voxel(points.data(), points.shape(0), voxel_m);
-        }
-        const std::size_t count = rows.size();
-        return array_of(std::move(rows), {count});
+        return array_of(without_gil([&] { return first_in_voxel(points.data(), points.shape(0), voxel_m); }));
       },
       "points"_a, "voxel_m"_a);
   module.def(
       "voxel_means",
       [](Vectors<T> points, double voxel_m, double border_m) {
-        std::vector<double> means;
-        {
-          nb::gil_scoped_release release;
-          means = voxel_means(points.data(), points.shape(0), voxel_m, border_m);
-        }
-        const std::size_t count = means.size() / 3;
-        return array_of(std::move(means), {count, 3});
+        auto means = without_gil([&] { return voxel_means(points.data(), points.shape(0), voxel_m, border_m); });
+        return array_of(std::move(means), {means.size() / 3, 3});
       },
       "points"_a, "voxel_m"_a, "border_m"_a = 0.0);
   module.def(
       "voxel_mean_times",
       [](Vectors<T> points, Times time_s, double voxel_m, double border_m) {
         check_times(time_s, points.shape(0));
-        std::vector<double> means;
-        {
-          nb::gil_scoped_release release;
-          means = voxel_mean_times(points.data(), time_s.data(), points.shape(0), voxel_m, border_m);
-        }
-        const std::size_t count = means.size();
-        return array_of(std::move(means), {count});
+        return array_of(without_gil(
+            [&] { return voxel_mean_times(points.data(), time_s.data(), points.shape(0), voxel_m, border_m); }));
       },
       "points"_a, "time_s"_a, "voxel_m"_a, "border_m"_a = 0.0);
   module.def(
       "rows_by_voxel_hash",
       [](Vectors<T> points, double voxel_m, std::uint64_t at_most) {
-        std::vector<std::int64_t> rows;
-        {
-          nb::gil_scoped_release release;
-          rows = rows_by_voxel_hash(points.data(), points.shape(0), voxel_m, at_most);
-        }
-        const std::size_t count = rows.size();
-        return array_of(std::move(rows), {count});
+        return array_of(
+            without_gil([&] { return rows_by_voxel_hash(points.data(), points.shape(0), voxel_m, at_most); }));
       },
       "points"_a, "voxel_m"_a, "at_most"_a);
   module.def(
       "turned",
       [](Vectors<T> points, Rotation R) {
         std::vector<T> rotated(points.size());
-        {
-          nb::gil_scoped_release release;
-          turned(points.data(), points.shape(0), R.data(), rotated.data());
-        }
+        without_gil([&] { turned(points.data(), points.shape(0), R.data(), rotated.data()); });
         return array_of(std::move(rotated), {points.shape(0), 3});
       },
       "points"_a, "R"_a);
@@ -93,18 +69,16 @@ void bind_vectors(nb::module_& module) {
       [](Vectors<T> points, Vectors<T> normals, double max_height_m) {
         require(points.shape(0) == normals.shape(0), "there is not one normal for each point");
         require(max_height_m >= 0 && max_height_m <= 1000, "the height must be in [0, 1000] m");
-        nb::gil_scoped_release release;
-        return floor_height(points.data(), normals.data(), points.shape(0), max_height_m);
+        return without_gil([&] { return floor_height(points.data(), normals.data(), points.shape(0), max_height_m); });
       },
       "points"_a, "normals"_a, "max_height_m"_a = 4.0);
   module.def(
       "votes",
       [](Vectors<T> normals, Vectors<double> directions) {
         std::vector<double> won(directions.shape(0));
-        {
-          nb::gil_scoped_release release;
+        without_gil([&] {
           votes(normals.data(), normals.shape(0), directions.data(), directions.shape(0), won.data());
-        }
+        });
         return array_of(std::move(won), {directions.shape(0)});
       },
       "normals"_a, "directions"_a);
@@ -112,11 +86,10 @@ void bind_vectors(nb::module_& module) {
       "refined_up",
       [](Vectors<T> normals, Direction up) {
         std::vector<double> refined(3);
-        {
-          nb::gil_scoped_release release;
+        without_gil([&] {
           const auto found = refined_up(normals.data(), normals.shape(0), {up(0), up(1), up(2)});
           refined.assign(found.begin(), found.end());
-        }
+        });
         return array_of(std::move(refined), {3});
       },
       "normals"_a, "up"_a);
@@ -131,13 +104,7 @@ void bind_scan(nb::module_& module) {
       [](std::uint64_t count, std::uint64_t at_most) {
         constexpr std::uint64_t kMost = std::uint64_t{1} << 30;
         require(std::min(count, at_most) < kMost, "a list has too many rows");
-        std::vector<std::int64_t> rows;
-        {
-          nb::gil_scoped_release release;
-          rows = detail::rows_by_chance(count, at_most);
-        }
-        const std::size_t taken = rows.size();
-        return array_of(std::move(rows), {taken});
+        return array_of(without_gil([&] { return detail::rows_by_chance(count, at_most); }));
       },
       "count"_a, "at_most"_a);
   module.def(
@@ -145,23 +112,18 @@ void bind_scan(nb::module_& module) {
       [](Vectors<float> points, double min_range_m, double max_range_m) {
         const std::size_t count = points.shape(0);
         std::vector<float> kept;
-        {
-          nb::gil_scoped_release release;
+        without_gil([&] {
           kept.resize(3 * count);
           kept.resize(3 * within_range(points.data(), count, min_range_m, max_range_m, kept.data()));
-        }
-        const std::size_t left = kept.size() / 3;
-        return array_of(std::move(kept), {left, 3});
+        });
+        return array_of(std::move(kept), {kept.size() / 3, 3});
       },
       "points"_a, "min_range_m"_a, "max_range_m"_a);
   module.def(
       "nearest_by_direction",
       [](Vectors<float> points) {
         std::vector<float> nearest_m(kDirections, std::numeric_limits<float>::infinity());
-        {
-          nb::gil_scoped_release release;
-          nearest_by_direction(points.data(), points.shape(0), nearest_m.data());
-        }
+        without_gil([&] { nearest_by_direction(points.data(), points.shape(0), nearest_m.data()); });
         return array_of(std::move(nearest_m), {kDirections});
       },
       "points"_a);
@@ -169,10 +131,7 @@ void bind_scan(nb::module_& module) {
       "least_of_neighbours",
       [](View image) {
         std::vector<float> least_m(kDirections);
-        {
-          nb::gil_scoped_release release;
-          least_of_neighbours(image.data(), least_m.data());
-        }
+        without_gil([&] { least_of_neighbours(image.data(), least_m.data()); });
         return array_of(std::move(least_m), {kViewRows, kViewColumns});
       },
       "image"_a);
@@ -184,21 +143,14 @@ void bind_scan(nb::module_& module) {
           require(std::fabs(twist.data()[k]) <= (k < 3 ? kMaxLinearMS : kMaxAngularRadS), "the twist is too fast");
         }
         std::vector<float> deskewed(points.size());
-        {
-          nb::gil_scoped_release release;
-          deskew(points.data(), time_s.data(), points.shape(0), twist.data(), deskewed.data());
-        }
+        without_gil([&] { deskew(vectors_of(points), time_s.data(), twist_of(twist), deskewed.data()); });
         return array_of(std::move(deskewed), {points.shape(0), 3});
       },
       "points"_a, "time_s"_a, "twist"_a);
   module.def(
       "flat_patches",
       [](Vectors<double> means, double side_m) {
-        Patches flat;
-        {
-          nb::gil_scoped_release release;
-          flat = flat_patches(means.data(), means.shape(0), side_m);
-        }
+        Patches flat = without_gil([&] { return flat_patches(means.data(), means.shape(0), side_m); });
         const std::size_t count = flat.points.size() / 3;
         return std::make_tuple(array_of(std::move(flat.points), {count, 3}),
                                array_of(std::move(flat.normals), {count, 3}));

@@ -35,8 +35,7 @@ void make_tree(TriangleTree* place, Points vertices, In<std::uint32_t, nb::shape
   std::uint32_t highest = 0;
   for (std::size_t i = 0; i < 3 * count; ++i) highest = std::max(highest, triangles.data()[i]);
   require(highest < vertices.shape(0), "a triangle has a vertex that is not there");
-  nb::gil_scoped_release release;
-  new (place) TriangleTree(vertices.data(), triangles.data(), count);
+  without_gil([&] { new (place) TriangleTree(vertices.data(), triangles.data(), count); });
 }
 
 // Throws ValueError for what no caster takes.
@@ -56,12 +55,11 @@ auto ranges(const TriangleTree& tree, Points origins, Points directions, Rows or
   const std::size_t number = origins.shape(0), count = directions.shape(0);
   require_rays(origins, directions, order, min_range_m, max_range_m);
   std::vector<float> result;
-  {
-    nb::gil_scoped_release release;
+  without_gil([&] {
     result.assign(number * count, std::numeric_limits<float>::infinity());
     cast_rays(tree, origins.data(), number, directions.data(), order.data(), count, min_range_m, max_range_m,
               result.data());
-  }
+  });
   return array_of(std::move(result), {number, count});
 }
 
@@ -76,12 +74,11 @@ auto occupied_cells_seen(const TriangleTree& tree, Points origins, In<float, nb:
   }
   const LayeredGrid grid = grid_of(rings, sectors, cells_range_m, edges_m);
   std::vector<std::uint8_t> bits;
-  {
-    nb::gil_scoped_release release;
+  without_gil([&] {
     bits.resize(number * grid.bytes());
     cast_cells(tree, origins.data(), height_m.data(), number, directions.data(), order.data(), directions.shape(0),
                min_range_m, max_range_m, grid, bits.data());
-  }
+  });
   return array_of(std::move(bits), {number, grid.bytes()});
 }
 
@@ -97,12 +94,11 @@ auto ranges_beyond(const TriangleTree& tree, In<float, nb::shape<3>> origin, Poi
   for (std::size_t i = 0; i < count; ++i) require(beyond_m.data()[i] >= 0, "a range is negative or not a number");
   require(max_range_m >= 0 && max_range_m <= TriangleTree::kMostAway, "the limit of ranges is too far away");
   std::vector<float> result;
-  {
-    nb::gil_scoped_release release;
+  without_gil([&] {
     result.assign(count, std::numeric_limits<float>::infinity());
     cast_rays_beyond(tree, origin.data(), directions.data(), order.data(), count, beyond_m.data(), max_range_m,
                      result.data());
-  }
+  });
   return array_of(std::move(result), {count});
 }
 
@@ -110,11 +106,10 @@ auto near_surface(const TriangleTree& tree, Points points, float radius_m) {
   require(within(points, TriangleTree::kMostAway), "a point is not finite or too far away");
   const std::size_t count = points.shape(0);
   std::vector<std::uint8_t> result;
-  {
-    nb::gil_scoped_release release;
+  without_gil([&] {
     result.resize(count);
     for (std::size_t i = 0; i < count; ++i) result[i] = is_near_surface(tree, points.data() + 3 * i, radius_m);
-  }
+  });
   return array_of(std::move(result), {count});
 }
 
@@ -127,8 +122,7 @@ auto crossings(const TriangleTree& tree, In<double, nb::shape<-1, 2>> columns, d
   std::vector<std::int64_t> start{0};
   std::vector<double> z;
   std::vector<float> level;
-  {
-    nb::gil_scoped_release release;
+  without_gil([&] {
     start.reserve(count + 1);
     std::vector<Crossing> found;
     for (std::size_t i = 0; i < count; ++i) {
@@ -136,7 +130,7 @@ auto crossings(const TriangleTree& tree, In<double, nb::shape<-1, 2>> columns, d
       for (const Crossing& one : found) z.push_back(one.z), level.push_back(one.level);
       start.push_back(static_cast<std::int64_t>(z.size()));
     }
-  }
+  });
   const std::size_t all = z.size();
   return std::make_tuple(array_of(std::move(start), {count + 1}), array_of(std::move(z), {all}),
                          array_of(std::move(level), {all}));
@@ -148,13 +142,12 @@ auto free_ways(const TriangleTree& tree, Points starts, Points ends) {
   require(within(starts, TriangleTree::kMostAway), "a start is not finite or too far away");
   require(within(ends, TriangleTree::kMostAway), "an end is not finite or too far away");
   std::vector<std::uint8_t> result;
-  {
-    nb::gil_scoped_release release;
+  without_gil([&] {
     result.resize(count);
     for (std::size_t i = 0; i < count; ++i) {
       result[i] = is_way_free(tree, starts.data() + 3 * i, ends.data() + 3 * i);
     }
-  }
+  });
   return array_of(std::move(result), {count});
 }
 

@@ -37,13 +37,12 @@ void bind_surface(nb::module_& module) {
         require_metres(points);
         std::vector<float> normals;
         std::vector<std::uint8_t> oriented;
-        {
-          nb::gil_scoped_release release;
+        without_gil([&] {
           normals.resize(3 * count);
           oriented.resize(count);
-          surface_normals(points.data(), count, to_viewer ? to_viewer->data() : nullptr, two_faces, normals.data(),
+          surface_normals(vectors_of(points), to_viewer ? to_viewer->data() : nullptr, two_faces, normals.data(),
                           oriented.data());
-        }
+        });
         return std::make_tuple(array_of(std::move(normals), {count, 3}), array_of(std::move(oriented), {count}));
       },
       "points"_a, "to_viewer"_a = nb::none(), "two_faces"_a = false);
@@ -53,12 +52,11 @@ void bind_surface(nb::module_& module) {
         const std::size_t count = points.shape(0);
         require(normals.shape(0) == count && oriented.shape(0) == count, "there is not one normal for each point");
         SurfacePoints thinned;
-        {
-          nb::gil_scoped_release release;
+        without_gil([&] {
           // a byte of a view as bool may hold more than 0 and 1
           const auto* sure = reinterpret_cast<const std::uint8_t*>(oriented.data());
-          thinned = thin_surface(points.data(), normals.data(), sure, count, voxel_m);
-        }
+          thinned = thin_surface(vectors_of(points), vectors_of(normals), sure, voxel_m);
+        });
         const std::size_t left = thinned.oriented.size();
         return std::make_tuple(array_of(std::move(thinned.points), {left, 3}),
                                array_of(std::move(thinned.normals), {left, 3}),

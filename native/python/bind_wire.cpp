@@ -17,7 +17,7 @@ using CosinesAndSines = In<double, nb::shape<2, -1>>;
 template <class T>
 using Numbers = nb::ndarray<const T, nb::ndim<1>, nb::device::cpu>;
 
-detail::Span span_of(const Octets& octets) { return {octets.data(), octets.size()}; }
+detail::ByteSpan span_of(const Octets& octets) { return {octets.data(), octets.size()}; }
 
 Angles angles_of(const CosinesAndSines& table) {
   const std::size_t count = table.shape(1);
@@ -40,10 +40,9 @@ void bind_usable_points(nb::module_& module) {
         auto points = memory<float>(3 * count);
         auto usable = memory<bool>(count);
         std::size_t found = 0;
-        {
-          nb::gil_scoped_release release;
+        without_gil([&] {
           found = usable_points(column_of(x), column_of(y), column_of(z), count, points.get(), usable.get());
-        }
+        });
         return std::make_pair(array_of(std::move(points), {found, 3}), array_of(std::move(usable), {count}));
       },
       "x"_a.noconvert(), "y"_a.noconvert(), "z"_a.noconvert());
@@ -58,8 +57,7 @@ void bind_wire(nb::module_& module) {
   module.def(
       "all_within",
       [](In<float, nb::shape<-1, 3>> points, double limit_m) {
-        nb::gil_scoped_release release;
-        return all_within(points.data(), points.shape(0), limit_m);
+        return without_gil([&] { return all_within(points.data(), points.shape(0), limit_m); });
       },
       "points"_a.noconvert(), "limit_m"_a);
   module.def(
@@ -68,10 +66,7 @@ void bind_wire(nb::module_& module) {
         const std::size_t bytes = planes.shape(0) / 3, count = planes.shape(1);
         require(planes.shape(0) == 6 || planes.shape(0) == 12, "a coordinate has 2 or 4 bytes");
         auto points = memory<float>(3 * count);
-        {
-          nb::gil_scoped_release release;
-          points_of_planes(planes.data(), count, bytes, resolution_m, origin.data(), points.get());
-        }
+        without_gil([&] { points_of_planes(planes.data(), count, bytes, resolution_m, origin.data(), points.get()); });
         return array_of(std::move(points), {count, 3});
       },
       "planes"_a.noconvert(), "resolution_m"_a, "origin"_a);
@@ -81,10 +76,7 @@ void bind_wire(nb::module_& module) {
         const std::size_t bytes = planes.shape(0), count = planes.shape(1);
         require(bytes == 1 || bytes == 2, "an intensity has 1 or 2 bytes");
         auto intensity = memory<float>(count);
-        {
-          nb::gil_scoped_release release;
-          intensity_of_planes(planes.data(), count, bytes, scale, offset, intensity.get());
-        }
+        without_gil([&] { intensity_of_planes(planes.data(), count, bytes, scale, offset, intensity.get()); });
         return array_of(std::move(intensity), {count});
       },
       "planes"_a.noconvert(), "scale"_a, "offset"_a);
@@ -96,11 +88,10 @@ void bind_wire(nb::module_& module) {
         require(azimuths.shape(1) > 0 && azimuths.shape(1) < 65'536 && elevations.shape(1) < 65'536,
                 "a grid has at most 65,535 columns and rows");
         auto points = memory<float>(3 * std::size_t{count});
-        {
-          nb::gil_scoped_release release;
+        without_gil([&] {
           range_image_points(span_of(gaps), span_of(ranges), count, resolution_m, angles_of(azimuths),
                              angles_of(elevations), points.get());
-        }
+        });
         return array_of(std::move(points), {count, 3});
       },
       "gaps"_a.noconvert(), "ranges"_a.noconvert(), "count"_a, "resolution_m"_a, "azimuths"_a, "elevations"_a);
@@ -118,10 +109,7 @@ void bind_wire(nb::module_& module) {
           require(grid.size[axis] >= 1 && grid.size[axis] < 65'536, "there are 1 to 65,535 cells along an axis");
         }
         auto points = memory<float>(3 * count);
-        {
-          nb::gil_scoped_release release;
-          compact_points(planes.data(), low.data(), count, grid, points.get());
-        }
+        without_gil([&] { compact_points(planes.data(), low.data(), count, grid, points.get()); });
         return array_of(std::move(points), {count, 3});
       },
       "planes"_a.noconvert(), "low"_a.noconvert(), "lowest"_a, "size"_a, "resolution_m"_a);
@@ -130,10 +118,7 @@ void bind_wire(nb::module_& module) {
       [](Octets content, In<float, nb::shape<256>> levels_m, std::uint32_t directions) {
         require(content.size() >= (std::size_t{directions} + 7) / 8, "there are too few bytes");
         auto nearest_m = memory<float>(directions);
-        {
-          nb::gil_scoped_release release;
-          ranges_of_levels(span_of(content), levels_m.data(), directions, nearest_m.get());
-        }
+        without_gil([&] { ranges_of_levels(span_of(content), levels_m.data(), directions, nearest_m.get()); });
         return array_of(std::move(nearest_m), {directions});
       },
       "content"_a.noconvert(), "levels_m"_a, "directions"_a);

@@ -20,17 +20,18 @@ void compare_once(Hostile& random) {
   const PointTiles tiles{points.data(), count, begin.data(), columns, rows, {-2, -2}};
   const auto returned = static_cast<std::size_t>(random.number(0, 500));
   const std::vector<float> returns = random.floats(3 * returned, 9, random.chance(0.5) ? 0.1 : 0);
-  const Pose T = pose(random, random.chance(0.5) ? 0.2 : 0);
+  const PoseMatrix T = pose(random, random.chance(0.5) ? 0.2 : 0);
   ComparedPoints found;
-  found.add(tiles, T.data(), 0, 9);
-  found.add(tiles, T.data(), 9, 25);
-  found.compare(returns.data(), returned, 2 * static_cast<std::int32_t>(random.number(2, 300)));
+  found.add(tiles, T, 0, 9);
+  found.add(tiles, T, 9, 25);
+  found.compare(vectors_of(returns), 2 * static_cast<std::int32_t>(random.number(2, 300)));
   for (std::size_t i = 0; i < found.size(); ++i) expect(!(found.gone[i] && found.met[i]), "seen through or met");
 
   const RandomGrid fine(random, wrong), coarse(random, wrong);
   const std::vector<float> around = random.floats(3 * static_cast<std::size_t>(random.number(0, 9)), 1, 0);
   std::vector<std::uint8_t> is_new(returned, 7);
-  unexplained(returns.data(), returned, found.points, fine.grid, coarse.grid, T.data(), around, around, 25.0F, is_new.data());
+  unexplained(vectors_of(returns), vectors_of(found.points), fine.grid, coarse.grid, T, vectors_of(around), vectors_of(around),
+              25.0F, is_new.data());
   for (const std::uint8_t one : is_new) expect(one <= 1, "explained or not");
 }
 

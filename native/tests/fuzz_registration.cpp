@@ -48,23 +48,23 @@ void align_once(Hostile& random) {
   const std::vector<float> normals = random.floats(3 * count, 1, wrong_scan);
   std::vector<std::uint8_t> oriented(count);
   for (std::uint8_t& one : oriented) one = static_cast<std::uint8_t>(random.number(0, 2));
-  const ScanSurface scan(points.data(), normals.data(), oriented.data(), count);
+  const ScanSurface scan(vectors_of(points), vectors_of(normals), oriented.data());
   PairFinder finder(tables.grid, scan);
   const AlignParameters parameters{static_cast<int>(random.number(0, 12)), 0.5F, 0.06F};
   for (int repeat = 0; repeat < 3; ++repeat) {
-    Pose T = pose(random, wrong_scan);
-    double information[36];
+    PoseMatrix T = pose(random, wrong_scan);
+    Matrix6 information;
     const bool is_clean = are_numbers(T.data(), 16) && wrong_scan == 0;
-    align(finder, count, parameters, T.data(), information);
-    const AlignmentQuality quality = quality_at(finder, count, T.data(), 0.15F);
+    align(finder, count, parameters, T, information);
+    const AlignmentQuality quality = quality_at(finder, count, T, 0.15F);
     expect(quality.inlier_ratio >= 0 && quality.inlier_ratio <= 1, "inlier ratio within 0 and 1");
     expect(quality.alignment_score >= 0 && quality.alignment_score <= 1.00001, "alignment score within 0 and 1");
     const RandomGrid coarse(random, wrong_tables);
-    const Agreement agreement = agreement_at(finder, coarse.grid, scan, T.data(), 0.15F);
+    const Agreement agreement = agreement_at(finder, coarse.grid, scan, T, 0.15F);
     expect(agreement.beside_surface >= 0 && agreement.beside_surface <= 1, "share beside a surface within 0 and 1");
     expect(agreement.same_plane >= 0 && agreement.same_plane <= 1, "chance of one plane within 0 and 1");
     // damaged tables alone never make a pose that is no number
-    expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(information, 36)), "finite pose and information");
+    expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(information.data(), 36)), "finite pose and information");
   }
 }
 
@@ -79,17 +79,18 @@ void align_moving_once(Hostile& random) {
     for (float& t : time_s) t = std::fmod(2000 * t, 100.0F);
   }
   const std::vector<std::uint8_t> oriented(count, 1);
-  MovingScan scan(points.data(), normals.data(), oriented.data(), time_s.data(), count);
+  MovingScan scan(vectors_of(points), vectors_of(normals), oriented.data(), time_s.data());
   PairFinder finder(tables.grid, scan.seen());
-  const double scale[6] = {1, 1, 1e-6, 1e-9, 1e9, 1};
+  const Vector6 scale{1, 1, 1e-6, 1e-9, 1e9, 1};
   for (int repeat = 0; repeat < 2; ++repeat) {
-    Pose T = pose(random, wrong_scan);
-    double information[36], twist[6];
+    PoseMatrix T = pose(random, wrong_scan);
+    Matrix6 information;
+    Vector6 twist;
     const bool is_clean = are_numbers(T.data(), 16) && wrong_scan == 0;
-    align_moving(finder, scan, {static_cast<int>(random.number(0, 12)), 0.5F, 0.06F}, scale, T.data(), twist, information);
-    const AlignmentQuality quality = quality_at(finder, count, T.data(), 0.15F);
+    align_moving(finder, scan, {static_cast<int>(random.number(0, 12)), 0.5F, 0.06F}, scale, T, twist, information);
+    const AlignmentQuality quality = quality_at(finder, count, T, 0.15F);
     expect(quality.inlier_ratio >= 0 && quality.inlier_ratio <= 1, "inlier ratio within 0 and 1");
-    expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(twist, 6) && are_numbers(information, 36)),
+    expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(twist.data(), 6) && are_numbers(information.data(), 36)),
            "finite pose, twist and information");
   }
 }
@@ -109,19 +110,16 @@ void look_once(Hostile& random) {
   const RandomGrid surface(random, wrong);
   const SeenThrough found =
       seen_through(tiles, tiles, random.chance(0.1) ? 200.0 : 25.0, surface.grid, returned.data(), least.data(),
-                   pose(random, random.chance(0.5) ? 0.2 : 0).data());
+                   pose(random, random.chance(0.5) ? 0.2 : 0));
   expect(found.onto_nothing >= 0 && found.onto_surface >= 0, "no share of directions below 0");
   expect(found.onto_nothing + found.onto_surface <= 1.00001, "shares of directions within 0 and 1");
 }
 
 void choose_once(Hostile& random) {
-  std::vector<double> T;
+  std::vector<PoseMatrix> T;
   const auto count = static_cast<std::size_t>(random.number(0, 40)), most = static_cast<std::size_t>(random.number(0, 40));
-  for (std::size_t i = 0; i < count; ++i) {
-    const Pose one = pose(random, 0.1);
-    T.insert(T.end(), one.begin(), one.end());
-  }
-  const std::vector<std::int64_t> kept = distinct_poses(T.data(), count, 1.0, 0.26, most);
+  for (std::size_t i = 0; i < count; ++i) T.push_back(pose(random, 0.1));
+  const std::vector<std::int64_t> kept = distinct_poses(T, 1.0, 0.26, most);
   expect(kept.size() <= std::min(count, most), "no more poses than asked for");
   for (std::size_t i = 0; i < kept.size(); ++i) expect(i == 0 || kept[i] > kept[i - 1], "ascending rows");
 }

@@ -102,7 +102,7 @@ void surface_once(Hostile& random) {
   std::vector<float> normals(points.size()), to_viewer = random.floats(points.size(), 9);
   std::vector<std::uint8_t> oriented(count);
   for (float& metres : points) metres = std::fabs(metres) <= 1e15F ? metres : 1e15F;  // as the border requires
-  surface_normals(points.data(), count, random.chance(0.5) ? to_viewer.data() : nullptr, random.chance(0.5), normals.data(),
+  surface_normals(vectors_of(points), random.chance(0.5) ? to_viewer.data() : nullptr, random.chance(0.5), normals.data(),
                   oriented.data());
   for (std::size_t i = 0; i < normals.size(); i += 3) {
     const float length = std::hypot(normals[i], normals[i + 1], normals[i + 2]);
@@ -110,7 +110,7 @@ void surface_once(Hostile& random) {
   }
   for (std::uint8_t& sure : oriented) sure = static_cast<std::uint8_t>(random.number(0, 255));
   refused_or(false, [&] {
-    const SurfacePoints thinned = thin_surface(points.data(), to_viewer.data(), oriented.data(), count, 0.5);
+    const SurfacePoints thinned = thin_surface(vectors_of(points), vectors_of(to_viewer), oriented.data(), 0.5);
     expect(thinned.oriented.size() <= count && thinned.points.size() == 3 * thinned.oriented.size(), "fewer points");
   });
 }

@@ -10,7 +10,11 @@
 #include <random>
 #include <vector>
 
+#include "firstfix/bit_exact/vectors.hpp"
+
 namespace firstfix::tests {
+
+inline Vectors<const float> vectors_of(const std::vector<float>& numbers) { return {numbers.data(), numbers.size() / 3}; }
 
 class Hostile {
  public:

@@ -1,7 +1,6 @@
 // Poses and tables of grids that hold any numbers.
 #pragma once
 
-#include <array>
 #include <vector>
 
 #include "firstfix/bit_exact/rigid_motion.hpp"
@@ -10,13 +9,11 @@
 
 namespace firstfix::tests {
 
-using Pose = std::array<double, 16>;
-
-inline Pose pose(Hostile& random, double wrong) {
-  Pose T{};
+inline PoseMatrix pose(Hostile& random, double wrong) {
+  PoseMatrix T{};
   for (int k = 0; k < 4; ++k) T[5 * k] = 1;
   const double turn[3] = {random.real(0.5, 0), random.real(0.5, 0), random.real(3, 0)};
-  turn_left(turn, T.data());
+  turn_left(turn, T);
   for (int axis = 0; axis < 3; ++axis) T[4 * axis + 3] = random.real(8, wrong);
   if (random.chance(wrong)) T[random.number(0, 15)] = random.real(3, 1);
   return T;

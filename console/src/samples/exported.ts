@@ -3,13 +3,7 @@
 import { get, type Schemas, send } from "../api/client";
 import type { MapFile } from "../maps/files";
 import { zipped } from "../maps/zip";
-
-const SUFFIXES: Record<string, string> = {
-  "application/vnd.firstfix.scan": ".ffscan",
-  "application/vnd.firstfix.xyzi": ".bin",
-  "application/x-pcd": ".pcd",
-  "application/ply": ".ply",
-};
+import { suffixOf } from "../scan/media";
 
 /** Collects the samples of a map and offers the zip to be saved. */
 export async function exported(map: string, told: (share: number) => void): Promise<void> {
@@ -17,14 +11,14 @@ export async function exported(map: string, told: (share: number) => void): Prom
   let after: string | null = null;
   do {
     const page: Schemas["SamplePage"] = await get("/samples", { map_id: map, after, limit: 1000 });
-    found.push(...page.samples.filter((one) => one.truth?.map_id === map && suffixOf(one) && !one.content_encoding));
+    found.push(...page.samples.filter((one) => one.truth?.map_id === map && suffixOf(one.media_type) && !one.content_encoding));
     after = page.next;
   } while (after);
   if (!found.length) throw new Error("No kept query of this map has a truth yet: look at one and mark where it was.");
   const rows = ["scan,tx,ty,tz,qx,qy,qz,qw"];
   const files: MapFile[] = [];
   for (const [i, sample] of found.entries()) {
-    const name = `${sample.sample_id}${suffixOf(sample)}`;
+    const name = `${sample.sample_id}${suffixOf(sample.media_type)}`;
     const body = await send("GET", `/samples/${sample.sample_id}/body`);
     files.push({ path: name, file: new File([await body.blob()], name) });
     const pose = sample.truth!.T_map_sensor;
@@ -33,10 +27,6 @@ export async function exported(map: string, told: (share: number) => void): Prom
   }
   files.push({ path: "poses.csv", file: new File([`${rows.join("\n")}\n`], "poses.csv") });
   save(await zipped(files), `${map}-test-set.zip`);
-}
-
-function suffixOf(sample: Schemas["Sample"]): string {
-  return SUFFIXES[sample.media_type.split(";")[0]!.trim().toLowerCase()] ?? "";
 }
 
 function save(file: Blob, name: string): void {

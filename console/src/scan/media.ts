@@ -9,6 +9,12 @@ const TYPES: Record<string, string> = {
 
 export const SUFFIXES = Object.keys(TYPES);
 
+/** File ending of a media type, with or without parameters; "": a file of it cannot be sent as it is. */
+export function suffixOf(mediaType: string): string {
+  const name = mediaType.split(";")[0]!.trim().toLowerCase();
+  return SUFFIXES.find((suffix) => TYPES[suffix] === name) ?? "";
+}
+
 /** Media type of a scan file. */
 export function mediaTypeOf(fileName: string): string {
   const suffix = /\.[a-z0-9]+$/.exec(fileName.toLowerCase())?.[0] ?? "";

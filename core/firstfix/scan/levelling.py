@@ -2,7 +2,7 @@
 
 Handheld and legged robots tilt by 20 degrees, and a descriptor in a tilted frame finds nothing. Man-made
 places are full of level surfaces (floors, ceilings) and upright ones (walls). Up is the direction to which
-most surface normals are parallel or at right angles (docs/method.md section 6). No floor needs to be seen.
+most surface normals are parallel or at right angles (docs/method.md section 2). No floor needs to be seen.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def estimate_up_near(normals: NDArray[np.floating], expected: NDArray[np.float64
 
 @accelerated
 def refined_up(normals: NDArray[np.floating], up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit up vector, refined from a direction that (n, 3) normals voted for (docs/method.md 6.2)."""
+    """Unit up vector, refined from a direction that (n, 3) normals voted for (docs/method.md 2.2)."""
     for width_deg in (5.0, 2.5, 1.5):
         width = np.radians(width_deg)
         along = normals @ up
@@ -70,7 +70,7 @@ def refined_up(normals: NDArray[np.floating], up: NDArray[np.float64]) -> NDArra
 
 @accelerated
 def votes(normals: NDArray[np.floating], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Votes of (n, 3) normals for each of (d, 3) directions as up (docs/method.md 6.1)."""
+    """Votes of (n, 3) normals for each of (d, 3) directions as up (docs/method.md 2.1)."""
     along2 = (normals.astype(np.float32) @ directions.T.astype(np.float32)) ** 2  # (n, directions)
     scale = np.float32(-1 / (2 * _VOTE_WIDTH**2))
     found: NDArray[np.float64] = (np.exp(along2 * scale) + np.exp((1 - along2) * scale)).sum(

@@ -2,7 +2,7 @@
 
 ``levelling`` searches within 35 degrees of the expected up direction. Floors, ceilings and walls show the
 main axes of a place in any orientation of the sensor. They do not show which axis is up, nor in which sense:
-the map decides (docs/method.md section 6).
+the map decides (docs/method.md section 2).
 """
 
 from __future__ import annotations

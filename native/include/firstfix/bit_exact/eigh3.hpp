@@ -8,7 +8,7 @@
 #include <cstddef>
 #include <numeric>
 
-#include "firstfix/bit_exact/vector3.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 
 namespace firstfix::detail {
 

@@ -1,5 +1,6 @@
-// Vectors of as many lanes as the processor's registers have: the compiler's vector type. For kernels of the engine
-// whose results do not depend on the number of lanes; what a robot runs too is written as plain loops.
+// Many numbers in step: the compiler's vector types, whose results are the same for every instruction set. Three kinds:
+// as many lanes as a register has, for sums that do not depend on their number; always eight, for sums over the lanes;
+// and N floats in as many registers as they need. What a robot runs too is written as plain loops.
 #pragma once
 
 #include <cmath>
@@ -44,13 +45,158 @@ inline FloatLanes root_lanes(FloatLanes of) {
   return load_lanes(roots);
 }
 
-// Whether any lane of a comparison's result holds.
-inline bool any_lane(IntLanes holds) {
-  typedef std::int64_t Words __attribute__((vector_size(16)));
-  Words quarters[sizeof holds / 16];
-  std::memcpy(quarters, &holds, sizeof holds);
-  for (std::size_t i = 1; i < sizeof holds / 16; ++i) quarters[0] |= quarters[i];
-  return (quarters[0][0] | quarters[0][1]) != 0;
+// All the bits that are set in some of a vector's 64-bit words.
+template <class Lanes>
+std::uint64_t joined(const Lanes& lanes) {
+  typedef std::uint64_t Words __attribute__((vector_size(16)));
+  Words quarters[sizeof lanes / 16];
+  std::memcpy(quarters, &lanes, sizeof lanes);
+  for (std::size_t i = 1; i < sizeof lanes / 16; ++i) quarters[0] |= quarters[i];
+  return quarters[0][0] | quarters[0][1];
 }
 
+// Whether any lane of a comparison's result holds.
+inline bool any_lane(IntLanes holds) { return joined(holds) != 0; }
+
+// N floats in as many registers as they need. Compilers do not split larger vectors into registers by themselves, but
+// into single floats.
+template <int N>
+struct Wide {
+  static constexpr int kLanes = N < static_cast<int>(kFloatLanes) ? N : static_cast<int>(kFloatLanes);
+  static constexpr int kParts = N / kLanes;
+  typedef float Part __attribute__((vector_size(kLanes * sizeof(float))));
+  typedef std::int32_t Mask __attribute__((vector_size(kLanes * sizeof(float))));
+
+  Part part[kParts];
+
+  Wide() = default;
+  Wide(float value) {  // NOLINT(google-explicit-constructor): a number is the same in every lane
+    for (Part& p : part) p = Part{} + value;
+  }
+
+  static Wide at(const float* from) {
+    Wide loaded;
+    std::memcpy(loaded.part, from, sizeof(part));
+    return loaded;
+  }
+
+  float operator[](int lane) const { return part[lane / kLanes][lane % kLanes]; }
+  void set(int lane, float value) { part[lane / kLanes][lane % kLanes] = value; }
+};
+
+template <int N>
+struct WideMask {
+  typename Wide<N>::Mask part[Wide<N>::kParts];
+};
+
+#define FIRSTFIX_WIDE_OPERATOR(result, name, expression)                       \
+  template <int N>                                                             \
+  inline result<N> name(const Wide<N>& a, const Wide<N>& b) {                  \
+    result<N> c;                                                               \
+    for (int i = 0; i < Wide<N>::kParts; ++i) c.part[i] = expression;          \
+    return c;                                                                  \
+  }
+FIRSTFIX_WIDE_OPERATOR(Wide, operator+, a.part[i] + b.part[i])
+FIRSTFIX_WIDE_OPERATOR(Wide, operator-, a.part[i] - b.part[i])
+FIRSTFIX_WIDE_OPERATOR(Wide, operator*, a.part[i] * b.part[i])
+FIRSTFIX_WIDE_OPERATOR(Wide, operator/, a.part[i] / b.part[i])
+// the second operand where the first is not a number
+FIRSTFIX_WIDE_OPERATOR(Wide, least, a.part[i] < b.part[i] ? a.part[i] : b.part[i])
+FIRSTFIX_WIDE_OPERATOR(Wide, most, a.part[i] > b.part[i] ? a.part[i] : b.part[i])
+FIRSTFIX_WIDE_OPERATOR(WideMask, operator<, a.part[i] < b.part[i])
+FIRSTFIX_WIDE_OPERATOR(WideMask, operator<=, a.part[i] <= b.part[i])
+#undef FIRSTFIX_WIDE_OPERATOR
+
+template <int N>
+inline WideMask<N> operator&(const WideMask<N>& a, const WideMask<N>& b) {
+  WideMask<N> c;
+  for (int i = 0; i < Wide<N>::kParts; ++i) c.part[i] = a.part[i] & b.part[i];
+  return c;
+}
+
+template <int N>
+inline WideMask<N> operator|(const WideMask<N>& a, const WideMask<N>& b) {
+  WideMask<N> c;
+  for (int i = 0; i < Wide<N>::kParts; ++i) c.part[i] = a.part[i] | b.part[i];
+  return c;
+}
+
+template <int N>
+inline Wide<N> choose(const WideMask<N>& mask, const Wide<N>& yes, const Wide<N>& no) {
+  Wide<N> c;
+  for (int i = 0; i < Wide<N>::kParts; ++i) c.part[i] = mask.part[i] ? yes.part[i] : no.part[i];
+  return c;
+}
+
+template <int N>
+inline float least_of(const Wide<N>& values) {
+  typedef float Quarter __attribute__((vector_size(16)));
+  Quarter least[N / 4];
+  std::memcpy(least, &values, sizeof least);
+  for (int half = N / 8; half; half /= 2) {
+    for (int i = 0; i < half; ++i) least[i] = least[i] < least[i + half] ? least[i] : least[i + half];
+  }
+  const float even = least[0][0] < least[0][2] ? least[0][0] : least[0][2];
+  const float odd = least[0][1] < least[0][3] ? least[0][1] : least[0][3];
+  return even < odd ? even : odd;
+}
+
+template <int N>
+inline float most_of(const Wide<N>& values) {
+  return -least_of(Wide<N>(0) - values);
+}
+
+// One bit for each lane whose mask is set.
+template <int N>
+inline std::uint32_t bits_of(const WideMask<N>& mask) {
+  static constexpr std::int32_t kBits[16] = {1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768};
+  WideMask<N> bits;
+  std::memcpy(&bits, kBits, sizeof bits);
+  for (int i = 0; i < Wide<N>::kParts; ++i) bits.part[i] &= mask.part[i];
+  for (int i = 1; i < Wide<N>::kParts; ++i) bits.part[0] |= bits.part[i];
+  const std::uint64_t both = joined(bits.part[0]);
+  return static_cast<std::uint32_t>(both | both >> 32);
+}
+
+using F8 = Wide<8>;
+using F16 = Wide<16>;
+
 }  // namespace firstfix::detail
+
+namespace firstfix {
+
+// The width is fixed by the source, not by the processor: sums over the lanes have one order.
+constexpr std::size_t kLanes = 8;
+
+using Float8 = float __attribute__((vector_size(4 * kLanes)));
+using Int8 = std::int32_t __attribute__((vector_size(4 * kLanes)));
+
+inline Float8 load8(const float* from) {
+  Float8 lanes;
+  std::memcpy(&lanes, from, sizeof lanes);
+  return lanes;
+}
+
+inline Int8 load8(const std::int32_t* from) {
+  Int8 lanes;
+  std::memcpy(&lanes, from, sizeof lanes);
+  return lanes;
+}
+
+inline void store8(const Float8& lanes, float* to) { std::memcpy(to, &lanes, sizeof lanes); }
+inline void store8(const Int8& lanes, std::int32_t* to) { std::memcpy(to, &lanes, sizeof lanes); }
+
+inline Float8 all8(float value) { return Float8{} + value; }
+
+// Whether any lane of a comparison holds.
+inline bool any(const Int8& mask) { return detail::joined(mask) != 0; }
+
+inline double sum(const Float8& lanes) {
+  double total = 0;
+  for (std::size_t lane = 0; lane < kLanes; ++lane) total += static_cast<double>(lanes[lane]);
+  return total;
+}
+
+inline std::size_t padded(std::size_t count) { return (count + kLanes - 1) / kLanes * kLanes; }
+
+}  // namespace firstfix

@@ -1,12 +1,14 @@
-// Small motions of poses, and the distance between poses. A pose is a (4, 4) matrix, row-major.
+// Small motions of poses, and the distance between poses.
 #pragma once
 
 #include <cmath>
 
+#include "firstfix/bit_exact/vectors.hpp"
+
 namespace firstfix {
 
 // Turns a pose's rotation from the left by a rotation vector, (3,) radians (Rodrigues).
-inline void turn_left(const double* by_rad, double* T) {
+inline void turn_left(const double* by_rad, PoseMatrix& T) {
   const double x = by_rad[0], y = by_rad[1], z = by_rad[2];
   const double angle2 = x * x + y * y + z * z, angle = std::sqrt(angle2);
   const double s = angle < 1e-8 ? 1 - angle2 / 6 : std::sin(angle) / angle;
@@ -26,7 +28,7 @@ inline void turn_left(const double* by_rad, double* T) {
 }
 
 // Whether two poses are nearer than a distance, and turned by less than an angle given by its cosine.
-inline bool is_same_pose(const double* T, const double* other, double within_m, double cosine) {
+inline bool is_same_pose(const PoseMatrix& T, const PoseMatrix& other, double within_m, double cosine) {
   double distance2 = 0, trace = 0;
   for (int row = 0; row < 3; ++row) {
     const double away = T[4 * row + 3] - other[4 * row + 3];

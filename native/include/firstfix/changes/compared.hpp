@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/changes/range_image.hpp"
 #include "firstfix/verification/point_tiles.hpp"
 
@@ -24,29 +25,24 @@ struct ComparedPoints {
 
   std::size_t size() const { return points.size() / 3; }
 
-  // Adds the points of tiles from low_m on, up to high_m. T_map_sensor: (4, 4).
-  void add(const PointTiles& tiles, const double* T_map_sensor, float low_m, float high_m) {
-    float R[9], centre[3];
-    double centre_m[3];
-    for (int row = 0; row < 3; ++row) {
-      for (int column = 0; column < 3; ++column) R[3 * row + column] = static_cast<float>(T_map_sensor[4 * row + column]);
-      centre_m[row] = T_map_sensor[4 * row + 3];
-      centre[row] = static_cast<float>(centre_m[row]);
-    }
+  // Adds the points of tiles from low_m on, up to high_m.
+  void add(const PointTiles& tiles, const PoseMatrix& T_map_sensor, float low_m, float high_m) {
+    const FloatPose pose(T_map_sensor);
+    const double centre_m[3] = {T_map_sensor[3], T_map_sensor[7], T_map_sensor[11]};
     tiles.each_run(centre_m, static_cast<double>(high_m), [&](std::int64_t first, std::int64_t end) {
       for (std::int64_t i = first; i < end; ++i) {
         const float* from = tiles.points + 3 * i;
-        const float x = from[0] - centre[0], y = from[1] - centre[1], z = from[2] - centre[2];
+        const float x = from[0] - pose.t[0], y = from[1] - pose.t[1], z = from[2] - pose.t[2];
         const float range_m = std::sqrt(x * x + y * y + z * z);
         if (!(range_m >= low_m && range_m < high_m)) continue;
-        for (int axis = 0; axis < 3; ++axis) points.push_back(x * R[axis] + y * R[3 + axis] + z * R[6 + axis]);
+        for (int axis = 0; axis < 3; ++axis) points.push_back(x * pose.R[axis] + y * pose.R[3 + axis] + z * pose.R[6 + axis]);
       }
     });
   }
 
-  // Compares all points with a scan's returns, x y z x y z. columns: directions around the sensor from kFineFromM on.
-  void compare(const float* returns, std::size_t count, std::int32_t columns) {
-    const RangeImage coarse(returns, count, kCoarseColumns), fine(returns, count, columns);
+  // Compares all points with a scan's returns. columns: directions around the sensor from kFineFromM on.
+  void compare(Vectors<const float> returns, std::int32_t columns) {
+    const RangeImage coarse(returns, kCoarseColumns), fine(returns, columns);
     gone.assign(size(), 0);
     met.assign(size(), 0);
     for (std::size_t i = 0; i < size(); ++i) {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "firstfix/bit_exact/atan2.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 
 namespace firstfix {
 
@@ -20,19 +21,19 @@ class RangeImage {
   std::vector<float> most_m;          // largest one, minus infinity where there is none
   std::vector<std::uint8_t> covered;  // enough points are around the direction, and on both of its sides
 
-  // points: (count,), x y z x y z. Those whose range is not finite are in no direction.
-  RangeImage(const float* points, std::size_t count, std::int32_t columns)
+  // Points whose range is not finite are in no direction.
+  RangeImage(Vectors<const float> points, std::int32_t columns)
       : nearest_m(static_cast<std::size_t>(columns) * static_cast<std::size_t>(columns / 2), kInfinity),
         columns_(columns),
         rows_(columns / 2) {
-    std::vector<std::int32_t> cell(count);
-    std::vector<float> range_m(count);
-    for (std::size_t i = 0; i < count; ++i) {
-      const float x = points[3 * i], y = points[3 * i + 1], z = points[3 * i + 2];
+    std::vector<std::int32_t> cell(points.size);
+    std::vector<float> range_m(points.size);
+    for (std::size_t i = 0; i < points.size; ++i) {
+      const float x = points[i][0], y = points[i][1], z = points[i][2];
       cell[i] = at(x, y, z);
       range_m[i] = std::sqrt(x * x + y * y + z * z);
     }
-    for (std::size_t i = 0; i < count; ++i) {
+    for (std::size_t i = 0; i < points.size; ++i) {
       if (range_m[i] < nearest_m[cell[i]]) nearest_m[cell[i]] = range_m[i];
     }
     look_around();

@@ -23,29 +23,26 @@ inline bool has_surface(const SurfaceGrid& grid, const float* position_m) {
   return row >= 0;
 }
 
-// Sets, for each of (count,) returns, whether nothing is mapped near it, though the map covers the place: something is
+// Sets, for each of the returns, whether nothing is mapped near it, though the map covers the place: something is
 // mapped behind it, or where nothing is mapped in its direction, below it.
 //
-// mapped: around the sensor, x y z x y z as the returns. T_map_sensor: (4, 4) in the frame of the grids. around, below:
-// offsets, x y z x y z, of the places to look at.
-inline void unexplained(const float* returns, std::size_t count, const std::vector<float>& mapped, const SurfaceGrid& fine,
-                        const SurfaceGrid& coarse, const double* T_map_sensor, const std::vector<float>& around,
-                        const std::vector<float>& below, float reach_m, std::uint8_t* is_new) {
-  float R[9], t[3];
-  for (int row = 0; row < 3; ++row) {
-    for (int column = 0; column < 3; ++column) R[3 * row + column] = static_cast<float>(T_map_sensor[4 * row + column]);
-    t[row] = static_cast<float>(T_map_sensor[4 * row + 3]);
-  }
-  const auto finds = [](const SurfaceGrid& grid, const float* where, const std::vector<float>& offsets) {
-    for (std::size_t k = 0; k < offsets.size(); k += 3) {
-      const float place[3] = {where[0] + offsets[k], where[1] + offsets[k + 1], where[2] + offsets[k + 2]};
+// mapped: around the sensor, as the returns. T_map_sensor: in the frame of the grids. around, below: offsets of the places
+// to look at.
+inline void unexplained(Vectors<const float> returns, Vectors<const float> mapped, const SurfaceGrid& fine,
+                        const SurfaceGrid& coarse, const PoseMatrix& T_map_sensor, Vectors<const float> around,
+                        Vectors<const float> below, float reach_m, std::uint8_t* is_new) {
+  const auto [R, t] = FloatPose(T_map_sensor);
+  const auto finds = [](const SurfaceGrid& grid, const float* where, Vectors<const float> offsets) {
+    for (std::size_t k = 0; k < offsets.size; ++k) {
+      const float* offset = offsets[k];
+      const float place[3] = {where[0] + offset[0], where[1] + offset[1], where[2] + offset[2]};
       if (has_surface(grid, place)) return true;
     }
     return false;
   };
-  const RangeImage behind(mapped.data(), mapped.size() / 3, kCoarseColumns);
-  for (std::size_t i = 0; i < count; ++i) {
-    const float x = returns[3 * i], y = returns[3 * i + 1], z = returns[3 * i + 2];
+  const RangeImage behind(mapped, kCoarseColumns);
+  for (std::size_t i = 0; i < returns.size; ++i) {
+    const float x = returns[i][0], y = returns[i][1], z = returns[i][2];
     const float range_m = std::sqrt(x * x + y * y + z * z);
     const std::int32_t at = behind.at(x, y, z);
     const bool is_mapped = std::isfinite(behind.nearest_m[at]);

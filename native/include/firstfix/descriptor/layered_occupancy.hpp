@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "firstfix/descriptor/occupied_cells.hpp"
-#include "firstfix/bit_exact/vector3.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/scan/scan.hpp"
 
 namespace firstfix {

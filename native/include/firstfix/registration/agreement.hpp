@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "firstfix/bit_exact/atan2.hpp"
-#include "firstfix/bit_exact/eight_lanes.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
 #include "firstfix/registration/pairs.hpp"
 #include "firstfix/registration/scan_surface.hpp"
 #include "firstfix/registration/surface_grid.hpp"
@@ -57,12 +57,9 @@ class PlanePairs {
 
 // finder: of the scan in the fine grid. coarse: a coarser grid of the same map, which says what is near.
 inline Agreement agreement_at(PairFinder& finder, const SurfaceGrid& coarse, const ScanSurface& scan,
-                              const double* T_level_sensor, float inlier_distance_m) {
-  float R[9], from_corner[3];
-  for (int row = 0; row < 3; ++row) {
-    for (int column = 0; column < 3; ++column) R[3 * row + column] = static_cast<float>(T_level_sensor[4 * row + column]);
-    from_corner[row] = static_cast<float>(T_level_sensor[4 * row + 3] - static_cast<double>(coarse.corner_m[row]));
-  }
+                              const PoseMatrix& T_level_sensor, float inlier_distance_m) {
+  const FloatPose pose(T_level_sensor, coarse.corner_m);
+  const auto& R = pose.R;
   detail::PlanePairs planes;
   std::vector<float> off_surface;  // relative to the coarse grid's corner
   std::size_t first = 0;
@@ -71,7 +68,7 @@ inline Agreement agreement_at(PairFinder& finder, const SurfaceGrid& coarse, con
     for (std::size_t lane = 0; lane < std::min(kLanes, scan.count - first); ++lane) {
       const std::size_t i = first + lane;
       if (pairs.normal[0][lane] == 0 && pairs.normal[1][lane] == 0 && pairs.normal[2][lane] == 0) {
-        for (int axis = 0; axis < 3; ++axis) off_surface.push_back(pairs.arm[axis][lane] + from_corner[axis]);
+        for (int axis = 0; axis < 3; ++axis) off_surface.push_back(pairs.arm[axis][lane] + pose.t[axis]);
       } else if (square[lane] <= 1.0F) {
         const float x = scan.nx[i], y = scan.ny[i], z = scan.nz[i];
         if (!(std::fabs(R[6] * x + R[7] * y + R[8] * z) < kUpright)) continue;

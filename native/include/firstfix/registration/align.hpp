@@ -7,7 +7,7 @@
 #include <cstring>
 
 #include "firstfix/bit_exact/cholesky.hpp"
-#include "firstfix/bit_exact/eight_lanes.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
 #include "firstfix/bit_exact/rigid_motion.hpp"
 #include "firstfix/registration/normal_equations.hpp"
 #include "firstfix/registration/pairs.hpp"
@@ -32,9 +32,9 @@ struct AlignmentQuality {
 
 // Gauss-Newton over left perturbations: rotation about the sensor, translation along the level axes.
 //
-// T_level_sensor: (4, 4) the start, then the aligned pose. information: (6, 6) over rotation then translation.
-inline void align(PairFinder& finder, std::size_t points, const AlignParameters& parameters, double* T_level_sensor,
-                  double* information) {
+// T_level_sensor: the start, then the aligned pose. information: over rotation then translation.
+inline void align(PairFinder& finder, std::size_t points, const AlignParameters& parameters, PoseMatrix& T_level_sensor,
+                  Matrix6& information) {
   NormalEquations equations;
   for (int iteration = 0; iteration < parameters.iterations; ++iteration) {
     equations = NormalEquations::of(finder, T_level_sensor, parameters.reach_m, parameters.half_angle);
@@ -53,7 +53,7 @@ inline void align(PairFinder& finder, std::size_t points, const AlignParameters&
   for (int k = 0; k < 36; ++k) information[k] = equations.hessian[k] / variance;
 }
 
-inline AlignmentQuality quality_at(PairFinder& finder, std::size_t points, const double* T_level_sensor,
+inline AlignmentQuality quality_at(PairFinder& finder, std::size_t points, const PoseMatrix& T_level_sensor,
                                    float inlier_distance_m) {
   Int8 inside{};
   Float8 close{};

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "firstfix/bit_exact/cholesky.hpp"
-#include "firstfix/bit_exact/eight_lanes.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
 #include "firstfix/bit_exact/rigid_motion.hpp"
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/normal_equations.hpp"
@@ -26,17 +26,17 @@ constexpr double kPairsPerObservation = 20.0;   // neighbouring pairs share thei
 // A scan's points with their times, and the same points as they would have been seen at time 0.
 class MovingScan {
  public:
-  // time_s: (size,). The others: see ScanSurface.
-  MovingScan(const float* points, const float* normals, const std::uint8_t* oriented, const float* time_s, std::size_t size)
-      : taken_(points, normals, oriented, size), seen_(taken_), time_s_(padded(size)) {
-    std::copy_n(time_s, size, time_s_.begin());
+  // time_s: one a point. The others: see ScanSurface.
+  MovingScan(Vectors<const float> points, Vectors<const float> normals, const std::uint8_t* oriented, const float* time_s)
+      : taken_(points, normals, oriented), seen_(taken_), time_s_(padded(points.size)) {
+    std::copy_n(time_s, points.size, time_s_.begin());
   }
 
   const ScanSurface& seen() const { return seen_; }
   const float* time_s() const { return time_s_.data(); }
 
   // twist: linear then angular, in the sensor frame.
-  void deskew(const double* twist) {
+  void deskew(const Vector6& twist) {
     for (std::size_t i = 0; i < taken_.count; ++i) {
       const PoseAfter pose(twist, static_cast<double>(time_s_[i]));
       const double p[3] = {static_cast<double>(taken_.x[i]), static_cast<double>(taken_.y[i]), static_cast<double>(taken_.z[i])};
@@ -61,7 +61,7 @@ struct MovingEquations {
   double hessian[144]{}, gradient[12]{};
   double squares = 0, weights = 1;
 
-  static MovingEquations of(PairFinder& finder, const float* time_s, const double* T_level_sensor, float reach_m,
+  static MovingEquations of(PairFinder& finder, const float* time_s, const PoseMatrix& T_level_sensor, float reach_m,
                             float half_angle) {
     const PairWeight weight_of(reach_m, half_angle);
     Float8 products[3][21]{}, pull[2][6]{}, squared{}, weighted{};  // by the power of the time
@@ -109,7 +109,7 @@ struct MovingEquations {
 namespace detail {
 
 // The information of the pose, (6, 6), whatever the twist: Schur's complement, in units of the variance.
-inline void pose_information(const double* hessian, double* information) {
+inline void pose_information(const double* hessian, Matrix6& information) {
   for (int row = 0; row < 6; ++row) {
     for (int column = 0; column < 6; ++column) information[6 * row + column] = hessian[12 * row + column];
   }
@@ -127,7 +127,7 @@ inline void pose_information(const double* hessian, double* information) {
 }
 
 // Turns a twist by R, the rotation of a pose (4, 4), or by its inverse.
-inline void turn_twist(const double* T, bool inverse, const double* twist, double* turned) {
+inline void turn_twist(const PoseMatrix& T, bool inverse, const Vector6& twist, Vector6& turned) {
   for (int half = 0; half < 6; half += 3) {
     for (int row = 0; row < 3; ++row) {
       turned[half + row] = 0;
@@ -142,13 +142,13 @@ inline void turn_twist(const double* T, bool inverse, const double* twist, doubl
 //
 // finder: of scan.seen(). scale: (6,) of the twist about 0, linear then angular, along the level axes: a tiny one keeps an axis still. The prior is
 // Cauchy's: it keeps a standing sensor still, and does not hold a fast one back.
-// T_level_sensor: (4, 4) the start, then the aligned pose at time 0. twist: (6,) of the sensor, linear then angular, in the
-// sensor frame; it starts at 0. information: (6, 6) of the pose, over rotation then translation.
-inline void align_moving(PairFinder& finder, MovingScan& scan, const AlignParameters& parameters, const double* scale,
-                         double* T_level_sensor, double* twist, double* information) {
+// T_level_sensor: the start, then the aligned pose at time 0. twist: of the sensor, linear then angular, in the
+// sensor frame; it starts at 0. information: of the pose, over rotation then translation.
+inline void align_moving(PairFinder& finder, MovingScan& scan, const AlignParameters& parameters, const Vector6& scale,
+                         PoseMatrix& T_level_sensor, Vector6& twist, Matrix6& information) {
   const auto points = static_cast<double>(scan.seen().count);
-  double level_twist[6]{}, prior[6]{};  // linear then angular; prior: over rotation then translation
-  std::fill_n(twist, 6, 0.0);
+  Vector6 level_twist{}, prior{};  // linear then angular; prior: over rotation then translation
+  twist.fill(0);
   scan.deskew(twist);
   MovingEquations equations;
   for (int iteration = 0; iteration < parameters.iterations; ++iteration) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "firstfix/bit_exact/lanes.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 
 namespace firstfix::detail {
 
@@ -21,13 +22,14 @@ class KdTree {
     std::uint32_t right;       // the second child; 0: a leaf. The first child is the next node.
   };
 
-  // Points are x y z x y z, finite, fewer than 2^32.
-  KdTree(const float* points, std::size_t count) : order_(count) {
+  // Points are finite, fewer than 2^32.
+  explicit KdTree(Vectors<const float> points) : order_(points.size) {
+    const std::size_t count = points.size;
     for (auto* axis : {&x_, &y_, &z_}) axis->resize(count + kFloatLanes);
     if (count == 0) return;
     std::vector<Item> items(count);
     for (std::size_t i = 0; i < count; ++i) {
-      const float* p = points + 3 * i;
+      const float* p = points[i];
       items[i] = {{p[0], p[1], p[2]}, static_cast<std::uint32_t>(i)};
     }
     nodes_.reserve(count / 4 + 1);

@@ -1,7 +1,7 @@
 // Normal equations of one Gauss-Newton step, point to plane (equation 7.0 of docs/method.md).
 #pragma once
 
-#include "firstfix/bit_exact/eight_lanes.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
 #include "firstfix/registration/pairs.hpp"
 
 namespace firstfix {
@@ -35,7 +35,7 @@ struct NormalEquations {
   double hessian[36]{}, gradient[6]{};
   double squares = 0, weights = 1;  // weighted squared distances, and the weights
 
-  static NormalEquations of(PairFinder& finder, const double* T_level_sensor, float reach_m, float half_angle) {
+  static NormalEquations of(PairFinder& finder, const PoseMatrix& T_level_sensor, float reach_m, float half_angle) {
     const PairWeight weight_of(reach_m, half_angle);
     Float8 products[21]{}, pull[6]{}, squared{}, weighted{};
     finder.each8(T_level_sensor, [&](const Pairs8& pairs) {

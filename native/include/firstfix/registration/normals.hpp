@@ -257,12 +257,12 @@ void normals_around(const KdTree& tree, const float* to_viewer, const float* fac
 // `two_faces`: the points lie on both faces of walls and slabs. Those on the other face then count as further away, so that
 // few points on one face do not take their normals from the other. Which face a point is on, its direction to the viewer
 // tells first, and then its normal, which tells it at low angles too. Each pass mends normals beside those it has mended.
-inline void surface_normals(const float* points, std::size_t count, const float* to_viewer, bool two_faces, float* normals,
+inline void surface_normals(Vectors<const float> points, const float* to_viewer, bool two_faces, float* normals,
                             std::uint8_t* oriented) {
-  const detail::KdTree tree(points, count);
+  const detail::KdTree tree(points);
   if (!two_faces || to_viewer == nullptr) return detail::normals_around<false>(tree, to_viewer, nullptr, normals, oriented);
   constexpr int kPasses = 3;
-  std::vector<float> facing(to_viewer, to_viewer + 3 * count);
+  std::vector<float> facing(to_viewer, to_viewer + 3 * points.size);
   for (int pass = 0; pass < kPasses; ++pass) {
     detail::normals_around<true>(tree, to_viewer, facing.data(), normals, oriented);
     for (std::size_t i = 0; i < facing.size(); ++i) facing[i] = oriented[i / 3] != 0 ? normals[i] : 0.0F;

@@ -7,7 +7,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "firstfix/bit_exact/eight_lanes.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/registration/scan_surface.hpp"
 #include "firstfix/registration/surface_grid.hpp"
 
@@ -36,17 +37,10 @@ class PairFinder {
     row_.assign(size, -1);
   }
 
-  // Calls use(pairs) for eight points after the other, placed by T_level_sensor, (4, 4).
+  // Calls use(pairs) for eight points after the other, placed by T_level_sensor.
   template <class Use>
-  void each8(const double* T_level_sensor, Use use) {
-    float R[9], t[3];
-    for (int row = 0; row < 3; ++row) {
-      for (int column = 0; column < 3; ++column) {
-        R[3 * row + column] = static_cast<float>(T_level_sensor[4 * row + column]);
-      }
-      const double from_corner = T_level_sensor[4 * row + 3] - static_cast<double>(grid_.corner_m[row]);
-      t[row] = static_cast<float>(from_corner);
-    }
+  void each8(const PoseMatrix& T_level_sensor, Use use) {
+    const auto [R, t] = FloatPose(T_level_sensor, grid_.corner_m);
     for (std::size_t first = 0; first < padded(scan_.count); first += kBlock) {
       const std::size_t end = std::min(first + kBlock, padded(scan_.count));
       look_up(R, t, first, end);

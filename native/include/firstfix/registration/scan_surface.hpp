@@ -5,7 +5,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "firstfix/bit_exact/eight_lanes.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 
 namespace firstfix {
 
@@ -14,14 +15,15 @@ struct ScanSurface {
   std::vector<float> x, y, z, nx, ny, nz;
   std::vector<std::int32_t> oriented;
 
-  // points, normals: (count, 3). oriented: (count,), not 0: the normal surely points to the sensor.
-  ScanSurface(const float* points, const float* normals, const std::uint8_t* oriented_normal, std::size_t size)
-      : count(size) {
-    for (std::vector<float>* lane : {&x, &y, &z, &nx, &ny, &nz}) lane->resize(padded(size));
-    oriented.resize(padded(size));
-    for (std::size_t i = 0; i < size; ++i) {
-      x[i] = points[3 * i], y[i] = points[3 * i + 1], z[i] = points[3 * i + 2];
-      nx[i] = normals[3 * i], ny[i] = normals[3 * i + 1], nz[i] = normals[3 * i + 2];
+  // oriented: one a point, not 0: the normal surely points to the sensor.
+  ScanSurface(Vectors<const float> points, Vectors<const float> normals, const std::uint8_t* oriented_normal)
+      : count(points.size) {
+    for (std::vector<float>* lane : {&x, &y, &z, &nx, &ny, &nz}) lane->resize(padded(count));
+    oriented.resize(padded(count));
+    for (std::size_t i = 0; i < count; ++i) {
+      const float *p = points[i], *n = normals[i];
+      x[i] = p[0], y[i] = p[1], z[i] = p[2];
+      nx[i] = n[0], ny[i] = n[1], nz[i] = n[2];
       oriented[i] = oriented_normal[i] != 0 ? -1 : 0;
     }
   }

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/scan/voxel_order.hpp"
 
 namespace firstfix {
@@ -17,18 +18,18 @@ struct SurfacePoints {
 };
 
 // In the order of the voxels' x, then y, then z. Throws as voxel_box does.
-inline SurfacePoints thin_surface(const float* points, const float* normals, const std::uint8_t* oriented,
-                                  std::size_t count, double voxel_m) {
+inline SurfacePoints thin_surface(Vectors<const float> points, Vectors<const float> normals, const std::uint8_t* oriented,
+                                  double voxel_m) {
   struct Part {
     double count = 0, point[3] = {}, normal[3] = {};
   };
   constexpr std::size_t kWays = 9;  // axis of the normal; oriented forwards, backwards, or not
   SurfacePoints thinned;
-  detail::each_voxel(points, count, voxel_m, 0.0, detail::kXYZ, [&](const auto* first, const auto* last) {
+  detail::each_voxel(points.data, points.size, voxel_m, 0.0, detail::kXYZ, [&](const auto* first, const auto* last) {
     Part parts[kWays];
     for (const auto* entry = first; entry != last; ++entry) {
       const std::size_t row = entry->row;
-      const float *point = points + 3 * row, *normal = normals + 3 * row;
+      const float *point = points[row], *normal = normals[row];
       std::size_t main_axis = 0;
       for (std::size_t axis = 1; axis < 3; ++axis) {
         if (std::fabs(normal[axis]) > std::fabs(normal[main_axis])) main_axis = axis;

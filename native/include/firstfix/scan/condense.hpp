@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "firstfix/descriptor/layered_occupancy.hpp"
-#include "firstfix/bit_exact/vector3.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/scan/compact.hpp"
 #include "firstfix/scan/descriptor_parameters.hpp"
 #include "firstfix/scan/flat_patches.hpp"

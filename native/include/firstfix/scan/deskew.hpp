@@ -4,16 +4,18 @@
 #include <cmath>
 #include <cstddef>
 
+#include "firstfix/bit_exact/vectors.hpp"
+
 namespace firstfix {
 
 constexpr double kMaxLinearMS = 100.0, kMaxAngularRadS = 20.0;  // of a twist, along each axis
 
 // The sensor's pose after a time, in its own frame at time 0: the exponential of the time by the twist. A twist is linear
-// then angular, (6,) m/s and rad/s, in the sensor frame: whoever drives a curve has a steady one.
+// then angular, m/s and rad/s, in the sensor frame: whoever drives a curve has a steady one.
 struct PoseAfter {
   double R[9], t[3];
 
-  PoseAfter(const double* twist, double time_s) {
+  PoseAfter(const Vector6& twist, double time_s) {
     const double v[3] = {twist[0] * time_s, twist[1] * time_s, twist[2] * time_s};
     const double x = twist[3] * time_s, y = twist[4] * time_s, z = twist[5] * time_s;
     const double angle2 = x * x + y * y + z * z, angle = std::sqrt(angle2);
@@ -38,12 +40,12 @@ struct PoseAfter {
   }
 };
 
-// points, deskewed: (count, 3). time_s: (count,), from the moment for which they are wanted.
-inline void deskew(const float* points, const float* time_s, std::size_t count, const double* twist, float* deskewed) {
-  for (std::size_t i = 0; i < count; ++i) {
+// deskewed: as many points. time_s: one a point, from the moment for which they are wanted.
+inline void deskew(Vectors<const float> points, const float* time_s, const Vector6& twist, float* deskewed) {
+  for (std::size_t i = 0; i < points.size; ++i) {
     const PoseAfter pose(twist, static_cast<double>(time_s[i]));
-    const double x = static_cast<double>(points[3 * i]), y = static_cast<double>(points[3 * i + 1]),
-                 z = static_cast<double>(points[3 * i + 2]);
+    const float* p = points[i];
+    const double x = static_cast<double>(p[0]), y = static_cast<double>(p[1]), z = static_cast<double>(p[2]);
     for (int axis = 0; axis < 3; ++axis) {
       deskewed[3 * i + axis] = static_cast<float>(pose.turned(axis, x, y, z) + pose.t[axis]);
     }

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "firstfix/bit_exact/eigh3.hpp"
-#include "firstfix/bit_exact/vector3.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/scan/voxel_order.hpp"
 
 namespace firstfix {

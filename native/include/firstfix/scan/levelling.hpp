@@ -1,4 +1,4 @@
-// Levelling: rotations, and the height above the floor. docs/method.md, section 6. Points and normals are x y z x y z.
+// Levelling: rotations, and the height above the floor. docs/method.md, section 2. Points and normals are x y z x y z.
 #pragma once
 
 #include <algorithm>
@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include "firstfix/bit_exact/vector3.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 
 namespace firstfix {
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "firstfix/errors.hpp"
-#include "firstfix/bit_exact/vector3.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 
 #if defined(__FAST_MATH__)
 #error "firstfix needs IEEE arithmetic to produce the same bytes as other clients: do not use -ffast-math"

@@ -1,4 +1,4 @@
-// The vote of surface normals on the up direction: docs/method.md, (6.1) and (6.2). Normals are x y z x y z, of either
+// The vote of surface normals on the up direction: docs/method.md, (2.1) and (2.2). Normals are x y z x y z, of either
 // sign. Sums are in a fixed order, so that the result does not depend on the instruction set.
 #pragma once
 
@@ -10,7 +10,7 @@
 #include "firstfix/bit_exact/atan2.hpp"
 #include "firstfix/bit_exact/eigh3.hpp"
 #include "firstfix/bit_exact/exp.hpp"
-#include "firstfix/bit_exact/vector3.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/scan/voxel_filter.hpp"
 
 namespace firstfix {

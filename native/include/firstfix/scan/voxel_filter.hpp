@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "firstfix/bit_exact/sample.hpp"
-#include "firstfix/bit_exact/vector3.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/scan/voxel_order.hpp"
 

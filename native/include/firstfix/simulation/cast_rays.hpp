@@ -13,7 +13,7 @@
 
 #include "firstfix/simulation/ray_bundles.hpp"
 #include "firstfix/simulation/triangle_tree.hpp"
-#include "firstfix/simulation/wide.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
 
 namespace firstfix {
 namespace detail {

@@ -7,7 +7,7 @@
 
 #include "firstfix/simulation/cast_rays.hpp"
 #include "firstfix/simulation/triangle_tree.hpp"
-#include "firstfix/simulation/wide.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
 
 namespace firstfix {
 

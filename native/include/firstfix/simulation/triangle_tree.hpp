@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "firstfix/simulation/wide.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
 
 namespace firstfix {
 

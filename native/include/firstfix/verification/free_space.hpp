@@ -51,12 +51,8 @@ inline const std::vector<float>& view_directions() {
 //
 // directions: (count,) of the returns. least: (directions,) of the scan.
 inline std::size_t returns_near_surface(const SurfaceGrid& grid, const std::vector<std::int32_t>& directions,
-                                        const float* least, const double* T_map_sensor) {
-  float R[9], from_corner[3];
-  for (int row = 0; row < 3; ++row) {
-    for (int column = 0; column < 3; ++column) R[3 * row + column] = static_cast<float>(T_map_sensor[4 * row + column]);
-    from_corner[row] = static_cast<float>(T_map_sensor[4 * row + 3] - grid.corner_m[row]);
-  }
+                                        const float* least, const PoseMatrix& T_map_sensor) {
+  const auto [R, from_corner] = FloatPose(T_map_sensor, grid.corner_m);
   const std::vector<float>& unit = detail::view_directions();
   std::vector<float> positions;
   for (const std::int32_t direction : directions) {
@@ -74,7 +70,7 @@ inline std::size_t returns_near_surface(const SurfaceGrid& grid, const std::vect
 //
 // surface: a grid of the same map. returned, least: (directions,) of the scan.
 inline SeenThrough seen_through(const PointTiles& near, const PointTiles& far, double reach_m, const SurfaceGrid& surface,
-                                const std::uint8_t* returned, const float* least, const double* T_map_sensor) {
+                                const std::uint8_t* returned, const float* least, const PoseMatrix& T_map_sensor) {
   std::vector<float> mapped(kDirections, std::numeric_limits<float>::infinity());
   MapView view(T_map_sensor, RowBand::of(returned), mapped.data());
   view.draw(near, std::min(kNearM, reach_m));

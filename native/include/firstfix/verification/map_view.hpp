@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "firstfix/bit_exact/atan2.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/scan/range_view.hpp"
 #include "firstfix/verification/point_tiles.hpp"
 
@@ -34,12 +35,8 @@ struct RowBand {
 class MapView {
  public:
   // nearest: (directions,), infinite where nothing has been drawn. It must outlive this.
-  MapView(const double* T_map_sensor, const RowBand& band, float* nearest) : nearest_(nearest) {
-    for (int row = 0; row < 3; ++row) {
-      for (int column = 0; column < 3; ++column) R_[3 * row + column] = static_cast<float>(T_map_sensor[4 * row + column]);
-      centre_m_[row] = T_map_sensor[4 * row + 3];
-      centre_[row] = static_cast<float>(T_map_sensor[4 * row + 3]);
-    }
+  MapView(const PoseMatrix& T_map_sensor, const RowBand& band, float* nearest)
+      : nearest_(nearest), pose_(T_map_sensor), centre_m_{T_map_sensor[3], T_map_sensor[7], T_map_sensor[11]} {
     constexpr double kMarginDeg = 0.05;
     const double bottom_deg = 2.0 * band.lowest - 90 - kMarginDeg, top_deg = 2.0 * band.highest - 88 + kMarginDeg;
     if (band.lowest > 0) bottom_ = {static_cast<float>(std::tan(bottom_deg * detail::kPi / 180)), 0};
@@ -67,7 +64,7 @@ class MapView {
   };
 
   float* nearest_;
-  float R_[9], centre_[3];
+  FloatPose pose_;
   double centre_m_[3];
   Cone bottom_{0, -1e30F}, top_{0, 1e30F};
   float held_[3 * 2 * kBlock];  // points that wait to be drawn, less than a block of them
@@ -77,11 +74,12 @@ class MapView {
   void take(const float* points, std::size_t count, float reach2) {
     float x[kBlock], y[kBlock], z[kBlock];
     std::int32_t is_seen[kBlock];
+    const auto& [R, centre] = pose_;
     for (std::size_t i = 0; i < count; ++i) {
-      const float dx = points[3 * i] - centre_[0], dy = points[3 * i + 1] - centre_[1], dz = points[3 * i + 2] - centre_[2];
-      x[i] = dx * R_[0] + dy * R_[3] + dz * R_[6];
-      y[i] = dx * R_[1] + dy * R_[4] + dz * R_[7];
-      z[i] = dx * R_[2] + dy * R_[5] + dz * R_[8];
+      const float dx = points[3 * i] - centre[0], dy = points[3 * i + 1] - centre[1], dz = points[3 * i + 2] - centre[2];
+      x[i] = dx * R[0] + dy * R[3] + dz * R[6];
+      y[i] = dx * R[1] + dy * R[4] + dz * R[7];
+      z[i] = dx * R[2] + dy * R[5] + dz * R[8];
       const float across = std::sqrt(x[i] * x[i] + y[i] * y[i]);
       is_seen[i] = (dx * dx + dy * dy + dz * dz < reach2) & (z[i] >= bottom_.at(across)) & (z[i] <= top_.at(across));
     }

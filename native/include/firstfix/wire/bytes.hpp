@@ -8,6 +8,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/errors.hpp"
 
 namespace firstfix {
@@ -34,21 +35,18 @@ void put(Bytes& out, Value value) {
 inline void append(Bytes& out, const Bytes& more) { out.insert(out.end(), more.begin(), more.end()); }
 
 // A view of bytes that another object owns.
-struct Span {
-  const std::uint8_t* data = nullptr;
-  std::size_t size = 0;
-};
+using ByteSpan = Span<const std::uint8_t>;
 
-inline Span span_of(const Bytes& bytes) { return {bytes.data(), bytes.size()}; }
+inline ByteSpan span_of(const Bytes& bytes) { return {bytes.data(), bytes.size()}; }
 
 // Reads a body from its beginning. Throws "malformed_data" if the body ends too early.
 class Reader {
  public:
   Reader(const std::uint8_t* data, std::size_t size, std::string name) : rest_{data, size}, name_(std::move(name)) {}
 
-  Span take(std::size_t count) {
+  ByteSpan take(std::size_t count) {
     if (rest_.size < count) throw Error("malformed_data", "the " + name_ + " is cut off");
-    const Span taken{rest_.data, count};
+    const ByteSpan taken{rest_.data, count};
     if (count > 0) rest_.data += count;
     rest_.size -= count;
     return taken;
@@ -78,7 +76,7 @@ class Reader {
   }
 
  private:
-  Span rest_;
+  ByteSpan rest_;
   std::string name_;
 };
 

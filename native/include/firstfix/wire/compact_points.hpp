@@ -54,7 +54,7 @@ inline void compact_points(const std::uint8_t* planes, const std::uint8_t* low, 
 
 // Decodes the ranges of `directions` directions, infinite where nothing returned: a bit for each, then for each return the
 // difference of its level from the one before. `content` has at least the bits. Throws "malformed_data".
-inline void ranges_of_levels(detail::Span content, const float* levels_m, std::size_t directions, float* nearest_m) {
+inline void ranges_of_levels(detail::ByteSpan content, const float* levels_m, std::size_t directions, float* nearest_m) {
   const std::size_t mask = (directions + 7) / 8, given = content.size - mask;
   std::size_t returned = 0;
   for (std::size_t i = 0; i < directions; ++i) returned += (content.data[i / 8] >> (7 - i % 8)) & 1U;

@@ -174,7 +174,7 @@ inline CompactScan read_compact(Reader& rest) {
   }
   const Bytes planes = decompressed(rest.take(first), 4 * n, 4 * n);
   const Bytes ranges = decompressed(rest.take(second), kMaskBytes, kMaskBytes + kDirections);
-  const Span low = rest.take(3 * ((n + 1) / 2));
+  const ByteSpan low = rest.take(3 * ((n + 1) / 2));
   CompactScan scan;
   scan.points.resize(n);
   compact_points(planes.data(), low.data, n, grid, numbers_of(scan.points));

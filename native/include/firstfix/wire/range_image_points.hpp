@@ -15,7 +15,7 @@ namespace firstfix::detail {
 constexpr std::uint32_t kWideGap = 15, kWideRange = 255;
 
 // Replaces each escape value by the next wide number.
-inline void take_wide(std::vector<std::uint32_t>& numbers, std::uint32_t escape, Span rest, std::size_t planes) {
+inline void take_wide(std::vector<std::uint32_t>& numbers, std::uint32_t escape, ByteSpan rest, std::size_t planes) {
   const auto wide = static_cast<std::size_t>(std::count(numbers.begin(), numbers.end(), escape));
   if (rest.size != planes * wide) {
     throw Error("malformed_data", std::to_string(wide) + " wide numbers of the range image do not fit " +
@@ -33,7 +33,7 @@ inline void take_wide(std::vector<std::uint32_t>& numbers, std::uint32_t escape,
   }
 }
 
-inline std::vector<std::uint32_t> unpacked_gaps(Span content, std::size_t count) {
+inline std::vector<std::uint32_t> unpacked_gaps(ByteSpan content, std::size_t count) {
   std::vector<std::uint32_t> gaps(count + count % 2);
   const std::size_t halves = gaps.size() / 2;
   for (std::size_t k = 0; k < halves; ++k) {
@@ -49,7 +49,7 @@ inline std::vector<std::uint32_t> unpacked_gaps(Span content, std::size_t count)
 }
 
 // Ranges in steps, none of them 0.
-inline std::vector<std::uint32_t> unpacked_ranges(Span content, std::size_t count) {
+inline std::vector<std::uint32_t> unpacked_ranges(ByteSpan content, std::size_t count) {
   std::vector<std::uint32_t> steps(content.data, content.data + count);
   take_wide(steps, kWideRange, {content.data + count, content.size - count}, 2);
   std::uint32_t sum = 0;
@@ -75,7 +75,7 @@ struct Angles {
 
 // Decodes the `count` points of a range image with a column for each azimuth and a row for each elevation. `gaps` has at
 // least a byte for two points, `ranges` at least a byte for one. Throws "malformed_data".
-inline void range_image_points(detail::Span gaps, detail::Span ranges, std::size_t count, double resolution_m,
+inline void range_image_points(detail::ByteSpan gaps, detail::ByteSpan ranges, std::size_t count, double resolution_m,
                                const Angles& azimuths, const Angles& elevations, float* points) {
   const std::vector<std::uint32_t> apart = detail::unpacked_gaps(gaps, count);
   std::uint64_t reached = count;  // cells up to the last return

@@ -56,7 +56,7 @@ inline ScanSequence decode_scans(const std::uint8_t* data, std::size_t size) {
     Pose pose;
     for (double& v : pose.position) v = rest.get<double>();
     for (double& v : pose.quaternion) v = rest.get<double>();
-    const detail::Span part = rest.take(rest.get<std::uint32_t>());
+    const detail::ByteSpan part = rest.take(rest.get<std::uint32_t>());
     if (part.size >= 4 && std::memcmp(part.data, "FFQY", 4) == 0) {
       Query query = decode_query(part.data, part.size);
       auto* compact = std::get_if<CompactScan>(&query);

@@ -61,7 +61,7 @@ inline void put_times(Bytes& body, const Times& times, int zstd_level, bool chec
 // The part as it was received. Its frame is read when the number of points is known.
 struct TimesPart {
   double first_s, step_s;
-  Span frame;
+  ByteSpan frame;
 
   // Throws "malformed_data".
   static TimesPart read(Reader& rest) {

@@ -26,7 +26,7 @@ inline Bytes compressed(const Bytes& content, int level, bool checksum) {
 }
 
 // The content of exactly one frame. Its declared size must be in [least, most].
-inline Bytes decompressed(Span frame, std::size_t least, std::size_t most) {
+inline Bytes decompressed(ByteSpan frame, std::size_t least, std::size_t most) {
   static constexpr std::uint8_t kMagic[] = {0x28, 0xB5, 0x2F, 0xFD};
   if (frame.size < sizeof kMagic || std::memcmp(frame.data, kMagic, sizeof kMagic) != 0) {
     throw Error("malformed_data", "a zstd frame is missing");
