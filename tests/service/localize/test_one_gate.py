@@ -11,7 +11,7 @@ from typing import ClassVar
 from urllib.parse import urlsplit
 
 import pytest
-from service_world import SCAN_BODY, Behaviour, Service, publish, running_service
+from service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, publish, running_service
 
 from firstfix.answer.localization import Localization
 from waiting import LIMIT_S, let_pass, wait_until
