@@ -8,8 +8,8 @@ from service_world import Behaviour, publish
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
-from firstfix_service.maps.leases import Leases
 from firstfix_service.maps.map_cache import MapCache
+from firstfix_service.maps.served_maps import Leases
 from firstfix_service.query_workers.base import QueryWorkerThreads
 from firstfix_service.query_workers.query import ServedVersion
 from firstfix_service.telemetry.metrics import Metrics

@@ -18,7 +18,7 @@ from ..auth.authenticate import Authenticator
 from ..builds.queue import BuildQueue
 from ..builds.quota import BuildQuota
 from ..localize.query_gate import QueryGate
-from ..localize.recent import RecentAnswers
+from ..localize.recorder import RecentAnswers
 from ..localize.use_case import LocalizeUseCase
 from ..maintenance.sightings import SightingsKeeper
 from ..maps.georeference_cache import GeoreferenceCache

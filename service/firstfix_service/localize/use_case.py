@@ -10,10 +10,9 @@ from dataclasses import replace
 from firstfix.errors import FirstfixError, WorkerLost
 from firstfix.formats.point_cloud import Body
 
-from ..maps.leases import Leases
 from ..maps.map_cache import MapCache
-from ..query_workers.answer import EncodedAnswer
-from ..query_workers.query import Query
+from ..maps.served_maps import Leases
+from ..query_workers.query import EncodedAnswer, Query
 from ..thread_pools import COPIES
 from .query_gate import AskWorker, QueryGate
 from .recorder import QueryRecorder

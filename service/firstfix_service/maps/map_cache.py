@@ -20,13 +20,11 @@ from ..query_workers.base import QueryWorkers
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
 from .catalog_watch import CatalogWatch
-from .eviction_order import Key
-from .leases import Lease, Leases, gather_leases
-from .loaded_versions import LoadedVersions
+from .loaded_versions import Key, Lease, LoadedVersions
 from .map_states import read_states
 from .placement import Placement
 from .prefetch import Prefetcher, PrefetchRound
-from .served_maps import ServedMaps
+from .served_maps import Leases, ServedMaps, gather_leases
 from .shared_loads import SharedLoads
 from .version_loader import VersionLoader
 

@@ -1,11 +1,13 @@
-"""The published maps, and the version of each map that answers queries."""
+"""The published maps, the version of each map that answers queries, and the versions that one query needs."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Set
+from collections.abc import Iterable, Sequence, Set
+from concurrent.futures import Future
 
 from ..telemetry.metrics import Metrics
+from .loaded_versions import Lease
 
 
 class ServedMaps:
@@ -86,3 +88,42 @@ class ServedMaps:
         with self._lock:
             touched, self._touched = self._touched, set()
             return touched
+
+
+class Leases:
+    """The versions that one query needs."""
+
+    def __init__(self, leases: Sequence[Lease]) -> None:
+        self._leases = leases
+        self.served = tuple(lease.served for lease in leases)
+
+    def close(self) -> None:
+        """Closes all leases."""
+        for lease in self._leases:
+            lease.close()
+
+
+def gather_leases(futures: Sequence[Future[Lease]]) -> Future[Leases]:
+    """Returns a future of all the leases. If one fails, it raises the first error after all have ended."""
+    gathered: Future[Leases] = Future()
+    left = len(futures)
+    lock = threading.Lock()
+
+    def ended(_: Future[Lease]) -> None:
+        nonlocal left
+        with lock:
+            left -= 1
+            if left:
+                return
+        errors = [error for future in futures if (error := future.exception()) is not None]
+        if not errors:
+            gathered.set_result(Leases([future.result() for future in futures]))
+            return
+        for future in futures:
+            if future.exception() is None:
+                future.result().close()
+        gathered.set_exception(errors[0])
+
+    for future in futures:
+        future.add_done_callback(ended)
+    return gathered

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from ..telemetry.request_scope import current_caller
 from ..thread_pools import ThreadPool
-from .leases import Lease
+from .loaded_versions import Lease
 
 LOADERS = 8  # loads at the same time: a slow one does not delay the others
 Wanted = tuple[str, str | None]  # a map and its version; None: the active one

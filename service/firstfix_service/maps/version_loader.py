@@ -19,9 +19,7 @@ from firstfix.errors import CorruptVersion, NotFound, StoreError, VersionError
 
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
-from .eviction_order import Key
-from .leases import Lease
-from .loaded_versions import LoadedVersions, VersionFiles
+from .loaded_versions import Key, Lease, LoadedVersions, VersionFiles
 
 _log = structlog.get_logger(__name__)
 REFUSED_FOR_S = 60.0  # a refused version is read again after this time: it may have been repaired

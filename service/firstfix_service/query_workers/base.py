@@ -11,8 +11,7 @@ from typing import Protocol
 
 from firstfix.engine.localizer import Localizer
 
-from .answer import EncodedAnswer
-from .query import Query, ServedVersion
+from .query import EncodedAnswer, Query, ServedVersion
 from .sightings import Sighted, SightingCounter
 from .worker import Localizers
 

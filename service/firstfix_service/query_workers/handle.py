@@ -16,10 +16,9 @@ from typing import Any
 
 from firstfix.errors import DeadlineExceeded, FirstfixError, TooLarge
 
-from .answer import EncodedAnswer
 from .base import QueryWorkerDied
 from .protocol import DROP, HELLO, INLINE_BYTES, LOAD, TAKE, BodyMemory, MessageReader, message_of
-from .query import Query, ServedVersion
+from .query import EncodedAnswer, Query, ServedVersion
 from .sightings import Sighted
 
 LOAD_WITHIN_S = 300.0

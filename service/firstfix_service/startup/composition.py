@@ -35,8 +35,7 @@ from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.dependencies import Parts
 from ..http_api.health import Health
 from ..localize.query_gate import QueryGate
-from ..localize.recent import RecentAnswers
-from ..localize.recorder import QueryRecorder
+from ..localize.recorder import QueryRecorder, RecentAnswers
 from ..localize.sampler import QuerySampler, SamplePolicy
 from ..localize.use_case import LocalizeUseCase
 from ..maintenance.cleanup import abandoned_objects_removal

@@ -21,7 +21,7 @@ from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, ValidationError
 
 from firstfix.answer.localization import Reason, Verdict
 
-from ..localize.recent import RecentAnswer, RecentAnswers
+from ..localize.recorder import RecentAnswer, RecentAnswers
 
 _log = structlog.get_logger(__name__)
 ANSWERS = "firstfix/@answers"

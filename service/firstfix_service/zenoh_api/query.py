@@ -8,8 +8,7 @@ from typing import Any
 from .. import problems
 from ..auth.principal import Principal
 from ..problems import problem_of
-from ..query_workers.answer import AnswerForm
-from ..query_workers.query import AsGiven, Query, single_values, split_map_ids
+from ..query_workers.query import AnswerForm, AsGiven, Query, single_values, split_map_ids
 from .callers import ZenohCaller
 from .log import PARAMETERS
 
@@ -38,7 +37,7 @@ def read_query(
     named = parts[1] if len(parts) > 1 else ""
     map_ids = split_map_ids(options.pop(MAP_PARAMETER, "")) if named == ANY_MAP else (named,)
     content_encoding = options.pop(CONTENT_ENCODING, "")
-    form = AnswerForm.read(options.pop(ACCEPT, ""), options)
+    form = AnswerForm.of(options.pop(ACCEPT, ""), options)
     media_type = "" if query.encoding is None else str(query.encoding)
     given = AsGiven(map_ids, media_type, content_encoding, options)
     return key_of(named), Query.read(given, form, caller, served, arrived)

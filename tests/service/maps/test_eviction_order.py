@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from firstfix_service.maps.eviction_order import EvictionOrder, Key
+from firstfix_service.maps.loaded_versions import EvictionOrder, Key
 
 
 @dataclass
@@ -10,8 +10,8 @@ class Item:
     bytes: int
 
 
-def order_of(protected: set[str], *names: str) -> EvictionOrder[Item]:
-    order: EvictionOrder[Item] = EvictionOrder(lambda key: key[0] in protected)
+def order_of(protected: set[str], *names: str) -> EvictionOrder:
+    order: EvictionOrder = EvictionOrder(lambda key: key[0] in protected)
     for size, name in enumerate(names, 1):
         order.add(key(name), Item(size))
     return order
@@ -21,7 +21,7 @@ def key(name: str) -> Key:
     return name, "v"
 
 
-def names(order: EvictionOrder[Item]) -> str:
+def names(order: EvictionOrder) -> str:
     return "".join(name for name, _ in order)
 
 
