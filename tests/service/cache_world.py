@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import Future
 from pathlib import Path
 
 from service_world import Behaviour, publish
@@ -27,6 +29,9 @@ class Cache(MapCache):
 
     def leased(self, *map_ids: str, version: str | None = None) -> Leases:
         return self.lease(map_ids, version).result(LIMIT_S)
+
+    def lease(self, map_ids: Sequence[str], version: str | None = None) -> Future[Leases]:
+        return self.served.lease(map_ids, version)
 
 
 class World:

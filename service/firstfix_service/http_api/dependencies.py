@@ -18,11 +18,10 @@ from ..auth.authenticate import Authenticator
 from ..builds.queue import BuildQueue
 from ..builds.quota import BuildQuota
 from ..localize.query_gate import QueryGate
-from ..localize.recorder import RecentAnswers
-from ..localize.use_case import LocalizeUseCase
-from ..maintenance.sightings import SightingsKeeper
+from ..localize.use_case import LocalizeUseCase, RecentAnswers
 from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
+from ..query_workers.sightings.keeper import SightingsKeeper
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from .bodies.disk_space import DiskSpace

@@ -12,7 +12,7 @@ from typing import Protocol
 from firstfix.engine.localizer import Localizer
 
 from .query import EncodedAnswer, Query, ServedVersion
-from .sightings import Sighted, SightingCounter
+from .sightings.counter import Sighted, SightingCounter
 from .worker import Localizers
 
 MAX_DECODED_BYTES = 64 << 20

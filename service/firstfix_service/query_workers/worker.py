@@ -41,7 +41,7 @@ from firstfix.ros.pose_message import to_pose_cdr
 
 from .protocol import DROP, HELLO, LOAD, TAKE, MessageReader, mapped_bodies, reply_of, send_all
 from .query import BodyFormat, EncodedAnswer, PoseFormat, Query, ServedVersion
-from .sightings import Sighted, SightingCounter
+from .sightings.counter import Sighted, SightingCounter
 
 SWITCH_S = 0.0005  # for which a query waits at most while the thread that counts sightings runs Python code
 _NO_DATA = (type, ModuleType, FunctionType, BuiltinFunctionType, MethodType, str, bytes, int, float)

@@ -35,12 +35,10 @@ from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.dependencies import Parts
 from ..http_api.health import Health
 from ..localize.query_gate import QueryGate
-from ..localize.recorder import QueryRecorder, RecentAnswers
 from ..localize.sampler import QuerySampler, SamplePolicy
-from ..localize.use_case import LocalizeUseCase
+from ..localize.use_case import LocalizeUseCase, QueryRecorder, RecentAnswers
 from ..maintenance.cleanup import abandoned_objects_removal
 from ..maintenance.clock import clock_comparison
-from ..maintenance.sightings import SightingsKeeper, sightings_maintenance
 from ..maintenance.verification import store_verification
 from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
@@ -48,6 +46,7 @@ from ..maps.map_poller import MapPoller
 from ..maps.placement import open_placement
 from ..query_workers.base import QueryWorkers, QueryWorkerThreads
 from ..query_workers.processes import QueryWorkerProcesses
+from ..query_workers.sightings.keeper import SightingsKeeper, sightings_maintenance
 from ..query_workers.worker import load_localizer
 from ..security_check import check_security
 from ..settings import Settings
@@ -265,8 +264,7 @@ async def _start_zenoh(
     from ..zenoh_api.config import client_config
     from ..zenoh_api.endpoint import ENDPOINT_CLOSE_WITHIN_S, ZenohEndpoint
     from ..zenoh_api.replicas import ZenohReplicas
-    from ..zenoh_api.threads import in_zenoh_thread
-    from ..zenoh_api.updates import ZenohUpdates
+    from ..zenoh_api.threads import ZenohUpdates, in_zenoh_thread
 
     settings, loop, pulse = parts.settings, asyncio.get_running_loop(), watch.add("zenoh")
     endpoint = await in_zenoh_thread(

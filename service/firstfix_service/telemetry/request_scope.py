@@ -1,21 +1,23 @@
-"""Scope of one request of either transport: its ids, its span, and the fields of its log line.
+"""Scope of one request of either transport: its ids, its span, and its log line with what is written of it.
 
 Any task or thread that runs in the request's context can add fields with ``note``.
 """
 
 from __future__ import annotations
 
+import logging
 import re
 import time
 import uuid
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import structlog
 
+from firstfix.telemetry.redact import redactor
 from firstfix.telemetry.trace_context import TraceContext
 
 from .tracing import Tracing, started_ns
@@ -143,3 +145,30 @@ def _ids(scope: RequestScope) -> dict[str, str]:
     if scope.trace is not None:
         ids |= {"trace_id": scope.trace.trace_id, "span_id": scope.trace.span_id}
     return ids
+
+
+class LogLines:
+    """Writes finished lines to the stream of a handler. Like the handler, it never fails."""
+
+    def __init__(self, name: str, handler: logging.StreamHandler[Any]) -> None:
+        self.name = name
+        self._handler = handler
+
+    def info(self, line: str) -> None:
+        """Writes a line, at any level."""
+        assert self._handler.lock is not None
+        with self._handler.lock, suppress(OSError, ValueError):  # a full disk, or a closed stream
+            self._handler.stream.write(line + "\n")
+            self._handler.stream.flush()
+
+    debug = warning = error = critical = info
+
+
+def hiding_secrets() -> structlog.typing.Processor:
+    """Returns the last log processor, which hides keys, tokens and passwords in the finished line."""
+    redact = redactor()
+
+    def hide(logger: Any, name: str, line: Any) -> str:
+        return redact(str(line))
+
+    return hide

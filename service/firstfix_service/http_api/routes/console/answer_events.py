@@ -18,7 +18,7 @@ from firstfix.ids import check_map_id
 
 from ....auth.permission import Permission, PermissionDep
 from ....auth.principal import Principal
-from ....localize.recorder import RecentAnswer, RecentAnswers
+from ....localize.use_case import RecentAnswer, RecentAnswers
 from ...authorize import CallerDep
 from ...dependencies import Parts, PartsDep
 from ...event_stream import HEARTBEAT, HEARTBEAT_S, EventStream

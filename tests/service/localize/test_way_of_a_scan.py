@@ -1,4 +1,4 @@
-"""Each check of a query is made once, by the service. A worker process only decodes the body."""
+"""The way of a scan: the files that are drawn, and each check once. A worker only decodes the body."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ from firstfix_service.server import serve
 from firstfix_service.settings import Settings
 serve(Settings())
 """
+BESIDE: set[str] = set()
 ONCE = {
     "read query",
     "check scope",
@@ -119,7 +120,15 @@ def logged(small_version, small_scans, tmp_path_factory: pytest.TempPathFactory)
 @pytest.mark.parametrize("transport", ["http", "zenoh"])
 def test_each_check_is_made_once(logged: LoggedService, transport: str):
     calls = logged.calls_of({"http": logged.ask_http, "zenoh": logged.ask_zenoh}[transport])
-    in_service = {name: count for (name, pid), count in calls.items() if pid == logged.pid}
-    elsewhere = {name: count for (name, pid), count in calls.items() if pid != logged.pid}
+    checks = {key: count for key, count in calls.items() if not key[0].startswith("file ")}
+    in_service = {name: count for (name, pid), count in checks.items() if pid == logged.pid}
+    elsewhere = {name: count for (name, pid), count in checks.items() if pid != logged.pid}
     assert in_service == dict.fromkeys(ONCE, 1)
     assert elsewhere == {"decode body": 1}
+
+
+def test_a_scan_goes_through_the_files_that_are_drawn(logged: LoggedService):
+    calls = logged.calls_of(logged.ask_http)
+    used = {name.removeprefix("file ") for name, _ in calls if name.startswith("file ")} - BESIDE
+    print(*sorted(used), sep="\n")
+    assert used == set()
