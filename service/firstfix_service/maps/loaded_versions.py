@@ -63,7 +63,7 @@ class EvictionOrder:
 
     Args:
         is_protected: whether a version is evicted only after all unprotected ones. It is called when a
-            version is added or used, and by ``reclassify``.
+            version is added, and by ``reclassify``.
     """
 
     def __init__(self, is_protected: Callable[[Key], bool]) -> None:
@@ -99,11 +99,11 @@ class EvictionOrder:
 
     def use(self, key: Key) -> _Loaded | None:
         """Returns a version and moves it to the end of its class; None if it is not here."""
-        if key not in self:
-            return None
-        item = self.pop(key)
-        self.add(key, item)
-        return item
+        for versions in (self._unprotected, self._protected):
+            if key in versions:
+                versions.move_to_end(key)
+                return versions[key]
+        return None
 
     def pop(self, key: Key) -> _Loaded:
         """Removes a version and returns it."""
@@ -244,8 +244,8 @@ class LoadedVersions:
         """Applies the limits after a version has become the serving one of its map in place of another."""
         with self._changed:
             for one in (before, key):
-                if one is not None:
-                    self._loaded.use(one)  # whether it is protected has changed
+                if one is not None and one in self._loaded:  # whether it is protected has changed
+                    self._loaded.add(one, self._loaded.pop(one))
             self._evict_for(key)
             self._update_metrics()
 

@@ -9,8 +9,7 @@ from typing import TextIO
 
 import structlog
 
-from .log_stream import LAST_LINES_WITHIN_S, LogStream
-from .request_scope import LogLines, hiding_secrets
+from .request_scope import LAST_LINES_WITHIN_S, LogLines, LogStream, hiding_secrets
 
 __all__ = ["LAST_LINES_WITHIN_S", "drain_log", "set_up_logging"]
 

@@ -58,12 +58,3 @@ def test_another_choice_of_what_is_kept_counts_when_it_is_sorted_again():
     order.reclassify()
     assert names(order) == "dacb"
     assert (order.protected, order.protected_bytes, order.bytes) == (2, 5, 10)
-
-
-def test_using_a_version_asks_again_whether_it_is_protected():
-    protected = set("a")
-    order = order_of(protected, *"abc")
-    protected.clear()
-    order.use(key("a"))
-    assert names(order) == "bca"
-    assert order.protected == order.protected_bytes == 0
