@@ -120,7 +120,7 @@ def _ask(group: Group, asked: list[str], choose: Choose) -> dict[str, Any]:
     for map_id in asked:
         name = choose(map_id)
         load[name] += 1
-        group.caches[name].lease([map_id]).result(60).close()
+        group.caches[name].served.lease([map_id]).result(60).close()
     hits = group.count("firstfix_cache_lookups_total", result="hit")
     return {
         "loaded_ahead": ahead,

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import Future
 from pathlib import Path
 
 from service_world import Behaviour, publish
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
-from firstfix_service.maps.leases import Leases
 from firstfix_service.maps.map_cache import MapCache
+from firstfix_service.maps.served_maps import Leases
 from firstfix_service.query_workers.base import QueryWorkerThreads
 from firstfix_service.query_workers.query import ServedVersion
 from firstfix_service.telemetry.metrics import Metrics
@@ -27,6 +29,9 @@ class Cache(MapCache):
 
     def leased(self, *map_ids: str, version: str | None = None) -> Leases:
         return self.lease(map_ids, version).result(LIMIT_S)
+
+    def lease(self, map_ids: Sequence[str], version: str | None = None) -> Future[Leases]:
+        return self.served.lease(map_ids, version)
 
 
 class World:

@@ -19,9 +19,9 @@ from firstfix.store.store import Store
 from ..builds.queue import BuildQueue
 from ..builds.quota import BuildQuota
 from ..localize.use_case import LocalizeUseCase
-from ..maintenance.sightings import SightingsKeeper
 from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
+from ..query_workers.sightings.keeper import SightingsKeeper
 from ..telemetry.metrics import Metrics
 from .bodies.disk_space import DiskSpace
 from .bodies.request_body import BodyReader, Pace

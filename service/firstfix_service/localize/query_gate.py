@@ -22,9 +22,8 @@ from typing import Any, Protocol, TypeVar
 
 from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded, WorkerLost
 
-from ..query_workers.answer import EncodedAnswer
 from ..query_workers.base import QueryWorker, QueryWorkerDied
-from ..query_workers.query import Asker, Query
+from ..query_workers.query import Asker, EncodedAnswer, Query
 from .fair_queue import FairQueue, Job, State
 
 T = TypeVar("T")

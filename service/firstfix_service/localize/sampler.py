@@ -24,8 +24,7 @@ from firstfix.catalog.query_samples import REPLAY, QuerySample, QuerySamples, ne
 from firstfix.errors import FirstfixError
 from firstfix.formats.point_cloud import Body
 
-from ..query_workers.answer import EncodedAnswer
-from ..query_workers.query import Query
+from ..query_workers.query import EncodedAnswer, Query
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import RequestScope

@@ -1,4 +1,4 @@
-"""Selects the maps whose logs are read at each poll.
+"""Selects the maps whose logs are read at each poll, and reads them.
 
 A poll reads the change notices and the logs of the maps that they name. A notice can be lost, so a few other
 maps are read at each poll too: every map is read once in ``sweep_s``. No more than ``MAX_LOGS_PER_S`` logs
@@ -9,11 +9,19 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import structlog
 
 from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.log.map_state import MapState
+from firstfix.errors import FirstfixError
 
+_log = structlog.get_logger(__name__)
 # A lost notice is rare, and stores charge for requests: 10,000 maps are read in an hour.
 SWEEP_INTERVAL_S, MAX_LOGS_PER_S = 60.0, 3
+READERS = 16  # logs read at the same time
 
 
 class CatalogWatch:
@@ -68,3 +76,31 @@ class CatalogWatch:
         self._names = names
         self._sweep.extend(names)
         return new
+
+
+def read_states(catalog: Catalog, map_ids: Sequence[str], *, strict: bool) -> dict[str, MapState]:
+    """Returns the states of maps by their ids.
+
+    Args:
+        strict: raise the error of a map that cannot be read, and always read in parallel. Otherwise such a
+            map is left out and logged.
+
+    Raises:
+        FirstfixError: only if ``strict``.
+    """
+
+    def read(map_id: str) -> MapState | None:
+        try:
+            return catalog.state(map_id)
+        except FirstfixError as error:
+            if strict:
+                raise
+            _log.warning("cannot read a map's log", map_id=map_id, code=error.code, error=str(error))
+            return None
+
+    if len(map_ids) < READERS and not strict:
+        states = [read(map_id) for map_id in map_ids]
+    else:
+        with ThreadPoolExecutor(READERS, thread_name_prefix="map-reader") as threads:
+            states = list(threads.map(read, map_ids))
+    return {name: state for name, state in zip(map_ids, states, strict=True) if state is not None}

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
-from collections.abc import Callable
+from collections import OrderedDict, deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import chain
 
 import structlog
 
@@ -15,9 +16,8 @@ from firstfix.catalog.versions.folder_lock import FolderLock
 from ..query_workers.base import QueryWorkers
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
-from .eviction_order import EvictionOrder, Key
-from .leases import Lease
 
+Key = tuple[str, str]  # map id, version
 _log = structlog.get_logger(__name__)
 MAX_AHEAD = 16  # versions that are loaded before anybody asks, so that a service with many maps starts soon
 ROOM_WITHIN_S = 30.0  # a load waits so long for an unload to end, then it exceeds the limits
@@ -57,6 +57,90 @@ class _Loaded:
     is_leaving: bool = False
 
 
+class EvictionOrder:
+    """Versions by key, in the order of eviction. Not thread-safe.
+
+    Every call except ``reclassify`` takes constant time.
+
+    Args:
+        is_protected: whether a version is evicted only after all unprotected ones. It is called when a
+            version is added, and by ``reclassify``.
+    """
+
+    def __init__(self, is_protected: Callable[[Key], bool]) -> None:
+        self._is_protected = is_protected
+        self._unprotected: OrderedDict[Key, _Loaded] = OrderedDict()
+        self._protected: OrderedDict[Key, _Loaded] = OrderedDict()
+        self.bytes = 0
+        self.protected_bytes = 0
+
+    def __len__(self) -> int:
+        return len(self._unprotected) + len(self._protected)
+
+    def __contains__(self, key: Key) -> bool:
+        return key in self._unprotected or key in self._protected
+
+    def __iter__(self) -> Iterator[Key]:
+        """Iterates over the keys; the first one is evicted first."""
+        return chain(self._unprotected, self._protected)
+
+    @property
+    def protected(self) -> int:
+        """Number of protected versions."""
+        return len(self._protected)
+
+    def add(self, key: Key, item: _Loaded) -> None:
+        """Adds a version at the end of its class."""
+        self.bytes += item.bytes
+        if self._is_protected(key):
+            self._protected[key] = item
+            self.protected_bytes += item.bytes
+        else:
+            self._unprotected[key] = item
+
+    def use(self, key: Key) -> _Loaded | None:
+        """Returns a version and moves it to the end of its class; None if it is not here."""
+        for versions in (self._unprotected, self._protected):
+            if key in versions:
+                versions.move_to_end(key)
+                return versions[key]
+        return None
+
+    def pop(self, key: Key) -> _Loaded:
+        """Removes a version and returns it."""
+        if key in self._unprotected:
+            item = self._unprotected.pop(key)
+        else:
+            item = self._protected.pop(key)
+            self.protected_bytes -= item.bytes
+        self.bytes -= item.bytes
+        return item
+
+    def reclassify(self) -> None:
+        """Asks again which versions are protected.
+
+        Within its class each version keeps its place. A version that is no longer protected goes to the end
+        of the unprotected ones.
+        """
+        for key in [key for key in self._protected if not self._is_protected(key)]:
+            self.add(key, self.pop(key))
+        for key in [key for key in self._unprotected if self._is_protected(key)]:
+            self.add(key, self.pop(key))
+
+
+class Lease:
+    """A version that stays in memory and on the disk until the lease is closed. Close it once.
+
+    Attributes:
+        renew: returns another lease of the same version, for another user.
+    """
+
+    def __init__(self, served: ServedVersion, close: Callable[[], None], renew: Callable[[], Lease]) -> None:
+        self.served = served
+        self.close = close
+        self.renew = renew
+
+
 class LoadedVersions:
     """The versions in memory, within limits. Thread-safe.
 
@@ -85,7 +169,7 @@ class LoadedVersions:
         self._must_stay = must_stay
         self._on_evict = on_evict
         self._changed = threading.Condition()
-        self._loaded: EvictionOrder[_Loaded] = EvictionOrder(is_protected)
+        self._loaded: EvictionOrder = EvictionOrder(is_protected)
         self._leaving: set[_Loaded] = set()
         self._leaving_bytes = 0
         self._loading: dict[Key, int] = {}  # to bytes
@@ -163,8 +247,8 @@ class LoadedVersions:
         """Applies the limits after a version has become the serving one of its map in place of another."""
         with self._changed:
             for one in (before, key):
-                if one is not None:
-                    self._loaded.use(one)  # whether it is protected has changed
+                if one is not None and one in self._loaded:  # whether it is protected has changed
+                    self._loaded.add(one, self._loaded.pop(one))
             self._evict_for(key)
             self._update_metrics()
 

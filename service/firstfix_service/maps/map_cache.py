@@ -6,8 +6,7 @@ share the maps (``Placement``), the maps that this replica holds are prefetched 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import structlog
@@ -19,16 +18,12 @@ from firstfix.errors import FirstfixError, NotFound, StoreError, VersionError
 from ..query_workers.base import QueryWorkers
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
-from .catalog_watch import SWEEP_INTERVAL_S, CatalogWatch
-from .eviction_order import Key
-from .leases import Lease, Leases, gather_leases
-from .loaded_versions import LoadedVersions
-from .map_states import read_states
+from .catalog_watch import SWEEP_INTERVAL_S, CatalogWatch, read_states
+from .loaded_versions import Key, Lease, LoadedVersions
 from .placement import Placement
 from .prefetch import Prefetcher, PrefetchRound
 from .served_maps import ServedMaps
-from .shared_loads import SharedLoads
-from .version_loader import VersionLoader
+from .version_loader import SharedLoads, VersionLoader
 
 _log = structlog.get_logger(__name__)
 # A process has at most 65,530 mappings (vm.max_map_count), and a version takes 12. The bytes end before.
@@ -73,11 +68,8 @@ class MapCache:
     ) -> None:
         self._catalog = catalog
         self._metrics = metrics
-        self._hits = metrics.cache_lookups.labels("hit")
-        self._misses = metrics.cache_lookups.labels("miss")
         self._pinned = frozenset(pinned)
         self.placement = placement
-        self.served = ServedMaps(metrics)
         self._loaded = LoadedVersions(
             workers,
             metrics,
@@ -90,6 +82,7 @@ class MapCache:
         self._prefetcher = Prefetcher(catalog, self._loaded, placement)
         self._loader = VersionLoader(catalog, self._loaded, metrics, directory, max_disk_bytes=max_disk_bytes)
         self._loads = SharedLoads(self._load)
+        self.served = ServedMaps(self._loaded, self._loads.request, metrics)
         self._watch = CatalogWatch(catalog, interval_s=poll_interval_s, sweep_s=sweep_interval_s)
         self.polled = False
 
@@ -110,26 +103,6 @@ class MapCache:
             return True
         return map_id in self.placement and self._is_loaded(map_id)
 
-    def lease(self, map_ids: Sequence[str], version: str | None = None) -> Future[Leases]:
-        """Returns the versions that answer a query about one map or several.
-
-        The future is done at once if the versions are in memory. Otherwise a load runs in another thread, one
-        load for all queries that need it.
-
-        Args:
-            map_ids: well-formed (``firstfix.ids``), and so is the version.
-            version: None means the active version of each map.
-
-        The future raises NotFound if there is no such map or version, VersionError if neither it nor an
-        earlier active version can be served, and StoreError.
-        """
-        if len(map_ids) == 1:
-            return gather_leases([self._lease(map_ids[0], version)])
-        self._loaded.begin_overcommit()
-        gathered = gather_leases([self._lease(map_id, version) for map_id in map_ids])
-        gathered.add_done_callback(lambda _: self._loaded.end_overcommit())
-        return gathered
-
     def check_files(self, versions: Iterable[ServedVersion]) -> None:
         """Reads the files of versions again, on which a query failed. Blocks.
 
@@ -143,7 +116,7 @@ class MapCache:
         """Reads the map's log and serves its active version, or the one before if that is refused.
 
         Raises:
-            NotFound, VersionError, StoreError: as the future of ``lease``.
+            NotFound, VersionError, StoreError: as the future of ``ServedMaps.lease``.
         """
         lease = self._follow(map_id, self._catalog.state(map_id))
         lease.close()
@@ -210,15 +183,6 @@ class MapCache:
         self.stop_prefetch()
         self._loads.close()
         self._loaded.close()
-
-    def _lease(self, map_id: str, version: str | None) -> Future[Lease]:
-        lease = self._loaded.lease((map_id, version or self.served.version(map_id) or ""))
-        (self._misses if lease is None else self._hits).inc()
-        if lease is None:
-            return self._loads.request(map_id, version)
-        future: Future[Lease] = Future()
-        future.set_result(lease)
-        return future
 
     def _load(self, map_id: str, version: str | None) -> Lease:
         if version is not None:

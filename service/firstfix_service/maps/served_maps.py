@@ -1,18 +1,33 @@
-"""The published maps, and the version of each map that answers queries."""
+"""The published maps, the version of each map that answers queries, and the versions that one query needs."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Set
+from collections.abc import Callable, Iterable, Sequence, Set
+from concurrent.futures import Future
 
 from ..telemetry.metrics import Metrics
+from .loaded_versions import Lease, LoadedVersions
 
 
 class ServedMaps:
-    """Published maps and their serving versions, as of the last poll or a later query. Thread-safe."""
+    """Published maps and their serving versions, as of the last poll or a later query. Thread-safe.
 
-    def __init__(self, metrics: Metrics) -> None:
+    Args:
+        load: returns a future of a lease of a version that is not in memory; None: the active version.
+    """
+
+    def __init__(
+        self,
+        loaded: LoadedVersions,
+        load: Callable[[str, str | None], Future[Lease]],
+        metrics: Metrics,
+    ) -> None:
+        self._loaded = loaded
+        self._load = load
         self._metrics = metrics
+        self._hits = metrics.cache_lookups.labels("hit")
+        self._misses = metrics.cache_lookups.labels("miss")
         self._lock = threading.Lock()
         self._published: set[str] = set()  # maps with a version
         self._serving: dict[str, str] = {}  # map id -> version that answers when none is named
@@ -44,6 +59,35 @@ class ServedMaps:
         """Returns the serving version of a map, if there is one."""
         with self._lock:
             return self._serving.get(map_id)
+
+    def lease(self, map_ids: Sequence[str], version: str | None = None) -> Future[Leases]:
+        """Returns the versions that answer a query about one map or several.
+
+        The future is done at once if the versions are in memory. Otherwise a load runs in another thread, one
+        load for all queries that need it.
+
+        Args:
+            map_ids: well-formed (``firstfix.ids``), and so is the version.
+            version: None means the active version of each map.
+
+        The future raises NotFound if there is no such map or version, VersionError if neither it nor an
+        earlier active version can be served, and StoreError.
+        """
+        if len(map_ids) == 1:
+            return _gathered([self._lease(map_ids[0], version)])
+        self._loaded.begin_overcommit()
+        gathered = _gathered([self._lease(map_id, version) for map_id in map_ids])
+        gathered.add_done_callback(lambda _: self._loaded.end_overcommit())
+        return gathered
+
+    def _lease(self, map_id: str, version: str | None) -> Future[Lease]:
+        lease = self._loaded.lease((map_id, version or self.version(map_id) or ""))
+        (self._misses if lease is None else self._hits).inc()
+        if lease is None:
+            return self._load(map_id, version)
+        future: Future[Lease] = Future()
+        future.set_result(lease)
+        return future
 
     def is_behind(self, map_id: str) -> bool:
         """Returns whether an older version answers because the active one was refused."""
@@ -86,3 +130,42 @@ class ServedMaps:
         with self._lock:
             touched, self._touched = self._touched, set()
             return touched
+
+
+class Leases:
+    """The versions that one query needs."""
+
+    def __init__(self, leases: Sequence[Lease]) -> None:
+        self._leases = leases
+        self.served = tuple(lease.served for lease in leases)
+
+    def close(self) -> None:
+        """Closes all leases."""
+        for lease in self._leases:
+            lease.close()
+
+
+def _gathered(futures: Sequence[Future[Lease]]) -> Future[Leases]:
+    """Returns a future of all the leases. If one fails, it raises the first error after all have ended."""
+    gathered: Future[Leases] = Future()
+    left = len(futures)
+    lock = threading.Lock()
+
+    def ended(_: Future[Lease]) -> None:
+        nonlocal left
+        with lock:
+            left -= 1
+            if left:
+                return
+        errors = [error for future in futures if (error := future.exception()) is not None]
+        if not errors:
+            gathered.set_result(Leases([future.result() for future in futures]))
+            return
+        for future in futures:
+            if future.exception() is None:
+                future.result().close()
+        gathered.set_exception(errors[0])
+
+    for future in futures:
+        future.add_done_callback(ended)
+    return gathered

@@ -1,12 +1,13 @@
-"""Loads a version: fetches it from the store, verifies it and loads it into memory, or refuses it."""
+"""Loads a version, once for all who ask: fetches it from the store, verifies it, and refuses a bad one."""
 
 from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import structlog
@@ -19,11 +20,13 @@ from firstfix.errors import CorruptVersion, NotFound, StoreError, VersionError
 
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
-from .eviction_order import Key
-from .leases import Lease
-from .loaded_versions import LoadedVersions, VersionFiles
+from ..telemetry.request_scope import current_caller
+from ..thread_pools import ThreadPool
+from .loaded_versions import Key, Lease, LoadedVersions, VersionFiles
 
 _log = structlog.get_logger(__name__)
+LOADERS = 8  # loads at the same time: a slow one does not delay the others
+Wanted = tuple[str, str | None]  # a map and its version; None: the active one
 REFUSED_FOR_S = 60.0  # a refused version is read again after this time: it may have been repaired
 # Pruning the disk looks at every version there. So it is done only after so many bytes were fetched.
 PRUNE_SHARE = 100  # part of the limit
@@ -177,3 +180,67 @@ class VersionLoader:
             self._refused[(map_id, version)] = _Refusal(error, time.monotonic() + REFUSED_FOR_S)
         self._metrics.version_loads.labels(error.code).inc()
         _log.error("version refused", map_id=map_id, version=version, code=error.code, error=str(error))
+
+
+@dataclass
+class _SharedLoad:
+    """One load.
+
+    Attributes:
+        waiting: for its lease.
+        callers: in whose turns it may begin: whichever comes first.
+    """
+
+    waiting: list[Future[Lease]] = field(default_factory=list)
+    callers: set[str] = field(default_factory=set)
+    has_begun: bool = False
+
+
+class SharedLoads:
+    """Loads that queries wait for; callers take turns. Thread-safe.
+
+    Args:
+        load: loads a version of a map; None means its active version.
+    """
+
+    def __init__(self, load: Callable[[str, str | None], Lease]) -> None:
+        self._load = load
+        self._lock = threading.Lock()
+        self._loads: dict[Wanted, _SharedLoad] = {}
+        self._pool = ThreadPool("map-loader", LOADERS)
+
+    def request(self, map_id: str, version: str | None) -> Future[Lease]:
+        """Returns a future of a lease. The first caller whose turn comes begins the load."""
+        future: Future[Lease] = Future()
+        wanted, caller = (map_id, version), current_caller()
+        with self._lock:
+            shared = self._loads.setdefault(wanted, _SharedLoad())
+            shared.waiting.append(future)
+            is_queued = shared.has_begun or caller in shared.callers
+            shared.callers.add(caller)
+        if not is_queued:
+            self._pool.submit(caller, self._run, wanted, shared)
+        return future
+
+    def close(self) -> None:
+        """Waits for the loads that have begun; the others are cancelled."""
+        self._pool.close()
+
+    def _run(self, wanted: Wanted, shared: _SharedLoad) -> None:
+        with self._lock:
+            if shared.has_begun:  # in the turn of another caller
+                return
+            shared.has_begun = True
+        try:
+            lease = self._load(*wanted)
+        except BaseException as error:
+            for future in self._take_waiting(wanted):
+                future.set_exception(error)
+            return
+        for future in self._take_waiting(wanted):
+            future.set_result(lease.renew())
+        lease.close()
+
+    def _take_waiting(self, wanted: Wanted) -> list[Future[Lease]]:
+        with self._lock:
+            return self._loads.pop(wanted).waiting

@@ -11,9 +11,8 @@ from typing import Protocol
 
 from firstfix.engine.localizer import Localizer
 
-from .answer import EncodedAnswer
-from .query import Query, ServedVersion
-from .sightings import Sighted, SightingCounter
+from .query import EncodedAnswer, Query, ServedVersion
+from .sightings.counter import Sighted, SightingCounter
 from .worker import Localizers
 
 MAX_DECODED_BYTES = 64 << 20

@@ -16,11 +16,10 @@ from typing import Any
 
 from firstfix.errors import DeadlineExceeded, FirstfixError, TooLarge
 
-from .answer import EncodedAnswer
 from .base import QueryWorkerDied
 from .protocol import DROP, HELLO, INLINE_BYTES, LOAD, TAKE, BodyMemory, MessageReader, message_of
-from .query import Query, ServedVersion
-from .sightings import Sighted
+from .query import EncodedAnswer, Query, ServedVersion
+from .sightings.counter import Sighted
 
 LOAD_WITHIN_S = 300.0
 FREE_WITHIN_S = 1.0  # for a process that loads a version, to be asked for its sightings

@@ -20,7 +20,7 @@ from firstfix.errors import FirstfixError, VersionError
 from .base import MAX_DECODED_BYTES, QueryWorker, QueryWorkerDied
 from .handle import QueryWorkerDefect, QueryWorkerHandle
 from .query import ServedVersion
-from .sightings import Sighted
+from .sightings.counter import Sighted
 
 _log = structlog.get_logger(__name__)
 LOAD_ATTEMPTS = 2

@@ -12,6 +12,7 @@ the kernel then closes the sockets.
 from __future__ import annotations
 
 import gc
+import math
 import os
 import signal
 import socket
@@ -19,13 +20,14 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 
 import numpy as np
+import orjson
 
 from firstfix.answer.localization import Localization
 from firstfix.engine.index import MapIndex
@@ -37,10 +39,9 @@ from firstfix.ros.cdr import MessageReader as CdrReader
 from firstfix.ros.header import Stamp, read_stamp
 from firstfix.ros.pose_message import to_pose_cdr
 
-from .answer import EncodedAnswer, PoseFormat, encoded_answer
 from .protocol import DROP, HELLO, LOAD, TAKE, MessageReader, mapped_bodies, reply_of, send_all
-from .query import BodyFormat, Query, ServedVersion
-from .sightings import Sighted, SightingCounter
+from .query import BodyFormat, EncodedAnswer, PoseFormat, Query, ServedVersion
+from .sightings.counter import Sighted, SightingCounter
 
 SWITCH_S = 0.0005  # for which a query waits at most while the thread that counts sightings runs Python code
 _NO_DATA = (type, ModuleType, FunctionType, BuiltinFunctionType, MethodType, str, bytes, int, float)
@@ -103,6 +104,53 @@ def _pose_message(
     if stamp is None and body_format.is_point_cloud2:
         stamp = read_stamp(CdrReader("PointCloud2", plain))
     return to_pose_cdr(answer, stamp or Stamp(), pose.frame_id)
+
+
+def encoded_answer(
+    answer: Localization, pose_message: bytes | None = None, *, geographic: bool = False
+) -> EncodedAnswer:
+    """Returns the encoded form of an answer."""
+    T_map_body = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
+    return EncodedAnswer(
+        answer.verdict,
+        answer.reasons,
+        answer.probability,
+        answer.map_id,
+        answer.map_version,
+        answer.timings_ms,
+        to_json(answer),
+        pose_message,
+        T_map_body if geographic else None,
+    )
+
+
+def to_json(answer: Localization) -> bytes:
+    """Returns the JSON form of an answer, the same on both transports.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    if not _is_finite(answer):
+        raise ValueError("an answer has a number that is not finite")
+    return orjson.dumps(answer.to_mapping(), option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def _is_finite(answer: Localization) -> bool:
+    """Returns whether JSON can hold every number: orjson would write null for the others."""
+    poses = [answer.T_map_sensor, answer.T_map_base, *(one.T_map_sensor for one in answer.hypotheses)]
+    numbers = [answer.probability, *(one.probability for one in answer.hypotheses)]
+    if answer.hint is not None:
+        poses.append(answer.hint.T_sensor_goal)
+        numbers += answer.hint.distance_m, answer.hint.turn_deg, answer.hint.separation
+    for one in answer.hypotheses:
+        if one.quality is not None:
+            numbers += astuple(one.quality)
+    return (
+        all(map(math.isfinite, numbers))
+        and bool(np.isfinite([T for T in poses if T is not None]).all())
+        and (answer.covariance is None or bool(np.isfinite(answer.covariance).all()))
+        and (answer.twist is None or bool(np.isfinite(answer.twist).all()))
+    )
 
 
 class Localizers:

@@ -36,13 +36,10 @@ from ..http_api.health import HealthCheck
 from ..http_api.parts import BuildParts, LocalizeParts, MapParts, Parts, UploadParts
 from ..http_server.connections import ConnectionLimits
 from ..localize.query_gate import QueryGate
-from ..localize.recent import RecentAnswers
-from ..localize.recorder import QueryRecorder
 from ..localize.sampler import QuerySampler, SamplePolicy
-from ..localize.use_case import LocalizeUseCase
+from ..localize.use_case import LocalizeUseCase, QueryRecorder, RecentAnswers
 from ..maintenance.cleanup import abandoned_objects_removal
 from ..maintenance.clock import clock_comparison
-from ..maintenance.sightings import SightingsKeeper, sightings_maintenance
 from ..maintenance.verification import store_verification
 from ..maps.georeference_cache import GEOREFERENCE_TTL_S, GeoreferenceCache
 from ..maps.map_cache import MAX_VERSIONS, MapCache
@@ -50,6 +47,7 @@ from ..maps.map_poller import MapPoller
 from ..maps.placement import open_placement
 from ..query_workers.base import QueryWorkers, QueryWorkerThreads
 from ..query_workers.processes import QUERY_TIMEOUT_S, QueryWorkerProcesses
+from ..query_workers.sightings.keeper import SightingsKeeper, sightings_maintenance
 from ..security_check import check_security
 from ..settings import Settings
 from ..telemetry.metered_store import metered
@@ -263,8 +261,7 @@ async def _start_zenoh(
     from ..zenoh_api.config import client_config
     from ..zenoh_api.endpoint import ENDPOINT_CLOSE_WITHIN_S, ZenohEndpoint
     from ..zenoh_api.replicas import ZenohReplicas
-    from ..zenoh_api.threads import in_zenoh_thread
-    from ..zenoh_api.updates import ZenohUpdates
+    from ..zenoh_api.threads import ZenohUpdates, in_zenoh_thread
 
     loop, pulse = asyncio.get_running_loop(), watch.add("zenoh")
     localize: LocalizeParts = parts[LocalizeParts]

@@ -5,16 +5,13 @@ from __future__ import annotations
 import io
 import logging
 import sys
-from contextlib import suppress
-from typing import Any, TextIO
+from typing import TextIO
 
 import structlog
 
-from firstfix.telemetry.redact import redactor
+from .request_scope import LAST_LINES_WITHIN_S, LogLines, LogStream, hiding_secrets
 
-from .log_stream import LAST_LINES_WITHIN_S, LogStream
-
-__all__ = ["LAST_LINES_WITHIN_S", "drain_log", "hiding_secrets", "set_up_logging"]
+__all__ = ["LAST_LINES_WITHIN_S", "drain_log", "set_up_logging"]
 
 
 def set_up_logging(level: str, *, as_json: bool) -> None:
@@ -49,7 +46,7 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
     structlog.configure(
         processors=[*shared, *last],
         wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
-        logger_factory=lambda name="": _Lines(name, handler),
+        logger_factory=lambda name="": LogLines(name, handler),
         cache_logger_on_first_use=True,
     )
 
@@ -66,29 +63,3 @@ def _stream(stream: TextIO) -> TextIO | LogStream:
         return LogStream(stream.fileno())
     except io.UnsupportedOperation:  # it is in memory, where no write waits
         return stream
-
-
-class _Lines:
-    """Writes finished lines to the stream of a handler. Like the handler, it never fails."""
-
-    def __init__(self, name: str, handler: logging.StreamHandler[Any]) -> None:
-        self.name = name
-        self._handler = handler
-
-    def info(self, line: str) -> None:
-        assert self._handler.lock is not None
-        with self._handler.lock, suppress(OSError, ValueError):  # a full disk, or a closed stream
-            self._handler.stream.write(line + "\n")
-            self._handler.stream.flush()
-
-    debug = warning = error = critical = info
-
-
-def hiding_secrets() -> structlog.typing.Processor:
-    """Returns the last log processor, which hides keys, tokens and passwords in the finished line."""
-    redact = redactor()
-
-    def hide(logger: Any, name: str, line: Any) -> str:
-        return redact(str(line))
-
-    return hide

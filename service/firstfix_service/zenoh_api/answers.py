@@ -21,13 +21,13 @@ from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, ValidationError
 
 from firstfix.answer.localization import Reason, Verdict
 
-from ..localize.recent import RecentAnswer, RecentAnswers
+from ..localize.use_case import RecentAnswer, RecentAnswers
 
 _log = structlog.get_logger(__name__)
 ANSWERS = "firstfix/@answers"
 JSON = "application/json"
 LOOK_S = 0.25  # between messages
-MOST_RECORDS = 50  # in a message: with more answers than these, the newest are told
+MOST_RECORDS = 50  # in a message: with more answers than these, the newest are published
 MAX_BYTES = 128 << 10  # of a message
 MOST_MESSAGES_PER_S = 100  # that are read, of all replicas together
 RETRY_S = 3.0
@@ -60,7 +60,7 @@ _RECORDS: TypeAdapter[list[_Record]] = TypeAdapter(Annotated[list[_Record], Fiel
 
 
 class ZenohAnswers:
-    """Tells other replicas of this one's answers and hears of theirs, in a thread of its own.
+    """Publishes this replica's answers and subscribes to those of others, in a thread of its own.
 
     Args:
         session: publishes.
@@ -77,7 +77,7 @@ class ZenohAnswers:
             encoding=JSON,
             congestion_control=zenoh.CongestionControl.DROP,  # a slow receiver never holds up this replica
         )
-        self._told = 0
+        self._last_published = 0
         self._listening: Any = None  # session that subscribes
         self._subscriber: Any = None
         self._next_try = 0.0
@@ -88,16 +88,16 @@ class ZenohAnswers:
         self._thread.start()
 
     def close(self) -> None:
-        """Stops to tell and to hear."""
+        """Stops to publish and to subscribe."""
         self._stop.set()
         self._thread.join()
-        self._deafen()
+        self._unsubscribe()
         self._publisher.undeclare()
 
     def _run(self) -> None:
         while not self._stop.wait(LOOK_S):
             try:
-                self._tell()
+                self._publish_new()
                 self._follow_watchers()
             except zenoh.ZError as error:
                 _log.warning("answers of other replicas cannot be watched now", error=str(error))
@@ -105,11 +105,11 @@ class ZenohAnswers:
             except Exception:  # a defect must not end the thread
                 _log.exception("answers were not passed on")
 
-    def _tell(self) -> None:
-        found = self._recent.own_after(self._told)
+    def _publish_new(self) -> None:
+        found = self._recent.own_after(self._last_published)
         if not found:
             return
-        self._told = found[-1].number
+        self._last_published = found[-1].number
         if self._publisher.matching_status.matching:
             message = orjson.dumps([_record_of(one) for one in found[-MOST_RECORDS:]])
             if len(message) <= MAX_BYTES:
@@ -121,9 +121,9 @@ class ZenohAnswers:
             self._listening = self._session if self._client is None else zenoh.open(self._client)
             self._subscriber = self._listening.declare_subscriber(f"{ANSWERS}/*", self._on_message)
         elif not is_watched:
-            self._deafen()
+            self._unsubscribe()
 
-    def _deafen(self) -> None:
+    def _unsubscribe(self) -> None:
         subscriber, self._subscriber = self._subscriber, None
         listening, self._listening = self._listening, None
         if subscriber is not None:

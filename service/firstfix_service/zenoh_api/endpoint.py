@@ -37,10 +37,9 @@ from ..telemetry.request_scope import Requests, current_caller, note
 from ..telemetry.stall_watch import Pulse
 from .callers import ZenohCallers
 from .config import session_config
-from .log import TRANSPORT, logged_query
-from .query import ANY_MAP, key_of, read_query, reply_error, reply_ok
+from .query import ANY_MAP, TRANSPORT, key_of, logged_query, read_query, reply_error, reply_ok
 from .replies import ReplyThreads
-from .session_watch import SessionWatch
+from .threads import SessionWatch
 
 _log = structlog.get_logger(__name__)
 DRAIN_S = 10.0  # for queries under way when the service stops

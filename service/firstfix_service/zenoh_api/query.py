@@ -1,23 +1,57 @@
-"""Reading of a zenoh query (key, selector parameters, encoding), and its replies."""
+"""One zenoh query: its scope and log line, its key, selector parameters and encoding, and its replies.
+
+zenoh has no headers: two selector parameters replace X-Request-Id and traceparent.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
+
+import structlog
 
 from .. import problems
 from ..auth.principal import Principal
 from ..problems import problem_of
-from ..query_workers.answer import AnswerForm
-from ..query_workers.query import AsGiven, Query, single_values, split_map_ids
+from ..query_workers.query import AnswerForm, AsGiven, Query, single_values, split_map_ids
+from ..telemetry.request_scope import Requests
 from .callers import ZenohCaller
-from .log import PARAMETERS
 
+_log = structlog.get_logger(__name__)
+TRANSPORT = "zenoh"
+REQUEST_ID, TRACEPARENT = "request_id", "traceparent"
+PARAMETERS = (REQUEST_ID, TRACEPARENT)  # of every query, beside the options
+_METHOD = "GET"  # zenoh's word for a query
 CONTENT_ENCODING = "content_encoding"
 ACCEPT = "accept"
 MAP_PARAMETER = "map"
 ANY_MAP = "@any"
 UNSIGNED = ZenohCaller()
+
+
+@contextmanager
+def logged_query(requests: Requests, query: Any, arrived: float) -> Iterator[None]:
+    """Opens the scope of one query, and logs the query when it ends.
+
+    Args:
+        arrived: ``time.monotonic`` when it came.
+    """
+    given = dict(query.parameters)
+    key = str(query.key_expr)
+    with requests.scope(
+        TRANSPORT,
+        "zenoh localize",
+        request_id=given.get(REQUEST_ID, ""),
+        traceparent=given.get(TRACEPARENT),
+        started=arrived,
+    ) as scope:
+        try:
+            yield
+        finally:
+            _log.info("request", method=_METHOD, path=key, **scope.line)
+            if scope.span is not None:
+                scope.span.set_attribute("zenoh.key", key)
 
 
 def read_query(
@@ -38,7 +72,7 @@ def read_query(
     named = parts[1] if len(parts) > 1 else ""
     map_ids = split_map_ids(options.pop(MAP_PARAMETER, "")) if named == ANY_MAP else (named,)
     content_encoding = options.pop(CONTENT_ENCODING, "")
-    form = AnswerForm.read(options.pop(ACCEPT, ""), options)
+    form = AnswerForm.of(options.pop(ACCEPT, ""), options)
     media_type = "" if query.encoding is None else str(query.encoding)
     given = AsGiven(map_ids, media_type, content_encoding, options)
     return key_of(named), Query.read(given, form, caller, served, arrived)

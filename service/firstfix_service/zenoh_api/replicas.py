@@ -59,7 +59,7 @@ class ZenohReplicas:
         self._token: Any = None
         self._watching: Any = None  # session that watches
         self._subscriber: Any = None
-        self._told: frozenset[str] | None = None  # names of the last successful call of ``changed``
+        self._known: frozenset[str] | None = None  # names of the last successful call of ``changed``
         self._thread = threading.Thread(target=self._run, name="replica-watch", daemon=True)
 
     @property
@@ -74,7 +74,7 @@ class ZenohReplicas:
         If nothing can be reached yet, it tries again later.
         """
         self._watch()
-        self._told = names = self.names
+        self._known = names = self.names
         self._thread.start()
         return names
 
@@ -145,11 +145,11 @@ class ZenohReplicas:
             names = self.names
             if not self._watching.info.transports():
                 self._event.set()  # this replica is cut off; the others have not gone
-            elif names != self._told:
+            elif names != self._known:
                 _log.info("other replicas hold maps", replicas=sorted(names))
                 try:
                     self._changed(names, self._event.is_set)
                 except Exception:  # a defect must not end the watch: nobody would take over
                     _log.exception("the maps of other replicas were not taken over")
                 # After another change the call may have ended early.
-                self._told = None if self._event.is_set() else names
+                self._known = None if self._event.is_set() else names

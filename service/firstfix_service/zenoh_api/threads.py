@@ -10,8 +10,16 @@ import asyncio
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
+import structlog
+import zenoh
+
+from ..telemetry.stall_watch import Pulse
+
+_log = structlog.get_logger(__name__)
+PERIOD_S = 1.0  # of the session's watch
+RETRY_S = 3.0  # of an update that failed
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -31,3 +39,82 @@ async def in_zenoh_thread(work: Callable[P, T], /, *args: P.args, **kwargs: P.kw
     done.set_running_or_notify_cancel()
     threading.Thread(target=run, name="zenoh-call", daemon=True).start()
     return await asyncio.wrap_future(done)
+
+
+class SessionWatch:
+    """Asks the session for its connections, in a thread of its own.
+
+    A lock of a connection whose peer is frozen can stay taken for good. Whoever then asks for it hangs: this
+    thread, whose pulse the watchdog sees, and nobody else.
+
+    Attributes:
+        connections: routers, peers and clients connected, when last asked.
+    """
+
+    def __init__(self, session: Any, pulse: Pulse) -> None:
+        self.connections = 0
+        self._session = session
+        self._pulse = pulse
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="zenoh-watch", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the watch. Does not wait for it."""
+        self._stop.set()
+        self.connections = 0
+
+    def _run(self) -> None:
+        while True:
+            try:
+                with self._pulse.call():
+                    connections = len(self._session.info.transports())
+            except zenoh.ZError as error:
+                _log.warning("zenoh does not say who is connected", error=str(error))
+            else:
+                if not self._stop.is_set():
+                    self.connections = connections
+            if self._stop.wait(PERIOD_S):
+                return
+
+
+class ZenohUpdates:
+    """Runs ``update`` after each ``wake``, once for several of them, and again after it has failed.
+
+    It shows changes of the maps in zenoh: tokens, keys and publications. The poll of the catalog only wakes
+    it. So the maps go on following the store while zenoh hangs.
+
+    Args:
+        update: gets a function to call before each call of zenoh.
+    """
+
+    def __init__(self, update: Callable[[Callable[[], None]], None], pulse: Pulse) -> None:
+        self._update = update
+        self._pulse = pulse
+        self._woken = threading.Event()
+        self._is_closed = False
+        threading.Thread(target=self._run, name="zenoh-updates", daemon=True).start()
+
+    def wake(self) -> None:
+        """Lets the thread run ``update`` soon. Never blocks."""
+        self._woken.set()
+
+    def close(self) -> None:
+        """Begins no more updates. Does not wait for one that runs."""
+        self._is_closed = True
+        self._woken.set()
+
+    def _run(self) -> None:
+        timeout_s: float | None = None
+        while True:
+            self._woken.wait(timeout_s)
+            self._woken.clear()
+            if self._is_closed:
+                return
+            try:
+                with self._pulse.call():
+                    self._update(self._pulse.begin)
+                timeout_s = None
+            except Exception:  # a defect must not end the thread: no map would be shown any more
+                _log.exception("maps were not shown in zenoh")
+                timeout_s = RETRY_S

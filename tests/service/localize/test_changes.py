@@ -20,7 +20,7 @@ from firstfix.engine.localizer import Localizer
 from firstfix.scan.scan import Scan
 from firstfix_cli.main import run
 from firstfix_service.query_workers.query import ServedVersion
-from firstfix_service.query_workers.sightings import MAX_WAITING, SightingCounter
+from firstfix_service.query_workers.sightings.counter import MAX_WAITING, SightingCounter
 from waiting import wait_until
 
 SIZE_M = (16.2, 10.2, 4.2)

@@ -15,11 +15,12 @@ from firstfix.catalog.sightings.sightings import MERGE_FROM, Sightings
 from firstfix.engine.changes.sighting import Sighting
 from firstfix.engine.changes.tally import Tally
 from firstfix.store.store import Store
-from firstfix_service.maintenance import clock, sightings
+from firstfix_service.maintenance import clock
 from firstfix_service.maintenance.clock import ClockComparison
-from firstfix_service.maintenance.sightings import SightingsKeeper
 from firstfix_service.query_workers.query import ServedVersion
-from firstfix_service.query_workers.sightings import Sighted
+from firstfix_service.query_workers.sightings import keeper as sightings
+from firstfix_service.query_workers.sightings.counter import Sighted
+from firstfix_service.query_workers.sightings.keeper import SightingsKeeper
 from firstfix_service.telemetry.metrics import Metrics
 
 AHEAD = timedelta(days=40)
@@ -52,8 +53,8 @@ def test_a_replica_whose_clock_is_ahead_removes_no_sightings(tmp_path: Path, mon
     for number in range(MERGE_FROM):
         Sightings(catalog.store).put(folder, COUNTED, now + timedelta(microseconds=number))
     monkeypatch.setattr(sightings, "datetime", _Ahead)
-    keeper = SightingsKeeper(catalog, _Workers(ServedVersion("hall", version, tmp_path)), Metrics())  # type: ignore[arg-type]
-    keeper.flush()
+    kept = SightingsKeeper(catalog, _Workers(ServedVersion("hall", version, tmp_path)), Metrics())  # type: ignore[arg-type]
+    kept.flush()
     found = Sightings(catalog.store).read(folder)
     assert sum(day.tally.sightings for day in found.days.values()) == MERGE_FROM + 1
     assert max(found.days) <= (catalog.store.now() + timedelta(days=1)).date().isoformat()

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from firstfix_service.maps.eviction_order import EvictionOrder, Key
+from firstfix_service.maps.loaded_versions import EvictionOrder, Key
 
 
 @dataclass
@@ -10,8 +10,8 @@ class Item:
     bytes: int
 
 
-def order_of(protected: set[str], *names: str) -> EvictionOrder[Item]:
-    order: EvictionOrder[Item] = EvictionOrder(lambda key: key[0] in protected)
+def order_of(protected: set[str], *names: str) -> EvictionOrder:
+    order: EvictionOrder = EvictionOrder(lambda key: key[0] in protected)
     for size, name in enumerate(names, 1):
         order.add(key(name), Item(size))
     return order
@@ -21,7 +21,7 @@ def key(name: str) -> Key:
     return name, "v"
 
 
-def names(order: EvictionOrder[Item]) -> str:
+def names(order: EvictionOrder) -> str:
     return "".join(name for name, _ in order)
 
 
@@ -58,12 +58,3 @@ def test_another_choice_of_what_is_kept_counts_when_it_is_sorted_again():
     order.reclassify()
     assert names(order) == "dacb"
     assert (order.protected, order.protected_bytes, order.bytes) == (2, 5, 10)
-
-
-def test_using_a_version_asks_again_whether_it_is_protected():
-    protected = set("a")
-    order = order_of(protected, *"abc")
-    protected.clear()
-    order.use(key("a"))
-    assert names(order) == "bca"
-    assert order.protected == order.protected_bytes == 0

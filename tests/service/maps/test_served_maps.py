@@ -10,7 +10,7 @@ from firstfix_service.telemetry.metrics import Metrics
 
 @pytest.fixture
 def maps() -> ServedMaps:
-    return ServedMaps(Metrics())
+    return ServedMaps(None, None, Metrics())  # type: ignore[arg-type]
 
 
 def test_published_maps_and_serving_versions(maps: ServedMaps) -> None:

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from firstfix.errors import NotFound
-from firstfix_service.maps.leases import Lease
-from firstfix_service.maps.shared_loads import LOADERS, SharedLoads
+from firstfix_service.maps.loaded_versions import Lease
+from firstfix_service.maps.version_loader import LOADERS, SharedLoads
 from firstfix_service.query_workers.query import ServedVersion
 from firstfix_service.telemetry.request_scope import Requests, note
 from waiting import LIMIT_S, wait_until

@@ -7,7 +7,7 @@ import pytest
 from every_case import every_case
 from firstfix.errors import NotAcceptable
 from firstfix.ros.media_types import POSE
-from firstfix_service.query_workers.answer import GEOPOSE, AnswerForm
+from firstfix_service.query_workers.query import GEOPOSE, AnswerForm
 
 
 @every_case(
@@ -23,7 +23,7 @@ from firstfix_service.query_workers.answer import GEOPOSE, AnswerForm
     ],
 )
 def test_the_pose_message_is_wanted(accept):
-    assert AnswerForm.read(accept, {}).pose is not None
+    assert AnswerForm.of(accept, {}).pose is not None
 
 
 @every_case(
@@ -43,7 +43,7 @@ def test_the_pose_message_is_wanted(accept):
     ],
 )
 def test_it_is_not(accept):
-    assert AnswerForm.read(accept, {}).pose is None
+    assert AnswerForm.of(accept, {}).pose is None
 
 
 @every_case(
@@ -60,12 +60,12 @@ def test_it_is_not(accept):
     ],
 )
 def test_the_geographic_pose_where_it_is_offered(accept, is_geographic):
-    assert AnswerForm.read(accept, {}, may_be_geographic=True).geographic is is_geographic
-    assert not AnswerForm.read(accept, {}).geographic
+    assert AnswerForm.of(accept, {}, may_be_geographic=True).geographic is is_geographic
+    assert not AnswerForm.of(accept, {}).geographic
 
 
 @every_case("accept", ["text/html", f"{GEOPOSE};q=0", ";;,,=;q"])
 def test_who_accepts_nothing_is_told_where_there_is_a_choice(accept):
     with pytest.raises(NotAcceptable):
-        AnswerForm.read(accept, {}, may_be_geographic=True)
-    assert AnswerForm.read(accept, {}) == AnswerForm()
+        AnswerForm.of(accept, {}, may_be_geographic=True)
+    assert AnswerForm.of(accept, {}) == AnswerForm()

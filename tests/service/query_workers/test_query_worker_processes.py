@@ -24,10 +24,9 @@ from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, Wor
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
 from firstfix_service.localize.query_gate import AskWorker, QueryGate
-from firstfix_service.query_workers.answer import EncodedAnswer
 from firstfix_service.query_workers.processes import QueryWorkerProcesses
 from firstfix_service.query_workers.protocol import INLINE_BYTES
-from firstfix_service.query_workers.query import BodyFormat, Query, ServedVersion
+from firstfix_service.query_workers.query import BodyFormat, EncodedAnswer, Query, ServedVersion
 from waiting import LIMIT_S, let_pass, wait_until
 
 pytestmark = pytest.mark.slow

@@ -7,8 +7,8 @@ import threading
 
 import pytest
 
-from firstfix_service.telemetry import log_stream
-from firstfix_service.telemetry.log_stream import MAX_BYTES, LogStream
+from firstfix_service.telemetry import request_scope
+from firstfix_service.telemetry.request_scope import MAX_BYTES, LogStream
 from waiting import LIMIT_S, wait_until
 
 
@@ -76,7 +76,7 @@ def test_a_reader_who_has_gone_ends_nothing(pipe: tuple[int, int], monkeypatch: 
         tried.append(len(data))
         raise BrokenPipeError
 
-    monkeypatch.setattr(log_stream.os, "write", fail)
+    monkeypatch.setattr(request_scope.os, "write", fail)
     stream = LogStream(pipe[1])
     stream.write("one\n")
     wait_until(lambda: len(tried) == 1)

@@ -16,8 +16,15 @@ from firstfix.decode import MEDIA_TYPES
 from firstfix.ros.media_types import POSE
 
 from ...auth.principal import Principal
-from ...query_workers.answer import PARAMETERS, AnswerForm, EncodedAnswer
-from ...query_workers.query import AsGiven, Query, single_values, split_map_ids
+from ...query_workers.query import (
+    PARAMETERS,
+    AnswerForm,
+    AsGiven,
+    EncodedAnswer,
+    Query,
+    single_values,
+    split_map_ids,
+)
 from ...thread_pools import READS
 from ..edge import DirectRoute, caller_of, cancel_on_disconnect, needs
 from ..parts import LocalizeParts, part_of
@@ -123,7 +130,7 @@ async def _localize(
 ) -> tuple[EncodedAnswer, bytes, str]:
     """The answer, its bytes and their media type."""
     options, headers = single_values(request.query_params.multi_items()), request.headers
-    form = AnswerForm.read(headers.get("accept", ""), options, may_be_geographic=True)
+    form = AnswerForm.of(headers.get("accept", ""), options, may_be_geographic=True)
     given = AsGiven(
         split_map_ids(options.pop(MAP_PARAMETER, "")),
         headers.get("content-type", ""),

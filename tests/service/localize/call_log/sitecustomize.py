@@ -1,6 +1,7 @@
-"""Logs calls of some functions of the service, in every process that has this folder on its path.
+"""Logs calls of some functions, and all files that run, in every process that has this folder on its path.
 
-Python imports it at its start. Each call appends a line to the file CALL_LOG: function and process id.
+Python imports it at its start. Each call appends a line to the file CALL_LOG: what was called, and the
+process id. Files are those of the service and the core, of which a function runs in the main thread.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ LOGGED = {
     ("query_workers/query.py", "read"): "read query",
     ("wire/scan.py", "decode_scan"): "decode body",
 }
+_MAIN = threading.main_thread()
 _NAMES = {name for _, name in LOGGED}
 _LOG = os.open(os.environ["CALL_LOG"], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
 
@@ -32,7 +34,15 @@ def _log_call(frame: FrameType, event: str, _: object) -> None:
     if event == "call" and code.co_name in _NAMES:
         file = "/".join(code.co_filename.rsplit("/", 2)[1:])
         if (file, code.co_name) in LOGGED:
-            os.write(_LOG, f"{LOGGED[file, code.co_name]},{os.getpid()}\n".encode())
+            _write(LOGGED[file, code.co_name])
+    if event == "call" and code.co_name != "<module>" and threading.current_thread() is _MAIN:
+        packages = code.co_filename.rpartition("/firstfix")
+        if packages[1]:
+            _write(f"file firstfix{packages[2]}")
+
+
+def _write(what: str) -> None:
+    os.write(_LOG, f"{what},{os.getpid()}\n".encode())
 
 
 threading.setprofile(_log_call)

@@ -59,7 +59,7 @@ async def post_overlay(
     with parts.overlays.request(caller.name):
         body = await parts.bodies.read(request, caller.name)
         try:
-            leases = await asyncio.wrap_future(parts.maps.lease((map_id,), version))
+            leases = await asyncio.wrap_future(parts.maps.served.lease((map_id,), version))
             try:
                 directory = leases.served[0].directory
                 limit = parts.max_body_bytes

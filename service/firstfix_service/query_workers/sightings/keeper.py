@@ -14,11 +14,11 @@ from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.engine.changes.tally import Tally
 from firstfix.errors import FirstfixError, NotFound
 
-from ..query_workers.base import QueryWorkers
-from ..settings import Settings
-from ..telemetry.metrics import Metrics
-from ..thread_pools import MAINTENANCE
-from ..thread_pools.background import PeriodicTask
+from ...settings import Settings
+from ...telemetry.metrics import Metrics
+from ...thread_pools import MAINTENANCE
+from ...thread_pools.background import PeriodicTask
+from ..base import QueryWorkers
 
 _log = structlog.get_logger(__name__)
 

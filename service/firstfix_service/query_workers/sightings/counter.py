@@ -23,7 +23,7 @@ from firstfix.scan.compact import CompactScan
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 
-from .query import ServedVersion
+from ..query import ServedVersion
 
 _log = logging.getLogger(__name__)
 

@@ -1,8 +1,9 @@
-"""Each check of a query is made once, by the service. A worker process only decodes the body."""
+"""The way of a scan: the files that are drawn, and each check once. A worker only decodes the body."""
 
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -29,6 +30,9 @@ from firstfix_service.server import serve
 from firstfix_service.settings import Settings
 serve(Settings())
 """
+PAGE = Path(__file__).parents[3] / "docs/concepts/way-of-a-scan.md"
+ROOMS = {"localize", "maps", "query_workers", "telemetry"}
+BESIDE = {"telemetry/stall_watch.py"}  # runs on the event loop whether or not there are queries
 ONCE = {
     "read query",
     "check scope",
@@ -119,7 +123,20 @@ def logged(small_version, small_scans, tmp_path_factory: pytest.TempPathFactory)
 @pytest.mark.parametrize("transport", ["http", "zenoh"])
 def test_each_check_is_made_once(logged: LoggedService, transport: str):
     calls = logged.calls_of({"http": logged.ask_http, "zenoh": logged.ask_zenoh}[transport])
-    in_service = {name: count for (name, pid), count in calls.items() if pid == logged.pid}
-    elsewhere = {name: count for (name, pid), count in calls.items() if pid != logged.pid}
+    checks = {key: count for key, count in calls.items() if not key[0].startswith("file ")}
+    in_service = {name: count for (name, pid), count in checks.items() if pid == logged.pid}
+    elsewhere = {name: count for (name, pid), count in checks.items() if pid != logged.pid}
     assert in_service == dict.fromkeys(ONCE, 1)
     assert elsewhere == {"decode body": 1}
+
+
+def test_a_scan_goes_through_the_files_that_are_drawn(logged: LoggedService):
+    calls = logged.calls_of(logged.ask_http)
+    calls += logged.calls_of(
+        logged.ask_http
+    )  # with the log line of the first, which is written after its answer
+    used = {name.removeprefix("file firstfix_service/") for name, _ in calls if "firstfix_service/" in name}
+    drawn = [f"{name}.py" for name in re.findall(r"^ │ (\w+/[\w/]+) ", PAGE.read_text(), re.MULTILINE)]
+    assert {name for name in used - BESIDE if name.split("/")[0] in ROOMS} == {
+        name for name in drawn if name.split("/")[0] in ROOMS
+    }
