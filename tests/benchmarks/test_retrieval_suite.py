@@ -17,7 +17,7 @@ from firstfix.descriptor import LayeredOccupancy, PolarGrid, ScanBatch
 from firstfix.engine.index import MapIndex
 from firstfix.sensor import SensorModel
 from firstfix.transform import rotation_z
-from firstfix_builder.pipeline import BuiltVersion
+from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import CONFIG, SENSOR, SmallWorld
 
@@ -59,9 +59,7 @@ def test_the_mean_occupancy_is_a_row_of_its_own(figures):
     assert (mean_only["numbers"], default["numbers"]) == (100, 800)
 
 
-def test_the_spectrum_finds_more_than_the_mean_occupancy(
-    small_version: BuiltVersion, small_world: SmallWorld
-):
+def test_the_spectrum_finds_more_than_the_mean_occupancy(small_version: BuildResult, small_world: SmallWorld):
     """800 scans: of the fixture's hundred chance alone takes 3 more or fewer."""
     index = MapIndex.load(small_version.directory)
     world = DescribedWorld.of(index, Simulator(small_world.vertices, small_world.triangles))

@@ -112,8 +112,8 @@ class Outside:
         """Shares a stage through the worker, like ``SharedStages.put``."""
         return int(self._ask(share=[key, name, str(folder.resolve().relative_to(self._work.resolve()))]))
 
-    def publish_provisional(self) -> None:
-        """Asks the worker to publish the provisional version."""
+    def publish_provisional(self, built: object) -> None:
+        """Asks the worker to publish the provisional version, which it finds in the work folder."""
         self._ask(provisional=True)
 
     def _ask(self, **message: Any) -> Any:
@@ -141,11 +141,13 @@ class Outside:
 def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lines: Lines) -> int:
     """Runs the job and reports how it ended. Returns the exit code."""
     from firstfix.builds.config import BuildConfig
+    from firstfix.builds.options import BuildOptions
 
     from ..execution.build_trace import BuildTrace, set_up_build_log
-    from ..job.error_record import error_record
+    from ..job.build_job import error_record
 
-    set_up_build_log(job["build_id"], level=job["log_level"], as_json=job["log_json"])
+    options = BuildOptions.from_arguments(job["arguments"], job["environment"])
+    set_up_build_log(options)
     outside = Outside(speaker, lines, work)
 
     class Trace(BuildTrace):
@@ -157,16 +159,13 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
         def mark_chunks(self, stage: str, count: int, reused: int) -> None:
             speaker.say(chunks=[stage, count, reused])
 
-    with Trace(job["build_id"], "", job["traceparent"], {}) as trace:
+    with Trace(options.build_id, "", options.traceparent, {}) as trace:
 
         def progress(stage: str, fraction: float) -> None:
             trace.tick(stage)
             outside.tick(stage, fraction)
 
-        def tell_provisional(built: object) -> None:
-            outside.publish_provisional()
-
-        more = {"publish_provisional": tell_provisional} if job["provisional"] else {}
+        more = {"publish_provisional": outside.publish_provisional} if options.provisional else {}
         try:
             flow = flows.read_source if job["read_only"] else flows.build_version
             flow(
@@ -176,12 +175,12 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
                 trajectory=None if job["trajectory"] is None else Path(job["trajectory"]),
                 progress=progress,
                 cancelled=outside.is_cancelled,
-                shared=outside if job["share"] else None,
-                max_templates=job["max_templates"],
+                shared=outside if options.share_stages else None,
+                options=options,
                 **more,
             )
         except Exception as error:
-            _log.exception("build %s failed in %s", job["build_id"], trace.stage)
+            _log.exception("build %s failed in %s", options.build_id, trace.stage)
             speaker.say(failed=error_record(error, work.parent))
             return 1
     speaker.say(built=True)

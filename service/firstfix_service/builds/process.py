@@ -1,141 +1,61 @@
-"""Process of one build: its start, its memory limit, its stop, and the reason of its end.
+"""Process of one build: its options and work folder, its start, its memory limit, and the reason of its end.
 
-All queues run builds in such a process, because the service itself has no mesh tool.
+All queues run builds in such a process, because the service itself has no mesh tool. It leads a session, and
+its sandbox is a process group of that session.
+
+Memory here means memory that the kernel cannot drop when it runs short. RLIMIT_AS does not fit, because it
+limits one process, and a build reserves several times the memory that it uses (a small one has 1.6 GB of
+addresses and 0.4 GB of memory). cgroups do not fit either, because few containers let a process make one.
 """
 
 from __future__ import annotations
 
 import asyncio
 import fcntl
+import json
 import os
 import re
 import signal
 import time
 import uuid
 from asyncio.subprocess import Process
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
 import structlog
 
+from firstfix.builds.options import BuildOptions
 from firstfix.errors import BuildError
 
+from ..settings import Settings
 from ..thread_pools import BUILDS, START
-from .metrics import last_message
-
-_PRIVATE = re.compile(rb"^(?:RssAnon|RssShmem):\s+(\d+) kB$", re.M)
-
-
-def session_memory_bytes(session: int) -> int:
-    """Returns the anonymous and shared memory of all processes of the session, without mapped files."""
-    total = 0
-    for folder, _ in _processes(session):
-        with suppress(OSError):  # it has ended
-            total += sum(int(kib) << 10 for kib in _PRIVATE.findall((folder / "status").read_bytes()))
-    return total
-
-
-def kill_session(session: int) -> None:
-    """Kills all processes of the session, group by group: a group is killed at once, even while it forks."""
-    for group in {session, *(group for _, group in _processes(session))}:
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(group, signal.SIGKILL)
-
-
-def _processes(session: int) -> Iterator[tuple[Path, int]]:
-    """Yields the folder in /proc and the process group of each process."""
-    for folder in Path("/proc").iterdir():
-        if not folder.name.isdigit():
-            continue
-        try:
-            # The fields after the name, which can contain any character: state, parent, group, session.
-            fields = (folder / "stat").read_bytes().rpartition(b")")[2].split()
-            if int(fields[3]) == session:
-                yield folder, int(fields[2])
-        except (OSError, IndexError, ValueError):  # it has ended
-            continue
-
-
-_log = structlog.get_logger(__name__)
-WAIT_S = 1.0
-
-
-class WorkFolder:
-    """A folder with a lock that ends with its process.
-
-    It must be on a local disk, because locks over a network are not reliable.
-
-    Attributes:
-        claimant: id of the folder, for ``BuildAttempts``. Every process that takes the folder has the same
-            id, so it recognises open attempts of a killed predecessor.
-    """
-
-    def __init__(self, path: Path, handle: int, claimant: str) -> None:
-        self.path = path
-        self._handle = handle
-        self.claimant = claimant
-
-    @classmethod
-    def take(cls, path: Path) -> WorkFolder | None:
-        """Takes the folder; returns None if another process has it."""
-        path.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path / "queue.lock", os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(handle)
-            return None
-        claimant = uuid.uuid4().hex
-        with suppress(FileNotFoundError):
-            claimant = (path / "queue.id").read_text().strip() or claimant
-        part = path / ".queue.id.part"
-        part.write_text(claimant)
-        part.replace(path / "queue.id")
-        return cls(path, handle, claimant)
-
-    @classmethod
-    async def wait_for(cls, path: Path) -> WorkFolder:
-        """Takes the folder as soon as it is free. During a deployment the old process may still have it."""
-        waits = False
-        while (folder := await START.run(cls.take, path)) is None:
-            if not waits:
-                _log.info("another process runs builds in this folder", work_dir=str(path))
-            waits = True
-            await asyncio.sleep(WAIT_S)
-        return folder
-
-    def release(self) -> None:
-        """Gives the folder back."""
-        os.close(self._handle)
-
 
 STOP_GRACE_S = 10.0  # between SIGTERM and SIGKILL
 OLD_LOG_S = 30 * 86400.0
 _LOOK_S = 1.0
 _SECRET_PREFIXES = ("FIRSTFIX_NATS_",)  # a process that reads files of strangers must not have them
+_PRIVATE = re.compile(rb"^(?:RssAnon|RssShmem):\s+(\d+) kB$", re.M)
+_log = structlog.get_logger(__name__)
+WAIT_S = 1.0  # for a work folder that another process has
 
 
-@dataclass(frozen=True)
-class BuildCommand:
-    """Command and limits of build processes.
-
-    Attributes:
-        command: runs one build. These options are appended: --store, --build, --work, --tied-to-stdin and,
-            with ``share_stages``, --share-stages.
-        niceness: of the process; a higher value leaves more processor time to queries.
-        max_memory_bytes: limit of the process and all that it starts; None: no limit.
-        environment: variables added to those of this process.
-    """
-
-    command: tuple[str, ...]
-    store_url: str
-    niceness: int
-    share_stages: bool
-    max_memory_bytes: int | None
-    environment: Mapping[str, str] = field(default_factory=dict)
+def build_options(settings: Settings) -> BuildOptions:
+    """Returns the options of every build. The process does not trust the record of the build."""
+    return BuildOptions(
+        store=settings.store,
+        executor=settings.build_executor,
+        sandbox=settings.build_sandbox,
+        max_memory_bytes=settings.build_max_memory_bytes or None,
+        max_templates=settings.build_max_templates or None,
+        source_urls=tuple(url for url in settings.source_urls if url.startswith(("http://", "https://"))),
+        share_stages=settings.stages_are_shared,
+        provisional=settings.provisional_versions,
+        tied_to_stdin=True,
+        log_level=settings.log_level,
+        log_json=settings.log_json,
+    )
 
 
 class BuildProcess:
@@ -153,30 +73,27 @@ class BuildProcess:
         self.overdue: BuildError | None = None  # it was killed for its time, with this error
 
     @classmethod
-    async def start(cls, how: BuildCommand, build_id: str, work_dir: Path) -> BuildProcess:
-        """Starts the process.
+    async def start(cls, settings: Settings, options: BuildOptions) -> BuildProcess:
+        """Starts the build command of the settings, with the options of this build.
 
         Raises:
             OSError: the command cannot be run.
         """
-        log_path = work_dir / f"{build_id}.log"
-        arguments = ("--store", how.store_url, "--build", build_id, "--work", str(work_dir))
-        options = ("--tied-to-stdin", *(["--share-stages"] if how.share_stages else []))
+        log_path = options.work / f"{options.build_id}.log"
         inherited = {k: v for k, v in os.environ.items() if not k.startswith(_SECRET_PREFIXES)}
         with await BUILDS.run(_open_log, log_path) as log:
             process = await asyncio.create_subprocess_exec(
-                *how.command,
-                *arguments,
-                *options,
+                *settings.build_command,
+                *options.arguments(),
                 stdin=asyncio.subprocess.PIPE,
                 stdout=log,
                 stderr=log,
-                env={**inherited, **how.environment},
+                env=inherited | options.environment(),
                 start_new_session=True,  # Ctrl-C goes to the service only, which then stops the build
             )
         with suppress(OSError):  # it has ended already
-            os.setpriority(os.PRIO_PROCESS, process.pid, how.niceness)
-        return cls(process, log_path, how.max_memory_bytes)
+            os.setpriority(os.PRIO_PROCESS, process.pid, settings.build_niceness)
+        return cls(process, log_path, options.max_memory_bytes)
 
     async def wait(self, timeout_s: float) -> int | None:
         """Returns the exit code; None if the process still runs after that time."""
@@ -229,6 +146,17 @@ class BuildProcess:
         self._log_path.unlink(missing_ok=True)
 
 
+def last_message(log: Path) -> str | None:
+    """Returns the last line of a build's log, or its event if the line is JSON; None if there is no line."""
+    try:
+        line = log.read_text(errors="replace").strip().splitlines()[-1]
+    except (OSError, IndexError):
+        return None
+    with suppress(ValueError, KeyError, TypeError):
+        return str(json.loads(line)["event"])[:300]
+    return line[:300]
+
+
 def _open_log(path: Path) -> BinaryIO:
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_old_logs(path.parent)
@@ -241,3 +169,82 @@ def _remove_old_logs(work_dir: Path) -> None:
         with suppress(FileNotFoundError):
             if time.time() - path.stat().st_mtime > OLD_LOG_S:
                 path.unlink()
+
+
+def session_memory_bytes(session: int) -> int:
+    """Returns the anonymous and shared memory of all processes of the session, without mapped files."""
+    total = 0
+    for folder, _ in _processes(session):
+        with suppress(OSError):  # it has ended
+            total += sum(int(kib) << 10 for kib in _PRIVATE.findall((folder / "status").read_bytes()))
+    return total
+
+
+def kill_session(session: int) -> None:
+    """Kills all processes of the session, group by group: a group is killed at once, even while it forks."""
+    for group in {session, *(group for _, group in _processes(session))}:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(group, signal.SIGKILL)
+
+
+def _processes(session: int) -> Iterator[tuple[Path, int]]:
+    """Yields the folder in /proc and the process group of each process."""
+    for folder in Path("/proc").iterdir():
+        if not folder.name.isdigit():
+            continue
+        try:
+            # The fields after the name, which can contain any character: state, parent, group, session.
+            fields = (folder / "stat").read_bytes().rpartition(b")")[2].split()
+            if int(fields[3]) == session:
+                yield folder, int(fields[2])
+        except (OSError, IndexError, ValueError):  # it has ended
+            continue
+
+
+class WorkFolder:
+    """A folder with a lock that ends with its process.
+
+    It must be on a local disk, because locks over a network are not reliable.
+
+    Attributes:
+        claimant: id of the folder, for ``BuildAttempts``. Every process that takes the folder has the same
+            id, so it recognises open attempts of a killed predecessor.
+    """
+
+    def __init__(self, path: Path, handle: int, claimant: str) -> None:
+        self.path = path
+        self._handle = handle
+        self.claimant = claimant
+
+    @classmethod
+    def take(cls, path: Path) -> WorkFolder | None:
+        """Takes the folder; returns None if another process has it."""
+        path.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path / "queue.lock", os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            return None
+        claimant = uuid.uuid4().hex
+        with suppress(FileNotFoundError):
+            claimant = (path / "queue.id").read_text().strip() or claimant
+        part = path / ".queue.id.part"
+        part.write_text(claimant)
+        part.replace(path / "queue.id")
+        return cls(path, handle, claimant)
+
+    @classmethod
+    async def wait_for(cls, path: Path) -> WorkFolder:
+        """Takes the folder as soon as it is free. During a deployment the old process may still have it."""
+        waits = False
+        while (folder := await START.run(cls.take, path)) is None:
+            if not waits:
+                _log.info("another process runs builds in this folder", work_dir=str(path))
+            waits = True
+            await asyncio.sleep(WAIT_S)
+        return folder
+
+    def release(self) -> None:
+        """Gives the folder back."""
+        os.close(self._handle)
