@@ -341,7 +341,7 @@ class BuildStages(StageRunner):
         """The calibration, and the version's measured success."""
 
         def produce(out: Path) -> None:
-            found, calibration, bound, spots = run_self_test(
+            found, calibration, bound, places = run_self_test(
                 Localizer(MapIndex.load(index.directory, Calibration())),
                 simulator_of(mesh),
                 self.config.sensor_model,
@@ -354,7 +354,7 @@ class BuildStages(StageRunner):
             _write_json(out / BOUND_FILE, bound.to_mapping())
             _write_json(out / "self_test.json", found.to_mapping())
             draw_reliability(found.reliability, out / "reliability.png")
-            draw_localizability(np.load(index.directory / MAP_FILE), spots, out / "localizability.png")
+            draw_localizability(np.load(index.directory / MAP_FILE), places, out / "localizability.png")
 
         chosen = {
             "self_test": self.config.self_test.model_dump(mode="json"),

@@ -65,7 +65,7 @@ def start_process(
     options: BuildOptions,
     sources: Sequence[Path],
     scratch: Path,
-    said: int,
+    messages_to: int,
     *,
     program: Sequence[str] = PROGRAM,
     reading: bool = False,
@@ -76,14 +76,14 @@ def start_process(
         options: of the build process; the sandbox may write to ``<work>/build``.
         sources: files and folders that may be read.
         scratch: for temporary files.
-        said: handle that it writes messages to.
+        messages_to: handle that it writes messages to.
         program: as arguments of the Python interpreter.
         reading: it reads the source and nothing else.
     """
     folder = options.work / "build"
     arguments = {
         "--work": folder,
-        "--say-to": said,
+        "--messages-to": messages_to,
         "--memory-bytes": reserved_bytes(options.max_memory_bytes, reading=reading),
         "--file-bytes": max(shutil.disk_usage(folder).free, MIN_FILE_BYTES),
     }
@@ -95,7 +95,7 @@ def start_process(
             *(["--required"] if options.sandbox == "required" else []),
         ],
         stdin=subprocess.PIPE,
-        pass_fds=(said,),
+        pass_fds=(messages_to,),
         env=_environment(scratch, folder / "home"),
         process_group=0,
     )

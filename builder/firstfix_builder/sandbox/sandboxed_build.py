@@ -37,7 +37,7 @@ from firstfix.store.store import Store
 from ..execution.build_trace import current_build, mark_cached, mark_chunks
 from ..job.build_job import BuildJob, BuildResult
 from .hand_over import take_files
-from .messages import Lines, Speaker
+from .messages import MessageReader, MessageWriter
 from .process import PROGRAM, end_process, start_process, too_many_processes
 
 _log = logging.getLogger(__name__)
@@ -114,21 +114,21 @@ class SandboxedBuild:
             shutil.rmtree(left, ignore_errors=True)
         for folder in (scratch, self._folder / "home", self._work / "sources", self._taken):
             folder.mkdir(parents=True, exist_ok=True)
-        heard, said = os.pipe()
+        read_end, write_end = os.pipe()
         try:
             process = start_process(
-                self._options, self._sources, scratch, said, program=self._program, reading=read_only
+                self._options, self._sources, scratch, write_end, program=self._program, reading=read_only
             )
         except BaseException:
-            os.close(heard)
+            os.close(read_end)
             raise
         finally:
-            os.close(said)
+            os.close(write_end)
         try:
-            self._hear(process, heard, job, self._message(job, read_only))
+            self._follow(process, read_end, job, self._message(job, read_only))
         finally:
             end_process(process)  # from here on nothing changes its files
-            os.close(heard)
+            os.close(read_end)
             shutil.rmtree(scratch, ignore_errors=True)
 
     def _message(self, job: BuildJob, read_only: bool) -> dict[str, Any]:
@@ -147,8 +147,8 @@ class SandboxedBuild:
             "read_only": read_only,
         }
 
-    def _hear(
-        self, process: subprocess.Popen[bytes], heard: int, job: BuildJob, message: dict[str, Any]
+    def _follow(
+        self, process: subprocess.Popen[bytes], read_end: int, job: BuildJob, task: dict[str, Any]
     ) -> None:
         """Follows the build until it is done.
 
@@ -156,27 +156,27 @@ class SandboxedBuild:
             FirstfixError: it failed, ended without a message, or started more processes than it may.
         """
         assert process.stdin is not None
-        lines, speaker = Lines(heard), Speaker(process.stdin.fileno())
+        reader, writer = MessageReader(read_end), MessageWriter(process.stdin.fileno())
         is_cancelled = False
         next_look = 0.0
         try:
-            speaker.say(job=message)
+            writer.send(job=task)
             while True:
-                said = lines.next(LOOK_S)
+                message = reader.next(LOOK_S)
                 if job.cancelled() and not is_cancelled:
                     is_cancelled = True
-                    speaker.say(cancel=True)
+                    writer.send(cancel=True)
                 if time.monotonic() >= next_look:
                     next_look = time.monotonic() + LOOK_S
                     problem = too_many_processes(process.pid)
                     if problem:
                         raise BuildFailed(f"{problem} in {self._stage}")
-                if said is not None and self._take(said, speaker, job):
+                if message is not None and self._handle_message(message, writer, job):
                     return
         except (BrokenPipeError, EOFError):
             raise _of_exit(process.wait(), self._stage) from None
 
-    def _take(self, message: dict[str, Any], speaker: Speaker, job: BuildJob) -> bool:
+    def _handle_message(self, message: dict[str, Any], writer: MessageWriter, job: BuildJob) -> bool:
         """Handles one message. Returns whether it was the last."""
         match message:
             case {"stage": str(stage), "done": float() | int() as done} if stage in (
@@ -190,7 +190,7 @@ class SandboxedBuild:
                 if not built.manifest.provisional:
                     raise BuildFailed("the build sent a full version as a provisional one")
                 job.publish_provisional(built)
-                speaker.say(answer=True)
+                writer.send(answer=True)
             case {"cached": str(stage)} if stage in STAGES:
                 mark_cached(stage)
             case {"chunks": [str(stage), int(count), int(reused)]} if (
@@ -198,15 +198,15 @@ class SandboxedBuild:
             ):
                 mark_chunks(stage, count, reused)
             case {"fetch": str(key)}:
-                speaker.say(answer=self._fetch(key))
+                writer.send(answer=self._fetch(key))
             case {"share": [str(key), str(name), str(folder)]}:
-                speaker.say(answer=self._put(key, name, folder))
+                writer.send(answer=self._put(key, name, folder))
             case {"confined": list(missing)}:
                 self._check_confined([str(one)[:200] for one in missing])
             case {"built": True}:
                 return True
-            case {"failed": said}:
-                raise _as_error(said)
+            case {"failed": report}:
+                raise _as_error(report)
             case _:
                 raise BuildFailed("the build sent a message of no known form")
         return False
@@ -244,14 +244,14 @@ class SandboxedBuild:
             shutil.rmtree(taken, ignore_errors=True)
 
 
-def _as_error(said: Any) -> FirstfixError:
+def _as_error(report: Any) -> FirstfixError:
     """Returns the error that a sandboxed build reported.
 
     A build cannot ask to be run again, but for a few times because its disk is full.
     """
-    if not isinstance(said, dict):
+    if not isinstance(report, dict):
         return BuildFailed("the build failed and gave no reason")
-    code, detail = str(said.get("code")), str(said.get("detail"))[:1000]
+    code, detail = str(report.get("code")), str(report.get("detail"))[:1000]
     if code == FirstfixError.code:
         return FirstfixError(detail)  # a fault of the program itself: the log has it
     kinds: list[type[FirstfixError]] = [InputError, *InputError.__subclasses__(), *_OTHER_KINDS]

@@ -104,7 +104,7 @@ class BuildProcess:
                 async with asyncio.timeout(max(min(_LOOK_S, end - time.monotonic()), 0.0)):
                     return await self._process.wait()
             if self._max_memory_bytes is not None and not self.exceeded_memory:
-                used = await BUILDS.run(session_memory_bytes, self._process.pid)
+                used = await BUILDS.run(memory_of_processes_bytes, self._process.pid)
                 if used > self._max_memory_bytes:
                     self.exceeded_memory = True
                     self.kill()
@@ -126,7 +126,7 @@ class BuildProcess:
 
         It reads /proc, which takes milliseconds. In a thread pool it could wait for a store that hangs.
         """
-        kill_session(self._process.pid)
+        kill_processes(self._process.pid)
 
     def why(self, code: int) -> str:
         """Returns a message about the end of a process that recorded no reason itself."""
@@ -171,31 +171,31 @@ def _remove_old_logs(work_dir: Path) -> None:
                 path.unlink()
 
 
-def session_memory_bytes(session: int) -> int:
-    """Returns the anonymous and shared memory of all processes of the session, without mapped files."""
+def memory_of_processes_bytes(leader: int) -> int:
+    """Returns the anonymous and shared memory of the process and all that it started, without mapped files."""
     total = 0
-    for folder, _ in _processes(session):
+    for folder, _ in _processes(leader):
         with suppress(OSError):  # it has ended
             total += sum(int(kib) << 10 for kib in _PRIVATE.findall((folder / "status").read_bytes()))
     return total
 
 
-def kill_session(session: int) -> None:
-    """Kills all processes of the session, group by group: a group is killed at once, even while it forks."""
-    for group in {session, *(group for _, group in _processes(session))}:
+def kill_processes(leader: int) -> None:
+    """Kills the process and all that it started, by group: a group is killed at once, even while it forks."""
+    for group in {leader, *(group for _, group in _processes(leader))}:
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(group, signal.SIGKILL)
 
 
-def _processes(session: int) -> Iterator[tuple[Path, int]]:
-    """Yields the folder in /proc and the process group of each process."""
+def _processes(leader: int) -> Iterator[tuple[Path, int]]:
+    """Yields the folder in /proc and the process group of each process whose POSIX session this one leads."""
     for folder in Path("/proc").iterdir():
         if not folder.name.isdigit():
             continue
         try:
             # The fields after the name, which can contain any character: state, parent, group, session.
             fields = (folder / "stat").read_bytes().rpartition(b")")[2].split()
-            if int(fields[3]) == session:
+            if int(fields[3]) == leader:
                 yield folder, int(fields[2])
         except (OSError, IndexError, ValueError):  # it has ended
             continue

@@ -323,7 +323,18 @@ confine.confine = stop
 from firstfix_builder.sandbox import inside
 inside.main()
 """
-    arguments = ["--work", ".", "--sources", ".", "--say-to", "1", "--memory-bytes", "1", "--file-bytes", "1"]
+    arguments = [
+        "--work",
+        ".",
+        "--sources",
+        ".",
+        "--messages-to",
+        "1",
+        "--memory-bytes",
+        "1",
+        "--file-bytes",
+        "1",
+    ]
     ended = subprocess.run(
         [sys.executable, "-S", "-P", "-c", program, *arguments],
         env={"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
