@@ -172,7 +172,7 @@ def _remove_old_logs(work_dir: Path) -> None:
 
 
 def memory_of_processes_bytes(leader: int) -> int:
-    """Returns the anonymous and shared memory of the process and all that it started, without mapped files."""
+    """Returns the anonymous and shared memory of the process and all it started, without mapped files."""
     total = 0
     for folder, _ in _processes(leader):
         with suppress(OSError):  # it has ended
