@@ -97,6 +97,7 @@ class BuildOptions:
 
     def arguments(self) -> list[str]:
         """Command line of the build, without what ``environment`` says."""
+        most = str(self.max_source_bytes)
         return [
             *(part for url in self.source_urls for part in ("--source-url", url)),
             *(part for root in self.source_roots for part in ("--source-root", str(root))),
@@ -105,11 +106,7 @@ class BuildOptions:
             *("--store", self.store, "--build", self.build_id, "--work", str(self.work)),
             *(["--tied-to-stdin"] if self.tied_to_stdin else []),
             *(["--share-stages"] if self.share_stages else []),
-            *(
-                ["--max-source-bytes", str(self.max_source_bytes)]
-                if self.max_source_bytes != DEFAULT_MAX_SOURCE_BYTES
-                else []
-            ),
+            *(["--max-source-bytes", most] if most != str(DEFAULT_MAX_SOURCE_BYTES) else []),
         ]
 
     def environment(self) -> dict[str, str]:
@@ -132,73 +129,41 @@ class BuildOptions:
         Args:
             arguments: None: those of this process.
         """
-        parser = argparse.ArgumentParser(prog="firstfix_builder.worker", description="Runs one build.")
+        parser = argparse.ArgumentParser(
+            prog="firstfix_builder.worker",
+            description="Runs one build.",
+            argument_default=argparse.SUPPRESS,  # the defaults are those of the fields
+        )
         add = parser.add_argument
+        roots = "allow file:// sources below this folder; may be repeated"
+        urls = "allow http or https sources below this URL; may be repeated"
+        shared = "fetch finished stages from the store, and put them there"
+        early = "publish no provisional version, whatever the build's config says"
+        modes = "auto: as far as the kernel supports it; required: refuse to build without it"
         add("--store", required=True, metavar="URL", help="the store of maps and builds")
-        add("--build", required=True, metavar="ID", dest="build_id", help="the build to run")
+        add("--build", required=True, dest="build_id", metavar="ID", help="the build to run")
         add("--work", required=True, type=Path, metavar="DIR", help="sources and stage cache")
-        add(
-            "--max-source-bytes",
-            type=int,
-            default=DEFAULT_MAX_SOURCE_BYTES,
-            metavar="N",
-            help="largest size of one source file",
-        )
-        add(
-            "--source-root",
-            type=Path,
-            action="append",
-            default=[],
-            dest="source_roots",
-            metavar="DIR",
-            help="allow file:// sources below this folder; may be repeated",
-        )
-        add(
-            "--source-url",
-            action="append",
-            default=[],
-            dest="source_urls",
-            metavar="PREFIX",
-            help="allow http or https sources below this URL; may be repeated",
-        )
-        add(
-            "--share-stages",
-            action="store_true",
-            help="fetch finished stages from the store, and put them there",
-        )
-        add(
-            "--no-provisional",
-            action="store_false",
-            dest="provisional",
-            help="publish no provisional version, whatever the build's config says",
-        )
+        add("--max-source-bytes", type=int, metavar="N", help="largest size of one source file")
+        add("--source-root", dest="source_roots", action="append", type=Path, metavar="DIR", help=roots)
+        add("--source-url", dest="source_urls", action="append", metavar="PREFIX", help=urls)
+        add("--share-stages", action="store_true", help=shared)
+        add("--no-provisional", dest="provisional", action="store_false", help=early)
         add("--tied-to-stdin", action="store_true", help="stop as on SIGTERM when standard input ends")
-        add(
-            "--executor",
-            default=THREADS,
-            metavar="URL",
-            help="threads, dask://HOST:PORT or dask+tls://HOST:PORT",
-        )
-        add(
-            "--sandbox",
-            choices=("auto", "required", "off"),
-            default=environment.get("FIRSTFIX_BUILD_SANDBOX", "auto"),
-            help="auto: as far as the kernel supports it; required: refuse to build without it",
-        )
+        add("--executor", metavar="URL", help="threads, dask://HOST:PORT or dask+tls://HOST:PORT")
+        add("--sandbox", choices=("auto", "required", "off"), help=modes)
         chosen = vars(parser.parse_args(arguments))
+        for name in ("source_roots", "source_urls"):
+            chosen[name] = tuple(chosen.get(name, ()))
         most = environment.get("FIRSTFIX_BUILD_MAX_TEMPLATES", DEFAULT_MAX_TEMPLATES)
-        return cls(
-            **{
-                **chosen,
-                "source_roots": tuple(chosen["source_roots"]),
-                "source_urls": tuple(chosen["source_urls"]),
-            },
-            max_memory_bytes=int(environment.get("FIRSTFIX_BUILD_MAX_MEMORY_BYTES", 0)) or None,
-            max_templates=int(most) or None,
-            log_level=environment.get("FIRSTFIX_LOG_LEVEL", "info"),
-            log_json=environment.get("FIRSTFIX_LOG_JSON") == "true",
-            traceparent=environment.get("TRACEPARENT"),
-        )
+        told = {
+            "sandbox": environment.get("FIRSTFIX_BUILD_SANDBOX", "auto"),
+            "max_memory_bytes": int(environment.get("FIRSTFIX_BUILD_MAX_MEMORY_BYTES", 0)) or None,
+            "max_templates": int(most) or None,
+            "log_level": environment.get("FIRSTFIX_LOG_LEVEL", "info"),
+            "log_json": environment.get("FIRSTFIX_LOG_JSON") == "true",
+            "traceparent": environment.get("TRACEPARENT"),
+        }
+        return cls(**{**told, **chosen})
 
     def inside(self, *, provisional: bool, traceparent: str | None) -> BuildOptions:
         """The options of the sandbox, which may have neither the store nor the network.
