@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from firstfix_builder.pipeline import BuiltVersion
+    from firstfix_builder.job.build_job import BuildResult
 
 _DONE = ".done"
 
@@ -46,7 +46,7 @@ class OnceARun:
 
     def version(
         self, name: str, source: Callable[[Path], Path], config: Mapping[str, Any], **more: Any
-    ) -> BuiltVersion:
+    ) -> BuildResult:
         """A map's version, built in the folder of that name, whose ``stages`` other builds may start from.
 
         Args:
@@ -55,13 +55,14 @@ class OnceARun:
         """
         from firstfix.builds.config import BuildConfig
         from firstfix.catalog.manifest import Manifest
-        from firstfix_builder.pipeline import BuiltVersion, build_version
+        from firstfix_builder.job.build_job import BuildResult
+        from firstfix_builder.pipeline import build_version
 
         def build(folder: Path) -> None:
             build_version(source(folder), BuildConfig.parse(config), folder, **more)
 
         directory = self.folder(name, build) / "version"
-        return BuiltVersion(directory, Manifest.from_json((directory / "manifest.json").read_bytes()))
+        return BuildResult(directory, Manifest.from_json((directory / "manifest.json").read_bytes()))
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # a plugin too, and open3d: both are imported when a test needs them
-    from firstfix_builder.pipeline import BuiltVersion
+    from firstfix_builder.job.build_job import BuildResult
     from once_a_run import OnceARun
 
 
@@ -83,37 +83,37 @@ def small_map(small_world: SmallWorld, once_a_run: OnceARun) -> Path:
 
 
 @pytest.fixture(scope="session")
-def small_version(small_map: Path, once_a_run: OnceARun) -> BuiltVersion:
+def small_version(small_map: Path, once_a_run: OnceARun) -> BuildResult:
     """The world's version, to be read only; ``small_work`` has its stages."""
     return once_a_run.version("yard-version", lambda folder: small_map, CONFIG)
 
 
 @pytest.fixture(scope="session")
-def coarse_version(small_map: Path, once_a_run: OnceARun) -> BuiltVersion:
+def coarse_version(small_map: Path, once_a_run: OnceARun) -> BuildResult:
     """The world's coarse version, to be read only; ``coarse_work`` has its stages."""
     return once_a_run.version("yard-coarse", lambda folder: small_map, COARSE_CONFIG)
 
 
 @pytest.fixture
-def coarse_work(coarse_version: BuiltVersion, tmp_path: Path) -> Path:
+def coarse_work(coarse_version: BuildResult, tmp_path: Path) -> Path:
     """A work folder of its own that holds the stages of the coarse version's build."""
     return begun_as(coarse_version, tmp_path / "work")
 
 
 @pytest.fixture
-def small_work(small_version: BuiltVersion, tmp_path: Path) -> Path:
+def small_work(small_version: BuildResult, tmp_path: Path) -> Path:
     """A work folder of its own that holds the stages of the small version's build."""
     return begun_as(small_version, tmp_path / "work")
 
 
-def begun_as(built: BuiltVersion, work: Path) -> Path:
+def begun_as(built: BuildResult, work: Path) -> Path:
     """Makes a work folder whose builds continue from the stages of a built version."""
     shutil.copytree(built.directory.parent / "stages", work / "stages", copy_function=os.link)
     return work
 
 
 @pytest.fixture(scope="session")
-def small_scans(small_world: SmallWorld, small_version: BuiltVersion):
+def small_scans(small_world: SmallWorld, small_version: BuildResult):
     """Perturbed scans between the version's templates: (Scan, T_map_sensor)."""
     from firstfix.builds.config import PerturbConfig
     from firstfix.engine.index import MapIndex

@@ -16,6 +16,7 @@ from firstfix.builds.config import BuildConfig
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
+from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.retrieval.cascade import save_projection
@@ -32,7 +33,6 @@ from .index.index_files import VIEWS_SHARE, write_index_files
 from .index.key_scans import KeyScans, key_scan_chunks
 from .index.learn_keys import is_worth_learning, learn_keys, scans_for
 from .index.views import PROVISIONAL_REACHES, REACHES, view_chunks
-from .job.provisional import THINNED_M, write_prior
 from .mesh.clean_cloud import clean_cloud, voxel_means
 from .mesh.level import level_frame
 from .mesh.mesh import Mesh
@@ -51,6 +51,8 @@ from .templates.fit_spacing import fitting_viewpoints, write_places
 from .templates.linkage import Pairs
 from .templates.make import template_chunks, write_templates
 from .viewpoints.workload import Workload
+
+THINNED_M = 0.2  # between the points of a provisional version
 
 
 @dataclass(frozen=True)
@@ -339,7 +341,7 @@ class BuildStages(StageRunner):
         """The calibration, and the version's measured success."""
 
         def produce(out: Path) -> None:
-            found, calibration, bound, spots = run_self_test(
+            found, calibration, bound, places = run_self_test(
                 Localizer(MapIndex.load(index.directory, Calibration())),
                 simulator_of(mesh),
                 self.config.sensor_model,
@@ -352,7 +354,7 @@ class BuildStages(StageRunner):
             _write_json(out / BOUND_FILE, bound.to_mapping())
             _write_json(out / "self_test.json", found.to_mapping())
             draw_reliability(found.reliability, out / "reliability.png")
-            draw_localizability(np.load(index.directory / MAP_FILE), spots, out / "localizability.png")
+            draw_localizability(np.load(index.directory / MAP_FILE), places, out / "localizability.png")
 
         chosen = {
             "self_test": self.config.self_test.model_dump(mode="json"),
@@ -362,7 +364,12 @@ class BuildStages(StageRunner):
 
     def assume_prior(self, index: StageResult) -> StageResult:
         """The calibration of a provisional version, which has no self-test: that of no map in particular."""
-        return self._stage("self_test", {"index": index.digest}, {"self_test": "none"}, write_prior)
+
+        def produce(out: Path) -> None:
+            _write_json(out / CALIBRATION_FILE, Calibration().to_mapping())
+            _write_json(out / BOUND_FILE, FalseAcceptBound().to_mapping())
+
+        return self._stage("self_test", {"index": index.digest}, {"self_test": "none"}, produce)
 
 
 def _write_json(path: Path, value: Mapping[str, Any]) -> None:

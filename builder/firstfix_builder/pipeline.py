@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from firstfix.builds.config import BuildConfig
-from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES
+from firstfix.builds.config import BuildConfig, LearnKeysConfig
+from firstfix.builds.options import PROVISIONAL, STAGES, BuildOptions
 from firstfix.catalog.manifest import Manifest
 from firstfix.engine.index import ENGINE_FILE, MAP_FILE
 from firstfix.engine.retrieval.clusters import Clusters
@@ -28,36 +28,19 @@ from .build_stages import BuildStages
 from .execution.chunks import ChunkCache, ChunkExecutor
 from .execution.local_executor import LocalExecutor, die_with_parent
 from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
-from .execution.stage_names import PROVISIONAL
-from .execution.stage_names import STAGES as STAGES
 from .execution.stage_runner import Progress
-from .job.provisional import provisional_config
+from .job.build_job import BuildResult
 from .sessions.stages import SESSIONS_FILE, SessionStages
 from .stage_files import link
 from .viewpoints.workload import Workload
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class BuiltVersion:
-    """A version that is ready to be published: every file in ``directory`` stands in the manifest."""
-
-    directory: Path
-    manifest: Manifest
-
-
-@dataclass(frozen=True)
-class Cluster:
-    """Machines that share a build's work.
-
-    Attributes:
-        scheduler: Dask's address of it (``executor_url.dask_address``).
-        store_url: a store that this process and all workers reach, for inputs and results.
-    """
-
-    scheduler: str
-    store_url: str
+_ALONE = BuildOptions()
+# Of a provisional version: coarse, untested, made in seconds, served until the full one is there.
+COARSER = 1.5  # cells of the surface, against those that follow the points' spacing
+BLOCK_CELLS = 128  # edge of a block of the surface: small ones, so that all processors work
+MAX_RAYS = 4096  # of a simulated scan
+NEAR_TRAJECTORY_M = 4.0
 
 
 def build_version(
@@ -69,10 +52,9 @@ def build_version(
     progress: Progress = lambda stage, fraction: None,
     cancelled: Callable[[], bool] = lambda: False,
     shared: StagesElsewhere | None = None,
-    cluster: Cluster | None = None,
-    publish_provisional: Callable[[BuiltVersion], None] | None = None,
-    max_templates: int | None = DEFAULT_MAX_TEMPLATES,
-) -> BuiltVersion:
+    publish_provisional: Callable[[BuildResult], None] | None = None,
+    options: BuildOptions = _ALONE,
+) -> BuildResult:
     """Runs every stage that the cache under ``work`` does not hold yet.
 
     Args:
@@ -80,9 +62,8 @@ def build_version(
             ``sessions.yaml``.
         trajectory: poses of the mapping run, if they are not in the source.
         shared: finished stages of other machines.
-        cluster: its workers run the chunks; None: threads and processes of this machine do.
         publish_provisional: called with the provisional version when it is ready; None: none is made.
-        max_templates: a map of more, by estimate, is refused before the work is begun; None: no limit.
+        options: of these ``executor`` and ``store`` say where chunks are run, and ``max_templates`` counts.
 
     Raises:
         InputError: the source or the trajectory cannot be read.
@@ -93,11 +74,11 @@ def build_version(
     with (
         threadpool_limits(1, user_api="blas"),  # sums of BLAS depend on the number of threads
         ThreadPoolExecutor(os.cpu_count()) as threads,
-        _chunk_executor(cluster, work, threads) as executor,
+        _chunk_executor(options, work, threads) as executor,
     ):
         cache = StageCache(work, shared=shared)
         chunks = ChunkCache(cache, executor, shared)
-        workload = Workload(max_templates)
+        workload = Workload(options.max_templates)
         build = SessionStages(cache, chunks, progress, cancelled, config, threads, workload=workload)
         read = build.read_map(source, trajectory)
         if publish_provisional is not None:
@@ -110,7 +91,7 @@ def build_version(
         return _collect(config, read, [index, drawn, tested], work / "version")
 
 
-def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuiltVersion | None:
+def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuildResult | None:
     """The provisional version of the map; None if it cannot be made: the full build then reports the reason.
 
     Its stages count as one.
@@ -130,6 +111,32 @@ def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuiltVers
     return _collect(coarse.config, read, [index, tested], work / "provisional", provisional=True)
 
 
+def provisional_config(config: BuildConfig) -> BuildConfig:
+    """The config of the provisional version: the same place and sensor, with a fraction of the work.
+
+    Its surface is coarse. Templates stand near the trajectory if there is one. Keys are not learned.
+    """
+    reconstruct, viewpoints = config.reconstruct, config.viewpoints
+    near_m = min(viewpoints.max_distance_to_trajectory_m or NEAR_TRAJECTORY_M, NEAR_TRAJECTORY_M)
+    return config.model_copy(
+        update={
+            "reconstruct": reconstruct.model_copy(
+                update={
+                    "surface": "signed-distance",
+                    "cell_m": None if reconstruct.cell_m is None else COARSER * reconstruct.cell_m,
+                    "cell_spacings": COARSER * reconstruct.spacings_per_cell,
+                    "tile_cells": min(reconstruct.cells_per_tile, BLOCK_CELLS),
+                }
+            ),
+            "viewpoints": viewpoints.model_copy(update={"max_distance_to_trajectory_m": near_m}),
+            "simulate": config.simulate.model_copy(
+                update={"max_rays": min(config.simulate.max_rays, MAX_RAYS)}
+            ),
+            "learn_keys": LearnKeysConfig(scans=0),
+        }
+    )
+
+
 def read_source(
     source: Path,
     config: BuildConfig,
@@ -139,7 +146,7 @@ def read_source(
     progress: Progress = lambda stage, fraction: None,
     cancelled: Callable[[], bool] = lambda: False,
     shared: StagesElsewhere | None = None,
-    max_templates: int | None = DEFAULT_MAX_TEMPLATES,
+    options: BuildOptions = _ALONE,
 ) -> None:
     """Runs the first stage alone, and raises as ``build_version`` does.
 
@@ -149,17 +156,21 @@ def read_source(
         executor = LocalExecutor(work, threads, threads)
         cache = StageCache(work, shared=shared)
         chunks = ChunkCache(cache, executor)
-        workload = Workload(max_templates)
+        workload = Workload(options.max_templates)
         build = SessionStages(cache, chunks, progress, cancelled, config, threads, workload=workload)
         build.read_map(source, trajectory)
 
 
 @contextmanager
-def _chunk_executor(cluster: Cluster | None, work: Path, threads: Executor) -> Iterator[ChunkExecutor]:
-    if cluster is not None:
+def _chunk_executor(options: BuildOptions, work: Path, threads: Executor) -> Iterator[ChunkExecutor]:
+    """Runs chunks by threads and processes of this machine, or by the workers of a cluster.
+
+    A cluster's workers must reach the store, for inputs and results.
+    """
+    if options.scheduler is not None:
         from .execution.dask_executor import DaskExecutor
 
-        with DaskExecutor(cluster.scheduler, cluster.store_url) as far:
+        with DaskExecutor(options.scheduler, options.store) as far:
             yield far
         return
     with ProcessPoolExecutor(
@@ -177,7 +188,7 @@ def _collect(
     directory: Path,
     *,
     provisional: bool = False,
-) -> BuiltVersion:
+) -> BuildResult:
     """The version's folder with its manifest, of the files of all parts. They are linked where that works."""
     shutil.rmtree(directory, ignore_errors=True)
     directory.mkdir(parents=True)
@@ -202,7 +213,7 @@ def _collect(
         bounds=(points.min(axis=0), points.max(axis=0)),
     )
     (directory / "manifest.json").write_bytes(manifest.to_json())
-    return BuiltVersion(directory, manifest)
+    return BuildResult(directory, manifest)
 
 
 def _source_record(read: StageResult) -> dict[str, Any]:

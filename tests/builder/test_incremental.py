@@ -14,7 +14,8 @@ from firstfix.builds.config import BuildConfig
 from firstfix_builder.execution.build_trace import BuildTrace
 from firstfix_builder.index.key_scans import TILE_M
 from firstfix_builder.index.views import FAR, NEAR
-from firstfix_builder.pipeline import BuiltVersion, build_version
+from firstfix_builder.job.build_job import BuildResult
+from firstfix_builder.pipeline import build_version
 from firstfix_builder.simulation import local_simulator
 from small_world import COARSE_CONFIG
 
@@ -50,7 +51,7 @@ def corridor(path: Path, *, changed: bool = False) -> Path:
 CONFIG = {**COARSE_CONFIG, "viewpoints": {"spacing_m": 1.5, "tile_m": 48.0}}
 
 
-def build(source: Path, work: Path) -> tuple[BuiltVersion, dict[str, tuple[int, int]]]:
+def build(source: Path, work: Path) -> tuple[BuildResult, dict[str, tuple[int, int]]]:
     """Returns the version, and the chunks of each stage with the number of those reused."""
     with BuildTrace("b", "m", None) as trace:
         built = build_version(source, BuildConfig.parse(CONFIG), work, progress=lambda s, f: trace.tick(s))
@@ -95,6 +96,6 @@ def _tiles_near_the_change(tile_m: float, reach_m: float) -> int:
     return sum((tile + 1) * tile_m + reach_m >= 192.2 for tile in range(-(-200 // int(tile_m))))
 
 
-def _descriptor_range_m(built: BuiltVersion) -> float:
+def _descriptor_range_m(built: BuildResult) -> float:
     engine: dict[str, Any] = json.loads((built.directory / "engine.json").read_text())
     return float(engine["descriptor"]["max_range_m"])

@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 
+from firstfix.builds.options import BuildOptions
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
@@ -33,9 +34,7 @@ from firstfix.errors import (
 )
 from firstfix.store.store import Store
 from firstfix_builder.job import reporter as build_reporter
-from firstfix_builder.job.build_job import BuildJob
-from firstfix_builder.job.error_record import MEMORY_REACHED
-from firstfix_builder.job.fetch_source import SourcePolicy
+from firstfix_builder.job.build_job import MEMORY_REACHED, BuildJob, BuildResult
 from firstfix_builder.job.reporter import BuildReporter
 from firstfix_builder.job.run_build import run_build
 from waiting import LIMIT_S, let_pass, wait_until
@@ -45,12 +44,6 @@ pytestmark = pytest.mark.slow
 STAGES = ("one", "two")
 
 
-@dataclass(frozen=True)
-class Built:
-    directory: Path
-    manifest: Manifest
-
-
 @dataclass
 class TinyPipeline:
     """Its version is the source's bytes. ``act`` runs in the midst of it."""
@@ -58,7 +51,7 @@ class TinyPipeline:
     act: Callable[[Callable[[str, float], None], Callable[[], bool]], None] = lambda progress, cancelled: None
     calls: list[dict[str, Any]] = field(default_factory=list)
 
-    def __call__(self, job: BuildJob) -> Built:
+    def __call__(self, job: BuildJob) -> BuildResult:
         self.calls.append({"source": job.source.name, "trajectory": job.trajectory, "config": job.config})
         job.progress("one", 0.5)
         self.act(job.progress, job.cancelled)
@@ -66,7 +59,7 @@ class TinyPipeline:
         directory.mkdir(exist_ok=True)
         (directory / "index.bin").write_bytes(job.source.read_bytes())
         job.progress("two", 1.0)
-        return Built(directory, Manifest.for_directory(directory, config=job.config))
+        return BuildResult(directory, Manifest.for_directory(directory, config=job.config))
 
 
 @dataclass(frozen=True)
@@ -78,7 +71,8 @@ class Place:
     work: Path
 
     def run(self, pipeline: TinyPipeline, build_id: str = "b1", **options: Any) -> int:
-        return run_build(self.url, build_id, self.work, pipeline, STAGES, **options)
+        run = BuildOptions(store=self.url, build_id=build_id, work=self.work, **options)
+        return run_build(run, pipeline, STAGES)
 
     def request(self, build_id: str, **changes: Any) -> None:
         request = {**self.catalog.build_request("b1"), **changes}
@@ -156,7 +150,7 @@ def test_a_trajectory_comes_with_its_own_name(place: Place, tmp_path: Path) -> N
     seen: list[bytes] = []
 
     class Reads(TinyPipeline):
-        def __call__(self, job: BuildJob) -> Built:
+        def __call__(self, job: BuildJob) -> BuildResult:
             assert job.trajectory is not None
             assert job.trajectory.name == "poses_of_hall.tum"
             assert job.trajectory.is_relative_to(place.work)
@@ -204,14 +198,16 @@ def test_the_status_is_written_twice_a_second_at_most(place: Place, monkeypatch:
 class EarlyPipeline(TinyPipeline):
     """Hands out a provisional version first, then goes on as ``TinyPipeline``."""
 
-    def __call__(self, job: BuildJob) -> Built:
+    def __call__(self, job: BuildJob) -> BuildResult:
         job.progress("one", 1.0)
         if job.publish_provisional is not None:
             directory = job.work / "provisional"
             directory.mkdir(exist_ok=True)
             (directory / "index.bin").write_bytes(b"coarse")
             job.progress("provisional", 0.5)
-            job.publish_provisional(Built(directory, Manifest.for_directory(directory, provisional=True)))
+            job.publish_provisional(
+                BuildResult(directory, Manifest.for_directory(directory, provisional=True))
+            )
         return super().__call__(job)
 
 
@@ -364,10 +360,10 @@ def test_no_such_build(place: Place) -> None:
         place.run(TinyPipeline(), "b9")
 
 
-def _refused(place: Place, policy: SourcePolicy | None = None, **changes: Any) -> dict[str, str]:
+def _refused(place: Place, options: dict[str, Any] | None = None, **changes: Any) -> dict[str, str]:
     place.request("bad", **changes)
     pipeline = TinyPipeline()
-    assert place.run(pipeline, "bad", policy=policy) == 1
+    assert place.run(pipeline, "bad", **options or {}) == 1
     assert pipeline.calls == []
     error: dict[str, str] = place.catalog.build_status("bad")["error"]
     return error
@@ -402,7 +398,7 @@ def test_a_request_of_another_form_is_not_run(changes: dict[str, Any], place: Pl
 
 
 def test_a_source_that_is_gone_or_too_large(place: Place) -> None:
-    error = _refused(place, SourcePolicy(max_bytes=3))
+    error = _refused(place, {"max_source_bytes": 3})
     assert error["code"] == "too_large"
     place.catalog.store.delete(place.catalog.build_request("b1")["source"]["key"])
     place.request("b3")
@@ -415,14 +411,13 @@ def test_a_file_url_is_read_below_a_folder_that_was_allowed(place: Place, tmp_pa
     maps.mkdir()
     (maps / "yard.pcd").write_bytes(b"points")
     (maps / "link.pcd").symlink_to("/etc/passwd")
-    policy = SourcePolicy(roots=(maps,))
     place.request("b2", source={"url": f"file://{maps}/yard.pcd"}, file_name=None)
     pipeline = TinyPipeline()
-    assert place.run(pipeline, "b2", policy=policy) == 0
+    assert place.run(pipeline, "b2", source_roots=(maps,)) == 0
     assert pipeline.calls[0]["source"] == "yard.pcd"
     for i, name in enumerate(("../upload", "link.pcd", "none.pcd")):
         place.request(f"c{i}", source={"url": f"file://{maps}/{name}"})
-        assert place.run(TinyPipeline(), f"c{i}", policy=policy) == 1
+        assert place.run(TinyPipeline(), f"c{i}", source_roots=(maps,)) == 1
 
 
 def test_an_object_elsewhere_on_the_same_server_is_a_source(s3_url: str, tmp_path: Path) -> None:

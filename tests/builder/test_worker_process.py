@@ -27,15 +27,12 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from firstfix.catalog.manifest import Manifest
+from firstfix.builds.options import BuildOptions
 from firstfix_builder.execution.local_executor import die_with_parent
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.job import reporter
+from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.job.run_build import run_build
-
-@dataclass(frozen=True)
-class Built:
-    directory: Path
-    manifest: Manifest
 
 def nap():
     # half a minute of native code: no Python signal handler runs before it returns
@@ -59,13 +56,13 @@ def build_version(job):
         cache.run("first", {}, {}, first)
         job.progress("two", 0.0)
         result = cache.run("second", {}, {}, second)
-        return Built(result.directory, Manifest.for_directory(result.directory))
+        return BuildResult(result.directory, Manifest.for_directory(result.directory))
 
 if __name__ == "__main__":
     reporter.CANCEL_GRACE_S = 0.5
     url, work, *tied = sys.argv[1:]
-    stages, hooks = ("one", "two"), {"own_process": True, "tied_to_stdin": tied == ["tied"]}
-    raise SystemExit(run_build(url, "b1", Path(work), build_version, stages, **hooks))
+    options = BuildOptions(store=url, build_id="b1", work=Path(work), tied_to_stdin=tied == ["tied"])
+    raise SystemExit(run_build(options, build_version, ("one", "two"), own_process=True))
 """
 
 

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from firstfix.builds.config import BuildConfig
 from firstfix.builds.limits import default_build_memory_bytes
+from firstfix.builds.options import BuildOptions
 from firstfix.errors import FirstfixError, MalformedData, NotFound, TooLarge
 from firstfix_builder.job.build_job import BuildJob
 from firstfix_builder.pipeline import read_source
@@ -103,7 +104,7 @@ def test_what_the_sandbox_read_is_not_read_again(tmp_path: Path, monkeypatch: py
     path = las(tmp_path / "a.las")
     config: dict[str, object] = {"level": False}
     job = BuildJob(path, None, config, tmp_path / "work", lambda stage, fraction: None, lambda: False)
-    read_confined(job, 0)
+    read_confined(job, BuildOptions(work=tmp_path / "work"))
     monkeypatch.setattr("firstfix_builder.build_stages.read_parts", refuse)
     read_source(path, BuildConfig.parse(config), tmp_path / "work" / "build")
 

@@ -28,7 +28,7 @@ from small_world import SENSOR, SmallWorld
 from storey_world import Box, mesh_of
 
 if TYPE_CHECKING:  # open3d
-    from firstfix_builder.pipeline import BuiltVersion
+    from firstfix_builder.job.build_job import BuildResult
 
 STOREY_M = 3.0
 BOX_TRIANGLES = 12
@@ -83,7 +83,7 @@ class ConsoleWorld:
 def running_console(
     folder: Path,
     host: str,
-    versions: tuple[BuiltVersion, BuiltVersion],
+    versions: tuple[BuildResult, BuildResult],
     scans: list[tuple[Scan, Matrix]],
 ) -> Iterator[ConsoleWorld]:
     """Runs the service with real query workers and real builds."""

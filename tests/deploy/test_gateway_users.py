@@ -16,13 +16,14 @@ from engine import ROOT
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
 from firstfix.builds.callers import CallerUsage
+from firstfix.builds.options import BuildOptions
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source
 from firstfix.errors import StoreError
 from firstfix.store.store import Store
-from firstfix_builder.job.build_job import BuildJob
+from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
 from servers import free_port, running_versitygw
 
@@ -82,19 +83,16 @@ def test_a_worker_builds(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, tmp_
     service.put_build("b1", {"map_id": "hall", "source": {"key": key}, "file_name": "hall.ply", "config": {}})
     gateway.as_user("worker", monkeypatch)
 
-    class Built:
+    def build_version(job: BuildJob) -> BuildResult:
         directory = tmp_path / "version"
-
-    def build_version(job: BuildJob) -> Built:
-        Built.directory.mkdir()
-        (Built.directory / "index.bin").write_bytes(job.source.read_bytes())
-        built = Built()
-        built.manifest = Manifest.for_directory(Built.directory)  # type: ignore[attr-defined]
+        directory.mkdir()
+        (directory / "index.bin").write_bytes(job.source.read_bytes())
         stages = SharedStages(Store.open(gateway.store_url))
-        assert stages.put("a" * 64, "one", Built.directory) > 0
-        return built
+        assert stages.put("a" * 64, "one", directory) > 0
+        return BuildResult(directory, Manifest.for_directory(directory))
 
-    assert run_build(gateway.store_url, "b1", tmp_path / "work", build_version, ("one",)) == 0  # type: ignore[arg-type]
+    options = BuildOptions(store=gateway.store_url, build_id="b1", work=tmp_path / "work")
+    assert run_build(options, build_version, ("one",)) == 0
     assert service.active_version("hall") == service.build_status("b1")["version"]
     usage = CallerUsage(Catalog(gateway.as_user("worker", monkeypatch)))
     usage.charge("robot-7", "b1", 1, 60.0)  # as the worker does when an attempt has ended
@@ -105,7 +103,7 @@ def test_each_folder_of_the_store_is_a_workers_or_is_not():
     """A new folder is denied to workers until it is in a list: builds would fail in compose alone."""
     not_workers = {"keys", "samples", "idempotency", "pending_deletions", "checked"}
     text = "".join(path.read_text() for path in (ROOT / "core" / "firstfix").rglob("*.py"))
-    folders = set(re.findall(r'^_?(?:FOLDER|ROOT) = "(\w+)"', text, re.M))
+    folders = set(re.findall(r'^_?(?:\w+_)?(?:FOLDER|ROOT) = "(\w+)"', text, re.M))
     assert len(folders) >= 6
     workers = re.findall(r"^WORKERS_FOLDERS = \((.+)\)", SCRIPT.read_text(), re.M)[0]
     assert folders <= not_workers | set(re.findall(r"\w+", workers))

@@ -11,13 +11,13 @@ from tests.faults.flooders import FLOODS
 from tests.faults.neighbours import neighbours
 
 if TYPE_CHECKING:
-    from firstfix_builder.pipeline import BuiltVersion
+    from firstfix_builder.job.build_job import BuildResult
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.mark.timeout(1200)
-def test_every_query_beside_a_flood_is_answered(coarse_version: BuiltVersion, tmp_path: Path):
+def test_every_query_beside_a_flood_is_answered(coarse_version: BuildResult, tmp_path: Path):
     figures = neighbours(coarse_version.directory, tmp_path, seconds=1.0)
     assert figures["floods"].keys() == FLOODS.keys()
     for name, one in figures["floods"].items():

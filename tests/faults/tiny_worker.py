@@ -11,29 +11,27 @@ is made leaves a line in ``made.txt`` of the work folder.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
 import signal
 import time
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from firstfix.builds.options import BuildOptions, ExitCode
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.manifest import Manifest
 from firstfix.errors import BuildCancelled, BuildFailed, OutOfSpace, StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_builder.execution.stage_cache import StageCache
-from firstfix_builder.job.build_job import BuildJob
+from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
 
 STAGES = ("read", "mesh", "describe", "cluster", "index")
 FILES = 4
 FILE_BYTES = 1_000_000
-NO_SPACE = 73  # exit code
 
 
 def config_telling(**told: Any) -> dict[str, Any]:
@@ -41,13 +39,7 @@ def config_telling(**told: Any) -> dict[str, Any]:
     return {"sensor": {"preset": "vlp-16", "name": json.dumps(told)}}
 
 
-@dataclass(frozen=True)
-class Built:
-    directory: Path
-    manifest: Manifest
-
-
-def build_version(job: BuildJob, shared: SharedStages | None = None) -> Built:
+def build_version(job: BuildJob, shared: SharedStages | None = None) -> BuildResult:
     """Makes a version whose bytes depend on the source and the config alone."""
     told = json.loads(job.config["sensor"]["name"]) if job.config else {}
     seed = hashlib.sha256(job.source.read_bytes() + str(told.get("seed")).encode()).hexdigest()
@@ -80,7 +72,7 @@ def build_version(job: BuildJob, shared: SharedStages | None = None) -> Built:
         (folder / "a.bin").write_bytes(seed.encode())
         assert job.publish_provisional is not None
         job.publish_provisional(
-            Built(folder, Manifest.for_directory(folder, config={"seed": seed}, provisional=True))
+            BuildResult(folder, Manifest.for_directory(folder, config={"seed": seed}, provisional=True))
         )
 
     result = None
@@ -91,7 +83,7 @@ def build_version(job: BuildJob, shared: SharedStages | None = None) -> Built:
         job.progress(stage, 0.0)
         result = cache.run(stage, {"seed": seed}, {}, lambda out, stage=stage: make(stage, out))
     assert result is not None
-    return Built(result.directory, Manifest.for_directory(result.directory, config={"seed": seed}))
+    return BuildResult(result.directory, Manifest.for_directory(result.directory, config={"seed": seed}))
 
 
 def _grow() -> None:
@@ -111,27 +103,14 @@ def _fill(out: Path) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="tests.faults.tiny_worker")
-    for name in ("--store", "--build", "--work"):
-        parser.add_argument(name, required=True)
-    for name in ("--tied-to-stdin", "--share-stages"):
-        parser.add_argument(name, action="store_true")
-    chosen = parser.parse_args()
-    shared = SharedStages(Store.open(chosen.store)) if chosen.share_stages else None
+    options = BuildOptions.from_arguments()
+    shared = SharedStages(Store.open(options.store)) if options.share_stages else None
     try:
-        return run_build(
-            chosen.store,
-            chosen.build,
-            Path(chosen.work),
-            partial(build_version, shared=shared),
-            STAGES,
-            own_process=True,
-            tied_to_stdin=chosen.tied_to_stdin,
-        )
+        return run_build(options, partial(build_version, shared=shared), STAGES, own_process=True)
     except StoreUnavailable:
-        return 75
+        return ExitCode.TRY_AGAIN
     except OutOfSpace:
-        return NO_SPACE
+        return ExitCode.NO_SPACE
 
 
 if __name__ == "__main__":

@@ -33,3 +33,21 @@ def test_every_link_leads_somewhere():
             if not found.exists() or (anchor and anchor not in anchors(found)):
                 broken.append(f"{page.relative_to(REPO)}: {target}#{anchor}")
     assert not broken
+
+
+def test_every_file_on_the_way_of_a_map_exists():
+    """The picture names files below the package that was named last, or after an arrow those of the core."""
+    page, core = REPO / "docs/concepts/way-of-a-map.md", REPO / "core/firstfix"
+    package, missing, found = core, [], 0
+    for line in re.findall(r"^```text\n(.*?)^```", page.read_text(), re.M | re.S)[0].splitlines():
+        named = re.search(r"\w+/firstfix\w*/", line)
+        if named and (REPO / named[0]).is_dir():
+            package = REPO / named[0]
+        own, _, of_core = line.replace(named[0] if named else "", "").partition("<-")
+        for place, text in ((package, own), (core, of_core)):
+            for name in re.findall(r"\b[\w/]+\.py\b|\b\w+/(?=\s)", text):
+                found += 1
+                if not any((root / name).exists() for root in (place, core)):
+                    missing.append(name)
+    assert found > 20
+    assert not missing

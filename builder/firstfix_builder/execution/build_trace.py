@@ -1,4 +1,4 @@
-"""Durations of a build's stages, for its record and as OpenTelemetry spans.
+"""Durations of a build's stages, for its record and as OpenTelemetry spans, and the log with their ids.
 
 The spans continue the trace of the request that started the build (``traceparent`` in its record). They are
 made only if OpenTelemetry's environment variables name a collector. Otherwise its SDK is not imported.
@@ -18,6 +18,7 @@ from datetime import datetime, timezone
 from typing import TYPE_CHECKING
 
 import firstfix
+from firstfix.builds.options import BuildOptions
 from firstfix.telemetry.trace_context import TraceContext, is_tracing_wanted
 
 if TYPE_CHECKING:
@@ -234,11 +235,11 @@ def _provider(environ: Mapping[str, str]) -> TracerProvider:
 _PLAIN = "%(asctime)s %(levelname)s %(name)s %(message)s"
 
 
-def set_up_build_log(build_id: str, *, level: str = "info", as_json: bool = False) -> None:
-    """Sets up the log of this process. Called by the worker's ``main``, never by an import."""
+def set_up_build_log(options: BuildOptions) -> None:
+    """Sets up the log of this process. Called by the ``main`` of a process, never by an import."""
     handler = logging.StreamHandler()
-    handler.setFormatter(_JsonLines(build_id) if as_json else logging.Formatter(_PLAIN))
-    logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
+    handler.setFormatter(_JsonLines(options.build_id) if options.log_json else logging.Formatter(_PLAIN))
+    logging.basicConfig(level=options.log_level.upper(), handlers=[handler], force=True)
 
 
 class _JsonLines(logging.Formatter):

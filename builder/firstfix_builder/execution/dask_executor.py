@@ -19,7 +19,6 @@ from firstfix.store.url import StoreUrl
 
 from .chunk_job import ChunkJob, check_runtime, run_job
 from .chunks import ChunkBatch, ChunkExecutor, ChunkResults
-from .executor_url import check_reachable
 from .runtime import Runtime, this_runtime
 
 _log = logging.getLogger(__name__)
@@ -248,3 +247,13 @@ def _fit(wanted: Runtime, store_url: str, key: str) -> None:
 
 def _brief(error: BaseException) -> str:
     return (str(error).strip() or type(error).__name__).split("\n", 1)[0][:300]
+
+
+def check_reachable(store_url: str) -> None:
+    """Checks that other machines can reach a store.
+
+    Raises:
+        InvalidOption: it is in the memory of this process.
+    """
+    if StoreUrl.parse(store_url).scheme == "memory":
+        raise InvalidOption("workers of a cluster cannot share a store in memory")

@@ -83,7 +83,7 @@ class KeyScans:
 
 @dataclass(frozen=True)
 class KeyScansChunk(Chunk):
-    """The scans at some places of one tile. Reads the stage ``mesh``.
+    """The scans at some places of one tile. Reads the input ``mesh``.
 
     Attributes:
         tile: its number in x and y.

@@ -64,7 +64,7 @@ PROVISIONAL_REACHES = (Reach(64.0, 6.0, 1, 0.0, np.inf),)
 
 @dataclass(frozen=True)
 class ViewsChunk(Chunk):
-    """The surface that is seen from some viewpoints of one tile. Reads the stage ``mesh``.
+    """The surface that is seen from some viewpoints of one tile. Reads the input ``mesh``.
 
     Attributes:
         tile: its number in x and y.

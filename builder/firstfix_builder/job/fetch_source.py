@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 import httpx
 
+from firstfix.builds.options import BuildOptions
 from firstfix.builds.source_policy import check_source_url
 from firstfix.catalog.sources import source_key
 from firstfix.errors import BuildFailed, InvalidOption, NotFound, StoreError, TooLarge
@@ -119,42 +120,22 @@ def _check(answer: httpx.Response, expected_range: str, etag: str) -> None:
         raise BuildFailed(f"the source's server answered {status}")
 
 
-DEFAULT_MAX_BYTES = 32 << 30
 _ODD = re.compile(r"[^A-Za-z0-9._-]")
-
-
-@dataclass(frozen=True)
-class SourcePolicy:
-    """Limits on the sources that a request may name.
-
-    Attributes:
-        max_bytes: of one file.
-        roots: folders that ``file://`` URLs may point into; requests come over the network, so none
-            by default.
-        urls: prefixes of http and https URLs that are fetched; none by default, as a worker that fetches
-            anything is a way into the network behind it.
-    """
-
-    max_bytes: int = DEFAULT_MAX_BYTES
-    roots: tuple[Path, ...] = ()
-    urls: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class SourceFetch:
     """Fetches the files that the request of one build names.
 
+    The files go to ``<work>/sources``. A complete file of an earlier run is used again.
+
     Attributes:
-        store_url, store: the store of maps.
-        folder: the files go here. A complete file of an earlier run is used again.
+        store: the store of maps.
     """
 
-    store_url: str
+    options: BuildOptions
     store: Store
     map_id: str
-    build_id: str
-    folder: Path
-    policy: SourcePolicy | None = None
 
     def of_request(
         self, request: Mapping[str, Any], on_progress: Callable[[float], None] = lambda done: None
@@ -189,36 +170,36 @@ class SourceFetch:
             on_progress: called with the share that has arrived, 0..1.
 
         Raises:
-            InvalidOption: a key of another map, or a URL that the policy or the store forbids.
+            InvalidOption: a key of another map, or a URL that the options or the store forbid.
             NotFound: there is no such object.
             BuildFailed: the store of a URL does not answer, or refuses.
-            TooLarge: over the policy's limit.
+            TooLarge: over the limit.
         """
-        policy = self.policy or SourcePolicy()
+        folder, max_bytes = self.options.work / "sources", self.options.max_source_bytes
         if "key" in named:
             key = str(named["key"])
             sha256 = key.rsplit("/", 1)[-1]
             if key != source_key(self.map_id, sha256):
                 raise InvalidOption(f"{key[:200]!r} is not a source of map {self.map_id}")
-            path = self.folder / sha256 / _safe_name(file_name)
+            path = folder / sha256 / _safe_name(file_name)
             if path.exists() and sha256_of(path) == sha256:
                 return path
             try:
-                _download(self.store, key, path, policy.max_bytes, on_progress)
+                _download(self.store, key, path, max_bytes, on_progress)
             except NotFound:  # collected as the build was asked for: then there is a copy for it
-                copy = source_key(self.map_id, sha256, self.build_id)
-                _download(self.store, copy, path, policy.max_bytes, on_progress)
+                copy = source_key(self.map_id, sha256, self.options.build_id)
+                _download(self.store, copy, path, max_bytes, on_progress)
             return path
         url = str(named.get("url", ""))
-        path = self.folder / hashlib.sha256(url.encode()).hexdigest() / _safe_name(file_name)
+        path = folder / hashlib.sha256(url.encode()).hexdigest() / _safe_name(file_name)
         if urlsplit(url).scheme in ("http", "https"):
-            fetch_http(check_source_url(url, policy.urls), path, policy.max_bytes, on_progress)
+            fetch_http(check_source_url(url, self.options.source_urls), path, max_bytes, on_progress)
             return path
-        where = _allowed(url, StoreUrl.parse(self.store_url), policy.roots)
+        where = _allowed(url, StoreUrl.parse(self.options.store), self.options.source_roots)
         parent, _, name = where.prefix.rpartition("/")
         # Fetched anew in every run: unlike an upload, the object at a URL may have changed.
         try:
-            _download(Store.open_at(replace(where, prefix=parent)), name, path, policy.max_bytes, on_progress)
+            _download(Store.open_at(replace(where, prefix=parent)), name, path, max_bytes, on_progress)
         except StoreError as error:  # not the store of maps: another attempt would not help
             raise BuildFailed(f"the source cannot be fetched from its store: {error}") from None
         return path

@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from types import FrameType
 from typing import Any
 
-from firstfix.builds.exit_codes import ExitCode
+from firstfix.builds.options import BuildOptions, ExitCode
 from firstfix.builds.records import FINAL_STATES, new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import StoreError
@@ -42,24 +42,24 @@ class BuildReporter:
             part of every status.
 
     Args:
+        options: with ``tied_to_stdin`` the end of standard input has the effect of SIGTERM: the parent was
+            killed, and another process will run the build.
         stages: all stages of the build in order, for the overall progress.
         own_process: SIGTERM and SIGINT set the status to queued and end the process with
             ``ExitCode.TRY_AGAIN``; a cancellation that the stages ignore ends it, too. Only for the main
             thread of a process that runs nothing else.
-        tied_to_stdin: the end of standard input has the effect of SIGTERM: the parent was killed, and another
-            process will run the build.
     """
 
     def __init__(
         self,
         catalog: Catalog,
-        build_id: str,
+        options: BuildOptions,
         map_id: str,
         stages: Sequence[str],
         *,
         own_process: bool = False,
-        tied_to_stdin: bool = False,
     ) -> None:
+        build_id = options.build_id
         self.provisional_version: str | None = catalog.status_or_queued(build_id)["provisional_version"]
         self._catalog = catalog
         self._build_id = build_id
@@ -72,7 +72,7 @@ class BuildReporter:
         self._cancelled = threading.Event()
         self._ended = False
         self._wake_read, self._wake_write = os.pipe()
-        self._heard_from = [self._wake_read, *([0] if tied_to_stdin else [])]
+        self._heard_from = [self._wake_read, *([0] if options.tied_to_stdin else [])]
         os.set_blocking(self._wake_write, False)
         self._thread = threading.Thread(target=self._watch, daemon=True, name="build-reporter")
 

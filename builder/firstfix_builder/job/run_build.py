@@ -12,7 +12,14 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from firstfix.builds.exit_codes import ExitCode
+from firstfix.builds.options import (
+    FETCH_SOURCE,
+    PUBLISH,
+    STAGES,
+    BuildOptions,
+    ExitCode,
+    reported_stages,
+)
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import (
@@ -26,10 +33,8 @@ from firstfix.maintenance.build_end import end_build
 from firstfix.store.store import Store
 
 from ..execution.build_trace import BuildTrace
-from ..execution.stage_names import PROVISIONAL
-from .build_job import BuildJob, BuildVersion, Built
-from .error_record import error_record, full_disk_named
-from .fetch_source import SourceFetch, SourcePolicy, json_object
+from .build_job import BuildJob, BuildResult, BuildVersion, error_record, full_disk_named
+from .fetch_source import SourceFetch, json_object
 from .reporter import BuildReporter
 
 _EXIT_OF_STATE = {
@@ -41,24 +46,19 @@ _log = logging.getLogger(__name__)
 
 
 def run_build(
-    store_url: str,
-    build_id: str,
-    work: Path,
+    options: BuildOptions,
     build_version: BuildVersion,
-    stages: Sequence[str],
+    stages: Sequence[str] = STAGES,
     *,
-    policy: SourcePolicy | None = None,
     own_process: bool = False,
-    tied_to_stdin: bool = False,
-    provisional: bool = True,
-) -> int:
+) -> ExitCode:
     """Runs a build to its end and records the result. A build that has already ended stays as it is.
 
+    Builds that share a work folder run one after the other.
+
     Args:
-        work: folder of sources and the stage cache. Builds that share it run one after the other.
         stages: names that ``build_version`` reports.
-        own_process, tied_to_stdin: see ``BuildReporter``.
-        provisional: publish a provisional version first, if the config wants it and the map has no full one.
+        own_process: see ``BuildReporter``.
 
     Returns:
         The exit code of the process.
@@ -69,7 +69,8 @@ def run_build(
         ClusterUnavailable: the machines that run the build's chunks are gone.
         OutOfSpace: the store or the disk of the work folder is full.
     """
-    catalog = Catalog(Store.open(store_url))
+    build_id, work = options.build_id, options.work
+    catalog = Catalog(Store.open(options.store))
     request = catalog.build_request(build_id)
     map_id = str(request.get("map_id", ""))
     with _alone_in(work), BuildTrace(build_id, map_id, request.get("traceparent")) as trace:
@@ -77,19 +78,16 @@ def run_build(
         if state in _EXIT_OF_STATE:
             return _EXIT_OF_STATE[state]
         config = json_object(request, "config")
-        is_wanted = provisional and config.get("provisional") is not False
+        is_wanted = options.provisional and config.get("provisional") is not False
         is_early = is_wanted and not catalog.state(map_id).has_full
-        early = (PROVISIONAL,) if is_early else ()
-        all_stages = ("fetch_source", *stages[:1], *early, *stages[1:], "publish")
-        with BuildReporter(
-            catalog, build_id, map_id, all_stages, own_process=own_process, tied_to_stdin=tied_to_stdin
-        ) as reporter:
+        all_stages = reported_stages(stages, provisional=is_early)
+        with BuildReporter(catalog, options, map_id, all_stages, own_process=own_process) as reporter:
 
             def tick(stage: str, fraction: float) -> None:
                 reporter.tick(stage, fraction)
                 trace.tick(stage)
 
-            def publish_provisional(built: Built) -> None:
+            def publish_provisional(built: BuildResult) -> None:
                 if reporter.is_cancelled():
                     raise BuildCancelled("cancelled before the provisional version was published")
                 version = catalog.publish(map_id, built.directory, built.manifest, build_id=build_id)
@@ -97,13 +95,12 @@ def run_build(
                     reporter.provisional_version = version
                     _log.info("build %s has published the provisional version %s", build_id, version)
 
-            tick(all_stages[0], 0.0)
+            tick(FETCH_SOURCE, 0.0)
             try:
                 with full_disk_named(work):
                     catalog.store.probe()
-                    fetched = partial(tick, all_stages[0])
-                    fetch = SourceFetch(store_url, catalog.store, map_id, build_id, work / "sources", policy)
-                    sources = fetch.of_request(request, fetched)
+                    fetch = SourceFetch(options, catalog.store, map_id)
+                    sources = fetch.of_request(request, partial(tick, FETCH_SOURCE))
                     job = BuildJob(
                         sources["source"],
                         sources.get("trajectory"),
@@ -116,17 +113,15 @@ def run_build(
                     built = build_version(job)
                     if reporter.is_cancelled():
                         raise BuildCancelled("cancelled before it was published")
-                    tick("publish", 0.0)
+                    tick(PUBLISH, 0.0)
                     version = catalog.publish(
                         map_id,
                         built.directory,
                         built.manifest,
                         build_id=build_id,
-                        on_progress=partial(tick, "publish"),
+                        on_progress=partial(tick, PUBLISH),
                     )
-                status = new_status(
-                    "succeeded", map_id=map_id, stage="publish", progress=1.0, version=version
-                )
+                status = new_status("succeeded", map_id=map_id, stage=PUBLISH, progress=1.0, version=version)
             except (StoreUnavailable, ClusterUnavailable, OutOfSpace) as error:
                 with suppress(StoreError):  # not the build's fault: it is to be run again
                     catalog.set_build_status(build_id, reporter.waiting_status(error_record(error, work)))

@@ -1,6 +1,6 @@
 """The process of a build in the sandbox: it confines itself, receives its job and reports the result.
 
-    python -m firstfix_builder.sandbox.inside --work DIR --sources DIR --say-to HANDLE ...
+    python -m firstfix_builder.sandbox.inside --work DIR --sources DIR --messages-to HANDLE ...
 
 The job arrives at standard input. Only the standard library is imported before the process is confined.
 """
@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from .confine import Limits, confine
 
 if TYPE_CHECKING:
-    from .messages import Lines, Speaker
+    from .messages import MessageReader, MessageWriter
 
 TICK_S = 0.1
 _log = logging.getLogger(__name__)
@@ -48,11 +48,11 @@ def main(flows: Callable[[], Flows] = pipeline_flows) -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--work", required=True, type=Path)
     parser.add_argument("--sources", required=True, type=Path, action="append")
-    for name in ("--say-to", "--memory-bytes", "--file-bytes"):
+    for name in ("--messages-to", "--memory-bytes", "--file-bytes"):
         parser.add_argument(name, required=True, type=int)
     parser.add_argument("--required", action="store_true")
     chosen = parser.parse_args()
-    os.set_inheritable(chosen.say_to, False)
+    os.set_inheritable(chosen.messages_to, False)
     missing = confine(
         read=tuple(chosen.sources),
         write=(chosen.work,),
@@ -60,31 +60,31 @@ def main(flows: Callable[[], Flows] = pipeline_flows) -> int:
     )
     os.chdir(chosen.work)
 
-    from .messages import Lines, Speaker
+    from .messages import MessageReader, MessageWriter
 
-    speaker, lines = Speaker(chosen.say_to), Lines(0)
-    speaker.say(confined=missing)
+    writer, reader = MessageWriter(chosen.messages_to), MessageReader(0)
+    writer.send(confined=missing)
     if missing and chosen.required:
         return 1
     available = flows()
     message = None
     while message is None:
-        message = lines.next(3600.0)
-    return run_job(available, message["job"], chosen.work, speaker, lines)
+        message = reader.next(3600.0)
+    return run_job(available, message["job"], chosen.work, writer, reader)
 
 
 class Outside:
     """The worker outside the sandbox: it cancels the build, and fetches and shares finished stages."""
 
-    def __init__(self, speaker: Speaker, lines: Lines, work: Path) -> None:
-        self._speaker = speaker
-        self._lines = lines
+    def __init__(self, writer: MessageWriter, reader: MessageReader, work: Path) -> None:
+        self._writer = writer
+        self._reader = reader
         self._work = work
         self._asking = threading.Lock()
         self._answered = threading.Event()
         self._answer: Any = None
         self._cancelled = threading.Event()
-        self._said: tuple[str, float] = "", 0.0
+        self._reported: tuple[str, float] = "", 0.0
         threading.Thread(target=self._listen, daemon=True, name="outside").start()
 
     def is_cancelled(self) -> bool:
@@ -93,10 +93,10 @@ class Outside:
 
     def tick(self, stage: str, fraction: float) -> None:
         """Reports progress, at most once in ``TICK_S``."""
-        said, at = self._said
-        if stage != said or fraction >= 1.0 or time.monotonic() - at >= TICK_S:
-            self._said = stage, time.monotonic()
-            self._speaker.say(stage=stage, done=fraction)
+        reported, at = self._reported
+        if stage != reported or fraction >= 1.0 or time.monotonic() - at >= TICK_S:
+            self._reported = stage, time.monotonic()
+            self._writer.send(stage=stage, done=fraction)
 
     def fetch(self, key: str, folder: Path) -> bool:
         """Fetches a stage through the worker, like ``SharedStages.fetch``."""
@@ -112,21 +112,21 @@ class Outside:
         """Shares a stage through the worker, like ``SharedStages.put``."""
         return int(self._ask(share=[key, name, str(folder.resolve().relative_to(self._work.resolve()))]))
 
-    def publish_provisional(self) -> None:
-        """Asks the worker to publish the provisional version."""
+    def publish_provisional(self, built: object) -> None:
+        """Asks the worker to publish the provisional version, which it finds in the work folder."""
         self._ask(provisional=True)
 
     def _ask(self, **message: Any) -> Any:
         with self._asking:
             self._answered.clear()
-            self._speaker.say(**message)
+            self._writer.send(**message)
             self._answered.wait()
             return self._answer
 
     def _listen(self) -> None:
         while True:
             try:
-                message = self._lines.next(3600.0)
+                message = self._reader.next(3600.0)
             except EOFError:
                 os._exit(1)  # the worker is gone
             if message is None:
@@ -138,35 +138,36 @@ class Outside:
                 self._answered.set()
 
 
-def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lines: Lines) -> int:
+def run_job(
+    flows: Flows, job: dict[str, Any], work: Path, writer: MessageWriter, reader: MessageReader
+) -> int:
     """Runs the job and reports how it ended. Returns the exit code."""
     from firstfix.builds.config import BuildConfig
+    from firstfix.builds.options import BuildOptions
 
     from ..execution.build_trace import BuildTrace, set_up_build_log
-    from ..job.error_record import error_record
+    from ..job.build_job import error_record
 
-    set_up_build_log(job["build_id"], level=job["log_level"], as_json=job["log_json"])
-    outside = Outside(speaker, lines, work)
+    options = BuildOptions.from_arguments(job["arguments"], job["environment"])
+    set_up_build_log(options)
+    outside = Outside(writer, reader, work)
 
     class Trace(BuildTrace):
         """Trace for the log lines. The worker outside makes the spans, because it has the network."""
 
         def mark_cached(self, stage: str) -> None:
-            speaker.say(cached=stage)
+            writer.send(cached=stage)
 
         def mark_chunks(self, stage: str, count: int, reused: int) -> None:
-            speaker.say(chunks=[stage, count, reused])
+            writer.send(chunks=[stage, count, reused])
 
-    with Trace(job["build_id"], "", job["traceparent"], {}) as trace:
+    with Trace(options.build_id, "", options.traceparent, {}) as trace:
 
         def progress(stage: str, fraction: float) -> None:
             trace.tick(stage)
             outside.tick(stage, fraction)
 
-        def tell_provisional(built: object) -> None:
-            outside.publish_provisional()
-
-        more = {"publish_provisional": tell_provisional} if job["provisional"] else {}
+        more = {"publish_provisional": outside.publish_provisional} if options.provisional else {}
         try:
             flow = flows.read_source if job["read_only"] else flows.build_version
             flow(
@@ -176,15 +177,15 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
                 trajectory=None if job["trajectory"] is None else Path(job["trajectory"]),
                 progress=progress,
                 cancelled=outside.is_cancelled,
-                shared=outside if job["share"] else None,
-                max_templates=job["max_templates"],
+                shared=outside if options.share_stages else None,
+                options=options,
                 **more,
             )
         except Exception as error:
-            _log.exception("build %s failed in %s", job["build_id"], trace.stage)
-            speaker.say(failed=error_record(error, work.parent))
+            _log.exception("build %s failed in %s", options.build_id, trace.stage)
+            writer.send(failed=error_record(error, work.parent))
             return 1
-    speaker.say(built=True)
+    writer.send(built=True)
     return 0
 
 

@@ -22,7 +22,7 @@ from firstfix.errors import BuildFailed
 MAX_LINE_BYTES = 256 << 10
 
 
-class Lines:
+class MessageReader:
     """Reads messages from a pipe. For use by one thread."""
 
     def __init__(self, handle: int) -> None:
@@ -57,14 +57,14 @@ class Lines:
         return message
 
 
-class Speaker:
+class MessageWriter:
     """Writes messages to a pipe. Thread-safe."""
 
     def __init__(self, handle: int) -> None:
         self._handle = handle
         self._lock = threading.Lock()
 
-    def say(self, **message: Any) -> None:
+    def send(self, **message: Any) -> None:
         """Sends a message.
 
         Raises:

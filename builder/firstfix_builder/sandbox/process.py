@@ -10,8 +10,9 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
+
+from firstfix.builds.options import BuildOptions
 
 # A build has one process for each processor, and in each process a few threads for each processor.
 MAX_PROCESSES = 64 + 4 * (os.cpu_count() or 1)
@@ -60,72 +61,56 @@ _PASSED = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONUNBUFFERED", "PY
 _PASSED_PREFIXES = ("OMP_", "OPENBLAS_", "MKL_", "LD_LIBRARY_", "MPL")
 
 
-@dataclass(frozen=True)
-class SandboxOptions:
-    """Options of the sandbox.
-
-    Attributes:
-        required: refuse to build when the kernel cannot confine it completely.
-        max_memory_bytes: memory of all processes of the build together, which the service enforces. One
-            process may reserve twice as much, used or not. None: all memory of the machine.
-        max_templates: of a map, by estimate; None: no limit.
-        log_level, log_json: of the build's own log.
-        program: the inner side, as arguments of the Python interpreter.
-    """
-
-    required: bool
-    max_memory_bytes: int | None = None
-    max_templates: int | None = None
-    log_level: str = "info"
-    log_json: bool = False
-    program: tuple[str, ...] = PROGRAM
-
-    def reserved_bytes(self, *, reading: bool) -> int:
-        """Memory that one process may reserve.
-
-        Args:
-            reading: it reads the source and nothing else: one process, which uses what it reserves.
-        """
-        all_bytes = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        return max((1 if reading else 2) * (self.max_memory_bytes or all_bytes), MIN_MEMORY_BYTES)
-
-
 def start_process(
-    options: SandboxOptions,
-    folder: Path,
+    options: BuildOptions,
     sources: Sequence[Path],
     scratch: Path,
-    said: int,
+    messages_to: int,
     *,
+    program: Sequence[str] = PROGRAM,
     reading: bool = False,
 ) -> subprocess.Popen[bytes]:
     """Starts the inner side. It reads messages from its standard input.
 
     Args:
-        folder: the build's own; it may write there.
+        options: of the build process; the sandbox may write to ``<work>/build``.
         sources: files and folders that may be read.
         scratch: for temporary files.
-        said: handle that it writes messages to.
+        messages_to: handle that it writes messages to.
+        program: as arguments of the Python interpreter.
         reading: it reads the source and nothing else.
     """
+    folder = options.work / "build"
     arguments = {
         "--work": folder,
-        "--say-to": said,
-        "--memory-bytes": options.reserved_bytes(reading=reading),
+        "--messages-to": messages_to,
+        "--memory-bytes": reserved_bytes(options.max_memory_bytes, reading=reading),
         "--file-bytes": max(shutil.disk_usage(folder).free, MIN_FILE_BYTES),
     }
     return subprocess.Popen(
         [
-            *(sys.executable, "-P", *options.program),
+            *(sys.executable, "-P", *program),
             *(str(part) for argument in arguments.items() for part in argument),
             *(part for source in sources for part in ("--sources", str(source))),
-            *(["--required"] if options.required else []),
+            *(["--required"] if options.sandbox == "required" else []),
         ],
         stdin=subprocess.PIPE,
-        pass_fds=(said,),
+        pass_fds=(messages_to,),
         env=_environment(scratch, folder / "home"),
         process_group=0,
     )
+
+
+def reserved_bytes(max_memory_bytes: int | None, *, reading: bool) -> int:
+    """Returns the memory that one process may reserve, used or not.
+
+    Args:
+        max_memory_bytes: of all processes of the build together, which the service enforces; None: all memory
+            of the machine.
+        reading: it reads the source and nothing else: one process, which uses what it reserves.
+    """
+    all_bytes = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return max((1 if reading else 2) * (max_memory_bytes or all_bytes), MIN_MEMORY_BYTES)
 
 
 def end_process(process: subprocess.Popen[bytes]) -> None:

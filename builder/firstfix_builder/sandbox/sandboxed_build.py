@@ -16,10 +16,11 @@ import subprocess
 import time
 import uuid
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from firstfix.builds.options import PROVISIONAL, STAGES, BuildOptions
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.manifest import FILE_NAME, MAX_BYTES, Manifest
 from firstfix.errors import (
@@ -31,78 +32,45 @@ from firstfix.errors import (
     NotFound,
     OutOfSpace,
 )
+from firstfix.store.store import Store
 
 from ..execution.build_trace import current_build, mark_cached, mark_chunks
-from ..execution.stage_names import PROVISIONAL, STAGES
-from ..job.build_job import BuildJob
+from ..job.build_job import BuildJob, BuildResult
 from .hand_over import take_files
-from .messages import Lines, Speaker
-from .process import SandboxOptions, end_process, start_process, too_many_processes
-
-_OTHER_KINDS: tuple[type[FirstfixError], ...] = (NotFound, BuildCancelled, OutOfSpace)
-
-
-def as_error(said: Any) -> FirstfixError:
-    """Returns the error that a sandboxed build reported.
-
-    A build cannot ask to be run again, but for a few times because its disk is full.
-    """
-    if not isinstance(said, dict):
-        return BuildFailed("the build failed and gave no reason")
-    code, detail = str(said.get("code")), str(said.get("detail"))[:1000]
-    if code == FirstfixError.code:
-        return FirstfixError(detail)  # a fault of the program itself: the log has it
-    kinds: list[type[FirstfixError]] = [InputError, *InputError.__subclasses__(), *_OTHER_KINDS]
-    return next((kind for kind in kinds if kind.code == code), BuildFailed)(detail)
-
-
-def of_exit(code: int, stage: str) -> BuildFailed:
-    """Returns the error of a build whose process ended without a report."""
-    if code < 0:
-        return BuildFailed(f"the build's process was ended by {signal.Signals(-code).name} in {stage}")
-    return BuildFailed(f"the build's process ended with exit code {code} in {stage}")
-
+from .messages import MessageReader, MessageWriter
+from .process import PROGRAM, end_process, start_process, too_many_processes
 
 _log = logging.getLogger(__name__)
 LOOK_S = 0.2
-
-
-@dataclass(frozen=True)
-class Built:
-    """A version that the worker took over and checked."""
-
-    directory: Path
-    manifest: Manifest
+_OTHER_KINDS: tuple[type[FirstfixError], ...] = (NotFound, BuildCancelled, OutOfSpace)
 
 
 class SandboxedBuild:
     """One build in a sandbox. No other build may use the folder at the same time.
 
     Args:
-        work: the worker's folder.
-        shared: finished stages of other machines, or None.
+        options: of the build process. The sandbox gets ``BuildOptions.inside``.
         sources: files and folders that the build reads; None: ``<work>/sources``.
+        program: the inner side, as arguments of the Python interpreter.
     """
 
     def __init__(
         self,
-        work: Path,
-        build_id: str,
-        options: SandboxOptions,
-        shared: SharedStages | None = None,
+        options: BuildOptions,
         *,
         sources: Sequence[Path] | None = None,
+        program: Sequence[str] = PROGRAM,
     ) -> None:
-        self._work = work.absolute()
+        self._options = replace(options, work=options.work.absolute())
+        self._work = self._options.work
         self._folder = self._work / "build"
         self._sources = [self._work / "sources"] if sources is None else [one.resolve() for one in sources]
         self._taken = self._work / "taken"
-        self._build_id = build_id
-        self._options = options
-        self._shared = shared
+        self._program = program
+        self._shared = SharedStages(Store.open(options.store)) if options.share_stages else None
         self._stage = STAGES[0]
 
-    def build_version(self, job: BuildJob) -> Built:
+    def build_version(self, job: BuildJob) -> BuildResult:
         """Builds a version as ``pipeline.build_version`` does, from files below ``<work>/sources``.
 
         Raises:
@@ -113,7 +81,7 @@ class SandboxedBuild:
         self._run(job, read_only=False)
         return self._take_version("version")
 
-    def _take_version(self, name: str) -> Built:
+    def _take_version(self, name: str) -> BuildResult:
         """Takes a version over from a folder of the build.
 
         Raises:
@@ -129,7 +97,7 @@ class SandboxedBuild:
             manifest.verify_directory(taken)
         except CorruptVersion as error:
             raise BuildFailed(f"the build made no version: {error}") from None
-        return Built(taken, manifest)
+        return BuildResult(taken, manifest)
 
     def read_source(self, job: BuildJob) -> None:
         """Runs the first stage alone, which parses files of unknown origin.
@@ -146,42 +114,41 @@ class SandboxedBuild:
             shutil.rmtree(left, ignore_errors=True)
         for folder in (scratch, self._folder / "home", self._work / "sources", self._taken):
             folder.mkdir(parents=True, exist_ok=True)
-        heard, said = os.pipe()
+        read_end, write_end = os.pipe()
         try:
             process = start_process(
-                self._options, self._folder, self._sources, scratch, said, reading=read_only
+                self._options, self._sources, scratch, write_end, program=self._program, reading=read_only
             )
         except BaseException:
-            os.close(heard)
+            os.close(read_end)
             raise
         finally:
-            os.close(said)
+            os.close(write_end)
         try:
-            self._hear(process, heard, job, self._message(job, read_only))
+            self._follow(process, read_end, job, self._message(job, read_only))
         finally:
             end_process(process)  # from here on nothing changes its files
-            os.close(heard)
+            os.close(read_end)
             shutil.rmtree(scratch, ignore_errors=True)
 
     def _message(self, job: BuildJob, read_only: bool) -> dict[str, Any]:
         """The job as the inner side reads it."""
         build = current_build()
+        options = self._options.inside(
+            provisional=not read_only and job.publish_provisional is not None,
+            traceparent=None if build is None or build.trace is None else build.trace.traceparent,
+        )
         return {
-            "build_id": self._build_id,
-            "log_level": self._options.log_level,
-            "log_json": self._options.log_json,
-            "traceparent": None if build is None or build.trace is None else build.trace.traceparent,
+            "arguments": options.arguments(),
+            "environment": options.environment(),
             "source": str(job.source.absolute()),
             "trajectory": None if job.trajectory is None else str(job.trajectory.absolute()),
             "config": job.config,
-            "share": self._shared is not None,
             "read_only": read_only,
-            "max_templates": self._options.max_templates,
-            "provisional": not read_only and job.publish_provisional is not None,
         }
 
-    def _hear(
-        self, process: subprocess.Popen[bytes], heard: int, job: BuildJob, message: dict[str, Any]
+    def _follow(
+        self, process: subprocess.Popen[bytes], read_end: int, job: BuildJob, task: dict[str, Any]
     ) -> None:
         """Follows the build until it is done.
 
@@ -189,27 +156,27 @@ class SandboxedBuild:
             FirstfixError: it failed, ended without a message, or started more processes than it may.
         """
         assert process.stdin is not None
-        lines, speaker = Lines(heard), Speaker(process.stdin.fileno())
+        reader, writer = MessageReader(read_end), MessageWriter(process.stdin.fileno())
         is_cancelled = False
         next_look = 0.0
         try:
-            speaker.say(job=message)
+            writer.send(job=task)
             while True:
-                said = lines.next(LOOK_S)
+                message = reader.next(LOOK_S)
                 if job.cancelled() and not is_cancelled:
                     is_cancelled = True
-                    speaker.say(cancel=True)
+                    writer.send(cancel=True)
                 if time.monotonic() >= next_look:
                     next_look = time.monotonic() + LOOK_S
                     problem = too_many_processes(process.pid)
                     if problem:
                         raise BuildFailed(f"{problem} in {self._stage}")
-                if said is not None and self._take(said, speaker, job):
+                if message is not None and self._handle_message(message, writer, job):
                     return
         except (BrokenPipeError, EOFError):
-            raise of_exit(process.wait(), self._stage) from None
+            raise _of_exit(process.wait(), self._stage) from None
 
-    def _take(self, message: dict[str, Any], speaker: Speaker, job: BuildJob) -> bool:
+    def _handle_message(self, message: dict[str, Any], writer: MessageWriter, job: BuildJob) -> bool:
         """Handles one message. Returns whether it was the last."""
         match message:
             case {"stage": str(stage), "done": float() | int() as done} if stage in (
@@ -223,7 +190,7 @@ class SandboxedBuild:
                 if not built.manifest.provisional:
                     raise BuildFailed("the build sent a full version as a provisional one")
                 job.publish_provisional(built)
-                speaker.say(answer=True)
+                writer.send(answer=True)
             case {"cached": str(stage)} if stage in STAGES:
                 mark_cached(stage)
             case {"chunks": [str(stage), int(count), int(reused)]} if (
@@ -231,15 +198,15 @@ class SandboxedBuild:
             ):
                 mark_chunks(stage, count, reused)
             case {"fetch": str(key)}:
-                speaker.say(answer=self._fetch(key))
+                writer.send(answer=self._fetch(key))
             case {"share": [str(key), str(name), str(folder)]}:
-                speaker.say(answer=self._put(key, name, folder))
+                writer.send(answer=self._put(key, name, folder))
             case {"confined": list(missing)}:
                 self._check_confined([str(one)[:200] for one in missing])
             case {"built": True}:
                 return True
-            case {"failed": said}:
-                raise as_error(said)
+            case {"failed": report}:
+                raise _as_error(report)
             case _:
                 raise BuildFailed("the build sent a message of no known form")
         return False
@@ -247,7 +214,7 @@ class SandboxedBuild:
     def _check_confined(self, missing: list[str]) -> None:
         if not missing:
             return
-        if self._options.required:
+        if self._options.sandbox == "required":
             raise BuildFailed(
                 f"the sandbox is required, and incomplete on this machine: {'; '.join(missing)}"
             )
@@ -275,3 +242,24 @@ class SandboxedBuild:
             return self._shared.put(key, name, taken)
         finally:
             shutil.rmtree(taken, ignore_errors=True)
+
+
+def _as_error(report: Any) -> FirstfixError:
+    """Returns the error that a sandboxed build reported.
+
+    A build cannot ask to be run again, but for a few times because its disk is full.
+    """
+    if not isinstance(report, dict):
+        return BuildFailed("the build failed and gave no reason")
+    code, detail = str(report.get("code")), str(report.get("detail"))[:1000]
+    if code == FirstfixError.code:
+        return FirstfixError(detail)  # a fault of the program itself: the log has it
+    kinds: list[type[FirstfixError]] = [InputError, *InputError.__subclasses__(), *_OTHER_KINDS]
+    return next((kind for kind in kinds if kind.code == code), BuildFailed)(detail)
+
+
+def _of_exit(code: int, stage: str) -> BuildFailed:
+    """Returns the error of a build whose process ended without a report."""
+    if code < 0:
+        return BuildFailed(f"the build's process was ended by {signal.Signals(-code).name} in {stage}")
+    return BuildFailed(f"the build's process ended with exit code {code} in {stage}")

@@ -12,7 +12,7 @@ import errno
 import platform
 import struct
 
-from .confine import prctl
+from .kernel import prctl
 
 _SET_SECCOMP, _MODE_FILTER = 22, 2
 _ALLOW, _KILL_PROCESS, _ERRNO = 0x7FFF0000, 0x80000000, 0x00050000

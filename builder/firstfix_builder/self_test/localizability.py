@@ -17,7 +17,7 @@ _COLOURS = {"localized": "tab:green", "unsure": "tab:orange", "wrong": "tab:red"
 
 
 @dataclass(frozen=True)
-class Spot:
+class QueriedPlace:
     """One scan of the self-test.
 
     Attributes:
@@ -31,15 +31,15 @@ class Spot:
     rival_m: NDArray[np.float64] | None
 
 
-def grid_of(spots: Sequence[Spot]) -> list[dict[str, object]]:
+def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:
     """Returns the cells of CELL_M in which scans were taken.
 
     Each has the number of its scans, the number that localized, and the cell that the others resembled most.
     Cells are counted from the frame's origin.
     """
-    cells: dict[tuple[int, int], list[Spot]] = {}
-    for spot in spots:
-        cells.setdefault(_cell(spot.position_m), []).append(spot)
+    cells: dict[tuple[int, int], list[QueriedPlace]] = {}
+    for place in places:
+        cells.setdefault(_cell(place.position_m), []).append(place)
     grid: list[dict[str, object]] = []
     for cell, here in sorted(cells.items()):
         unsure = Counter(_cell(s.rival_m) for s in here if s.outcome != "localized" and s.rival_m is not None)
@@ -47,15 +47,15 @@ def grid_of(spots: Sequence[Spot]) -> list[dict[str, object]]:
             {
                 "cell": list(cell),
                 "scans": len(here),
-                "localized": sum(spot.outcome == "localized" for spot in here),
-                "wrong": sum(spot.outcome == "wrong" for spot in here),
+                "localized": sum(place.outcome == "localized" for place in here),
+                "wrong": sum(place.outcome == "wrong" for place in here),
                 "taken_for": list(_most(unsure)) if unsure else None,
             }
         )
     return grid
 
 
-def draw_localizability(map_points: NDArray[np.floating], spots: Sequence[Spot], path: Path) -> None:
+def draw_localizability(map_points: NDArray[np.floating], places: Sequence[QueriedPlace], path: Path) -> None:
     """Draws a PNG: each scan of the self-test by its outcome, and lines from unsure ones to similar places.
 
     No date and no tool's name go into the file: equal input gives equal bytes.
@@ -68,12 +68,12 @@ def draw_localizability(map_points: NDArray[np.floating], spots: Sequence[Spot],
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     axes.imshow(view.opacity, origin="lower", extent=view.extent_m, cmap="gray_r", vmin=0, vmax=3)
-    for spot in spots:
-        if spot.outcome != "localized" and spot.rival_m is not None:
-            ends = np.stack([spot.position_m, spot.rival_m])
-            axes.plot(ends[:, 0], ends[:, 1], lw=0.5, c=_COLOURS[spot.outcome], alpha=0.6)
+    for place in places:
+        if place.outcome != "localized" and place.rival_m is not None:
+            ends = np.stack([place.position_m, place.rival_m])
+            axes.plot(ends[:, 0], ends[:, 1], lw=0.5, c=_COLOURS[place.outcome], alpha=0.6)
     for outcome, colour in _COLOURS.items():
-        at = np.array([spot.position_m for spot in spots if spot.outcome == outcome]).reshape(-1, 3)
+        at = np.array([place.position_m for place in places if place.outcome == outcome]).reshape(-1, 3)
         axes.scatter(at[:, 0], at[:, 1], s=14, c=colour, lw=0, label=f"{outcome}: {len(at)}")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")

@@ -27,7 +27,7 @@ from firstfix.transform import Matrix, inverse, make_transform
 from ..simulation.perturb import ScanCase, ScanSimulation, elsewhere
 from ..simulation.simulate import Simulator
 from .equal_places import is_in_map, mirrored, tie_width, unequal_by
-from .localizability import Spot, grid_of
+from .localizability import QueriedPlace, grid_of
 from .outcome import RIGHT_M, Outcome
 from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, mirrored_weight, reliability_of
 
@@ -75,7 +75,7 @@ def run_self_test(
     executor: Executor,
     progress: Callable[[float], None],
     cancelled: Callable[[], bool],
-) -> tuple[SelfTest, Calibration, FalseAcceptBound, list[Spot]]:
+) -> tuple[SelfTest, Calibration, FalseAcceptBound, list[QueriedPlace]]:
     """Runs the test in the index's levelled frame; the localizer's own T_map_level is undone.
 
     Raises:
@@ -86,10 +86,10 @@ def run_self_test(
     here = ScanSimulation(simulator, sensor, config.perturb)
     inside = here.cases(templates.position_m, localizer.index.config.spacing_m, config.queries, rng)
     strange = ScanSimulation(Simulator(*elsewhere(rng)), sensor, config.perturb)
-    spots = np.column_stack(
+    places = np.column_stack(
         [rng.uniform(-15, 15, (200, 2)), np.full(200, float(np.median(templates.height_m)))]
     )
-    outside = strange.cases(spots, 1.0, config.outside, rng)
+    outside = strange.cases(places, 1.0, config.outside, rng)
     queries = [*((here, case) for case in inside), *((strange, case) for case in outside)]
     asked_with = LocalizeOptions(T_base_sensor=make_transform(sensor.R_base_sensor, np.zeros(3)))
     T_map_level = localizer.index.T_map_level
@@ -130,15 +130,17 @@ def run_self_test(
     outcomes = [replace(outcome, min_margin=min_margin) for outcome in outcomes]
     cases = _cases(outcomes, mirrored_weight(len(inside), config.mirrored))
     calibration = replace(fit(cases), min_margin=min_margin)
-    tested = _spots(outcomes, calibration, T_level_map)
+    tested = _queried_places(outcomes, calibration, T_level_map)
     bound = bound_of(cases, unanswered=sum(o.evidence is None for o in outcomes))
     found = _summary(outcomes, calibration, cases, bound, grid_of(tested))
     return found, calibration, bound, tested
 
 
-def _spots(outcomes: Sequence[Outcome], calibration: Calibration, T_level_map: Matrix) -> list[Spot]:
+def _queried_places(
+    outcomes: Sequence[Outcome], calibration: Calibration, T_level_map: Matrix
+) -> list[QueriedPlace]:
     """The queries in the map, each with the most similar place elsewhere."""
-    spots = []
+    places = []
     for outcome in outcomes:
         if outcome.T_level_sensor is None:
             continue
@@ -147,8 +149,8 @@ def _spots(outcomes: Sequence[Outcome], calibration: Calibration, T_level_map: M
         elsewhere = [at for at in found if np.linalg.norm(at - here) > RIGHT_M]
         accepted = outcome.accepted_by(calibration)
         named = ("localized" if outcome.right else "wrong") if accepted else "unsure"
-        spots.append(Spot(here, named, elsewhere[0] if elsewhere else None))
-    return spots
+        places.append(QueriedPlace(here, named, elsewhere[0] if elsewhere else None))
+    return places
 
 
 def _cases(outcomes: Sequence[Outcome], weight_of_mirrored: float) -> list[Case]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from firstfix.builds.config import BuildConfig, LearnKeysConfig, ViewpointConfig
+from firstfix.builds.options import STAGES
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
@@ -22,7 +23,6 @@ from firstfix.transform import inverse, transform_points
 from ..build_stages import BuildStages
 from ..execution.build_trace import within_a_stage
 from ..execution.stage_cache import StageResult
-from ..execution.stage_names import STAGES
 from ..mesh.clean_cloud import clean_cloud
 from ..mesh.level import level_frame
 from ..mesh.places.tiled_points import TiledPoints

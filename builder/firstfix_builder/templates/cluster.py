@@ -122,7 +122,7 @@ def _near(
 
 @dataclass(frozen=True)
 class ClusterChunk(Chunk):
-    """Pairs of some templates and their neighbours, in or out of the chunk. Reads the stage ``templates``.
+    """Pairs of some templates and their neighbours, in or out of the chunk. Reads the input ``templates``.
 
     Attributes:
         first, last: rows of the templates, which stand tile by tile.

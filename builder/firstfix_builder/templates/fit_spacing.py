@@ -23,7 +23,14 @@ from ..viewpoints.floor_chunks import tiled_viewpoints
 from ..viewpoints.sample import DEFAULT_SPACING_M
 from ..viewpoints.tiles import Tiling, in_order
 from .make import chunk_tile_m
-from .outlook import OPEN_SPACING_M, VIEWPOINT_CELL_M, VIEWPOINTS, LookChunk, TellChunk, percentile_m
+from .outlook import (
+    OPEN_SPACING_M,
+    VIEWPOINT_CELL_M,
+    VIEWPOINTS,
+    InformativeViewpoints,
+    LookChunk,
+    percentile_m,
+)
 
 ROOM_SPACING_M = 0.5
 ROOM_VIEW_M = 12.0  # below this view distance, 0.5 m finds twice as many places as 1 m
@@ -47,7 +54,7 @@ def write_places(
     tiles have some, and where they start; ``shown.npy``: the rows of those that tell how far one sees.
 
     Args:
-        run: runs chunks that read the stages ``map`` and ``mesh``.
+        run: runs chunks that read the inputs ``map`` and ``mesh``.
 
     Raises:
         BuildFailed: there is no floor to stand on.
@@ -84,7 +91,7 @@ def fitting_viewpoints(
 
     Args:
         places_at: makes the places of ``write_places`` at a spacing.
-        run: runs chunks that read the stage ``mesh``, and such places as the stage ``places``.
+        run: runs chunks that read the input ``mesh``, and such places as the input ``places``.
     """
     spacing_m = config.spacing_m or DEFAULT_SPACING_M
     places = places_at(spacing_m)
@@ -95,7 +102,7 @@ def fitting_viewpoints(
             spacing_m = ROOM_SPACING_M
             places = places_at(spacing_m)
         else:
-            keep = _where_it_tells(run, places, spacing_m, sensor)
+            keep = _informative_mask(run, places, spacing_m, sensor)
     positions, floor_z = (np.load(places.directory / f"{name}.npy") for name in ("positions", "floor_z"))
     rows = np.arange(len(positions)) if keep is None else np.flatnonzero(keep)
     shown = rows[rows_by_hash(positions[rows], VIEWPOINTS, VIEWPOINT_CELL_M)]
@@ -110,7 +117,7 @@ def fitting_viewpoints(
     np.save(out / "view_m.npy", view_m)
 
 
-def _where_it_tells(
+def _informative_mask(
     run: RunAt, places: StageResult, spacing_m: float, sensor: SensorModel
 ) -> NDArray[np.bool_] | None:
     """(n,) the places without those in the open that a neighbour stands for, and those that see nothing.
@@ -120,7 +127,7 @@ def _where_it_tells(
     tiling = Tiling(spacing_m)
     tiles, start = (np.load(places.directory / f"{name}.npy").tolist() for name in ("tile", "tile_start"))
     chunks = [
-        TellChunk((x, y), tiling, sensor, first, last)
+        InformativeViewpoints((x, y), tiling, sensor, first, last)
         for (x, y), first, last in zip(tiles, start[:-1], start[1:], strict=True)
     ]
     keep = np.concatenate([part["keep"] for part in run(places, chunks)])

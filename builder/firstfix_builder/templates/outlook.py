@@ -18,7 +18,7 @@ from ..execution.chunks import Arrays
 from ..execution.stage_cache import StageResult
 from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator, upright
-from ..viewpoints.even_sample import Spots, one_per_block
+from ..viewpoints.even_sample import FloorPoints, one_per_block
 from ..viewpoints.floor_chunks import TileChunk
 
 RAYS = 4000
@@ -109,7 +109,7 @@ REACH_MARGIN_M = 0.1  # above the rounding of single precision
 
 @dataclass(frozen=True)
 class PlacesChunk(TileChunk):
-    """Looks from some of the places of a tile. Reads the stage ``places``."""
+    """Looks from some of the places of a tile. Reads the input ``places``."""
 
     sensor: SensorModel
 
@@ -170,8 +170,8 @@ class LookChunk(PlacesChunk):
 
 
 @dataclass(frozen=True)
-class TellChunk(PlacesChunk):
-    """Choice of the places that tell something that their neighbours do not.
+class InformativeViewpoints(PlacesChunk):
+    """Choice of the informative places: those that show more than ground, and more than their neighbours.
 
     Attributes:
         first, last: rows of the places, which are those of the tile.
@@ -187,16 +187,16 @@ class TellChunk(PlacesChunk):
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
         """Returns which places to keep. What becomes of a block of OPEN_SPACING_M depends on what is seen."""
         positions, floor_z = self._places(inputs["places"])
-        block, standing = one_per_block(Spots.alone(positions[:, :2], floor_z), OPEN_SPACING_M)
+        block, standing = one_per_block(FloorPoints.alone(positions[:, :2], floor_z), OPEN_SPACING_M)
         simulator = self.simulator(inputs["mesh"], self._reach_m)
         outlook = Outlook.of(self.sensor)
         looks = [
             outlook.at(simulator, positions[rows], floor_z[rows])
             for rows in (standing[i : i + AT_ONCE] for i in range(0, len(standing), AT_ONCE))
         ]
-        view_m, tells = (np.concatenate(column) for column in zip(*looks, strict=True))
+        view_m, informative = (np.concatenate(column) for column in zip(*looks, strict=True))
         keep = np.zeros(len(positions), np.bool_)
         keep[standing] = True
         keep |= (view_m < OPEN_VIEW_M)[block]
-        keep &= tells[block]
+        keep &= informative[block]
         return {"keep": keep}

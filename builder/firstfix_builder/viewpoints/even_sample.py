@@ -61,7 +61,7 @@ STOREY_GAP_M = 1.0
 
 
 @dataclass(frozen=True)
-class Spots:
+class FloorPoints:
     """Places, each of which may stand for others around it.
 
     Attributes:
@@ -76,15 +76,15 @@ class Spots:
     high_z: NDArray[np.float64]
 
     @classmethod
-    def alone(cls, xy_m: NDArray[np.float64], z: NDArray[np.float64]) -> Spots:
+    def alone(cls, xy_m: NDArray[np.float64], z: NDArray[np.float64]) -> FloorPoints:
         """Places of which each stands for itself."""
         return cls(xy_m, z, z, z)
 
 
 def one_per_block(
-    spots: Spots, side_m: float, part: NDArray[np.integer] | None = None
+    points: FloorPoints, side_m: float, part: NDArray[np.integer] | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The block of each of n spots, and for each block the spot nearest to its centre.
+    """The block of each of n points, and for each block the point nearest to its centre.
 
     Blocks are counted from the frame's origin. Places of one block whose heights leave no gap of
     STOREY_GAP_M are on one storey. So the places of several parts may be thinned part by part, and what is
@@ -94,15 +94,15 @@ def one_per_block(
         part: (n,) places of different parts have different blocks; None: there are no parts.
 
     Returns:
-        (n,) block and storey of each spot, and (blocks,) row of the spot that stands for each.
+        (n,) block and storey of each point, and (blocks,) row of the point that stands for each.
     """
-    xy_m, z = spots.xy_m, spots.z
+    xy_m, z = points.xy_m, points.z
     block = np.floor(xy_m / side_m).astype(np.int64)
     place = np.column_stack([np.zeros(len(z), np.int64) if part is None else part, block])
-    order = np.lexsort((spots.low_z, place[:, 2], place[:, 1], place[:, 0]))
+    order = np.lexsort((points.low_z, place[:, 2], place[:, 1], place[:, 0]))
     new_place = begins_run(place[order])
-    below = spots.high_z[order[_highest_so_far(spots.high_z[order], np.cumsum(new_place))]]
-    new_storey = np.append(True, spots.low_z[order][1:] - below[:-1] > STOREY_GAP_M)[: len(z)]
+    below = points.high_z[order[_highest_so_far(points.high_z[order], np.cumsum(new_place))]]
+    new_storey = np.append(True, points.low_z[order][1:] - below[:-1] > STOREY_GAP_M)[: len(z)]
     group = np.zeros(len(z), np.int64)
     group[order] = np.cumsum(new_place | new_storey) - 1
     off_centre = np.linalg.norm(xy_m - (block + 0.5) * side_m, axis=1).round(6)

@@ -20,7 +20,7 @@ from ..mesh.places.surface_cells import surface_cells_of
 from ..mesh.tiled_mesh import TiledMesh
 from ..simulation.local_simulator import local_simulator
 from ..simulation.simulate import Simulator
-from .even_sample import Spots
+from .even_sample import FloorPoints
 from .sample import Viewpoints, floor_sampling, foot_near, joined_viewpoints
 from .tile_floors import FloorSampling, TileFloors, tile_floors
 from .tiles import SHARED_TILES, Tiling, in_order
@@ -32,7 +32,7 @@ _SPOT = np.dtype([("xy", "<f8", 2), ("z", "<f8"), ("low", "<f8"), ("high", "<f8"
 
 @dataclass(frozen=True)
 class TileChunk(Chunk):
-    """Work in one tile. Reads the stage ``mesh``.
+    """Work in one tile. Reads the input ``mesh``.
 
     Attributes:
         tile: its number in x and y.
@@ -54,7 +54,7 @@ class TileChunk(Chunk):
 
 @dataclass(frozen=True)
 class DropsChunk(TileChunk):
-    """Height of the trajectory's poses over the surfaces below them. Reads the stage ``map``."""
+    """Height of the trajectory's poses over the surfaces below them. Reads the input ``map``."""
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
         """Returns the drop of each pose over the tile, inf where nothing is below."""
@@ -74,7 +74,7 @@ class DropsChunk(TileChunk):
 
 @dataclass(frozen=True)
 class FloorsChunk(TileChunk):
-    """The floors of a tile. Reads the stage ``map`` where there is a trajectory."""
+    """The floors of a tile. Reads the input ``map`` where there is a trajectory."""
 
     sampling: FloorSampling
     has_track: bool
@@ -108,7 +108,7 @@ def tiled_viewpoints(
     """The viewpoints of every tile that has some, one after the other.
 
     Args:
-        run: runs chunks that read the stages ``map`` and ``mesh``.
+        run: runs chunks that read the inputs ``map`` and ``mesh``.
         read, mesh: folders of these.
         spacing_m: between viewpoints.
         sensor_height_m: the sensor model's mount height.
@@ -138,16 +138,21 @@ def _in_tiles(
 
         def keep(number: int, floors: TileFloors) -> None:
             rows = np.empty(len(floors.part), _SPOT)
-            spots = floors.spots
-            rows["xy"], rows["z"], rows["low"], rows["high"] = spots.xy_m, spots.z, spots.low_z, spots.high_z
+            points = floors.floor_points
+            rows["xy"], rows["z"], rows["low"], rows["high"] = (
+                points.xy_m,
+                points.z,
+                points.low_z,
+                points.high_z,
+            )
             rows["part"] = floors.part
             file.write(rows.tobytes())
             start.append(start[-1] + len(rows))
 
-        def kept(number: int) -> tuple[Spots, NDArray[np.int32]]:
+        def kept(number: int) -> tuple[FloorPoints, NDArray[np.int32]]:
             file.seek(start[number] * _SPOT.itemsize)
             rows = np.frombuffer(file.read((start[number + 1] - start[number]) * _SPOT.itemsize), _SPOT)
-            return Spots(rows["xy"], rows["z"], rows["low"], rows["high"]), rows["part"]
+            return FloorPoints(rows["xy"], rows["z"], rows["low"], rows["high"]), rows["part"]
 
         parts = joined_viewpoints(sampling, tiles, found, keep, kept, by_trajectory=by_trajectory)
         for tile, viewpoints in zip(tiles, parts, strict=True):
@@ -156,15 +161,19 @@ def _in_tiles(
 
 
 def _arrays(floors: TileFloors) -> Arrays:
-    spots = {f"spot_{field.name}": getattr(floors.spots, field.name) for field in fields(Spots)}
-    others = {field.name: getattr(floors, field.name) for field in fields(floors) if field.name != "spots"}
-    return {**spots, **others}
+    points = {
+        f"point_{field.name}": getattr(floors.floor_points, field.name) for field in fields(FloorPoints)
+    }
+    others = {
+        field.name: getattr(floors, field.name) for field in fields(floors) if field.name != "floor_points"
+    }
+    return {**points, **others}
 
 
 def _floors(arrays: Arrays) -> TileFloors:
-    spots = Spots(*(arrays[f"spot_{field.name}"] for field in fields(Spots)))
+    points = FloorPoints(*(arrays[f"point_{field.name}"] for field in fields(FloorPoints)))
     return TileFloors(
-        spots, **{name: value for name, value in arrays.items() if not name.startswith("spot_")}
+        points, **{name: value for name, value in arrays.items() if not name.startswith("point_")}
     )
 
 

@@ -16,7 +16,7 @@ from firstfix.builds.config import ViewpointConfig
 from firstfix.errors import BuildFailed
 
 from ..simulation.simulate import Simulator
-from .even_sample import Spots, one_per_block
+from .even_sample import FloorPoints, one_per_block
 from .joined_parts import JoinedParts
 from .tile_floors import FloorSampling, TileFloors, tile_floors
 from .tiles import Tiling
@@ -24,7 +24,7 @@ from .trajectory_floor import Track, mount_height_m
 
 DEFAULT_SPACING_M = 1.0
 
-Kept = Callable[[int], tuple[Spots, NDArray[np.int32]]]
+Kept = Callable[[int], tuple[FloorPoints, NDArray[np.int32]]]
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ def joined_viewpoints(
     Args:
         tiles: in order.
         found: the floors of each. One is in memory at a time.
-        keep: called with each tile's number and floors: remembers their spots.
-        kept: returns a tile's spots with their parts.
+        keep: called with each tile's number and floors: remembers their points.
+        kept: returns a tile's points with their parts.
         by_trajectory: there is one, and what it passed over is driven on.
 
     Raises:
@@ -81,10 +81,16 @@ def joined_viewpoints(
     if not chosen.any():
         raise BuildFailed("no floor of the map lies under the trajectory: another frame?")
     for number in range(len(tiles)):
-        spots, part = kept(number)
+        points, part = kept(number)
         here = chosen[parts.parts_of(number)][part]
         yield _viewpoints(
-            Spots(spots.xy_m[here], spots.z[here], spots.low_z[here], spots.high_z[here]), sampling
+            FloorPoints(
+                points.xy_m[here],
+                points.z[here],
+                points.low_z[here],
+                points.high_z[here],
+            ),
+            sampling,
         )
 
 
@@ -117,7 +123,7 @@ def sample_viewpoints(
         tiles,
         (tile_floors(simulator, sampling, tile, foot_near(track, sampling, tile)) for tile in tiles),
         lambda number, floors: found.append(floors),
-        lambda number: (found[number].spots, found[number].part),
+        lambda number: (found[number].floor_points, found[number].part),
         by_trajectory=track is not None,
     )
     every = list(parts)
@@ -154,9 +160,9 @@ def foot_near(
     return track.near(low - reach_m, high + reach_m, sampling.track_height_m)
 
 
-def _viewpoints(spots: Spots, sampling: FloorSampling) -> Viewpoints:
+def _viewpoints(points: FloorPoints, sampling: FloorSampling) -> Viewpoints:
     """For each block of the spacing and each storey in it, the floor nearest to the block's centre."""
-    _, first = one_per_block(spots, sampling.tiling.spacing_m)
-    floor_z = spots.z[first]
-    positions = np.column_stack([spots.xy_m[first], floor_z + sampling.mount_height_m])
+    _, first = one_per_block(points, sampling.tiling.spacing_m)
+    floor_z = points.z[first]
+    positions = np.column_stack([points.xy_m[first], floor_z + sampling.mount_height_m])
     return Viewpoints(positions, floor_z, sampling.mount_height_m)

@@ -12,7 +12,7 @@ from firstfix.builds.config import ViewpointConfig
 
 from ..mesh.places.chance import rank_in_run
 from ..simulation.simulate import Simulator
-from .even_sample import Spots, one_per_block
+from .even_sample import FloorPoints, one_per_block
 from .floors import Grid, Surfaces, find_surfaces, fit_planes
 from .tiles import MAX_COLUMN, Tiling
 from .trajectory_floor import with_trajectory_floor
@@ -62,8 +62,8 @@ class TileFloors:
     """The floors of a tile in connected parts, which are numbered from 0.
 
     Attributes:
-        spots: at most one for each block, storey and part.
-        part: (n,) of each spot.
+        floor_points: at most one for each block, storey and part.
+        part: (n,) of each point.
         area, covered, above: (p,) cells of each part; of them with something overhead; and of them above
             another floor.
         passed: (p,) whether the trajectory passed over a part.
@@ -71,7 +71,7 @@ class TileFloors:
         link, link_part: (k,) numbers of floors of other tiles, and the part here that each is joined to.
     """
 
-    spots: Spots
+    floor_points: FloorPoints
     part: NDArray[np.int32]
     area: NDArray[np.int64]
     covered: NDArray[np.int64]
@@ -133,10 +133,10 @@ def tile_floors(
     edge = inside & near_edge
     mine, my_part = floors.subset(own), part[own]
     count = int(my_part.max(initial=-1)) + 1
-    spots, spot_part = _spots(grid, mine, my_part, sampling.tiling.spacing_m)
+    points, point_part = _floor_points(grid, mine, my_part, sampling.tiling.spacing_m)
     return TileFloors(
-        spots,
-        spot_part.astype(np.int32),
+        points,
+        point_part.astype(np.int32),
         np.bincount(my_part, minlength=count),
         np.bincount(my_part[np.isfinite(mine.headroom_m)], minlength=count),
         np.bincount(my_part[_over_another(grid, standing, mine)], minlength=count),
@@ -192,13 +192,13 @@ def _over_another(grid: Grid, standing: Surfaces, floors: Surfaces) -> NDArray[n
     return over
 
 
-def _spots(
+def _floor_points(
     grid: Grid, floors: Surfaces, part: NDArray[np.int64], spacing_m: float
-) -> tuple[Spots, NDArray[np.int64]]:
+) -> tuple[FloorPoints, NDArray[np.int64]]:
     """For each block, storey and part the floor nearest to the block's centre, and (n,) its part."""
     centre = grid.centre_m(floors.column)
-    group, first = one_per_block(Spots.alone(centre, floors.z), spacing_m, part)
+    group, first = one_per_block(FloorPoints.alone(centre, floors.z), spacing_m, part)
     low, high = np.full(len(first), np.inf), np.full(len(first), -np.inf)
     np.minimum.at(low, group, floors.z)
     np.maximum.at(high, group, floors.z)
-    return Spots(centre[first], floors.z[first], low, high), part[first]
+    return FloorPoints(centre[first], floors.z[first], low, high), part[first]

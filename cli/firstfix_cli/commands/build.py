@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES
+from firstfix.builds.options import PUBLISH, BuildOptions
 
 from ..arguments import AsJson, Url, cache_directory, examples
 from ..build_report import reused_lines, self_test_lines
@@ -114,9 +115,19 @@ def build(
         return
     if url is not None or no_wait:
         raise InvalidOption("--url and --no-wait cannot be used with --store")
+    from ..read_confined import build_memory_bytes
+
     given = _given(config, sensor, axis)
     with _source(source, trajectory, merge) as (whole, poses):
-        _build_here(whole, map_id, store, given, poses, work, executor, max_templates, as_json)
+        options = BuildOptions(
+            store=store,
+            work=(work or cache_directory("build")) / map_id,
+            executor=executor,
+            max_memory_bytes=build_memory_bytes(),
+            max_templates=max_templates or None,
+            log_level="critical",  # what went wrong is in the error
+        )
+        _build_here(whole, map_id, given, poses, options, as_json)
 
 
 @contextmanager
@@ -136,12 +147,9 @@ def _source(
 def _build_here(
     source: Path,
     map_id: str,
-    store: str,
     given: dict[str, Any],
     trajectory: Path | None,
-    work: Path | None,
-    executor: str,
-    max_templates: int,
+    options: BuildOptions,
     as_json: bool,
 ) -> None:
     from firstfix.builds.config import BuildConfig
@@ -149,19 +157,16 @@ def _build_here(
     from firstfix.catalog.catalog import Catalog
     from firstfix.store.store import Store
     from firstfix_builder.execution.build_trace import BuildTrace
-    from firstfix_builder.execution.executor_url import check_reachable, dask_address
+    from firstfix_builder.execution.dask_executor import check_reachable
     from firstfix_builder.job.build_job import BuildJob
-    from firstfix_builder.pipeline import Cluster, build_version
+    from firstfix_builder.pipeline import build_version
 
     from ..read_confined import read_confined
 
     settings = BuildConfig.parse(given)
-    scheduler = dask_address(executor)
-    cluster = None
-    if scheduler is not None:
-        check_reachable(store)
-        cluster = Cluster(scheduler, store)
-    opened = Store.open(store)
+    if options.scheduler is not None:
+        check_reachable(options.store)
+    opened = Store.open(options.store)
     opened.probe()  # before the work, not after it
     with _progress() as show, BuildTrace("", map_id, None) as trace:
 
@@ -169,22 +174,20 @@ def _build_here(
             trace.tick(stage)
             show(stage, fraction)
 
-        folder = (work or cache_directory("build")) / map_id
-        read_confined(BuildJob(source, trajectory, given, folder, progress, lambda: False), max_templates)
+        read_confined(BuildJob(source, trajectory, given, options.work, progress, lambda: False), options)
         built = build_version(
             source,
             settings,
-            folder / "build",
+            options.work / "build",
             trajectory=trajectory,
             progress=progress,
-            cluster=cluster,
-            max_templates=max_templates or None,
+            options=options,
         )
-        progress("publish", 0.0)
+        progress(PUBLISH, 0.0)
         version = Catalog(opened).publish(map_id, built.directory, built.manifest)
-        progress("publish", 1.0)
+        progress(PUBLISH, 1.0)
         trace.end("succeeded")
-    if cluster is not None:  # there is no service that does it
+    if options.scheduler is not None:  # there is no service that does it
         collect_stages(opened, CLUSTER_STAGES_S)
     _print(map_id, version, built.manifest, [asdict(stage) for stage in trace.stages], as_json)
 

@@ -27,7 +27,8 @@ from ..store.json_record import RecordKind, read_record, record_json, text_of
 from ..store.store import Store
 from .records import FINAL_STATES, BuildRecords
 
-CALLERS_FOLDER, IDEMPOTENCY_FOLDER = "callers", "idempotency"
+CALLERS_FOLDER = "callers"
+IDEMPOTENCY_FOLDER = "idempotency"
 _RUN = re.compile(r"[a-z0-9_-]{1,63}\.\d{1,9}\.(\d{1,9})")
 
 

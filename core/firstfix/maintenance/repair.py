@@ -108,15 +108,21 @@ class Repair:
         except (NotFound, UnreadableRecord):
             return self._aside(key)
         map_id = request.get("map_id", "")
-        published = [
-            entry.version
-            for entry in (self._catalog.log(map_id) if is_name(map_id) else ())
-            if (entry.event, entry.build_id) == (Event.PUBLISHED, build_id)
-        ]
-        if not published:
+        published: dict[bool, str | None] = {False: None, True: None}  # the last one, provisional or not
+        for entry in self._catalog.log(map_id) if is_name(map_id) else ():
+            if (entry.event, entry.build_id) == (Event.PUBLISHED, build_id):
+                published[entry.provisional] = entry.version
+        if published[False] is None:
             return f"{self._aside(key)}; the build is queued again"
         self._keep(key)
-        status = new_status("succeeded", map_id=map_id, stage="publish", progress=1.0, version=published[-1])
+        status = new_status(
+            "succeeded",
+            map_id=map_id,
+            stage="publish",
+            progress=1.0,
+            version=published[False],
+            provisional_version=published[True],
+        )
         self._catalog.set_build_status(build_id, status)
         return "written again: the map's log shows that the build has succeeded"
 

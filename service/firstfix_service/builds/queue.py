@@ -13,7 +13,6 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Protocol
 
 import structlog
@@ -24,10 +23,11 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.errors import FirstfixError, NotFound, UnreadableRecord
 from firstfix.maintenance.build_end import end_build
 
+from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..thread_pools import MAINTENANCE
-from .process import BuildCommand, WorkFolder
-from .runner import BuildLimits, BuildRunner, Turn
+from .process import WorkFolder
+from .runner import BuildRunner, Turn
 
 
 class BuildQueue(Protocol):
@@ -165,24 +165,11 @@ class EmbeddedBuildQueue:
     """A ``BuildQueue`` that runs the builds on record in this service. For use by one event loop."""
 
     def __init__(
-        self,
-        catalog: Catalog,
-        metrics: Metrics,
-        *,
-        command: BuildCommand,
-        work_dir: Path,
-        lease_s: float,
-        max_attempts: int,
-        limits: BuildLimits,
-        poll_interval_s: float = 5.0,
+        self, settings: Settings, catalog: Catalog, metrics: Metrics, poll_interval_s: float = 5.0
     ) -> None:
+        self._settings = settings
         self._catalog = catalog
         self._metrics = metrics
-        self._command = command
-        self._work_dir = work_dir
-        self._lease_s = lease_s
-        self._max_attempts = max_attempts
-        self._limits = limits
         self._poll_interval_s = poll_interval_s
         self._unfinished = UnfinishedBuilds(catalog, metrics)
         self._order = FairOrder()
@@ -201,16 +188,8 @@ class EmbeddedBuildQueue:
 
     async def run(self) -> None:
         """Runs builds until it is cancelled."""
-        folder = await WorkFolder.wait_for(self._work_dir)
-        self._runner = runner = BuildRunner(
-            self._catalog,
-            self._metrics,
-            folder,
-            self._command,
-            lease_s=self._lease_s,
-            max_attempts=self._max_attempts,
-            limits=self._limits,
-        )
+        folder = await WorkFolder.wait_for(self._settings.work_dir)
+        self._runner = runner = BuildRunner(self._catalog, self._metrics, folder, self._settings)
         try:
             while True:
                 self._wake.clear()

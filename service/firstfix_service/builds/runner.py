@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -16,8 +16,8 @@ import structlog
 
 from firstfix.builds.attempts import Attempt, AttemptEnd, BuildAttempts
 from firstfix.builds.callers import CallerUsage
-from firstfix.builds.exit_codes import ExitCode
-from firstfix.builds.records import FINAL_STATES, new_status
+from firstfix.builds.options import ExitCode, reported_stages
+from firstfix.builds.records import FINAL_STATES, BuildRecords, new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import (
     BuildAttemptsExceeded,
@@ -32,78 +32,18 @@ from firstfix.errors import (
 )
 from firstfix.maintenance.build_end import end_build
 
+from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..thread_pools import BUILDS
-from .metrics import count_build
-from .process import STOP_GRACE_S, BuildCommand, BuildProcess, WorkFolder
-
-
-@dataclass(frozen=True)
-class BuildLimits:
-    """Time limits.
-
-    Attributes:
-        timeout_s: of all attempts of a build together.
-        stall_s: of one attempt whose status does not change.
-    """
-
-    timeout_s: float
-    stall_s: float
-
-
-class BuildWatch:
-    """Watches the time of one attempt, from its start.
-
-    Args:
-        before_s: time that earlier attempts have run.
-        clock: monotonic time in seconds.
-    """
-
-    def __init__(
-        self, limits: BuildLimits, before_s: float, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._limits = limits
-        self._before_s = before_s
-        self._clock = clock
-        self._started = self._progressed = clock()
-        self._stopped: float | None = None
-        self._seen: object = None
-
-    @property
-    def ran_s(self) -> float:
-        """Time that this attempt has run."""
-        return (self._clock() if self._stopped is None else self._stopped) - self._started
-
-    def stop(self) -> None:
-        """Stops the clock: the attempt has ended."""
-        self._stopped = self._clock()
-
-    def see(self, status: Mapping[str, Any] | None) -> None:
-        """Records the status of the build.
-
-        Args:
-            status: None if it cannot be read now. The time without progress then starts again, because an
-                unreadable status is not the build's fault.
-        """
-        seen = None if status is None else (status.get("stage"), status.get("progress"))
-        if seen is None or seen != self._seen:
-            self._seen = seen
-            self._progressed = self._clock()
-
-    def overdue(self) -> BuildError | None:
-        """Returns the error if a limit is exceeded."""
-        if self._before_s + self.ran_s > self._limits.timeout_s:
-            return BuildTimedOut(f"the build ran for more than {self._limits.timeout_s:g} s")
-        if self._clock() - self._progressed > self._limits.stall_s:
-            return BuildStalled(f"the build made no progress for {self._limits.stall_s:g} s")
-        return None
-
+from .process import STOP_GRACE_S, BuildProcess, WorkFolder, build_options
 
 _log = structlog.get_logger(__name__)
 FINAL_RECORD_S = 5.0  # limit for the last write to the store when this process has to end
 STORE_PAUSE_S = 2.0
 # Before a build that was put back is run again. One without space is put back as often as there are pauses.
 PAUSES_S = (5.0, 20.0, 60.0, 300.0, 600.0)
+# Only these names become labels: a build worker of another release may report others.
+STAGE_LABELS = frozenset(reported_stages())
 
 
 class Turn(Enum):
@@ -123,26 +63,25 @@ class BuildRunner:
         catalog: Catalog,
         metrics: Metrics,
         folder: WorkFolder,
-        command: BuildCommand,
-        *,
-        lease_s: float,
-        max_attempts: int,
-        limits: BuildLimits,
+        settings: Settings,
     ) -> None:
         self._catalog = catalog
         self._metrics = metrics
-        self._folder = folder
-        self._command = command
-        self._limits = limits
+        self._settings = settings
+        self._options = replace(build_options(settings), work=folder.path)
+        self._limits = limits = BuildLimits(settings.build_timeout_s, settings.build_stall_s)
         # Often enough for the shortest of these times.
-        self._beat_s = min(lease_s, limits.timeout_s, limits.stall_s) / 6
+        self._beat_s = min(settings.build_lease_s, limits.timeout_s, limits.stall_s) / 6
         self._usage = CallerUsage(catalog)
         self._attempts = BuildAttempts(
-            catalog.store, folder.claimant, lease_s=lease_s, max_attempts=max_attempts
+            catalog.store,
+            folder.claimant,
+            lease_s=settings.build_lease_s,
+            max_attempts=settings.build_attempts,
         )
         self._put_backs: Counter[str] = Counter()  # of each build, one after the other
         self.running: str | None = None
-        self._watch = BuildWatch(limits, 0.0)  # of the build that was claimed last
+        self._watch = BuildWatch(self._limits, 0.0)  # of the build that was claimed last
         self._owner: str | None = None  # of the same build
 
     async def run(self, build_id: str) -> Turn:
@@ -171,7 +110,9 @@ class BuildRunner:
 
     async def _run_attempt(self, attempt: Attempt) -> Turn:
         try:
-            process = await BuildProcess.start(self._command, attempt.build_id, self._folder.path)
+            process = await BuildProcess.start(
+                self._settings, replace(self._options, build_id=attempt.build_id)
+            )
         except OSError as error:
             return await self._insist(
                 self._close, attempt, BuildFailed(f"the build command cannot be run: {error.strerror}")
@@ -361,3 +302,74 @@ class BuildRunner:
             except StoreError as error:
                 _log.warning("the store did not accept the end of a build", error=str(error))
                 await asyncio.sleep(STORE_PAUSE_S)
+
+
+def count_build(records: BuildRecords, metrics: Metrics, build_id: str, state: str) -> None:
+    """Counts a build that ended, and the times of its stages if its process recorded them."""
+    metrics.builds.labels(state).inc()
+    with suppress(FirstfixError, TypeError, ValueError, KeyError):  # missing times of one build do no harm
+        for stage in records.build_stages(build_id):
+            name = stage["stage"] if stage["stage"] in STAGE_LABELS else "other"
+            cached = "yes" if stage["cached"] else "no"
+            metrics.build_stage_seconds.labels(name, cached).observe(float(stage["seconds"]))
+
+
+@dataclass(frozen=True)
+class BuildLimits:
+    """Time limits.
+
+    Attributes:
+        timeout_s: of all attempts of a build together.
+        stall_s: of one attempt whose status does not change.
+    """
+
+    timeout_s: float
+    stall_s: float
+
+
+class BuildWatch:
+    """Watches the time of one attempt, from its start.
+
+    Args:
+        before_s: time that earlier attempts have run.
+        clock: monotonic time in seconds.
+    """
+
+    def __init__(
+        self, limits: BuildLimits, before_s: float, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._limits = limits
+        self._before_s = before_s
+        self._clock = clock
+        self._started = self._progressed = clock()
+        self._stopped: float | None = None
+        self._seen: object = None
+
+    @property
+    def ran_s(self) -> float:
+        """Time that this attempt has run."""
+        return (self._clock() if self._stopped is None else self._stopped) - self._started
+
+    def stop(self) -> None:
+        """Stops the clock: the attempt has ended."""
+        self._stopped = self._clock()
+
+    def see(self, status: Mapping[str, Any] | None) -> None:
+        """Records the status of the build.
+
+        Args:
+            status: None if it cannot be read now. The time without progress then starts again, because an
+                unreadable status is not the build's fault.
+        """
+        seen = None if status is None else (status.get("stage"), status.get("progress"))
+        if seen is None or seen != self._seen:
+            self._seen = seen
+            self._progressed = self._clock()
+
+    def overdue(self) -> BuildError | None:
+        """Returns the error if a limit is exceeded."""
+        if self._before_s + self.ran_s > self._limits.timeout_s:
+            return BuildTimedOut(f"the build ran for more than {self._limits.timeout_s:g} s")
+        if self._clock() - self._progressed > self._limits.stall_s:
+            return BuildStalled(f"the build made no progress for {self._limits.stall_s:g} s")
+        return None

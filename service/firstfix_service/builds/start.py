@@ -1,4 +1,4 @@
-"""Start of the build queue of a service, and the build command, as the settings say."""
+"""Start of the build queue of a service, as the settings say."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..thread_pools.background import run_in_background
 from .nats.queue import NatsBuildQueue
-from .process import BuildCommand
 from .queue import BuildQueue, EmbeddedBuildQueue
-from .runner import BuildLimits
 
 
 def builder_is_installed() -> bool:
@@ -38,59 +36,8 @@ def start_builds(
     wanted = builder_is_installed() if settings.run_builds is None else settings.run_builds
     if not wanted:
         return None
-    queue = EmbeddedBuildQueue(
-        catalog,
-        metrics,
-        command=build_command(settings),
-        work_dir=settings.work_dir,
-        lease_s=settings.build_lease_s,
-        max_attempts=settings.build_attempts,
-        limits=build_limits(settings),
-    )
+    queue = EmbeddedBuildQueue(settings, catalog, metrics)
     run_in_background(stack, queue.run(), "build-queue")
     if settings.stages_are_shared:
         shared_stages_removal(settings, catalog.store).start(stack)
     return queue
-
-
-def build_command(settings: Settings) -> BuildCommand:
-    """Returns the build command and its limits."""
-    return BuildCommand(
-        (
-            *settings.build_command,
-            *_source_url_options(settings),
-            *_executor_options(settings),
-            *([] if settings.provisional_versions else ["--no-provisional"]),
-        ),
-        settings.store,
-        settings.build_niceness,
-        settings.stages_are_shared,
-        settings.build_max_memory_bytes or None,
-        _environment(settings),
-    )
-
-
-def _environment(settings: Settings) -> dict[str, str]:
-    """Variables of the build process, named like the settings."""
-    return {
-        "FIRSTFIX_LOG_LEVEL": settings.log_level,
-        "FIRSTFIX_LOG_JSON": str(settings.log_json).lower(),
-        "FIRSTFIX_BUILD_SANDBOX": settings.build_sandbox,
-        "FIRSTFIX_BUILD_MAX_MEMORY_BYTES": str(settings.build_max_memory_bytes),
-        "FIRSTFIX_BUILD_MAX_TEMPLATES": str(settings.build_max_templates),
-    }
-
-
-def build_limits(settings: Settings) -> BuildLimits:
-    """Returns the time limits of builds."""
-    return BuildLimits(settings.build_timeout_s, settings.build_stall_s)
-
-
-def _source_url_options(settings: Settings) -> list[str]:
-    """Tells the build process from which servers it may fetch: it does not trust the record of the build."""
-    allowed = [url for url in settings.source_urls if url.startswith(("http://", "https://"))]
-    return [option for url in allowed for option in ("--source-url", url)]
-
-
-def _executor_options(settings: Settings) -> list[str]:
-    return [] if settings.build_executor == "threads" else ["--executor", settings.build_executor]

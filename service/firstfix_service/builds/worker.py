@@ -38,7 +38,6 @@ from .nats.builds import NatsBuilds
 from .nats.queue import NatsBuildQueue
 from .process import WorkFolder
 from .runner import BuildRunner, Turn
-from .start import build_command, build_limits
 
 _log = structlog.get_logger(__name__)
 PERIOD_S = 1.0
@@ -142,15 +141,7 @@ class BuildWorker:
         from nats.errors import TimeoutError as NothingWaits
 
         folder = await WorkFolder.wait_for(self._settings.work_dir / f"slot-{number}")
-        runner = BuildRunner(
-            self._catalog,
-            self._metrics,
-            folder,
-            build_command(self._settings),
-            lease_s=self._settings.build_lease_s,
-            max_attempts=self._settings.build_attempts,
-            limits=build_limits(self._settings),
-        )
+        runner = BuildRunner(self._catalog, self._metrics, folder, self._settings)
         waiting: Any = None
         try:
             while True:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from firstfix.builds.options import BuildOptions
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source
@@ -23,7 +24,7 @@ from firstfix_builder.execution.build_trace import (
     within_a_stage,
 )
 from firstfix_builder.execution.stage_cache import StageCache
-from firstfix_builder.job.build_job import BuildJob
+from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
 from otlp_collector import Collector, running_collector
 from waiting import LIMIT_S
@@ -40,19 +41,13 @@ def collector(monkeypatch: pytest.MonkeyPatch) -> Iterator[Collector]:
         yield running
 
 
-class Built:
-    def __init__(self, directory: Path) -> None:
-        self.directory = directory
-        self.manifest = Manifest.for_directory(directory)
-
-
 class CachedPipeline:
     """Stages "one" and "two" by a real stage cache; ``error`` is raised in the second."""
 
     def __init__(self, error: Exception | None = None) -> None:
         self.error = error
 
-    def __call__(self, job: BuildJob) -> Built:
+    def __call__(self, job: BuildJob) -> BuildResult:
         cache = StageCache(job.work, code_version="1")
 
         def one(out: Path) -> None:
@@ -67,7 +62,8 @@ class CachedPipeline:
         cache.run("one", {}, {}, one)
         job.progress("one", 1.0)
         job.progress("two", 0.0)
-        return Built(cache.run("two", {}, {}, two).directory)
+        directory = cache.run("two", {}, {}, two).directory
+        return BuildResult(directory, Manifest.for_directory(directory))
 
 
 @pytest.fixture
@@ -87,9 +83,8 @@ def catalog(tmp_path: Path) -> Catalog:
 
 
 def build(tmp_path: Path, build_id: str = "b1", error: Exception | None = None) -> int:
-    return run_build(
-        str(tmp_path / "store"), build_id, tmp_path / "work", CachedPipeline(error), ("one", "two")
-    )
+    options = BuildOptions(store=str(tmp_path / "store"), build_id=build_id, work=tmp_path / "work")
+    return run_build(options, CachedPipeline(error), ("one", "two"))
 
 
 def test_a_build_is_a_span_with_its_stages_below(catalog: Catalog, collector: Collector, tmp_path: Path):
@@ -193,7 +188,7 @@ def test_lines_of_the_log_tell_build_and_stage(capsys: pytest.CaptureFixture[str
     root = logging.getLogger()
     before, level = root.handlers[:], root.level
     try:
-        set_up_build_log("b1", as_json=True)
+        set_up_build_log(BuildOptions(build_id="b1", log_json=True))
         log = logging.getLogger("somewhere")
         log.warning("before")
         with BuildTrace("b1", "hall", TRACEPARENT, environ={}) as trace:

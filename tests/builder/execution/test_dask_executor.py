@@ -18,16 +18,17 @@ from dask_cluster import DaskCluster, dask_cluster
 
 from certificates import certificates
 from firstfix.builds.config import BuildConfig, ReconstructConfig
+from firstfix.builds.options import BuildOptions
 from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption
 from firstfix.store.store import Store
 from firstfix_builder.execution.chunks import ChunkCache, ChunkResults, run_chunks
 from firstfix_builder.execution.dask_executor import DaskExecutor
-from firstfix_builder.execution.executor_url import dask_address
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
+from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.places.tiled_points import TiledPoints
 from firstfix_builder.mesh.reconstruct import block_meshes, mesh_chunks
-from firstfix_builder.pipeline import BuiltVersion, Cluster, build_version
+from firstfix_builder.pipeline import build_version
 from servers import free_port
 from small_world import CONFIG
 
@@ -104,7 +105,7 @@ class Driver:
 
 
 def test_a_version_is_the_same_as_with_threads(
-    cluster: DaskCluster, small_map: Path, small_version: BuiltVersion, small_work: Path, tmp_path: Path
+    cluster: DaskCluster, small_map: Path, small_version: BuildResult, small_work: Path, tmp_path: Path
 ):
     made = [path.parent for path in (small_work / "stages").glob("*/stage.json")]
     (templates,) = (stage for stage in made if '"make_templates"' in (stage / "stage.json").read_text())
@@ -114,7 +115,7 @@ def test_a_version_is_the_same_as_with_threads(
         small_map,
         BuildConfig.parse(CONFIG),
         small_work,
-        cluster=Cluster(cluster.address, str(store)),
+        options=BuildOptions(executor=cluster.url, store=str(store)),
         progress=lambda stage, fraction: told.append(stage) if stage == "make_templates" else None,
     )
     assert again.manifest.digest == small_version.manifest.digest
@@ -271,7 +272,7 @@ def test_over_tls_both_sides_show_their_certificates(log: Path, numbers: StageRe
 
     with dask_cluster(tmp_path / "dask", 1, path=(HERE,), tls=(ca, server)) as cluster:
         cluster.wait_for_workers(1)
-        assert dask_address(cluster.url) == cluster.address
+        assert BuildOptions(executor=cluster.url).scheduler == cluster.address
         with config.set(shown(client)):
             assert Driver(cluster, tmp_path / "store", chunks, numbers).end() == [0, 1, 2]
         with (

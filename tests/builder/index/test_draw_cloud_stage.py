@@ -21,7 +21,8 @@ from firstfix_builder.execution.chunks import ChunkCache
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from firstfix_builder.index.cloud_octree import NO_NORMAL, POINT
-from firstfix_builder.pipeline import BuiltVersion, build_version
+from firstfix_builder.job.build_job import BuildResult
+from firstfix_builder.pipeline import build_version
 from firstfix_builder.sessions.stages import SessionStages
 from small_world import COARSE_CONFIG, SmallWorld, begun_as
 
@@ -33,7 +34,7 @@ FILES = (CLOUD_INDEX, CLOUD_POINTS)
 class Stages:
     """The stages ``read_map`` and ``draw_cloud`` in a work folder, over the index of a built version."""
 
-    def __init__(self, built: BuiltVersion, work: Path) -> None:
+    def __init__(self, built: BuildResult, work: Path) -> None:
         self.work = begun_as(built, work)
         index = json.loads((built.directory / "manifest.json").read_text())["files"]["keys.faiss"]["sha256"]
         self.index = next(
@@ -58,7 +59,7 @@ class Stages:
 
 
 @pytest.fixture
-def stages(coarse_version: BuiltVersion, tmp_path: Path) -> Callable[[str], Stages]:
+def stages(coarse_version: BuildResult, tmp_path: Path) -> Callable[[str], Stages]:
     return lambda name: Stages(coarse_version, tmp_path / name)
 
 
@@ -105,7 +106,7 @@ def contents(directory: Path) -> list[bytes]:
     return [(directory / name).read_bytes() for name in FILES]
 
 
-def test_of_a_mesh_the_points_that_are_seen_are_drawn(coarse_version: BuiltVersion, small_world: SmallWorld):
+def test_of_a_mesh_the_points_that_are_seen_are_drawn(coarse_version: BuildResult, small_world: SmallWorld):
     index, points, normals = cloud_of(coarse_version.directory)
     seen = np.load(coarse_version.directory / MAP_FILE)
     origin = np.array(coarse_version.manifest.origin)
@@ -122,7 +123,7 @@ def test_of_a_mesh_the_points_that_are_seen_are_drawn(coarse_version: BuiltVersi
 
 
 def test_a_build_that_has_only_the_other_stages_draws_the_same(
-    coarse_version: BuiltVersion, coarse_work: Path, small_map: Path
+    coarse_version: BuildResult, coarse_work: Path, small_map: Path
 ):
     removed = 0
     for stage in coarse_work.glob("stages/*/stage.json"):

@@ -6,13 +6,15 @@ import threading
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from firstfix.builds.options import BuildOptions
 from firstfix.errors import BuildFailed, InvalidOption, NotFound, TooLarge
 from firstfix.store.store import Store
 from firstfix_builder.job import fetch_source as module
-from firstfix_builder.job.fetch_source import SourceFetch, SourcePolicy, fetch_http
+from firstfix_builder.job.fetch_source import SourceFetch, fetch_http
 
 pytestmark = pytest.mark.slow
 
@@ -50,9 +52,9 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     running.http.server_close()
 
 
-def fetched(server: Server, folder: Path, policy: SourcePolicy) -> Path:
+def fetched(server: Server, folder: Path, **options: Any) -> Path:
     store = Store.open("memory://")
-    fetch = SourceFetch("memory://", store, "hall", "b1", folder, policy)
+    fetch = SourceFetch(BuildOptions(build_id="b1", work=folder, **options), store, "hall")
     return fetch.fetch({"url": server.url}, "hall.ply")
 
 
@@ -72,7 +74,7 @@ def says(status: int, body: bytes = b"", length: int | None = None, **headers: s
 
 def test_a_file_arrives(server: Server, tmp_path: Path):
     server.answers = [says(200, DATA)]
-    path = fetched(server, tmp_path, SourcePolicy(urls=(server.url.rsplit("/", 1)[0],)))
+    path = fetched(server, tmp_path, source_urls=(server.url.rsplit("/", 1)[0],))
     assert path.read_bytes() == DATA
     assert path.suffix == ".ply"
     assert server.asked[0]["accept-encoding"] == "identity"
@@ -141,13 +143,13 @@ def test_a_body_that_does_not_say_its_length_is_stopped_at_the_limit(server: Ser
 
     server.answers = [endless]
     with pytest.raises(TooLarge):
-        fetched(server, tmp_path, SourcePolicy(max_bytes=1 << 20, urls=(server.url,)))
+        fetched(server, tmp_path, max_source_bytes=1 << 20, source_urls=(server.url,))
 
 
 def test_only_where_the_operator_allows(server: Server, tmp_path: Path):
-    for policy in (SourcePolicy(), SourcePolicy(urls=("https://elsewhere.example.org/",))):
+    for urls in ((), ("https://elsewhere.example.org/",)):
         with pytest.raises(InvalidOption, match="not allowed"):
-            fetched(server, tmp_path, policy)
+            fetched(server, tmp_path, source_urls=urls)
     assert server.asked == []
 
 

@@ -15,8 +15,9 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.sensor import SensorModel
 from firstfix.transform import pose_error
+from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.mesh.mesh import Mesh
-from firstfix_builder.pipeline import BuiltVersion, build_version
+from firstfix_builder.pipeline import build_version
 from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import SENSOR
@@ -58,7 +59,7 @@ def _joined(one: Mesh, other: Mesh) -> Mesh:
 
 
 @pytest.fixture(scope="module")
-def version(tmp_path_factory: pytest.TempPathFactory) -> BuiltVersion:
+def version(tmp_path_factory: pytest.TempPathFactory) -> BuildResult:
     import trimesh
 
     folder, mesh = tmp_path_factory.mktemp("storeys"), building()
@@ -66,7 +67,7 @@ def version(tmp_path_factory: pytest.TempPathFactory) -> BuiltVersion:
     return build_version(folder / "building.ply", BuildConfig.parse(CONFIG), folder / "work")
 
 
-def test_every_answer_is_ambiguous_and_holds_the_true_place(version: BuiltVersion):
+def test_every_answer_is_ambiguous_and_holds_the_true_place(version: BuildResult):
     index, mesh = MapIndex.load(version.directory), building()
     position_m = index.cascade.templates.position_m
     assert (position_m[:, 2] < STOREY_M).sum() == (position_m[:, 2] > STOREY_M).sum() > 0
@@ -92,7 +93,7 @@ def test_every_answer_is_ambiguous_and_holds_the_true_place(version: BuiltVersio
         assert first.probability == second.probability == answer.probability / 2
 
 
-def test_the_self_test_does_not_take_equal_places_for_errors(version: BuiltVersion):
+def test_the_self_test_does_not_take_equal_places_for_errors(version: BuildResult):
     assert version.manifest.self_test["among"]["0.5m"] >= 0.9
     assert version.manifest.self_test["localized"] == 0.0
     assert version.manifest.self_test["reliability"]["expected_calibration_error"] < 0.2

@@ -138,10 +138,10 @@ def build_version(
         case "leave":
             os._exit(0)
         case "babble":
-            os.write(told_to(), b"x" * (1 << 20))
+            os.write(message_handle(), b"x" * (1 << 20))
             time.sleep(600)
         case "lie":
-            os.write(told_to(), json.dumps(told["message"]).encode() + b"\n")
+            os.write(message_handle(), json.dumps(told["message"]).encode() + b"\n")
             os._exit(0)
         case "wait":
             while not cancelled():
@@ -170,8 +170,8 @@ def build_version(
             raise AssertionError(told)
 
 
-def told_to() -> int:
-    return int(sys.argv[sys.argv.index("--say-to") + 1])
+def message_handle() -> int:
+    return int(sys.argv[sys.argv.index("--messages-to") + 1])
 
 
 def version(work: Path, content: bytes) -> None:

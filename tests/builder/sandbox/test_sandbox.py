@@ -10,6 +10,8 @@ import shutil
 import signal
 import socket
 import struct
+import subprocess
+import sys
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,20 +20,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from firstfix.builds.options import BuildOptions
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.sources import put_source
 from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, TooLarge
 from firstfix.store.store import Store
 from firstfix_builder import build_stages
-from firstfix_builder.execution.stage_names import STAGES
-from firstfix_builder.job.build_job import BuildJob
+from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
 from firstfix_builder.sandbox import seccomp
-from firstfix_builder.sandbox.confine import SIGNALS_VERSION, landlock_version
 from firstfix_builder.sandbox.hand_over import take_files
-from firstfix_builder.sandbox.process import SandboxOptions
-from firstfix_builder.sandbox.sandboxed_build import Built, SandboxedBuild
+from firstfix_builder.sandbox.kernel import SIGNALS_VERSION, landlock_version
+from firstfix_builder.sandbox.sandboxed_build import SandboxedBuild
 from firstfix_builder.sessions import stages as session_stages
 from firstfix_builder.worker import build_here
 from small_world import CONFIG
@@ -59,14 +60,21 @@ class Place:
         do: str,
         *,
         cancelled: bool = False,
-        shared: SharedStages | None = None,
+        shared: bool = False,
         memory_bytes: int | None = None,
         **told: Any,
-    ) -> Built:
+    ) -> BuildResult:
         source = self.work / "sources" / "hall.ply"
         source.parent.mkdir(parents=True, exist_ok=True)
         source.write_bytes(b"a cloud")
-        options = SandboxOptions(self.required, memory_bytes, program=PROGRAM)
+        options = BuildOptions(
+            build_id="b1",
+            work=self.work,
+            store=str(self.store),
+            sandbox="required" if self.required else "auto",
+            max_memory_bytes=memory_bytes,
+            share_stages=shared,
+        )
         job = BuildJob(
             source,
             None,
@@ -75,7 +83,7 @@ class Place:
             lambda stage, fraction: None,
             lambda: cancelled,
         )
-        return SandboxedBuild(self.work, "b1", options, shared).build_version(job)
+        return SandboxedBuild(options, program=PROGRAM).build_version(job)
 
 
 def config_telling(**told: Any) -> dict[str, Any]:
@@ -192,14 +200,14 @@ def _read(path: Path) -> bytes:
 def test_stages_go_out_and_come_in_through_the_worker(place: Place, tmp_path: Path):
     shared = SharedStages(Store.open(str(place.store)))
     key = "a" * 64
-    assert place.build("share", shared=shared, key=key).manifest.files
+    assert place.build("share", shared=True, key=key).manifest.files
     (tmp_path / "fetched").mkdir()
     assert shared.fetch(key, tmp_path / "fetched")
     assert (tmp_path / "fetched" / "inner" / "a.bin").read_bytes() == b"a stage"
-    built = place.build("fetch", shared=shared, key=key)
+    built = place.build("fetch", shared=True, key=key)
     assert (built.directory / "index.bin").read_bytes() == b"a stage"
     with pytest.raises(BuildFailed, match="not a regular file"):
-        place.build("share a link", shared=shared, key="b" * 64, target="/proc/self/environ")
+        place.build("share a link", shared=True, key="b" * 64, target="/proc/self/environ")
     assert not shared.fetch("b" * 64, tmp_path / "fetched" / "inner")
 
 
@@ -238,10 +246,10 @@ def test_the_worker_goes_on_after_a_hostile_build(tmp_path: Path):
             "config": config_telling(do=do),
         }
         catalog.put_build(build_id, request)
-        options = SandboxOptions(required=True, program=PROGRAM)
-        sandbox = SandboxedBuild(tmp_path / "work", build_id, options)
-        url, work = str(tmp_path / "store"), tmp_path / "work"
-        code = run_build(url, build_id, work, sandbox.build_version, STAGES)
+        options = BuildOptions(
+            build_id=build_id, store=str(tmp_path / "store"), work=tmp_path / "work", sandbox="required"
+        )
+        code = run_build(options, SandboxedBuild(options, program=PROGRAM).build_version)
         ended[build_id] = (code, catalog.build_status(build_id))
     assert ended["b1"][0] == 1
     assert ended["b1"][1]["error"]["code"] == "build_failed"
@@ -273,7 +281,7 @@ def test_with_a_cluster_the_source_is_read_in_the_sandbox(
         archive_of_sessions(source)
     else:
         shutil.copy(small_map, source)
-    sandbox = SandboxedBuild(tmp_path / "work", "b1", SandboxOptions(required=True))
+    options = BuildOptions(build_id="b1", store="memory://", work=tmp_path / "work", sandbox="required")
     monkeypatch.setattr(
         build_stages, "read_parts", lambda *_, **__: pytest.fail("the worker reads the source")
     )
@@ -285,6 +293,8 @@ def test_with_a_cluster_the_source_is_read_in_the_sandbox(
 
     with pytest.raises(BuildCancelled):
         build_here(
+            options,
+            SandboxedBuild(options),
             BuildJob(
                 source,
                 None,
@@ -293,12 +303,50 @@ def test_with_a_cluster_the_source_is_read_in_the_sandbox(
                 lambda stage, fraction: seen.append(stage),
                 stop_after_the_first_stage,
             ),
-            scheduler=None,
-            store_url="memory://",
-            sandbox=sandbox,
-            shared=None,
         )
     assert set(seen) == {"read_map", "reconstruct_mesh"}
+
+
+def test_before_it_is_confined_it_has_run_the_standard_library_alone():
+    """A library of a build could start threads, which would not be confined, or read files."""
+    program = """
+import sys
+from firstfix_builder.sandbox import confine
+
+def stop(**given):
+    found = {name.partition(".")[0] for name in sys.modules}
+    own = sorted(name for name in sys.modules if name.startswith("firstfix"))
+    print(sorted(found - sys.stdlib_module_names - {"__main__", "firstfix_builder"}), own)
+    sys.exit(0)
+
+confine.confine = stop
+from firstfix_builder.sandbox import inside
+inside.main()
+"""
+    arguments = [
+        "--work",
+        ".",
+        "--sources",
+        ".",
+        "--messages-to",
+        "1",
+        "--memory-bytes",
+        "1",
+        "--file-bytes",
+        "1",
+    ]
+    ended = subprocess.run(
+        [sys.executable, "-S", "-P", "-c", program, *arguments],
+        env={"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ended.stdout == (
+        "[] ['firstfix_builder', 'firstfix_builder.sandbox', 'firstfix_builder.sandbox.confine', "
+        "'firstfix_builder.sandbox.inside', 'firstfix_builder.sandbox.kernel', "
+        "'firstfix_builder.sandbox.seccomp']\n"
+    )
 
 
 def test_nothing_is_taken_from_elsewhere(tmp_path: Path):

@@ -15,7 +15,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, make_transform, rotation_z
-from firstfix_builder.pipeline import BuiltVersion
+from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.self_test import equal_places, run
 from firstfix_builder.self_test.equal_places import share_seen_alike, tie_width, unequal_by
 from firstfix_builder.simulation.boxes import Boxes
@@ -91,7 +91,7 @@ def test_of_few_equal_places_nothing_is_learned():
 
 
 def test_a_maps_own_width_is_measured_by_its_self_test(
-    coarse_version: BuiltVersion, small_world: SmallWorld, monkeypatch: pytest.MonkeyPatch
+    coarse_version: BuildResult, small_world: SmallWorld, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(run, "unequal_by", lambda *_: 0.12)
     monkeypatch.setattr(equal_places, "_LEAST_SCANS", 2)

@@ -3,30 +3,30 @@ import json
 import numpy as np
 import pytest
 
-from firstfix_builder.self_test.localizability import CELL_M, Spot, draw_localizability, grid_of
+from firstfix_builder.self_test.localizability import CELL_M, QueriedPlace, draw_localizability, grid_of
 
 pytestmark = pytest.mark.slow
 
 FAR = np.array([41.0, 0.5, 1.0])
 
 
-def spot(x: float, outcome: str, rival=None) -> Spot:
-    return Spot(np.array([x, 0.5, 1.0]), outcome, rival)
+def place(x: float, outcome: str, rival=None) -> QueriedPlace:
+    return QueriedPlace(np.array([x, 0.5, 1.0]), outcome, rival)
 
 
 def test_cells_count_what_happened_in_them_and_name_what_they_resemble():
-    spots = [
-        spot(0.5, "localized"),
-        spot(1.0, "unsure", FAR),
-        spot(1.5, "wrong", FAR),
-        spot(2.0, "unsure", np.array([-30.0, 0, 0])),
-        spot(-0.5, "localized", FAR),
+    places = [
+        place(0.5, "localized"),
+        place(1.0, "unsure", FAR),
+        place(1.5, "wrong", FAR),
+        place(2.0, "unsure", np.array([-30.0, 0, 0])),
+        place(-0.5, "localized", FAR),
     ]
-    left, right = grid_of(spots)
+    left, right = grid_of(places)
     assert left == {"cell": [-1, 0], "scans": 1, "localized": 1, "wrong": 0, "taken_for": None}
     far = [int(FAR[0] // CELL_M), 0]
     assert right == {"cell": [0, 0], "scans": 4, "localized": 1, "wrong": 1, "taken_for": far}
-    json.dumps(grid_of(spots))
+    json.dumps(grid_of(places))
 
 
 def test_no_spots_are_no_cells():
@@ -35,9 +35,9 @@ def test_no_spots_are_no_cells():
 
 def test_equal_input_gives_equal_pictures(tmp_path):
     points = np.random.default_rng(0).uniform(0, 40, (500, 3))
-    spots = [spot(1.0, "unsure", FAR), spot(9.0, "localized"), spot(3.0, "wrong", FAR)]
+    places = [place(1.0, "unsure", FAR), place(9.0, "localized"), place(3.0, "wrong", FAR)]
     for name in ("a.png", "b.png"):
-        draw_localizability(points, spots, tmp_path / name)
+        draw_localizability(points, places, tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     draw_localizability(points, [], tmp_path / "none.png")
 

@@ -13,9 +13,11 @@ from building import building, session
 from dask_cluster import dask_cluster
 
 from firstfix.builds.config import BuildConfig
+from firstfix.builds.options import BuildOptions
 from firstfix.errors import BuildCancelled
 from firstfix.store.store import Store
-from firstfix_builder.pipeline import BuiltVersion, Cluster, build_version
+from firstfix_builder.job.build_job import BuildResult
+from firstfix_builder.pipeline import build_version
 
 pytestmark = pytest.mark.slow
 
@@ -34,15 +36,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def provisional(folder: Path, work: Path, cluster: Cluster | None) -> BuiltVersion:
+def provisional(folder: Path, work: Path, options: BuildOptions) -> BuildResult:
     """The provisional version. Its build is then cancelled."""
-    found: list[BuiltVersion] = []
+    found: list[BuildResult] = []
     with pytest.raises(BuildCancelled):
         build_version(
             folder,
             BuildConfig(),
             work,
-            cluster=cluster,
+            options=options,
             cancelled=lambda: bool(found),
             publish_provisional=found.append,
         )
@@ -50,10 +52,10 @@ def provisional(folder: Path, work: Path, cluster: Cluster | None) -> BuiltVersi
 
 
 def test_sessions_and_a_provisional_version_are_the_same_as_with_threads(folder: Path, tmp_path: Path):
-    near = provisional(folder, tmp_path / "near", None)
+    near = provisional(folder, tmp_path / "near", BuildOptions())
     store = tmp_path / "store"
     with dask_cluster(tmp_path / "dask", 2) as cluster:
-        far = provisional(folder, tmp_path / "far", Cluster(cluster.address, str(store)))
+        far = provisional(folder, tmp_path / "far", BuildOptions(executor=cluster.url, store=str(store)))
     assert far.manifest.digest == near.manifest.digest
     assert far.manifest.source["sessions"][1]["aligned"]
     shared = Store.open(str(store))

@@ -70,7 +70,7 @@ def test_over_open_ground_one_stands_for_four_and_where_nothing_is_seen_none():
     found, spacing_m = sampled(field())
     every, _ = sampled(field(), spacing_m=DEFAULT_SPACING_M)
     assert spacing_m == OPEN_SPACING_M
-    assert {tuple(spot) for spot in found} < {tuple(spot) for spot in every}
+    assert {tuple(point) for point in found} < {tuple(point) for point in every}
     empty = every[:, 0] > 60 + 46  # beyond the sensor's range of every block
     assert empty.sum() > 500
     assert not (found[:, 0] > 60 + 47).any()
@@ -88,10 +88,10 @@ def test_a_spacing_that_is_set_is_kept():
 def test_viewpoints_far_from_a_change_stay_as_they_were_to_the_last_bit():
     before, _ = sampled(field())
     after, _ = sampled(field(box((10.0, 20.0, -0.1), (14.0, 24.0, 90.0))))
-    far = [{spot.tobytes() for spot in found if spot[0] > 62} for found in (before, after)]
+    far = [{point.tobytes() for point in found if point[0] > 62} for found in (before, after)]
     assert len(far[0]) > 100
     assert far[0] == far[1]
-    assert {spot.tobytes() for spot in before} != {spot.tobytes() for spot in after}
+    assert {point.tobytes() for point in before} != {point.tobytes() for point in after}
 
 
 def test_how_far_one_sees_is_that_of_the_place():

@@ -56,19 +56,19 @@ def test_by_hash_a_storey_or_a_corner_gets_its_share_too():
 def test_by_hash_a_choice_of_choices_of_tiles_is_the_choice_of_all_in_any_order():
     points = columns()
     rng = np.random.default_rng(5)
-    whole = {tuple(spot) for spot in points[rows_by_hash(points, 150, 2.0)]}
+    whole = {tuple(point) for point in points[rows_by_hash(points, 150, 2.0)]}
     assert len(whole) == 150
     shuffled = points[rng.permutation(len(points))]
     tile = np.floor(shuffled[:, 0] / 8)
     parts = [shuffled[tile == number] for number in np.unique(tile)]
     kept = np.concatenate([part[rows_by_hash(part, 150, 2.0)] for part in parts])
     assert len(kept) < len(points)
-    assert {tuple(spot) for spot in kept[rows_by_hash(kept, 150, 2.0)]} == whole
+    assert {tuple(point) for point in kept[rows_by_hash(kept, 150, 2.0)]} == whole
 
 
 def test_by_hash_a_change_elsewhere_makes_few_others_of_the_chosen():
     points = columns()
-    before = {tuple(spot) for spot in points[rows_by_hash(points, 200, 2.0)]}
+    before = {tuple(point) for point in points[rows_by_hash(points, 200, 2.0)]}
     left = points[(points[:, 0] > 4) | (points[:, 1] > 4)]
-    after = {tuple(spot) for spot in left[rows_by_hash(left, 200, 2.0)]}
+    after = {tuple(point) for point in left[rows_by_hash(left, 200, 2.0)]}
     assert len(before & after) >= 190

@@ -4,7 +4,7 @@ from datetime import timedelta
 
 import pytest
 
-from firstfix.builds.callers import FOLDER, CallerUsage
+from firstfix.builds.callers import CALLERS_FOLDER, CallerUsage
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.maintenance.garbage import USAGE_DAYS, collect_garbage, remove_abandoned
@@ -28,7 +28,7 @@ def test_builds_count_until_they_have_ended(any_store_url: str):
     assert usage.unfinished("key:b") == set()
     catalog.set_build_status("b1", new_status("failed", map_id="hall"))
     assert usage.unfinished("key:a") == {"b2"}
-    entries = {key.rsplit("/", 1)[-1] for key in catalog.store.list(FOLDER)}
+    entries = {key.rsplit("/", 1)[-1] for key in catalog.store.list(CALLERS_FOLDER)}
     assert entries == {"b2", "never-recorded"}, "what has ended is not looked at again"
 
 
@@ -46,7 +46,7 @@ def test_a_name_that_is_no_run_counts_nothing():
     catalog = Catalog(Store.open("memory://"))
     usage = CallerUsage(catalog)
     usage.charge("key:a", "b1", 1, 60.0)
-    (key,) = catalog.store.list(FOLDER)
+    (key,) = catalog.store.list(CALLERS_FOLDER)
     for name in ("b1", "b1.1", "b1.1.x", f"b1.1.{'9' * 100}", "b1.1.60.60"):
         catalog.store.put_new(f"{key.rsplit('/', 1)[0]}/{name}", b"")
     assert usage.minutes_today("key:a") == 1.0
@@ -55,11 +55,11 @@ def test_a_name_that_is_no_run_counts_nothing():
 def test_old_entries_are_garbage(monkeypatch: pytest.MonkeyPatch):
     catalog = catalog_with("b1")
     CallerUsage(catalog).charge("key:a", "b1", 1, 60.0)
-    assert remove_abandoned(catalog).keys[FOLDER] == []
+    assert remove_abandoned(catalog).keys[CALLERS_FOLDER] == []
     now = catalog.store.now()
     for days, left in ((USAGE_DAYS - 1, 2), (USAGE_DAYS + 1, 0)):
         later = now + timedelta(days=days)
         monkeypatch.setattr(catalog.store, "now", lambda later=later: later)
-        dry = collect_garbage(catalog, dry_run=True).keys[FOLDER]
-        assert remove_abandoned(catalog).keys[FOLDER] == dry
-        assert len(catalog.store.list(FOLDER)) == left
+        dry = collect_garbage(catalog, dry_run=True).keys[CALLERS_FOLDER]
+        assert remove_abandoned(catalog).keys[CALLERS_FOLDER] == dry
+        assert len(catalog.store.list(CALLERS_FOLDER)) == left

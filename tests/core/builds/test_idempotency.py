@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from firstfix.builds.callers import FOLDER, CallersKey, claim_build, claimed_build
+from firstfix.builds.callers import IDEMPOTENCY_FOLDER, CallersKey, claim_build, claimed_build
 from firstfix.errors import IdempotencyConflict
 from firstfix.store.store import Store
 
@@ -18,7 +18,7 @@ def test_the_first_build_of_a_key_stays(any_store_url: str):
     assert claim_build(store, NIGHT_2, "same", "b3") == "b3"
     with pytest.raises(IdempotencyConflict):
         claim_build(store, NIGHT_1, "other", "b4")
-    assert len(store.list(FOLDER)) == 2
+    assert len(store.list(IDEMPOTENCY_FOLDER)) == 2
 
 
 def test_of_many_at_once_one_build_comes_out(any_store_url: str):

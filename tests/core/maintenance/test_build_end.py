@@ -13,6 +13,8 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source, source_key
 from firstfix.maintenance.build_end import end_build
+from firstfix.maintenance.repair import Repair
+from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
 from interleavings import run_interleaved
 
@@ -106,3 +108,22 @@ def test_a_kill_on_the_way_is_mended_by_a_repeat(tmp_path: Path, monkeypatch: py
 
     for kill_at in range(run(1_000_000)):
         run(kill_at)
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_a_damaged_status_is_repaired_with_what_the_build_has_published(
+    catalog: Catalog, tmp_path: Path, full: bool
+):
+    recorded(catalog, tmp_path, "b1")
+    early = published(catalog, tmp_path, "b1", provisional=True)
+    if full:
+        version = published(catalog, tmp_path, "b1", provisional=False)
+    catalog.store.put("builds/b1/status.json", b"")
+    said = Repair(catalog.store).record("builds/b1/status.json", RecordKind.BUILD_STATUS)
+    status = catalog.build_status("b1")
+    if full:
+        assert (status["state"], status["version"]) == ("succeeded", version)
+        assert status["provisional_version"] == early
+    else:
+        assert said.endswith("the build is queued again")
+        assert status["state"] == "queued", "a provisional version is not the build's end"

@@ -18,7 +18,7 @@ from firstfix.builds.attempts import BuildAttempts
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
-from firstfix_service.builds.process import WorkFolder, session_memory_bytes
+from firstfix_service.builds.process import WorkFolder, memory_of_processes_bytes
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -141,11 +141,11 @@ child.wait()
     try:
         assert process.stdout is not None
         assert process.stdout.readline() == b"ready\n"
-        assert 200 << 20 < session_memory_bytes(process.pid) < 300 << 20
+        assert 200 << 20 < memory_of_processes_bytes(process.pid) < 300 << 20
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    assert session_memory_bytes(process.pid) == 0
+    assert memory_of_processes_bytes(process.pid) == 0
 
 
 def test_what_is_shared_is_collected_by_the_service(tmp_path: Path):

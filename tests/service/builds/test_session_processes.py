@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from firstfix_service.builds.process import kill_session, session_memory_bytes
+from firstfix_service.builds.process import kill_processes, memory_of_processes_bytes
 from waiting import wait_until
 
 ALLOCATE = "import sys; data = bytearray(b'x') * (100 << 20); print('ready', flush=True); sys.stdin.read()"
@@ -33,16 +33,16 @@ def session() -> Iterator[subprocess.Popen[bytes]]:
     assert process.stdout is not None
     assert process.stdout.readline() == b"ready\n"
     yield process
-    kill_session(process.pid)
+    kill_processes(process.pid)
     process.wait()
 
 
 def test_the_memory_of_all_groups_counts(session: subprocess.Popen[bytes]):
-    assert session_memory_bytes(session.pid) > 100 << 20
+    assert memory_of_processes_bytes(session.pid) > 100 << 20
 
 
 def test_all_groups_are_ended(session: subprocess.Popen[bytes]):
-    kill_session(session.pid)
+    kill_processes(session.pid)
     session.wait()
     wait_until(lambda: not alive_in(session.pid))
 

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from firstfix.builds.callers import CallerUsage
+from firstfix.builds.options import BuildOptions
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.log.map_state import Event
@@ -45,7 +46,9 @@ def collect(store: Store) -> None:
 
 def fetched(store: Store, build_id: str, folder: Path) -> bytes:
     named = Catalog(store).build_request(build_id)["source"]
-    path = SourceFetch("memory://", store, "hall", build_id, folder / build_id).fetch(named, "a.xyz")
+    path = SourceFetch(BuildOptions(build_id=build_id, work=folder / build_id), store, "hall").fetch(
+        named, "a.xyz"
+    )
     content = path.read_bytes()
     path.unlink()
     return content

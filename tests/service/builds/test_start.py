@@ -1,4 +1,4 @@
-"""Start of builds, as the settings say."""
+"""Options of builds, as the settings say."""
 
 from __future__ import annotations
 
@@ -6,29 +6,27 @@ import pytest
 from pydantic import ValidationError
 
 from firstfix.builds.limits import memory_bytes
-from firstfix_builder.worker import MAX_MEMORY_VARIABLE, MAX_TEMPLATES_VARIABLE, SANDBOX_VARIABLE
-from firstfix_service.builds.start import build_command
+from firstfix_service.builds.process import build_options
 from firstfix_service.settings import Settings
 
 
 def test_a_builds_process_hears_of_the_cluster():
     here = Settings(store="s3://maps")
     there = Settings(store="s3://maps", build_executor="dask://scheduler:8786")
-    assert "--executor" not in build_command(here).command
-    assert build_command(there).command[-2:] == ("--executor", "dask://scheduler:8786")
+    assert "--executor" not in build_options(here).arguments()
+    assert build_options(there).scheduler == "tcp://scheduler:8786"
 
 
 def test_a_builds_process_hears_that_no_provisional_version_is_wanted():
-    assert "--no-provisional" not in build_command(Settings(store="s3://maps")).command
-    unwanted = Settings(store="s3://maps", provisional_versions=False)
-    assert build_command(unwanted).command[-1] == "--no-provisional"
+    assert build_options(Settings(store="s3://maps")).provisional
+    assert not build_options(Settings(store="s3://maps", provisional_versions=False)).provisional
 
 
 def test_with_a_cluster_stages_are_in_the_store():
     assert not Settings(store="s3://maps").stages_are_shared
     clustered = Settings(store="s3://maps", build_executor="dask+tls://scheduler:8786", share_stages=False)
     assert clustered.stages_are_shared
-    assert build_command(clustered).share_stages
+    assert build_options(clustered).share_stages
 
 
 @pytest.mark.parametrize(
@@ -41,15 +39,14 @@ def test_an_executor_that_is_none_is_refused_at_the_start(executor: str):
 
 
 def test_a_build_is_told_of_its_sandbox_and_its_memory():
-    plain = build_command(Settings(store="memory://")).environment
+    plain = build_options(Settings(store="memory://")).environment()
     assert plain["FIRSTFIX_BUILD_SANDBOX"] == "auto"
     assert plain["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] == str(memory_bytes() // 2)
     assert plain["FIRSTFIX_BUILD_MAX_TEMPLATES"] == "4000000"
     limited = Settings(store="memory://", build_sandbox="required", build_max_memory_bytes=1 << 30)
-    told = build_command(limited).environment
+    told = build_options(limited).environment()
     assert told["FIRSTFIX_BUILD_SANDBOX"] == "required"
     assert told["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] == str(1 << 30)
-    assert {SANDBOX_VARIABLE, MAX_MEMORY_VARIABLE, MAX_TEMPLATES_VARIABLE} <= set(told)
-    unlimited = build_command(Settings(store="memory://", build_max_memory_bytes=0))
+    unlimited = build_options(Settings(store="memory://", build_max_memory_bytes=0))
     assert unlimited.max_memory_bytes is None
-    assert unlimited.environment["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] == "0"
+    assert unlimited.environment()["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] == "0"

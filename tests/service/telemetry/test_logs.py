@@ -17,7 +17,7 @@ from service_world import Service, publish, running_service
 
 from firstfix.errors import StoreUnavailable
 from firstfix.native import choice
-from firstfix_service.builds.metrics import last_message
+from firstfix_service.builds.process import last_message
 from firstfix_service.settings import Settings
 from firstfix_service.startup.settings_summary import settings_summary, without_secrets
 from firstfix_service.telemetry.log_setup import set_up_logging

@@ -18,13 +18,13 @@ from service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, pub
 import firstfix
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.quality import AlignmentQuality
+from firstfix.builds.options import reported_stages
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import StoreUnavailable, all_errors
 from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
-from firstfix_builder.pipeline import STAGES as BUILDER_STAGES
-from firstfix_service.builds import metrics as build_metrics
+from firstfix_service.builds.runner import STAGE_LABELS, count_build
 from firstfix_service.http_server.connections import EndReason
 from firstfix_service.telemetry.metered_store import OPERATIONS, metered
 from firstfix_service.telemetry.metrics import Metrics
@@ -119,7 +119,7 @@ def test_every_operation_of_the_store_is_metered():
 def test_stages_of_builds_that_ended_are_counted(tmp_path: Path):
     metrics, catalog = Metrics(), Catalog(Store.open(str(tmp_path)))
     catalog.put_build("b1", {"map_id": "hall"})
-    build_metrics.count_build(catalog, metrics, "b1", "failed")
+    count_build(catalog, metrics, "b1", "failed")
     catalog.set_build_stages(
         "b1",
         [
@@ -128,7 +128,7 @@ def test_stages_of_builds_that_ended_are_counted(tmp_path: Path):
             {"stage": "hall-of-mirrors", "seconds": 1.0, "cached": False},
         ],
     )
-    build_metrics.count_build(catalog, metrics, "b1", "succeeded")
+    count_build(catalog, metrics, "b1", "succeeded")
 
     def count(name: str, **labels: str) -> float | None:
         return metrics.registry.get_sample_value(name, labels)
@@ -148,12 +148,13 @@ def test_stages_of_builds_that_ended_are_counted(tmp_path: Path):
 def test_a_bad_record_of_stages_does_no_harm(tmp_path: Path, record: bytes):
     metrics, catalog = Metrics(), Catalog(Store.open(str(tmp_path)))
     catalog.store.put("builds/b1/stages.json", record)
-    build_metrics.count_build(catalog, metrics, "b1", "failed")
+    count_build(catalog, metrics, "b1", "failed")
     assert metrics.registry.get_sample_value("firstfix_builds_total", {"state": "failed"}) == 1
 
 
-def test_the_service_knows_the_builders_stages():
-    assert {"fetch_source", *BUILDER_STAGES, "publish"} == build_metrics.STAGES
+def test_each_stage_that_a_build_reports_is_a_label():
+    assert set(reported_stages(provisional=True)) == STAGE_LABELS
+    assert "provisional" in STAGE_LABELS
 
 
 def test_version_process_and_zenoh_are_shown(service: Service):
@@ -193,7 +194,7 @@ def test_no_label_takes_what_callers_make_up(tmp_path: Path):
             "verdict": {verdict.value for verdict in Verdict},
             "reason": {reason.value for reason in Reason},
             "code": CODES,
-            "stage": QUERY_STAGES | build_metrics.STAGES | {"other"},
+            "stage": QUERY_STAGES | STAGE_LABELS | {"other"},
             "cached": {"yes", "no"},
             "method": {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS", "other"},
             "route": routes | {"unknown"},
