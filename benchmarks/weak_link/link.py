@@ -30,14 +30,14 @@ _MAX_WAITING = 1000  # packets, as netem's
 def missing() -> str | None:
     """Tries to make a link. Returns the reason why it cannot be made, or None."""
     if os.geteuid() != 0:
-        return "network namespaces need root"
+        return "needs root, for network namespaces: sudo make test"
     if shutil.which("ip") is None:
-        return "no ip here (iproute2)"
+        return "needs ip: apt-get install iproute2"
     try:
         with weak_link(Conditions(1e6, 0.0, 0.0)):
             return None
     except (OSError, RuntimeError) as error:  # no TUN, or a container that may not
-        return f"no weak link here: {error}"
+        return f"needs TUN devices and network namespaces, as outside of a container: {error}"
 
 
 @dataclass(frozen=True)

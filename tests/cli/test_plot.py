@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 
 import numpy as np
-import pytest
+from matplotlib import image
 
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.evaluate import Outcome, outcome_of, report_of
 from firstfix_cli.plot import MapPicture, draw
-
-image = pytest.importorskip("matplotlib.image")
 
 RED, GREEN, GREY = (0xD7, 0x30, 0x27), (0x1A, 0x98, 0x50), (0x7F, 0x7F, 0x7F)
 TRUTH = make_transform(rotation_z(0.3), [5.0, 5.0, 1.0])

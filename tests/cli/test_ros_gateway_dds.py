@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dds_network import RobotProgram
+from dds_robot import T_BASE_LIDAR, T_ODOM_BASE
 
 import ros_samples
 from fake_service import FakeService
@@ -22,22 +24,16 @@ from firstfix.answer.quality import AlignmentQuality
 from firstfix.errors import InvalidOption, MalformedData
 from firstfix.scan.scan import Scan
 from firstfix.transform import inverse, make_transform, rotation_z
-from firstfix_ros.robot.config import GatewayConfig
-from firstfix_ros.robot.topics import Topics
-from ros_samples import ROS2, cdr
-from waiting import LIMIT_S, wait_until
-
-pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
-
-from dds_network import RobotProgram
-from dds_robot import T_BASE_LIDAR, T_ODOM_BASE
-
 from firstfix_cli.ros_gateway.dds.fleet import DdsFleet
 from firstfix_cli.ros_gateway.dds.messages import FIELDS, TYPES
 from firstfix_cli.ros_gateway.dds.participant import Participant
 from firstfix_cli.ros_gateway.dds.trigger_service import request_header, trigger_reply
+from firstfix_ros.robot.config import GatewayConfig
+from firstfix_ros.robot.topics import Topics
+from ros_samples import ROS2, cdr
 from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
+from waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -157,7 +157,6 @@ def test_url_and_store_together_are_refused(capsys):
 
 
 def test_serve_takes_the_environment_under_the_command_line(monkeypatch, tmp_path):
-    pytest.importorskip("firstfix_service.settings")
     from firstfix_cli.commands.serve import settings_of
 
     nothing = {"store": None, "host": None, "port": None, "zenoh": None, "zenoh_listen": None, "work": None}
@@ -206,7 +205,6 @@ def test_configs_that_cannot_be_used_are_clear(tmp_path):
 
 
 def test_a_world_is_made_for_trying(tmp_path, capsys):
-    pytest.importorskip("open3d")
     assert ended(["world", "atlantis", "-o", tmp_path]) == 2
     assert "no world 'atlantis'" in capsys.readouterr().err
     assert ended(["world", "farm", "-o", tmp_path, "--extent", "400"]) == 2

@@ -8,12 +8,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+import zenoh
 
 from firstfix_client import VersionChange, ZenohClient
 from servers import free_port
 from waiting import LIMIT_S
-
-zenoh = pytest.importorskip("zenoh")
 
 
 class Teller:

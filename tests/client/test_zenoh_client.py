@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zenoh
 from fake_answers import SCAN, T_MAP_SENSOR, answer_bytes, problem_bytes
 
 from firstfix.answer.localization import Verdict
@@ -26,7 +27,6 @@ from waiting import let_pass, wait_until
 
 pytestmark = pytest.mark.slow
 
-zenoh = pytest.importorskip("zenoh")
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
 
 

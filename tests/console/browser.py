@@ -112,7 +112,7 @@ def running_browser(folder: Path) -> Iterator[Browser]:
     """Starts Chromium with an empty profile, and kills it at the end. Without it the test is skipped."""
     program = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
     if program is None:
-        pytest.skip("no chromium: apt-get install chromium")
+        pytest.skip("needs chromium: apt-get install chromium")
     profile = folder / "profile"
     profile.mkdir(parents=True)
     with (folder / "chromium.log").open("wb") as log:

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[browsers.Browser]:
     if not page_files():
-        pytest.skip("no console is built: make console")
+        pytest.skip("needs the console: make console")
     if not AXE.exists():
-        pytest.skip("no axe-core: make console")
+        pytest.skip("needs axe-core: make console")
     with browsers.running_browser(tmp_path_factory.mktemp("browser")) as running:
         yield running
 

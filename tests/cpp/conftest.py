@@ -6,24 +6,27 @@ import sys
 from pathlib import Path
 
 import pytest
-from cpp_build import SANITISED, Build, build, require_toolchain
+from cpp_build import REPO, SANITISED, Build, build, require_toolchain
 
 from once_a_run import OnceARun
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "service"))  # service_world
+
+# They stay, so that only what has changed is compiled again.
+OPTIMISED_FOLDER, SANITISED_FOLDER = REPO / "build/cpp-optimised", REPO / "build/cpp-sanitised"
 
 
 @pytest.fixture(scope="session")
 def optimised(once_a_run: OnceARun) -> Build:
     """The library, the example and the tests with optimisation, as on a robot. Every warning is an error."""
     require_toolchain()
-    return Build(once_a_run.folder("cpp-optimised", lambda folder: build(folder, "-O1")))
+    once_a_run.folder("cpp-optimised", lambda folder: build(OPTIMISED_FOLDER, "-O1"))
+    return Build(OPTIMISED_FOLDER)
 
 
 @pytest.fixture(scope="session")
 def sanitised(once_a_run: OnceARun) -> Build:
     """The tests with checks of every memory access and operation."""
     require_toolchain()
-    return Build(
-        once_a_run.folder("cpp-sanitised", lambda folder: build(folder, SANITISED, "firstfix_tests"))
-    )
+    once_a_run.folder("cpp-sanitised", lambda folder: build(SANITISED_FOLDER, SANITISED, "firstfix_tests"))
+    return Build(SANITISED_FOLDER)

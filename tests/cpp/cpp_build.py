@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from needs import needs
 from waiting import LIMIT_S
 
 REPO = Path(__file__).resolve().parents[2]
@@ -47,7 +48,7 @@ def require_toolchain() -> None:
     """Skips the test if a program or library for the build is missing."""
     for program in ("cmake", "c++", "make", "pkg-config"):
         if shutil.which(program) is None:
-            pytest.skip(f"{program} is not here (scripts/test-servers.sh)")
+            pytest.skip(needs(program, "scripts/test-servers.sh installs it"))
     for library in LIBRARIES:
         if subprocess.run(["pkg-config", "--exists", library], check=False).returncode:
-            pytest.skip(f"the development files of {library} are not here (scripts/test-servers.sh)")
+            pytest.skip(needs(f"the development files of {library}", "scripts/test-servers.sh installs them"))

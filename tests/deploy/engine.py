@@ -65,7 +65,9 @@ def _own_engine(log: Path) -> Iterator[None]:
     try:
         wait_until(lambda: _answers() or engine.poll() is not None)
         if not _answers():
-            pytest.skip(f"dockerd does not start here: {log.read_text()[-300:]}")
+            pytest.skip(
+                needs("a Docker engine", f"start one, as dockerd ended here: {log.read_text()[-300:]}")
+            )
         yield
         # Of earlier runs; what is younger makes the next build short.
         docker("image", "prune", "--force", "--filter", "until=72h")

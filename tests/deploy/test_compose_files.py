@@ -185,7 +185,6 @@ def test_every_image_takes_a_digest():
 
 
 def test_what_the_dask_containers_are_started_with_is_what_dask_takes():
-    pytest.importorskip("distributed", reason="needs firstfix[dask]")
     for name in ("dask-scheduler", "dask-worker"):
         program, kind, *_ = SERVICES[name]["entrypoint"]
         options = {word.split("=")[0] for word in SERVICES[name]["command"] if word.startswith("--")}

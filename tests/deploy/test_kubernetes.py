@@ -55,7 +55,7 @@ def problems_of(custom: list[dict[str, Any]]) -> list[str]:
     """Returns the errors of the resources in the schemas of prometheus-operator."""
     package = Path(sys.prefix) / "kubernetes-models/node_modules/@kubernetes-models/prometheus-operator"
     if not package.is_dir() or shutil.which("node") is None:
-        pytest.skip("no schemas of prometheus-operator: scripts/test-servers.sh installs them, with npm")
+        pytest.skip("needs schemas of prometheus-operator: scripts/test-servers.sh installs them, with npm")
     script = Path(__file__).with_name("check_custom_resources.mjs")
     command = ["node", str(script), str(package)]
     run = subprocess.run(command, input=json.dumps(custom), capture_output=True, text=True, check=True)
@@ -340,7 +340,6 @@ def test_the_scheduler_has_no_credentials(dask: list[dict[str, Any]]):
 
 
 def test_dask_takes_its_options(dask: list[dict[str, Any]]):
-    pytest.importorskip("distributed", reason="needs firstfix[dask]")
     for name, pod in pod_specs(dask):
         (container,) = pod["containers"]
         if "dask" not in name:

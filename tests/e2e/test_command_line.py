@@ -106,19 +106,6 @@ def test_every_way_gives_the_same_fix(shop, small_scans, way):
     assert f"version {shop.built['version'][:12]}" in told
 
 
-def test_every_encoding_is_sent_by_every_way(shop, small_scans):
-    scan, T_map_sensor = shop.poses.parent / "07.ffscan", small_scans[7][1]
-    for way in ("http", "zenoh", "store"):
-        command = ["localize", scan, "--map", PLACE, *ways(shop)[way], "--json"]
-        for encoding in ("range_image", "compact"):
-            answer = json.loads(firstfix(*command, "--encoding", encoding))
-            assert np.linalg.norm(np.subtract(answer["T_map_sensor"]["position"], T_map_sensor[:3, 3])) < 0.05
-        if way != "zenoh":  # the command line has the map's parameters from the service or the store
-            answer = json.loads(firstfix(*command, "--encoding", "descriptor", code=3))
-            assert answer["reasons"] == ["not_registered"]
-            assert answer["hypotheses"][0]["inlier_ratio"] is None
-
-
 def test_a_hopeless_scan_is_rejected_with_its_exit_code(shop, tmp_path):
     np.save(tmp_path / "dust.npy", np.random.default_rng(0).normal(0, 0.3, (5000, 3)))
     told = firstfix("localize", tmp_path / "dust.npy", "--map", PLACE, *ways(shop)["http"], code=4)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dds_network import RobotProgram
+from dds_robot import T_BASE_LIDAR
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.catalog.catalog import Catalog
@@ -17,12 +19,6 @@ from firstfix.store.store import Store
 from firstfix.transform import from_quaternion, inverse, pose_error
 from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client
-
-pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
-
-from dds_network import RobotProgram
-from dds_robot import T_BASE_LIDAR
-
 from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
 from waiting import LIMIT_S

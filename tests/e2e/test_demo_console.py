@@ -18,7 +18,7 @@ from waiting import LIMIT_S, wait_until
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not page_files(), reason="the console is not built here: make console"),
+    pytest.mark.skipif(not page_files(), reason="needs the console: make console"),
 ]
 
 

@@ -42,23 +42,14 @@ def test_the_paper_s_method_is_one_word_of_the_config(small_map, small_work, sma
     assert found(version, small_scans) >= 0.7  # perturbed scans, K = 10: 17 of 20 when this was written
 
 
-def test_clusters_are_fewer_with_a_larger_threshold(small_map, small_work):
-    counts = [
-        build(small_map, small_work, {"method": "paper", "cluster": {"threshold": threshold}}).manifest.counts
-        for threshold in (0.1, 0.5)
-    ]
-    assert counts[0]["templates"] == counts[1]["templates"]
-    assert counts[1]["clusters"] < counts[0]["clusters"] <= counts[0]["templates"]
-
-
 @pytest.fixture(scope="module")
 def found_by_default(small_version, small_scans) -> float:
     """Share of the scans that the default search engine finds."""
     return found(small_version, small_scans)
 
 
-@pytest.mark.parametrize("engine", ["exhaustive", "kdtree", "faiss_flat", "faiss_ivf", "faiss_hnsw"])
-def test_every_search_engine_serves_the_default_method(
+@pytest.mark.parametrize("engine", ["kdtree", "faiss_hnsw"])
+def test_another_search_engine_serves_the_default_method(
     small_map, small_work, small_scans, found_by_default, engine
 ):
     version = build(small_map, small_work, {"search": {"engine": engine}})

@@ -82,7 +82,8 @@ def why_no_images() -> str | None:
             with DiskImage.make(Path(folder) / "image", Path(folder) / "at", size_bytes=_MIN_BYTES):
                 return None
         except subprocess.CalledProcessError as error:
-            return f"no image can be mounted here: {error.stderr.decode(errors='replace').strip()[:200]}"
+            why = error.stderr.decode(errors="replace").strip()[:200]
+            return f"needs root and loop devices, so that an image can be mounted: {why}"
 
 
 def _run(*command: str) -> None:

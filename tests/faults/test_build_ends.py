@@ -20,7 +20,7 @@ def test_the_store_holds_what_the_answers_said(tmp_path: Path):
     assert not figures["wrong"]
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root mounts a small disk")
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, who mounts a small disk: sudo make test")
 def test_a_full_store_is_waited_for(tmp_path: Path):
     figures = ends(tmp_path, ["store full for a while"], say=print)
     assert figures["tried"] == 1

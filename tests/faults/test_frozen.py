@@ -10,7 +10,7 @@ from servers import program
 from tests.faults.freezing.case import Case
 from tests.faults.freezing.part import Part
 from tests.faults.frozen import PARTS, frozen
-from tests.faults.nats_server import nats_server_program
+from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 from waiting import LIMIT_S
 
 pytestmark = pytest.mark.slow
@@ -28,7 +28,7 @@ def cases(parts: dict[str, Part]) -> list[Case]:
 def test_all_others_are_answered_and_everything_comes_back(tmp_path: Path):
     program("versitygw", "make test-servers")
     if nats_server_program() is None:
-        pytest.skip("no nats-server on this machine")
+        pytest.skip(NEEDS_NATS)
     found, left = frozen(tmp_path, Path(__file__).parents[2], cases, lambda figures: None, READERS)
     assert len(found) == len(PARTS) + 1
     assert {one.name: one.missed for one in found if one.missed} == {}, "what was missed in time is not here"

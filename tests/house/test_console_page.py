@@ -20,9 +20,7 @@ MAX_BYTES = 250 * 1024  # of all scripts and styles, packed
 MAX_FIRST_BYTES = 50 * 1024  # of those that the list of maps needs
 THREE = b"WebGLRenderer"  # the 3D library names its parts in messages
 
-pytestmark = pytest.mark.skipif(
-    not (PAGE / "index.html").is_file(), reason="the console is not built here: make console"
-)
+pytestmark = pytest.mark.skipif(not (PAGE / "index.html").is_file(), reason="needs the console: make console")
 
 
 def packed_bytes(*paths: Path) -> int:
@@ -87,7 +85,7 @@ def test_the_licences_of_what_it_holds_are_with_it():
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The whole distribution's wheel, without its compiled modules."""
     if find_spec("scikit_build_core") is None:
-        pytest.skip("no scikit-build-core: scripts/setup.sh installs it")
+        pytest.skip("needs scikit-build-core: scripts/setup.sh installs it")
     folder = tmp_path_factory.mktemp("wheel")
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
     command += ["--no-index", "-C", "wheel.cmake=false", "--wheel-dir", str(folder), str(REPO)]

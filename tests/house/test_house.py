@@ -18,7 +18,7 @@ MACHINE = re.compile(r"(?<![\w.])/(work|root|tmp/(venv|clone))/")
 def tracked_texts() -> list[tuple[str, str]]:
     listing = subprocess.run(["git", "ls-files", "-z"], cwd=REPO, capture_output=True, check=False)
     if listing.returncode:
-        pytest.skip("not a git checkout: what belongs to the repository is not known")
+        pytest.skip("needs a git checkout, which knows what belongs to it: git clone")
     texts = []
     for name in listing.stdout.decode().rstrip("\0").split("\0"):
         path = REPO / name

@@ -15,7 +15,7 @@ def pages() -> list[Path]:
         ["git", "ls-files", "*.md"], cwd=REPO, capture_output=True, text=True, check=False
     )
     if listing.returncode:
-        pytest.skip("not a git checkout: what belongs to the repository is not known")
+        pytest.skip("needs a git checkout, which knows what belongs to it: git clone")
     return [REPO / name for name in listing.stdout.splitlines()]
 
 

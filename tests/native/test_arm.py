@@ -31,7 +31,7 @@ def run(*command: str | Path) -> str:
 def need(*programs: str) -> None:
     for program in programs:
         if shutil.which(program) is None:
-            pytest.skip(f"{program} is not here: sudo apt-get install g++-aarch64-linux-gnu qemu-user")
+            pytest.skip(f"needs {program}: apt-get install g++-aarch64-linux-gnu qemu-user")
 
 
 def test_every_header_compiles(tmp_path: Path):

@@ -10,7 +10,9 @@ import pytest
 
 from waiting import LIMIT_S
 
-SOURCES = Path(__file__).resolve().parents[2] / "native/tests"
+REPO = Path(__file__).resolve().parents[2]
+SOURCES = REPO / "native/tests"
+BUILT = REPO / "build/sanitized"  # stays, so that only what has changed is compiled again
 PROGRAMS = sorted(source.stem for source in SOURCES.glob("fuzz_*.cpp"))
 # Each compiles a room of the core with sanitizers.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -22,13 +24,12 @@ def run(*command: str | Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder() -> Path:
     for program in ("cmake", "c++", "make"):
         if shutil.which(program) is None:
             pytest.skip(f"needs {program}: apt-get install cmake g++ make")
-    folder = tmp_path_factory.mktemp("sanitized")
-    run("cmake", "-S", SOURCES, "-B", folder)
-    return folder
+    run("cmake", "-S", SOURCES, "-B", BUILT)
+    return BUILT
 
 
 @pytest.mark.parametrize("program", PROGRAMS)

@@ -11,12 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cyclonedds.idl import make_idl_struct
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
-
-from cyclonedds.idl import make_idl_struct
 
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.ros.header import Header, Stamp

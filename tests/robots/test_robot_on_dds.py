@@ -8,8 +8,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
-
 from benchmarks.common.datasets import HALL
 from firstfix.answer.localization import Verdict
 from tests.claimed import any_domain

@@ -5,15 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
-
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl.types import array, bounded_str, sequence, uint8
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from firstfix_cli.ros_gateway.dds import qos
 from firstfix_cli.ros_gateway.dds.participant import Participant

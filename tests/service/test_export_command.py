@@ -49,8 +49,9 @@ def world(served: tuple[Service, ExportedWorld]) -> ExportedWorld:
 
 def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
     """Times and messages of each topic, in the order of time."""
-    mcap_reader = pytest.importorskip("mcap.reader")
-    decoder = pytest.importorskip("mcap_ros2.decoder")
+    from mcap import reader as mcap_reader
+    from mcap_ros2 import decoder
+
     found: dict[str, list[tuple[int, Any]]] = {}
     with path.open("rb") as file:
         reader = mcap_reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import threading
@@ -12,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 from service_world import Service, running_service
 
@@ -104,6 +106,46 @@ def _worker_pids() -> set[int]:
             if parent == os.getpid() and b"firstfix_service.query_workers.worker" in command:
                 found.add(int(entry.name))
     return found
+
+
+def mapped_versions(pid: int) -> set[str]:
+    """Returns the digests of the versions whose files a process has mapped."""
+
+    def seen() -> set[str]:
+        return set(re.findall(r"/versions/([0-9a-f]{64})/", Path(f"/proc/{pid}/maps").read_text()))
+
+    return seen() & seen()  # one read is not a snapshot: versions may change meanwhile
+
+
+def rss_mib(pid: int) -> float:
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def test_ten_maps_of_which_three_fit(service: Service, workers: Workers, yards: Yards):
+    names = {f"yard-{k}": k for k in range(10)}
+    for name, k in names.items():
+        yards.publish(service, name, k)
+    mapped: list[int] = []
+
+    def ask(query: int) -> None:
+        name = f"yard-{query % 10}" if query < 20 else f"yard-{rng.integers(10)}"
+        response = yards.ask(service, name, query)
+        assert response.status_code == 200, response.text
+        answer = Localization.from_mapping(response.json())
+        assert answer.map_id == name
+        assert yards.shift_of(answer, query) == names[name]
+        mapped.extend(len(mapped_versions(pid)) for pid in workers.pids())
+
+    rng = np.random.default_rng(2)
+    for query in range(20):
+        ask(query)
+    before = [rss_mib(pid) for pid in workers.pids()]
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(ask, range(20, 80)))
+    assert max(mapped) == 3, "no worker process holds more"
+    after = [rss_mib(pid) for pid in workers.pids()]
+    assert len(after) == len(before) == 2
+    assert max(after) < max(before) + 100, "it does not grow with every load"
 
 
 def test_a_version_is_swapped_under_queries_without_an_error(service: Service, yards: Yards):

@@ -11,9 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("distributed", reason="needs firstfix[dask]")
-
 from dask_cluster import DaskCluster, dask_cluster
 
 from certificates import certificates
@@ -260,7 +257,8 @@ def test_without_a_scheduler_or_workers_it_says_so(tmp_path: Path):
 
 
 def test_over_tls_both_sides_show_their_certificates(log: Path, numbers: StageResult, tmp_path: Path):
-    config = pytest.importorskip("dask.config")
+    from dask import config
+
     ca, server, client = certificates(tmp_path)
     (tmp_path / "foreign").mkdir()
     *_, stranger = certificates(tmp_path / "foreign")

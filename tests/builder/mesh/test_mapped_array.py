@@ -52,13 +52,13 @@ def test_a_disk_that_cannot_take_room(tmp_path, monkeypatch):
     assert len(mapped_array(tmp_path / "a.npy", np.float64, (10, 3))) == 10
 
 
-@pytest.mark.skipif(not os.access("/", os.W_OK), reason="only root can mount a small disk")
+@pytest.mark.skipif(not os.access("/", os.W_OK), reason="needs root, who mounts a small disk: sudo make test")
 def test_a_disk_that_is_really_full(tmp_path):
     """Ended the process with SIGBUS where the room was not taken. Needs the right to mount."""
     small = tmp_path / "small"
     small.mkdir()
     if os.system(f"mount -t tmpfs -o size=1m none {small} 2>/dev/null"):
-        pytest.skip("mounting is not allowed here")
+        pytest.skip("needs the right to mount a small disk: run as root outside of a container")
     try:
         with pytest.raises(OutOfSpace, match="work disk is full"):
             mapped_array(small / "a.npy", np.float64, (100_000, 3))

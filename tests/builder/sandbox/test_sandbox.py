@@ -42,7 +42,8 @@ SECRET = "a secret of the store"
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(
-        landlock_version() < SIGNALS_VERSION, reason="this kernel has no Landlock, or one before version 6"
+        landlock_version() < SIGNALS_VERSION,
+        reason="needs Landlock of version 6: run on Linux 6.12 or later",
     ),
 ]
 
@@ -369,7 +370,7 @@ def test_the_filter_holds_to_the_kernels_headers(machine: str):
         "aarch64": Path("/usr/include/asm-generic/unistd.h"),
     }[machine]
     if not header.exists():
-        pytest.skip(f"no {header}: apt-get install linux-libc-dev")
+        pytest.skip(f"needs {header}: apt-get install linux-libc-dev")
     known = dict(re.findall(r"#define __NR(?:3264)?_(\w+)\s+(\d+)", header.read_text()))
     column = ("x86_64", "aarch64").index(machine)
     for name, numbers in seccomp._REFUSED.items():

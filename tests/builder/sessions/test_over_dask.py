@@ -6,9 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("distributed", reason="needs firstfix[dask]")
-
 from building import building, session
 from dask_cluster import dask_cluster
 

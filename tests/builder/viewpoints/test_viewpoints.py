@@ -229,7 +229,8 @@ def test_small_tiles_give_what_one_tile_gives(monkeypatch: pytest.MonkeyPatch, w
 
 
 def test_real_floor_plan_without_a_trajectory():
-    trimesh = pytest.importorskip("trimesh")
+    import trimesh
+
     mesh = trimesh.load(recorded("worlds/hospital_aws_1floor.ply"))
     simulator = Simulator(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     found = sample_viewpoints(simulator, ViewpointConfig(), MOUNT_M)

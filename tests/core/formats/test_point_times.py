@@ -99,7 +99,8 @@ def test_a_pcd_and_a_ply_have_times(tmp_path):
 
 
 def test_a_laz_scan_has_times(tmp_path):
-    laspy = pytest.importorskip("laspy")
+    import laspy
+
     header = laspy.LasHeader(point_format=1, version="1.2")
     header.scales = np.full(3, 1e-3)
     cloud = laspy.LasData(header)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 
 import pytest
+import zenoh
 
 from firstfix.wire.endpoints import SCOUTING, Links, is_encrypted_endpoint, is_local_endpoint
-
-zenoh = pytest.importorskip("zenoh")
 
 
 @pytest.mark.parametrize(

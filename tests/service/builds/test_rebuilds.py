@@ -9,9 +9,6 @@ from pathlib import Path
 import pytest
 from builds_world import wait_until_ended
 from service_world import Service, running_service
-
-pytest.importorskip("open3d", reason="needs firstfix[builder]")
-
 from test_incremental import CONFIG, corridor
 
 from firstfix.builds.config import BuildConfig

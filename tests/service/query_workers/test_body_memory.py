@@ -11,7 +11,9 @@ import pytest
 from firstfix.errors import TooLarge
 from firstfix_service.query_workers.protocol import KEPT_BYTES, BodyMemory, mapped_bodies
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has files in memory")
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux", reason="needs Linux, which has files in memory: run in a container"
+)
 CAPACITY = 16 << 20
 
 
