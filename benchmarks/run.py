@@ -9,7 +9,6 @@ import argparse
 import json
 from pathlib import Path
 
-from .calibration import suite as calibration
 from .common.datasets import DATASETS
 from .encodings import suite as encodings
 from .hints import suite as hints
@@ -18,6 +17,7 @@ from .koide import suite as koide
 from .native import suite as native
 from .paper import suite as paper
 from .peers import suite as peers
+from .ranking import suite as calibration
 from .real import suite as real
 from .retrieval import suite as retrieval
 from .robust import suite as robust

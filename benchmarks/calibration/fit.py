@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 from firstfix.answer import quality as support
 from firstfix.answer.quality import AlignmentQuality, MatchFeatures
-from firstfix.engine.calibration import WEIGHTS, Calibration
+from firstfix.engine.ranking import WEIGHTS, Calibration
 from firstfix_builder.self_test.reliability import ABSENT_WEIGHT
 
 from ..robust.figures import calibration_error

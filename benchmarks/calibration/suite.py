@@ -1,4 +1,4 @@
-"""Fits the prior of ``firstfix.engine.calibration`` and checks it in worlds that it was not fitted to.
+"""Fits the prior of ``firstfix.engine.ranking`` and checks it in worlds that it was not fitted to.
 
     python -m benchmarks.run calibration [--quick] [--json FILE]
     python -m benchmarks.calibration --work DIR --scans 24 [--world NAME ...] [--again] [--json FILE]

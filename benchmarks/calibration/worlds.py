@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from firstfix.builds.config import BuildConfig
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MapIndex
+from firstfix.engine.ranking import Calibration
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.simulation.worlds import NAMES, make_world

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 from firstfix.builds.config import BuildConfig, LearnKeysConfig
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import CALIBRATION_FILE
+from firstfix.engine.ranking import Calibration
 
 THINNED_M = 0.2  # between points
 COARSER = 1.5  # cells of the surface, against those that follow the points' spacing

@@ -13,7 +13,7 @@ import numpy as np
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.quality import MAX_MARGIN
-from firstfix.engine.calibration import Calibration
+from firstfix.engine.ranking import Calibration
 from firstfix.scan.levelling import turned
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, pose_error

@@ -8,7 +8,7 @@ import numpy as np
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.quality import AlignmentQuality, MatchFeatures, match_features
-from firstfix.engine.calibration import Calibration
+from firstfix.engine.ranking import Calibration
 from firstfix.transform import Matrix, pose_error
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one

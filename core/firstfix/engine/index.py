@@ -10,9 +10,9 @@ import numpy as np
 
 from ..errors import CorruptVersion
 from ..transform import Matrix
-from .calibration import Calibration
 from .config import EngineConfig
 from .false_accept_bound import FalseAcceptBound
+from .ranking import Calibration
 from .registration.align import MapSurface
 from .retrieval.cascade import Cascade
 from .verification.free_space import MapView

@@ -10,8 +10,8 @@ from ..answer.options import LocalizeOptions
 from ..answer.quality import MAX_MARGIN, MatchFeatures
 from ..errors import InvalidOption
 from ..transform import inverse
-from .calibration import Calibration
 from .index import MapIndex
+from .ranking import Calibration
 from .registered_candidate import RegisteredCandidate, features_of
 from .registration.covariance import pose_covariance
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from firstfix.answer.quality import AlignmentQuality, MatchFeatures
-from firstfix.engine.calibration import Calibration
+from firstfix.engine.ranking import Calibration
 from firstfix_builder.self_test.reliability import (
     ABSENT_WEIGHT,
     Case,

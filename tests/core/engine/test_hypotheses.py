@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 
 from firstfix.answer.prior import Prior
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.hypotheses import MAX_REFINED, NEIGHBOUR_M, HypothesisSearch
 from firstfix.engine.index import MapIndex
+from firstfix.engine.ranking import Calibration
 from firstfix.engine.registration.align import Agreement, Registrations
 from firstfix.engine.verification.free_space import FreeSpaceShares
 from firstfix.transform import make_transform, rotation_z

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from firstfix.answer.quality import AlignmentQuality, MatchFeatures
-from firstfix.engine.calibration import Calibration
+from firstfix.engine.ranking import Calibration
 
 
 def cases(n: int, seed: int):
