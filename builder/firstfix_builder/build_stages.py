@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from firstfix.builds.config import BuildConfig
-from firstfix.engine.config import EngineConfig
+from firstfix.engine.config import ENGINE_FILE, EngineConfig
 from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
-from firstfix.engine.index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
+from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.ranking import Calibration
 from firstfix.engine.retrieval.cascade import save_projection

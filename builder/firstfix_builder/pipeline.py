@@ -20,7 +20,8 @@ from threadpoolctl import threadpool_limits
 from firstfix.builds.config import BuildConfig
 from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES
 from firstfix.catalog.manifest import Manifest
-from firstfix.engine.index import ENGINE_FILE, MAP_FILE
+from firstfix.engine.config import ENGINE_FILE
+from firstfix.engine.index import MAP_FILE
 from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.errors import BuildFailed
 

@@ -93,7 +93,7 @@ def run_self_test(
     outside = strange.cases(spots, 1.0, config.outside, rng)
     queries = [*((here, case) for case in inside), *((strange, case) for case in outside)]
     asked_with = LocalizeOptions(T_base_sensor=make_transform(sensor.R_base_sensor, np.zeros(3)))
-    T_map_level = localizer.index.T_map_level
+    T_map_level, ranking = localizer.index.T_map_level, localizer.index.config.ranking
     T_level_map = inverse(T_map_level)
     done = 0
 
@@ -107,7 +107,7 @@ def run_self_test(
         if simulation is strange:
             outcomes = [Outcome.nowhere(number, answer)]
         else:
-            by = unequal_by(answer, simulator, sensor, case.T_level_sensor, T_level_map)
+            by = unequal_by(answer, simulator, sensor, case.T_level_sensor, T_level_map, ranking)
             outcomes = [
                 replace(Outcome.here(number, answer, case.T_level_sensor, T_map_level), unequal_by=by)
             ]
@@ -128,7 +128,7 @@ def run_self_test(
 
     outcomes = [outcome for of_query in executor.map(run, range(len(queries))) for outcome in of_query]
     min_margin = tie_width([outcome.unequal_by for outcome in outcomes])
-    outcomes = [replace(outcome, min_margin=min_margin) for outcome in outcomes]
+    outcomes = [replace(outcome, min_margin=min_margin, ranking=ranking) for outcome in outcomes]
     cases = _cases(outcomes, mirrored_weight(len(inside), config.mirrored))
     calibration = replace(fit(cases), min_margin=min_margin)
     tested = _spots(outcomes, calibration, T_level_map)

@@ -22,13 +22,8 @@ from ..transform import Matrix
 from .config import PreprocessConfig
 from .motion.sweep import sweep_times
 from .motion.timed_view import timed_view
+from .ranking import RANKING, RankingConfig
 from .registration.surface import Surface
-
-_SPARSE_POINTS = 400
-_DENSE_POINTS = 4000
-_RETURNS = 20_000
-_APART_M = 0.9  # nearer to each other, scans show the same surfaces again
-_VOXELLED = 40_000  # points before one a voxel is kept: more points reach hardly any further voxel
 
 
 @dataclass(frozen=True)
@@ -121,12 +116,12 @@ class PreparedQuery:
         )
 
 
-def spots_of(scans: Iterable[PreparedScan]) -> int:
-    """Number of spots, _APART_M apart, where the scans of a query were taken."""
+def spots_of(scans: Iterable[PreparedScan], apart_m: float) -> int:
+    """Number of spots, ``apart_m`` apart, where the scans of a query were taken."""
     chosen: list[NDArray[np.float64]] = []
     for scan in scans:
         spot = scan.T_last_scan[:3, 3]
-        if all(float(np.linalg.norm(spot - other)) >= _APART_M for other in chosen):
+        if all(float(np.linalg.norm(spot - other)) >= apart_m for other in chosen):
             chosen.append(spot)
     return len(chosen)
 
@@ -136,6 +131,7 @@ def preprocess(
     gravity: NDArray[np.float64] | None,
     config: PreprocessConfig,
     R_base_sensor: NDArray[np.float64] | None = None,
+    ranking: RankingConfig = RANKING,
 ) -> PreparedQuery | None:
     """Prepares a query. Returns None if too few points are left.
 
@@ -150,13 +146,14 @@ def preprocess(
     still = [replace(scan, time_s=None) for scan in sequence.scans[:-1]]
     for scan, T_last_scan in zip([*still, sequence.scans[-1]], sequence.T_last_scan, strict=True):
         down = None if gravity is None else T_last_scan[:3, :3].T @ gravity
-        prepared = _prepare(scan, T_last_scan, down, config, R_base_sensor)
+        prepared = _prepare(scan, T_last_scan, down, config, R_base_sensor, ranking)
         if prepared is not None:
             scans.append(prepared)
     if not scans:
         return None
     together = Surface.together([scan.thinned.moved(scan.T_last_scan) for scan in scans])
-    dense, sparse = (together.at_most(count, config.voxel_m) for count in (_DENSE_POINTS, _SPARSE_POINTS))
+    counts = ranking.dense_points, ranking.sparse_points
+    dense, sparse = (together.at_most(count, config.voxel_m) for count in counts)
     return PreparedQuery(tuple(scans), dense, sparse)
 
 
@@ -177,24 +174,31 @@ class _Returns:
     viewed: TimedPoints | None = None
 
     @classmethod
-    def of(cls, scan: Scan | CompactScan, config: PreprocessConfig) -> _Returns:
+    def of(cls, scan: Scan | CompactScan, config: PreprocessConfig, ranking: RankingConfig) -> _Returns:
         timed = TimedPoints(scan.points, sweep_times(scan.time_s))
         near = timed.within_range(config.min_range_m, config.max_range_m)
         if isinstance(scan, CompactScan):
-            return cls._of_compact(near, scan.nearest_m, config)
-        means = near.at_most(_VOXELLED).voxel_means(config.voxel_m)
-        voxels, viewed = means.by_voxel_hash(config.voxel_m, _DENSE_POINTS), near.at_most(_RETURNS)
+            return cls._of_compact(near, scan.nearest_m, config, ranking)
+        means = near.at_most(ranking.voxelled_points).voxel_means(config.voxel_m)
+        voxels, viewed = (
+            means.by_voxel_hash(config.voxel_m, ranking.dense_points),
+            near.at_most(ranking.view_points),
+        )
         return cls(near.points, voxels, RangeView.of(viewed.points), viewed)
 
     @classmethod
     def _of_compact(
-        cls, timed: TimedPoints, nearest_m: NDArray[np.float32], config: PreprocessConfig
+        cls,
+        timed: TimedPoints,
+        nearest_m: NDArray[np.float32],
+        config: PreprocessConfig,
+        ranking: RankingConfig,
     ) -> _Returns:
         near = (nearest_m > config.min_range_m) & (nearest_m < config.max_range_m)
         nearest_m = np.where(near, nearest_m, np.float32(np.inf))
         # the nearest return of every direction fills cells of the descriptor that the voxels leave empty
         seen = np.concatenate([timed.points, directions()[near] * nearest_m[near, None]])
-        voxels = timed.by_voxel_hash(config.voxel_m, _DENSE_POINTS)
+        voxels = timed.by_voxel_hash(config.voxel_m, ranking.dense_points)
         viewed = None if timed.time_s is None else timed_view(timed, nearest_m)
         return cls(seen, voxels, RangeView.of_nearest(nearest_m), viewed)
 
@@ -205,8 +209,9 @@ def _prepare(
     down: NDArray[np.float64] | None,
     config: PreprocessConfig,
     R_base_sensor: NDArray[np.float64] | None,
+    ranking: RankingConfig,
 ) -> PreparedScan | None:
-    returns = _Returns.of(scan, config)
+    returns = _Returns.of(scan, config, ranking)
     voxels = returns.voxels.points
     if len(voxels) < config.min_points:
         return None

@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import native
-from ..answer.quality import AlignmentQuality, MatchFeatures
+from ..answer.quality import AlignmentQuality
 from ..transform import Matrix
 from .index import MapIndex
-from .motion.sweep import discounted_score
+from .ranking import MatchFeatures, RankingConfig
 from .registration.align import Agreement, Registration
 from .verification.free_space import FreeSpaceShares
 
-SAME_POSE_M = 1.0
-SAME_POSE_DEG = 15.0
 NOT_CHECKED = FreeSpaceShares(0.0, 0.0)
 NOT_MEASURED = Agreement(0.0, 0.0)
 
@@ -54,12 +52,18 @@ class RegisteredCandidate:
         """Fit of the scan to the map at this pose, less for a motion during the scan that is unlikely."""
         return AlignmentQuality(
             self.registration.inlier_ratio,
-            discounted_score(self.registration.alignment_score, self.registration.twist),
+            self.index.config.ranking.discounted_score(
+                self.registration.alignment_score, self.registration.twist
+            ),
             self.free_space.free_space_violation,
             self.free_space.removed_surface,
-            self.agreement.beside_surface,
-            self.agreement.same_plane,
+            **vars(self.agreement),
         )
+
+    @cached_property
+    def support(self) -> float:
+        """Score by which candidates are ranked."""
+        return self.index.config.ranking.support(self.quality)
 
     @property
     def T_map_sensor(self) -> Matrix:
@@ -69,15 +73,22 @@ class RegisteredCandidate:
 
 def ranked(candidates: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
     """Candidates of one map by support, best first; of nearly the same pose only the best is kept."""
-    best_first = sorted(candidates, key=lambda candidate: -candidate.quality.support)
-    T_level_sensor = [candidate.registration.T_level_sensor for candidate in best_first]
-    return [best_first[row] for row in distinct(np.array(T_level_sensor).reshape(-1, 4, 4)).tolist()]
+    best_first = sorted(candidates, key=lambda candidate: -candidate.support)
+    if not best_first:
+        return []
+    T_level_sensor = np.array([candidate.registration.T_level_sensor for candidate in best_first])
+    rows = distinct(T_level_sensor, best_first[0].index.config.ranking)
+    return [best_first[row] for row in rows.tolist()]
 
 
-def distinct(T_level_sensor: NDArray[np.float64], most: int | None = None) -> NDArray[np.int64]:
+def distinct(
+    T_level_sensor: NDArray[np.float64], ranking: RankingConfig, most: int | None = None
+) -> NDArray[np.int64]:
     """Rows of (k, 4, 4) poses of one map, ``most`` at most, that are not nearly the same as a row before."""
     most = len(T_level_sensor) if most is None else most
-    return native.distinct_poses(T_level_sensor, SAME_POSE_M, math.radians(SAME_POSE_DEG), most)
+    return native.distinct_poses(
+        T_level_sensor, ranking.same_pose_m, math.radians(ranking.same_pose_deg), most
+    )
 
 
 def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> MatchFeatures:
@@ -87,5 +98,10 @@ def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> Match
     mean over the scans, so the margin counts once for each spot (docs/method.md section 7).
     """
     one = ranked[number]
-    features = one.index.calibration.match_features([candidate.quality for candidate in ranked], number)
+    features = one.index.config.ranking.match_features(
+        [candidate.quality for candidate in ranked],
+        one.index.calibration.min_margin,
+        number,
+        [candidate.support for candidate in ranked],
+    )
     return replace(features, margin=one.spots * features.margin)

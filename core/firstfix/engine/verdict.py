@@ -7,15 +7,12 @@ from dataclasses import replace
 
 from ..answer.localization import Hypothesis, Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
-from ..answer.quality import MAX_MARGIN, MatchFeatures
 from ..errors import InvalidOption
 from ..transform import inverse
 from .index import MapIndex
-from .ranking import Calibration
+from .ranking import Calibration, MatchFeatures
 from .registered_candidate import RegisteredCandidate, features_of
 from .registration.covariance import pose_covariance
-
-LIKELY = 0.5  # from here on, one of the places that tie is more likely right than not
 
 
 def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:
@@ -81,9 +78,9 @@ def _why_not_localized(
         return Reason.FREE_SPACE_VIOLATION
     if calibration.accepts(best, min_probability):
         return None
-    if best.tied > 1 and calibration.probability(best) >= LIKELY:
+    if best.tied > 1 and calibration.probability(best) >= best.ranking.likely:
         return Reason.SEVERAL_PLACES
-    if would_do(replace(best, margin=MAX_MARGIN, tied=1)):  # without its rivals, tied or not
+    if would_do(best.without_rivals):
         return Reason.SEVERAL_PLACES
     if would_do(replace(best, quality=replace(best.quality, free_space_violation=0.0))):
         return Reason.FREE_SPACE_VIOLATION

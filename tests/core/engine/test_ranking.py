@@ -1,10 +1,94 @@
 import json
+import math
 
 import numpy as np
 import pytest
 
-from firstfix.answer.quality import AlignmentQuality, MatchFeatures
-from firstfix.engine.ranking import Calibration
+from firstfix.answer.quality import AlignmentQuality
+from firstfix.catalog.manifest import Manifest
+from firstfix.engine.config import ENGINE_FILE, EngineConfig
+from firstfix.engine.index import CALIBRATION_FILE, MapIndex
+from firstfix.engine.ranking import RANKING, Calibration, MatchFeatures, RankingConfig
+from firstfix.errors import CorruptVersion, IncompatibleVersion
+
+TIED = 0.05
+support_of, match_features = RANKING.support, RANKING.match_features
+
+
+def fit_of(support: float) -> AlignmentQuality:
+    """A fit with this support, by its alignment score."""
+    rest = support_of(AlignmentQuality(0.9, 0.05, 0.01, 0.01))
+    return AlignmentQuality(
+        0.9, RANKING.best_score - math.exp((rest - support) / RANKING.alignment_weight), 0.01, 0.01
+    )
+
+
+def test_support_falls_with_every_wall_that_is_seen_through():
+    free = support_of(AlignmentQuality(0.9, 0.8, 0.0, 0.0))
+    left = support_of(AlignmentQuality(0.9, 0.8, 0.0, 0.02))
+    contradicted = support_of(AlignmentQuality(0.9, 0.8, 0.02, 0.0))
+    assert contradicted < left < free  # what has left counts less than what cannot be
+    assert support_of(AlignmentQuality(0.9, 0.8, 0.5, 0.0)) < support_of(AlignmentQuality(0.9, 0.8, 0.3, 0.0))
+
+
+def test_a_few_directions_seen_through_outweigh_surfaces_that_the_map_lacks():
+    """Mapping missed surfaces: the true place aligns worse than its look-alike, but passes no wall."""
+    true_place, look_alike = AlignmentQuality(0.8, 0.68, 0.0, 0.0), AlignmentQuality(0.9, 0.78, 0.004, 0.016)
+    assert support_of(true_place) > support_of(look_alike) + TIED
+
+
+def test_the_margin_is_over_the_best_other_place():
+    fits = [fit_of(1.0), fit_of(0.6), fit_of(0.8)]
+    assert match_features(fits, TIED).margin == pytest.approx(0.2)
+    assert match_features(fits, TIED, 1).margin == pytest.approx(-0.4)
+    assert match_features(fits[:1], TIED).margin == RANKING.max_margin
+
+
+def test_places_that_tie_are_no_rivals_of_each_other():
+    fits = [fit_of(1.0), fit_of(0.98), fit_of(0.96), fit_of(0.7)]
+    assert [match_features(fits, TIED, number).tied for number in range(4)] == [3, 3, 3, 1]
+    assert match_features(fits, TIED).margin == pytest.approx(0.3)
+    assert match_features(fits, TIED, 3).margin == pytest.approx(-0.3)
+
+
+def test_where_all_places_tie_no_margin_is_claimed():
+    """The best rival was not compared: it may be as good as the weakest of those that tie."""
+    fits = [fit_of(1.0), fit_of(0.98), fit_of(0.96)]
+    assert match_features(fits, TIED).tied == 3
+    assert match_features(fits, TIED).margin == pytest.approx(0.04)
+    assert match_features(fits, TIED, 2).margin == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("better", "worse"),
+    [
+        (AlignmentQuality(0.95, 0.81, 0.01), AlignmentQuality(0.95, 0.8, 0.01)),
+        (AlignmentQuality(0.95, 0.8, 0.0), AlignmentQuality(0.95, 0.8, 0.01)),
+        (AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.05), AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.06)),
+        (AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.0, 0.1), AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.0, 0.2)),
+    ],
+)
+def test_no_feature_falls_as_the_fit_gets_better(better, worse):
+    assert (match_features([better], TIED).vector >= match_features([worse], TIED).vector).all()
+    assert (match_features([better], TIED).vector > match_features([worse], TIED).vector).any()
+
+
+def test_what_has_left_counts_among_places_only():
+    here, elsewhere = AlignmentQuality(0.95, 0.8, 0.0, 0.0), AlignmentQuality(0.95, 0.8, 0.0, 0.1)
+    assert (match_features([elsewhere], TIED).vector == match_features([here], TIED).vector).all()
+    assert match_features([here, elsewhere], TIED).margin > TIED
+
+
+def test_how_the_scan_agrees_does_not_change_the_ranking():
+    plain, beside = AlignmentQuality(0.95, 0.8, 0.0), AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.3, 0.3)
+    assert support_of(plain) == support_of(beside)
+
+
+@pytest.mark.parametrize(
+    "fit", [AlignmentQuality(0.0, 0.0, 1.0, 1.0, 1.0, 1.0), AlignmentQuality(1.0, 1.0, 0.0, 0.0, 0.0, 0.0)]
+)
+def test_features_are_finite_at_the_ends(fit):
+    assert np.isfinite(match_features([fit, fit], TIED).vector).all()
 
 
 def cases(n: int, seed: int):
@@ -79,13 +163,11 @@ def test_round_trip():
     earlier = fitted.to_mapping()
     del earlier["among_tied"]
     assert Calibration.from_mapping(earlier) == fitted
-    for wrong in (
-        {**fitted.to_mapping(), "among_tied": [1.0, 2.0]},
-        {"nonsense": 1},
-        {"bias": -12.0, "inlier_ratio": 18.0, "margin": 8.0},
-    ):
-        with pytest.raises(ValueError, match="fields"):
-            Calibration.from_mapping(wrong)
+    with pytest.raises(ValueError, match="fields"):
+        Calibration.from_mapping({**fitted.to_mapping(), "among_tied": [1.0, 2.0]})
+    for other in ({"nonsense": 1}, {"bias": -12.0, "inlier_ratio": 18.0, "margin": 8.0}):
+        with pytest.raises(IncompatibleVersion, match="rebuild"):
+            Calibration.from_mapping(other)
 
 
 def test_what_the_map_may_lack_speaks_less_against_a_place_than_what_stands_beside_its_surfaces():
@@ -108,3 +190,50 @@ def test_accepting_takes_overlap_margin_and_probability():
     doubtful = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.02, 0.02, 0.2, 0.2), 0.1)
     assert not calibration.accepts(doubtful)
     assert calibration.accepts(doubtful, min_probability=0.0)
+
+
+def test_a_version_from_before_the_ranking_was_stored_has_the_numbers_of_its_time(tmp_path):
+    stored = EngineConfig().model_dump(mode="json")
+    del stored["ranking"]
+    (tmp_path / ENGINE_FILE).write_text(json.dumps(stored))
+    numbers = EngineConfig.load(tmp_path).ranking
+    assert (numbers.alignment_weight, numbers.removed_weight, numbers.max_margin) == (0.25, 0.04, 0.25)
+
+
+@pytest.mark.parametrize("name", RankingConfig.model_fields)
+def test_each_number_is_part_of_the_version(tmp_path, name):
+    own = EngineConfig().model_dump(mode="json")
+    value = own["ranking"][name]
+    other = json.loads(json.dumps(own))
+    other["ranking"][name] = [2 * one for one in value] if isinstance(value, list) else value + 1
+    (tmp_path / ENGINE_FILE).write_text(json.dumps(other))
+    assert EngineConfig.load(tmp_path) != EngineConfig()
+    assert Manifest({}, engine=other).digest != Manifest({}, engine=own).digest
+    del other["ranking"][name]
+    (tmp_path / ENGINE_FILE).write_text(json.dumps(other))
+    with pytest.raises(IncompatibleVersion, match=f"{name}.*rebuild"):
+        MapIndex.load(tmp_path)
+
+
+def test_a_version_with_a_number_more_needs_a_rebuild_too(tmp_path):
+    stored = EngineConfig().model_dump(mode="json")
+    stored["ranking"]["echo_weight"] = 0.1
+    (tmp_path / ENGINE_FILE).write_text(json.dumps(stored))
+    with pytest.raises(IncompatibleVersion, match=r"echo_weight.*rebuild"):
+        MapIndex.load(tmp_path)
+
+
+def test_a_calibration_on_other_features_needs_a_rebuild(tmp_path):
+    (tmp_path / ENGINE_FILE).write_text(EngineConfig().model_dump_json())
+    fitted = Calibration().to_mapping()
+    del fitted["same_plane"]
+    (tmp_path / CALIBRATION_FILE).write_text(json.dumps(fitted))
+    with pytest.raises(IncompatibleVersion, match=r"same_plane.*rebuild"):
+        MapIndex.load(tmp_path)
+
+
+@pytest.mark.parametrize("damaged", ["[]", "{", '{"ranking": 1}', '{"ranking": []}'])
+def test_a_damaged_config_is_corrupt(tmp_path, damaged):
+    (tmp_path / ENGINE_FILE).write_text(damaged)
+    with pytest.raises((CorruptVersion, IncompatibleVersion)):
+        MapIndex.load(tmp_path)

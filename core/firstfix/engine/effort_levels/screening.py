@@ -42,5 +42,5 @@ def screened_candidates(
     found = found.at(np.argsort(found.template, kind="stable"))  # neighbours read the same part of the map
     T_level_sensor, score = index.surface.screen(prepared.sparse, found.T_level_sensor)
     best = np.argsort(-score, kind="stable")
-    best = best[distinct(T_level_sensor[best], most=effort.candidates)]
+    best = best[distinct(T_level_sensor[best], index.config.ranking, most=effort.candidates)]
     return Candidates(found.template[best], T_level_sensor[best], score[best])
