@@ -22,7 +22,7 @@ from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES
 from firstfix.catalog.manifest import Manifest
 from firstfix.engine.config import ENGINE_FILE
 from firstfix.engine.index import MAP_FILE
-from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.cascade import Clusters
 from firstfix.errors import BuildFailed
 
 from .build_stages import BuildStages

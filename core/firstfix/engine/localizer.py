@@ -14,12 +14,11 @@ from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
-from .effort_levels.map_search import MapSearch, Step
 from .hint.find import find_hint
+from .hypotheses import RegisteredCandidate, features_of
 from .index import MapIndex
-from .motion.deskewed import deskewed
-from .preprocess import PreparedQuery, preprocess
-from .registered_candidate import RegisteredCandidate, features_of
+from .map_search import MapSearch, Step
+from .preprocess import PreparedQuery, deskewed, preprocess
 from .stopwatch import Stopwatch
 from .verdict import judge, threshold_of
 

@@ -10,20 +10,76 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..descriptor import Described, Descriptor, LayeredOccupancy, ScanBatch
+from ..errors import InvalidOption
 from ..native import deskew, turned_occupied_cells
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.levelling import estimate_up_near, floor_height, levelling_rotation, turned
-from ..scan.range_view import RangeView, directions
+from ..scan.range_view import COLUMNS, RangeView, directions, nearest_by_direction
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
 from ..scan.up_hypotheses import other_ups
 from ..scan.voxel_filter import TimedPoints
 from ..transform import Matrix
 from .config import PreprocessConfig
-from .motion.sweep import sweep_times
-from .motion.timed_view import timed_view
 from .ranking import RANKING, RankingConfig
 from .registration.surface import Surface
+
+MIN_SWEEP_S = 0.005  # between the first and the last point: in less, nothing moves far enough to be seen
+
+
+def sweep_times(time_s: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+    """The (n,) times of a scan's points, or None where they cannot show a motion: a flash, or all zeros."""
+    if time_s is None or not len(time_s) or float(np.ptp(time_s)) < MIN_SWEEP_S:
+        return None
+    return time_s
+
+
+def timed_view(timed: TimedPoints, nearest_m: NDArray[np.float32]) -> TimedPoints:
+    """The returns of a range view, each in the middle of its direction.
+
+    Its time is the mean of those of the points in its column. A spinning sensor sees a column at one time.
+    The times of any other one are spread over its columns: their mean then changes little.
+
+    Args:
+        timed: points of the scan, with times.
+        nearest_m: (cells,) nearest ranges by direction, infinite where nothing returned.
+    """
+    assert timed.time_s is not None
+    azimuth = np.arctan2(timed.points[:, 1], timed.points[:, 0])
+    of_point = ((azimuth / (2 * np.pi) + 0.5) * COLUMNS).astype(np.int64) % COLUMNS
+    count = np.bincount(of_point, minlength=COLUMNS)
+    mean_s = np.bincount(of_point, timed.time_s, COLUMNS) / np.maximum(count, 1)
+    known = np.flatnonzero(count)
+    column_s = np.interp(np.arange(COLUMNS), known, mean_s[known]) if len(known) else mean_s
+    seen = np.flatnonzero(np.isfinite(nearest_m))
+    returns = directions()[seen] * nearest_m[seen, None]
+    return TimedPoints(returns, column_s[seen % COLUMNS].astype(np.float32))
+
+
+def deskewed(sequence: ScanSequence, twist: NDArray[np.float64] | None) -> ScanSequence:
+    """The sequence with its last scan as it would have been seen at its stamp. None changes nothing.
+
+    The other scans stay as they are: the twist is that of the last one.
+
+    Args:
+        twist: (6,) m/s then rad/s, in the sensor frame.
+
+    Raises:
+        InvalidOption: the times of the points are not known.
+    """
+    if twist is None:
+        return sequence
+    last = sequence.scans[-1]
+    if last.time_s is None:
+        raise InvalidOption("a twist needs the times of the scan's points")
+    motion = np.asarray(twist, np.float64)
+    still: Scan | CompactScan = replace(last, points=deskew(last.points, last.time_s, motion), time_s=None)
+    if isinstance(last, CompactScan) and isinstance(still, CompactScan):
+        returns = timed_view(TimedPoints(last.points, last.time_s), last.nearest_m)
+        assert returns.time_s is not None
+        moved = deskew(returns.points, returns.time_s, motion)
+        still = replace(still, nearest_m=nearest_by_direction(moved))
+    return ScanSequence((*sequence.scans[:-1], still), sequence.T_last_scan)
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import pytest
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.config import EngineConfig
+from firstfix.engine.hypotheses import RegisteredCandidate
 from firstfix.engine.index import MapIndex
 from firstfix.engine.ranking import RANKING, Calibration
-from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.verdict import judge
 from firstfix.engine.verification.free_space import FreeSpaceShares
