@@ -12,7 +12,8 @@ import numpy as np
 
 from firstfix.builds.config import BuildConfig
 from firstfix.decode import read_scan_file
-from firstfix.engine.index import ENGINE_FILE, MapIndex
+from firstfix.engine.config import ENGINE_FILE
+from firstfix.engine.index import MapIndex
 from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix_builder.execution.stage_cache import StageCache

@@ -13,8 +13,8 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import MAX_RADIUS_M, Prior
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.builds.config import PerturbConfig
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.localizer import Localizer
+from firstfix.engine.ranking import RANKING, Calibration
 from firstfix.scan.scan import Scan
 from firstfix.sensor import preset
 from firstfix.transform import Matrix, pose_error, transform_points
@@ -143,14 +143,14 @@ def _found(
         for one in hypotheses
         if one.quality is not None
     )
-    true = next((place.quality.support for place in places if place.right), None)
+    true = next((RANKING.support(place.quality) for place in places if place.right), None)
     if true is None:
         return places, None
     least = true - Calibration().min_margin
     equals = [
         one.T_map_sensor
         for one, place in zip(hypotheses, places, strict=True)
-        if place.right or place.quality.support > least
+        if place.right or RANKING.support(place.quality) > least
     ]
     return places, np.array(equals)
 

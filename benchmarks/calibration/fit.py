@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from firstfix.answer import quality as support
-from firstfix.answer.quality import AlignmentQuality, MatchFeatures
-from firstfix.engine.calibration import WEIGHTS, Calibration
+from firstfix.answer.quality import AlignmentQuality
+from firstfix.engine.ranking import RANKING, WEIGHTS, Calibration, MatchFeatures
 from firstfix_builder.self_test.reliability import ABSENT_WEIGHT
 
 from ..robust.figures import calibration_error
@@ -40,8 +39,8 @@ class Judged:
     @classmethod
     def of(cls, case: Case) -> Judged:
         """The case, its places ranked by their support."""
-        places = sorted(case.places, key=lambda place: -place.quality.support)
-        features = Calibration().match_features([place.quality for place in places])
+        places = sorted(case.places, key=lambda place: -RANKING.support(place.quality))
+        features = RANKING.match_features([place.quality for place in places], Calibration().min_margin)
         return cls(case, features, places[0].right, any(place.right for place in places[: features.tied]))
 
 
@@ -130,13 +129,7 @@ def support_weights(cases: Mapping[str, Sequence[Case]]) -> list[dict[str, Any]]
 
 
 def _support(removed: float, violation: float) -> Callable[[AlignmentQuality], float]:
-    return lambda quality: (
-        -float(
-            support.ALIGNMENT_WEIGHT * np.log(support.BEST_SCORE - quality.alignment_score)
-            + removed * np.log(support.LEAST_SHARE + quality.removed_surface)
-            + violation * np.log(support.LEAST_SHARE + quality.free_space_violation)
-        )
-    )
+    return RANKING.model_copy(update={"removed_weight": removed, "violation_weight": violation}).support
 
 
 def _is_right_first(case: Case, support_of: Callable[[AlignmentQuality], float]) -> bool:

@@ -1,4 +1,4 @@
-"""Fits the prior of ``firstfix.engine.calibration`` and checks it in worlds that it was not fitted to.
+"""Fits the prior of ``firstfix.engine.ranking`` and checks it in worlds that it was not fitted to.
 
     python -m benchmarks.run calibration [--quick] [--json FILE]
     python -m benchmarks.calibration --work DIR --scans 24 [--world NAME ...] [--again] [--json FILE]
@@ -27,9 +27,9 @@ from pathlib import Path
 from typing import Any
 
 from firstfix.builds.config import BuildConfig
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
+from firstfix.engine.ranking import Calibration
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.pipeline import build_version
 

@@ -12,7 +12,7 @@ import numpy as np
 from firstfix.descriptor import Described
 from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.engine.config import ClusterConfig, SearchConfig
-from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.cascade import Clusters
 from firstfix_builder.templates.cluster import cluster_templates
 
 from .matching import make_cascade, run_cascade, success

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.descriptor import rows_of
-from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.cascade import Clusters
 from firstfix_builder.templates.cluster import cluster_pairs, most_typical, neighbour_pairs
 from firstfix_builder.templates.linkage import Linkage, Pairs, agglomerate
 

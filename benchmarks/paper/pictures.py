@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.cascade import Clusters
 
 from .clusterings import Clusterer
 from .scene import Taken

@@ -15,6 +15,7 @@ from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.preprocess import preprocess
+from firstfix.engine.ranking import RANKING
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, pose_error, quaternion_of
@@ -147,11 +148,11 @@ def standing_of(true: AlignmentQuality, rivals: Sequence[AlignmentQuality]) -> S
     Compared by support, whatever its formula: with what it would be if ALIAS_WITHIN more or less of the scan
     fitted.
     """
-    best = max((rival.support for rival in rivals), default=-np.inf)
+    best = max((RANKING.support(rival) for rival in rivals), default=-np.inf)
     score = true.alignment_score
-    if best <= replace(true, alignment_score=max(0.0, score - ALIAS_WITHIN)).support:
+    if best <= RANKING.support(replace(true, alignment_score=max(0.0, score - ALIAS_WITHIN))):
         return Standing.DISTINCT
-    is_alias = best <= replace(true, alignment_score=min(1.0, score + ALIAS_WITHIN)).support
+    is_alias = best <= RANKING.support(replace(true, alignment_score=min(1.0, score + ALIAS_WITHIN)))
     return Standing.ALIAS if is_alias else Standing.OUTSHONE
 
 

@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.index import ENGINE_FILE
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.stage_files import engine_of, link
 
@@ -42,7 +41,7 @@ class Built:
     @property
     def spacing_m(self) -> float:
         """Largest spacing of the templates."""
-        return float(EngineConfig.model_validate_json((self.version / ENGINE_FILE).read_text()).spacing_m)
+        return EngineConfig.load(self.version).spacing_m
 
 
 def build(extent: Extent, work: Path) -> Built:

@@ -12,7 +12,8 @@ import numpy as np
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.engine.index import ENGINE_FILE, MapIndex
+from firstfix.engine.config import ENGINE_FILE
+from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan

@@ -20,8 +20,9 @@ from threadpoolctl import threadpool_limits
 from firstfix.builds.config import BuildConfig, LearnKeysConfig
 from firstfix.builds.options import PROVISIONAL, STAGES, BuildOptions
 from firstfix.catalog.manifest import Manifest
-from firstfix.engine.index import ENGINE_FILE, MAP_FILE
-from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.config import ENGINE_FILE
+from firstfix.engine.index import MAP_FILE
+from firstfix.engine.retrieval.cascade import Clusters
 from firstfix.errors import BuildFailed
 
 from .build_stages import BuildStages

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.index import ENGINE_FILE
 
 from .execution.stage_cache import StageResult
 from .index.views import STEP_M
@@ -37,7 +36,7 @@ def simulator_of(mesh: StageResult) -> Simulator:
 
 def engine_of(fitted: StageResult) -> EngineConfig:
     """The engine's parameters that ``fit_engine`` chose."""
-    return EngineConfig.model_validate_json((fitted.directory / ENGINE_FILE).read_text())
+    return EngineConfig.load(fitted.directory)
 
 
 def link(source: Path, target: Path) -> None:

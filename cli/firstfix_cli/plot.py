@@ -40,7 +40,8 @@ class MapPicture:
     @classmethod
     def load(cls, directory: Path) -> MapPicture:
         """Reads them from a version's folder."""
-        from firstfix.engine.index import ENGINE_FILE, MAP_FILE
+        from firstfix.engine.config import ENGINE_FILE
+        from firstfix.engine.index import MAP_FILE
 
         flat = json.loads((directory / ENGINE_FILE).read_text())["T_map_level"]
         T_map_level = np.asarray(flat, np.float64).reshape(4, 4)

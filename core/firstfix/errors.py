@@ -44,6 +44,8 @@ Clients match on the code, so it never changes. The name of a class may change.
 
 from __future__ import annotations
 
+REBUILD = "build the map again with `firstfix maps rebuild MAP`, or submit it again (POST /maps)"
+
 
 class FirstfixError(Exception):
     """Base of every error that firstfix raises on purpose."""
@@ -187,7 +189,7 @@ class CorruptVersion(VersionError):
 
 
 class IncompatibleVersion(VersionError):
-    """Made by a format this reader does not know."""
+    """Made by a format this reader does not know, or for another ranking."""
 
     code = "incompatible_version"
 

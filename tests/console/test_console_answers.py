@@ -28,7 +28,7 @@ from pictures import (
 from typer.testing import CliRunner
 
 from firstfix.catalog.query_samples import QuerySamples, new_sample_id
-from firstfix.engine.calibration import Calibration
+from firstfix.engine.ranking import Calibration
 from firstfix.scan.scan import Scan
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.main import app

@@ -7,8 +7,8 @@ import pytest
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
-from firstfix.engine.config import EngineConfig
-from firstfix.engine.index import ENGINE_FILE, MapIndex
+from firstfix.engine.config import ENGINE_FILE, EngineConfig
+from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.retrieval.cascade import Cascade
 from firstfix.engine.retrieval.key_search import build_key_search, tile_shards
@@ -26,7 +26,7 @@ def versions(small_version, tmp_path, monkeypatch):
     folders = []
     for name, search in (("whole", FEW), ("parted", FEW | {"shard_keys": 100})):
         folder = shutil.copytree(small_version.directory, tmp_path / name)
-        kept = EngineConfig.model_validate_json((folder / ENGINE_FILE).read_text())
+        kept = EngineConfig.load(folder)
         engine = kept.model_copy(update={"search": kept.search.model_copy(update=search)})
         (folder / ENGINE_FILE).unlink()
         (folder / ENGINE_FILE).write_text(engine.model_dump_json())

@@ -19,7 +19,8 @@ from service_world import Service, running_service
 
 from firstfix.answer.localization import Localization
 from firstfix.catalog.manifest import Manifest
-from firstfix.engine.index import ENGINE_FILE, MapIndex
+from firstfix.engine.config import ENGINE_FILE
+from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan

@@ -14,8 +14,7 @@ from firstfix.descriptor import Descriptor
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import MAP_FILE
 from firstfix.engine.registration.align import MapSurface
-from firstfix.engine.retrieval.cascade import load_projection
-from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.cascade import Clusters, load_projection
 from firstfix.engine.retrieval.key_search import build_key_search
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
 from firstfix.engine.retrieval.templates import Templates

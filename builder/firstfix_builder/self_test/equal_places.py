@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from firstfix.answer.localization import Localization
-from firstfix.answer.quality import MAX_MARGIN
-from firstfix.engine.calibration import Calibration
+from firstfix.engine.ranking import Calibration, RankingConfig
 from firstfix.scan.levelling import turned
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
@@ -50,6 +49,7 @@ def unequal_by(
     sensor: SensorModel,
     T_level_sensor: Matrix,
     T_level_map: Matrix,
+    ranking: RankingConfig,
 ) -> float | None:
     """Largest difference of support between the true place and an equal one, for one scan's answer.
 
@@ -65,11 +65,11 @@ def unequal_by(
     true = next((n for n, (m, deg) in enumerate(off) if m < _FOUND_M and deg < _FOUND_DEG), None)
     if true is None:
         return None
-    own = poses[true][0].support
+    own = ranking.support(poses[true][0])
     rivals = [
-        (abs(quality.support - own), T)
+        (by, T)
         for (quality, T), (off_m, _) in zip(poses, off, strict=True)
-        if off_m > _ELSEWHERE_M and abs(quality.support - own) < MAX_MARGIN
+        if off_m > _ELSEWHERE_M and (by := abs(ranking.support(quality) - own)) < ranking.max_margin
     ]
     equal = [
         by

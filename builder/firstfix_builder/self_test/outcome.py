@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from firstfix.answer.localization import Localization
-from firstfix.answer.quality import AlignmentQuality, MatchFeatures, match_features
-from firstfix.engine.calibration import Calibration
+from firstfix.answer.quality import AlignmentQuality
+from firstfix.engine.ranking import RANKING, Calibration, MatchFeatures, RankingConfig
 from firstfix.transform import Matrix, pose_error
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
@@ -26,6 +26,7 @@ class Outcome:
         is_mirrored: whether the scan is the mirror image of one taken in the map.
         unequal_by: see ``equal_places.unequal_by``.
         min_margin: of this map: places whose support differs by less tie.
+        ranking: the numbers of this map.
     """
 
     query: int
@@ -35,6 +36,7 @@ class Outcome:
     is_mirrored: bool = False
     unequal_by: float | None = None
     min_margin: float = Calibration().min_margin
+    ranking: RankingConfig = RANKING
 
     @classmethod
     def here(cls, query: int, answer: Localization, T_level_sensor: Matrix, T_map_level: Matrix) -> Outcome:
@@ -67,7 +69,7 @@ class Outcome:
     @property
     def evidence(self) -> MatchFeatures | None:
         """Match features of the best hypothesis, None if there is none."""
-        return match_features(self._fits, self.min_margin) if self._fits else None
+        return self.ranking.match_features(self._fits, self.min_margin) if self._fits else None
 
     @property
     def right_among_tied(self) -> bool:
@@ -98,7 +100,7 @@ class Outcome:
             and all(pose_error(one.T_map_sensor, other.T_map_sensor)[0] > ABSENT_BEYOND_M for one in tied)
         ]
         # of one alone the margin is not known
-        return match_features(elsewhere, self.min_margin) if len(elsewhere) > 1 else None
+        return self.ranking.match_features(elsewhere, self.min_margin) if len(elsewhere) > 1 else None
 
     @property
     def _fits(self) -> list[AlignmentQuality]:

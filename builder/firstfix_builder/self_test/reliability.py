@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.answer.quality import MatchFeatures
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.false_accept_bound import FalseAcceptBound
+from firstfix.engine.ranking import Calibration, MatchFeatures
 
 # Of a scan as if its place were not in the map, and of a mirror image, against a scan of the map: one query
 # in six is such a scan. Robots are mostly where their map is (docs/method.md section 7).

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.builds.config import SelfTestConfig
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.localizer import Localizer
+from firstfix.engine.ranking import Calibration
 from firstfix.errors import BuildCancelled
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, inverse, make_transform
@@ -92,7 +92,7 @@ def run_self_test(
     outside = strange.cases(places, 1.0, config.outside, rng)
     queries = [*((here, case) for case in inside), *((strange, case) for case in outside)]
     asked_with = LocalizeOptions(T_base_sensor=make_transform(sensor.R_base_sensor, np.zeros(3)))
-    T_map_level = localizer.index.T_map_level
+    T_map_level, ranking = localizer.index.T_map_level, localizer.index.config.ranking
     T_level_map = inverse(T_map_level)
     done = 0
 
@@ -106,7 +106,7 @@ def run_self_test(
         if simulation is strange:
             outcomes = [Outcome.nowhere(number, answer)]
         else:
-            by = unequal_by(answer, simulator, sensor, case.T_level_sensor, T_level_map)
+            by = unequal_by(answer, simulator, sensor, case.T_level_sensor, T_level_map, ranking)
             outcomes = [
                 replace(Outcome.here(number, answer, case.T_level_sensor, T_map_level), unequal_by=by)
             ]
@@ -127,7 +127,7 @@ def run_self_test(
 
     outcomes = [outcome for of_query in executor.map(run, range(len(queries))) for outcome in of_query]
     min_margin = tie_width([outcome.unequal_by for outcome in outcomes])
-    outcomes = [replace(outcome, min_margin=min_margin) for outcome in outcomes]
+    outcomes = [replace(outcome, min_margin=min_margin, ranking=ranking) for outcome in outcomes]
     cases = _cases(outcomes, mirrored_weight(len(inside), config.mirrored))
     calibration = replace(fit(cases), min_margin=min_margin)
     tested = _queried_places(outcomes, calibration, T_level_map)

@@ -14,11 +14,12 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from ..errors import CorruptVersion, IncompatibleVersion, InvalidOption
+from ..errors import REBUILD, CorruptVersion, IncompatibleVersion, InvalidOption
 from ..store.object_keys import check_key
 from ..store.sha256 import sha256_of
 
-FORMAT = 8  # this release reads no other
+FORMAT = 9
+_READ = (8, FORMAT)  # 8: before the numbers of the ranking were stored in ``engine``
 FILE_NAME = "manifest.json"
 CLOUD_INDEX, CLOUD_POINTS = "cloud.json", "cloud.bin"  # for viewers: no query reads them
 MAX_BYTES = 64 << 20
@@ -141,10 +142,9 @@ class Manifest:
             found = mapping["format"]
         except (ValueError, KeyError, TypeError, RecursionError):
             raise CorruptVersion("the manifest is not a JSON object with a format") from None
-        if found != FORMAT or type(found) is not int:
+        if found not in _READ or type(found) is not int:
             raise IncompatibleVersion(
-                f"the version has format {found!r}, this release reads format {FORMAT}: build the map again "
-                "with `firstfix maps rebuild MAP`, or submit it again (POST /maps)"
+                f"the version has format {found!r}, this release reads {_READ[0]} to {FORMAT}: {REBUILD}"
             )
         unknown = set(mapping) - {f.name for f in fields(cls)}
         if unknown:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..descriptor import Descriptor, LayeredOccupancy, PolarGrid
 from ..descriptor.pca_sc import PcaScanContext
+from .ranking import RANKING, RankingConfig
+
+ENGINE_FILE = "engine.json"
 
 
 class Stage(BaseModel):
@@ -178,7 +183,21 @@ class EngineConfig(Stage):
     search: SearchConfig = SearchConfig()
     registration: RegistrationConfig = RegistrationConfig()
     verification: VerificationConfig = VerificationConfig()
+    ranking: RankingConfig = RANKING
     spacing_m: float = Field(1.0, gt=0)
     T_map_level: tuple[float, ...] = Field(
         (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1), min_length=16, max_length=16
     )
+
+    @classmethod
+    def load(cls, directory: Path) -> EngineConfig:
+        """Reads a version's file.
+
+        Raises:
+            IncompatibleVersion: the version has other numbers than this release ranks by.
+            ValueError, OSError: the file is missing or damaged.
+        """
+        stored = json.loads((directory / ENGINE_FILE).read_text())
+        if not isinstance(stored, dict):
+            raise ValueError(f"{ENGINE_FILE} is not an object")
+        return cls.model_validate({**stored, "ranking": RankingConfig.from_stored(stored.get("ranking"))})

@@ -17,13 +17,9 @@ from ..scan.levelling import levelling_rotation
 from ..transform import Matrix
 from .candidates import find_candidates
 from .index import MapIndex
+from .ranking import RANKING, RankingConfig
 
-SAME_PLACE_M, SAME_PLACE_DEG = 3.0, 30.0  # templates stand a metre apart: nearer candidates are one place
-_SAME_PLACE_COS = math.cos(math.radians(SAME_PLACE_DEG))
 MAX_HYPOTHESES = 10
-# Logistic model of "the best candidate is right" (docs/method.md equation 10.1), fitted over ten worlds; a
-# fifth of the scans are of other worlds. In a world that it was not fitted to, it is off by 0.03 on average.
-BIAS, SCORE, LEAD = -7.84, 10.07, 52.1
 
 
 @dataclass(frozen=True)
@@ -35,12 +31,14 @@ class UnregisteredCandidate:
         score: 0..1, similarity of the two descriptors.
         template: row of the template.
         map_id: of the map, where several compete.
+        ranking: the numbers of the map.
     """
 
     T_map_sensor: Matrix
     score: float
     template: int
     map_id: str = ""
+    ranking: RankingConfig = RANKING
 
 
 @dataclass(frozen=True)
@@ -66,10 +64,10 @@ def find_unregistered(
         )
     scan = _LevelledScan(levelling_rotation(sent.up), sent.height_m)
     found = find_candidates(index, [sent.rows], [scan], options, index.config.search.widened)
-    distinct = found.at(_distinct(found.T_level_sensor))
+    distinct = found.at(_distinct(found.T_level_sensor, index.config.ranking))
     T_map_sensor = index.T_map_level @ distinct.T_level_sensor
     return [
-        UnregisteredCandidate(T, score, template, map_id)
+        UnregisteredCandidate(T, score, template, map_id, index.config.ranking)
         for T, score, template in zip(
             T_map_sensor, distinct.score.tolist(), distinct.template.tolist(), strict=True
         )
@@ -95,21 +93,25 @@ def answer_unregistered(candidates: Sequence[UnregisteredCandidate]) -> Localiza
 
 def _probability(ranked: Sequence[UnregisteredCandidate], number: int) -> float:
     """Probability that a candidate is right, from its score and its lead over the best other one."""
-    score = ranked[number].score
+    ranking, score = ranked[number].ranking, ranked[number].score
     rivals = [one.score for other, one in enumerate(ranked) if other != number]
     lead = score - max(rivals, default=0.0)
-    return 1 / (1 + math.exp(-(BIAS + SCORE * score + LEAD * lead)))
+    log_odds = (
+        ranking.unregistered_bias + ranking.unregistered_score * score + ranking.unregistered_lead * lead
+    )
+    return 1 / (1 + math.exp(-log_odds))
 
 
-def _distinct(T_level_sensor: NDArray[np.float64]) -> NDArray[np.intp]:
+def _distinct(T_level_sensor: NDArray[np.float64], ranking: RankingConfig) -> NDArray[np.intp]:
     """Rows of the (k, 4, 4) poses, best first, of which each place has only the best."""
     R, position_m = T_level_sensor[:, :3, :3].reshape(-1, 9), T_level_sensor[:, :3, 3]
+    same_cosine = math.cos(math.radians(ranking.same_place_deg))
     kept, left = [], np.arange(len(T_level_sensor))
     while len(left):
         best = left[0]
         kept.append(best)
-        is_near = np.linalg.norm(position_m[left] - position_m[best], axis=1) < SAME_PLACE_M
+        is_near = np.linalg.norm(position_m[left] - position_m[best], axis=1) < ranking.same_place_m
         trace = R[left] @ R[best]  # of the rotation between the two
-        is_alike = trace > 1 + 2 * _SAME_PLACE_COS
+        is_alike = trace > 1 + 2 * same_cosine
         left = left[1:][~(is_near & is_alike)[1:]]
     return np.array(kept, np.intp)

@@ -4,31 +4,115 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import native
 from ..answer.prior import Prior
+from ..answer.quality import AlignmentQuality
+from ..transform import Matrix
 from .candidates import Candidates
 from .index import MapIndex
 from .preprocess import PreparedQuery, spots_of
-from .registered_candidate import NOT_MEASURED, RegisteredCandidate, distinct, features_of, ranked
+from .ranking import MatchFeatures, RankingConfig
 from .registration.align import Agreement, Registration, Registrations
 from .registration.surface import Surface
 from .verification.free_space import FreeSpaceShares
 
-SAME_START_M, SAME_START_DEG = 0.3, 3.0  # nearer starts end at one pose
-_SAME_START_COS = math.cos(math.radians(SAME_START_DEG))
-RIVAL_WITHIN = 0.3  # of the best candidate's support
-MAX_REFINED = 3
-NEIGHBOUR_M = 0.3  # to the minima beside the right one: the next panel, a wall's other face
-_BESIDE_M = NEIGHBOUR_M * np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
-SLID_M = 0.25  # from the floor: where walls alone are seen, a scan slides up or down along them
-BETTER_BY = 0.02  # of alignment_score: a scan distorted by motion has several minima nearly as good
-MAYBE_BETTER_BY = 0.01  # the same, measured with few points
-PROMISING = 0.02  # probability before fine alignment, which raises the inlier ratio a little
+NOT_CHECKED = FreeSpaceShares(0.0, 0.0)
+NOT_MEASURED = Agreement(0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class RegisteredCandidate:
+    """A pose in one map to which a candidate was aligned.
+
+    Attributes:
+        index: the map.
+        map_id: its id, where several maps compete.
+        template: row of the template that the candidate came from.
+        registration: the aligned pose, and how well the scan fits there.
+        free_space: shares of directions that pass through the map; 0 until free space is checked.
+        agreement: how the scan agrees with the map there, beyond how much of it does.
+        start_z_m: height, in the level frame, at which the alignment began: the sensor's above the template's
+            floor. nan: not known.
+        spots: number of spots where the query's scans were taken.
+    """
+
+    index: MapIndex
+    map_id: str
+    template: int
+    registration: Registration
+    free_space: FreeSpaceShares = NOT_CHECKED
+    agreement: Agreement = NOT_MEASURED
+    start_z_m: float = math.nan
+    spots: int = 1
+
+    @cached_property  # each of a hundred candidates is compared with all others
+    def quality(self) -> AlignmentQuality:
+        """Fit of the scan to the map at this pose, less for a motion during the scan that is unlikely."""
+        return AlignmentQuality(
+            self.registration.inlier_ratio,
+            self.index.config.ranking.discounted_score(
+                self.registration.alignment_score, self.registration.twist
+            ),
+            self.free_space.free_space_violation,
+            self.free_space.removed_surface,
+            **vars(self.agreement),
+        )
+
+    @cached_property
+    def support(self) -> float:
+        """Score by which candidates are ranked."""
+        return self.index.config.ranking.support(self.quality)
+
+    @property
+    def T_map_sensor(self) -> Matrix:
+        """(4, 4) pose in the map's own frame."""
+        return self.index.T_map_level @ self.registration.T_level_sensor
+
+
+def ranked(candidates: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
+    """Candidates of one map by support, best first; of nearly the same pose only the best is kept."""
+    best_first = sorted(candidates, key=lambda candidate: -candidate.support)
+    if not best_first:
+        return []
+    T_level_sensor = np.array([candidate.registration.T_level_sensor for candidate in best_first])
+    rows = distinct(T_level_sensor, best_first[0].index.config.ranking)
+    return [best_first[row] for row in rows.tolist()]
+
+
+def distinct(
+    T_level_sensor: NDArray[np.float64], ranking: RankingConfig, most: int | None = None
+) -> NDArray[np.int64]:
+    """Rows of (k, 4, 4) poses of one map, ``most`` at most, that are not nearly the same as a row before."""
+    most = len(T_level_sensor) if most is None else most
+    return native.distinct_poses(
+        T_level_sensor, ranking.same_pose_m, math.radians(ranking.same_pose_deg), most
+    )
+
+
+def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> MatchFeatures:
+    """Match features of one of the ranked candidates, for the calibration of its own map.
+
+    The evidence of several spots adds up: places that look alike from one rarely do from all. Support is a
+    mean over the scans, so the margin counts once for each spot (docs/method.md section 7).
+    """
+    one = ranked[number]
+    features = one.index.config.ranking.match_features(
+        [candidate.quality for candidate in ranked],
+        one.index.calibration.min_margin,
+        number,
+        [candidate.support for candidate in ranked],
+    )
+    return replace(features, margin=one.spots * features.margin)
+
+
+_BESIDE = np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
 
 
 class HypothesisSearch:
@@ -38,6 +122,7 @@ class HypothesisSearch:
         self, index: MapIndex, prepared: PreparedQuery, prior: Prior | None = None, map_id: str = ""
     ) -> None:
         self._index, self._prepared, self._prior, self._map_id = index, prepared, prior, map_id
+        self._ranking = index.config.ranking
         self._starts = np.empty((0, 4, 4))
         self._template = np.empty(0, np.int64)
         self._aligned: list[Registrations] = []  # of all starts, batch by batch
@@ -72,10 +157,14 @@ class HypothesisSearch:
         rows = np.argsort(-aligned.alignment_score, kind="stable")
         if self._prior is not None:
             rows = rows[self._prior.allows_each(self._index.T_map_level @ aligned.T_level_sensor[rows])]
-        rows = rows[distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)]
+        rows = rows[
+            distinct(
+                aligned.T_level_sensor[rows], self._ranking, most=self._index.config.verification.compared
+            )
+        ]
         compared = list(zip(rows.tolist(), self._with_motion(aligned, rows), strict=True))
         compared.sort(key=lambda one: -one[1].alignment_score)  # the motion may have changed the order
-        spots = spots_of(self._prepared.scans)
+        spots = spots_of(self._prepared.scans, self._ranking.spots_apart_m)
         return [
             RegisteredCandidate(
                 self._index,
@@ -103,7 +192,8 @@ class HypothesisSearch:
         known = np.concatenate([self._starts, *(part.T_level_sensor for part in self._aligned)])
         off_m = np.linalg.norm(T_level_sensor[:, None, :3, 3] - known[None, :, :3, 3], axis=2)
         trace = np.einsum("kij,nij->kn", T_level_sensor[:, :3, :3], known[:, :3, :3])
-        is_known = (off_m < SAME_START_M) & (trace > 1 + 2 * _SAME_START_COS)
+        same_cosine = math.cos(math.radians(self._ranking.same_start_deg))
+        is_known = (off_m < self._ranking.same_start_m) & (trace > 1 + 2 * same_cosine)
         return np.flatnonzero(~is_known.any(axis=1))
 
     def _with_motion(self, aligned: Registrations, rows: NDArray[np.integer]) -> Iterable[Registration]:
@@ -133,29 +223,31 @@ class HypothesisSearch:
         checked: list[RegisteredCandidate] = []
         for candidate in registered:
             if len(checked) > 1:
-                supports = [other.quality.support for other in checked]
-                if candidate.quality.support < min(supports[1], supports[0] - RIVAL_WITHIN):
+                supports = [other.support for other in checked]
+                if candidate.support < min(supports[1], supports[0] - self._ranking.rival_within):
                     break
                 checked[:1] = self._with_agreements(checked[:1])
                 if self._index.calibration.accepts(features_of([*checked, candidate])):
                     break
             checked.append(self._with_free_space(candidate))
-            checked.sort(key=lambda one: -one.quality.support)
+            checked.sort(key=lambda one: -one.support)
         checked[:1] = self._with_agreements(checked[:1])
         return checked
 
     def _may_be_accepted(self, checked: Sequence[RegisteredCandidate]) -> bool:
         """Returns whether fine alignment is worth its time. Always so while the calibration is the prior."""
         calibration = self._index.calibration
-        return not calibration.cases or calibration.probability(features_of(checked)) >= PROMISING
+        return (
+            not calibration.cases or calibration.probability(features_of(checked)) >= self._ranking.promising
+        )
 
     def _refine(self, checked: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
         """The candidates, the best and its close rivals aligned again with many points.
 
         A rival that is a little worse may only have been aligned worse: it gets the same chance.
         """
-        close = checked[0].quality.support - RIVAL_WITHIN
-        near = [candidate for candidate in checked if candidate.quality.support > close][:MAX_REFINED]
+        close = checked[0].support - self._ranking.rival_within
+        near = [candidate for candidate in checked if candidate.support > close][: self._ranking.max_refined]
         aligned = self._index.surface.align_fine(self._prepared.dense, self._best_minima_near(near))
         refined = (
             self._with_free_space(replace(candidate, registration=registration, agreement=NOT_MEASURED))
@@ -170,20 +262,20 @@ class HypothesisSearch:
         """
         surface, count = self._index.surface, len(candidates)
         risen_m = np.array([one.start_z_m - one.registration.T_level_sensor[2, 3] for one in candidates])
-        slid = np.abs(risen_m) > SLID_M
-        number = len(_BESIDE_M) + int(slid.any())
+        slid = np.abs(risen_m) > self._ranking.slid_m
+        number = len(_BESIDE) + int(slid.any())
         starts = np.array([[one.registration.T_level_sensor] * number for one in candidates])
-        starts[:, : len(_BESIDE_M), :2, 3] += _BESIDE_M
+        starts[:, : len(_BESIDE), :2, 3] += self._ranking.neighbour_m * _BESIDE
         starts[slid, -1, 2, 3] += risen_m[slid]
         aligned = surface.align(self._prepared.sparse, starts.reshape(-1, 4, 4))
         T, score = aligned.T_level_sensor.reshape(starts.shape), aligned.alignment_score.reshape(count, -1)
         beside = 1 + score[:, 1:].argmax(axis=1)  # the first column is the pose itself
-        rivalled = np.flatnonzero(score.max(axis=1) > score[:, 0] + MAYBE_BETTER_BY)
+        rivalled = np.flatnonzero(score.max(axis=1) > score[:, 0] + self._ranking.maybe_better_by)
         # few points may mistake which is better, and by how much: many points decide
         both = np.concatenate([T[:, 0], T[rivalled, beside[rivalled]]])
         smooth = surface.align_smoothly(self._prepared.dense, both)
         own, other = smooth.alignment_score[:count], smooth.alignment_score[count:]
-        is_better = other > own[rivalled] + BETTER_BY
+        is_better = other > own[rivalled] + self._ranking.better_by
         best = np.arange(count)
         best[rivalled[is_better]] = count + np.flatnonzero(is_better)
         return smooth.T_level_sensor[best]

@@ -10,14 +10,13 @@ import numpy as np
 
 from ..errors import CorruptVersion
 from ..transform import Matrix
-from .calibration import Calibration
 from .config import EngineConfig
 from .false_accept_bound import FalseAcceptBound
+from .ranking import Calibration
 from .registration.align import MapSurface
 from .retrieval.cascade import Cascade
 from .verification.free_space import MapView
 
-ENGINE_FILE = "engine.json"
 CALIBRATION_FILE = "calibration.json"
 MAP_FILE = "map_points.npy"  # for pictures; no query reads it
 
@@ -56,17 +55,18 @@ class MapIndex:
             calibration: to use instead of the version's own, for a build that has not measured it yet.
 
         Raises:
+            IncompatibleVersion: the version was made for another ranking.
             CorruptVersion: a file is missing or damaged.
         """
         try:
-            config = EngineConfig.model_validate_json((directory / ENGINE_FILE).read_text())
+            config = EngineConfig.load(directory)
             if calibration is None:
                 calibration = Calibration.from_mapping(json.loads((directory / CALIBRATION_FILE).read_text()))
             return cls(
                 config,
                 calibration,
                 Cascade.load(directory, config),
-                MapSurface.load(directory, config.registration),
+                MapSurface.load(directory, config.registration, config.ranking),
                 MapView.load(directory, config.verification.reach_m),
                 FalseAcceptBound.load(directory),
             )

@@ -9,22 +9,18 @@ from typing import Protocol
 
 from ..answer.localization import Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
-from ..answer.quality import MAX_MARGIN
 from ..errors import InvalidOption
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
-from .effort_levels.map_search import MapSearch, Step
 from .hint.find import find_hint
+from .hypotheses import RegisteredCandidate, features_of
 from .index import MapIndex
-from .motion.deskewed import deskewed
-from .preprocess import PreparedQuery, preprocess
-from .registered_candidate import RegisteredCandidate, features_of
+from .map_search import MapSearch, Step
+from .preprocess import PreparedQuery, deskewed, preprocess
 from .stopwatch import Stopwatch
 from .verdict import judge, threshold_of
-
-CONVINCING_INLIER_RATIO = 0.75  # below it the other up directions are tried too, however probable the fix is
 
 
 class SearchesMap(Protocol):
@@ -78,7 +74,13 @@ class Localizer:
         R_base_sensor = None if mounting is None else mounting[:3, :3]
         with watch.stage("preprocess"):
             config = self.index.config.preprocess
-            return preprocess(deskewed(sequence, options.twist), options.gravity, config, R_base_sensor)
+            return preprocess(
+                deskewed(sequence, options.twist),
+                options.gravity,
+                config,
+                R_base_sensor,
+                self.index.config.ranking,
+            )
 
     def search(
         self, prepared: PreparedQuery, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
@@ -138,7 +140,7 @@ def localize_among(
     _search(searches)
     with watch.stage("verify"):
         together = [candidate for search in searches for candidate in search.registered]
-        together.sort(key=lambda candidate: -candidate.quality.support)
+        together.sort(key=lambda candidate: -candidate.support)
         answer = judge(together, options)
     if answer.verdict is Verdict.AMBIGUOUS:
         with watch.stage("hint"):
@@ -166,6 +168,5 @@ def _explain_scan(registered: Sequence[RegisteredCandidate]) -> bool:
     With a wrong up direction, up to two thirds of a scan may lie on surfaces that nothing contradicts.
     """
     best = features_of(registered)
-    alone = replace(best, margin=MAX_MARGIN, tied=1)
-    is_convincing = best.quality.inlier_ratio >= CONVINCING_INLIER_RATIO
-    return is_convincing and registered[0].index.calibration.accepts(alone)
+    is_convincing = best.quality.inlier_ratio >= best.ranking.convincing_inlier_ratio
+    return is_convincing and registered[0].index.calibration.accepts(best.without_rivals)

@@ -10,25 +10,76 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..descriptor import Described, Descriptor, LayeredOccupancy, ScanBatch
+from ..errors import InvalidOption
 from ..native import deskew, turned_occupied_cells
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.levelling import estimate_up_near, floor_height, levelling_rotation, turned
-from ..scan.range_view import RangeView, directions
+from ..scan.range_view import COLUMNS, RangeView, directions, nearest_by_direction
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
 from ..scan.up_hypotheses import other_ups
 from ..scan.voxel_filter import TimedPoints
 from ..transform import Matrix
 from .config import PreprocessConfig
-from .motion.sweep import sweep_times
-from .motion.timed_view import timed_view
+from .ranking import RANKING, RankingConfig
 from .registration.surface import Surface
 
-_SPARSE_POINTS = 400
-_DENSE_POINTS = 4000
-_RETURNS = 20_000
-_APART_M = 0.9  # nearer to each other, scans show the same surfaces again
-_VOXELLED = 40_000  # points before one a voxel is kept: more points reach hardly any further voxel
+MIN_SWEEP_S = 0.005  # between the first and the last point: in less, nothing moves far enough to be seen
+
+
+def sweep_times(time_s: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+    """The (n,) times of a scan's points, or None where they cannot show a motion: a flash, or all zeros."""
+    if time_s is None or not len(time_s) or float(np.ptp(time_s)) < MIN_SWEEP_S:
+        return None
+    return time_s
+
+
+def timed_view(timed: TimedPoints, nearest_m: NDArray[np.float32]) -> TimedPoints:
+    """The returns of a range view, each in the middle of its direction.
+
+    Its time is the mean of those of the points in its column. A spinning sensor sees a column at one time.
+    The times of any other one are spread over its columns: their mean then changes little.
+
+    Args:
+        timed: points of the scan, with times.
+        nearest_m: (cells,) nearest ranges by direction, infinite where nothing returned.
+    """
+    assert timed.time_s is not None
+    azimuth = np.arctan2(timed.points[:, 1], timed.points[:, 0])
+    of_point = ((azimuth / (2 * np.pi) + 0.5) * COLUMNS).astype(np.int64) % COLUMNS
+    count = np.bincount(of_point, minlength=COLUMNS)
+    mean_s = np.bincount(of_point, timed.time_s, COLUMNS) / np.maximum(count, 1)
+    known = np.flatnonzero(count)
+    column_s = np.interp(np.arange(COLUMNS), known, mean_s[known]) if len(known) else mean_s
+    seen = np.flatnonzero(np.isfinite(nearest_m))
+    returns = directions()[seen] * nearest_m[seen, None]
+    return TimedPoints(returns, column_s[seen % COLUMNS].astype(np.float32))
+
+
+def deskewed(sequence: ScanSequence, twist: NDArray[np.float64] | None) -> ScanSequence:
+    """The sequence with its last scan as it would have been seen at its stamp. None changes nothing.
+
+    The other scans stay as they are: the twist is that of the last one.
+
+    Args:
+        twist: (6,) m/s then rad/s, in the sensor frame.
+
+    Raises:
+        InvalidOption: the times of the points are not known.
+    """
+    if twist is None:
+        return sequence
+    last = sequence.scans[-1]
+    if last.time_s is None:
+        raise InvalidOption("a twist needs the times of the scan's points")
+    motion = np.asarray(twist, np.float64)
+    still: Scan | CompactScan = replace(last, points=deskew(last.points, last.time_s, motion), time_s=None)
+    if isinstance(last, CompactScan) and isinstance(still, CompactScan):
+        returns = timed_view(TimedPoints(last.points, last.time_s), last.nearest_m)
+        assert returns.time_s is not None
+        moved = deskew(returns.points, returns.time_s, motion)
+        still = replace(still, nearest_m=nearest_by_direction(moved))
+    return ScanSequence((*sequence.scans[:-1], still), sequence.T_last_scan)
 
 
 @dataclass(frozen=True)
@@ -121,12 +172,12 @@ class PreparedQuery:
         )
 
 
-def spots_of(scans: Iterable[PreparedScan]) -> int:
-    """Number of spots, _APART_M apart, where the scans of a query were taken."""
+def spots_of(scans: Iterable[PreparedScan], apart_m: float) -> int:
+    """Number of spots, ``apart_m`` apart, where the scans of a query were taken."""
     chosen: list[NDArray[np.float64]] = []
     for scan in scans:
         spot = scan.T_last_scan[:3, 3]
-        if all(float(np.linalg.norm(spot - other)) >= _APART_M for other in chosen):
+        if all(float(np.linalg.norm(spot - other)) >= apart_m for other in chosen):
             chosen.append(spot)
     return len(chosen)
 
@@ -136,6 +187,7 @@ def preprocess(
     gravity: NDArray[np.float64] | None,
     config: PreprocessConfig,
     R_base_sensor: NDArray[np.float64] | None = None,
+    ranking: RankingConfig = RANKING,
 ) -> PreparedQuery | None:
     """Prepares a query. Returns None if too few points are left.
 
@@ -150,13 +202,14 @@ def preprocess(
     still = [replace(scan, time_s=None) for scan in sequence.scans[:-1]]
     for scan, T_last_scan in zip([*still, sequence.scans[-1]], sequence.T_last_scan, strict=True):
         down = None if gravity is None else T_last_scan[:3, :3].T @ gravity
-        prepared = _prepare(scan, T_last_scan, down, config, R_base_sensor)
+        prepared = _prepare(scan, T_last_scan, down, config, R_base_sensor, ranking)
         if prepared is not None:
             scans.append(prepared)
     if not scans:
         return None
     together = Surface.together([scan.thinned.moved(scan.T_last_scan) for scan in scans])
-    dense, sparse = (together.at_most(count, config.voxel_m) for count in (_DENSE_POINTS, _SPARSE_POINTS))
+    counts = ranking.dense_points, ranking.sparse_points
+    dense, sparse = (together.at_most(count, config.voxel_m) for count in counts)
     return PreparedQuery(tuple(scans), dense, sparse)
 
 
@@ -177,24 +230,31 @@ class _Returns:
     viewed: TimedPoints | None = None
 
     @classmethod
-    def of(cls, scan: Scan | CompactScan, config: PreprocessConfig) -> _Returns:
+    def of(cls, scan: Scan | CompactScan, config: PreprocessConfig, ranking: RankingConfig) -> _Returns:
         timed = TimedPoints(scan.points, sweep_times(scan.time_s))
         near = timed.within_range(config.min_range_m, config.max_range_m)
         if isinstance(scan, CompactScan):
-            return cls._of_compact(near, scan.nearest_m, config)
-        means = near.at_most(_VOXELLED).voxel_means(config.voxel_m)
-        voxels, viewed = means.by_voxel_hash(config.voxel_m, _DENSE_POINTS), near.at_most(_RETURNS)
+            return cls._of_compact(near, scan.nearest_m, config, ranking)
+        means = near.at_most(ranking.voxelled_points).voxel_means(config.voxel_m)
+        voxels, viewed = (
+            means.by_voxel_hash(config.voxel_m, ranking.dense_points),
+            near.at_most(ranking.view_points),
+        )
         return cls(near.points, voxels, RangeView.of(viewed.points), viewed)
 
     @classmethod
     def _of_compact(
-        cls, timed: TimedPoints, nearest_m: NDArray[np.float32], config: PreprocessConfig
+        cls,
+        timed: TimedPoints,
+        nearest_m: NDArray[np.float32],
+        config: PreprocessConfig,
+        ranking: RankingConfig,
     ) -> _Returns:
         near = (nearest_m > config.min_range_m) & (nearest_m < config.max_range_m)
         nearest_m = np.where(near, nearest_m, np.float32(np.inf))
         # the nearest return of every direction fills cells of the descriptor that the voxels leave empty
         seen = np.concatenate([timed.points, directions()[near] * nearest_m[near, None]])
-        voxels = timed.by_voxel_hash(config.voxel_m, _DENSE_POINTS)
+        voxels = timed.by_voxel_hash(config.voxel_m, ranking.dense_points)
         viewed = None if timed.time_s is None else timed_view(timed, nearest_m)
         return cls(seen, voxels, RangeView.of_nearest(nearest_m), viewed)
 
@@ -205,8 +265,9 @@ def _prepare(
     down: NDArray[np.float64] | None,
     config: PreprocessConfig,
     R_base_sensor: NDArray[np.float64] | None,
+    ranking: RankingConfig,
 ) -> PreparedScan | None:
-    returns = _Returns.of(scan, config)
+    returns = _Returns.of(scan, config, ranking)
     voxels = returns.voxels.points
     if len(voxels) < config.min_points:
         return None

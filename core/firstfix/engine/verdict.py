@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..answer.localization import Hypothesis, Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
-from ..answer.quality import MAX_MARGIN, MatchFeatures
 from ..errors import InvalidOption
-from ..transform import inverse
-from .calibration import Calibration
+from ..transform import Matrix, inverse
+from .config import RegistrationConfig
+from .hypotheses import RegisteredCandidate, features_of
 from .index import MapIndex
-from .registered_candidate import RegisteredCandidate, features_of
-from .registration.covariance import pose_covariance
-
-LIKELY = 0.5  # from here on, one of the places that tie is more likely right than not
+from .ranking import Calibration, MatchFeatures
 
 
 def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:
@@ -81,9 +81,9 @@ def _why_not_localized(
         return Reason.FREE_SPACE_VIOLATION
     if calibration.accepts(best, min_probability):
         return None
-    if best.tied > 1 and calibration.probability(best) >= LIKELY:
+    if best.tied > 1 and calibration.probability(best) >= best.ranking.likely:
         return Reason.SEVERAL_PLACES
-    if would_do(replace(best, margin=MAX_MARGIN, tied=1)):  # without its rivals, tied or not
+    if would_do(best.without_rivals):
         return Reason.SEVERAL_PLACES
     if would_do(replace(best, quality=replace(best.quality, free_space_violation=0.0))):
         return Reason.FREE_SPACE_VIOLATION
@@ -97,3 +97,34 @@ def _shares(ranked: Sequence[RegisteredCandidate], tied: int, probability: float
         for number, candidate in enumerate(ranked[tied:], tied)
     ]
     return [probability / tied] * tied + [min(other, 1 - probability) for other in others]
+
+
+# Neighbouring pairs share the errors of the map and of the surface model, so one pair in this many counts as
+# an independent observation. With this number the errors on real maps agree with the covariance
+# (docs/method.md section 7); in simulation, where the map has no error, they are smaller.
+_PAIRS_PER_OBSERVATION = 20.0
+_FLOOR_DEG = 0.02
+
+
+def pose_covariance(
+    information: NDArray[np.float64], T_map_level: Matrix, config: RegistrationConfig
+) -> NDArray[np.float64]:
+    """Covariance (6, 6) over x, y, z, rotX, rotY, rotZ about the map's axes, in m and rad.
+
+    A direction that the scan does not constrain (along a corridor) has almost no information, and so a large
+    variance. The variance never falls below a floor that the map's resolution sets.
+
+    Args:
+        information: (6, 6) over rotation then translation, along the level axes.
+    """
+    values, vectors = np.linalg.eigh((information + information.T) / 2)
+    values = np.maximum(values / _PAIRS_PER_OBSERVATION, 1e-4)  # a standard deviation of 100 m or rad at most
+    in_level = (vectors / values) @ vectors.T
+    R = T_map_level[:3, :3]
+    to_map = np.zeros((6, 6))
+    to_map[:3, 3:] = R  # translation comes first in the answer, last in the registration
+    to_map[3:, :3] = R
+    covariance: NDArray[np.float64] = to_map @ in_level @ to_map.T
+    floor_m = config.map_voxel_m / 20
+    covariance[np.diag_indices(6)] += np.repeat([floor_m**2, np.radians(_FLOOR_DEG) ** 2], 3)
+    return covariance

@@ -10,9 +10,9 @@ import pytest
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.builds.config import BuildConfig, SelfTestConfig
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
+from firstfix.engine.ranking import RANKING, Calibration
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, make_transform, rotation_z
 from firstfix_builder.job.build_job import BuildResult
@@ -48,7 +48,11 @@ def answer(*places: tuple[Matrix, float]) -> Localization:
 
 
 def support(score: float) -> float:
-    return AlignmentQuality(0.95, score, 0.0).support
+    return RANKING.support(AlignmentQuality(0.95, score, 0.0))
+
+
+def differ_by(found: Localization, world: Simulator) -> float | None:
+    return unequal_by(found, world, SENSOR, LOWER, np.eye(4), RANKING)
 
 
 def test_storeys_of_one_plan_are_seen_alike_until_one_is_furnished():
@@ -63,18 +67,18 @@ def test_storeys_of_one_plan_are_seen_alike_until_one_is_furnished():
 def test_the_supports_of_equal_places_tell_how_far_they_differ(first: str):
     scores = (0.95, 0.92) if first == "the true one" else (0.92, 0.95)
     places = sorted(zip((LOWER, UPPER), scores, strict=True), key=lambda place: -place[1])
-    by = unequal_by(answer(*places), two_storeys(), SENSOR, LOWER, np.eye(4))
+    by = differ_by(answer(*places), two_storeys())
     assert by == pytest.approx(support(0.95) - support(0.92))
 
 
 def test_what_is_no_equal_place_tells_nothing():
     furnished = two_storeys(([-2.0, 0.0, 1.0 + STOREY_M], [0.5, 1.5, 1.0]))
     both = answer((LOWER, 0.95), (UPPER, 0.92))
-    assert unequal_by(both, furnished, SENSOR, LOWER, np.eye(4)) is None, "the storeys differ"
+    assert differ_by(both, furnished) is None, "the storeys differ"
     far = answer((LOWER, 0.95), (UPPER, 0.3))
-    assert unequal_by(far, two_storeys(), SENSOR, LOWER, np.eye(4)) is None, "the margin is as large as any"
+    assert differ_by(far, two_storeys()) is None, "the margin is as large as any"
     missed = answer((UPPER, 0.95))
-    assert unequal_by(missed, two_storeys(), SENSOR, LOWER, np.eye(4)) is None, "the place was not found"
+    assert differ_by(missed, two_storeys()) is None, "the place was not found"
 
 
 def test_equal_places_tie_but_for_rare_ones():

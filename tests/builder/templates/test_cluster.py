@@ -20,7 +20,7 @@ from firstfix.descriptor import (
 )
 from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.engine.config import ClusterConfig, OccupancyConfig
-from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.cascade import Clusters
 from firstfix.engine.retrieval.templates import Templates
 from firstfix.errors import BuildCancelled, BuildFailed
 from firstfix_builder.templates import cluster, cluster_unconstrained

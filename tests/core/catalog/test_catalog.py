@@ -302,7 +302,7 @@ def test_an_altered_manifest_is_refused(tmp_path: Path) -> None:
     for data, error in (
         (original.replace(b'"x":1', b'"x":2'), CorruptVersion),
         (original[:-5], CorruptVersion),
-        (original.replace(b'"format":8', b'"format":9'), IncompatibleVersion),
+        (original.replace(b'"format":9', b'"format":10'), IncompatibleVersion),
     ):
         catalog.store.put(key, data)
         with pytest.raises(error):

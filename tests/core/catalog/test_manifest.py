@@ -35,7 +35,7 @@ def test_the_digest_stays_the_same_over_releases() -> None:
     manifest = Manifest({"a": FileEntry(1, "0" * 64)}, config={"b": 0.1, "a": "é"}, origin=(1, 2.5, -3))
     assert manifest.to_json() == (
         b'{"bounds":[],"config":{"a":"\\u00e9","b":0.1},"counts":{},"engine":{},'
-        b'"files":{"a":{"bytes":1,"sha256":"' + b"0" * 64 + b'"}},"format":8,"origin":[1.0,2.5,-3.0],'
+        b'"files":{"a":{"bytes":1,"sha256":"' + b"0" * 64 + b'"}},"format":9,"origin":[1.0,2.5,-3.0],'
         b'"self_test":{},"sensor":{},"source":{}}'
     )
 
@@ -71,11 +71,17 @@ def test_a_file_name_that_leads_elsewhere_is_refused(name: str) -> None:
         Manifest({name: FileEntry(1, "0" * 64)})
 
 
+def test_a_version_from_before_the_ranking_was_stored_keeps_its_digest() -> None:
+    older = Manifest({}, format=8)
+    assert older.digest != Manifest({}).digest
+    assert Manifest.from_json(older.to_json()).digest == older.digest
+
+
 def test_another_format_is_incompatible_not_corrupt() -> None:
     data = json.loads(Manifest({}).to_json())
     for change in (
         {"format": 7},
-        {"format": 9},
+        {"format": 10},
         {"format": "8"},
         {"format": [8]},
         {"format": 8.0},

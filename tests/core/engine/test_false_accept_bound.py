@@ -9,7 +9,6 @@ import pytest
 from scipy.stats import beta, binom
 
 from firstfix.answer.options import LocalizeOptions
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.false_accept_bound import (
     FILE_NAME,
@@ -18,6 +17,7 @@ from firstfix.engine.false_accept_bound import (
     upper_bound,
 )
 from firstfix.engine.index import MapIndex
+from firstfix.engine.ranking import Calibration
 from firstfix.engine.verdict import threshold_of
 from firstfix.errors import InvalidOption
 

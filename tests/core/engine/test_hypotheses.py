@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 
 from firstfix.answer.prior import Prior
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.hypotheses import MAX_REFINED, NEIGHBOUR_M, HypothesisSearch
+from firstfix.engine.hypotheses import HypothesisSearch
 from firstfix.engine.index import MapIndex
+from firstfix.engine.ranking import RANKING, Calibration
 from firstfix.engine.registration.align import Agreement, Registrations
 from firstfix.engine.verification.free_space import FreeSpaceShares
 from firstfix.transform import make_transform, rotation_z
@@ -74,7 +74,7 @@ class MadeUpMap:
 
     def _score(self, T):
         number = number_of(T)
-        beside = T[0, 3] - APART_M * number > NEIGHBOUR_M / 2
+        beside = T[0, 3] - APART_M * number > RANKING.neighbour_m / 2
         return self.better_beside.get(number, self.scores[number]) if beside else self.scores[number]
 
 
@@ -130,7 +130,7 @@ def test_only_the_best_and_close_rivals_are_refined():
     assert made_up.refined == [0.0, APART_M]
     crowded = MadeUpMap([0.9, 0.89, 0.88, 0.87, 0.86, 0.85], [0.0] * 6)
     assert len(search(crowded)) == 6
-    assert len(crowded.refined) == MAX_REFINED
+    assert len(crowded.refined) == RANKING.max_refined
 
 
 def test_a_hopeless_best_is_not_refined():
@@ -144,7 +144,7 @@ def test_a_hopeless_best_is_not_refined():
 
 def test_a_clearly_better_minimum_beside_a_candidate_is_taken():
     (found,) = search(MadeUpMap([0.80], [0.0], better_beside={0: 0.85}))
-    assert found.registration.T_level_sensor[0, 3] == NEIGHBOUR_M
+    assert found.registration.T_level_sensor[0, 3] == RANKING.neighbour_m
     (found,) = search(MadeUpMap([0.80], [0.0], better_beside={0: 0.81}))
     assert found.registration.T_level_sensor[0, 3] == 0
 

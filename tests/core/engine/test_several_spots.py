@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig, PreprocessConfig
+from firstfix.engine.hypotheses import RegisteredCandidate, features_of
 from firstfix.engine.index import MapIndex
 from firstfix.engine.preprocess import preprocess, spots_of
-from firstfix.engine.registered_candidate import RegisteredCandidate, features_of
+from firstfix.engine.ranking import RANKING, Calibration
 from firstfix.engine.registration.align import Registration
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
@@ -44,4 +44,4 @@ def test_spots_are_a_metre_apart(ways_m, spots):
     poses = [make_transform(np.eye(3), [x, 0, 0]) for x in ways_m]
     prepared = preprocess(ScanSequence.along([BOX] * len(poses), poses), None, PreprocessConfig())
     assert prepared is not None
-    assert spots_of(prepared.scans) == spots
+    assert spots_of(prepared.scans, RANKING.spots_apart_m) == spots

@@ -5,10 +5,10 @@ import pytest
 
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
+from firstfix.engine.hypotheses import RegisteredCandidate
 from firstfix.engine.index import MapIndex
-from firstfix.engine.registered_candidate import RegisteredCandidate
+from firstfix.engine.ranking import RANKING, Calibration
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.verdict import judge
 from firstfix.engine.verification.free_space import FreeSpaceShares
@@ -39,9 +39,8 @@ def test_a_good_place_without_rivals_is_localized():
     answer = judged(*places)
     assert answer.verdict is Verdict.LOCALIZED
     assert answer.reasons == ()
-    assert answer.probability == CALIBRATION.probability(
-        CALIBRATION.match_features([p.quality for p in places])
-    )
+    features = RANKING.match_features([p.quality for p in places], CALIBRATION.min_margin)
+    assert answer.probability == CALIBRATION.probability(features)
 
 
 def test_an_alias_makes_it_ambiguous_and_both_are_returned():
@@ -75,7 +74,9 @@ def claiming(probability: float, *places: RegisteredCandidate) -> Calibration:
     def log_odds(p: float) -> float:
         return float(np.log(p / (1 - p)))
 
-    said = CALIBRATION.probability(CALIBRATION.match_features([place.quality for place in places]))
+    said = CALIBRATION.probability(
+        RANKING.match_features([place.quality for place in places], CALIBRATION.min_margin)
+    )
     return replace(CALIBRATION, bias=CALIBRATION.bias + log_odds(probability) - log_odds(said))
 
 

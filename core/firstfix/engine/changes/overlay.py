@@ -17,7 +17,6 @@ from ...scan.scan import Scan
 from ...scan.sequence import AnyScan, ScanSequence
 from ...transform import Matrix, inverse
 from ..config import EngineConfig
-from ..index import ENGINE_FILE
 from ..registration.align import MapSurface
 from ..verification.free_space import MapView
 from .sighting import COARSE_COLUMNS, FINE_POINTS_M
@@ -56,7 +55,7 @@ class OverlayMap:
             CorruptVersion: a file is missing or damaged.
         """
         try:
-            config = EngineConfig.model_validate_json((directory / ENGINE_FILE).read_text())
+            config = EngineConfig.load(directory)
             surface = MapSurface.load(directory, config.registration)
             return cls(config, surface, MapView.load(directory, config.verification.reach_m))
         except (OSError, EOFError, ValueError, TypeError) as error:

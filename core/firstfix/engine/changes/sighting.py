@@ -19,7 +19,7 @@ from ...scan.sequence import ScanSequence
 from ...scan.voxel_filter import TimedPoints
 from ...transform import Matrix, inverse
 from ..index import MapIndex
-from ..motion.deskewed import deskewed
+from ..preprocess import deskewed
 from .block import REACH_M, SIZE, Block
 from .cells import CELL_M, Spot, spot_of
 

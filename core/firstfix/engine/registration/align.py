@@ -17,15 +17,10 @@ from numpy.typing import NDArray
 from ... import native
 from ...transform import Matrix
 from ..config import RegistrationConfig
-from ..motion.sweep import TWIST_SCALE
+from ..ranking import RANKING, RankingConfig
 from .surface import Surface
 from .surface_grid import SurfaceGrid
 
-_COARSE_POINTS = 200
-_SCREEN_POINTS, _SCREEN_ITERATIONS = 100, 2
-# Sine between normals at which a pair counts half. The smaller, the more minima there are side by side.
-_COARSE_ANGLE, _ALIGN_ANGLE, _SMOOTH_ANGLE, _FINE_ANGLE = 0.2, 0.06, 0.5, 0.2
-_SMOOTH_ITERATIONS = 6
 _FINE_FILE, _COARSE_FILE = "surface_fine.safetensors", "surface_coarse.safetensors"
 
 
@@ -113,11 +108,13 @@ class MapSurface:
         config: parameters of the registration.
         fine: grid of the map's own points.
         coarse: grid of the map, thinned.
+        ranking: the numbers of the map.
     """
 
     config: RegistrationConfig
     fine: SurfaceGrid
     coarse: SurfaceGrid
+    ranking: RankingConfig = RANKING
 
     @classmethod
     def of(cls, surface: Surface, config: RegistrationConfig) -> MapSurface:
@@ -136,10 +133,12 @@ class MapSurface:
         self.coarse.save(directory / _COARSE_FILE)
 
     @classmethod
-    def load(cls, directory: Path, config: RegistrationConfig) -> MapSurface:
+    def load(
+        cls, directory: Path, config: RegistrationConfig, ranking: RankingConfig = RANKING
+    ) -> MapSurface:
         """Reads a version's files, memory-mapped."""
         fine, coarse = SurfaceGrid.load(directory / _FINE_FILE), SurfaceGrid.load(directory / _COARSE_FILE)
-        return cls(config, fine, coarse)
+        return cls(config, fine, coarse, ranking)
 
     def screen(
         self, scan: Surface, T_level_sensor: NDArray[np.float64]
@@ -153,24 +152,30 @@ class MapSurface:
             (k, 4, 4) poses, and (k,) their alignment scores, 0..1, within one coarse cell.
         """
         voxel_m = self.config.coarse_voxel_m
-        reach_m, few = 1.5 * voxel_m, scan.at_most(_SCREEN_POINTS, voxel_m)
+        reach_m, few = 1.5 * voxel_m, scan.at_most(self.ranking.screen_points, voxel_m)
         found = self._align(
-            self.coarse, few, T_level_sensor, _SCREEN_ITERATIONS, reach_m, _COARSE_ANGLE, voxel_m
+            self.coarse,
+            few,
+            T_level_sensor,
+            self.ranking.screen_iterations,
+            reach_m,
+            self.ranking.coarse_angle,
+            voxel_m,
         )
         return found.T_level_sensor, found.alignment_score
 
     def align_coarse(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
         """Aligns on the coarse grid: (k, 4, 4) starts within about a metre end within a few decimetres."""
         voxel_m = self.config.coarse_voxel_m
-        reach_m, few = 1.5 * voxel_m, scan.at_most(_COARSE_POINTS, voxel_m)
+        reach_m, few = 1.5 * voxel_m, scan.at_most(self.ranking.coarse_points, voxel_m)
         iterations = self.config.coarse_iterations
-        found = self._align(self.coarse, few, T_level_sensor, iterations, reach_m, _COARSE_ANGLE)
+        found = self._align(self.coarse, few, T_level_sensor, iterations, reach_m, self.ranking.coarse_angle)
         return found.T_level_sensor
 
     def align(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
         """Aligns on the map's own points, from (k, 4, 4) starts within a few decimetres."""
         reach_m, iterations = self.config.fine_distance_m, self.config.align_iterations
-        return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, _ALIGN_ANGLE)
+        return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, self.ranking.align_angle)
 
     def align_smoothly(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
         """Aligns on the map's own points with little regard to normals, from (k, 4, 4) aligned poses.
@@ -178,7 +183,14 @@ class MapSurface:
         Starts within two decimetres end near one pose. From there ``align_fine`` goes to one of its minima.
         """
         reach_m = self.config.fine_distance_m
-        return self._align(self.fine, scan, T_level_sensor, _SMOOTH_ITERATIONS, reach_m, _SMOOTH_ANGLE)
+        return self._align(
+            self.fine,
+            scan,
+            T_level_sensor,
+            self.ranking.smooth_iterations,
+            reach_m,
+            self.ranking.smooth_angle,
+        )
 
     def align_fine(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
         """Aligns on the map's own points until convergence, from (k, 4, 4) aligned poses.
@@ -187,8 +199,10 @@ class MapSurface:
         """
         reach_m, iterations = self.config.fine_distance_m, self.config.fine_iterations
         if scan.time_s is not None:
-            return self._align_moving(scan, scan.time_s, T_level_sensor, iterations, reach_m, _FINE_ANGLE)
-        return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, _FINE_ANGLE)
+            return self._align_moving(
+                scan, scan.time_s, T_level_sensor, iterations, reach_m, self.ranking.fine_angle
+            )
+        return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, self.ranking.fine_angle)
 
     def agreements(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Agreement]:
         """Agreement of the scan with the map at each of (k, 4, 4) poses."""
@@ -219,7 +233,7 @@ class MapSurface:
             scan.oriented,
             time_s,
             T_start,
-            TWIST_SCALE,
+            np.array(self.ranking.twist_scale),
             iterations,
             reach_m,
             half_angle,

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from firstfix import native
-from firstfix.engine.motion.sweep import TWIST_SCALE, discounted_score
+from firstfix.engine.ranking import RANKING
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.transform import make_transform, pose_error, rotation_z
@@ -18,6 +18,7 @@ from reference import registration
 from reference.recorded_places import MAPS, RecordedPlace, recorded_place
 
 FINE = {"iterations": 12, "reach_m": 0.5, "half_angle": 0.2}
+TWIST_SCALE = np.array(RANKING.twist_scale)
 TWIST = np.array([1.3, -0.4, 0.05, 0.1, -0.2, 1.7])
 
 
@@ -166,13 +167,15 @@ def test_twists_and_scales_out_of_range_are_refused():
 
 
 def test_an_unlikely_motion_takes_from_the_score():
-    assert discounted_score(0.8, None) == 0.8
-    assert discounted_score(0.8, np.zeros(6)) == pytest.approx(0.8)
-    scores = [discounted_score(0.8, np.array([v, 0, 0, 0, 0, 0.0])) for v in (0.5, 1.0, 3.0, 8.0, 100.0)]
+    assert RANKING.discounted_score(0.8, None) == 0.8
+    assert RANKING.discounted_score(0.8, np.zeros(6)) == pytest.approx(0.8)
+    scores = [
+        RANKING.discounted_score(0.8, np.array([v, 0, 0, 0, 0, 0.0])) for v in (0.5, 1.0, 3.0, 8.0, 100.0)
+    ]
     assert scores == sorted(scores, reverse=True)
     assert scores[1] > 0.78
     assert scores[2] == pytest.approx(1.05 - 0.25 * 2 ** (1 / 2.5))
     assert scores[-1] == 0
-    turning = [discounted_score(0.8, np.array([0, 0, 0, 0, 0, w])) for w in (1.0, 2.0, 4.0)]
+    turning = [RANKING.discounted_score(0.8, np.array([0, 0, 0, 0, 0, w])) for w in (1.0, 2.0, 4.0)]
     assert turning[2] == pytest.approx(scores[2])
     assert turning[0] > turning[1] > turning[2]

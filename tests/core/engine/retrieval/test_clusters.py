@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.cascade import Clusters
 
 
 def groups(clusters: Clusters) -> list[list[int]]:

@@ -9,7 +9,7 @@ from service_world import XYZ, Service
 
 from changed_hall import Hall, pose, standing
 from firstfix.catalog.manifest import Manifest
-from firstfix.engine.index import ENGINE_FILE
+from firstfix.engine.config import ENGINE_FILE
 from firstfix_service.http_api.parts import LocalizeParts
 from firstfix_service.startup.composition import MOST_OVERLAYS_PER_CALLER
 from waiting import wait_until

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firstfix.engine.config import PreprocessConfig
-from firstfix.engine.effort_levels.level_hypotheses import (
+from firstfix.engine.map_search import (
     TILT_DEG,
     TILTS,
     ground_normal,

@@ -8,9 +8,9 @@ import pytest
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine import localizer as localizer_module
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.effort_levels.map_search import MapSearch, Step
+from firstfix.engine.map_search import MapSearch, Step
+from firstfix.engine.ranking import RANKING, Calibration
 from firstfix.engine.stopwatch import Stopwatch
 
 
@@ -48,7 +48,8 @@ def search_by(monkeypatch, clock):
             clock.now_s += 0.01
             good = found_by is not None and step is found_by
             quality = AlignmentQuality(0.99, 0.98, 0.0) if good else AlignmentQuality(0.3, 0.2, 0.2)
-            search.registered = [SimpleNamespace(index=index, quality=quality, spots=1)]
+            support = RANKING.support(quality)
+            search.registered = [SimpleNamespace(index=index, quality=quality, support=support, spots=1)]
 
         monkeypatch.setattr(
             search,

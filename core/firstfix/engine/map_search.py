@@ -1,0 +1,240 @@
+"""Search of one query in one map, step by step of the effort levels (docs/method.md section 7.1)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Sequence
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..answer.options import LocalizeOptions
+from ..scan.levelling import levelling_rotation
+from .candidates import Candidates, candidates_of_scan, find_candidates
+from .config import EffortConfig
+from .hypotheses import HypothesisSearch, RegisteredCandidate, distinct, features_of
+from .index import MapIndex
+from .preprocess import PreparedQuery, PreparedScan
+from .registration.surface import Surface
+from .stopwatch import Stopwatch
+
+SCREENED_PER_REGISTERED = 12  # poses that are screened in the time of one candidate's registration
+COMPARED_PER_REGISTERED = 200  # templates that are compared in this time
+SLOWER = 1.5  # than estimated, at worst
+OTHER_UPS = 6  # at most, each with a first search of its own
+
+
+class Step(Enum):
+    """Effort levels, cheapest first."""
+
+    NARROW = "as levelled, the templates most similar by descriptor"
+    WIDE = "several ups near it, and more templates, screened on the map"
+    OTHER_UPS = "ups for a sensor that hangs head down or lies on its side"
+    EXHAUSTIVE = "more ups, and all templates of a map that is not too large, screened on the map"
+
+
+class MapSearch:
+    """Search of one query in one map. Each step adds to what the steps before it registered.
+
+    Attributes:
+        registered: best first, of all steps so far.
+    """
+
+    def __init__(
+        self,
+        index: MapIndex,
+        prepared: PreparedQuery,
+        options: LocalizeOptions,
+        watch: Stopwatch,
+        map_id: str = "",
+    ) -> None:
+        self._index, self._prepared, self._options, self._watch = index, prepared, options, watch
+        self._hypotheses = HypothesisSearch(index, prepared, options.prior, map_id)
+        self._narrow_s = 0.0
+        self.registered: list[RegisteredCandidate] = []
+
+    @property
+    def is_accepted(self) -> bool:
+        """Returns whether the best pose may be answered ``localized``."""
+        best = self.registered
+        return bool(best) and self._index.calibration.accepts(features_of(best))
+
+    def take(self, step: Step) -> None:
+        """Searches with the effort of one step, if the caller's deadline leaves time for it."""
+        if self._expected_s(step) > self._watch.left_s:
+            return
+        search = self._index.config.search
+        if step is Step.NARROW:
+            began = time.monotonic()
+            self._by_descriptor(self._prepared.scans)
+            self._narrow_s = time.monotonic() - began
+        elif step is Step.OTHER_UPS:
+            with self._watch.stage("preprocess"):
+                ups = self._prepared.with_other_ups(self._options.gravity, self._index.config.preprocess)
+            self._by_descriptor(ups)
+        elif search.widened > 1 and self._options.max_candidates is None:
+            is_last = step is Step.EXHAUSTIVE
+            self._by_screening(search.exhaustive if is_last else search.wide, tilted=is_last)
+
+    def _expected_s(self, step: Step) -> float:
+        """Seconds that a step takes, at worst: measured by the first one, which always runs."""
+        search = self._index.config.search
+        if step is Step.NARROW:
+            return -math.inf
+        if step is Step.OTHER_UPS:
+            return SLOWER * OTHER_UPS * self._narrow_s
+        effort = search.exhaustive if step is Step.EXHAUSTIVE else search.wide
+        registrations = (
+            effort.candidates
+            + effort.screened / SCREENED_PER_REGISTERED
+            + effort.clusters / COMPARED_PER_REGISTERED
+        )
+        return SLOWER * self._narrow_s * registrations / search.candidates
+
+    def _by_descriptor(self, levelled: Sequence[PreparedScan]) -> None:
+        if not levelled:
+            return
+        index = self._index
+        with self._watch.stage("describe"):
+            described = [one.described_by(index.cascade.descriptor) for one in levelled]
+        with self._watch.stage("search"):
+            candidates = find_candidates(index, described, levelled, self._options)
+        self._register(candidates)
+
+    def _by_screening(self, effort: EffortConfig, *, tilted: bool) -> None:
+        index, options = self._index, self._options
+        with self._watch.stage("preprocess"):
+            usual_height_m = index.cascade.templates.usual_height_m
+            levelled = level_hypotheses(self._prepared, self._expected_up(), usual_height_m, tilted=tilted)
+        with self._watch.stage("search"):
+            candidates = screened_candidates(index, self._prepared, levelled, options, effort)
+        self._register(candidates)
+
+    def _register(self, candidates: Candidates) -> None:
+        with self._watch.stage("register"):
+            self.registered = self._hypotheses.run(candidates)
+
+    def _expected_up(self) -> NDArray[np.float64] | None:
+        """(3,) up by the mounting, or None: gravity is known."""
+        if self._options.gravity is not None:
+            return None
+        mounting = self._options.T_base_sensor
+        return np.array([0.0, 0.0, 1.0]) if mounting is None else mounting[2, :3]
+
+
+def screened_candidates(
+    index: MapIndex,
+    prepared: PreparedQuery,
+    levelled: Sequence[PreparedScan],
+    options: LocalizeOptions,
+    effort: EffortConfig,
+) -> Candidates:
+    """Distinct candidates whose poses fit the coarse map best, best first.
+
+    The descriptor alone mistakes the place where sparse beams, occluders or a wrong up change many cells. A
+    hundred points of the scan tell the places apart at a tenth of a registration's time.
+
+    Args:
+        levelled: the query's scans, each levelled in one way or several, which share the effort.
+    """
+    poses, clusters = (max(1, share // len(levelled)) for share in (effort.screened, effort.clusters))
+    descriptor = index.cascade.descriptor
+    found = Candidates.merged(
+        [
+            candidates_of_scan(
+                index, scan.described_by(descriptor), scan, options.prior, poses, clusters, per_spot=None
+            )
+            for scan in levelled
+        ]
+    )
+    found = found.at(np.argsort(found.template, kind="stable"))  # neighbours read the same part of the map
+    T_level_sensor, score = index.surface.screen(prepared.sparse, found.T_level_sensor)
+    best = np.argsort(-score, kind="stable")
+    best = best[distinct(T_level_sensor[best], index.config.ranking, most=effort.candidates)]
+    return Candidates(found.template[best], T_level_sensor[best], score[best])
+
+
+TILT_DEG = 5.0
+TILTS = 6
+_APART_COSINE = np.cos(np.radians(2.0))  # of two ups that are worth two searches
+_APART_M = 0.25  # of two heights
+_MOST_LEVELLED = 18  # each has a descriptor and a key search of its own
+_GROUND_WITHIN_M = 10.0
+_GROUND_COSINE = 0.8  # of the ground's normals with up, at least
+_LEAST_GROUND = 20  # points
+
+
+def level_hypotheses(
+    prepared: PreparedQuery, expected_up: NDArray[np.float64] | None, usual_height_m: float, *, tilted: bool
+) -> tuple[PreparedScan, ...]:
+    """The query's scans, levelled in each way that is worth a search.
+
+    Of a long sequence only the last scans are taken, so that the work has a limit.
+
+    Args:
+        expected_up: (3,) unit vector in the last scan's frame, by the mounting; None: up is measured, and
+            only heights are varied.
+        usual_height_m: of the map's own sensor above the floor, tried beside the height that the scan shows.
+        tilted: also by small tilts about the likeliest ups, then with the usual height only.
+    """
+    last = prepared.scans[-1]
+    ups = [last.T_last_scan[:3, :3] @ last.up]
+    if expected_up is not None:
+        ups += [expected_up, ground_normal(prepared.dense, expected_up)]
+        if tilted:
+            ups += [up for about in ups[:2] for up in tilts(about)]
+    ups = _apart(ups)
+    scans = prepared.scans[-max(1, _MOST_LEVELLED // len(ups)) :]
+    return tuple(
+        levelled
+        for up in ups
+        for scan in scans
+        for levelled in _at_heights(scan, up, usual_height_m, as_seen=not tilted)
+    )
+
+
+def ground_normal(scan: Surface, expected_up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean normal, (3,) upwards, of the ground around the sensor; the expected up where there is too little.
+
+    A robot stands on the slope that it sees.
+    """
+    rise = scan.normals @ expected_up
+    near = np.linalg.norm(scan.points, axis=1) < _GROUND_WITHIN_M
+    ground = scan.normals[near & (np.abs(rise) > _GROUND_COSINE) & (scan.points @ expected_up < 0)]
+    if len(ground) < _LEAST_GROUND:
+        return expected_up
+    normal: NDArray[np.float64] = np.linalg.eigh((ground.T @ ground).astype(np.float64))[1][:, 2]
+    return normal if normal @ expected_up > 0 else -normal
+
+
+def tilts(up: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Unit vectors around an up direction, TILT_DEG from it."""
+    R_level_sensor, slope = levelling_rotation(up), np.radians(TILT_DEG)
+    azimuths = np.arange(TILTS) * 2 * np.pi / TILTS
+    return [
+        R_level_sensor.T @ [np.sin(slope) * np.cos(a), np.sin(slope) * np.sin(a), np.cos(slope)]
+        for a in azimuths
+    ]
+
+
+def _at_heights(
+    scan: PreparedScan, up: NDArray[np.float64], usual_height_m: float, *, as_seen: bool
+) -> list[PreparedScan]:
+    """The scan levelled by an up direction in the last scan's frame, at one height or two."""
+    own_up = scan.T_last_scan[:3, :3].T @ up
+    usual = scan.with_up(own_up, usual_height_m, usual_height_m)
+    if not as_seen:
+        return [usual]
+    seen = scan.with_up(own_up, usual_height_m)
+    return [seen, usual] if abs(seen.height_m - usual_height_m) > _APART_M else [seen]
+
+
+def _apart(ups: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """The up vectors without those near an earlier one."""
+    kept: list[NDArray[np.float64]] = []
+    for up in ups:
+        if all(up @ other < _APART_COSINE for other in kept):
+            kept.append(up)
+    return kept

@@ -1,0 +1,396 @@
+"""Ranking: how strongly a pose is supported, and the probability that the best one is right.
+
+All numbers by which poses are found, compared and judged are in ``RankingConfig``, which is stored with the
+version: a calibration is asked with what it was fitted on. The kernels' own distances are part of their
+formulas: who changes one changes the manifest's format.
+
+The build's self-test fits the calibration. Poses that tie count as one: two equal storeys of a map make every
+answer there ambiguous, but no answer less likely to contain the true pose. How likely that is, a model of its
+own says (docs/method.md section 7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from math import log
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict
+from scipy.optimize import minimize
+
+from ..answer.quality import AlignmentQuality
+from ..errors import REBUILD, IncompatibleVersion
+
+# Standard deviation of a map's weights around the prior's: SPREAD times the weight, for the bias SPREAD_BIAS.
+SPREAD, SPREAD_BIAS = 0.4, 4.0
+# Fields of ``Calibration``, in the order of ``MatchFeatures.vector``.
+WEIGHTS = ("bias", "alignment_score", "free_space", "beside_surface", "same_plane", "margin")
+
+
+class RankingConfig(BaseModel):
+    """Numbers that ranking and calibration read. None has a default: a version has all, or needs a rebuild.
+
+    Attributes:
+        alignment_weight, removed_weight, violation_weight: of the logarithms in a pose's support: those that
+            most often tell the true place from its rivals in ``python -m benchmarks.run calibration``
+            (docs/method.md section 7), on a scale on which 0.01 of a good alignment score is about 0.01 of
+            support.
+        best_score, least_share: keep the logarithms of perfect values finite.
+        worst_score, violation_offset, beside_offset, same_plane_offset: for the probability.
+        max_margin: a larger margin counts as this. About two in three right places have more.
+        unlikely_m_s, unlikely_rad_s: speeds at which a motion is half as likely as rest. A wrong place often
+            needs one that no robot has there.
+        motion_score_weight: of the logarithm of the score's misfit in the log odds, if it counts alone.
+        twist_scale: (6,) scale of the twist about 0 (a Cauchy distribution), linear then angular, along the
+            level axes. A robot drives and turns on its floor: the other axes are fixed, so that noise does
+            not look like motion.
+        likely: from this probability on, one of the places that tie is more likely right than not.
+        convincing_inlier_ratio: below it other up directions are tried too, however probable the fix is.
+        spots_apart_m: nearer to each other, scans show the same surfaces again.
+        same_pose_m, same_pose_deg: nearer poses are one.
+        same_start_m, same_start_deg: nearer starts end at one pose.
+        rival_within: of the best candidate's support: such rivals are compared and aligned as it is.
+        max_refined: candidates that are aligned finely, at most.
+        neighbour_m: to the minima beside the right one: the next panel, a wall's other face.
+        slid_m: from the floor: where walls alone are seen, a scan slides up or down along them.
+        better_by: of alignment_score: a scan distorted by motion has several minima nearly as good.
+        maybe_better_by: the same, measured with few points.
+        promising: probability before fine alignment, which raises the inlier ratio a little.
+        screen_points, screen_iterations, coarse_points, smooth_iterations: of the alignments so named.
+        coarse_angle, align_angle, smooth_angle, fine_angle: sine between normals at which a pair counts half.
+            The smaller, the more minima there are side by side.
+        voxelled_points, view_points, dense_points, sparse_points: of a scan, to take one a voxel from, and
+            for the free-space check, fine alignment, and the alignment of many candidates.
+        same_place_m, same_place_deg: of candidates that were not registered: nearer ones are one place.
+        unregistered_bias, unregistered_score, unregistered_lead: model of "the best of them is
+            right" (docs/method.md equation 10.1), fitted over ten worlds; a fifth of the scans are of other
+            worlds. In a world that it was not fitted to, it is off by 0.03 on average.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    alignment_weight: float
+    removed_weight: float
+    violation_weight: float
+    best_score: float
+    least_share: float
+    worst_score: float
+    violation_offset: float
+    beside_offset: float
+    same_plane_offset: float
+    max_margin: float
+    unlikely_m_s: float
+    unlikely_rad_s: float
+    motion_score_weight: float
+    twist_scale: tuple[float, float, float, float, float, float]
+    likely: float
+    convincing_inlier_ratio: float
+    spots_apart_m: float
+    same_pose_m: float
+    same_pose_deg: float
+    same_start_m: float
+    same_start_deg: float
+    rival_within: float
+    max_refined: int
+    neighbour_m: float
+    slid_m: float
+    better_by: float
+    maybe_better_by: float
+    promising: float
+    screen_points: int
+    screen_iterations: int
+    coarse_points: int
+    smooth_iterations: int
+    coarse_angle: float
+    align_angle: float
+    smooth_angle: float
+    fine_angle: float
+    voxelled_points: int
+    view_points: int
+    dense_points: int
+    sparse_points: int
+    same_place_m: float
+    same_place_deg: float
+    unregistered_bias: float
+    unregistered_score: float
+    unregistered_lead: float
+
+    def support(self, quality: AlignmentQuality) -> float:
+        """Score by which poses are ranked (equation 7.1). Only differences of it mean something.
+
+        Logarithms of the misfit spread good values: from 98 to 99 % is as far as from 80 to 90 %.
+        """
+        return -(
+            self.alignment_weight * log(self.best_score - quality.alignment_score)
+            + self.removed_weight * log(self.least_share + quality.removed_surface)
+            + self.violation_weight * log(self.least_share + quality.free_space_violation)
+        )
+
+    def discounted_score(self, alignment_score: float, twist: NDArray[np.float64] | None) -> float:
+        """The alignment score that counts as much as this one and the likelihood of its motion together.
+
+        Three unknowns more let a scan fit wrong places better, but with motions that are unlikely. The
+        logarithm of the score's misfit has a known weight in the log odds of a pose, and so has that of the
+        motion.
+
+        Args:
+            alignment_score: 0..1.
+            twist: (6,) m/s then rad/s; None: the scan was aligned rigidly.
+        """
+        if twist is None:
+            return alignment_score
+        linear, angular = twist[:3] / self.unlikely_m_s, twist[3:] / self.unlikely_rad_s
+        odds = float((1 + linear @ linear) * (1 + angular @ angular))
+        misfit = (self.best_score - alignment_score) * odds ** (1 / self.motion_score_weight)
+        return max(self.best_score - misfit, 0.0)
+
+    def match_features(
+        self,
+        qualities: Sequence[AlignmentQuality],
+        tied_within: float,
+        number: int = 0,
+        supports: Sequence[float] | None = None,
+    ) -> MatchFeatures:
+        """Match features of one pose, given the qualities of all poses that compete.
+
+        If several poses compete and all of them tie, the best rival was not compared. Then the margin is what
+        is known of it: the lead of the pose over the weakest one.
+
+        Args:
+            tied_within: poses tie if their support differs by less.
+            number: of the pose.
+            supports: of all poses, where they are known already.
+        """
+        if supports is None:
+            supports = [self.support(quality) for quality in qualities]
+        own = supports[number]
+        rivals = [support for support in supports if abs(support - own) >= tied_within]
+        margin = self.max_margin if len(supports) == 1 else own - (max(rivals) if rivals else min(supports))
+        return MatchFeatures(qualities[number], margin, len(supports) - len(rivals), self)
+
+    @classmethod
+    def from_stored(cls, stored: Mapping[str, Any] | None) -> RankingConfig:
+        """Reads the numbers of a version; None: of one from before they were stored.
+
+        Raises:
+            IncompatibleVersion: this release ranks by other numbers than the version has.
+            ValueError: a number is none.
+        """
+        numbers = _UNSTORED if stored is None else dict(stored)
+        different = set(numbers) ^ set(cls.model_fields)
+        if different:
+            raise IncompatibleVersion(
+                f"the version was made for another ranking ({', '.join(sorted(different))}): {REBUILD}"
+            )
+        return cls.model_validate(numbers)
+
+
+# Versions from before the numbers were stored were made with these. They never change: what a newer release
+# changes or adds stands in ``RANKING`` alone.
+_UNSTORED: dict[str, Any] = {
+    "alignment_weight": 0.25,
+    "removed_weight": 0.04,
+    "violation_weight": 0.06,
+    "best_score": 1.05,
+    "least_share": 0.0003,
+    "worst_score": 0.02,
+    "violation_offset": 0.005,
+    "beside_offset": 0.02,
+    "same_plane_offset": 0.02,
+    "max_margin": 0.25,
+    "unlikely_m_s": 3.0,
+    "unlikely_rad_s": 4.0,
+    "motion_score_weight": 2.5,
+    "twist_scale": (1.0, 1.0, 1e-6, 1e-6, 1e-6, 1.0),
+    "likely": 0.5,
+    "convincing_inlier_ratio": 0.75,
+    "spots_apart_m": 0.9,
+    "same_pose_m": 1.0,
+    "same_pose_deg": 15.0,
+    "same_start_m": 0.3,
+    "same_start_deg": 3.0,
+    "rival_within": 0.3,
+    "max_refined": 3,
+    "neighbour_m": 0.3,
+    "slid_m": 0.25,
+    "better_by": 0.02,
+    "maybe_better_by": 0.01,
+    "promising": 0.02,
+    "screen_points": 100,
+    "screen_iterations": 2,
+    "coarse_points": 200,
+    "smooth_iterations": 6,
+    "coarse_angle": 0.2,
+    "align_angle": 0.06,
+    "smooth_angle": 0.5,
+    "fine_angle": 0.2,
+    "voxelled_points": 40_000,
+    "view_points": 20_000,
+    "dense_points": 4000,
+    "sparse_points": 400,
+    "same_place_m": 3.0,
+    "same_place_deg": 30.0,
+    "unregistered_bias": -7.84,
+    "unregistered_score": 10.07,
+    "unregistered_lead": 52.1,
+}
+RANKING = RankingConfig.model_validate(_UNSTORED)  # of versions that are made now
+
+
+@dataclass(frozen=True)
+class MatchFeatures:
+    """Features of one pose among those that compete, from which its probability is computed.
+
+    If other poses tie with it, they are features of "one of these poses is right".
+
+    Attributes:
+        quality: of the pose.
+        margin: by how much its support exceeds that of the best pose that does not tie with it.
+        tied: number of poses that tie, this one included: no margin tells them apart.
+        ranking: the numbers of the map.
+    """
+
+    quality: AlignmentQuality
+    margin: float
+    tied: int = 1
+    ranking: RankingConfig = RANKING
+
+    @property
+    def without_rivals(self) -> MatchFeatures:
+        """The features that the pose would have alone."""
+        return replace(self, margin=self.ranking.max_margin, tied=1)
+
+    @property
+    def vector(self) -> NDArray[np.float64]:
+        """(5,) inputs of the logistic model (equation 7.2). A larger value never lowers the probability.
+
+        A removed surface does not count here, but in the margin: things leave, wherever the scan was taken.
+        """
+        ranking, quality = self.ranking, self.quality
+        score = quality.alignment_score
+        return np.array(
+            [
+                log((ranking.worst_score + score) / (ranking.best_score - score)),
+                -log(ranking.violation_offset + quality.free_space_violation),
+                -log(ranking.beside_offset + quality.beside_surface),
+                -log(ranking.same_plane_offset + quality.same_plane),
+                min(self.margin, ranking.max_margin),
+            ]
+        )
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Logistic model over ``MatchFeatures.vector``, and the thresholds of the verdict.
+
+    The defaults are the prior, fitted to nine maps at once (docs/method.md section 7).
+
+    Attributes:
+        bias: of the model.
+        alignment_score, free_space, beside_surface, same_plane, margin: its weights. They are never negative:
+            a better fit never makes an answer less likely.
+        min_probability: below it an answer is not ``localized``, unless the query gives its own threshold.
+        min_inlier_ratio: below it a pose does not explain the scan at all.
+        max_free_space_violation: nor does a pose that more of the scan's directions contradict.
+        min_margin: poses tie if their support differs by less: the answer is then ambiguous, however good
+            they are.
+        cases: number of self-test cases it was fitted on; 0: it is the prior.
+        among_tied: weights of the model for poses that tie, bias first; empty: they are the others.
+    """
+
+    bias: float = -20.1
+    alignment_score: float = 1.45
+    free_space: float = 1.74
+    beside_surface: float = 2.5
+    same_plane: float = 1.66
+    margin: float = 21.1
+    min_probability: float = 0.995
+    min_inlier_ratio: float = 0.4
+    max_free_space_violation: float = 0.1
+    min_margin: float = 0.05
+    cases: int = 0
+    among_tied: tuple[float, ...] = ()
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(6,) weights of the model, bias first."""
+        return np.array([getattr(self, name) for name in WEIGHTS])
+
+    def with_ties_as_in(self, other: Calibration) -> Calibration:
+        """This calibration, with the other one's weights for poses that tie."""
+        return replace(self, among_tied=tuple(other.weights.tolist()))
+
+    def probability(self, features: MatchFeatures) -> float:
+        """Probability, 0..1, that the pose or one that ties with it is right."""
+        tie = features.tied > 1 and self.among_tied
+        weights = np.array(self.among_tied) if tie else self.weights
+        return float(_logistic(weights[0] + features.vector @ weights[1:]))
+
+    def accepts(self, features: MatchFeatures, min_probability: float | None = None) -> bool:
+        """Returns whether the verdict may be ``localized``.
+
+        Args:
+            min_probability: threshold to use instead of the calibration's own.
+        """
+        needed = self.min_probability if min_probability is None else min_probability
+        quality = features.quality
+        explains = quality.inlier_ratio >= self.min_inlier_ratio
+        explains &= quality.free_space_violation <= self.max_free_space_violation
+        return explains and features.tied == 1 and self.probability(features) >= needed
+
+    @classmethod
+    def fit(cls, features: Sequence[MatchFeatures], right: ArrayLike, weight: ArrayLike) -> Calibration:
+        """Fits the most likely calibration, given the prior and self-test cases. No weight is negative.
+
+        Args:
+            features: (n,) of the best pose of each case.
+            right: (n,) whether that pose, or one that ties with it, was right.
+            weight: (n,) number of real cases that each stands for.
+        """
+        truth, counts = np.asarray(right, np.float64), np.asarray(weight, np.float64)
+        prior = cls().weights
+        spread = SPREAD * np.array([SPREAD_BIAS, *prior[1:]])
+        inputs = np.array([[1.0, *one.vector] for one in features]).reshape(-1, len(prior))
+
+        def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+            log_odds, off = inputs @ weights, (weights - prior) / spread
+            value = counts @ (np.logaddexp(0, log_odds) - truth * log_odds) + off @ off / 2
+            gradient = inputs.T @ (counts * (_logistic(log_odds) - truth)) + off / spread
+            return float(value), gradient
+
+        bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
+        found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
+        rounded: dict[str, Any] = {
+            name: round(float(value), 4) for name, value in zip(WEIGHTS, found, strict=True)
+        }
+        return cls(**rounded, cases=len(truth))
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Values by name, ready for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
+        """Reads what ``to_mapping`` returned, in this release or before there was ``among_tied``.
+
+        Raises:
+            IncompatibleVersion: it was fitted on other features.
+            ValueError: a field is none.
+        """
+        values = {"among_tied": (), **data}
+        different = set(values) ^ {field.name for field in fields(cls)}
+        if different:
+            raise IncompatibleVersion(
+                f"the version was calibrated for another ranking ({', '.join(sorted(different))}): {REBUILD}"
+            )
+        among_tied = tuple(map(float, values["among_tied"]))
+        if among_tied and len(among_tied) != len(WEIGHTS):
+            raise ValueError(f"fields of a calibration: {len(among_tied)} weights for poses that tie")
+        return cls(**{**values, "among_tied": among_tied})
+
+
+def _logistic(x: ArrayLike) -> NDArray[np.float64]:
+    return 1 / (1 + np.exp(-np.clip(np.asarray(x, np.float64), -50, 50)))
