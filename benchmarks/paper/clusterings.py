@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from firstfix.descriptor import rows_of
 from firstfix.engine.retrieval.cascade import Clusters
-from firstfix_builder.templates.cluster import cluster_pairs, most_typical, neighbour_pairs
+from firstfix_builder.templates.cluster import most_typical, neighbour_pairs
+from firstfix_builder.templates.cluster_unconstrained import cluster_pairs
 from firstfix_builder.templates.linkage import Linkage, Pairs, agglomerate
 
 from .scene import DESCRIPTORS, PAPER, Taken
