@@ -24,7 +24,6 @@ TYPED = {"firstfix/wire/scan.py"}
 # The other modules of these rooms, and these modules, are not used by robot programs: they lose the
 # annotations of all functions.
 INTERNAL = (
-    "firstfix/answer/pose_mapping.py",
     "firstfix/answer/quality.py",
     "firstfix/decode.py",
     "firstfix/descriptor/",
@@ -34,8 +33,7 @@ INTERNAL = (
     "firstfix/ros/",
     "firstfix/scan/condense.py",
     "firstfix/scan/levelling.py",
-    "firstfix/scan/range_view.py",
-    "firstfix/scan/voxel_filter.py",
+    "firstfix/scan/reduction.py",
     "firstfix/transform.py",
     "firstfix/wire/",
     "firstfix_client/drivers/",

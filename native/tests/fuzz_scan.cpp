@@ -10,7 +10,7 @@
 #include "firstfix/scan/levelling.hpp"
 #include "firstfix/scan/range_view.hpp"
 #include "firstfix/scan/up_vote.hpp"
-#include "firstfix/scan/voxel_filter.hpp"
+#include "firstfix/scan/reduction.hpp"
 #include "hostile.hpp"
 
 namespace firstfix::tests {

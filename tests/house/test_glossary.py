@@ -29,6 +29,23 @@ def test_each_term_is_defined_once():
     assert all(definition.strip() for _, definition in terms)
 
 
+def test_each_name_of_code_exists():
+    named = re.findall(r"`([A-Za-z]\w*)`", PAGE)
+    listed = subprocess.run(
+        ["git", "ls-files", "core", "service", "builder", "clients", "cli"],
+        cwd=REPO,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    sources = "\n".join((REPO / name).read_text() for name in listed if name.endswith(".py"))
+    assert len(named) > 8
+    defined = re.compile(r"(?m)^\s*(?:class|def) (\w+)|^\s*(\w+)(?:: [^=\n]+)?(?: =|$)|\"(\w+)\"")
+    known = {word for match in defined.finditer(sources) for word in match.groups() if word}
+    settings = {f"FIRSTFIX_{word.upper()}" for word in known}
+    assert not set(named) - known - settings
+
+
 def test_terms_are_in_order():
     for section in PAGE.split("\n## ")[1:]:
         terms = [name.lower() for name in re.findall(r"^### (.*)$", section, re.M)]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.descriptor import Descriptor
-from firstfix.engine.retrieval.templates import Templates
+from firstfix.engine.retrieval.cascade import Templates
 
 from ..mesh.mapped_array import mapped_scratch
 

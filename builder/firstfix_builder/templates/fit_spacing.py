@@ -22,9 +22,9 @@ from ..viewpoints.even_sample import rows_by_hash
 from ..viewpoints.floor_chunks import tiled_viewpoints
 from ..viewpoints.sample import DEFAULT_SPACING_M
 from ..viewpoints.tiles import Tiling, in_order
-from .look_chunks import OPEN_SPACING_M, LookChunk, TellChunk
+from .look_chunks import OPEN_SPACING_M, InformativeViewpoints, LookChunk
 from .make import chunk_tile_m
-from .outlook import VIEWPOINT_CELL_M, VIEWPOINTS, percentile_m
+from .view_distance import VIEWPOINT_CELL_M, VIEWPOINTS, percentile_m
 
 ROOM_SPACING_M = 0.5
 ROOM_VIEW_M = 12.0  # below this view distance, 0.5 m finds twice as many places as 1 m
@@ -96,7 +96,7 @@ def fitting_viewpoints(
             spacing_m = ROOM_SPACING_M
             places = places_at(spacing_m)
         else:
-            keep = _where_it_tells(run, places, spacing_m, sensor)
+            keep = _informative_mask(run, places, spacing_m, sensor)
     positions, floor_z = (np.load(places.directory / f"{name}.npy") for name in ("positions", "floor_z"))
     rows = np.arange(len(positions)) if keep is None else np.flatnonzero(keep)
     shown = rows[rows_by_hash(positions[rows], VIEWPOINTS, VIEWPOINT_CELL_M)]
@@ -111,7 +111,7 @@ def fitting_viewpoints(
     np.save(out / "view_m.npy", view_m)
 
 
-def _where_it_tells(
+def _informative_mask(
     run: RunAt, places: StageResult, spacing_m: float, sensor: SensorModel
 ) -> NDArray[np.bool_] | None:
     """(n,) the places without those in the open that a neighbour stands for, and those that see nothing.
@@ -121,7 +121,7 @@ def _where_it_tells(
     tiling = Tiling(spacing_m)
     tiles, start = (np.load(places.directory / f"{name}.npy").tolist() for name in ("tile", "tile_start"))
     chunks = [
-        TellChunk((x, y), tiling, sensor, first, last)
+        InformativeViewpoints((x, y), tiling, sensor, first, last)
         for (x, y), first, last in zip(tiles, start[:-1], start[1:], strict=True)
     ]
     keep = np.concatenate([part["keep"] for part in run(places, chunks)])

@@ -18,7 +18,7 @@ from ..execution.chunks import Arrays
 from ..execution.stage_cache import StageResult
 from ..viewpoints.floor_chunks import TileChunk
 from ..viewpoints.one_per_block import Spots, one_per_block
-from .outlook import Outlook
+from .view_distance import ViewRays
 
 OPEN_SPACING_M = 2.0
 OPEN_VIEW_M = 20.0  # from this view distance on, 2 m find as many as 1 m (docs/method.md section 1)
@@ -81,15 +81,15 @@ class LookChunk(PlacesChunk):
         """Returns the furthest return in all directions of all places: of all, and of all but the ground."""
         simulator = self.simulator(inputs["mesh"], self._reach_m)
         positions, floor_z = self._places(inputs["places"])
-        outlook = Outlook.of(self.sensor)
+        rays = ViewRays.of(self.sensor)
         return {
-            "furthest_m": outlook.furthest_m(outlook.ranges(simulator, positions)).ravel(),
-            "off_ground_m": outlook.furthest_m(outlook.off_ground(simulator, positions, floor_z)).ravel(),
+            "furthest_m": rays.furthest_m(rays.ranges(simulator, positions)).ravel(),
+            "off_ground_m": rays.furthest_m(rays.off_ground(simulator, positions, floor_z)).ravel(),
         }
 
 
 @dataclass(frozen=True)
-class TellChunk(PlacesChunk):
+class InformativeViewpoints(PlacesChunk):
     """Choice of the places that tell something that their neighbours do not.
 
     Attributes:
@@ -108,9 +108,9 @@ class TellChunk(PlacesChunk):
         positions, floor_z = self._places(inputs["places"])
         block, standing = one_per_block(Spots.alone(positions[:, :2], floor_z), OPEN_SPACING_M)
         simulator = self.simulator(inputs["mesh"], self._reach_m)
-        outlook = Outlook.of(self.sensor)
+        rays = ViewRays.of(self.sensor)
         looks = [
-            outlook.at(simulator, positions[rows], floor_z[rows])
+            rays.at(simulator, positions[rows], floor_z[rows])
             for rows in (standing[i : i + AT_ONCE] for i in range(0, len(standing), AT_ONCE))
         ]
         view_m, tells = (np.concatenate(column) for column in zip(*looks, strict=True))

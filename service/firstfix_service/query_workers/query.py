@@ -11,7 +11,7 @@ from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer, localize_among
-from firstfix.engine.stopwatch import Stopwatch
+from firstfix.engine.map_search import Stopwatch
 from firstfix.ros.cdr import MessageReader
 from firstfix.ros.header import Stamp, read_stamp
 from firstfix.ros.pose_message import to_pose_cdr

@@ -19,7 +19,7 @@
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/scan/timed_points.hpp"
 #include "firstfix/scan/up_vote.hpp"
-#include "firstfix/scan/voxel_filter.hpp"
+#include "firstfix/scan/reduction.hpp"
 
 namespace firstfix {
 

@@ -8,7 +8,7 @@
 #include "firstfix/errors.hpp"
 #include "firstfix/bit_exact/sample.hpp"
 #include "firstfix/scan/scan.hpp"
-#include "firstfix/scan/voxel_filter.hpp"
+#include "firstfix/scan/reduction.hpp"
 
 namespace firstfix::detail {
 

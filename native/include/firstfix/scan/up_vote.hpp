@@ -11,7 +11,7 @@
 #include "firstfix/bit_exact/eigh3.hpp"
 #include "firstfix/bit_exact/exp.hpp"
 #include "firstfix/bit_exact/vector3.hpp"
-#include "firstfix/scan/voxel_filter.hpp"
+#include "firstfix/scan/reduction.hpp"
 
 namespace firstfix {
 

@@ -11,7 +11,7 @@
 #include "firstfix/errors.hpp"
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/scan/usable_points.hpp"
-#include "firstfix/scan/voxel_filter.hpp"
+#include "firstfix/scan/reduction.hpp"
 #include "firstfix/wire/bytes.hpp"
 #include "firstfix/wire/points.hpp"
 #include "firstfix/wire/range_image.hpp"

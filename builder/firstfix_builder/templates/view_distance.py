@@ -21,7 +21,7 @@ VIEWPOINTS, VIEWPOINT_CELL_M = 200, 2.0  # sample of viewpoints for the view dis
 
 
 @dataclass(frozen=True)
-class Outlook:
+class ViewRays:
     """View in all horizontal directions, with few rays.
 
     Attributes:
@@ -35,8 +35,8 @@ class Outlook:
     column: NDArray[np.int64]
 
     @classmethod
-    def of(cls, sensor: SensorModel) -> Outlook:
-        """Outlook with about RAYS of a sensor's rays."""
+    def of(cls, sensor: SensorModel) -> ViewRays:
+        """ViewRays with about RAYS of a sensor's rays."""
         few = sensor.coarser(RAYS)
         rays = Rays.at_any_heading(few)
         columns = round(360 / few.azimuth_step_deg)
