@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.engine.config import EngineConfig, RegistrationConfig
-from firstfix.engine.index import MapIndex
+from firstfix.engine.index import MapIndex, MapView
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
-from firstfix.engine.verification.free_space import MapView
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform, rotation_z

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from firstfix.decode import read_scan_file
-from firstfix.scan.voxel_filter import voxel_means
+from firstfix.scan.reduction import voxel_means
 from firstfix.transform import transform_points
 from firstfix_builder.read_map import read_trajectory
 

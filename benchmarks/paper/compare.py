@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from firstfix.builds.config import EngineOverrides
 from firstfix.engine.config import SearchConfig
-from firstfix.engine.index import MapIndex
+from firstfix.engine.index import MapIndex, MapView
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.ranking import Calibration
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.retrieval.cascade import Cascade, Clusters
 from firstfix.engine.retrieval.key_search import ENGINES
-from firstfix.engine.verification.free_space import MapView
 from firstfix.transform import pose_error
 from firstfix_builder.index.views import views_in
 from firstfix_builder.index.visible_points import map_surface

@@ -13,10 +13,9 @@ from firstfix.descriptor import Described, rows_of
 from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.descriptor.similarity import Columns, similarity
 from firstfix.engine.config import SearchConfig
-from firstfix.engine.retrieval.cascade import Cascade, Clusters
+from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates
 from firstfix.engine.retrieval.key_search import build_key_search
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
-from firstfix.engine.retrieval.templates import Templates
 
 from .published import WITHIN_M
 from .scene import DESCRIPTORS, Taken

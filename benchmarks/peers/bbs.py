@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.scan.levelling import levelling_rotation
+from firstfix.scan.reduction import voxel_means
 from firstfix.scan.scan import Scan
-from firstfix.scan.voxel_filter import voxel_means
 from firstfix.transform import Matrix, make_transform
 
 from .icp import Gicp

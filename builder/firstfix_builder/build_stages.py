@@ -19,8 +19,7 @@ from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.ranking import Calibration
-from firstfix.engine.retrieval.cascade import Clusters, save_projection
-from firstfix.engine.retrieval.templates import Templates
+from firstfix.engine.retrieval.cascade import Clusters, Templates, save_projection
 from firstfix.transform import inverse, make_transform, transform_points
 
 from .execution.build_trace import within_a_stage

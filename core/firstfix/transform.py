@@ -7,6 +7,8 @@ ROS and OGC GeoPose.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -114,3 +116,17 @@ def pose_error(T_map_true: Matrix, T_map_estimate: Matrix) -> tuple[float, float
     """Distance in metres and angle in degrees between two poses."""
     E = inverse(T_map_true) @ T_map_estimate
     return float(np.linalg.norm(E[:3, 3])), rotation_angle_deg(E)
+
+
+def pose_to_mapping(T: Matrix) -> dict[str, list[float]]:
+    """A pose as JSON has it: a position in metres and a quaternion x, y, z, w."""
+    rows = T.tolist()
+    return {
+        "position": [row[3] for row in rows[:3]],
+        "quaternion": quaternion_of_rows(rows),
+    }
+
+
+def pose_from_mapping(data: Mapping[str, Any]) -> Matrix:
+    """Reads what ``pose_to_mapping`` returned."""
+    return from_quaternion(data["position"], data["quaternion"])

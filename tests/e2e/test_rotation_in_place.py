@@ -8,8 +8,8 @@ from firstfix.builds.config import BuildConfig
 from firstfix.decode import read_scan_file
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
+from firstfix.scan.reduction import voxel_means
 from firstfix.scan.scan import Scan
-from firstfix.scan.voxel_filter import voxel_means
 from firstfix.transform import make_transform, pose_error, quaternion_of, transform_points
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.read_map import read_trajectory

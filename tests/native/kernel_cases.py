@@ -18,7 +18,7 @@ from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf, tables_around
 from firstfix.engine.verification.point_tiles import PointTiles
-from firstfix.scan.range_view import RangeView
+from firstfix.scan.reduction import RangeView
 from firstfix.transform import make_transform
 
 _RNG = np.random.default_rng(16)

@@ -18,7 +18,7 @@ from firstfix.bit_exact.accelerated import REFERENCES
 from firstfix.decode import read_scan_file
 from firstfix.scan.condense import flat_patches
 from firstfix.scan.levelling import directions_about_z, levelling_rotation
-from firstfix.scan.range_view import least_of_neighbours, nearest_by_direction
+from firstfix.scan.reduction import least_of_neighbours, nearest_by_direction
 from needs import recorded
 
 SCANS = {

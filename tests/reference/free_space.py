@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.engine.index import FreeSpaceShares, MapView
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.retrieval.tile_table import runs_around
-from firstfix.engine.verification.free_space import FreeSpaceShares, MapView
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.scan.levelling import turned
-from firstfix.scan.range_view import RangeView, directions, nearest_by_direction
+from firstfix.scan.reduction import RangeView, directions, nearest_by_direction
 from firstfix.transform import Matrix
 
 NEAR_M = 9.0

@@ -12,10 +12,10 @@ from scipy.spatial import cKDTree
 
 from firstfix.decode import read_scan_file
 from firstfix.engine.config import PreprocessConfig, RegistrationConfig
+from firstfix.engine.index import MapView
 from firstfix.engine.preprocess import PreparedQuery, preprocess
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
-from firstfix.engine.verification.free_space import MapView
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, from_quaternion

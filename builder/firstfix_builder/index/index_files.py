@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from firstfix.descriptor import Descriptor
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.index import MAP_FILE
+from firstfix.engine.index import MAP_FILE, MapView
 from firstfix.engine.registration.align import MapSurface
-from firstfix.engine.retrieval.cascade import Clusters, load_projection
+from firstfix.engine.retrieval.cascade import Clusters, Templates, load_projection
 from firstfix.engine.retrieval.key_search import build_key_search
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
-from firstfix.engine.retrieval.templates import Templates
-from firstfix.engine.verification.free_space import MapView
 
 from ..execution.chunks import Arrays
 from ..mesh.mapped_array import mapped_scratch

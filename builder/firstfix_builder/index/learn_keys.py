@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from firstfix.builds.config import LearnKeysConfig
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.retrieval.templates import Templates
+from firstfix.engine.retrieval.cascade import Templates
 
 from ..execution.chunks import Arrays
 from ..mesh.places.chance import rows_by_rank

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from firstfix.engine.registration.surface import Surface
 from firstfix.errors import BuildFailed
 from firstfix.scan.levelling import estimate_up, refined_up
-from firstfix.scan.voxel_filter import at_most, voxel_means
+from firstfix.scan.reduction import at_most, voxel_means
 from firstfix.transform import Matrix, make_transform, rotation_between
 
 VOXEL_M = 0.3

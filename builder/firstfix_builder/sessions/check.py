@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
-from firstfix.scan.voxel_filter import voxel_means
+from firstfix.scan.reduction import voxel_means
 from firstfix.transform import Matrix, inverse
 
 from ..simulation.rays import Rays

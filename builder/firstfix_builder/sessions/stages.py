@@ -83,7 +83,7 @@ class SessionStages(BuildStages):
         }
 
     def _merge(self, source: Path, sessions: tuple[Session, ...], out: Path) -> None:
-        lean = self._lean()
+        lean = self._alignment_only()
         results = [_result(lean, source, session) for session in sessions]
         steps = _Steps(2 * len(sessions), self._ticks("read_map"))  # each session is indexed and placed
 
@@ -111,7 +111,7 @@ class SessionStages(BuildStages):
         np.save(out / "T_map_level.npy", merged.T_map_first @ T_first_level)
         (out / SESSIONS_FILE).write_text(json.dumps(merged.record, sort_keys=True, indent=1) + "\n")
 
-    def _lean(self) -> SessionStages:
+    def _alignment_only(self) -> SessionStages:
         """The stages that make the index of one session, reduced to what its alignment needs.
 
         The sensor and the spacing are always the same, so that a build for another sensor reuses the

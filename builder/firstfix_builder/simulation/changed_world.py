@@ -94,7 +94,7 @@ def changed_ranges(
     if config.unmapped and holes.any() and len(elsewhere_m):
         width = config.unmapped * rng.exponential() * float(holes.mean())
         missed = sight.holes(ranges) | _sectors(sight, holes, min(width, _WIDEST), rng)
-        like = _most_alike(simulator, sensor, sight, elsewhere_m, missed, rng)
+        like = _lookalike_ranges(simulator, sensor, sight, elsewhere_m, missed, rng)
         ranges[missed] = np.minimum(ranges[missed], like)
     return ranges
 
@@ -134,7 +134,7 @@ def ranges_without(
     return ranges
 
 
-def _most_alike(
+def _lookalike_ranges(
     simulator: Simulator,
     sensor: SensorModel,
     sight: Sight,

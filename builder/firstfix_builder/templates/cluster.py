@@ -12,8 +12,7 @@ from scipy.spatial import cKDTree
 
 from firstfix.descriptor import Described, Descriptor, rows_of
 from firstfix.engine.config import ClusterConfig, DescriptorConfig
-from firstfix.engine.retrieval.cascade import Clusters
-from firstfix.engine.retrieval.templates import Templates
+from firstfix.engine.retrieval.cascade import Clusters, Templates
 from firstfix.errors import BuildCancelled
 
 from ..execution.chunks import Arrays, Chunk

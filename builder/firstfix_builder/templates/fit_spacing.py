@@ -23,7 +23,7 @@ from ..viewpoints.floor_chunks import tiled_viewpoints
 from ..viewpoints.sample import DEFAULT_SPACING_M
 from ..viewpoints.tiles import Tiling, in_order
 from .make import chunk_tile_m
-from .outlook import (
+from .view_distance import (
     OPEN_SPACING_M,
     VIEWPOINT_CELL_M,
     VIEWPOINTS,

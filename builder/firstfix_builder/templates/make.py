@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from firstfix.descriptor import Described, Descriptor, LayeredOccupancy, ScanBatch
 from firstfix.engine.config import DescriptorConfig
-from firstfix.engine.retrieval.templates import PREFIX
+from firstfix.engine.retrieval.cascade import PREFIX
 from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk

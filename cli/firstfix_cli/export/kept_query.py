@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.answer.localization import Localization
-from firstfix.answer.pose_mapping import pose_from_mapping
 from firstfix.catalog.query_samples import QuerySample
 from firstfix.decode import decode_query
 from firstfix.errors import InputError, NotFound
 from firstfix.scan.compact import CompactScan, ScanDescriptor
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import AnyScan
-from firstfix.transform import Matrix, transform_points, yaw_of
+from firstfix.transform import Matrix, pose_from_mapping, transform_points, yaw_of
 from firstfix.wire.content_encoding import undo_content_encoding
 
 from ..replay import MAX_DECODED_BYTES

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..transform import Matrix
-from .pose_mapping import pose_from_mapping, pose_to_mapping
+from ..transform import Matrix, pose_from_mapping, pose_to_mapping
 
 
 @dataclass(frozen=True)

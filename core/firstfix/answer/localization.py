@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..transform import pose_from_mapping, pose_to_mapping
 from .hint import Hint
-from .pose_mapping import pose_from_mapping, pose_to_mapping
 from .quality import AlignmentQuality
 
 

@@ -136,7 +136,7 @@ class Manifest:
             CorruptVersion: the data is not a manifest, or not in canonical form.
         """
         if len(data) > MAX_BYTES:
-            raise CorruptVersion(f"a manifest of {len(data)} bytes")
+            raise CorruptVersion(f"the manifest has {len(data)} bytes: a manifest has at most {MAX_BYTES}")
         try:
             mapping = json.loads(data)
             found = mapping["format"]
@@ -153,9 +153,9 @@ class Manifest:
             entries = {name: _entry(item) for name, item in mapping.pop("files").items()}
             manifest = cls(files=entries, **mapping)
             if type(manifest.provisional) is not bool:
-                raise TypeError("provisional is no boolean")
+                raise TypeError("provisional is neither true nor false")
         except (KeyError, TypeError, ValueError, AttributeError, InvalidOption) as error:
-            raise CorruptVersion(f"the manifest is malformed: {error}") from None
+            raise CorruptVersion(f"a field of the manifest is missing or wrong: {error}") from None
         if manifest.to_json() != data:
             raise CorruptVersion("the manifest is not in canonical form")
         return manifest

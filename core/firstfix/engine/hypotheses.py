@@ -16,12 +16,11 @@ from ..answer.prior import Prior
 from ..answer.quality import AlignmentQuality
 from ..transform import Matrix
 from .candidates import Candidates
-from .index import MapIndex
+from .index import FreeSpaceShares, MapIndex
 from .preprocess import PreparedQuery, spots_of
 from .ranking import MatchFeatures, RankingConfig
 from .registration.align import Agreement, Registration, Registrations
 from .registration.surface import Surface
-from .verification.free_space import FreeSpaceShares
 
 NOT_CHECKED = FreeSpaceShares(0.0, 0.0)
 NOT_MEASURED = Agreement(0.0, 0.0)

@@ -3,19 +3,102 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .. import native
 from ..errors import CorruptVersion
+from ..scan.reduction import RangeView
 from ..transform import Matrix
 from .config import EngineConfig
 from .false_accept_bound import FalseAcceptBound
 from .ranking import Calibration
 from .registration.align import MapSurface
 from .retrieval.cascade import Cascade
-from .verification.free_space import MapView
+from .verification.point_tiles import PointTiles
+
+NEAR_VOXEL_M, FAR_VOXEL_M = 0.2, 0.4  # of the map's points: at 6 and at 12 m a cell is as wide
+_NEAR_FILE, _FAR_FILE = "view_near.safetensors", "view_far.safetensors"
+
+
+@dataclass(frozen=True)
+class FreeSpaceShares:
+    """Shares, 0..1, of the directions of a scan that pass through a surface of the map.
+
+    Attributes:
+        free_space_violation: the scan's return lies where the map has nothing.
+        removed_surface: the scan's return lies near another surface of the map.
+    """
+
+    free_space_violation: float
+    removed_surface: float
+
+    @classmethod
+    def mean(cls, shares: Sequence[FreeSpaceShares]) -> FreeSpaceShares:
+        """Mean over several scans, at least one."""
+        count = len(shares)
+        return cls(
+            sum(one.free_space_violation for one in shares) / count,
+            sum(one.removed_surface for one in shares) / count,
+        )
+
+
+@dataclass(frozen=True)
+class MapView:
+    """Map points to look at from a pose, direction by direction. Thread-safe.
+
+    Attributes:
+        near: fine points, for surfaces within 9 m.
+        far: coarser points, for all surfaces.
+        reach_m: distance up to which surfaces are checked.
+    """
+
+    near: PointTiles
+    far: PointTiles
+    reach_m: float
+
+    @classmethod
+    def of(cls, points: NDArray[np.floating], reach_m: float) -> MapView:
+        """View of a map.
+
+        Args:
+            points: (m, 3) metres, of the map.
+            reach_m: distance up to which surfaces are checked.
+        """
+        return cls(PointTiles.of(points, NEAR_VOXEL_M), PointTiles.of(points, FAR_VOXEL_M), reach_m)
+
+    def save(self, directory: Path) -> None:
+        """Writes a version's files."""
+        self.near.save(directory / _NEAR_FILE)
+        self.far.save(directory / _FAR_FILE)
+
+    @classmethod
+    def load(cls, directory: Path, reach_m: float) -> MapView:
+        """Reads a version's files, memory-mapped."""
+        return cls(PointTiles.load(directory / _NEAR_FILE), PointTiles.load(directory / _FAR_FILE), reach_m)
+
+    def seen_through(self, surface: MapSurface, scan: RangeView, T_level_sensor: Matrix) -> FreeSpaceShares:
+        """Shares of directions in which the scan sees through the map.
+
+        Directions count in which both scan and map have a surface. The scan sees through the map if its
+        nearest return in and around the direction lies beyond the map's surface by 0.3 m and 3 %. The return
+        lies near another surface if the coarse grid has a point for its cell.
+
+        Args:
+            surface: of the same map.
+
+        Returns:
+            1 and 0 if scan and map have no direction in common.
+        """
+        near, far, coarse = self.near.tables, self.far.tables, surface.coarse.tables
+        return FreeSpaceShares(
+            *native.seen_through(near, far, self.reach_m, coarse, scan.returned, scan.least, T_level_sensor)
+        )
+
 
 CALIBRATION_FILE = "calibration.json"
 MAP_FILE = "map_points.npy"  # for pictures; no query reads it

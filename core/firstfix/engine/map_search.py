@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from enum import Enum
 
 import numpy as np
@@ -18,7 +19,34 @@ from .hypotheses import HypothesisSearch, RegisteredCandidate, distinct, feature
 from .index import MapIndex
 from .preprocess import PreparedQuery, PreparedScan
 from .registration.surface import Surface
-from .stopwatch import Stopwatch
+
+
+class Stopwatch:
+    """Time of each stage, and the time left.
+
+    Attributes:
+        deadline: of ``time.monotonic``; inf: none.
+        ms: milliseconds by stage, in the order in which stages began.
+    """
+
+    def __init__(self, deadline: float = math.inf) -> None:
+        self.deadline = deadline
+        self.ms: dict[str, float] = {}
+
+    @property
+    def left_s(self) -> float:
+        """Seconds until the deadline; negative after it."""
+        return self.deadline - time.monotonic()
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Adds the time of the block to a stage."""
+        start = time.monotonic()
+        try:
+            yield
+        finally:
+            self.ms[name] = self.ms.get(name, 0.0) + (time.monotonic() - start) * 1e3
+
 
 SCREENED_PER_REGISTERED = 12  # poses that are screened in the time of one candidate's registration
 COMPARED_PER_REGISTERED = 200  # templates that are compared in this time

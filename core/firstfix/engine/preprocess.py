@@ -14,11 +14,10 @@ from ..errors import InvalidOption
 from ..native import deskew, turned_occupied_cells
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.levelling import estimate_up_near, floor_height, levelling_rotation, turned
-from ..scan.range_view import COLUMNS, RangeView, directions, nearest_by_direction
+from ..scan.reduction import COLUMNS, RangeView, TimedPoints, directions, nearest_by_direction
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
 from ..scan.up_hypotheses import other_ups
-from ..scan.voxel_filter import TimedPoints
 from ..transform import Matrix
 from .config import PreprocessConfig
 from .ranking import RANKING, RankingConfig

@@ -49,7 +49,7 @@ class CompactScan:
 
     Attributes:
         points: (n, 3) float32 metres, sensor frame: an even part of the scan's voxel means.
-        nearest_m: (cells,) float32, ``range_view.nearest_by_direction`` of its returns.
+        nearest_m: (cells,) float32, ``reduction.nearest_by_direction`` of its returns.
         described: its descriptor; None: the server computes one from the points and ranges.
         time_s: (n,) float32, mean time of the points in each voxel, in seconds from the scan's stamp, or
             None.

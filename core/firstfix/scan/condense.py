@@ -19,9 +19,8 @@ from ..errors import InvalidOption
 from .compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
 from .descriptor_parameters import DescriptorParameters
 from .levelling import estimate_up, floor_height, levelling_rotation, turned
-from .range_view import nearest_by_direction
+from .reduction import BORDER_M, TimedPoints, at_most, nearest_by_direction, voxel_means, within_range
 from .scan import Scan
-from .voxel_filter import BORDER_M, TimedPoints, at_most, voxel_means, within_range
 
 POINTS = 2500
 _RETURNS = 20_000  # points for the nearest ranges by direction

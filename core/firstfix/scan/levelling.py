@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bit_exact.accelerated import accelerated
-from .voxel_filter import at_most
+from .reduction import at_most
 
 _Float = TypeVar("_Float", bound=np.floating)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .levelling import directions_about_z, estimate_up_near, refined_up, votes
-from .voxel_filter import at_most
+from .reduction import at_most
 
 _MAIN_AXES = 3  # the floor's normal and those of two directions of walls
 _LEAST_VOTES = 0.5  # of the best axis's votes: an axis with fewer comes from clutter

@@ -11,24 +11,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
-import threading
-from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from enum import Enum
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from ..errors import FirstfixError, TooLarge, UnreadableRecord
+from .store import Store
 
-if TYPE_CHECKING:
-    from .store import Store
-
-_log = logging.getLogger(__name__)
 T = TypeVar("T")
 K = TypeVar("K")
 READERS = 8  # records read at the same time: a remote store takes tens of milliseconds for each
-_REMEMBERED = 10_000  # unreadable records that were reported
 CHECKSUM = "checksum"  # the field's name
 
 
@@ -194,40 +187,6 @@ def whole_number_of(record: Mapping[str, Any], name: str) -> int:
     if type(value) is not int or value < 0:
         raise TypeError(f"{name} is not a whole number of at least 0")
     return value
-
-
-class UnreadableRecords:
-    """Records of a store that could not be read. Thread-safe.
-
-    Each is reported once, and again if it was repaired in between.
-    """
-
-    def __init__(self) -> None:
-        self._known: OrderedDict[str, None] = OrderedDict()
-        self._listeners: list[Callable[[UnreadableRecord], None]] = []
-        self._lock = threading.Lock()
-
-    def listen(self, listener: Callable[[UnreadableRecord], None]) -> None:
-        """Call a function for every record that turns out unreadable from now on."""
-        self._listeners.append(listener)
-
-    def report(self, error: UnreadableRecord) -> None:
-        """Log a record and call the listeners, unless it was reported before."""
-        with self._lock:
-            if error.key in self._known:
-                return
-            self._known[error.key] = None
-            while len(self._known) > _REMEMBERED:
-                self._known.popitem(last=False)
-        _log.warning("unreadable %s: %s", error.kind, error)
-        for listener in self._listeners:
-            listener(error)
-
-    def forget(self, key: str) -> None:
-        """Note that a record can be read again."""
-        if self._known:
-            with self._lock:
-                self._known.pop(key, None)
 
 
 def _refuse(constant: str) -> NoReturn:

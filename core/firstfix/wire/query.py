@@ -62,7 +62,7 @@ from ..bit_exact.accelerated import accelerated
 from ..descriptor import LayeredOccupancy, PolarGrid
 from ..errors import InvalidOption, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
 from ..scan.compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
-from ..scan.range_view import COLUMNS, ROWS
+from ..scan.reduction import COLUMNS, ROWS
 from ..scan.scan import MAX_ABS_COORDINATE_M
 from .frame_reader import FrameReader
 from .packing import halves_of, joined, packed_halves, planes_of

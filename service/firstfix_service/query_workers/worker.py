@@ -32,7 +32,7 @@ import orjson
 from firstfix.answer.localization import Localization
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer, localize_among
-from firstfix.engine.stopwatch import Stopwatch
+from firstfix.engine.map_search import Stopwatch
 from firstfix.errors import FirstfixError, VersionError
 from firstfix.formats.point_cloud import Body
 from firstfix.ros.cdr import MessageReader as CdrReader

@@ -20,8 +20,7 @@ from firstfix.descriptor import (
 )
 from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.engine.config import ClusterConfig, OccupancyConfig
-from firstfix.engine.retrieval.cascade import Clusters
-from firstfix.engine.retrieval.templates import Templates
+from firstfix.engine.retrieval.cascade import Clusters, Templates
 from firstfix.errors import BuildCancelled, BuildFailed
 from firstfix_builder.templates import cluster, cluster_unconstrained
 from firstfix_builder.templates.cluster import cluster_templates, most_typical, neighbour_pairs

@@ -18,7 +18,7 @@ from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.tiled_mesh import TiledMesh
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.templates.fit_spacing import ROOM_SPACING_M, fitting_viewpoints, write_places
-from firstfix_builder.templates.outlook import OPEN_SPACING_M, Outlook
+from firstfix_builder.templates.view_distance import OPEN_SPACING_M, ViewRays
 from firstfix_builder.viewpoints.sample import DEFAULT_SPACING_M
 
 SENSOR = SensorModel("rings", tuple(np.linspace(-20, 20, 32).tolist()), 1.0, 0.1, 45.0, 0.8)
@@ -98,7 +98,7 @@ def test_how_far_one_sees_is_that_of_the_place():
     mesh = Mesh.joined([floor(-30, -30, 30, 30), *walls(-4, -4, 4, 4), box((200, 200, 0), (201, 201, 1))])
     simulator = Simulator(mesh.vertices, mesh.triangles)
     positions = np.array([[0.0, 0, 0.8], [20, 0, 0.8], [300, 300, 0.8], [-29.0, 29, 0.8]])
-    view_m, tells = Outlook.of(SENSOR).at(simulator, positions, np.zeros(4))
+    view_m, tells = ViewRays.of(SENSOR).at(simulator, positions, np.zeros(4))
     assert 4 < view_m[0] < 6
     assert np.isinf(view_m[1:]).all()  # walls on one side, or nowhere
     assert tells.tolist() == [True, True, False, True]

@@ -9,10 +9,9 @@ from firstfix.answer.prior import Prior
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.hypotheses import HypothesisSearch
-from firstfix.engine.index import MapIndex
+from firstfix.engine.index import FreeSpaceShares, MapIndex
 from firstfix.engine.ranking import RANKING, Calibration
 from firstfix.engine.registration.align import Agreement, Registrations
-from firstfix.engine.verification.free_space import FreeSpaceShares
 from firstfix.transform import make_transform, rotation_z
 
 APART_M = 10.0  # candidate i stands at x = 10 i

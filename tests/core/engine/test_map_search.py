@@ -9,9 +9,8 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine import localizer as localizer_module
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.map_search import MapSearch, Step
+from firstfix.engine.map_search import MapSearch, Step, Stopwatch
 from firstfix.engine.ranking import RANKING, Calibration
-from firstfix.engine.stopwatch import Stopwatch
 
 
 class Clock:

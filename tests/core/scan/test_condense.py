@@ -14,10 +14,9 @@ from firstfix.engine.preprocess import preprocess
 from firstfix.errors import InvalidOption, UnsupportedFormat
 from firstfix.scan.condense import POINTS, condense, describe
 from firstfix.scan.descriptor_parameters import DescriptorParameters
-from firstfix.scan.range_view import RangeView, nearest_by_direction
+from firstfix.scan.reduction import RangeView, at_most, nearest_by_direction
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
-from firstfix.scan.voxel_filter import at_most
 from firstfix.transform import rotation_between
 
 ENGINE = EngineConfig(preprocess=PreprocessConfig(min_range_m=0.3, voxel_m=0.25, default_height_m=0.7))

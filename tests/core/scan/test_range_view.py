@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from firstfix.scan.range_view import COLUMNS, ROWS, RangeView
+from firstfix.scan.reduction import COLUMNS, ROWS, RangeView
 
 
 def nearest(rows, columns=slice(None)) -> np.ndarray:

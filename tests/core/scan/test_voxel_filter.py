@@ -1,6 +1,6 @@
 import numpy as np
 
-from firstfix.scan.voxel_filter import BORDER_M, at_most, rows_by_voxel_hash, voxel_means, within_range
+from firstfix.scan.reduction import BORDER_M, at_most, rows_by_voxel_hash, voxel_means, within_range
 
 
 def test_means_of_every_cube_in_order():

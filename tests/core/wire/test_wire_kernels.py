@@ -15,7 +15,7 @@ from every_case import every_case
 from firstfix import native
 from firstfix.bit_exact.accelerated import REFERENCES
 from firstfix.errors import FirstfixError
-from firstfix.scan.range_view import COLUMNS, ROWS
+from firstfix.scan.reduction import COLUMNS, ROWS
 from firstfix.scan.scan import Scan
 from firstfix.wire.query import _LEVELS_M
 from firstfix.wire.range_image import _cosines_and_sines

@@ -25,7 +25,7 @@ from firstfix.errors import (
     UnsupportedFormat,
 )
 from firstfix.scan.compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
-from firstfix.scan.range_view import COLUMNS, ROWS
+from firstfix.scan.reduction import COLUMNS, ROWS
 from firstfix.wire.query import decode_query, encode_query
 
 CELLS = ROWS * COLUMNS

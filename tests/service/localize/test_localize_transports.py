@@ -15,7 +15,7 @@ from service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_s
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.errors import FirstfixError, all_errors
 from firstfix.scan.compact import CompactScan
-from firstfix.scan.range_view import COLUMNS, ROWS
+from firstfix.scan.reduction import COLUMNS, ROWS
 from firstfix.scan.scan import Scan
 from firstfix.wire import query as wire_query
 from firstfix.wire import sequence as wire_sequence

@@ -213,7 +213,7 @@ class MapState:
             for numbers in (record["generations"], record["ended"])
         )
         if set(generations) != set(published) or type(record["exists"]) is not bool:
-            raise ValueError("its generations are not those of its versions")
+            raise ValueError("generations must number each published version, exists must be true or false")
         exists: bool = record["exists"]
         return cls(tuple(entries), published, activated, last_seq, skipped, generations, ended, exists)
 

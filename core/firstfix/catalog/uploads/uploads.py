@@ -224,7 +224,7 @@ class Uploads:
                 digest.update(piece)
                 yield piece
             if digest.hexdigest() != sha256:  # before the object exists
-                raise StoreError(f"the store has altered upload {upload.upload_id}")
+                raise StoreError(f"the store returned other bytes than upload {upload.upload_id} had")
 
         self._store.put_pieces(key, pieces())
         return sha256

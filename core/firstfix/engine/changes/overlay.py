@@ -12,13 +12,13 @@ from ... import native
 from ...bit_exact.sample import rows_by_chance
 from ...errors import CorruptVersion, InvalidScan
 from ...scan.compact import CompactScan, ScanDescriptor
-from ...scan.range_view import cells_of, nearest_by_direction
+from ...scan.reduction import cells_of, nearest_by_direction
 from ...scan.scan import Scan
 from ...scan.sequence import AnyScan, ScanSequence
 from ...transform import Matrix, inverse
 from ..config import EngineConfig
+from ..index import MapView
 from ..registration.align import MapSurface
-from ..verification.free_space import MapView
 from .sighting import COARSE_COLUMNS, FINE_POINTS_M
 
 AGREES, CONTRADICTS, UNEXPLAINED = 0, 1, 2

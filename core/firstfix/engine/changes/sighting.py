@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from ... import native
 from ...scan.compact import CompactScan
-from ...scan.range_view import RangeView, directions
+from ...scan.reduction import RangeView, TimedPoints, directions
 from ...scan.scan import Scan
 from ...scan.sequence import ScanSequence
-from ...scan.voxel_filter import TimedPoints
 from ...transform import Matrix, inverse
 from ..index import MapIndex
 from ..preprocess import deskewed

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...answer.hint import Hint
 from ...scan.levelling import levelling_rotation, turned
-from ...scan.range_view import directions
+from ...scan.reduction import directions
 from ...transform import Matrix, make_transform, rotation_z
 from ..hypotheses import RegisteredCandidate
 from ..preprocess import PreparedQuery

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scan.range_view import COLUMNS, ROWS, RangeView, directions, filled_around, least_of_neighbours
+from ...scan.reduction import COLUMNS, ROWS, RangeView, directions, filled_around, least_of_neighbours
 from ...transform import Matrix
-from ..verification.free_space import MapView
+from ..index import MapView
 
 FAR_M = 1000.0  # where nothing is mapped
 NEAR_M = 9.0  # up to which the fine points are drawn, as in the free-space check

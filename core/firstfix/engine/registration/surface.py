@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import native
-from ...scan.voxel_filter import rows_by_voxel_hash
+from ...scan.reduction import rows_by_voxel_hash
 from ...transform import Matrix
 from .chunked_x import chunked_x
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import native
-from ...scan.voxel_filter import voxel_means
+from ...scan.reduction import voxel_means
 from ..array_file import map_arrays, save_arrays
 from ..registration.chunked_x import chunked_x
 from ..retrieval.tile_table import tile_table

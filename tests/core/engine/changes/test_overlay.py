@@ -17,7 +17,7 @@ from firstfix.engine.changes.overlay import (
 )
 from firstfix.errors import CorruptVersion
 from firstfix.scan.compact import CompactScan
-from firstfix.scan.range_view import nearest_by_direction
+from firstfix.scan.reduction import nearest_by_direction
 from firstfix.scan.scan import Scan
 from firstfix.transform import transform_points
 

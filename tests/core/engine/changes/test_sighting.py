@@ -10,7 +10,7 @@ from changed_hall import Hall, pose, standing
 from firstfix.engine.changes.cells import cells_of, cells_of_keys, keys_of, slot_of, spot_of
 from firstfix.engine.changes.sighting import Sighting, sighting_of
 from firstfix.scan.compact import CompactScan
-from firstfix.scan.range_view import nearest_by_direction
+from firstfix.scan.reduction import nearest_by_direction
 from firstfix.scan.scan import Scan
 
 SIZE_M = (16.0, 10.0, 4.0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from firstfix.engine.hint.outlook import FieldOfView, Outlook
-from firstfix.engine.verification.free_space import MapView
-from firstfix.scan.range_view import RangeView, directions
+from firstfix.engine.index import MapView
+from firstfix.scan.reduction import RangeView, directions
 from firstfix.transform import make_transform, rotation_z
 
 UP = np.array([0.0, 0, 1])

@@ -7,7 +7,7 @@ import pytest
 
 from every_case import every_case
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
-from firstfix.engine.retrieval.templates import Templates
+from firstfix.engine.retrieval.cascade import Templates
 
 DESCRIPTOR = LayeredOccupancy(PolarGrid(2, 8, 10.0), (0.0, 1.0))
 

@@ -5,10 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from firstfix.engine.config import RegistrationConfig
+from firstfix.engine.index import FreeSpaceShares, MapView
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
-from firstfix.engine.verification.free_space import FreeSpaceShares, MapView
-from firstfix.scan.range_view import RangeView
+from firstfix.scan.reduction import RangeView
 from firstfix.transform import make_transform, rotation_z
 from reference import free_space as reference
 from reference.recorded_places import MAPS, recorded_place

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from firstfix.engine.verification.point_tiles import PointTiles
-from firstfix.scan.range_view import nearest_by_direction
+from firstfix.scan.reduction import nearest_by_direction
 from firstfix.transform import make_transform
 from reference.free_space import around
 

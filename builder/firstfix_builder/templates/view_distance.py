@@ -30,7 +30,7 @@ VIEWPOINTS, VIEWPOINT_CELL_M = 200, 2.0  # sample of viewpoints for the view dis
 
 
 @dataclass(frozen=True)
-class Outlook:
+class ViewRays:
     """View in all horizontal directions, with few rays.
 
     Attributes:
@@ -44,8 +44,8 @@ class Outlook:
     column: NDArray[np.int64]
 
     @classmethod
-    def of(cls, sensor: SensorModel) -> Outlook:
-        """Outlook with about RAYS of a sensor's rays."""
+    def of(cls, sensor: SensorModel) -> ViewRays:
+        """ViewRays with about RAYS of a sensor's rays."""
         few = sensor.coarser(RAYS)
         rays = Rays.at_any_heading(few)
         columns = round(360 / few.azimuth_step_deg)
@@ -162,10 +162,10 @@ class LookChunk(PlacesChunk):
         """Returns the furthest return in all directions of all places: of all, and of all but the ground."""
         simulator = self.simulator(inputs["mesh"], self._reach_m)
         positions, floor_z = self._places(inputs["places"])
-        outlook = Outlook.of(self.sensor)
+        rays = ViewRays.of(self.sensor)
         return {
-            "furthest_m": outlook.furthest_m(outlook.ranges(simulator, positions)).ravel(),
-            "off_ground_m": outlook.furthest_m(outlook.off_ground(simulator, positions, floor_z)).ravel(),
+            "furthest_m": rays.furthest_m(rays.ranges(simulator, positions)).ravel(),
+            "off_ground_m": rays.furthest_m(rays.off_ground(simulator, positions, floor_z)).ravel(),
         }
 
 
@@ -189,9 +189,9 @@ class InformativeViewpoints(PlacesChunk):
         positions, floor_z = self._places(inputs["places"])
         block, standing = one_per_block(FloorPoints.alone(positions[:, :2], floor_z), OPEN_SPACING_M)
         simulator = self.simulator(inputs["mesh"], self._reach_m)
-        outlook = Outlook.of(self.sensor)
+        rays = ViewRays.of(self.sensor)
         looks = [
-            outlook.at(simulator, positions[rows], floor_z[rows])
+            rays.at(simulator, positions[rows], floor_z[rows])
             for rows in (standing[i : i + AT_ONCE] for i in range(0, len(standing), AT_ONCE))
         ]
         view_m, informative = (np.concatenate(column) for column in zip(*looks, strict=True))
