@@ -63,7 +63,7 @@ def settings_of(
     from pydantic import ValidationError
 
     from firstfix.errors import InvalidOption
-    from firstfix_service.settings import Settings
+    from firstfix_service.settings import SHARED_STAGES_BYTES, Settings
 
     given: dict[str, Any] = {
         "store": store,
@@ -72,7 +72,7 @@ def settings_of(
         "zenoh_config": zenoh,
         "work_dir": work,
         "build_queue": build_queue,
-        "share_stages": share_stages,
+        "shared_stages_max_bytes": None if share_stages is None else SHARED_STAGES_BYTES * share_stages,
     }
     if zenoh_listen:
         given |= {"zenoh": True, "zenoh_listen": tuple(zenoh_listen)}

@@ -17,6 +17,9 @@ from .process import BuildCommand
 from .queue import BuildQueue
 from .watch import BuildLimits
 
+MAX_ATTEMPTS = 3  # of a build that dies in the same stage each time: its machine may be at fault once
+NICENESS = 10  # of build processes: queries come first
+
 
 def builder_is_installed() -> bool:
     """Returns whether this installation can build maps. It finds the mesh tool without importing it."""
@@ -45,11 +48,11 @@ def start_builds(
         command=build_command(settings),
         work_dir=settings.work_dir,
         lease_s=settings.build_lease_s,
-        max_attempts=settings.build_attempts,
+        max_attempts=MAX_ATTEMPTS,
         limits=build_limits(settings),
     )
     run_in_background(stack, queue.run(), "build-queue")
-    if settings.stages_are_shared:
+    if settings.shared_stages_bytes:
         shared_stages_removal(settings, catalog.store).start(stack)
     return queue
 
@@ -61,11 +64,10 @@ def build_command(settings: Settings) -> BuildCommand:
             *settings.build_command,
             *_source_url_options(settings),
             *_executor_options(settings),
-            *([] if settings.provisional_versions else ["--no-provisional"]),
         ),
         settings.store,
-        settings.build_niceness,
-        settings.stages_are_shared,
+        NICENESS,
+        settings.shared_stages_bytes > 0,
         settings.build_max_memory_bytes or None,
         _environment(settings),
     )
@@ -83,8 +85,8 @@ def _environment(settings: Settings) -> dict[str, str]:
 
 
 def build_limits(settings: Settings) -> BuildLimits:
-    """Returns the time limits of builds."""
-    return BuildLimits(settings.build_timeout_s, settings.build_stall_s)
+    """Returns the time limits of builds: of a day, two hours without progress."""
+    return BuildLimits(settings.build_timeout_s, settings.build_timeout_s / 12)
 
 
 def _source_url_options(settings: Settings) -> list[str]:

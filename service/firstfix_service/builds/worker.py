@@ -28,7 +28,7 @@ from ..thread_pools import BUILDS
 from ..thread_pools.background import end_if_cancelled, run_in_background
 from .nats.queue import NatsBuildQueue
 from .runner import BuildRunner, Turn
-from .start import build_command, build_limits
+from .start import MAX_ATTEMPTS, build_command, build_limits
 from .work_folder import WorkFolder
 from .worker_health import BuildWorkerHealth
 
@@ -59,7 +59,7 @@ class BuildWorker:
         """Runs until it is cancelled. Running builds are then stopped and go back to the queue at once."""
         async with AsyncExitStack() as stack:
             run_in_background(stack, self.queue.run(), "build-queue")
-            if self._settings.stages_are_shared:
+            if self._settings.shared_stages_bytes:
                 shared_stages_removal(self._settings, self._catalog.store).start(stack)
             async with asyncio.TaskGroup() as slots:
                 for i in range(self._concurrency):
@@ -76,7 +76,7 @@ class BuildWorker:
             folder,
             build_command(self._settings),
             lease_s=self._settings.build_lease_s,
-            max_attempts=self._settings.build_attempts,
+            max_attempts=MAX_ATTEMPTS,
             limits=build_limits(self._settings),
         )
         waiting: Any = None

@@ -10,6 +10,7 @@ from ..http_server.client_address import address_of
 from ..http_server.hold import HOLD, Hold
 from ..settings import Settings
 
+STRANGERS_PER_S = 50.0  # of one address: these answers then take a few percent of a core
 BURST_S = 2.0  # a page and its files come at once, for several people behind one address
 MAX_HOLD_S = 2.0
 # Probes give up after a second, and one may share its address with a stranger.
@@ -28,16 +29,14 @@ class StrangerPace:
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
         self._app = app
         self._trusted = settings.trusted_proxies
-        per_s = settings.strangers_per_s
-        self._is_on = per_s > 0
         self._others, self._probes = (
-            RateLimit(what, per_s, BURST_S * per_s) for what in ("requests", "probes")
+            RateLimit(what, STRANGERS_PER_S, BURST_S * STRANGERS_PER_S) for what in ("requests", "probes")
         )
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serves one request."""
         hold: Hold | None = scope.get("extensions", {}).get(HOLD)
-        if not self._is_on or hold is None:
+        if hold is None:
             await self._app(scope, receive, send)
             return
 

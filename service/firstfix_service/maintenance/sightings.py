@@ -15,12 +15,12 @@ from firstfix.engine.changes.tally import Tally
 from firstfix.errors import FirstfixError, NotFound
 
 from ..query_workers.base import QueryWorkers
-from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..thread_pools import MAINTENANCE
 from ..thread_pools.background import PeriodicTask
 
 _log = structlog.get_logger(__name__)
+FLUSH_INTERVAL_S = 300.0  # changes of a map take days to show; each flush is a put for each version
 
 
 class SightingsKeeper:
@@ -101,11 +101,10 @@ class SightingsKeeper:
             self._metrics.sightings.labels(result).inc(count)
 
 
-def sightings_maintenance(keeper: SightingsKeeper, settings: Settings) -> PeriodicTask:
+def sightings_maintenance(keeper: SightingsKeeper) -> PeriodicTask:
     """Returns the task that puts the sightings of this replica into the store."""
-    interval_s = settings.sightings_flush_s
 
     async def flush() -> None:
         await MAINTENANCE.run(keeper.flush)
 
-    return PeriodicTask("store sightings", flush, interval_s, interval_s)
+    return PeriodicTask("store sightings", flush, FLUSH_INTERVAL_S, FLUSH_INTERVAL_S)

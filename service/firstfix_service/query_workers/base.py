@@ -64,13 +64,13 @@ class QueryWorkerThreads:
     Args:
         load: makes the localizer of a version's folder.
         count: queries that are answered at the same time.
-        sightings_share: of the localized queries whose sightings are counted.
+        counts_sightings: of localized queries.
     """
 
     def __init__(
-        self, load: Callable[[Path], Localizer], count: int = 1, sightings_share: float = 0.0
+        self, load: Callable[[Path], Localizer], count: int = 1, *, counts_sightings: bool = False
     ) -> None:
-        self._sightings = SightingCounter(sightings_share) if sightings_share else None
+        self._sightings = SightingCounter() if counts_sightings else None
         self._localizers = Localizers(load, self._sightings)
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="query")
 

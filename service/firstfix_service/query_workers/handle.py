@@ -47,10 +47,10 @@ class QueryWorkerHandle:
 
     Args:
         max_body_bytes: largest body of a query.
-        sightings_share: of the localized queries whose sightings the process counts.
+        counts_sightings: of localized queries.
     """
 
-    def __init__(self, max_body_bytes: int, sightings_share: float = 0.0) -> None:
+    def __init__(self, max_body_bytes: int, *, counts_sightings: bool = False) -> None:
         """Starts the process. It takes a second until it is up."""
         self._bodies = BodyMemory(max_body_bytes)
         queries, its_queries = socket.socketpair()
@@ -63,7 +63,7 @@ class QueryWorkerHandle:
             ends = (its_queries.fileno(), its_control.fileno(), self._bodies.descriptor)
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "firstfix_service.query_workers.process"]
-                + [str(number) for number in (*ends, max_body_bytes, sightings_share)],
+                + [str(number) for number in (*ends, max_body_bytes, int(counts_sightings))],
                 pass_fds=ends,
                 stdin=subprocess.DEVNULL,
                 env={**dict.fromkeys(_ONE_THREAD, "1"), **os.environ},

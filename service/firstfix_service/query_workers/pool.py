@@ -37,7 +37,7 @@ class QueryWorkerProcesses:
     Args:
         query_timeout_s: a query that runs longer fails, and its process is replaced.
         max_body_bytes: largest body of a query.
-        sightings_share: of the localized queries whose sightings are counted.
+        counts_sightings: of localized queries.
         on_death: called when a process dies unexpectedly.
     """
 
@@ -47,12 +47,12 @@ class QueryWorkerProcesses:
         *,
         query_timeout_s: float,
         max_body_bytes: int,
-        sightings_share: float = 0.0,
+        counts_sightings: bool = False,
         on_death: Callable[[], None] = lambda: None,
     ) -> None:
         self._query_timeout_s = query_timeout_s
         self._max_body_bytes = max_body_bytes
-        self._sightings_share = sightings_share
+        self._counts_sightings = counts_sightings
         self._on_death = on_death
         self._lock = threading.RLock()
         self._born = threading.Condition(self._lock)
@@ -112,7 +112,7 @@ class QueryWorkerProcesses:
         """Returns what the living processes have counted. What a dead one had not given is lost."""
         with self._lock:
             living = list(self._living)
-        return [worker.take_sightings() for worker in living] if self._sightings_share else []
+        return [worker.take_sightings() for worker in living] if self._counts_sightings else []
 
     async def answer(self, query: Query) -> EncodedAnswer:
         """Returns the answer of a free process. If it dies, one other process tries."""
@@ -163,7 +163,7 @@ class QueryWorkerProcesses:
         """Keeps one process running: starts another one when it dies."""
         while not self._closing.is_set():
             try:
-                worker = QueryWorkerHandle(self._max_body_bytes, self._sightings_share)
+                worker = QueryWorkerHandle(self._max_body_bytes, counts_sightings=self._counts_sightings)
             except OSError as error:  # no memory, or too many processes
                 _log.error("no worker process could be started", error=str(error))
                 self._closing.wait(PAUSE_S)

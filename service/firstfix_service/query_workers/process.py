@@ -33,11 +33,11 @@ SWITCH_S = 0.0005  # for which a query waits at most while the thread that count
 LOAD, DROP, HELLO, TAKE = "load", "drop", "hello", "take"
 
 
-def main(queries: socket.socket, control: Connection, bodies: memoryview, sightings_share: float) -> None:
+def main(queries: socket.socket, control: Connection, bodies: memoryview, counts_sightings: bool) -> None:
     """Answers queries until the service is gone."""
     for number in (signal.SIGINT, signal.SIGTERM):  # for the service, which still finishes queries
         signal.signal(number, signal.SIG_IGN)
-    sightings = SightingCounter(sightings_share) if sightings_share else None
+    sightings = SightingCounter() if counts_sightings else None
     sys.setswitchinterval(SWITCH_S)
     localizers = Localizers(load_localizer, sightings)
     obey = partial(_obey, control, localizers, sightings)
@@ -89,6 +89,6 @@ def _outcome(work: Callable[[], object]) -> tuple[bool, object]:
 
 
 if __name__ == "__main__":
-    number, control_number, file, capacity = map(int, sys.argv[1:5])
+    number, control_number, file, capacity, counts_sightings = map(int, sys.argv[1:6])
     bodies = mapped_bodies(file, capacity)
-    main(socket.socket(fileno=number), Connection(control_number), bodies, float(sys.argv[5]))
+    main(socket.socket(fileno=number), Connection(control_number), bodies, bool(counts_sightings))

@@ -12,7 +12,7 @@ from nats_world import nats_world
 from service_world import FAKE_WORKER
 
 from firstfix.errors import BuildError, BuildStalled, BuildTimedOut
-from firstfix_service.builds import runner
+from firstfix_service.builds import runner, start
 from firstfix_service.builds.watch import BuildLimits, BuildWatch
 from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 from waiting import wait_until
@@ -97,8 +97,11 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(tmp_path: Path, clock: Clock):
-    with building_service(tmp_path, build_stall_s=100, build_lease_s=2, build_niceness=0) as service:
+def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(
+    tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(start, "build_limits", lambda settings: BuildLimits(1e6, stall_s=100.0))
+    with building_service(tmp_path, build_lease_s=2, build_niceness=0) as service:
         hangs, after = upload(service, do="hang_with_a_child"), upload(service, "after")
         child = tmp_path / "work" / "child.txt"
         wait_until(lambda: child.exists() and child.read_text())

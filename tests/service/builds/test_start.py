@@ -18,17 +18,10 @@ def test_a_builds_process_hears_of_the_cluster():
     assert build_command(there).command[-2:] == ("--executor", "dask://scheduler:8786")
 
 
-def test_a_builds_process_hears_that_no_provisional_version_is_wanted():
-    assert "--no-provisional" not in build_command(Settings(store="s3://maps")).command
-    unwanted = Settings(store="s3://maps", provisional_versions=False)
-    assert build_command(unwanted).command[-1] == "--no-provisional"
-
-
 def test_with_a_cluster_stages_are_in_the_store():
-    assert not Settings(store="s3://maps").stages_are_shared
-    clustered = Settings(store="s3://maps", build_executor="dask+tls://scheduler:8786", share_stages=False)
-    assert clustered.stages_are_shared
-    assert build_command(clustered).share_stages
+    assert not build_command(Settings(store="s3://maps")).share_stages
+    clustered = {"build_executor": "dask+tls://scheduler:8786", "shared_stages_max_bytes": 0}
+    assert build_command(Settings(store="s3://maps", **clustered)).share_stages
 
 
 @pytest.mark.parametrize(
