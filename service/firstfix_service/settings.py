@@ -139,8 +139,8 @@ class Settings(BaseSettings):
     build_minutes_per_day: float | None = Field(
         None,
         ge=0,
-        description="build minutes of one caller per day (UTC), and a 24th of it in builds per hour; "
-        "0: no limit of builds; default: 1440 if exposed",
+        description="minutes that one caller's builds run per day (UTC); 0: no limit of builds at all; "
+        "default: 1440 if exposed",
     )
 
     # Uploads and builds

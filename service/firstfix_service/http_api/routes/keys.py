@@ -56,7 +56,7 @@ async def post_key(request: Request, parts: PartsDep) -> NewKey:
 @router.delete("/{key_id}", status_code=204)
 @CHANGES.route
 def delete_key(key_id: KeyId, parts: PartsDep) -> None:
-    """Revokes a key for good. Replicas refuse it within `FIRSTFIX_KEYS_REFRESH_S`."""
+    """Revokes a key for good. Replicas refuse it within 5 s."""
     ApiKeys(parts.catalog.store).revoke(key_id)
 
 
