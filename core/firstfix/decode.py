@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -23,6 +25,7 @@ from .scan.sequence import AnyScan, ScanSequence
 
 __all__ = [
     "MEDIA_TYPES",
+    "SCAN_FORMATS",
     "SUFFIXES",
     "decode_query",
     "decoder_of",
@@ -72,29 +75,55 @@ def _scan_of(cloud: PointCloud) -> Scan:
         return Scan.from_columns(x, y, z, cloud.intensity, times.stamp_s, times.time_s)
 
 
-_SCAN_TYPES: dict[str, Callable[[Body], Scan]] = {
-    "application/vnd.firstfix.scan": _decode_wire,
-    "application/vnd.firstfix.xyz": _by(decode_xyz),
-    "application/vnd.firstfix.xyzi": _by(decode_xyzi),
-    "application/x-pcd": _by(decode_pcd),
-    "model/vnd.pcd": _by(decode_pcd),
-    "application/ply": _by(decode_ply),
-    "model/ply": _by(decode_ply),
-    CDR: _decode_cdr,
-    ZENOH_CDR: _decode_cdr,
-}
-MEDIA_TYPES: dict[str, Callable[[Body], AnyScan]] = {
-    **_SCAN_TYPES,
-    "application/vnd.firstfix.query": _decode_compact,
-    "application/vnd.firstfix.scans": _decode_sequence,
-}
-# File endings of files that can be sent without change.
-SUFFIXES: dict[str, str] = {
-    ".ffscan": "application/vnd.firstfix.scan",
-    ".bin": "application/vnd.firstfix.xyzi",
-    ".pcd": "application/x-pcd",
-    ".ply": "application/ply",
-}
+@dataclass(frozen=True)
+class ScanFormat:
+    """A format of scans.
+
+    Attributes:
+        media_types: the first is the one to send; the others mean the same.
+        encoding: the format in the words of clients/PROTOCOL.md.
+        decode: makes a scan of a body. It can be pickled.
+        suffix: ending of files that can be sent without change.
+    """
+
+    media_types: tuple[str, ...]
+    encoding: str
+    decode: Callable[[Body], AnyScan]
+    suffix: str | None = None
+
+
+# What is told elsewhere is made from these rows: `python scripts/generate.py`.
+SCAN_FORMATS = (
+    ScanFormat(
+        ("application/vnd.firstfix.scan",),
+        "compressed, as points or as a [range image](protocol/range-image.md): [scan.md](protocol/scan.md)",
+        _decode_wire,
+        ".ffscan",
+    ),
+    ScanFormat(("application/vnd.firstfix.xyz",), "raw little-endian float32, n x 3", _by(decode_xyz)),
+    ScanFormat(
+        ("application/vnd.firstfix.xyzi",),
+        "raw little-endian float32, n x 4, the fourth is the intensity",
+        _by(decode_xyzi),
+        ".bin",
+    ),
+    ScanFormat(("application/x-pcd", "model/vnd.pcd"), "PCD", _by(decode_pcd), ".pcd"),
+    ScanFormat(("application/ply", "model/ply"), "PLY", _by(decode_ply), ".ply"),
+    ScanFormat((CDR, ZENOH_CDR), "a ROS 2 message `sensor_msgs/msg/PointCloud2` as CDR", _decode_cdr),
+    ScanFormat(
+        ("application/vnd.firstfix.query",),
+        "a compact query, under 10 KB: some thousand points and the range view; or a descriptor alone, "
+        "under 1.5 KB: [query.md](protocol/query.md)",
+        _decode_compact,
+    ),
+    ScanFormat(
+        ("application/vnd.firstfix.scans",),
+        "several scans with the robot's motion between them: [scan.md](protocol/scan.md)",
+        _decode_sequence,
+    ),
+)
+MEDIA_TYPES = {name: each.decode for each in SCAN_FORMATS for name in each.media_types}
+SUFFIXES = {each.suffix: each.media_types[0] for each in SCAN_FORMATS if each.suffix}
 
 
 def decode_query(body: Body, media_type: str) -> AnyScan:
@@ -168,7 +197,7 @@ def _read_scan_file(path: Path) -> Scan:
     if suffix == ".bin":
         return _scan_of(decode_scanner_bin(path.read_bytes(), path.name, SCAN_LIMITS))
     if suffix in SUFFIXES:
-        return _SCAN_TYPES[SUFFIXES[suffix]](path.read_bytes())
+        return cast(Scan, MEDIA_TYPES[SUFFIXES[suffix]](path.read_bytes()))  # such a file has one scan
     return _scan_of(decode_text(path.read_bytes(), SCAN_LIMITS))
 
 

@@ -125,7 +125,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     room = AnswerRoom(settings.max_unsent_bytes)
     metrics.unsent_bytes.set_function(lambda: room.taken_bytes)
     app.add_middleware(CountedAnswers, room=room)
-    throttle = AnonymousThrottle(settings.strangers_per_s)
+    throttle = AnonymousThrottle()
     trusted = settings.trusted_proxies
     app.add_middleware(RequestLog, metrics=metrics, requests=requests, trusted=trusted, throttle=throttle)
     app.add_middleware(PlainStartError)

@@ -175,6 +175,27 @@ def test_serve_takes_the_environment_under_the_command_line(monkeypatch, tmp_pat
         settings_of(**nothing)
 
 
+def test_a_removed_setting_is_refused_with_what_holds_now(monkeypatch, capsys):
+    pytest.importorskip("firstfix_service.settings")
+    monkeypatch.setenv("FIRSTFIX_STORE", "memory://")
+    monkeypatch.setenv("FIRSTFIX_BUILD_STALL_S", "100")
+    monkeypatch.setenv("FIRSTFIX_SHARE_STAGES", "false")
+    for command in (["serve"], ["worker", "--nats", "nats://127.0.0.1:1"]):
+        assert ended(command) == 2
+        told = capsys.readouterr().err
+        assert "FIRSTFIX_BUILD_STALL_S (now: a 12th of FIRSTFIX_BUILD_TIMEOUT_S)" in told
+        assert "FIRSTFIX_SHARE_STAGES (now: FIRSTFIX_SHARED_STAGES_MAX_BYTES: 0 for false" in told
+
+
+@pytest.mark.parametrize(("wanted", "size_bytes"), [(None, 5), (True, 100 << 30), (False, 0)])
+def test_a_worker_shares_stages_as_it_is_told(wanted: bool | None, size_bytes: int, monkeypatch):
+    pytest.importorskip("firstfix_service.settings")
+    from firstfix_cli.commands.serve import settings_of
+
+    monkeypatch.setenv("FIRSTFIX_SHARED_STAGES_MAX_BYTES", "5")
+    assert settings_of(store="memory://", share_stages=wanted).shared_stages_bytes == size_bytes
+
+
 def _config(path: Path | None, sensor: str | None, axis: Axis | None) -> BuildConfig:
     return BuildConfig.parse(_given(path, sensor, axis))
 

@@ -22,6 +22,18 @@ CONSTANTS = {
     "max_event_streams_per_caller": "startup.composition.MAX_EVENT_STREAMS_PER_CALLER",
     "max_versions": "startup.composition.MAX_VERSIONS",
     "georeference_ttl_s": "startup.composition.GEOREFERENCE_TTL_S",
+    "keys_refresh_s": "auth.authenticate.KEYS_REFRESH_S",
+    "keys_max_age_s": "auth.authenticate.KEYS_MAX_AGE_S",
+    "builds_per_hour": "auth.authenticate.BUILDS_PER_HOUR",
+    "changes_per_min": "auth.authenticate.CHANGES_PER_MIN",
+    "auth_failures_per_min": "auth.authenticate.AUTH_FAILURES_PER_MIN",
+    "jwt_leeway_s": "auth.token_verifier.LEEWAY_S",
+    "strangers_per_s": "http_api.edge.STRANGERS_PER_S",
+    "max_builds_per_caller": "builds.quota.MAX_UNFINISHED",
+    "build_attempts": "builds.runner.MAX_ATTEMPTS",
+    "build_niceness": "builds.process.NICENESS",
+    "samples_per_minute": "localize.sampler.PER_MINUTE",
+    "sightings_flush_s": "query_workers.sightings.keeper.FLUSH_INTERVAL_S",
     "min_free_bytes": "startup.composition.MIN_FREE_BYTES",
 }
 
@@ -31,5 +43,6 @@ def changed_constants(changes: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Gives constants other values until the block ends. Yields the changes that are settings."""
     with ExitStack() as stack:
         for name in CONSTANTS.keys() & changes.keys():
-            stack.enter_context(patch(f"firstfix_service.{CONSTANTS[name]}", changes[name]))
+            for place in CONSTANTS[name].split():
+                stack.enter_context(patch(f"firstfix_service.{place}", changes[name]))
         yield {name: value for name, value in changes.items() if name not in CONSTANTS}

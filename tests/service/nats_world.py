@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+from changed_constants import changed_constants
 from service_world import free_port
 
 from firstfix.builds.records import FINAL_STATES
@@ -123,8 +124,8 @@ class NatsWorld:
             "build_lease_s": LEASE_S,
             "work_dir": self.folder / "worker",
         }
-        settings = Settings(**{**given, **changes})
-        self.threads.enter_context(running_worker(settings, concurrency))
+        settings = self.threads.enter_context(changed_constants({**given, **changes}))
+        self.threads.enter_context(running_worker(Settings(**settings), concurrency))
 
     def stop_worker_threads(self) -> None:
         """Stops the build workers in threads, as SIGTERM stops a process."""

@@ -121,7 +121,7 @@ def test_an_idempotency_key_is_its_callers_alone(tmp_path: Path):
 
 
 def test_builds_of_one_caller_are_limited_alone(tmp_path: Path):
-    with callers(tmp_path, max_builds_per_caller=2) as these:
+    with callers(tmp_path, build_minutes_per_day=1440, max_builds_per_caller=2) as these:
         first, _ = these.a.post_map(key="night-1"), these.a.post_map()
         refused = these.a.post_map()
         assert refusal(refused) == (429, "quota_exceeded")
@@ -135,7 +135,7 @@ def test_builds_of_one_caller_are_limited_alone(tmp_path: Path):
 
 def test_a_key_that_was_refused_is_no_way_round_the_limit(tmp_path: Path):
     """Claims the key while the upload is incomplete: the build begins only later."""
-    with callers(tmp_path, max_builds_per_caller=1) as these:
+    with callers(tmp_path, build_minutes_per_day=1440, max_builds_per_caller=1) as these:
         url = these.a.begin(len(CLOUD))
 
         def post(key: str) -> httpx.Response:

@@ -102,7 +102,7 @@ def revoke(
     key_id: Annotated[str, typer.Argument(metavar="KEY_ID", help="Id of the key, see 'firstfix keys ls'.")],
     store: Store,
 ) -> None:
-    """Revoke a key for good. Services follow within FIRSTFIX_KEYS_REFRESH_S (5 s)."""
+    """Revoke a key for good. Services follow within 5 s."""
     _keys(store).revoke(key_id)
     typer.echo(f"key {key_id} is revoked")
 

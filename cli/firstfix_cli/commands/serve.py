@@ -58,12 +58,15 @@ def settings_of(
     """Returns the service's settings. The command line has precedence over the environment.
 
     Raises:
-        InvalidOption: a setting is missing or out of range.
+        InvalidOption: a setting is missing or out of range, or this release does not have it any more.
     """
     from pydantic import ValidationError
 
     from firstfix.errors import InvalidOption
-    from firstfix_service.settings import Settings
+    from firstfix_service.settings import SHARED_STAGES_BYTES, Settings
+    from firstfix_service.startup.removed_settings import refuse_removed_settings
+
+    refuse_removed_settings()
 
     given: dict[str, Any] = {
         "store": store,
@@ -72,7 +75,7 @@ def settings_of(
         "zenoh_config": zenoh,
         "work_dir": work,
         "build_queue": build_queue,
-        "share_stages": share_stages,
+        "shared_stages_max_bytes": None if share_stages is None else SHARED_STAGES_BYTES * share_stages,
     }
     if zenoh_listen:
         given |= {"zenoh": True, "zenoh_listen": tuple(zenoh_listen)}

@@ -34,8 +34,13 @@ _API_KEY = "ffx_"
 NO_SUCH_KEY = "no such API key, or it was revoked"
 CHECK_S = 1.0  # between two checks of a permission: they read memory, and verify the signature of a token
 MAX_CALLERS = 10_000  # buckets in memory; the least recently used one is dropped, and is full again later
-# Defaults for one caller of an exposed service; changes are counted for each map.
-DEFAULT_LOCALIZE_PER_S, DEFAULT_BUILDS_PER_HOUR, DEFAULT_CHANGES_PER_MIN = 50.0, 60.0, 60.0
+# For one caller of an exposed service
+DEFAULT_LOCALIZE_PER_S, DEFAULT_BUILD_MINUTES_PER_DAY = 50.0, 1440.0
+BUILDS_PER_HOUR = 60.0  # or more, if a caller may have so many minutes that each build could take one
+CHANGES_PER_MIN = 60.0  # of each map: each change stays in its log for ever
+AUTH_FAILURES_PER_MIN = 60.0  # of an address: nobody guesses 256 bits, but each guess is a line in the log
+# A revoked key goes on working until the next listing of the keys, or while the store is away.
+KEYS_REFRESH_S, KEYS_MAX_AGE_S = 5.0, 3600.0
 _LOCALIZE_BURST_S = 5.0
 
 
@@ -187,15 +192,15 @@ class Authenticator:
         self.keys, self._tokens = keys, tokens
         exposed = bool(exposed_at(settings))
         per_s = chosen_limit(settings.localize_per_s, DEFAULT_LOCALIZE_PER_S, exposed)
-        per_hour = chosen_limit(settings.builds_per_hour, DEFAULT_BUILDS_PER_HOUR, exposed)
-        changes_per_min = chosen_limit(settings.changes_per_min, DEFAULT_CHANGES_PER_MIN, exposed)
-        per_min = settings.auth_failures_per_min
+        minutes = build_minutes_per_day(settings)
+        per_hour = max(BUILDS_PER_HOUR, minutes / 24) if minutes else 0.0
+        changes_per_min = CHANGES_PER_MIN if exposed else 0.0
         self._limits: dict[str, RateLimit | None] = {
             "localize": _limit("queries", per_s, _LOCALIZE_BURST_S * per_s),
             "build": _limit("builds", per_hour / 3600, per_hour),
             "change": _limit("changes of this map", changes_per_min / 60, changes_per_min),
         }
-        self._failures = _limit("invalid credentials", per_min / 60, per_min)
+        self._failures = RateLimit("invalid credentials", AUTH_FAILURES_PER_MIN / 60, AUTH_FAILURES_PER_MIN)
 
     @property
     def is_on(self) -> bool:
@@ -234,9 +239,8 @@ class Authenticator:
         Raises:
             RateLimited: too many from this address.
         """
-        if self._failures is not None:
-            self._failures.take(address)
-            _log.info("refused a credential", address=address, reason=str(error))
+        self._failures.take(address)
+        _log.info("refused a credential", address=address, reason=str(error))
 
     async def authorize(
         self, credential: str | None, address: str, needs: Needs, map_id: str | None = None
@@ -307,8 +311,8 @@ async def open_authenticator(
     async with AsyncExitStack() as stack:
         keys, tokens = None, None
         if settings.auth == "on":
-            keys = KeyRing(ApiKeys(store), settings.keys_max_age_s)
-            refresh_keys, every_s = KEYS.route(keys.refresh), settings.keys_refresh_s
+            keys = KeyRing(ApiKeys(store), KEYS_MAX_AGE_S)
+            refresh_keys, every_s = KEYS.route(keys.refresh), KEYS_REFRESH_S
             await refresh_keys()
             PeriodicTask("refresh API keys", refresh_keys, every_s, first_after_s=every_s).start(stack)
         if keys is not None and settings.jwt_jwks is not None:
@@ -326,6 +330,12 @@ async def open_authenticator(
 
 def _limit(what: str, per_s: float, burst: float) -> RateLimit | None:
     return RateLimit(what, per_s, burst) if per_s else None
+
+
+def build_minutes_per_day(settings: Settings) -> float:
+    """Returns the build minutes that one caller has per day; 0 means that no limit of builds applies."""
+    exposed = bool(exposed_at(settings))
+    return chosen_limit(settings.build_minutes_per_day, DEFAULT_BUILD_MINUTES_PER_DAY, exposed)
 
 
 def chosen_limit(given: float | None, default: float, exposed: bool) -> float:

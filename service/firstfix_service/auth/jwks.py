@@ -27,7 +27,7 @@ _TIMEOUT_S = 5.0
 _MAX_BYTES = 256 << 10
 _MAX_KEYS = 100
 # Key type and curve for each algorithm. A symmetric key (oct) is never accepted: published keys are public.
-_KEY_OF: dict[str, tuple[str, str | None]] = {
+KEY_OF: dict[str, tuple[str, str | None]] = {
     "RS256": ("RSA", None),
     "RS384": ("RSA", None),
     "RS512": ("RSA", None),
@@ -166,10 +166,10 @@ def _parse(body: bytes) -> list[Mapping[str, Any]]:
 
 
 def _fits(key: Mapping[str, Any], algorithm: str) -> bool:
-    kind, curve = _KEY_OF[algorithm]
+    kind, curve = KEY_OF[algorithm]
     return (
         key.get("kty") == kind
         and (curve is None or key.get("crv") == curve)
         and key.get("use", "sig") == "sig"
-        and key.get("alg", algorithm) == algorithm
+        and key.get("alg", "RS256" if kind == "RSA" else algorithm) == algorithm
     )

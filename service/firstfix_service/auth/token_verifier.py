@@ -12,10 +12,12 @@ from firstfix.access.permissions import ALL_MAPS, Grant, Scope
 from firstfix.errors import FirstfixError, InvalidOption, Unauthorized
 
 from ..settings import Settings
-from .jwks import Jwks
+from .jwks import KEY_OF, Jwks
 from .principal import Principal
 
 MAX_TOKEN_CHARS = 8192
+ALGORITHMS = tuple(KEY_OF)
+LEEWAY_S = 30.0  # difference of the clocks of two machines that keep time
 MAX_SUBJECT_CHARS = 200
 _REQUIRED = ["exp", "iss", "aud", "sub"]
 _SCOPES = {scope.value: scope for scope in Scope}
@@ -52,8 +54,8 @@ class TokenVerifier:
             raise Unauthorized(f"the token has over {MAX_TOKEN_CHARS} characters")
         header = jwt.get_unverified_header(token)
         algorithm, key_id = header.get("alg"), header.get("kid")
-        if algorithm not in self._settings.jwt_algorithms:  # none and HS* are never among them
-            accepted = ", ".join(self._settings.jwt_algorithms)
+        if algorithm not in ALGORITHMS:  # none and HS* are never among them
+            accepted = ", ".join(ALGORITHMS)
             raise Unauthorized(f"the signature algorithm is not accepted, only {accepted}")
         key = await self.jwks.key(key_id, algorithm)
         claims = jwt.decode(
@@ -62,7 +64,7 @@ class TokenVerifier:
             algorithms=[algorithm],
             audience=self._settings.jwt_audience,
             issuer=self._settings.jwt_issuer,
-            leeway=self._settings.jwt_leeway_s,
+            leeway=LEEWAY_S,
             options={"require": _REQUIRED, "enforce_minimum_key_length": True},
         )
         return Principal(f"jwt:{_subject(claims['sub'])}", self._grant(claims))

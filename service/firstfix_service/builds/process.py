@@ -32,6 +32,7 @@ from firstfix.errors import BuildError
 from ..settings import Settings
 from ..thread_pools import BUILDS, START
 
+NICENESS = 10  # of build processes: queries come first
 STOP_GRACE_S = 10.0  # between SIGTERM and SIGKILL
 OLD_LOG_S = 30 * 86400.0
 _LOOK_S = 1.0
@@ -50,8 +51,7 @@ def build_options(settings: Settings) -> BuildOptions:
         max_memory_bytes=settings.build_max_memory_bytes or None,
         max_templates=settings.build_max_templates or None,
         source_urls=tuple(url for url in settings.source_urls if url.startswith(("http://", "https://"))),
-        share_stages=settings.stages_are_shared,
-        provisional=settings.provisional_versions,
+        share_stages=settings.shared_stages_bytes > 0,
         tied_to_stdin=True,
         log_level=settings.log_level,
         log_json=settings.log_json,
@@ -92,7 +92,7 @@ class BuildProcess:
                 start_new_session=True,  # Ctrl-C goes to the service only, which then stops the build
             )
         with suppress(OSError):  # it has ended already
-            os.setpriority(os.PRIO_PROCESS, process.pid, settings.build_niceness)
+            os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
         return cls(process, log_path, options.max_memory_bytes)
 
     async def wait(self, timeout_s: float) -> int | None:

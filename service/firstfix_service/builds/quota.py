@@ -9,13 +9,12 @@ from datetime import datetime, timedelta, timezone
 from firstfix.builds.callers import CallerUsage
 from firstfix.errors import QuotaExceeded
 
-from ..auth.authenticate import chosen_limit
-from ..security_check import exposed_at
+from ..auth.authenticate import build_minutes_per_day
 from ..settings import Settings
 from ..thread_pools import READS
 
 BUILDS_RETRY_S = 60.0
-DEFAULT_BUILDS, DEFAULT_MINUTES_PER_DAY = 50.0, 1440.0  # for one caller of an exposed service
+MAX_UNFINISHED = 50  # of one caller: more would only wait, and each is looked at when the next one comes
 
 
 class BuildQuota:
@@ -32,14 +31,8 @@ class BuildQuota:
     @classmethod
     def of(cls, settings: Settings, usage: CallerUsage) -> BuildQuota:
         """Returns the quota of the settings. By default there is none unless the service is exposed."""
-        exposed = bool(exposed_at(settings))
-        return cls(
-            usage,
-            max_unfinished=chosen_limit(settings.max_builds_per_caller, DEFAULT_BUILDS, exposed),
-            max_minutes_per_day=chosen_limit(
-                settings.build_minutes_per_day, DEFAULT_MINUTES_PER_DAY, exposed
-            ),
-        )
+        minutes = build_minutes_per_day(settings)
+        return cls(usage, max_unfinished=MAX_UNFINISHED if minutes else 0, max_minutes_per_day=minutes)
 
     def __init__(self, usage: CallerUsage, *, max_unfinished: float, max_minutes_per_day: float) -> None:
         self._usage = usage

@@ -38,6 +38,7 @@ from ..thread_pools import BUILDS
 from .process import STOP_GRACE_S, BuildProcess, WorkFolder, build_options
 
 _log = structlog.get_logger(__name__)
+MAX_ATTEMPTS = 3  # of a build that dies in the same stage each time: its machine may be at fault once
 FINAL_RECORD_S = 5.0  # limit for the last write to the store when this process has to end
 STORE_PAUSE_S = 2.0
 # Before a build that was put back is run again. One without space is put back as often as there are pauses.
@@ -69,7 +70,7 @@ class BuildRunner:
         self._metrics = metrics
         self._settings = settings
         self._options = replace(build_options(settings), work=folder.path)
-        self._limits = limits = BuildLimits(settings.build_timeout_s, settings.build_stall_s)
+        self._limits = limits = build_limits(settings)
         # Often enough for the shortest of these times.
         self._beat_s = min(settings.build_lease_s, limits.timeout_s, limits.stall_s) / 6
         self._usage = CallerUsage(catalog)
@@ -77,7 +78,7 @@ class BuildRunner:
             catalog.store,
             folder.claimant,
             lease_s=settings.build_lease_s,
-            max_attempts=settings.build_attempts,
+            max_attempts=MAX_ATTEMPTS,
         )
         self._put_backs: Counter[str] = Counter()  # of each build, one after the other
         self.running: str | None = None
@@ -325,6 +326,11 @@ class BuildLimits:
 
     timeout_s: float
     stall_s: float
+
+
+def build_limits(settings: Settings) -> BuildLimits:
+    """Returns the time limits of builds: of a day, two hours without progress."""
+    return BuildLimits(settings.build_timeout_s, settings.build_timeout_s / 12)
 
 
 class BuildWatch:

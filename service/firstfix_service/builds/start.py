@@ -38,6 +38,6 @@ def start_builds(
         return None
     queue = EmbeddedBuildQueue(settings, catalog, metrics)
     run_in_background(stack, queue.run(), "build-queue")
-    if settings.stages_are_shared:
+    if settings.shared_stages_bytes:
         shared_stages_removal(settings, catalog.store).start(stack)
     return queue

@@ -130,7 +130,7 @@ class BuildWorker:
         """Runs until it is cancelled. Running builds are then stopped and go back to the queue at once."""
         async with AsyncExitStack() as stack:
             run_in_background(stack, self.queue.run(), "build-queue")
-            if self._settings.stages_are_shared:
+            if self._settings.shared_stages_bytes:
                 shared_stages_removal(self._settings, self._catalog.store).start(stack)
             async with asyncio.TaskGroup() as slots:
                 for i in range(self._concurrency):

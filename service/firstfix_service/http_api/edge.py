@@ -38,6 +38,7 @@ _log = structlog.get_logger(__name__)
 TRANSPORT = "http"
 MAX_PATH_CHARS = 300  # a longer path is cut in the log
 CLIENT_GONE = 499  # nginx's status for it; nobody reads the answer
+STRANGERS_PER_S = 50.0  # of one address: these answers then take a few percent of a core
 BURST_S = 2.0  # a page and its files come at once, for several people behind one address
 MAX_DELAY_S = 2.0
 MAX_PROBE_DELAY_S = 0.25  # probes give up after a second, and one may share its address with a stranger
@@ -207,21 +208,17 @@ class AnonymousThrottle:
     A stranger has no caller: it asks for the console's page or for health, or its credential is missing or
     invalid. A refusal would take as much time as most of these answers, and the next request would come at
     once. So the answer comes late instead, and nothing fails. Strangers are counted by address.
-
-    Args:
-        per_s: of one address; 0: no limit.
     """
 
-    def __init__(self, per_s: float) -> None:
-        self._is_on = per_s > 0
+    def __init__(self) -> None:
         self._others, self._probes = (
-            RateLimit(what, per_s, BURST_S * per_s) for what in ("requests", "probes")
+            RateLimit(what, STRANGERS_PER_S, BURST_S * STRANGERS_PER_S) for what in ("requests", "probes")
         )
 
     async def delay(self, scope: ASGIScope) -> None:
         """Waits until the answer to a stranger may begin."""
         delay: DelayAnswer | None = scope.get("extensions", {}).get(DELAY_ANSWER)
-        if not self._is_on or delay is None:
+        if delay is None:
             return
         address = scope["state"]["address"]
         if scope["path"] in _PROBES:

@@ -32,6 +32,8 @@ from ..telemetry.request_scope import RequestScope
 _log = structlog.get_logger(__name__)
 MAX_WAITING, MAX_WAITING_BYTES = 64, 64 << 20  # held in memory until they are written
 PRUNE_PERIOD_S = 600.0
+PER_MINUTE = 10  # of this process: enough to see why scans fail, and no load for a store
+MAX_BODY_BYTES = 8 << 20  # of a kept query: the scan of 300,000 points has 4
 STOP_WITHIN_S = 5.0  # for what waits, when the service stops
 _MINUTE_S = 60.0
 
@@ -42,7 +44,7 @@ class SamplePolicy:
 
     Attributes:
         share: 0..1 of the answers that are not localized.
-        share_localized: 0..1 of the localized answers whose probability is under ``below_probability``.
+        share_localized: 0..1 of the localized answers.
         per_minute: limit of samples of this process.
         max_body_bytes: queries with a larger body are not stored.
         max_bytes, max_age_s: limits of all samples in the store. The oldest are removed first.
@@ -50,7 +52,6 @@ class SamplePolicy:
 
     share: float
     share_localized: float
-    below_probability: float
     per_minute: int
     max_body_bytes: int
     max_bytes: int
@@ -62,9 +63,8 @@ class SamplePolicy:
         return cls(
             share=settings.samples_share,
             share_localized=settings.samples_share_localized,
-            below_probability=settings.samples_below_probability,
-            per_minute=settings.samples_per_minute,
-            max_body_bytes=settings.samples_max_body_bytes,
+            per_minute=PER_MINUTE,
+            max_body_bytes=MAX_BODY_BYTES,
             max_bytes=settings.samples_max_bytes,
             max_age_s=settings.samples_days * 86400,
         )
@@ -76,9 +76,7 @@ class SamplePolicy:
 
     def share_of(self, answer: EncodedAnswer) -> float:
         """Returns the share of queries with such an answer to store."""
-        if answer.verdict is not Verdict.LOCALIZED:
-            return self.share
-        return self.share_localized if answer.probability < self.below_probability else 0.0
+        return self.share_localized if answer.verdict is Verdict.LOCALIZED else self.share
 
 
 class QuerySampler:

@@ -18,6 +18,7 @@ from ..thread_pools.background import PeriodicTask
 
 _log = structlog.get_logger(__name__)
 INTERVAL_S = 3600.0
+MAX_STAGE_AGE_S = 7 * 86400.0  # a build that is tried again, or a map that is built again, is so within days
 
 
 def abandoned_objects_removal(catalog: Catalog) -> PeriodicTask:
@@ -38,8 +39,8 @@ def shared_stages_removal(settings: Settings, store: Store) -> PeriodicTask:
         collected = await MAINTENANCE.run(
             collect_stages,
             store,
-            settings.shared_stages_days * 86400.0,
-            max_bytes=settings.shared_stages_max_bytes,
+            MAX_STAGE_AGE_S,
+            max_bytes=settings.shared_stages_bytes,
         )
         _log.info(
             "checked the shared stages",

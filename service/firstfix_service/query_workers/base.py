@@ -77,8 +77,8 @@ class QueryWorkerThreads:
         load: makes the localizer of a version's folder.
         count: queries that are answered at the same time.
         on_up: called with each worker.
-        max_decoded_bytes: largest body of a query without its content encoding.
-        sightings_share: of the localized queries whose sightings are counted.
+        max_body_bytes: largest body of a query, with and without its content encoding.
+        counts_sightings: of localized queries.
     """
 
     is_alive = True
@@ -89,11 +89,11 @@ class QueryWorkerThreads:
         count: int = 1,
         *,
         on_up: Callable[[QueryWorker], None] = lambda worker: None,
-        max_decoded_bytes: int = MAX_DECODED_BYTES,
-        sightings_share: float = 0.0,
+        max_body_bytes: int = MAX_DECODED_BYTES,
+        counts_sightings: bool = False,
     ) -> None:
-        self._sightings = SightingCounter(sightings_share) if sightings_share else None
-        self._localizers = Localizers(load, max_decoded_bytes, self._sightings)
+        self._sightings = SightingCounter() if counts_sightings else None
+        self._localizers = Localizers(load, max_body_bytes, self._sightings)
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="query")
         for _ in range(count):
             on_up(self)

@@ -37,16 +37,14 @@ class QueryWorkerHandle:
 
     Args:
         query_timeout_s: a query that runs longer fails, and the process is killed.
-        max_body_bytes, max_decoded_bytes: largest body of a query, and without its content encoding.
-        sightings_share: of the localized queries whose sightings the process counts.
+        max_body_bytes: largest body of a query, with and without its content encoding.
+        counts_sightings: of localized queries.
 
     Attributes:
         is_alive: False once it is known to have ended, or to end.
     """
 
-    def __init__(
-        self, query_timeout_s: float, max_body_bytes: int, max_decoded_bytes: int, sightings_share: float
-    ) -> None:
+    def __init__(self, query_timeout_s: float, max_body_bytes: int, *, counts_sightings: bool) -> None:
         """Starts the process. It takes a second until it is up."""
         self.is_alive = True
         self._query_timeout_s = query_timeout_s
@@ -61,7 +59,7 @@ class QueryWorkerHandle:
             ends = (its_queries.fileno(), its_control.fileno(), self._bodies.descriptor)
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "firstfix_service.query_workers.worker"]
-                + [str(number) for number in (*ends, max_body_bytes, max_decoded_bytes, sightings_share)],
+                + [str(number) for number in (*ends, max_body_bytes, int(counts_sightings))],
                 pass_fds=ends,
                 stdin=subprocess.DEVNULL,
                 env={**dict.fromkeys(_ONE_THREAD, "1"), **os.environ},

@@ -17,7 +17,7 @@ import structlog
 
 from firstfix.errors import FirstfixError, VersionError
 
-from .base import MAX_DECODED_BYTES, QueryWorker, QueryWorkerDied
+from .base import QueryWorker, QueryWorkerDied
 from .handle import QueryWorkerDefect, QueryWorkerHandle
 from .query import ServedVersion
 from .sightings.counter import Sighted
@@ -35,8 +35,8 @@ class QueryWorkerProcesses:
     Args:
         on_up: called with each process that can answer, in another thread.
         query_timeout_s: a query that runs longer fails, and its process is replaced.
-        max_body_bytes, max_decoded_bytes: largest body of a query, and without its content encoding.
-        sightings_share: of the localized queries whose sightings are counted.
+        max_body_bytes: largest body of a query, with and without its content encoding.
+        counts_sightings: of localized queries.
         on_death: called when a process dies unexpectedly.
     """
 
@@ -47,14 +47,13 @@ class QueryWorkerProcesses:
         on_up: Callable[[QueryWorker], None],
         query_timeout_s: float,
         max_body_bytes: int,
-        max_decoded_bytes: int = MAX_DECODED_BYTES,
-        sightings_share: float = 0.0,
+        counts_sightings: bool = False,
         on_death: Callable[[], None] = lambda: None,
     ) -> None:
         self._start = partial(
-            QueryWorkerHandle, query_timeout_s, max_body_bytes, max_decoded_bytes, sightings_share
+            QueryWorkerHandle, query_timeout_s, max_body_bytes, counts_sightings=counts_sightings
         )
-        self._sightings_share = sightings_share
+        self._counts_sightings = counts_sightings
         self._on_up, self._on_death = on_up, on_death
         self._lock = threading.RLock()
         self._born = threading.Condition(self._lock)
@@ -113,7 +112,7 @@ class QueryWorkerProcesses:
         """Returns what the living processes have counted. What a dead one had not given is lost."""
         with self._lock:
             living = list(self._living)
-        return [worker.take_sightings() for worker in living] if self._sightings_share else []
+        return [worker.take_sightings() for worker in living] if self._counts_sightings else []
 
     def close(self) -> None:
         """Ends the processes. Call it when no query runs."""

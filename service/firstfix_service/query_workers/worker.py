@@ -254,15 +254,14 @@ def main(
     queries: socket.socket,
     control: Connection,
     bodies: memoryview,
-    max_decoded_bytes: int,
-    sightings_share: float,
+    counts_sightings: bool,
 ) -> None:
     """Answers queries until the service is gone."""
     for number in (signal.SIGINT, signal.SIGTERM):  # for the service, which still finishes queries
         signal.signal(number, signal.SIG_IGN)
-    sightings = SightingCounter(sightings_share) if sightings_share else None
+    sightings = SightingCounter() if counts_sightings else None
     sys.setswitchinterval(SWITCH_S)
-    localizers = Localizers(load_localizer, max_decoded_bytes, sightings)
+    localizers = Localizers(load_localizer, len(bodies), sightings)
     serve = partial(_serve_control, control, localizers, sightings)
     threading.Thread(target=serve, daemon=True, name="control").start()
     reader = MessageReader()
@@ -312,11 +311,10 @@ def _outcome(work: Callable[[], object]) -> tuple[bool, object]:
 
 
 if __name__ == "__main__":
-    number, control_number, file, max_body_bytes, max_decoded_bytes = map(int, sys.argv[1:6])
+    number, control_number, file, max_body_bytes, counts_sightings = map(int, sys.argv[1:6])
     main(
         socket.socket(fileno=number),
         Connection(control_number),
         mapped_bodies(file, max_body_bytes),
-        max_decoded_bytes,
-        float(sys.argv[6]),
+        bool(counts_sightings),
     )

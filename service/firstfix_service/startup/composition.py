@@ -112,7 +112,7 @@ async def compose(
     close_within(stack, maps.close, CLOSE_WITHIN_S, "loads of maps")
     stack.push_async_callback(START.run, workers.close)  # closed before the maps: it ends the loads under way
     sightings = SightingsKeeper(catalog, workers, metrics)
-    if settings.sightings_counted_share:
+    if not settings.read_only:
         # before the workers end, after the last query
         close_within(stack, sightings.flush, FLUSH_WITHIN_S, "sightings")
     stack.push_async_callback(gate.close)
@@ -134,10 +134,9 @@ async def compose(
     if not settings.read_only:
         abandoned_objects_removal(catalog).start(stack)
         clock_comparison(store, metrics).start(stack)
+        sightings_maintenance(sightings).start(stack)
         if settings.verify_bytes_per_s:
             store_verification(settings, store, metrics).start(stack)
-    if settings.sightings_counted_share:
-        sightings_maintenance(sightings, settings).start(stack)
     georeferences = Georeferences(store)
     uploads, usage = Uploads(store), CallerUsage(catalog)
     upload_quota = UploadQuota(uploads, settings.max_upload_bytes)
@@ -199,16 +198,15 @@ def _workers(
             on_up=gate.add_worker,
             query_timeout_s=QUERY_TIMEOUT_S,
             max_body_bytes=settings.max_body_bytes,
-            max_decoded_bytes=settings.max_body_bytes,
-            sightings_share=settings.sightings_counted_share,
+            counts_sightings=not settings.read_only,
             on_death=metrics.worker_deaths.inc,
         )
     return QueryWorkerThreads(
         load,
         settings.workers,
         on_up=gate.add_worker,
-        max_decoded_bytes=settings.max_body_bytes,
-        sightings_share=settings.sightings_counted_share,
+        max_body_bytes=settings.max_body_bytes,
+        counts_sightings=not settings.read_only,
     )
 
 

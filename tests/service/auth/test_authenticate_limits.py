@@ -26,7 +26,8 @@ def test_queries_of_one_caller_are_limited_alone(tmp_path: Path):
 
 
 def test_builds_are_limited_too_and_so_is_everybody_where_nobody_is_asked(tmp_path: Path):
-    with running_service(tmp_path, builds_per_hour=1, localize_per_s=0.01, zenoh=False) as service:
+    limits = {"build_minutes_per_day": 1, "builds_per_hour": 1, "localize_per_s": 0.01}
+    with running_service(tmp_path, **limits, zenoh=False) as service:
         upload = {"data": {"map_id": "hall"}, "files": {"source": ("a.xyz", b"0 0 0\n")}}
         assert service.http.post("/maps", **upload).status_code == 202
         assert service.http.post("/maps", **upload).status_code == 429
@@ -66,7 +67,8 @@ def test_forwarded_addresses_of_strangers_are_not_believed(tmp_path: Path):
 
 
 def test_changes_of_a_map_are_limited_by_caller(tmp_path: Path):
-    with running_service(tmp_path, auth="on", keys_refresh_s=0.1, changes_per_min=2, zenoh=False) as service:
+    exposed = {"auth": "on", "host": "0.0.0.0", "changes_per_min": 2}
+    with running_service(tmp_path, **exposed, keys_refresh_s=0.1, zenoh=False) as service:
         for map_id in ("hall", "yard"):
             publish(service.catalog, map_id, "1", service.scratch)
             publish(service.catalog, map_id, "2", service.scratch)

@@ -19,6 +19,7 @@ from token_world import ALL_KEYS, KEYS, OTHER, SHORT, claims, key_set, public_jw
 
 from firstfix.access.permissions import Scope
 from firstfix.errors import InvalidOption, Unauthorized
+from firstfix_service.auth import token_verifier
 from firstfix_service.auth.principal import Principal
 from firstfix_service.auth.token_verifier import TokenVerifier
 
@@ -136,10 +137,19 @@ def test_without_a_key_id_there_must_be_no_choice(tmp_path: Path, key_file: Path
         caller_of(two, signed(kid=None))
 
 
-def test_leeway_is_for_clocks(key_file: Path):
-    assert caller_of(key_file, signed(exp=time.time() - 10))
+def test_an_rsa_key_is_for_the_algorithm_that_it_names(tmp_path: Path):
+    source = tmp_path / "jwks.json"
+    source.write_text(json.dumps({"keys": [public_jwk(KEYS["RS256"], "RS256", "k") | {"alg": "RS512"}]}))
+    assert caller_of(source, signed("RS512", KEYS["RS256"], "k"))
     with pytest.raises(Unauthorized):
-        caller_of(key_file, signed(exp=time.time() - 10), jwt_leeway_s=1)
+        caller_of(source, signed("RS256", kid="k"))
+
+
+def test_leeway_is_for_clocks(key_file: Path, monkeypatch: pytest.MonkeyPatch):
+    assert caller_of(key_file, signed(exp=time.time() - 10))
+    monkeypatch.setattr(token_verifier, "LEEWAY_S", 1.0)
+    with pytest.raises(Unauthorized):
+        caller_of(key_file, signed(exp=time.time() - 10))
 
 
 @pytest.mark.parametrize(

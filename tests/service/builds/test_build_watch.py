@@ -97,8 +97,11 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(tmp_path: Path, clock: Clock):
-    with building_service(tmp_path, build_stall_s=100, build_lease_s=2, build_niceness=0) as service:
+def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(
+    tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(runner, "build_limits", lambda settings: BuildLimits(1e6, stall_s=100.0))
+    with building_service(tmp_path, build_lease_s=2, build_niceness=0) as service:
         hangs, after = upload(service, do="hang_with_a_child"), upload(service, "after")
         child = tmp_path / "work" / "child.txt"
         wait_until(lambda: child.exists() and child.read_text())

@@ -21,6 +21,7 @@ from firstfix.store.store import Store
 from firstfix_service.builds.process import WorkFolder, memory_of_processes_bytes
 from waiting import wait_until
 
+PATCHED_CLI = Path(__file__).parents[2] / "faults" / "patched_cli.py"
 pytestmark = pytest.mark.slow
 
 
@@ -59,7 +60,7 @@ def test_a_build_of_a_dead_service_is_taken_over_when_its_lease_is_out(tmp_path:
 
 
 def test_kills_of_the_service_do_not_fail_its_build(tmp_path: Path):
-    """Three failures would be one too many: "FIRSTFIX_BUILD_ATTEMPTS" is 2."""
+    """Three failures would be one too many: two attempts may fail."""
     environment = {
         **os.environ,
         "FIRSTFIX_STORE": str(tmp_path / "store"),
@@ -68,13 +69,13 @@ def test_kills_of_the_service_do_not_fail_its_build(tmp_path: Path):
         "FIRSTFIX_BUILD_COMMAND": json.dumps(FAKE_WORKER),
         "FIRSTFIX_WORK_DIR": str(tmp_path / "work"),
         "FIRSTFIX_CACHE_DIR": str(tmp_path / "cache"),
-        "FIRSTFIX_BUILD_ATTEMPTS": "2",
+        "CONSTANTS": '{"build_attempts": 2}',
     }
     with running_service(tmp_path, zenoh=False) as recorder:
         response = upload(recorder, do="hang_thrice")
         for times in (1, 2, 3):
             with (tmp_path / "log").open("ab") as log:
-                command = [sys.executable, "-m", "firstfix_cli.main", "serve"]
+                command = [sys.executable, str(PATCHED_CLI), "serve"]
                 service = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
             wait_until(lambda times=times: len(order(tmp_path / "work")) == times)
             wait_until(lambda: status_of(recorder, response)["stage"] == "describe")
@@ -154,5 +155,5 @@ def test_what_is_shared_is_collected_by_the_service(tmp_path: Path):
     old = tmp_path / "store" / "stages" / ("a" * 64) / "stage.json"
     os.utime(old, (time.time() - 8 * 86400,) * 2)
     store.put(f"stages/{'b' * 64}/stage.json", b"{}")
-    with building_service(tmp_path, share_stages=True):
+    with building_service(tmp_path, shared_stages_max_bytes=1 << 30):
         wait_until(lambda: Catalog(store).store.list("stages") == [f"stages/{'b' * 64}/stage.json"])

@@ -17,16 +17,10 @@ def test_a_builds_process_hears_of_the_cluster():
     assert build_options(there).scheduler == "tcp://scheduler:8786"
 
 
-def test_a_builds_process_hears_that_no_provisional_version_is_wanted():
-    assert build_options(Settings(store="s3://maps")).provisional
-    assert not build_options(Settings(store="s3://maps", provisional_versions=False)).provisional
-
-
 def test_with_a_cluster_stages_are_in_the_store():
-    assert not Settings(store="s3://maps").stages_are_shared
-    clustered = Settings(store="s3://maps", build_executor="dask+tls://scheduler:8786", share_stages=False)
-    assert clustered.stages_are_shared
-    assert build_options(clustered).share_stages
+    assert not build_options(Settings(store="s3://maps")).share_stages
+    clustered = {"build_executor": "dask+tls://scheduler:8786", "shared_stages_max_bytes": 0}
+    assert build_options(Settings(store="s3://maps", **clustered)).share_stages
 
 
 @pytest.mark.parametrize(

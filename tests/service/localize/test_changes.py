@@ -148,10 +148,10 @@ def test_a_robot_that_stands_still_is_counted_once(replicas: Callable[..., Servi
     assert (found["sightings"], found["areas"]) == (2, [])
 
 
-@pytest.mark.parametrize("off", [{"sightings": False}, {"sightings_share": 0.0}])
-def test_it_can_be_turned_off(replicas: Callable[..., Service], off: dict[str, Any]):
-    service = replicas("one", **off)
-    publish(service.catalog, "hall", "1", service.scratch)
+def test_a_read_only_service_counts_nothing(replicas: Callable[..., Service]):
+    writer = replicas("one")
+    publish(writer.catalog, "hall", "1", writer.scratch)
+    service = replicas("other", read_only=True)
     wait_until(lambda: service.http.get("/readyz").json().get("maps") == 1)
     service.ask("http", body=BODIES[0], media_type=XYZ)
     assert (counted(service), changes(service)["sightings"]) == (0, 0)
@@ -228,7 +228,7 @@ def test_the_command_line_lists_and_draws_them(
 
 
 def test_what_finds_no_place_is_dropped():
-    counter, version = SightingCounter(1.0), ServedVersion("hall", "0" * 64, Path())
+    counter, version = SightingCounter(), ServedVersion("hall", "0" * 64, Path())
     localizer = KnowsItsPlace(MAPPED.index)
     scans = [Scan.from_points(np.zeros((100 + n, 3)) + 5.0) for n in range(len(SPOTS))]
     for number, scan in enumerate(scans):

@@ -28,7 +28,7 @@ from firstfix.store.store import Store
 from firstfix_cli.main import run
 from firstfix_service.auth.principal import Principal
 from firstfix_service.localize.sampler import MAX_WAITING, QuerySampler, SamplePolicy
-from firstfix_service.query_workers.query import AnswerForm, AsGiven, EncodedAnswer, Query
+from firstfix_service.query_workers.query import AnswerForm, AsGiven, Query
 from firstfix_service.query_workers.worker import encoded_answer
 from firstfix_service.telemetry.metrics import Metrics
 from waiting import wait_until
@@ -115,17 +115,13 @@ def test_another_place_can_be_named(tmp_path: Path):
 POLICY: dict[str, Any] = {
     "share": 1.0,
     "share_localized": 0.0,
-    "below_probability": 0.95,
     "per_minute": 100,
     "max_body_bytes": 2000,
     "max_bytes": 10**9,
     "max_age_s": 86400.0,
 }
 REJECTED = encoded_answer(Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,)))
-
-
-def found(probability: float) -> EncodedAnswer:
-    return encoded_answer(Localization(Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), probability))
+LOCALIZED = encoded_answer(Localization(Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), 0.9))
 
 
 QUERY = Query.read(AsGiven(("hall",), XYZ), AnswerForm(), Principal("robot"), lambda: (), 0.0)
@@ -155,10 +151,10 @@ def test_a_share_is_kept(tmp_path: Path):
     assert 10 <= len(kept.samples.ids()) <= 50, "60 coins"
 
 
-@pytest.mark.parametrize(("probability", "count"), [(0.9, 1), (0.99, 0)])
-def test_a_share_of_the_improbable_localized_ones(tmp_path: Path, probability: float, count: int):
-    kept = Kept(tmp_path, share=0.0, share_localized=1.0)
-    kept.sampler.offer(QUERY, bytes(100), found(probability), None)
+@pytest.mark.parametrize(("share", "count"), [(0.0, 0), (1.0, 1)])
+def test_a_share_of_the_localized_ones(tmp_path: Path, share: float, count: int):
+    kept = Kept(tmp_path, share=0.0, share_localized=share)
+    kept.sampler.offer(QUERY, bytes(100), LOCALIZED, None)
     kept.sampler.offer(QUERY, bytes(100), REJECTED, None)
     kept.finish()
     assert len(kept.samples.ids()) == count

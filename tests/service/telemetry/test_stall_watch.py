@@ -275,8 +275,6 @@ def test_a_frozen_reader_of_the_log_holds_up_no_request(tmp_path: Path):
         "FIRSTFIX_PORT": str(port),
         "FIRSTFIX_RUN_BUILDS": "false",
         "FIRSTFIX_WORKERS": "1",
-        "FIRSTFIX_STRANGERS_PER_S": "0",
-        "FIRSTFIX_AUTH_FAILURES_PER_MIN": "0",
     }
     frozen, log = os.pipe()
     process = subprocess.Popen(

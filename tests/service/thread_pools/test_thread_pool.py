@@ -173,8 +173,7 @@ def test_slow_maps_hold_up_nothing_else(tmp_path: Path, monkeypatch: pytest.Monk
         raise StoreUnavailable("the test has ended")
 
     monkeypatch.setattr(submission, "put_source", slowly)
-    streams = {"max_upload_streams": SLOW_POSTS, "max_upload_streams_per_caller": SLOW_POSTS}
-    any_number = {"builds_per_hour": 0, **streams}
+    any_number = {"max_upload_streams": SLOW_POSTS, "max_upload_streams_per_caller": SLOW_POSTS}
     with (
         running_service(tmp_path, zenoh=False, auth="on", keys_refresh_s=0.1, **any_number) as service,
         ThreadPoolExecutor(SLOW_POSTS) as callers,

@@ -93,7 +93,7 @@ async def post_key(request: Request, catalog: CatalogDep) -> NewKey:
 @needs(Scope.ADMIN, "change")
 @CHANGES.route
 def delete_key(key_id: KeyId, catalog: CatalogDep) -> None:
-    """Revokes a key for good. Replicas refuse it within `FIRSTFIX_KEYS_REFRESH_S`."""
+    """Revokes a key for good. Replicas refuse it within 5 s."""
     ApiKeys(catalog.store).revoke(key_id)
 
 

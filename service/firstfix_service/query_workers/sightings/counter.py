@@ -7,7 +7,6 @@ answer has been sent. It works for a part of the time only. What finds no place 
 from __future__ import annotations
 
 import logging
-import random
 import threading
 import time
 from collections import Counter, deque
@@ -56,14 +55,9 @@ class _Waiting:
 
 
 class SightingCounter:
-    """Counts the sightings of this process. Thread-safe.
+    """Counts the sightings of this process. Thread-safe."""
 
-    Args:
-        share: of the localized queries that are counted, by chance.
-    """
-
-    def __init__(self, share: float) -> None:
-        self._share = share
+    def __init__(self) -> None:
         self._lock = threading.Condition()
         self._counting: ServedVersion | None = None
         self._waiting: deque[_Waiting] = deque()
@@ -82,7 +76,7 @@ class SightingCounter:
         ):
             return
         last = scan.scans[-1] if isinstance(scan, ScanSequence) else scan
-        if not isinstance(last, Scan | CompactScan) or random.random() >= self._share:
+        if not isinstance(last, Scan | CompactScan):
             return
         with self._lock:
             collector = self._collectors.setdefault(version, Collector())

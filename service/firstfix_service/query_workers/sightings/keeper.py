@@ -14,13 +14,13 @@ from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.engine.changes.tally import Tally
 from firstfix.errors import FirstfixError, NotFound
 
-from ...settings import Settings
 from ...telemetry.metrics import Metrics
 from ...thread_pools import MAINTENANCE
 from ...thread_pools.background import PeriodicTask
 from ..base import QueryWorkers
 
 _log = structlog.get_logger(__name__)
+FLUSH_INTERVAL_S = 300.0  # changes of a map take days to show; each flush is a put for each version
 
 
 class SightingsKeeper:
@@ -101,7 +101,8 @@ class SightingsKeeper:
             self._metrics.sightings.labels(result).inc(count)
 
 
-def sightings_maintenance(keeper: SightingsKeeper, settings: Settings) -> PeriodicTask:
+def sightings_maintenance(keeper: SightingsKeeper) -> PeriodicTask:
     """Returns the task that puts the sightings of this replica into the store."""
-    interval_s = settings.sightings_flush_s
-    return PeriodicTask("store sightings", MAINTENANCE.route(keeper.flush), interval_s, interval_s)
+    return PeriodicTask(
+        "store sightings", MAINTENANCE.route(keeper.flush), FLUSH_INTERVAL_S, FLUSH_INTERVAL_S
+    )

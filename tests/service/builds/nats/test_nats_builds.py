@@ -146,7 +146,7 @@ def stages_shared(world: NatsWorld) -> set[str]:
 
 
 def test_stages_are_not_shared_where_that_is_not_wanted(world: NatsWorld):
-    world.start_worker_thread(share_stages=False)
+    world.start_worker_thread(shared_stages_max_bytes=0)
     assert world.wait_until_ended(world.record())["state"] == "succeeded"
     assert world.catalog.store.list("stages") == []
 

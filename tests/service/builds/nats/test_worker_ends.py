@@ -62,7 +62,7 @@ def test_a_dropped_cancellation_ends_it(tmp_path: Path, kind: str, monkeypatch: 
         store=f"file://{tmp_path}/store",
         work_dir=tmp_path / "work",
         build_queue="nats://127.0.0.1:1",
-        share_stages=False,
+        shared_stages_max_bytes=0,
     )
     catalog = Catalog(Store.open(settings.store))
 

@@ -1,0 +1,43 @@
+"""Writes what is told of the code elsewhere: the formats of scans, and the description of the HTTP API.
+
+python scripts/generate.py
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from firstfix.decode import SCAN_FORMATS, SUFFIXES
+from firstfix_service.app import create_app
+from firstfix_service.settings import Settings
+
+REPO = Path(__file__).resolve().parents[1]
+
+
+def generated() -> dict[Path, str]:
+    """Returns the files and their texts as they should be."""
+    formats = "".join(
+        f"| {each.encoding} | {' or '.join(f'`{name}`' for name in each.media_types)} |\n"
+        for each in SCAN_FORMATS
+    )
+    endings = "".join(f'  "{suffix}": "{name}",\n' for suffix, name in SUFFIXES.items())
+    document = create_app(Settings(store="memory://")).openapi()
+    return {
+        REPO / "docs/openapi.json": json.dumps(document, indent=1, sort_keys=True) + "\n",
+        **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
+        **_between("console/src/scan/media.ts", "const TYPES: Record<string, string> = {\n", endings, "};\n"),
+    }
+
+
+def _between(path: str, begin: str, text: str, end: str) -> dict[Path, str]:
+    """Puts a text between two lines of a file."""
+    before, found, rest = (REPO / path).read_text().partition(begin)
+    assert found, f"{path} has no line {begin!r}"
+    after = rest[rest.index("\n" + end) + 1 :]
+    return {REPO / path: before + begin + text + after}
+
+
+if __name__ == "__main__":
+    for path, text in generated().items():
+        path.write_text(text)
