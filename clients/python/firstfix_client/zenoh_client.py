@@ -29,10 +29,9 @@ from .policies import HedgePolicy, RetryPolicy
 from .records import MapInfo, ReplicaInfo
 from .steps.http import HttpSteps, credential, sent_headers
 from .steps.localize import LocalizeSteps, options_of
-from .steps.outcome import Answer
 from .steps.scan_body import BodyForm, Encoding, ScanLike
 from .steps.send import Deadline, Hedging, send
-from .steps.step import Steps, work
+from .steps.step import Answer, Steps, work
 from .version_watch import VersionWatch
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 import httpx
 
 from ..steps.http_sender import outcome_of_error, outcome_of_response
-from ..steps.outcome import Outcome, too_late
-from ..steps.step import Emit, NextLine, Sleep, Steps, Try, Work, advance
+from ..steps.step import Emit, NextLine, Outcome, Sleep, Steps, Try, Work, advance, too_late
 
 T = TypeVar("T")
 

@@ -10,8 +10,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any, Protocol, TypeVar
 
-from ..steps.outcome import Outcome
-from ..steps.step import Emit, NextLine, Sleep, Steps, Try, Work, advance
+from ..steps.step import Emit, NextLine, Outcome, Sleep, Steps, Try, Work, advance
 
 T = TypeVar("T")
 Asked = tuple[Outcome, Iterator[str]]  # and the lines of a streamed answer

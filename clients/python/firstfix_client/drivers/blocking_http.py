@@ -14,11 +14,11 @@ import httpx
 
 from ..steps.http import HttpSteps
 from ..steps.http_sender import outcome_of_error, outcome_of_response
-from ..steps.outcome import Outcome, too_late
-from ..steps.step import Steps, Try
+from ..steps.step import Outcome, Steps, Try, too_late
 from . import blocking
 from .blocking import Asked, race
 
+T = TypeVar("T")
 # Events of httpcore when a socket is there: plain, through a proxy, or with TLS.
 _CONNECTED = ("connect_tcp.complete", "connect_unix_socket.complete", "start_tls.complete")
 
@@ -221,9 +221,6 @@ def _lines(response: httpx.Response) -> Iterator[str]:
         yield from response.iter_lines()
     except httpx.TransportError:  # it broke: the reader connects again
         return
-
-
-T = TypeVar("T")
 
 
 class BlockingService:

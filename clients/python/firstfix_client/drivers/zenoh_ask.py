@@ -13,8 +13,7 @@ from firstfix.errors import ClockSkew, Unauthorized
 from firstfix.wire.signature import NONCE_BYTES, Asked, SigningKey
 
 from ..errors import TRANSIENT, ServiceUnreachable, error_of_problem
-from ..steps.outcome import Answer, Outcome, lost, refused, too_late
-from ..steps.step import Try
+from ..steps.step import Answer, Outcome, Try, lost, refused, too_late
 from .blocking import Asked as Performed
 from .blocking import race
 from .live_replicas import LiveReplicas

@@ -15,14 +15,14 @@ from firstfix.errors import FirstfixError, InvalidOption
 
 from ..errors import error_of_problem
 from ..policies import HedgePolicy, RetryPolicy
-from .outcome import Answer, Outcome, lost, not_reached, refused, too_late
 from .send import Deadline, Hedging, send
-from .step import Emit, Steps
+from .step import Answer, Emit, Outcome, Steps, lost, not_reached, refused, too_late
 
 if TYPE_CHECKING:
     import httpx
 
 
+Item = TypeVar("Item")
 CONNECT_TIMEOUT_S = 5.0
 MAX_RETRY_AFTER_S = 3600.0
 # From a proxy that lost its upstream, which may have acted: only repeatable requests are sent again.
@@ -156,9 +156,6 @@ def retry_after_s(header: str | None) -> float | None:
     except ValueError:
         return None
     return seconds if 0 <= seconds <= MAX_RETRY_AFTER_S else None
-
-
-Item = TypeVar("Item")
 
 
 class HttpRoute:

@@ -11,8 +11,7 @@ from typing import Any, Protocol
 from firstfix.errors import DeadlineExceeded
 
 from ..policies import HedgePolicy, RetryPolicy
-from .outcome import Outcome
-from .step import Sleep, Steps, Try
+from .step import Outcome, Sleep, Steps, Try
 
 
 class Deadline:

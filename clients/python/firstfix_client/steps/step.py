@@ -1,4 +1,4 @@
-"""Kinds of steps that a call consists of.
+"""Kinds of steps that a call consists of, and the outcome of a try.
 
 Every call of the clients is written once, as a generator. It yields a step, and the driver sends back the
 step's result. Drivers (``drivers.blocking``, ``drivers.async_http``) use sockets, threads and event loops.
@@ -7,9 +7,14 @@ Steps do not.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any, TypeVar
+
+from firstfix.errors import DeadlineExceeded, FirstfixError, RateLimited, ReadOnly
+
+from ..errors import TRANSIENT, ServiceUnreachable
 
 T = TypeVar("T")
 Steps = Generator[Any, Any, T]
@@ -75,3 +80,91 @@ def advance(steps: Steps[T], reply: Any, error: Exception | None) -> Any:
         StopIteration: the call has ended; it carries the result.
     """
     return steps.send(reply) if error is None else steps.throw(error)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Successful answer to a request.
+
+    Attributes:
+        source: the URL or key that was asked.
+        body: empty for an answer that is read line by line.
+    """
+
+    source: str
+    body: bytes
+
+    def parsed(self, parse: Callable[[Any], T]) -> T:
+        """Returns the answer's JSON, read by ``parse``.
+
+        Raises:
+            FirstfixError: it does not follow the protocol: another service, or a proxy's page.
+        """
+        try:
+            return parse(json.loads(self.body))
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+            raise FirstfixError(
+                f"{self.source} sent an answer that this client cannot read: {error!r}"
+            ) from None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outcome of one try: an answer or a failure.
+
+    Attributes:
+        target: the replica that was asked.
+        answer: its answer; None: see ``failure``.
+        again: worth another try on the same replica, after a wait.
+        elsewhere: worth a try on another replica, at once.
+        asked_wait_s: wait that the replica asked for.
+        took_s: time until the answer.
+        raced: the rival was asked too.
+    """
+
+    target: str
+    answer: Any = None
+    failure: Exception | None = None
+    again: bool = False
+    elsewhere: bool = False
+    asked_wait_s: float | None = None
+    took_s: float = 0.0
+    raced: bool = False
+
+    @property
+    def is_final(self) -> bool:
+        """True if another try is of no use."""
+        return not (self.again or self.elsewhere)
+
+
+def not_reached(target: str, why: object) -> Outcome:
+    """Returns the outcome when no replica got the request."""
+    failure = ServiceUnreachable(f"no answer from {target}: {why}")
+    return Outcome(target, failure=failure, again=True, elsewhere=True)
+
+
+def lost(target: str, failure: Exception, *, repeatable: bool) -> Outcome:
+    """Returns the outcome when a replica may have acted but its answer was lost."""
+    return Outcome(target, failure=failure, again=repeatable, elsewhere=repeatable)
+
+
+def too_late(target: str, timeout_s: float, *, repeatable: bool) -> Outcome:
+    """Returns the outcome when the time of the try is over."""
+    return lost(target, DeadlineExceeded(f"no answer within {timeout_s:.3g} s"), repeatable=repeatable)
+
+
+def refused(
+    target: str, problem: FirstfixError, *, repeatable: bool, asked_wait_s: float | None = None
+) -> Outcome:
+    """Returns the outcome for a problem document."""
+    transient = isinstance(problem, TRANSIENT)
+    # A rate limit holds on every replica. A try gets only a part of the time if other replicas remain, so a
+    # replica may report that its deadline is over while the call has time left.
+    of_this_replica = isinstance(problem, ReadOnly) or (repeatable and isinstance(problem, DeadlineExceeded))
+    return Outcome(
+        target,
+        failure=problem,
+        again=transient,
+        elsewhere=of_this_replica or (transient and not isinstance(problem, RateLimited)),
+        asked_wait_s=asked_wait_s,
+    )
