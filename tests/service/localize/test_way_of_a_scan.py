@@ -132,9 +132,7 @@ def test_each_check_is_made_once(logged: LoggedService, transport: str):
 
 def test_a_scan_goes_through_the_files_that_are_drawn(logged: LoggedService):
     calls = logged.calls_of(logged.ask_http)
-    calls += logged.calls_of(
-        logged.ask_http
-    )  # with the log line of the first, which is written after its answer
+    calls += logged.calls_of(logged.ask_http)  # with the end of the first, which is after its answer
     used = {name.removeprefix("file firstfix_service/") for name, _ in calls if "firstfix_service/" in name}
     drawn = [f"{name}.py" for name in re.findall(r"^ │ (\w+/[\w/]+) ", PAGE.read_text(), re.MULTILINE)]
     assert {name for name in used - BESIDE if name.split("/")[0] in ROOMS} == {
