@@ -13,7 +13,10 @@ from firstfix.builds.config import PerturbConfig
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer, localize_among
+from firstfix.engine.ranking import RankingConfig
 from firstfix.errors import CorruptVersion, InvalidOption
+from firstfix.scan.condense import describe
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import inverse, make_transform, pose_error, rotation_z
@@ -186,3 +189,25 @@ def test_a_missing_file_is_a_corrupt_version(small_version, tmp_path, name):
             (tmp_path / path.name).symlink_to(path)
     with pytest.raises(CorruptVersion):
         MapIndex.load(tmp_path)
+
+
+def test_answers_read_every_number_of_the_versions_ranking(localizer, small_scans):
+    read: set[str] = set()
+
+    class Noted(RankingConfig):
+        def __getattribute__(self, name: str) -> object:
+            read.add(name)
+            return super().__getattribute__(name)
+
+    index = localizer.index
+    noted = Noted(**index.config.ranking.model_dump())
+    config = index.config.model_copy(update={"ranking": noted})
+    surface = dataclasses.replace(index.surface, ranking=noted)
+    asked = Localizer(dataclasses.replace(index, config=config, surface=surface))
+    scan = small_scans[2][0]
+    sweep_s = np.linspace(-0.1, 0, len(scan.points)).astype(np.float32)
+    asked.localize(dataclasses.replace(scan, time_s=sweep_s))  # a motion
+    localize_among({"one": asked, "two": asked}, scan)  # places that tie
+    asked.localize(Scan.from_points(scan.points * [1, 1.4, 0.8]))  # a hard scan
+    asked.localize(describe(scan, DescriptorParameters.from_engine(index.config.model_dump())))
+    assert not set(RankingConfig.model_fields) - read
