@@ -51,7 +51,7 @@ def test_anything_else_is_refused_with_a_reason(executor: str, said: str):
 ALL = BuildOptions(
     build_id="b1",
     store="s3://maps",
-    work=Path("/work"),
+    work=Path("/var/builds"),
     executor="dask://scheduler:8786",
     sandbox="required",
     max_memory_bytes=1 << 30,
@@ -109,5 +109,5 @@ def test_the_sandbox_has_neither_the_store_nor_the_network():
     inside = ALL.inside(provisional=True, traceparent=None)
     assert (inside.store, inside.source_urls, inside.source_roots) == ("", (), ())
     assert inside.scheduler is None
-    assert inside.work == Path("/work/build")
+    assert inside.work == Path("/var/builds/build")
     assert (inside.build_id, inside.max_templates, inside.provisional) == ("b1", 9, True)
