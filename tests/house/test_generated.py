@@ -1,4 +1,4 @@
-"""What is told of the code elsewhere is what the code says."""
+"""Comparison of what is told of the code elsewhere with the code."""
 
 import runpy
 from pathlib import Path
