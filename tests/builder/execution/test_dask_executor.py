@@ -257,7 +257,8 @@ def test_without_a_scheduler_or_workers_it_says_so(tmp_path: Path):
 
 
 def test_over_tls_both_sides_show_their_certificates(log: Path, numbers: StageResult, tmp_path: Path):
-    from dask import config
+    import distributed  # noqa: F401
+    from dask import config  # which has the defaults of distributed from now on
 
     ca, server, client = certificates(tmp_path)
     (tmp_path / "foreign").mkdir()
