@@ -57,8 +57,7 @@ auto ranges(const TriangleTree& tree, Points origins, Points directions, Rows or
   std::vector<float> result;
   without_gil([&] {
     result.assign(number * count, std::numeric_limits<float>::infinity());
-    cast_rays(tree, origins.data(), number, directions.data(), order.data(), count, min_range_m, max_range_m,
-              result.data());
+    cast_rays(tree, vectors_of(origins), vectors_of(directions), order.data(), min_range_m, max_range_m, result.data());
   });
   return array_of(std::move(result), {number, count});
 }
@@ -76,8 +75,8 @@ auto occupied_cells_seen(const TriangleTree& tree, Points origins, In<float, nb:
   std::vector<std::uint8_t> bits;
   without_gil([&] {
     bits.resize(number * grid.bytes());
-    cast_cells(tree, origins.data(), height_m.data(), number, directions.data(), order.data(), directions.shape(0),
-               min_range_m, max_range_m, grid, bits.data());
+    cast_cells(tree, vectors_of(origins), height_m.data(), vectors_of(directions), order.data(), min_range_m, max_range_m,
+               grid, bits.data());
   });
   return array_of(std::move(bits), {number, grid.bytes()});
 }
@@ -96,7 +95,7 @@ auto ranges_beyond(const TriangleTree& tree, In<float, nb::shape<3>> origin, Poi
   std::vector<float> result;
   without_gil([&] {
     result.assign(count, std::numeric_limits<float>::infinity());
-    cast_rays_beyond(tree, origin.data(), directions.data(), order.data(), count, beyond_m.data(), max_range_m,
+    cast_rays_beyond(tree, origin.data(), vectors_of(directions), order.data(), beyond_m.data(), max_range_m,
                      result.data());
   });
   return array_of(std::move(result), {count});
@@ -170,8 +169,7 @@ void bind_simulation(nb::module_& module) {
       "bundle_rays",
       [](Points directions) {
         require(within(directions, 2), "a direction is no unit vector");
-        const std::size_t count = directions.shape(0);
-        return array_of(bundle_rays(directions.data(), count), {count});
+        return array_of(bundle_rays(vectors_of(directions)));
       },
       nb::arg("directions"));
 }

@@ -47,21 +47,21 @@ void try_mesh(Hostile& random) {
   std::vector<float> directions = random.floats(3 * rays, 1, 0);
   if (random.chance(0.2)) std::fill(directions.begin(), directions.end(), 0.0F);
   const std::vector<float> origins = coordinates(random, 3 * number);
-  const std::vector<std::uint32_t> order = bundle_rays(directions.data(), rays);
+  const std::vector<std::uint32_t> order = bundle_rays(vectors_of(directions));
   std::vector<float> ranges(number * rays, -1);
-  cast_rays(tree, origins.data(), number, directions.data(), order.data(), rays, 0.1F, 1e8F, ranges.data());
+  cast_rays(tree, vectors_of(origins), vectors_of(directions), order.data(), 0.1F, 1e8F, ranges.data());
   for (const float range : ranges) expect(range >= 0.1F, "a range is within the limits or infinite");
   if (number) {
     std::vector<float> beyond = random.floats(rays, 5, 0), further(rays, -1);
     for (float& range : beyond) range = std::fabs(range);
-    cast_rays_beyond(tree, origins.data(), directions.data(), order.data(), rays, beyond.data(), 1e8F, further.data());
+    cast_rays_beyond(tree, origins.data(), vectors_of(directions), order.data(), beyond.data(), 1e8F, further.data());
     for (std::size_t i = 0; i < rays; ++i) expect(further[i] > beyond[i], "a range is beyond the one given");
   }
   const LayeredGrid grid = LayeredGrid::of(static_cast<std::size_t>(random.number(1, 9)),
                                            static_cast<std::size_t>(random.number(1, 9)), 30, {0.3F, 1, 4});
   std::vector<float> height_m = random.floats(number, 5, 0);
   std::vector<std::uint8_t> bits(number * grid.bytes());
-  cast_cells(tree, origins.data(), height_m.data(), number, directions.data(), order.data(), rays, 0.1F, 1e8F, grid,
+  cast_cells(tree, vectors_of(origins), height_m.data(), vectors_of(directions), order.data(), 0.1F, 1e8F, grid,
              bits.data());
   std::vector<Crossing> crossings;
   for (std::size_t i = 0; i < number; ++i) {

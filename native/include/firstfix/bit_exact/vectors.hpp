@@ -27,10 +27,10 @@ struct Vectors {
   T* operator[](std::size_t i) const { return data + 3 * i; }
 };
 
-// Row by row, as the others. A pose T_a_b brings a point from frame b to frame a.
+// Matrices, row by row. A pose T_a_b, (4, 4), brings a point from frame b to frame a.
 using PoseMatrix = std::array<double, 16>;
 using Matrix6 = std::array<double, 36>;
-using Vector6 = std::array<double, 6>;
+using Vector6 = std::array<double, 6>;  // a twist: linear, then angular
 
 // A pose in single precision, its position counted from a corner.
 struct FloatPose {

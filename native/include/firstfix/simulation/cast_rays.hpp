@@ -11,9 +11,10 @@
 #include <cstdint>
 #include <limits>
 
+#include "firstfix/bit_exact/lanes.hpp"
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/simulation/ray_bundles.hpp"
 #include "firstfix/simulation/triangle_tree.hpp"
-#include "firstfix/bit_exact/lanes.hpp"
 
 namespace firstfix {
 namespace detail {
@@ -111,11 +112,11 @@ inline std::uint32_t rays_to(const TriangleTree::Node& node, int child, const fl
 }
 
 // Sixteen rays of the given rows of directions, and the pyramid around them. The last ray fills up.
-inline Bundle bundle_of(const float* directions, const std::uint32_t* rows, std::size_t count, float max_range_m) {
+inline Bundle bundle_of(Vectors<const float> directions, Span<const std::uint32_t> rows, float max_range_m) {
   Bundle bundle;
   float axis[3] = {0, 0, 0};
   for (int i = 0; i < static_cast<int>(kBundle); ++i) {
-    const float* d = directions + 3 * static_cast<std::size_t>(rows[std::min(static_cast<std::size_t>(i), count - 1)]);
+    const float* d = directions[rows[std::min(static_cast<std::size_t>(i), rows.size - 1)]];
     bundle.x.set(i, d[0]), bundle.y.set(i, d[1]), bundle.z.set(i, d[2]);
     for (int a = 0; a < 3; ++a) axis[a] += d[a];
   }
@@ -212,16 +213,16 @@ inline void cast_bundle(const TriangleTree& tree, const float* origin, Bundle& b
 
 }  // namespace detail
 
-// Ranges (n,) of (n, 3) unit directions from one origin (3,) to what lies beyond a range (n,) of its own, infinite where
-// nothing does up to the limit.
-inline void cast_rays_beyond(const TriangleTree& tree, const float* origin, const float* directions,
-                             const std::uint32_t* order, std::size_t count, const float* beyond_m, float max_range_m,
-                             float* ranges) {
+// Ranges of unit directions from one origin (3,) to what lies beyond a range of each ray's own, infinite where nothing does
+// up to the limit.
+inline void cast_rays_beyond(const TriangleTree& tree, const float* origin, Vectors<const float> directions,
+                             const std::uint32_t* order, const float* beyond_m, float max_range_m, float* ranges) {
+  const std::size_t count = directions.size;
   const float limit = std::nextafter(max_range_m, std::numeric_limits<float>::infinity());
   for (std::size_t start = 0; start < count; start += kBundle) {
-    const std::uint32_t* rows = order + start;
     const std::size_t rays = std::min(kBundle, count - start);
-    detail::Bundle bundle = detail::bundle_of(directions, rows, rays, limit);
+    const Span<const std::uint32_t> rows{order + start, rays};
+    detail::Bundle bundle = detail::bundle_of(directions, rows, limit);
     for (std::size_t i = 0; i < rays; ++i) bundle.beyond.set(static_cast<int>(i), beyond_m[rows[i]]);
     detail::cast_bundle(tree, origin, bundle);
     for (std::size_t i = 0; i < rays; ++i) {
@@ -231,24 +232,24 @@ inline void cast_rays_beyond(const TriangleTree& tree, const float* origin, cons
   }
 }
 
-// Ranges (origins, n) of (n, 3) unit directions from each origin (3,), infinite where nothing is met between the two
+// Ranges (origins, directions) of unit directions from each origin, infinite where nothing is met between the two
 // limits. What is nearer than the first one hides what is behind it.
 //
 // `order` has the rows of the directions as `bundle_rays` sorts them. Origins side by side are quicker than others, for
 // they meet the same part of the mesh.
-inline void cast_rays(const TriangleTree& tree, const float* origins, std::size_t number, const float* directions,
-                      const std::uint32_t* order, std::size_t count, float min_range_m, float max_range_m,
-                      float* ranges) {
+inline void cast_rays(const TriangleTree& tree, Vectors<const float> origins, Vectors<const float> directions,
+                      const std::uint32_t* order, float min_range_m, float max_range_m, float* ranges) {
+  const std::size_t count = directions.size;
   const float beyond = std::nextafter(max_range_m, std::numeric_limits<float>::infinity());
-  for (std::size_t first = 0; first < number; first += detail::kOrigins) {
-    const std::size_t end = std::min(first + detail::kOrigins, number);
+  for (std::size_t first = 0; first < origins.size; first += detail::kOrigins) {
+    const std::size_t end = std::min(first + detail::kOrigins, origins.size);
     for (std::size_t start = 0; start < count; start += kBundle) {
-      const std::uint32_t* rows = order + start;
       const std::size_t rays = std::min(kBundle, count - start);
-      const detail::Bundle made = detail::bundle_of(directions, rows, rays, beyond);
+      const Span<const std::uint32_t> rows{order + start, rays};
+      const detail::Bundle made = detail::bundle_of(directions, rows, beyond);
       for (std::size_t at = first; at < end; ++at) {
         detail::Bundle bundle = made;
-        detail::cast_bundle(tree, origins + 3 * at, bundle);
+        detail::cast_bundle(tree, origins[at], bundle);
         for (std::size_t i = 0; i < rays; ++i) {
           const float range = bundle.range[static_cast<int>(i)];
           const bool met = range < beyond && range >= min_range_m;
