@@ -60,7 +60,7 @@ inline std::vector<float> read_floats(const std::string& path) {
 }
 
 // A valid body in which every zstd frame is replaced by its content, and every length of a frame by 0.
-inline Bytes plain_form(detail::Span body) {
+inline Bytes plain_form(detail::ByteSpan body) {
   const auto length = [&body](std::size_t at, std::size_t bytes) {
     std::size_t value = 0;
     for (std::size_t i = 0; i < bytes; ++i) value |= std::size_t{body.data[at + i]} << (8 * i);
