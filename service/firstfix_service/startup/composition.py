@@ -276,17 +276,18 @@ async def _start_zenoh(
         pulse,
     )
     close_within(stack, endpoint.close, ENDPOINT_CLOSE_WITHIN_S, "zenoh", in_zenoh_thread)
-    metrics.zenoh_replies.set_function(endpoint.replies.__len__)
     metrics.zenoh_connections.set_function(lambda: endpoint.connections)
     metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)
-    zenoh_catalog = None
+    zenoh_catalog, pools = None, [endpoint.replies]
+    metrics.zenoh_replies.set_function(lambda: sum(map(len, pools)))
     # These keys need no credential. If callers need one, they are served only where zenoh has access rules.
     if settings.auth != "on" or settings.zenoh_trusted:
 
         def load() -> dict[str, int]:
             return {"queries": gate.admitted, "limit": settings.workers + settings.queue_size}
 
-        zenoh_catalog = ZenohCatalog(endpoint.session, replica, maps, parts[Catalog], load, endpoint.replies)
+        zenoh_catalog = ZenohCatalog(endpoint.session, replica, maps, parts[Catalog], load)
+        pools.append(zenoh_catalog.replies)
         close_within(stack, zenoh_catalog.close, ZENOH_CLOSE_WITHIN_S, "zenoh's catalog", in_zenoh_thread)
         config = client_config(settings)
         answers = await in_zenoh_thread(ZenohAnswers, endpoint.session, parts[RecentAnswers], config)

@@ -65,7 +65,9 @@ class ZenohCatalog:
 
     Args:
         load: returns the number of queries that wait or run here, and its limit.
-        replies: sends the replies.
+
+    Attributes:
+        replies: sends the replies, beside those to scans: who does not read lists stops no answer to a scan.
     """
 
     def __init__(
@@ -75,10 +77,9 @@ class ZenohCatalog:
         maps: MapCache,
         catalog: Catalog,
         load: Callable[[], dict[str, int]],
-        replies: ReplyThreads,
     ) -> None:
         self._session = session
-        self._replies = replies
+        self.replies = ReplyThreads()
         self._replica = replica
         self._maps = maps
         self._catalog = catalog
@@ -121,6 +122,7 @@ class ZenohCatalog:
         """Takes the keys back."""
         for queryable in self._queryables:
             queryable.undeclare()
+        self.replies.close()
 
     def _versions_of(self, map_id: str) -> MapVersions:
         state = self._catalog.known_state(map_id)
@@ -134,7 +136,7 @@ class ZenohCatalog:
             for _, one in sorted(self._known.items())
         ]
         reply = partial(query.reply, MAPS, _json({"maps": maps}), encoding=JSON)
-        self._replies.send(query, reply)
+        self.replies.send(query, reply)
 
     def _answer_versions(self, query: Any) -> None:
         found = self._asked_for(query.key_expr)
@@ -145,7 +147,7 @@ class ZenohCatalog:
             if not found:
                 reply_error(query, NotFound(f"no map is served on {query.key_expr}"))
 
-        self._replies.send(query, reply)
+        self.replies.send(query, reply)
 
     def _asked_for(self, key: Any) -> list[MapVersions]:
         known, parts = self._known, str(key).split("/")
@@ -163,7 +165,7 @@ class ZenohCatalog:
         if self._maps.placement is not None:
             described["holding"] = self._maps.placement.summary(self._maps.held_loaded)
         key = f"firstfix/@replicas/{self._replica}"
-        self._replies.send(query, partial(query.reply, key, _json(described), encoding=JSON))
+        self.replies.send(query, partial(query.reply, key, _json(described), encoding=JSON))
 
 
 def _json(value: dict[str, Any]) -> bytes:

@@ -12,7 +12,7 @@ from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.manifest import Manifest
 from firstfix.maintenance.rebuild import rebuild
 from firstfix.store.store import Store
-from firstfix_service.builds.start import NICENESS
+from firstfix_service.builds.process import NICENESS
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow

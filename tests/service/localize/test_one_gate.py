@@ -14,6 +14,7 @@ import pytest
 from service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, publish, running_service
 
 from firstfix.answer.localization import Localization
+from firstfix_service.http_api.parts import LocalizeParts
 from waiting import LIMIT_S, let_pass, wait_until
 
 BODY = SCAN_BODY[:720]
@@ -70,7 +71,7 @@ def test_the_engines_deadline_counts_every_wait(tmp_path: Path, transport: str):
     ):
         publish(service.catalog, "hall", "1", service.scratch)
         assert service.ask(transport, options={"deadline_ms": "600000"}).ok  # has loaded the map
-        gate = service.app.state.start.parts.gate
+        gate = service.app.state.start.parts[LocalizeParts].use_case._gate
         worker = gate._free.pop()
         begun = time.monotonic()
         asked = threads.submit(service.ask, transport, options={"deadline_ms": "600000"})

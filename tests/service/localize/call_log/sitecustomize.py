@@ -19,7 +19,7 @@ LOGGED = {
     ("firstfix/ids.py", "check_version"): "check version",
     ("auth/principal.py", "check"): "check scope",
     ("auth/principal.py", "check_map"): "check map of caller",
-    ("auth/authenticate.py", "take"): "take from rate limit",
+    ("auth/authenticate.py", "permit"): "take from rate limit",
     ("localize/query_gate.py", "check_room"): "check room",
     ("query_workers/query.py", "read"): "read query",
     ("wire/scan.py", "decode_scan"): "decode body",
