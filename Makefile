@@ -2,8 +2,8 @@
 .PHONY: setup native console demo test test-fast lint docs bench faults lock test-servers clean
 .DEFAULT_GOAL := help
 bin := .venv/bin
-# Five files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
-PYTEST_ARGS ?= -n 5 --dist loadfile --no-loadscope-reorder
+# Three files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
+PYTEST_ARGS ?= -n 3 --dist loadfile --no-loadscope-reorder
 # A run that takes longer (seconds) is ended, with the stacks of what hangs. On 2 cores it takes some 20 minutes.
 TEST_LIMIT_S ?= 10800
 run_tests := PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python tests/harness/reaper.py --limit-s $(TEST_LIMIT_S) $(bin)/python -m pytest
