@@ -15,7 +15,7 @@ from .query import EncodedAnswer, Query, ServedVersion
 from .sightings.counter import Sighted, SightingCounter
 from .worker import Localizers
 
-MAX_DECODED_BYTES = 64 << 20
+MAX_BODY_BYTES = 64 << 20
 
 
 class QueryWorkerDied(Exception):
@@ -89,7 +89,7 @@ class QueryWorkerThreads:
         count: int = 1,
         *,
         on_up: Callable[[QueryWorker], None] = lambda worker: None,
-        max_body_bytes: int = MAX_DECODED_BYTES,
+        max_body_bytes: int = MAX_BODY_BYTES,
         counts_sightings: bool = False,
     ) -> None:
         self._sightings = SightingCounter() if counts_sightings else None
