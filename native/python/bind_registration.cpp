@@ -75,18 +75,20 @@ auto align_all(const Grid& grid, Points points, Points normals, Flags oriented, 
   std::vector<PoseMatrix> T = poses_of(T_start);
   std::vector<Matrix6> information(poses);
   std::vector<double> inlier_ratio(poses), alignment_score(poses);
+  std::vector<std::uint8_t> rests(poses);
   without_gil([&] {
     const ScanSurface scan(vectors_of(points), vectors_of(normals), bytes_of(oriented));
     PairFinder finder(grid.view, scan);
     for (std::size_t pose = 0; pose < poses; ++pose) {
-      align(finder, scan_points, {iterations, reach_m, half_angle}, T[pose], information[pose]);
+      rests[pose] = align(finder, scan_points, {iterations, reach_m, half_angle}, T[pose], information[pose]);
       const AlignmentQuality quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
       inlier_ratio[pose] = quality.inlier_ratio;
       alignment_score[pose] = quality.alignment_score;
     }
   });
   return std::make_tuple(array_of(std::move(T), {poses, 4, 4}), array_of(std::move(inlier_ratio), {poses}),
-                         array_of(std::move(alignment_score), {poses}), array_of(std::move(information), {poses, 6, 6}));
+                         array_of(std::move(alignment_score), {poses}), array_of(std::move(information), {poses, 6, 6}),
+                         array_of(std::move(rests), {poses}));
 }
 
 auto align_all_moving(const Grid& grid, Points points, Points normals, Flags oriented, Times time_s, Poses T_start,
@@ -101,11 +103,13 @@ auto align_all_moving(const Grid& grid, Points points, Points normals, Flags ori
   std::vector<Vector6> twist(poses);
   std::vector<Matrix6> information(poses);
   std::vector<double> inlier_ratio(poses), alignment_score(poses);
+  std::vector<std::uint8_t> rests(poses);
   without_gil([&] {
     MovingScan scan(vectors_of(points), vectors_of(normals), bytes_of(oriented), time_s.data());
     PairFinder finder(grid.view, scan.seen());
     for (std::size_t pose = 0; pose < poses; ++pose) {
-      align_moving(finder, scan, {iterations, reach_m, half_angle}, twist_of(scale), T[pose], twist[pose], information[pose]);
+      rests[pose] = align_moving(finder, scan, {iterations, reach_m, half_angle}, twist_of(scale), T[pose], twist[pose],
+                                 information[pose]);
       const AlignmentQuality quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
       inlier_ratio[pose] = quality.inlier_ratio;
       alignment_score[pose] = quality.alignment_score;
@@ -113,7 +117,7 @@ auto align_all_moving(const Grid& grid, Points points, Points normals, Flags ori
   });
   return std::make_tuple(array_of(std::move(T), {poses, 4, 4}), array_of(std::move(inlier_ratio), {poses}),
                          array_of(std::move(alignment_score), {poses}), array_of(std::move(information), {poses, 6, 6}),
-                         array_of(std::move(twist), {poses, 6}));
+                         array_of(std::move(rests), {poses}), array_of(std::move(twist), {poses, 6}));
 }
 
 auto agreement_of_all(const Grid& grid, const Grid& coarse, Points points, Points normals, Flags oriented,

@@ -46,6 +46,7 @@ const REASONS: Record<string, string> = {
   low_inlier_ratio: "Too little of the scan lies on the map.",
   free_space_violation: "The scan looks through surfaces of the map.",
   low_probability: "The best place is too uncertain.",
+  not_converged: "The alignment did not come to rest.",
   several_places: "Several places explain the scan equally well.",
   not_registered: "The query had no points, so its places are only candidates.",
 };

@@ -31,6 +31,7 @@ class Reason(str, Enum):
     LOW_INLIER_RATIO = "low_inlier_ratio"
     FREE_SPACE_VIOLATION = "free_space_violation"
     LOW_PROBABILITY = "low_probability"
+    NOT_CONVERGED = "not_converged"  # the alignment was still moving when it was ended
     SEVERAL_PLACES = "several_places"
     NOT_REGISTERED = "not_registered"  # the query had no points: the hypotheses are only candidates
 

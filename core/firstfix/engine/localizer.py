@@ -43,6 +43,8 @@ def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Lo
         for candidate, share in zip(ranked, _shares(ranked, features.tied, probability), strict=True)
     )
     reason = _why_not_localized(features, calibration, threshold_of(best.index, options))
+    if reason is None and not best.registration.rests:
+        reason = Reason.NOT_CONVERGED
     if reason is not None:
         verdict = Verdict.AMBIGUOUS if reason is Reason.SEVERAL_PLACES else Verdict.REJECTED
         return Localization(verdict, (reason,), probability=probability, hypotheses=hypotheses)

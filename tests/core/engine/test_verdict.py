@@ -42,6 +42,14 @@ def test_a_good_place_without_rivals_is_localized():
     assert answer.probability == CALIBRATION.probability(features)
 
 
+def test_an_alignment_that_is_still_moving_is_not_the_answer():
+    good = place(0, 0.95)
+    moving = replace(good, registration=replace(good.registration, rests=False))
+    answer = judged(moving, place(1, 0.4, 0.1))
+    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.NOT_CONVERGED,))
+    assert answer.T_map_sensor is None
+
+
 def test_an_alias_makes_it_ambiguous_and_both_are_returned():
     answer = judged(place(0, 0.95), place(1, 0.94))
     assert (answer.verdict, answer.reasons) == (Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,))

@@ -32,11 +32,13 @@ struct AlignmentQuality {
 
 // Gauss-Newton over left perturbations: rotation about the sensor, translation along the level axes.
 //
-// T_level_sensor: the start, then the aligned pose. information: over rotation then translation.
-inline void align(PairFinder& finder, std::size_t points, const AlignParameters& parameters, PoseMatrix& T_level_sensor,
+// T_level_sensor: the start, then the aligned pose. information: over rotation then translation. Returns whether the pose came
+// to rest within the iterations.
+inline bool align(PairFinder& finder, std::size_t points, const AlignParameters& parameters, PoseMatrix& T_level_sensor,
                   Matrix6& information) {
   NormalEquations equations;
-  for (int iteration = 0; iteration < parameters.iterations; ++iteration) {
+  bool rests = false;
+  for (int iteration = 0; iteration < parameters.iterations && !rests; ++iteration) {
     equations = NormalEquations::of(finder, T_level_sensor, parameters.reach_m, parameters.half_angle);
     double damped[36], step[6];
     std::memcpy(damped, equations.hessian, sizeof damped);
@@ -47,10 +49,11 @@ inline void align(PairFinder& finder, std::size_t points, const AlignParameters&
     for (int k = 0; k < 3; ++k) T_level_sensor[4 * k + 3] += step[3 + k];
     const double turned = std::max({std::fabs(step[0]), std::fabs(step[1]), std::fabs(step[2])});
     const double moved = std::max({std::fabs(step[3]), std::fabs(step[4]), std::fabs(step[5])});
-    if (turned <= kStillRad && moved <= kStillM) break;
+    rests = turned <= kStillRad && moved <= kStillM;
   }
   const double variance = equations.squares / std::max(equations.weights, 1.0) + kNoiseM * kNoiseM;
   for (int k = 0; k < 36; ++k) information[k] = equations.hessian[k] / variance;
+  return rests;
 }
 
 inline AlignmentQuality quality_at(PairFinder& finder, std::size_t points, const PoseMatrix& T_level_sensor,

@@ -143,15 +143,17 @@ inline void turn_twist(const PoseMatrix& T, bool inverse, const Vector6& twist, 
 // finder: of scan.seen(). scale: (6,) of the twist about 0, linear then angular, along the level axes: a tiny one keeps an axis still. The prior is
 // Cauchy's: it keeps a standing sensor still, and does not hold a fast one back.
 // T_level_sensor: the start, then the aligned pose at time 0. twist: of the sensor, linear then angular, in the
-// sensor frame; it starts at 0. information: of the pose, over rotation then translation.
-inline void align_moving(PairFinder& finder, MovingScan& scan, const AlignParameters& parameters, const Vector6& scale,
+// sensor frame; it starts at 0. information: of the pose, over rotation then translation. Returns whether pose and twist came to
+// rest within the iterations.
+inline bool align_moving(PairFinder& finder, MovingScan& scan, const AlignParameters& parameters, const Vector6& scale,
                          PoseMatrix& T_level_sensor, Vector6& twist, Matrix6& information) {
   const auto points = static_cast<double>(scan.seen().count);
   Vector6 level_twist{}, prior{};  // linear then angular; prior: over rotation then translation
   twist.fill(0);
   scan.deskew(twist);
   MovingEquations equations;
-  for (int iteration = 0; iteration < parameters.iterations; ++iteration) {
+  bool rests = false;
+  for (int iteration = 0; iteration < parameters.iterations && !rests; ++iteration) {
     equations = MovingEquations::of(finder, scan.time_s(), T_level_sensor, parameters.reach_m, parameters.half_angle);
     double damped[144], step[12];
     std::memcpy(damped, equations.hessian, sizeof damped);
@@ -177,12 +179,13 @@ inline void align_moving(PairFinder& finder, MovingScan& scan, const AlignParame
     }
     detail::turn_twist(T_level_sensor, true, level_twist, twist);
     scan.deskew(twist);
-    if (turned <= kStillRad && moved <= kStillM && changed <= kStillTwist) break;
+    rests = turned <= kStillRad && moved <= kStillM && changed <= kStillTwist;
   }
   for (int k = 0; k < 6; ++k) equations.hessian[13 * (6 + k)] += prior[k];
   detail::pose_information(equations.hessian, information);
   const double variance = equations.variance();
   for (int k = 0; k < 36; ++k) information[k] /= variance;
+  return rests;
 }
 
 }  // namespace firstfix
