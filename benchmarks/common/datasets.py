@@ -182,6 +182,16 @@ GARAGE = Dataset(
     "sensor.yaml",
     kept_share=0.1,
 )
+STREET_128 = Dataset(
+    "street_128beam",
+    "street_128beam",
+    "map_0.1m.laz",
+    "{}",
+    {"ICP": PoseTable("eval.csv")},
+    PoseTable("trajectory.csv"),
+    "sensor.yaml",
+    kept_share=0.25,
+)
 TURNING = Dataset(
     "turning",
     "rotation_in_place_11",
@@ -211,4 +221,4 @@ def _koide(name: str) -> Dataset:
     )
 
 
-DATASETS = (STREET, HALL, YARD, GARAGE, TURNING, _koide("outdoor_hard"), _koide("outdoor_kidnap"))
+DATASETS = (STREET, HALL, YARD, GARAGE, STREET_128, TURNING, _koide("outdoor_hard"), _koide("outdoor_kidnap"))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..descriptor import Descriptor, LayeredOccupancy, PolarGrid
 from ..descriptor.pca_sc import PcaScanContext
@@ -157,8 +158,15 @@ class RegistrationConfig(Stage):
     coarse_iterations: int = Field(10, ge=1, le=200)
     align_iterations: int = Field(4, ge=1, le=200, description="on the map's own points, for every candidate")
     fine_distance_m: float = Field(0.5, gt=0.01, le=20)
-    fine_iterations: int = Field(12, ge=1, le=200)
     inlier_distance_m: float = Field(0.15, gt=0.01, le=5)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_fine_iterations(cls, given: Any) -> Any:
+        """The numbers without ``fine_iterations``, which is the engine's now. Older versions have it."""
+        if not isinstance(given, Mapping):
+            return given
+        return {name: value for name, value in given.items() if name != "fine_iterations"}
 
 
 class VerificationConfig(Stage):
@@ -166,6 +174,29 @@ class VerificationConfig(Stage):
 
     reach_m: float = Field(25.0, gt=1, le=200, description="distance to which free space is checked")
     compared: int = Field(100, ge=1, le=1000, description="candidates that compete")
+
+
+class NearbyConfig(Stage):
+    """Search beside the best place for a better alignment (docs/method.md section 7.2).
+
+    Attributes:
+        reach_m: from the place to the furthest start; 0: no search.
+        step_m: between starts.
+        points: of the scan, with which starts are aligned.
+        worse_by: a start that ends with an alignment score worse by more is not aligned finely.
+        refined: starts that are aligned finely, at most.
+        apart_m, apart_deg: nearer ends of two starts are one.
+        better_by: alignment score of another minimum over that of the place.
+    """
+
+    reach_m: float = Field(3.0, ge=0, le=20)
+    step_m: float = Field(0.5, ge=0.1, le=5)
+    points: int = Field(200, ge=10, le=10_000)
+    worse_by: float = Field(0.05, ge=0, le=1)
+    refined: int = Field(6, ge=1, le=50)
+    apart_m: float = Field(0.15, ge=0, le=5)
+    apart_deg: float = Field(1.0, ge=0, le=90)
+    better_by: float = Field(0.01, ge=0, le=1)
 
 
 class EngineConfig(Stage):
@@ -182,6 +213,7 @@ class EngineConfig(Stage):
     cluster: ClusterConfig | None = None
     search: SearchConfig = SearchConfig()
     registration: RegistrationConfig = RegistrationConfig()
+    nearby: NearbyConfig = NearbyConfig()
     verification: VerificationConfig = VerificationConfig()
     ranking: RankingConfig = RANKING
     spacing_m: float = Field(1.0, gt=0)

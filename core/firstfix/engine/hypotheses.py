@@ -17,6 +17,7 @@ from ..answer.quality import AlignmentQuality
 from ..transform import Matrix
 from .candidates import Candidates
 from .index import FreeSpaceShares, MapIndex
+from .local_search import best_near
 from .preprocess import PreparedQuery, spots_of
 from .ranking import MatchFeatures, RankingConfig
 from .registration.align import Agreement, Registration, Registrations
@@ -128,6 +129,7 @@ class HypothesisSearch:
         self._in_motion: dict[int, Registration] = {}  # by row: a later run does not solve it again
         self._free_space: dict[bytes, FreeSpaceShares] = {}  # by pose: a later run does not check it again
         self._agreement: dict[bytes, Agreement] = {}  # the same, of the few points
+        self._beside: dict[bytes, RegisteredCandidate | None] = {}  # by pose: the better one beside it
 
     def run(self, candidates: Candidates) -> list[RegisteredCandidate]:
         """Distinct poses that the prior allows, best first: of these candidates and of all earlier runs.
@@ -137,12 +139,45 @@ class HypothesisSearch:
         checked = ranked(self._check_free_space(self._register(candidates)))
         if not checked or not self._may_be_accepted(checked):
             return self._with_agreements(checked)
-        refined = ranked(self._allowed(self._refine(checked)))
-        agreements = self._agreements(self._prepared.dense, [one.registration for one in refined[:1]])
+        return self._finely_measured(self._refine(checked))
+
+    def search_near(
+        self, found: Sequence[RegisteredCandidate], offsets_m: NDArray[np.float64]
+    ) -> list[RegisteredCandidate]:
+        """The poses that ``run`` found, best first. The first one moves to a better minimum beside it.
+
+        Free space does not choose between the two: they are one place, seen from nearly the same spot.
+
+        Args:
+            offsets_m: see ``best_near``.
+        """
+        pose = found[0].registration.T_level_sensor.tobytes()
+        if pose not in self._beside:
+            registration = best_near(
+                self._index.surface,
+                self._prepared,
+                found[0].registration,
+                offsets_m,
+                self._index.config.nearby,
+            )
+            self._beside[pose] = (
+                None
+                if registration is None
+                else replace(found[0], registration=registration, agreement=NOT_MEASURED)
+            )
+        beside = self._beside[pose]
+        if beside is None or not self._allowed([beside]):
+            return list(found)
+        return self._finely_measured([self._with_free_space(beside), *found[1:]])
+
+    def _finely_measured(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
+        """The candidates that the prior allows, best first, the best one's agreement with many points."""
+        best_first = ranked(self._allowed(registered))
+        agreements = self._agreements(self._prepared.dense, [one.registration for one in best_first[:1]])
         best = [
-            replace(one, agreement=agreement) for one, agreement in zip(refined, agreements, strict=False)
+            replace(one, agreement=agreement) for one, agreement in zip(best_first, agreements, strict=False)
         ]
-        return [*best, *self._with_agreements(refined[1:])]
+        return [*best, *self._with_agreements(best_first[1:])]
 
     def _register(self, candidates: Candidates) -> list[RegisteredCandidate]:
         """Aligns all new candidates with few points: coarsely, then on the map's own points.
@@ -161,10 +196,8 @@ class HypothesisSearch:
                 aligned.T_level_sensor[rows], self._ranking, most=self._index.config.verification.compared
             )
         ]
-        compared = list(zip(rows.tolist(), self._with_motion(aligned, rows), strict=True))
-        compared.sort(key=lambda one: -one[1].alignment_score)  # the motion may have changed the order
         spots = spots_of(self._prepared.scans, self._ranking.spots_apart_m)
-        return [
+        registered = [
             RegisteredCandidate(
                 self._index,
                 self._map_id,
@@ -173,8 +206,12 @@ class HypothesisSearch:
                 start_z_m=float(self._starts[row, 2, 3]),
                 spots=spots,
             )
-            for row, registration in compared
+            for row, registration in zip(rows.tolist(), self._with_motion(aligned, rows), strict=True)
         ]
+        registered += self._allowed(one for one in self._beside.values() if one is not None)
+        # the motion may have changed the order
+        registered.sort(key=lambda one: -one.registration.alignment_score)
+        return registered
 
     def _align(self, candidates: Candidates) -> None:
         if not len(candidates):

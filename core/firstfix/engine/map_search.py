@@ -17,6 +17,7 @@ from .candidates import Candidates, candidates_of_scan, find_candidates
 from .config import EffortConfig
 from .hypotheses import HypothesisSearch, RegisteredCandidate, distinct, features_of
 from .index import MapIndex
+from .local_search import offsets_along, offsets_around
 from .preprocess import PreparedQuery, PreparedScan
 from .registration.surface import Surface
 
@@ -87,7 +88,9 @@ class MapSearch:
     def is_accepted(self) -> bool:
         """Returns whether the best pose may be answered ``localized``."""
         best = self.registered
-        return bool(best) and self._index.calibration.accepts(features_of(best))
+        return (
+            bool(best) and best[0].registration.rests and self._index.calibration.accepts(features_of(best))
+        )
 
     def take(self, step: Step) -> None:
         """Searches with the effort of one step, if the caller's deadline leaves time for it."""
@@ -143,6 +146,15 @@ class MapSearch:
     def _register(self, candidates: Candidates) -> None:
         with self._watch.stage("register"):
             self.registered = self._hypotheses.run(candidates)
+            if self.registered and self._index.config.search.widened > 1:
+                self._search_near()
+
+    def _search_near(self) -> None:
+        """Searches beside the best place: along its free direction if it would be the answer, else around."""
+        best, config = self.registered[0].registration, self._index.config.nearby
+        offsets_m = offsets_along(config, best) if self.is_accepted else offsets_around(config)
+        if len(offsets_m):
+            self.registered = self._hypotheses.search_near(self.registered, offsets_m)
 
     def _expected_up(self) -> NDArray[np.float64] | None:
         """(3,) up by the mounting, or None: gravity is known."""

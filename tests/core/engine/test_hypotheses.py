@@ -52,7 +52,11 @@ class MadeUpMap:
     def align(self, scan, starts):
         scores = np.array([self._score(T) for T in starts])
         return Registrations(
-            starts, np.full(len(starts), 0.9), scores, np.tile(np.eye(6), (len(starts), 1, 1))
+            starts,
+            np.full(len(starts), 0.9),
+            scores,
+            np.tile(np.eye(6), (len(starts), 1, 1)),
+            np.ones(len(starts), np.bool_),
         )
 
     def align_smoothly(self, scan, starts):

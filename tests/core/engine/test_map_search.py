@@ -48,7 +48,10 @@ def search_by(monkeypatch, clock):
             good = found_by is not None and step is found_by
             quality = AlignmentQuality(0.99, 0.98, 0.0) if good else AlignmentQuality(0.3, 0.2, 0.2)
             support = RANKING.support(quality)
-            search.registered = [SimpleNamespace(index=index, quality=quality, support=support, spots=1)]
+            at_rest = SimpleNamespace(rests=True)
+            search.registered = [
+                SimpleNamespace(index=index, quality=quality, support=support, spots=1, registration=at_rest)
+            ]
 
         monkeypatch.setattr(
             search,
