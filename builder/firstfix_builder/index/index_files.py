@@ -14,12 +14,13 @@ from firstfix.descriptor import Descriptor
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import MAP_FILE, MapView
 from firstfix.engine.registration.align import MapSurface
-from firstfix.engine.retrieval.cascade import Clusters, Templates, load_projection
+from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates, load_projection
 from firstfix.engine.retrieval.key_search import build_key_search
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
 
 from ..execution.chunks import Arrays
 from ..mesh.mapped_array import mapped_scratch
+from .find_aliases import find_aliases
 from .top_view import draw_preview
 from .visible_points import map_surface
 
@@ -64,10 +65,10 @@ def write_index_files(
     *,
     provisional: bool = False,
 ) -> None:
-    """Key search, tiles, surface, view and picture.
+    """Key search, tiles, known aliases, surface, view and picture.
 
     Args:
-        provisional: draw no picture.
+        provisional: draw no picture, and find no aliases.
         progress: called after all but the views with the share that is done, 0..1.
         directory: has templates, clusters and, if there is one, the keys' projection.
         cloud: (m, 3) the map's points; None: it is a mesh.
@@ -76,6 +77,8 @@ def write_index_files(
     templates = Templates.load(directory, engine.descriptor.make())
     _write_keys(directory, templates, engine)
     TemplateTiles.of(templates.position_m).save(directory)
+    if not provisional:
+        find_aliases(Cascade.load(directory, engine), engine.search.aliases).save(directory)
     surface = map_surface(
         cloud, look(templates.position_m), engine.registration.map_voxel_m, directory.parent
     )

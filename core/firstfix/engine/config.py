@@ -118,6 +118,23 @@ class EffortConfig(Stage):
     candidates: int = Field(ge=1, le=1000, description="best of them, which are registered")
 
 
+class AliasConfig(Stage):
+    """Places known to look alike, which compete with an accepted pose (docs/method.md section 7.1).
+
+    The build keeps the aliases, so the first two numbers change nothing in a version that is there.
+    """
+
+    each: int = Field(8, ge=1, le=100, description="aliases of a template that are kept")
+    clusters: int = Field(400, ge=1, le=100_000, description="clusters that a template's aliases come from")
+    templates: int = Field(4, ge=1, le=100, description="templates nearest to the pose whose aliases count")
+    near_m: float = Field(5.0, gt=0, le=1000, description="templates further from the pose do not count")
+    screened: int = Field(20, ge=1, le=1000, description="aliases that are screened, most alike first")
+    behind: float = Field(
+        0.15, ge=0, le=1, description="aliases that are screened this much worse than the pose are left out"
+    )
+    tried: int = Field(4, ge=1, le=1000, description="aliases that are aligned, best screened first")
+
+
 class SearchConfig(Stage):
     """Parameters of the cascade: find the clusters nearest by key, then compare their templates.
 
@@ -148,6 +165,7 @@ class SearchConfig(Stage):
     )
     wide: EffortConfig = EffortConfig(clusters=10_000, screened=2000, candidates=60)
     exhaustive: EffortConfig = EffortConfig(clusters=30_000, screened=3500, candidates=60)
+    aliases: AliasConfig = AliasConfig()
 
 
 class RegistrationConfig(Stage):

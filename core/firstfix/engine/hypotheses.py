@@ -179,12 +179,16 @@ class HypothesisSearch:
         ]
         return [*best, *self._with_agreements(best_first[1:])]
 
+    def untried(self, candidates: Candidates) -> Candidates:
+        """The candidates that start near no start, and no aligned pose, of an earlier run."""
+        return candidates.at(self._untried(candidates.T_level_sensor))
+
     def _register(self, candidates: Candidates) -> list[RegisteredCandidate]:
         """Aligns all new candidates with few points: coarsely, then on the map's own points.
 
         Returns the best ones that may compete, of all runs: distinct poses that the prior allows, best first.
         """
-        self._align(candidates.at(self._untried(candidates.T_level_sensor)))
+        self._align(self.untried(candidates))
         if not self._aligned:
             return []
         aligned = Registrations.together(self._aligned)

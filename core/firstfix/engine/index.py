@@ -18,6 +18,7 @@ from .config import EngineConfig
 from .false_accept_bound import FalseAcceptBound
 from .ranking import Calibration
 from .registration.align import MapSurface
+from .retrieval.alias_table import AliasTable
 from .retrieval.cascade import Cascade
 from .verification.point_tiles import PointTiles
 
@@ -115,6 +116,7 @@ class MapIndex:
         surface: map to register against.
         view: map to check free space against.
         false_accept_bound: by the threshold on the probability.
+        aliases: of the templates; None: the version has none.
     """
 
     config: EngineConfig
@@ -123,6 +125,7 @@ class MapIndex:
     surface: MapSurface
     view: MapView
     false_accept_bound: FalseAcceptBound = field(default_factory=FalseAcceptBound)
+    aliases: AliasTable | None = None
 
     @property
     def T_map_level(self) -> Matrix:
@@ -145,13 +148,15 @@ class MapIndex:
             config = EngineConfig.load(directory)
             if calibration is None:
                 calibration = Calibration.from_mapping(json.loads((directory / CALIBRATION_FILE).read_text()))
+            cascade = Cascade.load(directory, config)
             return cls(
                 config,
                 calibration,
-                Cascade.load(directory, config),
+                cascade,
                 MapSurface.load(directory, config.registration, config.ranking),
                 MapView.load(directory, config.verification.reach_m),
                 FalseAcceptBound.load(directory),
+                AliasTable.load(directory, len(cascade.templates)),
             )
         except (OSError, EOFError, ValueError, TypeError, RuntimeError, KeyError) as error:
             raise CorruptVersion(f"{directory.name}: {error}") from error

@@ -256,6 +256,9 @@ def localize_among(
         return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
     searches = [maps[map_id].search(query, options, watch, map_id) for map_id, query in prepared.items()]
     _search(searches)
+    for search in searches:
+        if search.registered:
+            search.try_aliases(threshold_of(search.registered[0].index, options))
     with watch.stage("verify"):
         together = [candidate for search in searches for candidate in search.registered]
         together.sort(key=lambda candidate: -candidate.support)

@@ -17,6 +17,7 @@ from .candidates import Candidates, candidates_of_scan, find_candidates
 from .config import EffortConfig
 from .hypotheses import HypothesisSearch, RegisteredCandidate, distinct, features_of
 from .index import MapIndex
+from .known_aliases import known_aliases, rivals_among
 from .local_search import offsets_along, offsets_around
 from .preprocess import PreparedQuery, PreparedScan
 from .registration.surface import Surface
@@ -108,6 +109,26 @@ class MapSearch:
         elif search.widened > 1 and self._options.max_candidates is None:
             is_last = step is Step.EXHAUSTIVE
             self._by_screening(search.exhaustive if is_last else search.wide, tilted=is_last)
+
+    def try_aliases(self, min_probability: float | None) -> None:
+        """Lets the known aliases of the best pose compete, if it would be accepted and there is time for it.
+
+        Args:
+            min_probability: threshold to use instead of the calibration's own.
+        """
+        index, best = self._index, self.registered
+        config = index.config.search
+        expected_s = SLOWER * self._narrow_s * config.aliases.tried / config.candidates
+        if index.aliases is None or expected_s > self._watch.left_s:
+            return
+        if not best or not index.calibration.accepts(features_of(best), min_probability):
+            return
+        with self._watch.stage("aliases"):
+            aliases = known_aliases(index, best[0].registration.T_level_sensor, self._options.prior)
+            aliases = self._hypotheses.untried(aliases)
+            rivals = rivals_among(aliases, best[0], self._prepared.sparse, min_probability)
+        if len(rivals):
+            self._register(rivals)
 
     def _expected_s(self, step: Step) -> float:
         """Seconds that a step takes, at worst: measured by the first one, which always runs."""

@@ -1,0 +1,110 @@
+"""Known aliases: where the sensor would stand in places that look alike (docs/method.md section 7.1).
+
+A scan's own descriptor may miss the place that it was taken in. Another place that looks the same is then
+accepted, because the right one was never compared with it. The templates around the wrong place know it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..answer.prior import Prior
+from ..transform import Matrix
+from .candidates import YAW_SLACK_DEG, Candidates
+from .hypotheses import RegisteredCandidate, distinct, features_of
+from .index import MapIndex
+from .registration.surface import Surface
+from .retrieval.cascade import Templates
+
+
+def known_aliases(index: MapIndex, T_level_sensor: Matrix, prior: Prior | None) -> Candidates:
+    """Poses at the aliases of the templates nearest to a pose, most alike first; none without a table.
+
+    Args:
+        index: of the map.
+        T_level_sensor: (4, 4) the pose.
+        prior: poses that it does not allow are left out.
+    """
+    config, cascade = index.config.search.aliases, index.cascade
+    at_m, templates = T_level_sensor[:3, 3], cascade.templates
+    rows = cascade.tiles.within(templates.position_m, at_m, config.near_m)
+    away_m = np.linalg.norm(templates.position_m[rows] - at_m, axis=1)
+    near = rows[np.argsort(away_m, kind="stable")[: config.templates]]
+    if index.aliases is None or not len(near):
+        return Candidates.merged([])
+    own, alias, yaw_rad, score = index.aliases.of(near)
+    found = Candidates(
+        alias, _moved(T_level_sensor, _floor_m(templates, own), _floor_m(templates, alias), yaw_rad), score
+    )
+    if prior is not None:
+        T_map_sensor = index.T_map_level @ found.T_level_sensor
+        found = found.at(
+            np.flatnonzero(prior.allows_each(T_map_sensor, index.config.spacing_m, YAW_SLACK_DEG))
+        )
+    return found.at(distinct(found.T_level_sensor, index.config.ranking, most=config.screened))
+
+
+def rivals_among(
+    aliases: Candidates, best: RegisteredCandidate, sparse: Surface, min_probability: float | None
+) -> Candidates:
+    """The aliases that could change the answer: most poses have none, and need not be judged again.
+
+    First all are screened together with the pose. Those that are not far behind it are then aligned with few
+    points, and so is the pose: with many points it would look better than its aliases for that reason alone.
+    Free space is not checked at the aliases: it only lowers support.
+
+    Args:
+        aliases: to be tried.
+        best: the pose that would be answered.
+        sparse: the scan's few points.
+        min_probability: threshold to use instead of the calibration's own.
+    """
+    if not len(aliases):
+        return aliases
+    index, T_best = best.index, best.registration.T_level_sensor
+    surface, ranking, calibration = index.surface, index.config.ranking, index.calibration
+    config = index.config.search.aliases
+    _, screened = surface.screen(sparse, np.concatenate([T_best[None], aliases.T_level_sensor]))
+    order = np.argsort(-screened[1:], kind="stable")[: config.tried]
+    aliases = aliases.at(order[screened[1:][order] >= screened[0] - config.behind])
+    if not len(aliases):
+        return aliases
+    starts = np.concatenate([T_best[None], aliases.T_level_sensor])
+    own, *others = surface.align(sparse, surface.align_coarse(sparse, starts))
+    own_support, alone = replace(best, registration=own).support, features_of([best])
+
+    def is_rival(other: RegisteredCandidate) -> bool:
+        T_level_sensor = other.registration.T_level_sensor
+        if len(distinct(np.array([T_best, T_level_sensor]), ranking)) == 1:  # a minimum of the same place
+            return other.registration.alignment_score > own.alignment_score + ranking.maybe_better_by
+        lead = own_support - other.support
+        led = replace(alone, margin=best.spots * lead)
+        return lead < calibration.min_margin or not calibration.accepts(led, min_probability)
+
+    placed = [
+        RegisteredCandidate(index, best.map_id, template, registration)
+        for template, registration in zip(aliases.template.tolist(), others, strict=True)
+    ]
+    return aliases.at(np.flatnonzero([is_rival(one) for one in placed]))
+
+
+def _floor_m(templates: Templates, rows: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Points (k, 3) of the floor below templates."""
+    floor_m = np.array(templates.position_m[rows], np.float64)
+    floor_m[:, 2] -= templates.height_m[rows]
+    return floor_m
+
+
+def _moved(
+    T: Matrix, start_m: NDArray[np.float64], end_m: NDArray[np.float64], yaw_rad: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Poses (k, 4, 4): one pose, moved as (k, 3) points move to others while they turn about z."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    move = np.zeros((len(yaw_rad), 4, 4))
+    move[:, 0, 0], move[:, 0, 1], move[:, 1, 0], move[:, 1, 1] = c, -s, s, c
+    move[:, 2, 2] = move[:, 3, 3] = 1
+    move[:, :3, 3] = end_m - np.einsum("kij,kj->ki", move[:, :3, :3], start_m)
+    return move @ T

@@ -1,0 +1,103 @@
+"""Known aliases of templates: two corridors that are alike find each other, however the work is split."""
+
+import math
+
+import numpy as np
+import pytest
+
+from firstfix.engine.candidates import SPOT_DEG, SPOT_M
+from firstfix.engine.config import AliasConfig, EngineConfig, SearchConfig
+from firstfix.engine.retrieval.alias_table import NONE
+from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates
+from firstfix.engine.retrieval.key_search import build_key_search
+from firstfix.engine.retrieval.template_tiles import TemplateTiles
+from firstfix_builder.index import find_aliases as module
+from firstfix_builder.index.find_aliases import find_aliases
+
+STEP_M, COUNT = 1.0, 30  # templates of a corridor
+TURNED = 15  # sectors of 6 degrees, by which the second corridor is turned from the first
+
+
+def corridors() -> Cascade:
+    """A corridor along x, the same one turned by 90 degrees far off, and as many templates of neither."""
+    descriptor = EngineConfig().descriptor
+    made, rng = descriptor.make(), np.random.default_rng(5)
+    shape = (COUNT, (len(descriptor.layer_edges_m) - 1) * descriptor.rings, descriptor.sectors)
+    along = rng.random(shape) < 0.1
+    for one in range(1, COUNT):  # neighbours look alike
+        along[one] = np.where(rng.random(shape[1:]) < 0.8, along[one - 1], along[one])
+    cells = np.concatenate([along, np.roll(along, TURNED, axis=2), rng.random(shape) < 0.1])
+    described = {"occupancy": np.packbits(cells.reshape(len(cells), -1), axis=1)}
+    at, zero = np.arange(COUNT) * STEP_M, np.zeros(COUNT)
+    position_m = np.concatenate(
+        [
+            np.column_stack([at, zero, zero + 1]),
+            np.column_stack([zero + 80, at, zero + 1]),
+            np.column_stack([at, zero - 60, zero + 1]),
+        ]
+    ).astype(np.float32)
+    templates = Templates(position_m, np.ones(len(position_m), np.float32), described)
+    keys = build_key_search(made.keys(described), SearchConfig(engine="exhaustive"))
+    return Cascade(made, templates, TemplateTiles.of(position_m), Clusters.alone(len(position_m)), keys, None)
+
+
+@pytest.fixture(scope="module")
+def cascade() -> Cascade:
+    return corridors()
+
+
+@pytest.fixture(scope="module")
+def table(cascade):
+    return find_aliases(cascade, AliasConfig(each=4, clusters=40))
+
+
+def test_each_place_of_a_corridor_has_its_twin_first_with_the_heading_between_them(table):
+    twin = np.concatenate([np.arange(COUNT) + COUNT, np.arange(COUNT)])
+    own, alias, yaw_rad, score = table.of(np.arange(2 * COUNT))
+    first = np.array([np.flatnonzero(own == template)[0] for template in range(2 * COUNT)])
+    assert np.array_equal(alias[first], twin)
+    assert np.all(score[first] == 1)
+    expected = np.where(np.arange(2 * COUNT) < COUNT, 1, -1) * math.radians(6 * TURNED)
+    assert np.cos(yaw_rad[first] - expected).min() > math.cos(math.radians(1))
+
+
+def test_no_alias_is_beside_the_template_or_beside_another_alias(cascade, table):
+    position_m = cascade.templates.position_m
+    for template in range(len(position_m)):
+        _, alias, yaw_rad, _ = table.of(np.array([template]))
+        assert len(alias) == 4
+        at, yaw = [position_m[template], *position_m[alias]], [0.0, *yaw_rad]
+        for one in range(len(at)):
+            for other in range(one):
+                apart = np.linalg.norm(at[one] - at[other]) >= SPOT_M
+                turned = math.cos(yaw[one] - yaw[other]) <= math.cos(math.radians(SPOT_DEG - 1))
+                assert apart or turned
+
+
+@pytest.mark.parametrize(("at_once", "threads"), [(1, 1), (7, 3), (1000, 2)])
+def test_the_table_is_the_same_however_the_work_is_split(cascade, table, monkeypatch, at_once, threads):
+    monkeypatch.setattr(module, "AT_ONCE", at_once)
+    monkeypatch.setattr(module.os, "cpu_count", lambda: threads)
+    again = find_aliases(cascade, AliasConfig(each=4, clusters=40))
+    assert all(np.array_equal(vars(again)[name], array) for name, array in vars(table).items())
+
+
+def test_no_template_is_compared_with_more_than_the_clusters_that_are_asked_for(cascade, monkeypatch):
+    compared = []
+    monkeypatch.setattr(
+        Cascade,
+        "compare",
+        lambda self, described, rows, do=Cascade.compare: (
+            compared.append(len(rows)) or do(self, described, rows)
+        ),
+    )
+    find_aliases(cascade, AliasConfig(clusters=10))
+    assert compared == [10] * 3 * COUNT
+
+
+def test_a_map_of_one_place_has_no_aliases(cascade):
+    one = cascade.templates
+    few = Templates(one.position_m[:1], one.height_m[:1], one.described_at(np.arange(1)))
+    keys = build_key_search(cascade.descriptor.keys(few.described), SearchConfig(engine="exhaustive"))
+    alone = Cascade(cascade.descriptor, few, TemplateTiles.of(few.position_m), Clusters.alone(1), keys)
+    assert (find_aliases(alone, AliasConfig()).row == NONE).all()

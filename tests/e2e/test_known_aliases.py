@@ -1,0 +1,168 @@
+"""Rooms that look alike, and a search that finds a wrong one alone: its known aliases compete with it."""
+
+import shutil
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firstfix.answer.localization import Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
+from firstfix.builds.config import BuildConfig
+from firstfix.engine import map_search
+from firstfix.engine.array_file import map_arrays, save_arrays
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer, localize_among
+from firstfix.engine.retrieval.alias_table import FILE
+from firstfix.errors import CorruptVersion
+from firstfix.transform import pose_error
+from firstfix_builder.pipeline import build_version
+from storey_world import CONFIG, ROOMS_X, pose, scan_at, storey
+
+pytestmark = pytest.mark.slow
+
+HERE, WRONG = pose(ROOMS_X[0], 0.3, 40), pose(ROOMS_X[1], 0.3, 40)
+
+
+@pytest.fixture(scope="module")
+def version(tmp_path_factory):
+    root = tmp_path_factory.mktemp("storey")
+    return build_version(
+        storey().write(root / "storey.ply"), BuildConfig.parse(CONFIG), root / "build"
+    ).directory
+
+
+@pytest.fixture(scope="module")
+def index(version):
+    return MapIndex.load(version)
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return scan_at(storey(), HERE, 4)
+
+
+@pytest.fixture
+def only_the_wrong_room(monkeypatch, index):
+    """The search proposes places of one wrong room alone."""
+
+    def within(find):
+        def found(*given, **named):
+            candidates = find(*given, **named)
+            x = (index.T_map_level @ candidates.T_level_sensor)[:, 0, 3]
+            return candidates.at(np.flatnonzero(np.abs(x - WRONG[0, 3]) < 3.2))
+
+        return found
+
+    for name in ("find_candidates", "screened_candidates"):
+        monkeypatch.setattr(map_search, name, within(getattr(map_search, name)))
+
+
+def is_at(T_map_sensor, place):
+    return pose_error(T_map_sensor, place)[0] < 0.1
+
+
+@pytest.mark.usefixtures("only_the_wrong_room")
+class TestWrongRoom:
+    def test_is_localized_by_a_version_without_the_table(self, index, scan):
+        answer = Localizer(replace(index, aliases=None)).localize(scan)
+        assert answer.verdict is Verdict.LOCALIZED
+        assert is_at(answer.T_map_sensor, WRONG)
+        assert "aliases" not in answer.timings_ms
+
+    def test_ties_with_the_right_one_by_the_table(self, index, scan):
+        answer = Localizer(index).localize(scan)
+        assert answer.verdict is Verdict.AMBIGUOUS
+        for place in (HERE, WRONG):
+            assert any(is_at(one.T_map_sensor, place) for one in answer.hypotheses)
+
+    def test_gives_way_to_a_room_that_fits_better(self, index):
+        """From the door one sees the corridor, whose end tells the rooms apart: only ties are left to it."""
+        there = pose(ROOMS_X[0] + 2.0, 2.45, -90)
+        seen = scan_at(storey(), there, 4)
+        before, after = (Localizer(one).localize(seen) for one in (replace(index, aliases=None), index))
+        assert before.verdict is Verdict.LOCALIZED
+        assert not is_at(before.T_map_sensor, there)
+        assert is_at(after.hypotheses[0].T_map_sensor, there)
+
+    def test_stays_where_a_prior_excludes_the_others(self, index, scan):
+        prior = Prior(WRONG[:3, 3], 3.0)
+        answer = Localizer(index).localize(scan, LocalizeOptions(prior=prior))
+        assert answer.verdict is Verdict.LOCALIZED
+        assert all(prior.allows(one.T_map_sensor) for one in answer.hypotheses)
+
+    def test_is_tried_by_the_callers_own_threshold(self, index, scan):
+        """A place that only the caller accepts has aliases too."""
+        calibration = replace(index.calibration, min_probability=1.0)
+        asked = Localizer(replace(index, calibration=calibration))
+        answer = asked.localize(scan, LocalizeOptions(min_probability=0.9))
+        assert answer.verdict is Verdict.AMBIGUOUS
+        assert asked.localize(scan).timings_ms.get("aliases") is None, "nothing would be localized"
+
+    def test_stays_if_the_deadline_leaves_no_time(self, index, scan):
+        answer = Localizer(index).localize(scan, deadline=time.monotonic())
+        assert answer.verdict is Verdict.LOCALIZED
+        assert "aliases" not in answer.timings_ms
+
+    def test_of_one_map_has_the_aliases_of_that_map(self, index, scan):
+        known, unknown = Localizer(index), Localizer(replace(index, aliases=None))
+        alone = known.localize(scan)
+        answer = localize_among({"known": known, "unknown": unknown}, scan)
+        of_map = {one.map_id: 0 for one in answer.hypotheses}
+        for one in answer.hypotheses:
+            of_map[one.map_id] += is_at(one.T_map_sensor, HERE)
+        assert alone.verdict is Verdict.AMBIGUOUS
+        assert of_map == {"known": 1, "unknown": 0}
+
+
+def test_a_clear_place_stays_localized(index):
+    there = pose(11.0, 3.7, 20)
+    seen = scan_at(storey(), there, 3)
+    before, after = (Localizer(one).localize(seen) for one in (replace(index, aliases=None), index))
+    assert before.verdict is after.verdict is Verdict.LOCALIZED
+    assert is_at(after.T_map_sensor, there)
+    assert np.array_equal(before.T_map_sensor, after.T_map_sensor)
+    assert "aliases" in after.timings_ms
+
+
+def test_every_room_knows_the_others(index):
+    templates = index.cascade.templates
+    rooms = np.array(ROOMS_X)
+    at_m = templates.position_m @ index.T_map_level[:3, :3].T + index.T_map_level[:3, 3]
+    in_room = (np.abs(at_m[:, None, 0] - rooms) < 2).any(axis=1) & (np.abs(at_m[:, 1]) < 1.5)
+    assert in_room.sum() > 30
+    others = []
+    for template in np.flatnonzero(in_room):
+        _, alias, _, _ = index.aliases.of(np.array([template]))
+        there = np.linalg.norm(
+            at_m[alias][:, None, :2]
+            - (at_m[template, :2] - [rooms[np.abs(at_m[template, 0] - rooms).argmin()], 0])
+            - np.column_stack([rooms, 0 * rooms]),
+            axis=2,
+        )
+        own = np.abs(at_m[template, 0] - rooms).argmin()
+        others.append(np.delete(there.min(axis=0), own).max() < 1.0)
+    assert np.mean(others) > 0.9
+
+
+def test_a_version_without_the_file_answers(version, tmp_path, scan):
+    for path in version.iterdir():
+        if path.name != FILE:
+            (tmp_path / path.name).symlink_to(path)
+    index = MapIndex.load(tmp_path)
+    assert index.aliases is None
+    assert Localizer(index).localize(scan).hypotheses
+
+
+def test_a_damaged_file_refuses_the_version(version, tmp_path):
+    folder = shutil.copytree(version, tmp_path / "damaged")
+    arrays = dict(map_arrays(version / FILE))
+    arrays["row"] = np.where(arrays["row"] == 3, 10**6, arrays["row"]).astype(np.int32)
+    save_arrays(folder / FILE, arrays)
+    with pytest.raises(CorruptVersion, match=FILE):
+        MapIndex.load(folder)
+    (folder / FILE).write_bytes(b"nothing")
+    with pytest.raises(CorruptVersion):
+        MapIndex.load(folder)
