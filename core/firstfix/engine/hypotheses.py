@@ -140,9 +140,15 @@ class HypothesisSearch:
         refined = ranked(self._allowed(self._refine(checked)))
         agreements = self._agreements(self._prepared.dense, [one.registration for one in refined[:1]])
         best = [
-            replace(one, agreement=agreement) for one, agreement in zip(refined, agreements, strict=False)
+            replace(one, agreement=agreement, registration=self._faced(one.registration))
+            for one, agreement in zip(refined, agreements, strict=False)
         ]
         return [*best, *self._with_agreements(refined[1:])]
+
+    def _faced(self, registration: Registration) -> Registration:
+        """The registration with the information that its covariance is made of."""
+        faced = self._index.surface.faced_information(self._prepared.dense, registration)
+        return replace(registration, information=faced)
 
     def _register(self, candidates: Candidates) -> list[RegisteredCandidate]:
         """Aligns all new candidates with few points: coarsely, then on the map's own points.

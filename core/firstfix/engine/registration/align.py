@@ -18,6 +18,7 @@ from ... import native
 from ...transform import Matrix
 from ..config import RegistrationConfig
 from ..ranking import RANKING, RankingConfig
+from .facing import faced_information
 from .surface import Surface
 from .surface_grid import SurfaceGrid
 
@@ -203,6 +204,22 @@ class MapSurface:
                 scan, scan.time_s, T_level_sensor, iterations, reach_m, self.ranking.fine_angle
             )
         return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, self.ranking.fine_angle)
+
+    def faced_information(self, scan: Surface, registration: Registration) -> NDArray[np.float64]:
+        """Information (6, 6) of an aligned pose that comes from surfaces which face what they tell of.
+
+        Args:
+            scan: as it was aligned, not deskewed.
+        """
+        T, still = registration.T_level_sensor, scan.deskewed(registration.twist)
+        R = T[:3, :3].astype(np.float32)
+        reach_m, angle = self.config.fine_distance_m, self.ranking.fine_angle
+
+        def of_rows(rows: NDArray[np.intp]) -> NDArray[np.float64]:
+            # one iteration has the information of the pose that it begins at
+            return self._align(self.fine, still.at(rows), T[None], 1, reach_m, angle).information[0]
+
+        return faced_information(registration.information, still.points @ R.T, still.normals @ R.T, of_rows)
 
     def agreements(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Agreement]:
         """Agreement of the scan with the map at each of (k, 4, 4) poses."""
