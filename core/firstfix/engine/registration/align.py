@@ -212,14 +212,16 @@ class MapSurface:
             scan: as it was aligned, not deskewed.
         """
         T, still = registration.T_level_sensor, scan.deskewed(registration.twist)
-        R = T[:3, :3].astype(np.float32)
+        arms = still.points @ T[:3, :3].T.astype(np.float32)
+        row = self.fine.nearest(arms + (T[:3, 3] - self.fine.corner).astype(np.float32))
+        normals = np.where(row[:, None] >= 0, self.fine.planes[row, :3], 0)
         reach_m, angle = self.config.fine_distance_m, self.ranking.fine_angle
 
         def of_rows(rows: NDArray[np.intp]) -> NDArray[np.float64]:
             # one iteration has the information of the pose that it begins at
             return self._align(self.fine, still.at(rows), T[None], 1, reach_m, angle).information[0]
 
-        return faced_information(registration.information, still.points @ R.T, still.normals @ R.T, of_rows)
+        return faced_information(registration.information, arms, normals, of_rows)
 
     def agreements(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Agreement]:
         """Agreement of the scan with the map at each of (k, 4, 4) poses."""

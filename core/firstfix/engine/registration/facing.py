@@ -27,7 +27,7 @@ def faced_information(
     Args:
         information: (6, 6) over rotation then translation.
         arms: (n, 3) scan points from the sensor, along the level axes.
-        normals: (n, 3) of the scan, along the same.
+        normals: (n, 3) of the map's surface at each, 0 where none is near.
         information_of: that of the given rows alone, at the same pose.
     """
     whole = information_of(np.arange(len(arms)))

@@ -22,20 +22,20 @@ SCATTER_RAD = 0.07  # of normals: 4 degrees
 
 
 def plane(normal: list[float], at_m: float, half_m: tuple[float, float], seed: int = 0) -> np.ndarray:
-    """(n, 9) arms and normals, of the map and of the scan, of pairs on a plane. The normals scatter."""
+    """(n, 6) arms and normals of pairs on a plane. The normals scatter."""
     rng = np.random.default_rng(seed)
     n = np.array(normal, float)
     u, v = np.eye(3)[:2] if n[2] else np.array([np.cross([0, 0, 1], n), [0, 0, 1]])
     along = rng.uniform(-1, 1, (1000, 2)) * half_m
     arms = at_m * n + along[:, :1] * u + along[:, 1:] * v
-    normals = n + rng.normal(0, SCATTER_RAD, (2, 1000, 3))
-    return np.column_stack([arms, *(normals / np.linalg.norm(normals, axis=2)[..., None])])
+    normals = n + rng.normal(0, SCATTER_RAD, (1000, 3))
+    return np.column_stack([arms, normals / np.linalg.norm(normals, axis=1)[:, None]])
 
 
 def information(*planes: np.ndarray, sigma_m: float = 0.02) -> np.ndarray:
-    arms, of_map, of_scan = np.split(np.concatenate(planes), 3, axis=1)
-    J = np.column_stack([np.cross(arms, of_map), of_map]) / sigma_m
-    return faced_information(J.T @ J, arms, of_scan, lambda rows: J[rows].T @ J[rows])
+    arms, normals = np.split(np.concatenate(planes), 2, axis=1)
+    J = np.column_stack([np.cross(arms, normals), normals]) / sigma_m
+    return faced_information(J.T @ J, arms, normals, lambda rows: J[rows].T @ J[rows])
 
 
 FLOOR = plane([0, 0, 1], -1.0, (20.0, 1.5), 1)
@@ -83,10 +83,10 @@ def test_more_points_do_not_fix_a_free_direction():
 
 
 def test_information_of_surfaces_that_truly_face_is_kept():
-    arms, of_map, of_scan = np.split(np.concatenate([FLOOR, *WALLS, *ENDS]), 3, axis=1)
-    J = np.column_stack([np.cross(arms, of_map), of_map])
+    arms, normals = np.split(np.concatenate([FLOOR, *WALLS, *ENDS]), 2, axis=1)
+    J = np.column_stack([np.cross(arms, normals), normals])
     whole = J.T @ J
-    faced = faced_information(whole, arms, of_scan, lambda rows: J[rows].T @ J[rows])
+    faced = faced_information(whole, arms, normals, lambda rows: J[rows].T @ J[rows])
     assert np.linalg.eigvalsh(whole - faced).min() > -1e-6 * np.trace(whole)  # never more than there is
     np.testing.assert_allclose(np.diag(faced), np.diag(whole), rtol=0.1)
 
