@@ -213,15 +213,12 @@ class MapSurface:
         """
         T, still = registration.T_level_sensor, scan.deskewed(registration.twist)
         arms = still.points @ T[:3, :3].T.astype(np.float32)
-        row = self.fine.nearest(arms + (T[:3, 3] - self.fine.corner).astype(np.float32))
-        normals = np.where(row[:, None] >= 0, self.fine.planes[row, :3], 0)
-        reach_m, angle = self.config.fine_distance_m, self.ranking.fine_angle
-
-        def of_rows(rows: NDArray[np.intp]) -> NDArray[np.float64]:
-            # one iteration has the information of the pose that it begins at
-            return self._align(self.fine, still.at(rows), T[None], 1, reach_m, angle).information[0]
-
-        return faced_information(registration.information, arms, normals, of_rows)
+        points = arms + (T[:3, 3] - self.fine.corner).astype(np.float32)
+        row = self.fine.nearest(points)
+        planes = self.fine.planes[row[row >= 0]]
+        normals, points, arms = planes[:, :3], points[row >= 0], arms[row >= 0]
+        off_m = planes[:, 3] - np.sum(points * normals, axis=1)
+        return faced_information(registration.information, arms, normals, off_m, self.config.fine_distance_m)
 
     def agreements(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Agreement]:
         """Agreement of the scan with the map at each of (k, 4, 4) poses."""
