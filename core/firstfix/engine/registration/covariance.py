@@ -13,7 +13,7 @@ from ..config import RegistrationConfig
 _PAIRS_PER_OBSERVATION = 20.0
 # A few normals at edges face a free direction by chance. This share of all that the pairs tell of shifts, or
 # of turns, is taken for chance. Bare corridors and walls in simulation have up to .00002. A corridor whose
-# doors stand 6 cm proud has .00015 to .0003, and scans are right along it to 2 cm.
+# doors stand 6 cm proud has .0004 to .0009, and scans are right along it to 2 cm.
 _SHARE_BY_CHANCE = 0.0001
 # Known without the scan: twice what counts as the right place (1 m, 10 degrees), which is what an answer's
 # probability is about. A place further off along a free direction would tie, and nothing would be localized.
