@@ -12,7 +12,7 @@ from ..config import RegistrationConfig
 # an independent observation.
 _PAIRS_PER_OBSERVATION = 20.0
 # A few normals at edges face a free direction by chance. This share of all that the pairs tell of shifts, or
-# of turns, is taken for chance. Bare corridors and walls in simulation have up to .00002. A corridor whose
+# of turns, is taken for chance. Bare corridors and walls in simulation have up to .00006. A corridor whose
 # doors stand 6 cm proud has .0004 to .0009, and scans are right along it to 2 cm.
 _SHARE_BY_CHANCE = 0.0001
 # Known without the scan: twice what counts as the right place (1 m, 10 degrees), which is what an answer's
