@@ -11,7 +11,7 @@ import numpy as np
 
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.transform import Matrix, pose_error
-from firstfix_cli.evaluate import FALSE_DEG, FALSE_M
+from firstfix_cli.evaluate import FALSE_DEG, FALSE_M, WRONG_M
 
 RIGHT_M, RIGHT_DEG = 0.2, 1.0  # of the whole rotation
 
@@ -52,10 +52,21 @@ class Asked:
         return pose_error(self.T_map_sensor[reference], self.answer.T_map_sensor)
 
     @property
+    def T_judged(self) -> Matrix:
+        """True pose by the first reference."""
+        return next(iter(self.T_map_sensor.values()))
+
+    @property
     def is_wrong(self) -> bool:
         """True if an answered pose is off by more than 1 m or 10 degrees."""
         error = self.answer_error(next(iter(self.T_map_sensor)))
         return error is not None and not (error[0] <= FALSE_M and error[1] <= FALSE_DEG)
+
+    @property
+    def is_off(self) -> bool:
+        """True if an answered pose is off by more than 0.2 m, or 10 degrees."""
+        error = self.answer_error(next(iter(self.T_map_sensor)))
+        return error is not None and not (error[0] <= WRONG_M and error[1] <= FALSE_DEG)
 
     def _errors(self, reference: str) -> list[tuple[float, float]]:
         true = self.T_map_sensor[reference]
@@ -67,14 +78,15 @@ def figures_of(asked: Sequence[Asked]) -> dict[str, Any]:
 
     ``right_first``, ``right_among``: share with a first hypothesis, or any, within 0.2 m and 1 degree.
     ``localized_right``: share answered with such a pose. ``wrong``: number of answered poses off by more than
-    1 m or 10 degrees from the first reference. ``error_m`` and ``error_deg``: of the answered poses, None
-    without any.
+    1 m or 10 degrees from the first reference, ``wrong_0.2m`` by more than 0.2 m or 10 degrees. ``error_m``
+    and ``error_deg``: of the answered poses, None without any.
     """
     return {
         "n": len(asked),
         "verdicts": {verdict.value: sum(a.answer.verdict is verdict for a in asked) for verdict in Verdict},
         "reasons": dict(Counter(reason.value for a in asked for reason in a.answer.reasons)),
         "wrong": sum(a.is_wrong for a in asked),
+        "wrong_0.2m": sum(a.is_off for a in asked),
         "against": {reference: _against(asked, reference) for reference in asked[0].T_map_sensor},
         "ms": _percentiles([a.ms for a in asked]),
     }

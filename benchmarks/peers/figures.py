@@ -12,15 +12,15 @@ from firstfix.transform import Matrix, pose_error
 from .trial import LIMIT_S, Found
 
 RIGHT = {"0.2m_1deg": (0.2, 1.0), "1m_5deg": (1.0, 5.0)}
-WRONG_M = 1.0
+WRONG_M = {"wrong": 1.0, "wrong_0.2m": 0.2}
 
 
 def figures_of(T_map_sensor: Sequence[Matrix], found: Sequence[Found]) -> dict[str, Any]:
     """Returns the figures of at least one answer.
 
     ``success_*``: share answered within these metres and degrees of the whole rotation. ``wrong``: answers
-    off by more than 1 m. ``no_answer``: the peer said that it had none, or was ended (``timed_out``). Times
-    are those of all queries.
+    off by more than 1 m, ``wrong_0.2m``: by more than 0.2 m. ``no_answer``: the peer said that it had none,
+    or was ended (``timed_out``). Times are those of all queries.
 
     Args:
         T_map_sensor: (4, 4) true poses.
@@ -40,7 +40,7 @@ def figures_of(T_map_sensor: Sequence[Matrix], found: Sequence[Found]) -> dict[s
             )
             for name, (most_m, most_deg) in RIGHT.items()
         },
-        "wrong": sum(m > WRONG_M for m, _ in errors),
+        **{name: sum(m > limit for m, _ in errors) for name, limit in WRONG_M.items()},
         "no_answer": len(found) - len(errors),
         "timed_out": sum(s >= LIMIT_S for s in seconds),
         "median_error_m": round(float(np.median([m for m, _ in errors])), 4) if errors else None,

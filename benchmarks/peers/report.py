@@ -11,6 +11,7 @@ COLUMNS = {
     "success_0.2m_1deg": "0.2 m, 1 deg",
     "success_1m_5deg": "1 m, 5 deg",
     "wrong": "wrong by over 1 m",
+    "wrong_0.2m": "wrong by over 0.2 m",
     "no_answer": "no answer",
     "timed_out": "timed out",
     "median_error_m": "median error m",

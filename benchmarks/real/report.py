@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,9 +18,21 @@ HEAD = (
     "localized, right",
     "localized / ambiguous / rejected",
     "wrong",
+    "wrong by over 0.2 m",
     "error m p50 / p95",
     "error deg p50 / p95",
     "ms p50 / p95",
+)
+
+
+NEES_HEAD = (
+    "covariance of",
+    "sigma below",
+    "answers",
+    "NEES / 3",
+    "with the truth's error",
+    "in the 95 % ellipsoid",
+    "degenerate",
 )
 
 
@@ -27,7 +40,8 @@ def report(figures: Mapping[str, Figures | str]) -> str:
     """Returns a section for each data set of ``suite.run``.
 
     *Right*: within 0.2 m and 1 degree of the reference. *Wrong*: localized and off by more than 1 m or 10
-    degrees. The errors are those of the localized scans.
+    degrees. The errors are those of the localized scans. The last table has the covariances of those that are
+    not wrong, of all variants, by the least certain direction (``nees_by_class``).
     """
     return sections(figures, _section)
 
@@ -53,7 +67,8 @@ def _section(found: Figures) -> list[str]:
         for gravity, figures in by_gravity.items()
         if figures["reasons"]
     ]
-    return [*lines, "", "Reasons of the answers that are not localized:", "", *(reasons or ["none"])]
+    lines += ["", "Reasons of the answers that are not localized:", "", *(reasons or ["none"])]
+    return [*lines, "", *table(NEES_HEAD, [_nees_cells(row) for row in found["nees"]])]
 
 
 def _http_line(gravity: str, evaluated: Mapping[str, Any]) -> str:
@@ -74,12 +89,20 @@ def _cells(variant: str, gravity: str, figures: Mapping[str, Any]) -> list[list[
             *(f"{against[key]:.2f}" for key in ("right_first", "right_among", "localized_right")),
             verdicts,
             str(figures["wrong"]),
+            str(figures["wrong_0.2m"]),
             _pair(against["error_m"], 3),
             _pair(against["error_deg"], 2),
             _pair(figures["ms"], 0),
         ]
         for reference, against in figures["against"].items()
     ]
+
+
+def _nees_cells(row: Mapping[str, Any]) -> list[str]:
+    is_shift = row["kind"] == "shift"
+    below = f"{row['sigma_below']:g} m" if is_shift else f"{math.degrees(row['sigma_below']):.3g} deg"
+    figures = (row["n"], row["nees"], row["nees_with_truth"], row["within"], row["degenerate"])
+    return [row["kind"], below if math.isfinite(row["sigma_below"]) else "any", *map(str, figures)]
 
 
 def _pair(percentiles: Mapping[str, float] | None, digits: int) -> str:

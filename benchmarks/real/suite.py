@@ -27,6 +27,7 @@ from ..common.asked import Asked, figures_of
 from ..common.by_dataset import Figures, measure_each
 from ..common.datasets import DATASETS, HALL, Dataset
 from ..common.memory import PeakMemory
+from ..common.nees import nees_by_class
 from .ask import GRAVITY, ask
 from .report import report
 from .variants import SEED
@@ -64,7 +65,10 @@ def measure(dataset: Dataset, scratch: Path) -> tuple[dict[str, Any], list[Asked
         dataset.name, built["version"], scratch / "versions"
     )
     variants, answers = in_process(dataset, Localizer(MapIndex.load(version)), scratch)
-    return {"build": built, "over_http": over_http, "variants": variants}, answers
+    nees = nees_by_class(
+        [(a.T_judged, a.answer) for a in answers if a.answer.T_map_sensor is not None and not a.is_wrong]
+    )
+    return {"build": built, "over_http": over_http, "variants": variants, "nees": nees}, answers
 
 
 def in_process(

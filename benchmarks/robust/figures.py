@@ -31,6 +31,7 @@ def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     among_all_0.2m: some hypothesis is within 0.2 m.
     first: the best hypothesis is the place (1 m, 10 degrees).
     right_localized: within 0.2 m among ``localized``.
+    wrong_0.2m: answers ``localized`` that are off by over 0.2 m, false accepts among them.
     ece: expected calibration error of the best hypothesis's probability of being right (1 m, 10 degrees).
     nees_median: over right localized answers; NEES_MEDIAN if the covariance is honest.
     """
@@ -50,6 +51,7 @@ def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "verdicts": {v.value: sum(o.verdict is v for o in outcomes) for v in Verdict},
         "right_localized": _share([o.is_within(TIGHT_M) for o in localized if o.inside]),
         "false_accepts": sum(o.is_false_accept for o in outcomes),
+        "wrong_0.2m": sum(o.is_wrong for o in outcomes),
         "ece": _calibration(outcomes),
         "nees_median": round(float(np.median(nees)), 3) if nees else None,
         "ms": {f"p{q}": round(float(np.percentile([o.ms for o in outcomes], q)), 1) for q in (50, 95, 99)},
@@ -67,6 +69,7 @@ def bars_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     the truth among its hypotheses.
     false_accepts: of all ``answers``, inside and outside.
     false_accepts_at_most: upper end of their share (``upper_bound``).
+    wrong_0.2m: of all ``answers``, those ``localized`` over 0.2 m off, false accepts among them.
     ece, look_alikes_ece: of all answers, and of scans of places outside that are built alike.
     """
     inside = [o for o in outcomes if o.inside]
@@ -87,6 +90,7 @@ def bars_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "outshone_recognised": _share([_is_recognised(o) for o in outshone]),
         "false_accepts": false_accepts,
         "false_accepts_at_most": upper_bound(false_accepts, len(outcomes)),
+        "wrong_0.2m": sum(o.is_wrong for o in outcomes),
         "ece": _calibration(outcomes),
         "look_alikes_ece": _calibration([o for o in outcomes if o.case == LOOK_ALIKES]),
         "ms": {f"p{q}": round(float(np.percentile([o.ms for o in outcomes], q)), 1) for q in (50, 95, 99)},

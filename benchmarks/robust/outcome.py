@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.quality import AlignmentQuality
@@ -20,7 +18,10 @@ from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, pose_error, quaternion_of
 
+from ..common.nees import pose_difference
+
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off, an answer "localized" is a false accept
+WRONG_M = 0.2  # a robot that is further off misses doors and docks
 SUCCESS_YAW_DEG = 5.0
 ALIAS_WITHIN = 0.02  # of the truth's alignment score
 NEVER = (np.inf, np.inf, np.inf)
@@ -90,6 +91,11 @@ class Outcome:
     def is_false_accept(self) -> bool:
         return self.is_localized and not self.is_right
 
+    @property
+    def is_wrong(self) -> bool:
+        """The answered pose is off by over 0.2 m, or a false accept."""
+        return self.is_localized and (self.error_m > WRONG_M or not self.is_right)
+
     def is_within(self, limit_m: float) -> bool:
         return self.error_m <= limit_m and self.yaw_error_deg <= SUCCESS_YAW_DEG
 
@@ -135,10 +141,7 @@ def nees(T_map_sensor: Matrix, answer: Localization) -> float:
     """Normalized estimation error squared: with an honest covariance chi-squared, 6 degrees of freedom."""
     if answer.T_map_sensor is None or answer.covariance is None:
         return np.nan
-    turn = answer.T_map_sensor[:3, :3] @ T_map_sensor[:3, :3].T  # about the map's axes
-    error: NDArray[np.float64] = np.concatenate(
-        [answer.T_map_sensor[:3, 3] - T_map_sensor[:3, 3], Rotation.from_matrix(turn).as_rotvec()]
-    )
+    error = pose_difference(T_map_sensor, answer.T_map_sensor)
     return float(error @ np.linalg.solve(answer.covariance, error))
 
 

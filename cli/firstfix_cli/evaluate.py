@@ -25,6 +25,7 @@ SUCCESS_YAW_DEG = 5.0
 RANKED_M = 0.2  # a hypothesis this close counts as the true place
 ANGLES_DEG = (1.0, 2.0, 5.0)
 FALSE_M, FALSE_DEG = 1.0, 10.0  # an accepted pose further off than this is a false accept
+WRONG_M = 0.2  # a robot that is further off misses doors and docks
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,11 @@ class Outcome:
         """True if the scan was localized at a wrong pose."""
         return self.is_accepted and not (self.error_m <= FALSE_M and self.error_deg <= FALSE_DEG)
 
+    @property
+    def is_wrong(self) -> bool:
+        """True if the scan was localized over 0.2 m off, or is a false accept."""
+        return self.is_accepted and not (self.error_m <= WRONG_M and self.error_deg <= FALSE_DEG)
+
     def is_within(self, limit_m: float, yaw_deg: float = SUCCESS_YAW_DEG) -> bool:
         """Returns True if the answered pose is this close to the true one."""
         return self.error_m <= limit_m and self.yaw_error_deg <= yaw_deg
@@ -90,6 +96,7 @@ def report_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     close, whatever the verdict. If another than the first is close, the place was found but ranked wrongly.
     ``median_*``: over the localized scans with a true pose, None if there are none. ``false_accept_rate``:
     share of the localized scans that are off by more than 1 m or 10 degrees, or were not taken in this map.
+    ``wrong_0.2m_rate``: the same with 0.2 m in place of 1 m.
     """
     posed = [o for o in outcomes if o.T_map_sensor is not None]
     accepted = [o for o in outcomes if o.is_accepted]
@@ -103,6 +110,7 @@ def report_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "median_error_m": float(np.median([o.error_m for o in measured])) if measured else None,
         "median_error_deg": float(np.median([o.error_deg for o in measured])) if measured else None,
         "false_accept_rate": _share([o.is_false_accept for o in accepted]),
+        f"wrong_{WRONG_M:g}m_rate": _share([o.is_wrong for o in accepted]),
         "verdicts": {v.value: sum(o.answer.verdict is v for o in outcomes) for v in Verdict},
         "ms": {f"p{q}": float(np.percentile(ms, q)) if ms else None for q in (50, 95, 99)},
     }

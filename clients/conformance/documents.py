@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.hint import Hint
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.quality import AlignmentQuality
@@ -46,6 +47,19 @@ _ANSWERS = {
         map_version=_VERSION,
         map_provisional=True,
     ),
+    "localized-degenerate": Localization(
+        Verdict.LOCALIZED,
+        T_map_sensor=_HERE,
+        covariance=np.diag([4.0, 1e-4, 4e-4, 1e-5, 1e-5, 0.0025]),
+        degenerate=(
+            FreeDirection(Motion.TRANSLATION, np.array([1.0, 0.0, 0.0]), 2.0),
+            FreeDirection(Motion.ROTATION, np.array([0.0, 0.0, 1.0]), 0.05),
+        ),
+        probability=0.996,
+        hypotheses=(Hypothesis(_HERE, AlignmentQuality(0.93, 0.81, 0.004), 0.996, 4711),),
+        map_id="hall",
+        map_version=_VERSION,
+    ),
     "ambiguous": Localization(
         Verdict.AMBIGUOUS,
         (Reason.LOW_PROBABILITY, Reason.SEVERAL_PLACES),
@@ -76,6 +90,7 @@ def documents() -> dict[str, bytes]:
     answers = {name: _rounded(answer.to_mapping()) for name, answer in _ANSWERS.items()}
     localized = json.dumps(answers["localized"])
     problem = {"type": "urn:firstfix:error:not_found", "title": "Not Found", "status": 404}
+    degenerate = json.dumps(answers["localized-degenerate"])
     localized_later = {**answers["localized"], "colour": "blue", "hints": [{"a": None}]}
     texts = {
         **{f"answer-{name}": json.dumps(answer) for name, answer in answers.items()},
@@ -87,6 +102,8 @@ def documents() -> dict[str, bytes]:
         "answer-twist-too-short": json.dumps(answers["localized-in-motion"]).replace(
             '"linear": [1.2, ', '"linear": ['
         ),
+        "answer-degenerate-of-another-motion": degenerate.replace('"rotation"', '"shear"'),
+        "answer-degenerate-without-direction": degenerate.replace('"direction"', '"axis"'),
         "answer-covariance-too-short": localized.replace('"covariance": [0.0001, ', '"covariance": ['),
         "answer-without-quaternion": localized.replace('"quaternion"', '"euler"'),
         "answer-zero-quaternion": json.dumps(
@@ -127,6 +144,8 @@ def vectors() -> Iterator[Vector]:
         "rejected-with-pose",
         "covariance-too-short",
         "twist-too-short",
+        "degenerate-of-another-motion",
+        "degenerate-without-direction",
         "without-quaternion",
         "zero-quaternion",
         "hint-without-goal",

@@ -39,6 +39,7 @@ def test_a_wrong_answer_is_not_the_same_as_none():
     figures = figures_of([HERE] * 5, found)
     assert (figures["success_0.2m_1deg"], figures["success_1m_5deg"]) == (0.2, 0.4)
     assert (figures["wrong"], figures["no_answer"], figures["timed_out"]) == (1, 2, 1)
+    assert figures["wrong_0.2m"] == 2
     assert figures["median_error_m"] == pytest.approx(0.7)
     assert figures["median_s"] == 3.0
 
@@ -51,7 +52,7 @@ def test_the_report_says_what_was_asked_and_what_was_skipped():
     row = {**figures_of([HERE], [Found(HERE, 1.0)]), "preparation_s": 0.5}
     text = report({"hall": {"asked": ["a.pcd"], "one": row, "other": "skipped: gone"}, "yard": "skipped"})
     assert "1 scans: a.pcd" in text
-    assert "| one | 1.0 | 1.0 | 0 | 0 | 0 | 0.0 | 1.0 | 1.0 | 0.5 |" in text
+    assert "| one | 1.0 | 1.0 | 0 | 0 | 0 | 0 | 0.0 | 1.0 | 1.0 | 0.5 |" in text
     assert "| other | skipped: gone |" in text
     assert "### yard\n\nskipped" in text
 

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.common.asked import Asked, figures_of
 from benchmarks.common.datasets import Dataset, PoseTable
+from benchmarks.common.nees import nees_by_class
 from benchmarks.real.ask import GRAVITY
 from benchmarks.real.report import report
 from benchmarks.real.suite import in_process
@@ -109,7 +110,7 @@ def test_figures_keep_right_wrong_and_not_answered_apart():
     figures = figures_of(asked)
     assert figures["verdicts"] == {"localized": 3, "ambiguous": 1, "rejected": 0}
     assert figures["reasons"] == {"several_places": 1}
-    assert figures["wrong"] == 1
+    assert (figures["wrong"], figures["wrong_0.2m"]) == (1, 2)
     fine, raw = figures["against"]["fine"], figures["against"]["raw"]
     assert (fine["right_first"], fine["right_among"], fine["localized_right"]) == (0.25, 0.5, 0.25)
     assert fine["error_m"]["p50"] == pytest.approx(0.4)
@@ -151,9 +152,14 @@ def test_scans_of_the_small_world(small_version, small_scans, tmp_path: Path):
         assert list(by_gravity) == list(GRAVITY)
         for found in by_gravity.values():
             assert found["n"] == 4
-            assert found["wrong"] == 0
+            assert found["wrong"] <= found["wrong_0.2m"] == 0
             assert found["against"]["truth"]["right_first"] >= 0.75
-    text = report({"small": {"build": BUILD, "over_http": {}, "variants": figures}, "gone": "skipped: x"})
+    posed = [(a.T_judged, a.answer) for a in answers if a.answer.T_map_sensor is not None]
+    rows = nees_by_class(posed)
+    for kind in ("shift", "turn"):
+        assert sum(row["n"] for row in rows if row["kind"] == kind) == len(posed)
+    found = {"build": BUILD, "over_http": {}, "variants": figures, "nees": rows}
+    text = report({"small": found, "gone": "skipped: x"})
     assert text.count("| as it is (4) |") == len(GRAVITY)
     assert "### gone\n\nskipped: x" in text
 

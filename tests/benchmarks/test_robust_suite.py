@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.common.nees import nees_by_class
 from benchmarks.common.worlds import WORLDS, BenchWorld, Scenery, WorldFiles
 from benchmarks.robust.cases import ALL, ANY, CASES, CLEAN, OTHER, SENSORS, Case, Sizes
 from benchmarks.robust.figures import LOOK_ALIKES, bars_of, calibration_error, figures_of
@@ -115,6 +116,9 @@ def test_cases_have_names_of_their_own():
 
 def test_figures_of_known_answers():
     row = figures_of([RIGHT, RIGHT, WRONG, NOT_OURS])
+    assert row["wrong_0.2m"] == 2
+    beside = replace(RIGHT, error_m=0.3)
+    assert figures_of([beside, replace(beside, verdict=Verdict.AMBIGUOUS)])["wrong_0.2m"] == 1
     assert (row["n"], row["outside"]) == (4, 1)
     assert row["success_0.05m"] == row["success_0.2m_2deg"] == pytest.approx(2 / 3, abs=1e-4)
     assert row["among_all_0.2m"] == 1.0
@@ -166,6 +170,7 @@ def test_bars_of_known_answers():
     assert row["outshone_recognised"] is None
     assert row["false_accepts"] == 1
     assert row["false_accepts_at_most"] == upper_bound(1, 7)
+    assert row["wrong_0.2m"] == 1
     assert row["look_alikes_ece"] == pytest.approx(0.2)
 
 
@@ -210,7 +215,7 @@ def test_calibration_error_is_zero_for_an_honest_forecaster_and_the_gap_for_anot
 
 
 def test_nees_of_an_honest_covariance_is_chi_squared():
-    rng, found = np.random.default_rng(6), []
+    rng, found, answers = np.random.default_rng(6), [], []
     deviation = np.array([0.02, 0.03, 0.01, 0.002, 0.001, 0.004])
     T_true = make_transform(rotation_z(1.0), [5, -2, 1])
     for error in rng.normal(0, deviation, (400, 6)):
@@ -218,4 +223,12 @@ def test_nees_of_an_honest_covariance_is_chi_squared():
         T = make_transform(turn @ T_true[:3, :3], T_true[:3, 3] + error[:3])
         answer = Localization(Verdict.LOCALIZED, T_map_sensor=T, covariance=np.diag(deviation**2))
         found.append(nees(T_true, answer))
+        answers.append((T_true, answer))
     assert np.median(found) == pytest.approx(5.35, rel=0.15)
+    shift, turn = nees_by_class(answers)
+    assert (shift["sigma_below"], turn["sigma_below"]) == (0.05, pytest.approx(np.radians(0.5)))
+    for row in (shift, turn):
+        assert row["n"] == 400
+        assert row["nees"] == pytest.approx(1, abs=0.1)
+        assert row["nees_with_truth"] < row["nees"]
+        assert row["within"] > 0.95

@@ -40,6 +40,7 @@ def test_the_keys_are_the_documented_ones():
         "median_error_m",
         "median_error_deg",
         "false_accept_rate",
+        "wrong_0.2m_rate",
         "verdicts",
         "ms",
     }
@@ -89,6 +90,14 @@ def test_false_accepts_are_counted_among_the_localized():
     found = report(localized(), localized(5.0), REJECTED, AMBIGUOUS, elsewhere=(localized(), REJECTED))
     assert found["false_accept_rate"] == pytest.approx(2 / 3)
     assert found["verdicts"] == {"localized": 3, "ambiguous": 1, "rejected": 2}
+
+
+@pytest.mark.parametrize(
+    ("answer", "wrong"),
+    [(localized(0.19), False), (localized(0.21), True), (localized(5.0), True), (localized(0.0, 11), True)],
+)
+def test_what_is_wrong_by_over_a_fifth_of_a_metre(answer, wrong):
+    assert report(answer, REJECTED)["wrong_0.2m_rate"] == float(wrong)
 
 
 def test_medians_are_over_localized_scans_with_a_pose():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import py_compile
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.errors import InvalidOption
 from firstfix_ros.messages.diagnostic_array import ERROR, OK, WARN
@@ -92,5 +94,16 @@ def test_diagnoses():
     found = diagnosis_of(Status(State.LOCALIZED, 2, localized, took_s=0.25))
     assert found.level == OK
     assert [found.values[key] for key in ("map_id", "probability", "took_s")] == ["hall", "0.990", "0.250"]
+    assert found.values["degenerate"] == ""
+    corridor = replace(
+        localized,
+        degenerate=(
+            FreeDirection(Motion.TRANSLATION, np.array([0.6, 0.8, 0.0]), 1.3),
+            FreeDirection(Motion.ROTATION, np.array([0.0, 0.0, 1.0]), np.radians(5)),
+        ),
+    )
+    assert diagnosis_of(Status(State.LOCALIZED, 2, corridor)).values["degenerate"] == (
+        "translation (0.60, 0.80, 0.00) by 1.30 m, rotation (0.00, 0.00, 1.00) by 5.0 deg"
+    )
     astray = diagnosis_of(Status(State.LOCALIZED, 1, localized, health=Health.ASTRAY))
     assert (astray.level, astray.values["own_localization"]) == (ERROR, "astray")

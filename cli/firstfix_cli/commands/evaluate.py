@@ -195,6 +195,7 @@ def _lines(report: dict[str, Any], outcomes: list[Outcome]) -> list[str]:
         f"{report['among_0.2m']:.1%} among the hypotheses",
         f"  median error                 {median}",
         f"  false among localized        {report['false_accept_rate']:.1%}",
+        f"  over 0.2 m among localized   {report['wrong_0.2m_rate']:.1%}",
         f"  ms                           {', '.join(f'{k} {v:.0f}' for k, v in report['ms'].items())}",
     ]
 

@@ -101,6 +101,12 @@ Verdict verdict_of(const std::string& name) {
   unreadable("unknown verdict");
 }
 
+FreeDirection free_direction_of(const Json& data) {
+  const std::string motion = text(data, "motion");
+  if (motion != "translation" && motion != "rotation") unreadable("unknown motion of a free direction");
+  return {motion == "rotation", numbers<3>(data, "direction"), number(data, "sigma")};
+}
+
 std::size_t whole(const Json& object, const char* name) {
   const double value = number(object, name);
   if (!(value >= 0 && value <= 1e6 && value == std::floor(value))) unreadable(std::string(name) + " is not a count");
@@ -166,6 +172,7 @@ Localization parse_localization(std::string_view document) {
     unreadable("an answer must have a pose if and only if it is localized");
   }
   if (member(data, "covariance") != nullptr) made.covariance = numbers<36>(data, "covariance");
+  for (const Json& one : list_of(data, "degenerate")) made.degenerate.push_back(free_direction_of(one));
   if (const Json* twist = member(data, "twist")) {
     made.twist = Twist{numbers<3>(*twist, "linear"), numbers<3>(*twist, "angular")};
   }

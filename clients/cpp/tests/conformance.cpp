@@ -181,6 +181,12 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
                           {"template", h.template_row},
                           {"map_id", h.map_id}});
   }
+  Json degenerate = Json::array();
+  for (const FreeDirection& one : fix.degenerate) {
+    degenerate.push_back({{"motion", one.is_rotation ? "rotation" : "translation"},
+                          {"direction", one.direction},
+                          {"sigma", one.sigma}});
+  }
   Json hint;
   if (fix.hint) {
     hint = {{"T_sensor_goal", json_of(fix.hint->T_sensor_goal)},
@@ -195,6 +201,7 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
            {"T_map_sensor", json_of(fix.T_map_sensor)},
            {"T_map_base", json_of(fix.T_map_base)},
            {"covariance", fix.covariance ? Json(*fix.covariance) : Json()},
+           {"degenerate", degenerate},
            {"probability", fix.probability},
            {"hypotheses", hypotheses},
            {"hint", hint},

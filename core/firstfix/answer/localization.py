@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transform import pose_from_mapping, pose_to_mapping
+from .free_direction import FreeDirection
 from .hint import Hint
 from .quality import AlignmentQuality
 
@@ -68,6 +69,8 @@ class Localization:
             None.
         covariance: (6, 6) of the pose, over x, y, z, rotX, rotY, rotZ about the map's axes (m, rad),
             as in geometry_msgs/PoseWithCovariance; None without a pose.
+        degenerate: directions of the map in which the scan leaves the pose free, as along a corridor. The
+            pose is right but for them. Empty if there is none, or no pose.
         twist: (6,) motion of the sensor during the scan, if it was solved with the pose or given by the
             caller: m/s then rad/s, in the sensor frame at the scan's stamp. T_map_sensor is the pose at the
             stamp. None without a pose, or where the times of the scan's points are not known.
@@ -95,6 +98,7 @@ class Localization:
     twist: NDArray[np.float64] | None = None
     hint: Hint | None = None
     map_provisional: bool = False
+    degenerate: tuple[FreeDirection, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.verdict is Verdict.LOCALIZED) != (self.T_map_sensor is not None):
@@ -108,6 +112,7 @@ class Localization:
             "T_map_sensor": _optional_pose(self.T_map_sensor),
             "T_map_base": _optional_pose(self.T_map_base),
             "covariance": None if self.covariance is None else self.covariance.ravel().tolist(),
+            "degenerate": [one.to_mapping() for one in self.degenerate],
             "twist": _twist_to_mapping(self.twist),
             "probability": self.probability,
             "hypotheses": [
@@ -157,6 +162,8 @@ class Localization:
             timings_ms=dict(data.get("timings_ms", {})),
             twist=_twist_from_mapping(data.get("twist")),
             hint=None if data.get("hint") is None else Hint.from_mapping(data["hint"]),
+            # an older service does not tell
+            degenerate=tuple(FreeDirection.from_mapping(one) for one in data.get("degenerate") or ()),
         )
 
 

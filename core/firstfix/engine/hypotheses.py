@@ -70,6 +70,15 @@ class RegisteredCandidate:
         """Score by which candidates are ranked."""
         return self.index.config.ranking.support(self.quality)
 
+    def faced(self, scan: Surface) -> RegisteredCandidate:
+        """The candidate with the information that its covariance is made of.
+
+        Args:
+            scan: many points, as they were aligned.
+        """
+        information = self.index.surface.faced_information(scan, self.registration)
+        return replace(self, registration=replace(self.registration, information=information))
+
     @property
     def T_map_sensor(self) -> Matrix:
         """(4, 4) pose in the map's own frame."""

@@ -7,17 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..answer.free_direction import free_directions
 from ..answer.localization import Hypothesis, Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
 from ..errors import InvalidOption
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
-from ..transform import Matrix, inverse
-from .config import RegistrationConfig
+from ..transform import inverse
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
 from .hint.find import find_hint
 from .hypotheses import RegisteredCandidate, features_of
@@ -25,6 +22,7 @@ from .index import MapIndex
 from .map_search import MapSearch, Step, Stopwatch
 from .preprocess import PreparedQuery, deskewed, preprocess
 from .ranking import Calibration, MatchFeatures
+from .registration.covariance import pose_covariance
 
 
 def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:
@@ -48,16 +46,18 @@ def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Lo
     if reason is not None:
         verdict = Verdict.AMBIGUOUS if reason is Reason.SEVERAL_PLACES else Verdict.REJECTED
         return Localization(verdict, (reason,), probability=probability, hypotheses=hypotheses)
-    information, config = best.registration.information, best.index.config.registration
+    config, T_map_level = best.index.config.registration, best.index.T_map_level
+    covariance = pose_covariance(best.registration.information, T_map_level, config)
     return Localization(
         Verdict.LOCALIZED,
         T_map_sensor=best.T_map_sensor,
         T_map_base=None if mounting is None else best.T_map_sensor @ inverse(mounting),
-        covariance=pose_covariance(information, best.index.T_map_level, config),
+        covariance=covariance,
         probability=probability,
         hypotheses=hypotheses,
         map_id=best.map_id,
         twist=best.registration.twist if options.twist is None else options.twist,
+        degenerate=free_directions(covariance),
     )
 
 
@@ -108,37 +108,6 @@ def _shares(ranked: Sequence[RegisteredCandidate], tied: int, probability: float
         for number, candidate in enumerate(ranked[tied:], tied)
     ]
     return [probability / tied] * tied + [min(other, 1 - probability) for other in others]
-
-
-# Neighbouring pairs share the errors of the map and of the surface model, so one pair in this many counts as
-# an independent observation. With this number the errors on real maps agree with the covariance
-# (docs/method.md section 7); in simulation, where the map has no error, they are smaller.
-_PAIRS_PER_OBSERVATION = 20.0
-_FLOOR_DEG = 0.02
-
-
-def pose_covariance(
-    information: NDArray[np.float64], T_map_level: Matrix, config: RegistrationConfig
-) -> NDArray[np.float64]:
-    """Covariance (6, 6) over x, y, z, rotX, rotY, rotZ about the map's axes, in m and rad.
-
-    A direction that the scan does not constrain (along a corridor) has almost no information, and so a large
-    variance. The variance never falls below a floor that the map's resolution sets.
-
-    Args:
-        information: (6, 6) over rotation then translation, along the level axes.
-    """
-    values, vectors = np.linalg.eigh((information + information.T) / 2)
-    values = np.maximum(values / _PAIRS_PER_OBSERVATION, 1e-4)  # a standard deviation of 100 m or rad at most
-    in_level = (vectors / values) @ vectors.T
-    R = T_map_level[:3, :3]
-    to_map = np.zeros((6, 6))
-    to_map[:3, 3:] = R  # translation comes first in the answer, last in the registration
-    to_map[3:, :3] = R
-    covariance: NDArray[np.float64] = to_map @ in_level @ to_map.T
-    floor_m = config.map_voxel_m / 20
-    covariance[np.diag_indices(6)] += np.repeat([floor_m**2, np.radians(_FLOOR_DEG) ** 2], 3)
-    return covariance
 
 
 class SearchesMap(Protocol):
@@ -262,6 +231,7 @@ def localize_among(
     with watch.stage("verify"):
         together = [candidate for search in searches for candidate in search.registered]
         together.sort(key=lambda candidate: -candidate.support)
+        together[:1] = [one.faced(prepared[one.map_id].dense) for one in together[:1]]
         answer = judge(together, options)
     if answer.verdict is Verdict.AMBIGUOUS:
         with watch.stage("hint"):

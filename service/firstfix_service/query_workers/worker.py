@@ -149,6 +149,9 @@ def _is_finite(answer: Localization) -> bool:
         all(map(math.isfinite, numbers))
         and bool(np.isfinite([T for T in poses if T is not None]).all())
         and (answer.covariance is None or bool(np.isfinite(answer.covariance).all()))
+        and all(
+            math.isfinite(one.sigma) and bool(np.isfinite(one.direction).all()) for one in answer.degenerate
+        )
         and (answer.twist is None or bool(np.isfinite(answer.twist).all()))
     )
 

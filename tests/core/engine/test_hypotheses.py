@@ -66,6 +66,9 @@ class MadeUpMap:
         self.refined += starts[:, 0, 3].tolist()
         return self.align(scan, starts)
 
+    def faced_information(self, scan, registration):
+        return registration.information
+
     def agreements(self, scan, T_level_sensor):
         assert T_level_sensor.shape[1:] == (4, 4)
         share = 0.1 if scan is PREPARED.dense else 0.2

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from every_case import every_case
+from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Hypothesis, Localization, Verdict
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.transform import make_transform, rotation_z
@@ -46,6 +47,8 @@ def test_it_is_the_answers_json():
         replace(ANSWER, T_map_sensor=NAN),
         replace(ANSWER, T_map_base=NAN),
         replace(ANSWER, covariance=np.full((6, 6), np.inf)),
+        replace(ANSWER, degenerate=(FreeDirection(Motion.ROTATION, np.full(3, np.nan), 1.0),)),
+        replace(ANSWER, degenerate=(FreeDirection(Motion.ROTATION, np.ones(3), float("inf")),)),
         replace(ANSWER, hypotheses=(replace(PLACE, T_map_sensor=NAN),)),
         replace(ANSWER, hypotheses=(PLACE, replace(BARE, probability=float("inf")))),
         replace(ANSWER, hypotheses=(replace(PLACE, quality=AlignmentQuality(0.9, float("nan"), 0.01)),)),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
+from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Localization
 
 from ..messages.diagnostic_array import ERROR, OK, WARN, Diagnosis
@@ -60,6 +62,14 @@ class Status:
         return f"{words}; own localization {self.health.value}{away}"
 
 
+def _in_words(free: FreeDirection) -> str:
+    """A free direction, as "translation (0.60, 0.80, 0.00) by 1.30 m"."""
+    x, y, z = free.direction.tolist()
+    is_turn = free.motion is Motion.ROTATION
+    sigma = f"{math.degrees(free.sigma):.1f} deg" if is_turn else f"{free.sigma:.2f} m"
+    return f"{free.motion.value} ({x:.2f}, {y:.2f}, {z:.2f}) by {sigma}"
+
+
 def diagnosis_of(status: Status, hardware_id: str = "") -> Diagnosis:
     """Returns the diagnosis for a status.
 
@@ -84,6 +94,7 @@ def diagnosis_of(status: Status, hardware_id: str = "") -> Diagnosis:
             "probability": f"{answer.probability:.3f}",
             "map_id": answer.map_id,
             "map_version": answer.map_version,
+            "degenerate": ", ".join(_in_words(one) for one in answer.degenerate),
             "map_provisional": str(answer.map_provisional).lower(),
         }
     return Diagnosis(level, NODE_NAME, status.line[:500], hardware_id, values)

@@ -18,6 +18,7 @@ from ... import native
 from ...transform import Matrix
 from ..config import RegistrationConfig
 from ..ranking import RANKING, RankingConfig
+from .facing import faced_information
 from .surface import Surface
 from .surface_grid import SurfaceGrid
 
@@ -210,6 +211,21 @@ class MapSurface:
                 scan, scan.time_s, T_level_sensor, _FINE_ITERATIONS, reach_m, half_angle
             )
         return self._align(self.fine, scan, T_level_sensor, _FINE_ITERATIONS, reach_m, half_angle)
+
+    def faced_information(self, scan: Surface, registration: Registration) -> NDArray[np.float64]:
+        """Information (6, 6) of an aligned pose that comes from surfaces which face what they tell of.
+
+        Args:
+            scan: as it was aligned, not deskewed.
+        """
+        T, still = registration.T_level_sensor, scan.deskewed(registration.twist)
+        arms = still.points @ T[:3, :3].T.astype(np.float32)
+        points = arms + (T[:3, 3] - self.fine.corner).astype(np.float32)
+        row = self.fine.nearest(points)
+        planes = self.fine.planes[row[row >= 0]]
+        normals, points, arms = planes[:, :3], points[row >= 0], arms[row >= 0]
+        off_m = planes[:, 3] - np.sum(points * normals, axis=1)
+        return faced_information(registration.information, arms, normals, off_m, self.config.fine_distance_m)
 
     def agreements(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Agreement]:
         """Agreement of the scan with the map at each of (k, 4, 4) poses."""

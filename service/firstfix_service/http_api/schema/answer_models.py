@@ -28,6 +28,16 @@ class Twist(BaseModel):
     angular: Position = Field(description="about x, y, z in rad/s")
 
 
+class FreeDirection(BaseModel):
+    """A direction in which the scan leaves the pose free."""
+
+    motion: Literal["translation", "rotation"] = Field(
+        description="shift along the direction, or turn about it"
+    )
+    direction: Position = Field(description="unit vector in the map frame; its sign says nothing")
+    sigma: float = Field(description="standard deviation: m of a translation, rad of a rotation")
+
+
 class Hypothesis(BaseModel):
     """A possible pose, with the quality of its alignment."""
 
@@ -73,6 +83,7 @@ class Answer(BaseModel):
                     "T_map_sensor": _POSE,
                     "T_map_base": None,
                     "covariance": [1e-4 if i % 7 == 0 else 0.0 for i in range(36)],
+                    "degenerate": [],
                     "twist": None,
                     "probability": 0.998,
                     "hypotheses": [
@@ -102,6 +113,10 @@ class Answer(BaseModel):
     T_map_base: Pose | None
     covariance: Annotated[list[float], Field(min_length=36, max_length=36)] | None = Field(
         description="6 x 6, row by row, over x, y, z and rotations about the map's axes (m, rad)"
+    )
+    degenerate: list[FreeDirection] = Field(
+        description="directions whose standard deviation is above 0.2 m or 2 degrees, as along a corridor; "
+        "the pose is right but for them. Empty without a pose"
     )
     twist: Twist | None = Field(
         description="motion of the sensor during the scan, in its frame at the scan's stamp; null without a "

@@ -40,6 +40,13 @@ struct Hint {
   std::vector<long long> tells_apart;   // numbers of hypotheses, 0 for the first
 };
 
+// A direction in which the scan leaves an answered pose free, as along a corridor.
+struct FreeDirection {
+  bool is_rotation = false;           // a turn about the direction; else a shift along it
+  std::array<double, 3> direction{};  // unit vector in the map frame; its sign says nothing
+  double sigma = 0;                   // standard deviation: m of a shift, rad of a turn
+};
+
 // The answer to a query. A scan that is not localized has no pose: there is no fallback pose.
 struct Localization {
   Verdict verdict = Verdict::rejected;
@@ -53,6 +60,7 @@ struct Localization {
   std::string map_id, map_version;
   std::map<std::string, double> timings_ms;
   std::optional<Twist> twist{};  // of the sensor during the scan, if it was solved with the pose or given by the caller
+  std::vector<FreeDirection> degenerate{};  // the pose is right but for these; empty if an older service does not tell
   bool map_provisional = false;  // the version is coarse and untested, until a full one takes its place
 };
 

@@ -1,0 +1,69 @@
+"""Directions in which an answered pose is hardly fixed: along a corridor, over an open field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+# A robot that trusts its pose to a wheel's breadth passes doors; one that is less sure should see another
+# place first. Two degrees are 0.2 m at 6 m.
+FREE_M = 0.2
+FREE_RAD = math.radians(2.0)
+
+
+class Motion(str, Enum):
+    """What a pose may do in a free direction."""
+
+    TRANSLATION = "translation"
+    ROTATION = "rotation"
+
+
+@dataclass(frozen=True)
+class FreeDirection:
+    """A direction in which the scan leaves the pose free.
+
+    Attributes:
+        motion: shift along the direction, or turn about it.
+        direction: (3,) unit vector in the map frame. Its sign says nothing: the largest part is positive.
+        sigma: standard deviation of the pose in this direction: metres of a shift, radians of a turn.
+    """
+
+    motion: Motion
+    direction: NDArray[np.float64]
+    sigma: float
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Values ready for JSON."""
+        return {"motion": self.motion.value, "direction": self.direction.tolist(), "sigma": self.sigma}
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any]) -> FreeDirection:
+        """Reads what ``to_mapping`` returned. Unknown keys are ignored."""
+        direction = np.array(data["direction"], np.float64).reshape(3)
+        return cls(Motion(data["motion"]), direction, float(data["sigma"]))
+
+
+def free_directions(covariance: NDArray[np.float64]) -> tuple[FreeDirection, ...]:
+    """Directions whose standard deviation is above FREE_M or FREE_RAD (docs/method.md section 7).
+
+    Args:
+        covariance: (6, 6) over x, y, z, rotX, rotY, rotZ about the map's axes, in m and rad.
+
+    Returns:
+        Shifts before turns, of each the least certain first. Those of a kind are at right angles.
+    """
+    parts = (Motion.TRANSLATION, slice(0, 3), FREE_M), (Motion.ROTATION, slice(3, 6), FREE_RAD)
+    found = []
+    for motion, part, limit in parts:
+        variances, vectors = np.linalg.eigh(covariance[part, part])
+        for variance, direction in zip(variances[::-1].tolist(), vectors.T[::-1], strict=True):
+            if variance > limit**2:
+                sign = np.sign(direction[np.abs(direction).argmax()])
+                found.append(FreeDirection(motion, sign * direction, math.sqrt(variance)))
+    return tuple(found)
