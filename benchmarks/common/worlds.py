@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import firstfix_worlds
 from firstfix.builds.config import ViewpointConfig
 from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
@@ -35,7 +36,13 @@ from firstfix_worlds.write_world import ply_of_mesh, write_world
 from .datasets import SHARED
 
 SEED = 0
-_RECIPE = {"worlds": sha256_of(Path(__file__))}
+_PACKAGE = Path(firstfix_worlds.__file__).parent
+# The builder's source_hash does not cover this package: caches would keep a world that has changed.
+WORLDS_SOURCE = {
+    path.name: sha256_of(path)
+    for path in sorted([Path(__file__), *_PACKAGE.rglob("*.py")])
+    if path.name != "__init__.py"
+}
 _LAYOUTS: dict[str, Callable[[np.random.Generator], Place]] = {
     "factory": factory,
     "office": office,
@@ -154,7 +161,7 @@ def own_world(
 
     def make(cache: StageCache) -> WorldFiles:
         recipe = {"kind": kind, "seed": seed, "look_alike_seed": look_alike_seed}
-        out = cache.run("bench_world", _RECIPE, recipe, produce).directory
+        out = cache.run("bench_world", WORLDS_SOURCE, recipe, produce).directory
         trajectory = out / "trajectory.txt"
         return WorldFiles(
             Scenery(out / "mesh.ply", trajectory),
@@ -181,7 +188,7 @@ def ground_floor() -> BenchWorld:
         write_drive(place, out / "trajectory.txt", below_m=STOREY_M / 2)
 
     def make(cache: StageCache) -> WorldFiles:
-        out = cache.run("bench_ground_floor", _RECIPE, {}, produce).directory
+        out = cache.run("bench_ground_floor", WORLDS_SOURCE, {}, produce).directory
         upper = Scenery(out / "whole.ply", out / "whole.txt", above_m=STOREY_M - 0.5)
         return WorldFiles(Scenery(out / "mesh.ply", out / "trajectory.txt"), look_alikes=(upper,))
 

@@ -52,7 +52,7 @@ def compare_engines(scene: Scene, clusters: Clusters, own: Taken, perturbed: Per
                 "success_perturbed": _cascade_success(scene, cascade, K, perturbed.levelled, PAPER),
             }
         )
-        _tell("engine", rows[-1])
+        _print("engine", rows[-1])
     return rows
 
 
@@ -82,13 +82,13 @@ def compare_methods(
             "success": success(found_m, queries.position_m),
         }
         rows.append(row)
-        _tell("method", row)
+        _print("method", row)
     positions = scene.templates.position_m.astype(np.float64)
     surfaces = _Surfaces(scene, positions[rows_by_place(positions, viewpoints, VIEWPOINT_M)])
     for method, cascade in (("paper", paper), ("default", default)):
         row = _localized(surfaces, method, cascade, perturbed, registered)
         rows.append(row)
-        _tell("method", row)
+        _print("method", row)
     return rows
 
 
@@ -134,5 +134,5 @@ def _cascade_success(scene: Scene, cascade: Cascade, count: int, queries: Taken,
     return success(scene.templates.position_m[run.found], queries.position_m)
 
 
-def _tell(table: str, row: Row) -> None:
+def _print(table: str, row: Row) -> None:
     print(table, row, file=sys.stderr, flush=True)

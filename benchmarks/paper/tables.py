@@ -44,7 +44,7 @@ def _row_2(scene: Scene, clustering: Clustering, own: Taken, perturbed: Taken) -
     # a template's own axis is exact: one comparison a pair (n = 1), as the paper's 1.02 ms a pair say
     direct = partial(found, search=_context_search(representatives, trusted_shifts=0, max_ratio=np.inf))
     shifted = partial(found, search=_context_search(representatives))
-    return _told(
+    return _printed(
         "table 2",
         {
             "constraint": clustering.constraint,
@@ -95,7 +95,7 @@ def table_3(scene: Scene, scenes: int, perturbed: Taken) -> list[Row]:
             row["success_perturbed"] = success(
                 among.position_m[found(perturbed.by[PAPER])], perturbed.position_m
             )
-        rows.append(_told("table 3", row))
+        rows.append(_printed("table 3", row))
     return rows
 
 
@@ -121,7 +121,7 @@ def cascade_table(
             "success": _success(scene, run.found, own),
             "success_perturbed": _success(scene, again.found, perturbed),
         }
-        rows.append(_told(name, row))
+        rows.append(_printed(name, row))
     return rows
 
 
@@ -145,6 +145,6 @@ def _alone_s(found: Any, described: Described) -> float:
     return round(timed.ms / 1e3, 6)
 
 
-def _told(table: str, row: Row) -> Row:
+def _printed(table: str, row: Row) -> Row:
     print(table, row, file=sys.stderr, flush=True)
     return row

@@ -26,7 +26,7 @@ import numpy as np
 from firstfix_builder.execution.source_hash import source_hash
 from firstfix_builder.execution.stage_cache import StageCache
 
-from ..common.worlds import WORLDS, BenchWorld, Scenery, WorldFiles
+from ..common.worlds import WORLDS, WORLDS_SOURCE, BenchWorld, Scenery, WorldFiles
 from .cases import CASES, FULL, QUICK, Case, Sizes
 from .figures import bars_of, figures_of
 from .outcome import Outcome, ask
@@ -166,6 +166,7 @@ def _outcomes(
 def _conditions(cases: Sequence[Case], sizes: Sizes, others: Sequence[BenchWorld]) -> dict[str, Any]:
     return {
         "program": source_hash(),
+        "worlds": WORLDS_SOURCE,
         "cases": [case.name for case in cases],
         "sizes": vars(sizes),
         "others": [world.name for world in others],

@@ -15,6 +15,7 @@ from firstfix.engine.config import EngineConfig
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.stage_files import engine_of, link
 
+from ..common.worlds import WORLDS_SOURCE
 from .extent import Extent
 from .spent import Cost
 from .stages import ScaleStages
@@ -52,7 +53,7 @@ def build(extent: Extent, work: Path) -> Built:
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as threads:
         stages = ScaleStages.below(work, config, threads)
         recipe = {"extent_m": extent.extent_m}
-        world = stages.cache.run("world", {}, recipe, extent.write).directory
+        world = stages.cache.run("world", WORLDS_SOURCE, recipe, extent.write).directory
         read = stages.read_map(world / "mesh", None)
         mesh = stages.reconstruct_mesh(read)
         viewpoints = stages.sample_viewpoints(read, mesh)

@@ -91,7 +91,7 @@ def fetch_active_version(store: str, map_id: str, version: str | None = None) ->
 
 
 @contextmanager
-def _embedded(map_id: str, store: str, tell: Callable[[str], None]) -> Iterator[Answerer]:
+def _embedded(map_id: str, store: str, log_line: Callable[[str], None]) -> Iterator[Answerer]:
     from firstfix.catalog.catalog import Catalog
     from firstfix.catalog.versions.last_served import LastServed
     from firstfix.store.store import Store
@@ -100,7 +100,7 @@ def _embedded(map_id: str, store: str, tell: Callable[[str], None]) -> Iterator[
 
     last = LastServed(cache_directory("last-served"), store, map_id)
     catalog = Catalog(Store.open(store, read_only=True))
-    localizer = EmbeddedLocalizer(catalog, map_id, cache_directory("versions"), last, tell=tell)
+    localizer = EmbeddedLocalizer(catalog, map_id, cache_directory("versions"), last, log_line=log_line)
     try:
         localizer.start()
         yield localizer

@@ -55,7 +55,7 @@ class EmbeddedLocalizer:
     Args:
         directory: cache of versions on the disk.
         last: which version answered last.
-        tell: called with a line about each change, in any thread.
+        log_line: called with a line about each change, in any thread.
     """
 
     def __init__(
@@ -67,14 +67,14 @@ class EmbeddedLocalizer:
         *,
         update_every_s: float = UPDATE_EVERY_S,
         max_disk_bytes: int = MAX_DISK_BYTES,
-        tell: Callable[[str], None] = lambda line: None,
+        log_line: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._catalog, self._map_id, self._directory, self._last = catalog, map_id, directory, last
-        self._update_every_s, self._max_disk_bytes, self._tell = update_every_s, max_disk_bytes, tell
+        self._update_every_s, self._max_disk_bytes, self._log_line = update_every_s, max_disk_bytes, log_line
         self._answering: _Answering | None = None
         self._was_removed = False
         self._refused_until: dict[str, float] = {}
-        self._told = ""
+        self._last_line = ""
         self._updating = threading.Lock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._follow, name="map-update", daemon=True)
@@ -99,7 +99,7 @@ class EmbeddedLocalizer:
             try:
                 self.update()
             except StoreError as error:
-                self._tell_once(f"no map yet, the store is asked again: {error}")
+                self._log_once(f"no map yet, the store is asked again: {error}")
         self._thread.start()
 
     def close(self) -> None:
@@ -162,12 +162,12 @@ class EmbeddedLocalizer:
                     loaded = self._fetch_and_load(version)
                 except VersionError as error:
                     self._refused_until[version] = time.monotonic() + _REFUSED_FOR_S
-                    self._tell(f"version {version[:12]} cannot be used: {error}")
+                    self._log_line(f"version {version[:12]} cannot be used: {error}")
                     first_error = first_error or error
                     continue
                 self._replace(loaded)
                 self._remember(loaded.manifest)
-                self._tell(f"version {version[:12]} of map {self._map_id} answers")
+                self._log_line(f"version {version[:12]} of map {self._map_id} answers")
                 prune(self._directory, self._max_disk_bytes)
                 return True
             if first_error is not None and self._answering is None:
@@ -178,18 +178,18 @@ class EmbeddedLocalizer:
         while not self._stop.is_set():
             try:
                 self.update()
-                self._told = ""
+                self._last_line = ""
             except FirstfixError as error:
-                self._tell_once(str(error))
+                self._log_once(str(error))
             except Exception as error:  # without this thread no new version would come
-                self._tell_once(repr(error))
+                self._log_once(repr(error))
             self._stop.wait(self._update_every_s)
 
-    def _tell_once(self, line: str) -> None:
-        """Tells a line unless it was the last one: a network may be gone for days."""
-        if line != self._told:
-            self._told = line
-            self._tell(line)
+    def _log_once(self, line: str) -> None:
+        """Logs a line unless it was the last one: a network may be gone for days."""
+        if line != self._last_line:
+            self._last_line = line
+            self._log_line(line)
 
     def _load_last(self) -> None:
         manifest = self._last.read()
@@ -199,7 +199,9 @@ class EmbeddedLocalizer:
             folder = cached_version(manifest, self._directory)
             if folder is not None:
                 self._answering = self._loaded(manifest, folder)
-                self._tell(f"version {manifest.digest[:12]} of map {self._map_id} answers, from the cache")
+                self._log_line(
+                    f"version {manifest.digest[:12]} of map {self._map_id} answers, from the cache"
+                )
 
     def _fetch_and_load(self, version: str) -> _Answering:
         manifest = self._catalog.manifest(self._map_id, version)
@@ -232,7 +234,7 @@ class EmbeddedLocalizer:
         try:
             self._last.write(manifest)
         except OSError as error:
-            self._tell(f"the next start needs the store, the version cannot be noted: {error}")
+            self._log_line(f"the next start needs the store, the version cannot be noted: {error}")
 
     def _replace(self, new: _Answering | None) -> None:
         old, self._answering = self._answering, new

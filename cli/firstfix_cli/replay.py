@@ -130,8 +130,8 @@ def report_of(replayed: Sequence[Replayed]) -> dict[str, Any]:
         "samples": [
             {
                 "sample": one.sample.sample_id,
-                "then": _told(one.then),
-                "now": None if one.now is None else _told(one.now),
+                "then": _row_of(one.then),
+                "now": None if one.now is None else _row_of(one.now),
                 "error": one.error,
                 "moved_m": one.moved_m,
                 "moved_deg": one.moved_deg,
@@ -162,7 +162,7 @@ def _short(answer: Localization | None) -> str:
     return "" if answer is None else f"{answer.verdict.value} {answer.probability:.3f}"
 
 
-def _told(answer: Localization) -> dict[str, Any]:
+def _row_of(answer: Localization) -> dict[str, Any]:
     return {
         "verdict": answer.verdict.value,
         "reasons": [reason.value for reason in answer.reasons],

@@ -74,7 +74,7 @@ class World:
         last = LastServed(self.disk / "last", "memory://", "yard")
         tell = self.told.append
         localizer = EmbeddedLocalizer(
-            self.catalog, "yard", self.disk / "versions", last, update_every_s=update_every_s, tell=tell
+            self.catalog, "yard", self.disk / "versions", last, update_every_s=update_every_s, log_line=tell
         )
         localizer.start()
         return localizer

@@ -130,7 +130,7 @@ class Gateway:
             self._ask,
             GatewayConfig(retry_s=0.0, **config),
             topics=topics,
-            tell=lambda *line: self.told.append(line),
+            log_line=lambda *line: self.told.append(line),
         )
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self.gateway.run, args=[self._stop], daemon=True)

@@ -70,7 +70,7 @@ class Gateway:
             self._ask,
             GatewayConfig(**{"base_frame": "base_link", "retry_s": 0.0, **config}),
             topics=Topics(imu="imu"),
-            tell=lambda *line: self.told.append(line),
+            log_line=lambda *line: self.told.append(line),
         )
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self.fleet.run, args=[self._stop], daemon=True)

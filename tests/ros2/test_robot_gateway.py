@@ -74,7 +74,7 @@ class Bench:
             self.ask,
             lambda kind, body: self.published.append((kind, body)),
             GatewayConfig(**({"base_frame": "base_link"} if mounted else {}), **config),
-            tell=self.told.append,
+            log_line=self.told.append,
             clock=lambda: self.now_s,
             wall_ns=lambda: 9 * S,
         )

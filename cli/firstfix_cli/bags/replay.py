@@ -67,12 +67,12 @@ def replay(
     wanted: Replay,
     ask: Answerer,
     options: LocalizeOptions,
-    tell: Callable[[str], None] = lambda line: None,
+    log_line: Callable[[str], None] = lambda line: None,
 ) -> Iterator[Replayed]:
     """Localizes the clouds one after the other, with one in memory; of several LiDARs, those of a second.
 
     Args:
-        tell: called with a line about clouds that were left out.
+        log_line: called with a line about clouds that were left out.
 
     Raises:
         InvalidOption: gravity or the mounting is given by both the bag and the options; several topics
@@ -99,7 +99,7 @@ def replay(
             )
             if number < 0:
                 raise NotFound(f"{wanted.path}: {left_out}")
-            tell(left_out)
+            log_line(left_out)
         if number < 0:
             raise NotFound(f"{wanted.path}: {topics[0]} has no cloud after {wanted.start_s:g} s")
 

@@ -103,7 +103,7 @@ def evaluate(
     with answerer(map_id, url=url, zenoh=zenoh, store=asked, timeout_s=timeout_s, encoding=encoding) as ask:
         outcomes, scans = _outcomes(rows, ask, random_yaw, gravity_from_poses, version)
     report = report_of(outcomes)
-    _tell(_lines(report, outcomes), report, json_file)
+    _print(_lines(report, outcomes), report, json_file)
     if details is not None:
         _write_details(details, outcomes)
     if plot is not None:
@@ -129,10 +129,10 @@ def _replay(
         raise InvalidOption("give only one of --url and --store")
     with body_answerer(map_id, url=url, store=store, timeout_s=timeout_s) as ask:
         replayed = list(replay(QuerySamples(Store.open(samples)), map_id, ask, version))
-    _tell(lines_of(replayed), report_of(replayed), json_file)
+    _print(lines_of(replayed), report_of(replayed), json_file)
 
 
-def _tell(lines: list[str], report: dict[str, Any], json_file: Path | None) -> None:
+def _print(lines: list[str], report: dict[str, Any], json_file: Path | None) -> None:
     text = json.dumps(report, indent=1)
     if json_file == Path("-"):
         typer.echo(text)

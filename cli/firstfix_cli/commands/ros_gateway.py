@@ -136,7 +136,7 @@ def ros_gateway(
             dds=dds,
             connect=connect,
             domain=domain,
-            tell=lambda namespace, line: typer.echo(f"{namespace or '/'}  {line}"),
+            log_line=lambda namespace, line: typer.echo(f"{namespace or '/'}  {line}"),
         ) as (place, fleet),
     ):
         typer.echo(f"looking for robots {place}, domain {domain}")

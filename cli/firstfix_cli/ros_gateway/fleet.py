@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import queue
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -24,7 +25,6 @@ from firstfix_ros.robot.topics import Topics
 
 from .graph import Graph
 from .robot import Robot
-from .tell import Tell
 
 _LOOK_S = 0.1  # poll interval of requests and tokens
 
@@ -45,11 +45,11 @@ class RosGateway:
         *,
         domain: int = 0,
         topics: Topics | None = None,
-        tell: Tell = lambda namespace, line: None,
+        log_line: Callable[[str, str], None] = lambda namespace, line: None,
     ) -> None:
         self.robots: dict[str, Robot] = {}
         self._graph = Graph(session, domain)
-        self._ask, self._config, self._tell = ask, config, tell
+        self._ask, self._config, self._log_line = ask, config, log_line
         self._topics = topics or Topics()
         self._tokens: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
 
@@ -87,16 +87,16 @@ class RosGateway:
             robot.publishers.discard(token)
             if not robot.publishers:
                 self.robots.pop(namespace).close()
-                self._tell(namespace, "gone")
+                self._log_line(namespace, "gone")
 
     def _robot(self, namespace: str, clouds: Endpoint) -> Robot:
         if namespace not in self.robots:
 
-            def tell(line: str) -> None:
-                self._tell(namespace, line)
+            def log_line(line: str) -> None:
+                self._log_line(namespace, line)
 
             self.robots[namespace] = Robot(
-                self._graph, clouds, namespace, self._topics, self._ask, self._config, tell
+                self._graph, clouds, namespace, self._topics, self._ask, self._config, log_line
             )
         return self.robots[namespace]
 

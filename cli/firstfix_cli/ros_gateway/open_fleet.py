@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -11,8 +11,6 @@ from firstfix.errors import InvalidOption
 from firstfix_ros.robot.answerer import Answerer
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
-
-from .tell import Tell
 
 ROUTER = "tcp/localhost:7447"
 
@@ -34,7 +32,7 @@ def open_fleet(
     dds: bool,
     connect: str | None,
     domain: int,
-    tell: Tell,
+    log_line: Callable[[str, str], None],
 ) -> Iterator[tuple[str, Fleet]]:
     """Gives where the robots are looked for, and their gateway.
 
@@ -46,19 +44,19 @@ def open_fleet(
     if dds:
         if connect is not None:
             raise InvalidOption("--connect names a zenoh router; robots on DDS are found without it")
-        yield _dds_fleet(ask, config, topics, domain, tell)
+        yield _dds_fleet(ask, config, topics, domain, log_line)
         return
     from .fleet import RosGateway, open_session
 
     with open_session(connect or ROUTER) as session:
         yield (
             f"at {connect or ROUTER}",
-            RosGateway(session, ask, config, domain=domain, topics=topics, tell=tell),
+            RosGateway(session, ask, config, domain=domain, topics=topics, log_line=log_line),
         )
 
 
 def _dds_fleet(
-    ask: Answerer, config: GatewayConfig, topics: Topics, domain: int, tell: Tell
+    ask: Answerer, config: GatewayConfig, topics: Topics, domain: int, log_line: Callable[[str, str], None]
 ) -> tuple[str, Fleet]:
     try:
         from .dds.fleet import DdsFleet
@@ -69,4 +67,4 @@ def _dds_fleet(
         raise ModuleNotFoundError(
             "DDS needs the package cyclonedds: pip install 'firstfix[dds]'", name=error.name
         ) from None
-    return "on DDS", DdsFleet(Participant(domain), ask, config, topics=topics, tell=tell)
+    return "on DDS", DdsFleet(Participant(domain), ask, config, topics=topics, log_line=log_line)

@@ -42,7 +42,7 @@ class Robot:
         topics: Topics,
         ask: Answerer,
         config: GatewayConfig,
-        tell: Callable[[str], None],
+        log_line: Callable[[str], None],
     ) -> None:
         self.publishers: set[str] = set()  # their tokens
         self._graph, self._clouds, self._namespace, self._topics = graph, clouds, namespace, topics
@@ -53,7 +53,7 @@ class Robot:
         self._sequences = {kind: itertools.count(1) for kind in Output}
         self._gid = os.urandom(16)
         self._listening: dict[Input, list[Any]] = {}
-        self.gateway = RobotGateway(ask, self._publish, config, tell=tell, name=namespace)
+        self.gateway = RobotGateway(ask, self._publish, config, log_line=log_line, name=namespace)
         self._declared = [
             *(graph.token(output, RELIABLE_QOS) for output in self._outputs.values()),
             graph.session.declare_queryable(relocalize.key, self._on_relocalize, complete=True),

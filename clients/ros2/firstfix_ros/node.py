@@ -63,7 +63,7 @@ class FirstFixNode(Node):  # type: ignore[misc]
             parameters.answerer(self._client),
             self._publish,
             parameters.config(),
-            tell=self.get_logger().info,
+            log_line=self.get_logger().info,
             name=self.get_namespace(),
         )
         latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -1,8 +1,9 @@
 """Ranking: how strongly a pose is supported, and the probability that the best one is right.
 
-All numbers by which poses are found, compared and judged are in ``RankingConfig``, which is stored with the
-version: a calibration is asked with what it was fitted on. The kernels' own distances are part of their
-formulas: who changes one changes the manifest's format.
+All numbers by which registered poses are compared and judged are in ``RankingConfig``, which is stored with
+the version: a calibration is asked with what it was fitted on. Which candidates are registered at all is the
+work of the search (``candidates``, ``map_search``). The kernels' own distances are part of their formulas:
+who changes one changes the manifest's format.
 
 The build's self-test fits the calibration. Poses that tie count as one: two equal storeys of a map make every
 answer there ambiguous, but no answer less likely to contain the true pose. How likely that is, a model of its

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 from firstfix.errors import FirstfixError
@@ -13,7 +14,6 @@ from firstfix_ros.robot.answerer import Answerer
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
 
-from ..tell import Tell
 from . import qos
 from .participant import TOPIC, Participant
 from .robot import Robot
@@ -36,10 +36,10 @@ class DdsFleet:
         config: GatewayConfig,
         *,
         topics: Topics | None = None,
-        tell: Tell = lambda namespace, line: None,
+        log_line: Callable[[str, str], None] = lambda namespace, line: None,
     ) -> None:
         self.robots: dict[str, Robot] = {}
-        self._participant, self._ask, self._config, self._tell = participant, ask, config, tell
+        self._participant, self._ask, self._config, self._log_line = participant, ask, config, log_line
         self._topics = topics or Topics()
         self._namespaces: dict[Any, str] = {}  # by the key of a publisher
         self._type = dds_type(point_cloud2.TYPE)
@@ -67,7 +67,7 @@ class DdsFleet:
         try:
             robot.look()
         except (FirstfixError, ConnectionError) as error:  # of one robot: the others go on
-            self._tell(namespace, str(error))
+            self._log_line(namespace, str(error))
 
     def _follow(self, publication: Any) -> None:
         key = publication.key
@@ -83,18 +83,18 @@ class DdsFleet:
         if namespace in self.robots:
             return True
         if len(self.robots) >= MAX_ROBOTS:
-            self._tell(namespace, f"more than {MAX_ROBOTS} robots: this one is not served")
+            self._log_line(namespace, f"more than {MAX_ROBOTS} robots: this one is not served")
             return False
 
-        def tell(line: str) -> None:
-            self._tell(namespace, line)
+        def log_line(line: str) -> None:
+            self._log_line(namespace, line)
 
         try:
             self.robots[namespace] = Robot(
-                self._participant, namespace, self._topics, self._ask, self._config, tell
+                self._participant, namespace, self._topics, self._ask, self._config, log_line
             )
         except ConnectionError as error:  # strange names of one robot: the others go on
-            tell(str(error))
+            log_line(str(error))
             return False
         return True
 
@@ -106,4 +106,4 @@ class DdsFleet:
         del robot.publishers[key]
         if not robot.publishers:
             self.robots.pop(namespace).close()
-            self._tell(namespace, "gone")
+            self._log_line(namespace, "gone")

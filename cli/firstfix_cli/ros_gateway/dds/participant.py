@@ -110,7 +110,7 @@ class Participant:
 
     def wait(self, timeout_s: float) -> None:
         """Waits for messages, and hands over those that are there."""
-        self._graph.tell_changes()
+        self._graph.publish_changes()
         self._waitset.wait(duration(seconds=timeout_s))
         for reader, (_, take) in list(self._readers.items()):
             if reader in self._readers:  # not removed by another's message

@@ -40,10 +40,15 @@ class Robot:
         topics: Topics,
         ask: Answerer,
         config: GatewayConfig,
-        tell: Callable[[str], None],
+        log_line: Callable[[str], None],
     ) -> None:
         self.publishers: dict[Any, bool] = {}
-        self._participant, self._namespace, self._topics, self._tell = participant, namespace, topics, tell
+        self._participant, self._namespace, self._topics, self._log_line = (
+            participant,
+            namespace,
+            topics,
+            log_line,
+        )
         self._settled_s = time.monotonic() + SETTLE_S
         self._readers: dict[Input, tuple[bool, Any]] = {}
         self._writers = {
@@ -52,9 +57,9 @@ class Robot:
             )
             for kind in Output
         }
-        self.gateway = RobotGateway(ask, self._publish, config, tell=tell, name=namespace)
+        self.gateway = RobotGateway(ask, self._publish, config, log_line=log_line, name=namespace)
         self._service = TriggerService(
-            participant, full_name(namespace, RELOCALIZE), self.gateway.relocalize, tell
+            participant, full_name(namespace, RELOCALIZE), self.gateway.relocalize, log_line
         )
         self._thread = threading.Thread(target=self.gateway.run, name=f"asks for {namespace}", daemon=True)
         self._thread.start()

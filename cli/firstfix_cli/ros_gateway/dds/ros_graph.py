@@ -46,7 +46,7 @@ class RosGraph:
         # An entity is gone as soon as nobody holds it, so it must not be held here.
         self._readers: weakref.WeakKeyDictionary[Any, bytes] = weakref.WeakKeyDictionary()
         self._writers: weakref.WeakKeyDictionary[Any, bytes] = weakref.WeakKeyDictionary()
-        self._told: tuple[list[bytes], list[bytes]] | None = None
+        self._published: tuple[list[bytes], list[bytes]] | None = None
 
     def add_reader(self, reader: DataReader[Any]) -> None:
         """Adds a reader for as long as it is held elsewhere."""
@@ -56,12 +56,12 @@ class RosGraph:
         """Adds a writer for as long as it is held elsewhere."""
         self._writers[writer] = self._gid(writer)
 
-    def tell_changes(self) -> None:
-        """Tells all readers and writers anew, if there are others than the last time."""
+    def publish_changes(self) -> None:
+        """Publishes all readers and writers anew, if there are others than the last time."""
         now = sorted(self._readers.values()), sorted(self._writers.values())
-        if now == self._told:
+        if now == self._published:
             return
-        self._told = now
+        self._published = now
         gid = self._types["gid"]
         readers, writers = ([gid(data=[*one]) for one in gids] for gids in now)
         node = self._types["node"](

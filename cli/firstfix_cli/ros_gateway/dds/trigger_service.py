@@ -32,7 +32,7 @@ class TriggerService:
     Args:
         name: full name, with the first slash.
         call: carries out a request; returns the line of the reply.
-        tell: takes a line about a request that cannot be answered.
+        log_line: takes a line about a request that cannot be answered.
     """
 
     def __init__(
@@ -40,10 +40,10 @@ class TriggerService:
         participant: Participant,
         name: str,
         call: Callable[[], str],
-        tell: Callable[[str], None],
+        log_line: Callable[[str], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._participant, self._call, self._tell, self._clock = participant, call, tell, clock
+        self._participant, self._call, self._log_line, self._clock = participant, call, log_line, clock
         self._replies = participant.writer(f"{REPLY}{name}Reply", f"{TRIGGER}_Response", qos.reliable(DEPTH))
         self._requests = participant.read(
             f"{REQUEST}{name}Request", f"{TRIGGER}_Request", qos.reliable(DEPTH), self._on_request
@@ -65,7 +65,7 @@ class TriggerService:
                 try:
                     self._replies.write(reply)
                 except ConnectionError as error:
-                    self._tell(str(error))
+                    self._log_line(str(error))
             else:
                 self._waiting.append((until_s, client, reply))
 
@@ -73,11 +73,11 @@ class TriggerService:
         try:
             header = request_header(body)
         except InputError as error:
-            self._tell(str(error))
+            self._log_line(str(error))
             return
         line = self._call()
         if header is None:
-            self._tell("a client of another DDS asked: it is done, but Cyclone DDS cannot answer it")
+            self._log_line("a client of another DDS asked: it is done, but Cyclone DDS cannot answer it")
             return
         publication = self._requests.get_matched_publication_data(info.publication_handle)
         client = None if publication is None else publication.participant_key

@@ -43,7 +43,7 @@ class RobotGateway:
     Args:
         ask: who answers the queries.
         publish: takes CDR messages, in the thread of ``step`` or of ``tick``.
-        tell: takes a line when the state changes, or a message cannot be used.
+        log_line: takes a line when the state changes, or a message cannot be used.
         name: the robot's namespace.
         clock: seconds that never go back.
         wall_ns: nanoseconds since the epoch, for the stamps of the status.
@@ -55,12 +55,12 @@ class RobotGateway:
         publish: Publish,
         config: GatewayConfig,
         *,
-        tell: Callable[[str], None] = lambda line: None,
+        log_line: Callable[[str], None] = lambda line: None,
         name: str = "",
         clock: Callable[[], float] = time.monotonic,
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._ask, self._publish, self._config, self._tell = ask, publish, config, tell
+        self._ask, self._publish, self._config, self._log_line = ask, publish, config, log_line
         self._name, self._clock, self._wall_ns = name, clock, wall_ns
         self._changed = threading.Condition()
         self._senses = Senses(config.map_frame, config.odom_frame, config.base_frame)
@@ -74,7 +74,7 @@ class RobotGateway:
         self._next_try_s = self._next_check_s = self._next_status_s = clock()
         self._last_fix: Fix | None = None
         self._shows_hypotheses = False
-        self._told, self._bad_message = "", ""
+        self._last_line, self._bad_message = "", ""
         if config.at_start:
             self.relocalize()
 
@@ -130,7 +130,7 @@ class RobotGateway:
         except InputError as error:
             if str(error) != self._bad_message:
                 self._bad_message = str(error)
-                self._tell(self._bad_message)
+                self._log_line(self._bad_message)
 
     def tick(self) -> None:
         """Publishes map -> odom, and the status once a second. Call it about 10 times a second."""
@@ -143,13 +143,13 @@ class RobotGateway:
         """Tells and publishes the status when it has changed, and publishes it once a second."""
         with self._changed:
             status, now_s = self._status, self._clock()
-            line = self._told if status.state is State.ASKING else status.line
-            changed, self._told = line != self._told, line
+            line = self._last_line if status.state is State.ASKING else status.line
+            changed, self._last_line = line != self._last_line, line
             due = changed or now_s >= self._next_status_s
             if due:
                 self._next_status_s = now_s + STATUS_S
         if changed:
-            self._tell(line)
+            self._log_line(line)
         if due:
             header = Header(Stamp.of_ns(self._wall_ns()), "")
             body = encode_diagnostic_array(header, [diagnosis_of(status, self._name)])
@@ -167,7 +167,7 @@ class RobotGateway:
             try:
                 self.step()
             except Exception as error:  # of an edge that cannot publish: the next query may
-                self._tell(f"defect: {error!r}")
+                self._log_line(f"defect: {error!r}")
 
     def close(self) -> None:
         """Ends ``run`` after the current query."""
