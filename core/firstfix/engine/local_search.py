@@ -52,12 +52,11 @@ def best_near(
     aligned = surface.align(few, starts)
     score = aligned.alignment_score
     best = 1 + np.argsort(-score[1:], kind="stable")
-    best = best[score[best] > score[0] - config.worse_by]
-    best = best[
-        native.distinct_poses(
-            aligned.T_level_sensor[best], config.apart_m, np.radians(config.apart_deg), config.refined
-        )
-    ]
+    own_first = np.concatenate([[0], best[score[best] > score[0] - config.worse_by]])
+    apart = native.distinct_poses(
+        aligned.T_level_sensor[own_first], config.apart_m, np.radians(config.apart_deg), config.refined + 1
+    )
+    best = own_first[apart[1:]]  # the first is the place itself, where some of the starts end too
     if not len(best):
         return None
     own = registration.T_level_sensor[None]
