@@ -42,7 +42,7 @@ from .read_map.read_map import content_hash
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
-from .stage_files import engine_of, link, simulator_of, spacing_m_of, trajectory_of
+from .stage_files import engine_of, floor_of, link, simulator_of, spacing_m_of, trajectory_of
 from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .templates.fit_engine import fit_engine
 from .templates.fit_spacing import fitting_viewpoints, write_places
@@ -101,8 +101,11 @@ class BuildStages(StageRunner):
         }
         return self._stage("read_map", inputs, chosen, produce)
 
-    def index_map(self, read: StageResult) -> tuple[StageResult, StageResult]:
-        """The surface of a map that was read, and all that scans are localized with but the calibration."""
+    def index_map(self, read: StageResult) -> tuple[StageResult, StageResult, StageResult]:
+        """The surface of a map that was read, its viewpoints, and all that scans are localized with.
+
+        All but the calibration, which ``self_test`` or ``assume_prior`` makes.
+        """
         mesh = self.reconstruct_mesh(read)
         viewpoints = self.sample_viewpoints(read, mesh)
         fitted = self.fit_engine(read, viewpoints)
@@ -111,7 +114,7 @@ class BuildStages(StageRunner):
         clusters = self.cluster(templates, engine)
         learned = self.learn_keys(mesh, templates, engine)
         index = self.build_index(read, mesh, fitted, templates, clusters, learned)
-        return mesh, index
+        return mesh, viewpoints, index
 
     def thin_map(self, read: StageResult) -> StageResult:
         """The map of ``read_map`` with fewer points, for a provisional version."""
@@ -335,8 +338,8 @@ class BuildStages(StageRunner):
 
         return self._stage("draw_cloud", {"map": read.digest, "index": index.digest}, {}, produce)
 
-    def self_test(self, mesh: StageResult, index: StageResult) -> StageResult:
-        """The calibration, and the version's measured success."""
+    def self_test(self, mesh: StageResult, viewpoints: StageResult, index: StageResult) -> StageResult:
+        """The calibration, the version's measured success, and how much floor has no templates."""
 
         def produce(out: Path) -> None:
             found, calibration, bound, places = run_self_test(
@@ -350,15 +353,18 @@ class BuildStages(StageRunner):
             )
             _write_json(out / CALIBRATION_FILE, calibration.to_mapping())
             _write_json(out / BOUND_FILE, bound.to_mapping())
-            _write_json(out / "self_test.json", found.to_mapping())
+            floor = floor_of(viewpoints)
+            _write_json(out / "self_test.json", {**found.to_mapping(), "floor": floor and floor.to_mapping()})
             draw_reliability(found.reliability, out / "reliability.png")
-            draw_localizability(np.load(index.directory / MAP_FILE), places, out / "localizability.png")
+            points = np.load(index.directory / MAP_FILE)
+            draw_localizability(points, places, out / "localizability.png", floor)
 
         chosen = {
             "self_test": self.config.self_test.model_dump(mode="json"),
             "sensor": self.config.sensor_model.to_mapping(),
         }
-        return self._stage("self_test", {"mesh": mesh.digest, "index": index.digest}, chosen, produce)
+        inputs = {"mesh": mesh.digest, "viewpoints": viewpoints.digest, "index": index.digest}
+        return self._stage("self_test", inputs, chosen, produce)
 
     def assume_prior(self, index: StageResult) -> StageResult:
         """The calibration of a provisional version, which has no self-test: that of no map in particular."""

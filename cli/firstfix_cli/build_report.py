@@ -24,7 +24,7 @@ def reused_lines(stages: Iterable[Mapping[str, Any]]) -> list[str]:
 def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
     """Returns the results that the build measured on perturbed scans."""
     if not tested.get("queries"):
-        return ["self-test: none"]
+        return ["self-test: none", *_floor_lines(tested)]
     success = ", ".join(f"{share:.0%} within {limit}" for limit, share in tested["success"].items())
     lines = [
         f"self-test, {tested['queries']} perturbed scans: {success}",
@@ -38,4 +38,12 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
             f"  from probability {least['min_probability']} at most {least['bound']:.2%} of scans from "
             "elsewhere are localized (95% confidence)"
         )
-    return lines
+    return [*lines, *_floor_lines(tested)]
+
+
+def _floor_lines(tested: Mapping[str, Any]) -> list[str]:
+    """Returns a line about floor that the mapping run saw and that has no template; no line if all has."""
+    share = (tested.get("floor") or {}).get("without_template", 0.0)
+    if not share:
+        return []
+    return [f"{max(share, 0.01):.0%} of the seen floor has no template: not reachable"]
