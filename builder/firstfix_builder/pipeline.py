@@ -88,7 +88,7 @@ def build_version(
                 publish_provisional(early)
         mesh, viewpoints, index = build.index_map(read)
         drawn = build.draw_cloud(read, index)
-        tested = build.self_test(mesh, viewpoints, index)
+        tested = build.self_test(read, mesh, viewpoints, index)
         return _collect(config, read, [index, drawn, tested], work / "version")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from .self_test.localizability import SeenFloor
 from .simulation.local_simulator import whole_simulator
 from .simulation.simulate import Simulator
 from .templates.fit_spacing import FLOOR_FILE, LEFT_OUT_FILE
+
+MOVING_FILE = "moving.json"
 
 
 def trajectory_of(read: StageResult) -> NDArray[np.float64] | None:
@@ -43,6 +46,12 @@ def floor_of(viewpoints: StageResult) -> SeenFloor | None:
     if not path.exists():
         return None
     return SeenFloor(**json.loads(path.read_text()), left_out=np.load(viewpoints.directory / LEFT_OUT_FILE))
+
+
+def moving_of(read: StageResult) -> dict[str, Any] | None:
+    """What scans of the mapping run said of moving things, or None if the map brought none."""
+    path = read.directory / MOVING_FILE
+    return json.loads(path.read_text()) if path.exists() else None
 
 
 def engine_of(fitted: StageResult) -> EngineConfig:
