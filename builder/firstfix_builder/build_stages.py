@@ -38,11 +38,22 @@ from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
 from .read_map import read_parts, read_trajectory
+from .read_map.mapping_scans import MappingScans
 from .read_map.read_map import content_hash
+from .read_map.without_moving import without_moving
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
-from .stage_files import engine_of, link, simulator_of, spacing_m_of, trajectory_of
+from .stage_files import (
+    MOVING_FILE,
+    engine_of,
+    floor_of,
+    link,
+    moving_of,
+    simulator_of,
+    spacing_m_of,
+    trajectory_of,
+)
 from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .templates.fit_engine import fit_engine
 from .templates.fit_spacing import fitting_viewpoints, write_places
@@ -81,7 +92,13 @@ class BuildStages(StageRunner):
             T_map_level = np.eye(4)
             if data.points is not None:
                 T_map_level = level_frame(data.points) if self.config.level else T_map_level
-                cloud = clean_cloud(transform_points(inverse(T_map_level), data.points), self.config.clean)
+                T_level_map = inverse(T_map_level)
+                cloud = clean_cloud(transform_points(T_level_map, data.points), self.config.clean)
+                scans = MappingScans(source, self.config.axis)
+                if self.config.clean.passes and (len(scans) or scans.left_out):
+                    to_origin = make_transform(np.eye(3), -data.origin)
+                    cloud, moving = without_moving(cloud, scans, T_level_map @ to_origin, self.config.clean)
+                    _write_json(out / MOVING_FILE, moving.to_mapping())
                 TiledPoints.of(cloud).save(out)
             else:
                 write_tiled_mesh((Mesh(*part.surface) for part in chain([data], parts)), out)
@@ -101,8 +118,11 @@ class BuildStages(StageRunner):
         }
         return self._stage("read_map", inputs, chosen, produce)
 
-    def index_map(self, read: StageResult) -> tuple[StageResult, StageResult]:
-        """The surface of a map that was read, and all that scans are localized with but the calibration."""
+    def index_map(self, read: StageResult) -> tuple[StageResult, StageResult, StageResult]:
+        """The surface of a map that was read, its viewpoints, and all that scans are localized with.
+
+        All but the calibration, which ``self_test`` or ``assume_prior`` makes.
+        """
         mesh = self.reconstruct_mesh(read)
         viewpoints = self.sample_viewpoints(read, mesh)
         fitted = self.fit_engine(read, viewpoints)
@@ -111,7 +131,7 @@ class BuildStages(StageRunner):
         clusters = self.cluster(templates, engine)
         learned = self.learn_keys(mesh, templates, engine)
         index = self.build_index(read, mesh, fitted, templates, clusters, learned)
-        return mesh, index
+        return mesh, viewpoints, index
 
     def thin_map(self, read: StageResult) -> StageResult:
         """The map of ``read_map`` with fewer points, for a provisional version."""
@@ -335,8 +355,10 @@ class BuildStages(StageRunner):
 
         return self._stage("draw_cloud", {"map": read.digest, "index": index.digest}, {}, produce)
 
-    def self_test(self, mesh: StageResult, index: StageResult) -> StageResult:
-        """The calibration, and the version's measured success."""
+    def self_test(
+        self, read: StageResult, mesh: StageResult, viewpoints: StageResult, index: StageResult
+    ) -> StageResult:
+        """The calibration, the version's measured success, and what was left out of floor and cloud."""
 
         def produce(out: Path) -> None:
             found, calibration, bound, places = run_self_test(
@@ -350,15 +372,20 @@ class BuildStages(StageRunner):
             )
             _write_json(out / CALIBRATION_FILE, calibration.to_mapping())
             _write_json(out / BOUND_FILE, bound.to_mapping())
-            _write_json(out / "self_test.json", found.to_mapping())
+            floor = floor_of(viewpoints)
+            left_out = {"floor": floor and floor.to_mapping(), "moving": moving_of(read)}
+            _write_json(out / "self_test.json", {**found.to_mapping(), **left_out})
             draw_reliability(found.reliability, out / "reliability.png")
-            draw_localizability(np.load(index.directory / MAP_FILE), places, out / "localizability.png")
+            points = np.load(index.directory / MAP_FILE)
+            draw_localizability(points, places, out / "localizability.png", floor)
 
         chosen = {
             "self_test": self.config.self_test.model_dump(mode="json"),
             "sensor": self.config.sensor_model.to_mapping(),
         }
-        return self._stage("self_test", {"mesh": mesh.digest, "index": index.digest}, chosen, produce)
+        inputs = {"map": read, "mesh": mesh, "viewpoints": viewpoints, "index": index}
+        digests = {name: result.digest for name, result in inputs.items()}
+        return self._stage("self_test", digests, chosen, produce)
 
     def assume_prior(self, index: StageResult) -> StageResult:
         """The calibration of a provisional version, which has no self-test: that of no map in particular."""

@@ -86,9 +86,9 @@ def build_version(
             early = _provisional(build, read, work)
             if early is not None:
                 publish_provisional(early)
-        mesh, index = build.index_map(read)
+        mesh, viewpoints, index = build.index_map(read)
         drawn = build.draw_cloud(read, index)
-        tested = build.self_test(mesh, index)
+        tested = build.self_test(read, mesh, viewpoints, index)
         return _collect(config, read, [index, drawn, tested], work / "version")
 
 
@@ -104,7 +104,7 @@ def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuildResu
     coarse = replace(build, config=provisional_config(build.config), progress=progress, provisional=True)
     try:
         read = coarse.thin_map(read)
-        _, index = coarse.index_map(read)
+        *_, index = coarse.index_map(read)
         tested = coarse.assume_prior(index)
     except BuildFailed as error:
         _log.warning("no provisional version: %s", error)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +15,12 @@ from firstfix.engine.config import EngineConfig
 from .execution.stage_cache import StageResult
 from .index.views import STEP_M
 from .mesh.clean_cloud import point_spacing_m
+from .self_test.localizability import SeenFloor
 from .simulation.local_simulator import whole_simulator
 from .simulation.simulate import Simulator
+from .templates.fit_spacing import FLOOR_FILE, LEFT_OUT_FILE
+
+MOVING_FILE = "moving.json"
 
 
 def trajectory_of(read: StageResult) -> NDArray[np.float64] | None:
@@ -32,6 +38,20 @@ def spacing_m_of(read: StageResult) -> float:
 def simulator_of(mesh: StageResult) -> Simulator:
     """A simulator over the whole mesh."""
     return whole_simulator(mesh.directory)
+
+
+def floor_of(viewpoints: StageResult) -> SeenFloor | None:
+    """The floor that the mapping run saw, or None if the map has no trajectory."""
+    path = viewpoints.directory / FLOOR_FILE
+    if not path.exists():
+        return None
+    return SeenFloor(**json.loads(path.read_text()), left_out=np.load(viewpoints.directory / LEFT_OUT_FILE))
+
+
+def moving_of(read: StageResult) -> dict[str, Any] | None:
+    """What scans of the mapping run said of moving things, or None if the map brought none."""
+    path = read.directory / MOVING_FILE
+    return json.loads(path.read_text()) if path.exists() else None
 
 
 def engine_of(fitted: StageResult) -> EngineConfig:

@@ -24,7 +24,7 @@ def reused_lines(stages: Iterable[Mapping[str, Any]]) -> list[str]:
 def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
     """Returns the results that the build measured on perturbed scans."""
     if not tested.get("queries"):
-        return ["self-test: none"]
+        return ["self-test: none", *_left_out_lines(tested)]
     success = ", ".join(f"{share:.0%} within {limit}" for limit, share in tested["success"].items())
     lines = [
         f"self-test, {tested['queries']} perturbed scans: {success}",
@@ -38,4 +38,21 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
             f"  from probability {least['min_probability']} at most {least['bound']:.2%} of scans from "
             "elsewhere are localized (95% confidence)"
         )
+    return [*lines, *_left_out_lines(tested)]
+
+
+def _left_out_lines(tested: Mapping[str, Any]) -> list[str]:
+    """Returns lines about seen floor without templates, and points of moving things; none without them."""
+    lines = []
+    share = (tested.get("floor") or {}).get("without_template", 0.0)
+    if share:
+        lines.append(f"{max(share, 0.01):.0%} of the seen floor has no template: not reachable")
+    moving = tested.get("moving") or {}
+    if moving.get("left_out"):
+        lines.append(f"{moving['left_out']:.1%} of the points left out: later rays passed through them")
+    elif moving.get("passed"):
+        lines.append(f"rays passed through {moving['passed']:.1%} of the points, so none was left out")
+    if moving.get("not_used"):
+        name, reason = next(iter(moving["not_used"].items()))
+        lines.append(f"{len(moving['not_used'])} mapping scans not used, such as {name}: {reason}")
     return lines

@@ -31,6 +31,25 @@ class QueriedPlace:
     rival_m: NDArray[np.float64] | None
 
 
+@dataclass(frozen=True)
+class SeenFloor:
+    """The floor that the mapping run saw.
+
+    Attributes:
+        seen_m2: its area.
+        without_template: share that has no template, because no step reaches it.
+        left_out: (k, 3) places of that share, in the index's levelled frame.
+    """
+
+    seen_m2: float
+    without_template: float
+    left_out: NDArray[np.float64]
+
+    def to_mapping(self) -> dict[str, float]:
+        """Returns the figures as JSON values."""
+        return {"seen_m2": self.seen_m2, "without_template": self.without_template}
+
+
 def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:
     """Returns the cells of CELL_M in which scans were taken.
 
@@ -55,8 +74,15 @@ def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:
     return grid
 
 
-def draw_localizability(map_points: NDArray[np.floating], places: Sequence[QueriedPlace], path: Path) -> None:
+def draw_localizability(
+    map_points: NDArray[np.floating],
+    places: Sequence[QueriedPlace],
+    path: Path,
+    floor: SeenFloor | None = None,
+) -> None:
     """Draws a PNG: each scan of the self-test by its outcome, and lines from unsure ones to similar places.
+
+    Floor without templates is drawn below them.
 
     No date and no tool's name go into the file: equal input gives equal bytes.
     """
@@ -68,6 +94,10 @@ def draw_localizability(map_points: NDArray[np.floating], places: Sequence[Queri
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     axes.imshow(view.opacity, origin="lower", extent=view.extent_m, cmap="gray_r", vmin=0, vmax=3)
+    if floor is not None and len(floor.left_out):
+        x, y = floor.left_out[:, :2].T
+        label = f"no template: {floor.without_template:.0%} of the seen floor"
+        axes.scatter(x, y, s=6, c="tab:purple", marker="s", lw=0, alpha=0.4, label=label)
     for place in places:
         if place.outcome != "localized" and place.rival_m is not None:
             ends = np.stack([place.position_m, place.rival_m])

@@ -173,7 +173,7 @@ def _read(session: Session, result: StageResult) -> ReadSession:
 
 
 def _map_of(lean: SessionStages, name: str, read: StageResult) -> SessionMap:
-    mesh, index = lean.index_map(read)
+    mesh, _, index = lean.index_map(read)
     return SessionMap.of(
         name,
         simulator_of(mesh),

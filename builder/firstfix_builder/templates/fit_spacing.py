@@ -6,6 +6,7 @@ represent a whole block, because alignment corrects an offset of more than a met
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -32,6 +33,7 @@ from .view_distance import (
     percentile_m,
 )
 
+LEFT_OUT_FILE, FLOOR_FILE = "left_out.npy", "floor.json"
 ROOM_SPACING_M = 0.5
 ROOM_VIEW_M = 12.0  # below this view distance, 0.5 m finds twice as many places as 1 m
 
@@ -51,7 +53,8 @@ def write_places(
     """Writes the viewpoints of one spacing, tile by tile.
 
     ``positions.npy`` and ``floor_z.npy`` as in ``Viewpoints``; ``tile.npy`` and ``tile_start.npy``: which
-    tiles have some, and where they start; ``shown.npy``: the rows of those that tell how far one sees.
+    tiles have some, and where they start; ``shown.npy``: the rows of those that tell how far one sees;
+    ``left_out.npy`` where the map has a trajectory: as in ``Viewpoints``.
 
     Args:
         run: runs chunks that read the inputs ``map`` and ``mesh``.
@@ -61,9 +64,13 @@ def write_places(
     """
     _, parts = tiled_viewpoints(run, read, mesh, config, spacing_m, sensor.mount_height_m)
     tiles, start = [], [0]
-    positions, floor_z = [], []
+    positions, floor_z, left_out = [], [], []
     shown = np.zeros((0, 4))
     for tile, found in parts:
+        if found.left_out is not None:
+            left_out.append(found.left_out)
+        if not len(found):
+            continue
         tiles.append(tile)
         positions.append(found.positions)
         floor_z.append(found.floor_z)
@@ -74,6 +81,8 @@ def write_places(
     np.save(out / "tile.npy", np.array(tiles, np.int64))
     np.save(out / "tile_start.npy", np.array(start, np.int64))
     np.save(out / "shown.npy", shown[:, 3].astype(np.int64))
+    if left_out:
+        np.save(out / LEFT_OUT_FILE, np.concatenate(left_out))
 
 
 def fitting_viewpoints(
@@ -87,7 +96,8 @@ def fitting_viewpoints(
 
     ``positions.npy``, ``floor_z.npy``; ``chunk_start.npy``: where the tiles of chunks start;
     ``spacing_m.npy``: the largest spacing between them; ``view_m.npy``: how far one sees from them, the
-    ground included.
+    ground included. Where the map has a trajectory, ``left_out.npy`` of ``write_places``, and ``floor.json``:
+    how much floor that is.
 
     Args:
         places_at: makes the places of ``write_places`` at a spacing.
@@ -103,6 +113,7 @@ def fitting_viewpoints(
             places = places_at(spacing_m)
         else:
             keep = _informative_mask(run, places, spacing_m, sensor)
+    places_m = spacing_m
     positions, floor_z = (np.load(places.directory / f"{name}.npy") for name in ("positions", "floor_z"))
     rows = np.arange(len(positions)) if keep is None else np.flatnonzero(keep)
     shown = rows[rows_by_hash(positions[rows], VIEWPOINTS, VIEWPOINT_CELL_M)]
@@ -115,6 +126,16 @@ def fitting_viewpoints(
     np.save(out / "chunk_start.npy", start)
     np.save(out / "spacing_m.npy", spacing_m)
     np.save(out / "view_m.npy", view_m)
+    if (places.directory / LEFT_OUT_FILE).exists():
+        left_out = np.load(places.directory / LEFT_OUT_FILE)
+        np.save(out / LEFT_OUT_FILE, left_out)
+        (out / FLOOR_FILE).write_text(json.dumps(_record(len(positions), len(left_out), places_m)))
+
+
+def _record(reached: int, left_out: int, places_m: float) -> dict[str, float]:
+    """How much floor the mapping run saw, and how much of it has no template because no step reaches it."""
+    share = left_out / (reached + left_out)
+    return {"seen_m2": round((reached + left_out) * places_m**2, 1), "without_template": round(share, 4)}
 
 
 def _informative_mask(

@@ -80,6 +80,10 @@ class FloorPoints:
         """Places of which each stands for itself."""
         return cls(xy_m, z, z, z)
 
+    def subset(self, keep: NDArray[np.bool_]) -> FloorPoints:
+        """Returns the chosen places."""
+        return FloorPoints(self.xy_m[keep], self.z[keep], self.low_z[keep], self.high_z[keep])
+
 
 def one_per_block(
     points: FloorPoints, side_m: float, part: NDArray[np.integer] | None = None

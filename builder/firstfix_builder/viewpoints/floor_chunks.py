@@ -8,6 +8,7 @@ from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from ..simulation.local_simulator import local_simulator
 from ..simulation.simulate import Simulator
 from .even_sample import FloorPoints
 from .sample import Viewpoints, floor_sampling, foot_near, joined_viewpoints
+from .seen_floor import SIGHT_M, MappingRun, TileFloor, is_sparse, poses_near, seen_from
 from .tile_floors import FloorSampling, TileFloors, tile_floors
 from .tiles import SHARED_TILES, Tiling, in_order
 from .trajectory_floor import Track
@@ -97,6 +99,38 @@ class FloorsChunk(TileChunk):
         return foot_near(track, self.sampling, self.tile)
 
 
+@dataclass(frozen=True)
+class SeenFloorChunk(TileChunk):
+    """Whether the mapping run saw some floor of a tile. Reads the input ``map``.
+
+    Attributes:
+        floor: (n, 3) places.
+    """
+
+    floor: NDArray[np.float64]
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """A hash of the places, which say where they are."""
+        return {"floor": sha256(self.floor.tobytes()).hexdigest()}
+
+    def run(self, inputs: Mapping[str, Path]) -> Arrays:
+        """Returns which places were seen."""
+        return {
+            "seen": seen_from(self.simulator(inputs["mesh"], SIGHT_M), self.floor, self._near(inputs["map"]))
+        }
+
+    def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
+        """Hashes of the poses near the tile, and of the surface between."""
+        return {
+            "poses": sha256(self._near(inputs["map"].directory).tobytes()).hexdigest(),
+            "mesh": self.surface(inputs["mesh"], SIGHT_M),
+        }
+
+    def _near(self, folder: Path) -> NDArray[np.float64]:
+        return poses_near(_poses(folder).points, *self.tiling.box(self.tile))
+
+
 def tiled_viewpoints(
     run: Callable[[Sequence[Chunk]], Iterator[Arrays]],
     read: Path,
@@ -117,20 +151,28 @@ def tiled_viewpoints(
         BuildFailed: there is no floor to stand on, none under the trajectory, or the map is too large.
     """
     tiling = Tiling(spacing_m)
+
+    def sees(floor: Sequence[TileFloor]) -> Iterator[NDArray[np.bool_]]:
+        return (part["seen"] for part in run([SeenFloorChunk(tile, tiling, at) for tile, at in floor]))
+
     tiled = TiledMesh.load(mesh)
     tiles = tiling.over(tiled.low, tiled.high)
-    drop_m = None
+    drop_m = mapping = None
     if (read / TRAJECTORY).exists() and len(_poses(read).points):
         over = np.unique(tiling.of(_poses(read).points), axis=0).tolist()
         under = [DropsChunk(tile, tiling) for tile in in_order((x, y) for x, y in over)]
         drop_m = np.concatenate([part["drop_m"] for part in run(under)])
+        mapping = MappingRun(is_sparse(_poses(read).points), sees)
     sampling = floor_sampling(tiling, config, sensor_height_m, drop_m)
     chunks = [FloorsChunk(tile, tiling, sampling, drop_m is not None) for tile in tiles]
-    return tiling, _in_tiles(sampling, tiles, (_floors(part) for part in run(chunks)), drop_m is not None)
+    return tiling, _in_tiles(sampling, tiles, (_floors(part) for part in run(chunks)), mapping)
 
 
 def _in_tiles(
-    sampling: FloorSampling, tiles: list[tuple[int, int]], found: Iterator[TileFloors], by_trajectory: bool
+    sampling: FloorSampling,
+    tiles: list[tuple[int, int]],
+    found: Iterator[TileFloors],
+    mapping: MappingRun | None,
 ) -> Iterator[tuple[tuple[int, int], Viewpoints]]:
     """Yields viewpoints by tile. What may become viewpoints is kept on the disk."""
     with TemporaryFile() as file:
@@ -154,9 +196,9 @@ def _in_tiles(
             rows = np.frombuffer(file.read((start[number + 1] - start[number]) * _SPOT.itemsize), _SPOT)
             return FloorPoints(rows["xy"], rows["z"], rows["low"], rows["high"]), rows["part"]
 
-        parts = joined_viewpoints(sampling, tiles, found, keep, kept, by_trajectory=by_trajectory)
+        parts = joined_viewpoints(sampling, tiles, found, keep, kept, mapping)
         for tile, viewpoints in zip(tiles, parts, strict=True):
-            if len(viewpoints):
+            if len(viewpoints) or (viewpoints.left_out is not None and len(viewpoints.left_out)):
                 yield tile, viewpoints
 
 

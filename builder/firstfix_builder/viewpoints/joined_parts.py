@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,11 +61,9 @@ class JoinedParts:
             by_trajectory: those that are connected with a part that the trajectory passed over; otherwise
                 the largest one that is no roof, and the other storeys of comparable size.
         """
-        self._join()
         if self._start[-1] == 0:
             return np.zeros(0, np.bool_)
-        pairs = np.concatenate([np.zeros((0, 2), np.int64), *self._pairs])
-        part = connected_parts(pairs, self._start[-1])
+        part = self.floor_of
         chosen = np.zeros(int(part.max()) + 1, np.bool_)
         if by_trajectory:
             chosen[part[np.concatenate(self._passed)]] = True
@@ -73,6 +73,18 @@ class JoinedParts:
             chosen[_drivable(*area.T)] = True
         found: NDArray[np.bool_] = chosen[part]
         return found
+
+    @cached_property
+    def floor_of(self) -> NDArray[np.int64]:
+        """(parts,) number of the connected floor that each part belongs to, when all have been added."""
+        self._join()
+        pairs = np.concatenate([np.zeros((0, 2), np.int64), *self._pairs])
+        return connected_parts(pairs, self._start[-1])
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """(parts,) cells of each part."""
+        return np.concatenate([np.zeros((0, 3), np.int64), *self._area])[:, 0]
 
     def _join(self) -> None:
         """Joins the parts of this row of tiles, and those with the row before."""

@@ -33,12 +33,17 @@ class CleanConfig(Stage):
         max_points: the voxel grows until the cloud has fewer points. Bounds the time of a build.
         radius_spacings: radius of a point's neighbourhood, in point spacings.
         min_neighbours: a point with fewer neighbours is removed; 0 keeps all.
+        passes: a point goes that so many scans of the mapping run saw through, and three times as many as met
+            it; 0 keeps all. Only of maps that bring their scans.
+        most_passed: if a larger share of the points would go so, none goes.
     """
 
     voxel_m: float | None = Field(0.08, gt=0, le=10)
     max_points: int = Field(4_000_000, ge=1_000)
     radius_spacings: float = Field(4.0, gt=0, le=100)
     min_neighbours: int = Field(3, ge=0, le=100)
+    passes: int = Field(2, ge=0, le=1000)
+    most_passed: float = Field(0.15, ge=0, le=1)
 
 
 class ReconstructConfig(Stage):

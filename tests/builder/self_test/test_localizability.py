@@ -3,7 +3,13 @@ import json
 import numpy as np
 import pytest
 
-from firstfix_builder.self_test.localizability import CELL_M, QueriedPlace, draw_localizability, grid_of
+from firstfix_builder.self_test.localizability import (
+    CELL_M,
+    QueriedPlace,
+    SeenFloor,
+    draw_localizability,
+    grid_of,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -40,6 +46,20 @@ def test_equal_input_gives_equal_pictures(tmp_path):
         draw_localizability(points, places, tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     draw_localizability(points, [], tmp_path / "none.png")
+
+
+def test_floor_without_templates_is_drawn(tmp_path):
+    points = np.random.default_rng(0).uniform(0, 40, (500, 3))
+    floor = SeenFloor(100.0, 0.12, np.array([[20.0, 20.0, 0.6], [21.0, 20.0, 0.6]]))
+    draw_localizability(points, [], tmp_path / "all.png", SeenFloor(100.0, 0.0, np.zeros((0, 3))))
+    draw_localizability(points, [], tmp_path / "none.png")
+    draw_localizability(points, [], tmp_path / "some.png", floor)
+    assert (tmp_path / "all.png").read_bytes() == (tmp_path / "none.png").read_bytes()
+    assert (tmp_path / "some.png").read_bytes() != (tmp_path / "none.png").read_bytes()
+
+
+def test_a_map_without_a_trajectory_does_not_say_what_was_seen(small_version):
+    assert small_version.manifest.self_test["floor"] is None
 
 
 def test_a_version_carries_grid_and_picture(small_version):

@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import pytest
 from box_scenes import box, floor, walls
 from numpy.typing import NDArray
 
@@ -57,6 +58,30 @@ def sampled(parts: list[Mesh], **config: object) -> tuple[NDArray[np.float64], f
             places_at, lambda places, chunks: run(chunks, places=places.directory), chosen, SENSOR, out
         )
         return np.load(out / "positions.npy"), float(np.load(out / "spacing_m.npy"))
+
+
+@pytest.mark.parametrize(("step_m", "left_out_m2"), [(1.0, 42), (3.0, 0)])
+def test_the_stage_says_how_much_of_the_seen_floor_no_step_reaches(step_m: float, left_out_m2: float):
+    parts = [floor(0, 0, 8, 6), box((8, 0, -0.1), (15, 6, 0.6))]
+    track = np.tile(np.eye(4), (3, 1, 1))
+    track[:, :3, 3] = [[1.0 + step_m * number, 3.0, 1.5] for number in range(3)]
+    with TemporaryDirectory() as name:
+        mesh, read, out = (Path(name) / part for part in ("mesh", "map", "out"))
+        for folder in (mesh, read, out):
+            folder.mkdir()
+        TiledMesh.of(Mesh.joined(parts)).save(mesh)
+        np.save(read / "trajectory.npy", track)
+
+        def run(chunks: Sequence[Chunk]) -> Iterator[Arrays]:
+            for chunk in chunks:
+                chunk.reads({"mesh": finished(mesh), "map": finished(read)})
+                yield chunk.run({"mesh": mesh, "map": read})
+
+        write_places(run, read, mesh, ViewpointConfig(), 1.0, SENSOR, out)
+        left_out, positions = np.load(out / "left_out.npy"), np.load(out / "positions.npy")
+    assert len(left_out) == pytest.approx(left_out_m2, abs=6)
+    assert (positions[:, 0] > 8.3).any() == (left_out_m2 == 0)
+    assert len(left_out) + len(positions) == pytest.approx(90, abs=6)
 
 
 def test_a_room_has_close_viewpoints():

@@ -12,6 +12,7 @@ from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.viewpoints import tiles
 from firstfix_builder.viewpoints.sample import Viewpoints, sample_viewpoints
+from firstfix_builder.viewpoints.seen_floor import is_sparse
 from needs import recorded
 
 MOUNT_M = 0.6
@@ -127,8 +128,72 @@ def holed_floor(gap_m: float) -> list[Mesh]:
 
 @pytest.mark.parametrize(("gap_m", "bridged"), [(0.8, True), (2.5, False)])
 def test_a_gap_in_the_floor_is_bridged_up_to_its_limit(gap_m: float, bridged: bool):
-    found = sample(holed_floor(gap_m), path((1.0, 1.0, 1.0)))
+    found = sample(holed_floor(gap_m), path((1.0, 1.0, 1.0), (2.0, 1.0, 1.0)))
     assert inside(found, 5 + gap_m, 0, 10, 6).any() == bridged
+
+
+STATIONS = path((1.5, 1.5, 1.5), (4.5, 5.0, 1.5), (1.5, 5.0, 1.5))
+DRIVE = path(*((1.5 + 0.5 * step, 1.5, 1.5) for step in range(6)))
+
+
+def terrace() -> list[Mesh]:
+    """A floor, a platform 0.6 m above it, the roof of a car, a roof, and a room that nobody looked into."""
+    platform = box((5, 0, -0.1), (12, 6, 0.6))
+    car = box((2, 3, -0.1), (3.5, 5.5, 1.2))
+    roof = box((0, 8, 2.8), (12, 14, 3.0))
+    closed = [floor(14, 0, 20, 6), *walls(13.9, -0.1, 20.1, 6.1), floor(13.9, -0.1, 20.1, 6.1, 3.0)]
+    return [floor(0, 0, 5, 6), platform, car, roof, *closed]
+
+
+def test_a_platform_that_stations_saw_gets_viewpoints_though_no_step_reaches_it():
+    found = sample(terrace(), STATIONS)
+    platform = inside(found, 5.3, 0, 12, 6)
+    assert platform.sum() >= 36
+    np.testing.assert_allclose(found.floor_z[platform], 0.6, atol=0.01)
+    assert np.abs(found.floor_z[~platform & ~inside(found, 5, 0, 5.3, 6)]).max() < 0.01  # on no car, no roof
+    assert not inside(found, 13, -1, 21, 14).any()
+    assert not (found.positions[:, 1] > 6).any()
+    assert len(found.left_out) == 0
+
+
+def test_a_run_that_drove_says_where_a_robot_can_be_and_what_is_left_out_is_counted():
+    found = sample(terrace(), DRIVE)
+    assert not inside(found, 5.3, 0, 20, 6).any()
+    assert found.left_out is not None
+    assert 36 <= len(found.left_out) <= 42
+    assert ((found.left_out[:, 0] > 5) & (found.left_out[:, 0] < 12)).all()
+    np.testing.assert_allclose(found.left_out[:, 2], 0.6, atol=0.01)
+
+
+def test_without_a_trajectory_nothing_is_known_of_what_was_seen():
+    assert sample(terrace()).left_out is None
+
+
+def test_a_platform_with_a_station_on_it_has_viewpoints_as_far_as_it_reaches():
+    found = sample(terrace(), path((1.5, 1.5, 1.5), (8.5, 3.0, 2.1)))
+    assert inside(found, 0, 0, 5, 6).sum() >= 15
+    assert inside(found, 5.3, 0, 12, 6).sum() >= 36
+
+
+@pytest.mark.parametrize(
+    ("step_m", "scans", "sparse"), [(0.5, 1, False), (1.8, 1, False), (2.5, 1, True), (8.0, 3, True)]
+)
+def test_sparse_poses_are_known_by_the_distance_between_neighbours(step_m: float, scans: int, sparse: bool):
+    along = np.repeat(np.arange(12) * step_m, scans)  # several scans of one stop, a hand's breadth apart
+    positions = np.column_stack([along, 0.1 * (np.arange(len(along)) % scans), np.full(len(along), 1.5)])
+    order = np.random.default_rng(5).permutation(len(along))
+    assert is_sparse(positions[order]) == sparse
+
+
+@pytest.mark.parametrize("track", [STATIONS, DRIVE])
+def test_small_tiles_see_what_one_tile_sees(monkeypatch: pytest.MonkeyPatch, track: NDArray[np.float64]):
+    found = []
+    for side_m in (4.0, 1000.0):
+        monkeypatch.setattr(tiles, "SIDE_M", side_m)
+        made = sample(terrace(), track)
+        rows = np.concatenate([made.positions, made.left_out])
+        found.append(rows[np.lexsort(rows.T)])
+    np.testing.assert_array_equal(found[0], found[1])
 
 
 def test_the_trajectory_is_floor_even_where_the_mesh_has_none():

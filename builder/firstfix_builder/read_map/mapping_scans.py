@@ -1,0 +1,103 @@
+"""Scans that a map was made from, with their poses.
+
+A map's folder brings them in a folder of their own:
+
+    mapping_scans/poses.csv    columns scan (path from this folder) and tx,ty,tz,qx,qy,qz,qw (T_map_sensor)
+    mapping_scans/...          the scans, as ``firstfix localize`` reads them
+
+What cannot be used is left out with a reason: the map is built all the same.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.decode import read_scan_file
+from firstfix.errors import InputError, MalformedData, NotFound
+from firstfix.transform import Matrix
+
+from .file_errors import naming
+from .rigid import rigid_from_quaternions
+
+FOLDER, POSES = "mapping_scans", "poses.csv"
+_POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+
+
+@dataclass(frozen=True)
+class MappingScan:
+    """A scan of the mapping run.
+
+    Attributes:
+        points: (n, 3) metres, sensor frame.
+        T_map_sensor: where it was taken.
+    """
+
+    points: NDArray[np.float32]
+    T_map_sensor: Matrix
+
+
+class MappingScans:
+    """The scans of a map's folder, of which one is in memory at a time.
+
+    Attributes:
+        left_out: the reason for each scan, by its name, or for the file of poses.
+    """
+
+    def __init__(self, source: Path, axis: str) -> None:
+        self.left_out: dict[str, str] = {}
+        self._folder = source / FOLDER
+        self._rows: list[tuple[str, list[str]]] = []
+        if not self._folder.is_dir():
+            return
+        if axis != "z-up":
+            self.left_out[FOLDER] = f"the map is {axis}, and poses of scans must be z-up"
+            return
+        try:
+            with naming(self._folder / POSES):
+                self._rows = _rows(self._folder / POSES)
+        except (InputError, NotFound) as error:
+            self.left_out[POSES] = str(error)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def posed(self) -> Iterator[tuple[str, Matrix]]:
+        """Yields the name and T_map_sensor of each scan that has a pose."""
+        for name, words in self._rows:
+            try:
+                numbers = np.array([[float(word) for word in words]])
+                yield name, rigid_from_quaternions(numbers[:, :3], numbers[:, 3:])[0]
+            except (ValueError, MalformedData):
+                self.left_out[name] = "it has no valid pose"
+
+    def read(self, name: str) -> NDArray[np.float32] | None:
+        """(n, 3) points of a scan; None: it cannot be read."""
+        path = (self._folder / name).resolve()
+        if not path.is_relative_to(self._folder.resolve()):
+            self.left_out[name] = "it is not in the folder"
+            return None
+        try:
+            return read_scan_file(path).points
+        except (InputError, NotFound, OSError, MemoryError) as error:  # without the folders of this machine
+            self.left_out[name] = str(error).replace(f"{path.parent}/", "").removeprefix(f"{path.name}: ")
+            return None
+
+
+def _rows(path: Path) -> list[tuple[str, list[str]]]:
+    """Name and the seven words of the pose of each scan."""
+    try:
+        reader = csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines(), skipinitialspace=True)
+        missing = [name for name in ("scan", *_POSE) if name not in (reader.fieldnames or ())]
+        if missing:
+            raise MalformedData(f"the first line has no column {', '.join(missing)}")
+        return [
+            ((row["scan"] or "").strip(), [(row[name] or "").strip() for name in _POSE]) for row in reader
+        ]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise MalformedData(f"not a CSV text file: {error}") from error
