@@ -31,6 +31,9 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
         f"  median error {tested['median_error_m']:.3f} m, {tested['localized']:.0%} answered localized, "
         f"{tested['false_accepts']} false among them and {tested['outside']} scans from elsewhere",
     ]
+    threshold = tested.get("threshold")
+    if threshold is not None:
+        lines += _threshold_lines(threshold)
     rows = tested.get("false_accept_bound", {}).get("rows", ())
     least = next((row for row in rows if row["bound"] == rows[-1]["bound"]), None)
     if least is not None:
@@ -39,3 +42,16 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
             "elsewhere are localized (95% confidence)"
         )
     return lines
+
+
+def _threshold_lines(threshold: Mapping[str, Any]) -> list[str]:
+    """Returns what the version promises of its answers, and what other promises would cost."""
+    promises = [threshold, *threshold["others"]]
+    asked, *others = (f"1 in {1 / one['max_false_accept']:,.0f}" for one in promises)
+    shown = f"the self-test shows at most {threshold['bound']:.2%}"
+    how = shown if threshold["kept_by"] == "rate" else f"each answer by itself; {shown}"
+    shares = (f"{one['localized']:.0%} at {other}" for one, other in zip(promises[1:], others, strict=True))
+    return [
+        f"  localized from probability {threshold['min_probability']:g}: at most {asked} wrong ({how})",
+        f"  localized, by how many may be wrong: {', '.join(shares)}",
+    ]

@@ -52,6 +52,11 @@ class Outcome:
         return cls(query, answer, None, (np.inf,) * len(answer.hypotheses), is_mirrored)
 
     @property
+    def is_in_map(self) -> bool:
+        """Returns whether the scan was taken in the map."""
+        return self.T_level_sensor is not None
+
+    @property
     def first_error_m(self) -> float:
         """Error of the best hypothesis, infinite if there is none."""
         return self.errors_m[0] if self.errors_m else np.inf

@@ -29,7 +29,8 @@ from ..simulation.simulate import Simulator
 from .equal_places import is_in_map, mirrored, tie_width, unequal_by
 from .localizability import QueriedPlace, grid_of
 from .outcome import RIGHT_M, Outcome
-from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, mirrored_weight, reliability_of
+from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, judged, mirrored_weight, reliability_of
+from .threshold import TOLD, Judged, choose
 
 SURE = 0.5  # a mirror image that was found with a higher probability may be in the map
 LIMITS_M = (0.05, 0.2, 0.5, 1)
@@ -47,6 +48,7 @@ class SelfTest:
         false_accepts: number of answers ``localized`` that were off by over 1 m or 10 degrees, or outside.
         reliability: result of ``reliability.reliability_of`` for all of them.
         false_accept_bound: result of ``reliability.bound_of``, with mirror images and hard negatives.
+        threshold: result of ``threshold.choose`` for the config's promise; ``others``: for those of ``TOLD``.
         localizability: result of ``localizability.grid_of`` for the queries.
     """
 
@@ -60,6 +62,7 @@ class SelfTest:
     false_accepts: int
     reliability: dict[str, Any]
     false_accept_bound: dict[str, Any]
+    threshold: dict[str, Any]
     localizability: list[dict[str, object]]
 
     def to_mapping(self) -> dict[str, Any]:
@@ -130,9 +133,14 @@ def run_self_test(
     outcomes = [replace(outcome, min_margin=min_margin, ranking=ranking) for outcome in outcomes]
     cases = _cases(outcomes, mirrored_weight(len(inside), config.mirrored))
     calibration = replace(fit(cases), min_margin=min_margin)
+    seen = judged(cases, calibration)
+    seen += [Judged(-1.0, False, o.is_in_map) for o in outcomes if o.evidence is None]
+    threshold = choose(seen, config.max_false_accept)
+    calibration = replace(calibration, min_probability=threshold.min_probability)
     tested = _queried_places(outcomes, calibration, T_level_map)
     bound = bound_of(cases, unanswered=sum(o.evidence is None for o in outcomes))
-    found = _summary(outcomes, calibration, cases, bound, grid_of(tested))
+    told = {**threshold.to_mapping(), "others": [choose(seen, share).to_mapping() for share in TOLD]}
+    found = _summary(outcomes, calibration, cases, bound, told, grid_of(tested))
     return found, calibration, bound, tested
 
 
@@ -159,9 +167,10 @@ def _cases(outcomes: Sequence[Outcome], weight_of_mirrored: float) -> list[Case]
         if outcome.evidence is not None:
             weight = weight_of_mirrored if outcome.is_mirrored else 1.0
             right, asked = outcome.right_among_tied, not outcome.is_mirrored
-            cases.append(Case(outcome.query, outcome.evidence, right, weight, asked))
-        if outcome.without_the_truth is not None:
-            cases.append(Case(outcome.query, outcome.without_the_truth, False, ABSENT_WEIGHT, asked=False))
+            cases.append(Case(outcome.query, outcome.evidence, right, weight, asked, outcome.is_in_map))
+        absent = outcome.without_the_truth
+        if absent is not None:
+            cases.append(Case(outcome.query, absent, False, ABSENT_WEIGHT, asked=False, is_in_map=False))
     return cases
 
 
@@ -170,6 +179,7 @@ def _summary(
     calibration: Calibration,
     cases: Sequence[Case],
     bound: FalseAcceptBound,
+    threshold: dict[str, Any],
     localizability: list[dict[str, object]],
 ) -> SelfTest:
     asked = [outcome for outcome in outcomes if not outcome.is_mirrored]
@@ -189,6 +199,7 @@ def _summary(
         false_accepts=sum(not o.right for o in accepted),
         reliability=reliability_of(cases),
         false_accept_bound=bound.to_mapping(),
+        threshold=threshold,
         localizability=localizability,
     )
 
