@@ -62,7 +62,7 @@ def build(extent: Extent, work: Path) -> Built:
         clusters = stages.cluster(templates, engine)
         learned = stages.learn_keys(mesh, templates, engine)
         index = stages.build_index(read, mesh, fitted, templates, clusters, learned)
-        tested = stages.self_test(mesh, index)
+        tested = stages.self_test(read, mesh, index)
         version = work / extent.name
         shutil.rmtree(version, ignore_errors=True)
         version.mkdir()

@@ -38,8 +38,10 @@ from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
 from .read_map import read_parts, read_trajectory
+from .read_map.held_out import HeldOut, read_held_out
 from .read_map.read_map import content_hash
 from .self_test.localizability import draw_localizability
+from .self_test.real_scans import RealScans
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
 from .stage_files import engine_of, link, simulator_of, spacing_m_of, trajectory_of
@@ -88,7 +90,11 @@ class BuildStages(StageRunner):
             if poses is not None:
                 np.save(out / "trajectory.npy", inverse(T_map_level) @ poses)
             # answers are in the file's own coordinates: the local origin goes back in here
-            np.save(out / "T_map_level.npy", make_transform(np.eye(3), data.origin) @ T_map_level)
+            T_map_level = make_transform(np.eye(3), data.origin) @ T_map_level
+            np.save(out / "T_map_level.npy", T_map_level)
+            held_out = read_held_out(source, self.config.axis)
+            if held_out is not None:
+                held_out.moved(inverse(T_map_level)).save(out)
 
         inputs = {"source": content_hash(source)}
         if trajectory is not None:
@@ -335,15 +341,17 @@ class BuildStages(StageRunner):
 
         return self._stage("draw_cloud", {"map": read.digest, "index": index.digest}, {}, produce)
 
-    def self_test(self, mesh: StageResult, index: StageResult) -> StageResult:
+    def self_test(self, read: StageResult, mesh: StageResult, index: StageResult) -> StageResult:
         """The calibration, and the version's measured success."""
 
         def produce(out: Path) -> None:
+            points = np.load(index.directory / MAP_FILE)
             found, calibration, bound, places = run_self_test(
                 Localizer(MapIndex.load(index.directory, Calibration())),
                 simulator_of(mesh),
                 self.config.sensor_model,
                 self.config.self_test,
+                RealScans.of(HeldOut.load(read.directory), points),
                 self.threads,
                 self._ticks("self_test"),
                 self.cancelled,
@@ -352,13 +360,14 @@ class BuildStages(StageRunner):
             _write_json(out / BOUND_FILE, bound.to_mapping())
             _write_json(out / "self_test.json", found.to_mapping())
             draw_reliability(found.reliability, out / "reliability.png")
-            draw_localizability(np.load(index.directory / MAP_FILE), places, out / "localizability.png")
+            draw_localizability(points, places, out / "localizability.png")
 
         chosen = {
             "self_test": self.config.self_test.model_dump(mode="json"),
             "sensor": self.config.sensor_model.to_mapping(),
         }
-        return self._stage("self_test", {"mesh": mesh.digest, "index": index.digest}, chosen, produce)
+        inputs = {"map": read.digest, "mesh": mesh.digest, "index": index.digest}
+        return self._stage("self_test", inputs, chosen, produce)
 
     def assume_prior(self, index: StageResult) -> StageResult:
         """The calibration of a provisional version, which has no self-test: that of no map in particular."""

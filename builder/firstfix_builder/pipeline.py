@@ -88,7 +88,7 @@ def build_version(
                 publish_provisional(early)
         mesh, index = build.index_map(read)
         drawn = build.draw_cloud(read, index)
-        tested = build.self_test(mesh, index)
+        tested = build.self_test(read, mesh, index)
         return _collect(config, read, [index, drawn, tested], work / "version")
 
 

@@ -31,6 +31,7 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
         f"  median error {tested['median_error_m']:.3f} m, {tested['localized']:.0%} answered localized, "
         f"{tested['false_accepts']} false among them and {tested['outside']} scans from elsewhere",
     ]
+    lines += _real_lines(tested.get("real", {}))
     threshold = tested.get("threshold")
     if threshold is not None:
         lines += _threshold_lines(threshold)
@@ -55,3 +56,22 @@ def _threshold_lines(threshold: Mapping[str, Any]) -> list[str]:
         f"  localized from probability {threshold['min_probability']:g}: at most {asked} wrong ({how})",
         f"  localized, by how many may be wrong: {', '.join(shares)}",
     ]
+
+
+def _real_lines(real: Mapping[str, Any]) -> list[str]:
+    """Returns what the real scans of the source showed, and which of them were left out."""
+    lines = []
+    if real.get("asked"):
+        success = ", ".join(f"{share:.0%} within {limit}" for limit, share in real["success"].items())
+        lines = [
+            f"  {real['asked']} real scans, each as heavy as {real['weight']:g} simulated ones: {success}",
+            f"    median error {real['median_error_m']:.3f} m, {real['localized']:.0%} answered localized, "
+            f"{real['false_accepts']} false among them",
+        ]
+        if real["disagree"]:
+            about = ", ".join(real["disagree"])
+            lines.append(f"    real and simulated scans disagree ({about}): believe the real ones")
+    if real.get("left_out"):
+        lines.append(f"  {len(real['left_out'])} real scans left out:")
+        lines += [f"    {name}: {reason}" for name, reason in real["left_out"].items()]
+    return lines

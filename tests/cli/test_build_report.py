@@ -38,5 +38,26 @@ def test_the_promise_and_the_cost_of_others_are_told():
     )
 
 
+def test_real_and_simulated_success_stand_side_by_side():
+    real = {
+        "asked": 9,
+        "weight": 3.0,
+        "success": {"0.2m": 0.5},
+        "localized": 0.4,
+        "median_error_m": 0.3,
+        "false_accepts": 1,
+        "disagree": ["localized"],
+        "left_out": {"x.pcd": "it has no pose"},
+    }
+    assert self_test_lines({**TESTED, "real": real})[2:] == [
+        "  9 real scans, each as heavy as 3 simulated ones: 50% within 0.2m",
+        "    median error 0.300 m, 40% answered localized, 1 false among them",
+        "    real and simulated scans disagree (localized): believe the real ones",
+        "  1 real scans left out:",
+        "    x.pcd: it has no pose",
+    ]
+    assert self_test_lines({**TESTED, "real": {}}) == self_test_lines(TESTED)
+
+
 def test_versions_from_before_have_no_such_lines():
     assert len(self_test_lines(TESTED)) == 2

@@ -138,7 +138,7 @@ def judged(cases: Sequence[Case], calibration: Calibration) -> list[Judged]:
         if not case.right:
             claim = max(claim, calibration.probability(case.evidence))
         claimed = claim if model.accepts(case.evidence, 0.0) else -1.0
-        found.append(Judged(claimed, case.right, case.is_in_map))
+        found.append(Judged(claimed, case.right, case.is_in_map, case.weight))
     return found
 
 
