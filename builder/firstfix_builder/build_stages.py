@@ -38,10 +38,12 @@ from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
 from .read_map import read_parts, read_trajectory
+from .read_map.held_out import HeldOut, read_held_out
 from .read_map.mapping_scans import MappingScans
 from .read_map.read_map import content_hash
 from .read_map.without_moving import without_moving
 from .self_test.localizability import draw_localizability
+from .self_test.real_scans import RealScans
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
 from .stage_files import (
@@ -105,7 +107,11 @@ class BuildStages(StageRunner):
             if poses is not None:
                 np.save(out / "trajectory.npy", inverse(T_map_level) @ poses)
             # answers are in the file's own coordinates: the local origin goes back in here
-            np.save(out / "T_map_level.npy", make_transform(np.eye(3), data.origin) @ T_map_level)
+            T_map_level = make_transform(np.eye(3), data.origin) @ T_map_level
+            np.save(out / "T_map_level.npy", T_map_level)
+            held_out = read_held_out(source, self.config.axis)
+            if held_out is not None:
+                held_out.moved(inverse(T_map_level)).save(out)
 
         inputs = {"source": content_hash(source)}
         if trajectory is not None:
@@ -361,11 +367,13 @@ class BuildStages(StageRunner):
         """The calibration, the version's measured success, and what was left out of floor and cloud."""
 
         def produce(out: Path) -> None:
+            points = np.load(index.directory / MAP_FILE)
             found, calibration, bound, places = run_self_test(
                 Localizer(MapIndex.load(index.directory, Calibration())),
                 simulator_of(mesh),
                 self.config.sensor_model,
                 self.config.self_test,
+                RealScans.of(HeldOut.load(read.directory), points),
                 self.threads,
                 self._ticks("self_test"),
                 self.cancelled,
@@ -376,7 +384,6 @@ class BuildStages(StageRunner):
             left_out = {"floor": floor and floor.to_mapping(), "moving": moving_of(read)}
             _write_json(out / "self_test.json", {**found.to_mapping(), **left_out})
             draw_reliability(found.reliability, out / "reliability.png")
-            points = np.load(index.directory / MAP_FILE)
             draw_localizability(points, places, out / "localizability.png", floor)
 
         chosen = {

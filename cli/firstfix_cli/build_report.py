@@ -31,6 +31,10 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
         f"  median error {tested['median_error_m']:.3f} m, {tested['localized']:.0%} answered localized, "
         f"{tested['false_accepts']} false among them and {tested['outside']} scans from elsewhere",
     ]
+    lines += _real_lines(tested.get("real", {}))
+    threshold = tested.get("threshold")
+    if threshold is not None:
+        lines += _threshold_lines(threshold)
     rows = tested.get("false_accept_bound", {}).get("rows", ())
     least = next((row for row in rows if row["bound"] == rows[-1]["bound"]), None)
     if least is not None:
@@ -55,4 +59,36 @@ def _left_out_lines(tested: Mapping[str, Any]) -> list[str]:
     if moving.get("not_used"):
         name, reason = next(iter(moving["not_used"].items()))
         lines.append(f"{len(moving['not_used'])} mapping scans not used, such as {name}: {reason}")
+    return lines
+
+
+def _threshold_lines(threshold: Mapping[str, Any]) -> list[str]:
+    """Returns what the version promises of its answers, and what other promises would cost."""
+    promises = [threshold, *threshold["others"]]
+    asked, *others = (f"1 in {1 / one['max_false_accept']:,.0f}" for one in promises)
+    shown = f"the self-test shows at most {threshold['bound']:.2%}"
+    how = shown if threshold["kept_by"] == "rate" else f"each answer by itself; {shown}"
+    shares = (f"{one['localized']:.0%} at {other}" for one, other in zip(promises[1:], others, strict=True))
+    return [
+        f"  localized from probability {threshold['min_probability']:g}: at most {asked} wrong ({how})",
+        f"  localized, by how many may be wrong: {', '.join(shares)}",
+    ]
+
+
+def _real_lines(real: Mapping[str, Any]) -> list[str]:
+    """Returns what the real scans of the source showed, and which of them were left out."""
+    lines = []
+    if real.get("asked"):
+        success = ", ".join(f"{share:.0%} within {limit}" for limit, share in real["success"].items())
+        lines = [
+            f"  {real['asked']} real scans, each as heavy as {real['weight']:g} simulated ones: {success}",
+            f"    median error {real['median_error_m']:.3f} m, {real['localized']:.0%} answered localized, "
+            f"{real['false_accepts']} false among them",
+        ]
+        if real["disagree"]:
+            about = ", ".join(real["disagree"])
+            lines.append(f"    real and simulated scans disagree ({about}): believe the real ones")
+    if real.get("left_out"):
+        lines.append(f"  {len(real['left_out'])} real scans left out:")
+        lines += [f"    {name}: {reason}" for name, reason in real["left_out"].items()]
     return lines

@@ -20,6 +20,7 @@ from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import inverse, make_transform, pose_error, rotation_z
+from firstfix_builder.self_test.threshold import FLOOR
 from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import SENSOR
@@ -57,6 +58,17 @@ def test_a_bound_on_false_accepts_is_measured_and_asked_for(small_version, local
         localizer.localize(scan, LocalizeOptions(max_false_accept=found.least / 2))
 
 
+def test_the_threshold_is_chosen_by_the_self_test_and_reported(small_version, localizer):
+    told = small_version.manifest.self_test["threshold"]
+    calibration = localizer.index.calibration
+    assert calibration.min_probability == told["min_probability"] >= FLOOR
+    assert told["max_false_accept"] == 0.005
+    assert [other["max_false_accept"] for other in told["others"]] == [0.01, 0.005, 0.001]
+    shares = [other["localized"] for other in told["others"]]
+    assert shares == sorted(shares, reverse=True)
+    assert told == {**told["others"][1], "others": told["others"]}
+
+
 def test_of_several_maps_each_must_promise(localizer, small_scans):
     strict = Localizer(
         dataclasses.replace(localizer.index, false_accept_bound=FalseAcceptBound.of([-1.0] * 5000))
@@ -69,7 +81,7 @@ def test_of_several_maps_each_must_promise(localizer, small_scans):
 
 
 def test_perturbed_scans_between_the_templates_get_their_pose(localizer, small_scans):
-    # 40 scans calibrate a version coarsely: how many of its good fits reach 0.995 is their seed's chance
+    # 40 scans calibrate a version coarsely: how many good fits reach its threshold is their seed's chance
     asked = LocalizeOptions(min_probability=0.9)
     answers = [localizer.localize(scan, asked) for scan, _ in small_scans]
     errors = [

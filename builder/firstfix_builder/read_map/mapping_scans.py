@@ -10,7 +10,6 @@ What cannot be used is left out with a reason: the map is built all the same.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,15 +17,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.decode import read_scan_file
 from firstfix.errors import InputError, MalformedData, NotFound
 from firstfix.transform import Matrix
 
 from .file_errors import naming
+from .posed_scans import POSES, read_posed_scan, read_poses
 from .rigid import rigid_from_quaternions
 
-FOLDER, POSES = "mapping_scans", "poses.csv"
-_POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+FOLDER = "mapping_scans"
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ class MappingScans:
             return
         try:
             with naming(self._folder / POSES):
-                self._rows = _rows(self._folder / POSES)
+                self._rows = read_poses(self._folder / POSES)
         except (InputError, NotFound) as error:
             self.left_out[POSES] = str(error)
 
@@ -78,26 +76,8 @@ class MappingScans:
 
     def read(self, name: str) -> NDArray[np.float32] | None:
         """(n, 3) points of a scan; None: it cannot be read."""
-        path = (self._folder / name).resolve()
-        if not path.is_relative_to(self._folder.resolve()):
-            self.left_out[name] = "it is not in the folder"
-            return None
         try:
-            return read_scan_file(path).points
-        except (InputError, NotFound, OSError, MemoryError) as error:  # without the folders of this machine
-            self.left_out[name] = str(error).replace(f"{path.parent}/", "").removeprefix(f"{path.name}: ")
+            return read_posed_scan(self._folder, name).points
+        except ValueError as error:
+            self.left_out[name] = str(error)
             return None
-
-
-def _rows(path: Path) -> list[tuple[str, list[str]]]:
-    """Name and the seven words of the pose of each scan."""
-    try:
-        reader = csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines(), skipinitialspace=True)
-        missing = [name for name in ("scan", *_POSE) if name not in (reader.fieldnames or ())]
-        if missing:
-            raise MalformedData(f"the first line has no column {', '.join(missing)}")
-        return [
-            ((row["scan"] or "").strip(), [(row[name] or "").strip() for name in _POSE]) for row in reader
-        ]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise MalformedData(f"not a CSV text file: {error}") from error

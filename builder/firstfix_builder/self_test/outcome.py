@@ -23,6 +23,7 @@ class Outcome:
         query: number; a scan and its mirror image have the same.
         T_level_sensor: (4, 4) where the scan was taken, or None: at no place of the map.
         errors_m: of each hypothesis in turn; infinite where it is turned by over RIGHT_DEG too.
+        is_real: whether the scan is a real one.
         is_mirrored: whether the scan is the mirror image of one taken in the map.
         unequal_by: see ``equal_places.unequal_by``.
         min_margin: of this map: places whose support differs by less tie.
@@ -34,6 +35,7 @@ class Outcome:
     T_level_sensor: Matrix | None
     errors_m: tuple[float, ...]
     is_mirrored: bool = False
+    is_real: bool = False
     unequal_by: float | None = None
     min_margin: float = Calibration().min_margin
     ranking: RankingConfig = RANKING
@@ -50,6 +52,11 @@ class Outcome:
     def nowhere(cls, query: int, answer: Localization, is_mirrored: bool = False) -> Outcome:
         """The outcome of a scan whose place is not in the map."""
         return cls(query, answer, None, (np.inf,) * len(answer.hypotheses), is_mirrored)
+
+    @property
+    def is_in_map(self) -> bool:
+        """Returns whether the scan was taken in the map."""
+        return self.T_level_sensor is not None
 
     @property
     def first_error_m(self) -> float:

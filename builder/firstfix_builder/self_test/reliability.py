@@ -12,6 +12,8 @@ import numpy as np
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.ranking import Calibration, MatchFeatures
 
+from .threshold import Judged
+
 # Of a scan as if its place were not in the map, and of a mirror image, against a scan of the map: one query
 # in six is such a scan. Robots are mostly where their map is (docs/method.md section 7).
 ABSENT_WEIGHT = 0.1
@@ -29,6 +31,7 @@ class Case:
         weight: how many such cases there would be among real ones.
         asked: whether the query was really asked; else it is what would have been found had the true
             place not been in the map.
+        is_in_map: whether the scan was taken in the map, and asked as it is.
     """
 
     query: int
@@ -36,6 +39,7 @@ class Case:
     right: bool
     weight: float = 1.0
     asked: bool = True
+    is_in_map: bool = True
 
 
 def mirrored_weight(queries: int, mirrored: int) -> float:
@@ -121,6 +125,21 @@ def bound_of(cases: Sequence[Case], unanswered: int = 0) -> FalseAcceptBound:
         if not case.right
     ]
     return FalseAcceptBound.of(claimed + [-1.0] * unanswered)
+
+
+def judged(cases: Sequence[Case], calibration: Calibration) -> list[Judged]:
+    """The cases as the choice of the threshold sees them.
+
+    A wrong case counts by the larger of two probabilities: of a model that has not seen it, and of the
+    calibration that the map gets.
+    """
+    found = []
+    for case, claim, model in _held_out(cases):
+        if not case.right:
+            claim = max(claim, calibration.probability(case.evidence))
+        claimed = claim if model.accepts(case.evidence, 0.0) else -1.0
+        found.append(Judged(claimed, case.right, case.is_in_map, case.weight))
+    return found
 
 
 def _held_out(cases: Sequence[Case]) -> list[tuple[Case, float, Calibration]]:

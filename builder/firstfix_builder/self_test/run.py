@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,9 @@ from ..simulation.simulate import Simulator
 from .equal_places import is_in_map, mirrored, tie_width, unequal_by
 from .localizability import QueriedPlace, grid_of
 from .outcome import RIGHT_M, Outcome
-from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, mirrored_weight, reliability_of
+from .real_scans import RealScans, disagreeing
+from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, judged, mirrored_weight, reliability_of
+from .threshold import TOLD, Judged, choose
 
 SURE = 0.5  # a mirror image that was found with a higher probability may be in the map
 LIMITS_M = (0.05, 0.2, 0.5, 1)
@@ -47,7 +49,12 @@ class SelfTest:
         false_accepts: number of answers ``localized`` that were off by over 1 m or 10 degrees, or outside.
         reliability: result of ``reliability.reliability_of`` for all of them.
         false_accept_bound: result of ``reliability.bound_of``, with mirror images and hard negatives.
+        threshold: result of ``threshold.choose`` for the config's promise; ``others``: for those of ``TOLD``.
         localizability: result of ``localizability.grid_of`` for the queries.
+        real: the same of the real scans that were asked too: their number ``asked``, the ``weight`` of each
+            among the calibration's cases, ``success``, ``localized``, ``median_error_m`` and
+            ``false_accepts``; ``disagree``, which of these differ from those of the simulated scans by more
+            than chance; and ``left_out``, with reasons.
     """
 
     queries: int
@@ -60,7 +67,9 @@ class SelfTest:
     false_accepts: int
     reliability: dict[str, Any]
     false_accept_bound: dict[str, Any]
+    threshold: dict[str, Any]
     localizability: list[dict[str, object]]
+    real: dict[str, Any] = field(default_factory=dict)
 
     def to_mapping(self) -> dict[str, Any]:
         """Returns the results as JSON values."""
@@ -72,6 +81,7 @@ def run_self_test(
     simulator: Simulator,
     sensor: SensorModel,
     config: SelfTestConfig,
+    real: RealScans,
     executor: Executor,
     progress: Callable[[float], None],
     cancelled: Callable[[], bool],
@@ -97,7 +107,6 @@ def run_self_test(
     done = 0
 
     def run(number: int) -> list[Outcome]:
-        nonlocal done
         if cancelled():
             raise BuildCancelled("cancelled during the self-test")
         simulation, case = queries[number]
@@ -114,9 +123,22 @@ def run_self_test(
                 image = localizer.localize(mirrored(scan, sensor), asked_with)
                 if not _is_right(image, case):
                     outcomes.append(Outcome.nowhere(number, image, is_mirrored=True))
-        done += 1
-        progress(done / len(queries))
+        ticked()
         return outcomes
+
+    def run_real(number: int) -> Outcome:
+        if cancelled():
+            raise BuildCancelled("cancelled during the self-test")
+        one = real.scans[number]
+        answer = localizer.localize(one.scan, asked_with)
+        query = real.query(number, len(queries))
+        ticked()
+        return replace(Outcome.here(query, answer, one.T_sensor, T_map_level), is_real=True)
+
+    def ticked() -> None:
+        nonlocal done
+        done += 1
+        progress(done / (len(queries) + len(real.scans)))
 
     def _is_right(image: Localization, case: ScanCase) -> bool:
         """Returns whether the mirror image of the case's place was found, because the map has it too."""
@@ -126,13 +148,27 @@ def run_self_test(
         return is_in_map(simulator, sensor, case.T_level_sensor, found)
 
     outcomes = [outcome for of_query in executor.map(run, range(len(queries))) for outcome in of_query]
+    outcomes += executor.map(run_real, range(len(real.scans)))
     min_margin = tie_width([outcome.unequal_by for outcome in outcomes])
     outcomes = [replace(outcome, min_margin=min_margin, ranking=ranking) for outcome in outcomes]
-    cases = _cases(outcomes, mirrored_weight(len(inside), config.mirrored))
+    of_mirrored, of_real = mirrored_weight(len(inside), config.mirrored), real.weight(len(inside))
+
+    def weight_of(outcome: Outcome) -> float:
+        return of_mirrored if outcome.is_mirrored else of_real if outcome.is_real else 1.0
+
+    cases = _cases(outcomes, weight_of)
     calibration = replace(fit(cases), min_margin=min_margin)
-    tested = _queried_places(outcomes, calibration, T_level_map)
+    seen = judged(cases, calibration)
+    seen += [Judged(-1.0, False, o.is_in_map, weight_of(o)) for o in outcomes if o.evidence is None]
+    threshold = choose(seen, config.max_false_accept)
+    calibration = replace(calibration, min_probability=threshold.min_probability)
+    simulated = [outcome for outcome in outcomes if not outcome.is_real]
+    tested = _queried_places(simulated, calibration, T_level_map)
     bound = bound_of(cases, unanswered=sum(o.evidence is None for o in outcomes))
-    found = _summary(outcomes, calibration, cases, bound, grid_of(tested))
+    told = {**threshold.to_mapping(), "others": [choose(seen, share).to_mapping() for share in TOLD]}
+    found = _summary(simulated, calibration, cases, bound, told, grid_of(tested))
+    compared = _of_real(found, [o for o in outcomes if o.is_real], calibration, real, of_real)
+    found = replace(found, real=compared)
     return found, calibration, bound, tested
 
 
@@ -153,15 +189,17 @@ def _queried_places(
     return places
 
 
-def _cases(outcomes: Sequence[Outcome], weight_of_mirrored: float) -> list[Case]:
+def _cases(outcomes: Sequence[Outcome], weight_of: Callable[[Outcome], float]) -> list[Case]:
     cases = []
     for outcome in outcomes:
+        weight = weight_of(outcome)
         if outcome.evidence is not None:
-            weight = weight_of_mirrored if outcome.is_mirrored else 1.0
             right, asked = outcome.right_among_tied, not outcome.is_mirrored
-            cases.append(Case(outcome.query, outcome.evidence, right, weight, asked))
-        if outcome.without_the_truth is not None:
-            cases.append(Case(outcome.query, outcome.without_the_truth, False, ABSENT_WEIGHT, asked=False))
+            cases.append(Case(outcome.query, outcome.evidence, right, weight, asked, outcome.is_in_map))
+        absent = outcome.without_the_truth
+        if absent is not None:
+            rare = ABSENT_WEIGHT * weight
+            cases.append(Case(outcome.query, absent, False, rare, asked=False, is_in_map=False))
     return cases
 
 
@@ -170,6 +208,7 @@ def _summary(
     calibration: Calibration,
     cases: Sequence[Case],
     bound: FalseAcceptBound,
+    threshold: dict[str, Any],
     localizability: list[dict[str, object]],
 ) -> SelfTest:
     asked = [outcome for outcome in outcomes if not outcome.is_mirrored]
@@ -182,15 +221,48 @@ def _summary(
         mirrored=len(outcomes) - len(asked),
         success=_shares(errors),
         among=_shares(np.array([outcome.least_error_m for outcome in inside])),
-        localized=round(float(np.mean([o.accepted_by(calibration) for o in inside])), 4) if inside else 0.0,
-        median_error_m=round(float(np.median(errors)), 4)
-        if len(errors) and np.isfinite(np.median(errors))
-        else -1.0,
+        localized=_localized(inside, calibration),
+        median_error_m=_median(errors),
         false_accepts=sum(not o.right for o in accepted),
         reliability=reliability_of(cases),
         false_accept_bound=bound.to_mapping(),
+        threshold=threshold,
         localizability=localizability,
     )
+
+
+def _of_real(
+    found: SelfTest, outcomes: Sequence[Outcome], calibration: Calibration, real: RealScans, weight: float
+) -> dict[str, Any]:
+    """``SelfTest.real``; empty if the source has no real scans."""
+    if not outcomes and not real.left_out:
+        return {}
+    errors = np.array([outcome.first_error_m for outcome in outcomes])
+    success, localized = _shares(errors), _localized(outcomes, calibration)
+    return {
+        "asked": len(outcomes),
+        "weight": round(weight, 4),
+        "success": success,
+        "localized": localized,
+        "median_error_m": _median(errors),
+        "false_accepts": sum(o.accepted_by(calibration) and not o.right for o in outcomes),
+        "disagree": disagreeing(
+            {**success, "localized": localized},
+            {**found.success, "localized": found.localized},
+            (len(outcomes), found.queries),
+        ),
+        "left_out": dict(sorted(real.left_out.items())),
+    }
+
+
+def _localized(outcomes: Sequence[Outcome], calibration: Calibration) -> float:
+    return round(float(np.mean([o.accepted_by(calibration) for o in outcomes])), 4) if outcomes else 0.0
+
+
+def _median(errors_m: NDArray[np.float64]) -> float:
+    """Median error; -1 if there is none, or it is not finite."""
+    median = float(np.median(errors_m)) if len(errors_m) else np.inf
+    return round(median, 4) if np.isfinite(median) else -1.0
 
 
 def _shares(errors_m: NDArray[np.float64]) -> dict[str, float]:

@@ -18,6 +18,7 @@ from firstfix.transform import Matrix, make_transform, rotation_z
 from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.self_test import equal_places, run
 from firstfix_builder.self_test.equal_places import share_seen_alike, tie_width, unequal_by
+from firstfix_builder.self_test.real_scans import RealScans
 from firstfix_builder.simulation.boxes import Boxes
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import COARSE_CONFIG, SmallWorld
@@ -105,6 +106,7 @@ def test_a_maps_own_width_is_measured_by_its_self_test(
             Simulator(small_world.vertices, small_world.triangles),
             BuildConfig.parse(COARSE_CONFIG).sensor_model,
             SelfTestConfig(queries=2, mirrored=0, outside=1),
+            RealScans(),
             executor,
             lambda done: None,
             lambda: False,

@@ -1,1 +1,1 @@
-"""Hint of an ambiguous answer: which move tells the hypotheses apart (docs/method.md section 12)."""
+"""Hint of an ambiguous answer: which move tells the hypotheses apart (docs/concepts/hints-and-changes.md)."""

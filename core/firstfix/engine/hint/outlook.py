@@ -88,7 +88,7 @@ class Outlook:
         """Share of directions in which a scan that is taken here does not fit another place.
 
         Directions in which it would see through surfaces there count three times, up to a limit: they tell
-        places apart best (docs/method.md section 12).
+        places apart best (docs/concepts/hints-and-changes.md).
 
         Returns:
             0..1; 0 if there is too little to compare.

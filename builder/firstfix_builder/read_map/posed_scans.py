@@ -1,0 +1,46 @@
+"""Scans with poses in a folder of a map: ``poses.csv`` names them, with T_map_sensor."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from firstfix.decode import read_scan_file
+from firstfix.errors import InputError, MalformedData, NotFound
+from firstfix.scan.scan import Scan
+
+POSES = "poses.csv"
+_POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+
+
+def read_poses(path: Path) -> list[tuple[str, list[str]]]:
+    """Name and the seven words of the pose of each scan.
+
+    Raises:
+        MalformedData: it is no CSV text file, or lacks a column.
+    """
+    try:
+        reader = csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines(), skipinitialspace=True)
+        missing = [name for name in ("scan", *_POSE) if name not in (reader.fieldnames or ())]
+        if missing:
+            raise MalformedData(f"the first line has no column {', '.join(missing)}")
+        return [
+            ((row["scan"] or "").strip(), [(row[name] or "").strip() for name in _POSE]) for row in reader
+        ]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise MalformedData(f"not a CSV text file: {error}") from error
+
+
+def read_posed_scan(folder: Path, name: str) -> Scan:
+    """Reads a scan that ``poses.csv`` names.
+
+    Raises:
+        ValueError: it is not in the folder, or cannot be read. The text names no folder of this machine.
+    """
+    path = (folder / name).resolve()
+    if not name or not path.is_relative_to(folder.resolve()):
+        raise ValueError("it is not in the folder")
+    try:
+        return read_scan_file(path)
+    except (InputError, NotFound, OSError, MemoryError) as error:
+        raise ValueError(str(error).replace(f"{path.parent}/", "").removeprefix(f"{path.name}: ")) from error

@@ -1,0 +1,94 @@
+"""Real scans in the self-test: which of them fit the map, how much they weigh, and what they show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.stats import fisher_exact
+
+from firstfix.bit_exact.sample import rows_by_chance
+from firstfix.transform import transform_points
+
+from ..read_map.held_out import HeldOut, HeldOutScan
+from .reliability import FOLDS
+
+MAX_RESIDUAL_M = 0.3  # median distance of a scan's points from the map: beyond it, its pose does not fit
+COMPARED_POINTS = 2000
+MAX_WEIGHT = 1.0  # of a real scan, against a simulated one: more told held-out real scans nothing better
+UNLIKELY = 0.05  # so rarely do equal rates give such counts: the real and the simulated scans disagree
+COMPARED = ("1m", "localized")
+
+
+@dataclass(frozen=True)
+class RealScans:
+    """The real scans that the self-test asks.
+
+    Attributes:
+        scans: with T_level_sensor.
+        left_out: reasons against all others, by name.
+    """
+
+    scans: tuple[HeldOutScan, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, held_out: HeldOut, map_points: NDArray[np.floating]) -> RealScans:
+        """Those of the held-out scans whose poses fit the map.
+
+        Args:
+            held_out: with poses in the level frame.
+            map_points: (n, 3) in the same frame.
+        """
+        if not held_out.scans:
+            return cls((), held_out.reasons)
+        tree, fit, left_out = cKDTree(map_points), [], held_out.reasons
+        for one in held_out.scans:
+            points = one.scan.points[rows_by_chance(len(one.scan.points), COMPARED_POINTS)]
+            away_m = tree.query(transform_points(one.T_sensor, points))[0]
+            residual_m = float(np.median(away_m)) if len(away_m) else np.inf
+            if residual_m <= MAX_RESIDUAL_M:
+                fit.append(one)
+            else:
+                left_out[one.name] = (
+                    f"its pose does not fit the map: half of its points are over {residual_m:.2f} m away "
+                    f"(limit {MAX_RESIDUAL_M} m)"
+                )
+        return cls(tuple(fit), left_out)
+
+    def weight(self, simulated: int) -> float:
+        """Weight of each, a simulated one has 1. Together they weigh no more than the simulated ones."""
+        return min(MAX_WEIGHT, simulated / max(1, len(self.scans))) if simulated else 1.0
+
+    def query(self, number: int, first: int) -> int:
+        """Number of a scan's query: neighbours are on one side of a fold, because they look alike.
+
+        Args:
+            number: of the scan.
+            first: the first number that is free.
+        """
+        fold = number * FOLDS // len(self.scans)
+        return FOLDS * (first // FOLDS + 1 + number) + fold
+
+
+def disagreeing(
+    real: Mapping[str, float], simulated: Mapping[str, float], scans: tuple[int, int]
+) -> list[str]:
+    """Which of COMPARED differ by more than chance (Fisher's exact test of the counts).
+
+    Args:
+        scans: numbers of real and of simulated scans.
+    """
+    if not all(scans):
+        return []
+    return [name for name in COMPARED if _differ((real[name], simulated[name]), scans)]
+
+
+def _differ(shares: Sequence[float], scans: tuple[int, int]) -> bool:
+    yes = [round(share * count) for share, count in zip(shares, scans, strict=True)]
+    table: Any = [yes, [count - good for count, good in zip(scans, yes, strict=True)]]
+    return float(fisher_exact(table).pvalue) < UNLIKELY

@@ -1,0 +1,144 @@
+"""The threshold of a map: from which probability on an answer is ``localized`` (docs/method.md section 11).
+
+A user says how many of these answers may be wrong. The self-test finds the lowest threshold that keeps this,
+with all its cases: scans of the map, and scans whose place the map lacks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.engine.false_accept_bound import THRESHOLDS, upper_bound
+
+FLOOR = 0.9  # an answer more doubtful than this is never `localized`, however right the others are
+ABSENT_SHARE = 1 / 9  # of queries come from a place that the map lacks (docs/method.md section 7)
+TOLD = (0.01, 0.005, 0.001)  # what else the report tells of
+RATE, EACH = "rate", "each answer"
+STEPS = 1_000_000  # in which a threshold is told
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One case, judged by a calibration that has not seen it.
+
+    Attributes:
+        claimed: probability of the best place; -1 where no threshold would accept it.
+        right: whether that place, or one that ties with it, is right.
+        is_in_map: whether the scan was taken in the map.
+        weight: of the case among those in the map, or among those that are not.
+    """
+
+    claimed: float
+    right: bool
+    is_in_map: bool
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """A promise and the threshold that keeps it.
+
+    Attributes:
+        max_false_accept: largest share of the answers ``localized`` that may be wrong.
+        min_probability: the threshold.
+        localized: share of the scans in the map that it accepts.
+        bound: 0..1, with 95 % confidence no larger share of the answers ``localized`` is wrong.
+        kept_by: "rate": the cases show that the share is kept; "each answer": they are too few to show it,
+            so each answer is as probable as the promise asks.
+    """
+
+    max_false_accept: float
+    min_probability: float
+    localized: float
+    bound: float
+    kept_by: str
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Values by name, ready for JSON."""
+        return asdict(self)
+
+
+def choose(cases: Sequence[Judged], max_false_accept: float) -> Threshold:
+    """The lowest threshold that keeps a promise. Who allows more is never given a higher one.
+
+    No threshold is chosen that accepts a wrong place among the cases. The rate of wrong answers counts where
+    the cases show it. Where they are too few, each answer must be as probable as the promise asks.
+
+    Args:
+        max_false_accept: largest share of the answers ``localized`` that may be wrong.
+    """
+    seen = _Seen.of(cases)
+    least = max(FLOOR, seen.above_the_worst)
+    each = max(least, round(1 - max_false_accept, 6))
+    shown = (one for one in THRESHOLDS if one >= least and seen.shows(one, max_false_accept))
+    chosen = min(next(shown, each), each)
+    return Threshold(
+        max_false_accept,
+        chosen,
+        round(seen.localized(chosen), 4),
+        seen.bound(chosen),
+        RATE if seen.shows(chosen, max_false_accept) else EACH,
+    )
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What the cases show of a threshold.
+
+    Attributes:
+        claimed, right, weight: (n,) of the cases in the map.
+        wrong: (k,) claimed of all negatives: cases whose best place is wrong, in the map or not.
+    """
+
+    claimed: NDArray[np.float64]
+    right: NDArray[np.bool_]
+    weight: NDArray[np.float64]
+    wrong: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, cases: Sequence[Judged]) -> _Seen:
+        inside = [case for case in cases if case.is_in_map]
+        return cls(
+            np.array([case.claimed for case in inside]),
+            np.array([case.right for case in inside], bool),
+            np.array([case.weight for case in inside]),
+            np.array([case.claimed for case in cases if not case.right]),
+        )
+
+    @property
+    def above_the_worst(self) -> float:
+        """The lowest threshold that accepts no negative; at most 1."""
+        worst = max(self.wrong.max(initial=0.0), 0.0)
+        return min(1.0, math.floor(worst * STEPS + 1) / STEPS)
+
+    def localized(self, threshold: float) -> float:
+        """Share of the cases in the map that it accepts."""
+        return self._share(self.claimed >= threshold)
+
+    def doubt(self, threshold: float) -> float:
+        """Mean of 1 - p of the accepted cases in the map: the wrong share that they claim themselves."""
+        accepted = self.claimed >= threshold
+        counts = self.weight[accepted]
+        return float(counts @ (1 - self.claimed[accepted]) / counts.sum()) if accepted.any() else 0.0
+
+    def bound(self, threshold: float) -> float:
+        """Upper bound of the wrong share of the answers ``localized`` (equation 11.2)."""
+        accepted = int((self.wrong >= threshold).sum())
+        in_map = 1 - ABSENT_SHARE
+        negatives = ABSENT_SHARE + in_map * self._share(~self.right)
+        false = negatives * upper_bound(accepted, len(self.wrong))
+        right = in_map * self._share(self.right & (self.claimed >= threshold))
+        return math.ceil(false / (false + right) * STEPS) / STEPS
+
+    def shows(self, threshold: float, max_false_accept: float) -> bool:
+        """Returns whether both the bound and the probabilities of the answers keep the promise."""
+        return max(self.bound(threshold), self.doubt(threshold)) <= max_false_accept
+
+    def _share(self, chosen: NDArray[np.bool_]) -> float:
+        return float(self.weight @ chosen / self.weight.sum()) if len(chosen) else 0.0

@@ -1,0 +1,64 @@
+"""The choice of a map's threshold: exact figures, monotone in the promise, and nothing wrong above it."""
+
+import numpy as np
+import pytest
+
+from firstfix_builder.self_test.threshold import FLOOR, Judged, choose
+
+
+def cases(in_map: list[float], wrong: list[float], absent: list[float]) -> list[Judged]:
+    """By claimed probability: right ones in the map, wrong ones there, and those of places that it lacks."""
+    return [
+        *(Judged(claim, True, True) for claim in in_map),
+        *(Judged(claim, False, True) for claim in wrong),
+        *(Judged(claim, False, False) for claim in absent),
+    ]
+
+
+def test_the_rate_is_shown_by_enough_cases():
+    found = choose(cases([0.9999] * 100 + [0.93] * 20, [], [0.5] * 200), 0.005)
+    assert (found.min_probability, found.kept_by) == (0.95, "rate")  # from 0.9 on, 1.2 % would be wrong
+    assert found.localized == round(100 / 120, 4)
+    of_negatives = 1 - 0.05 ** (1 / 200)
+    wanted = of_negatives / 9 / (of_negatives / 9 + 8 / 9 * 100 / 120)
+    assert wanted <= found.bound <= wanted + 2e-6
+
+
+def test_the_mean_doubt_of_the_answers_keeps_the_promise_too():
+    few_doubtful = cases([0.9999] * 115 + [0.93] * 5, [], [0.5] * 200)
+    assert choose(few_doubtful, 0.005).min_probability == FLOOR
+
+
+def test_where_few_cases_show_no_rate_each_answer_keeps_the_promise():
+    found = choose(cases([0.9999] * 20, [], [0.1] * 20), 0.005)
+    assert (found.min_probability, found.kept_by) == (0.995, "each answer")
+    assert found.bound > 0.005
+    assert choose([], 0.005).min_probability == 0.995
+    assert choose([], 0.1).min_probability == FLOOR
+
+
+@pytest.mark.parametrize("worst", [0.3, 0.92, 0.9951, 0.99999, 1.0])
+def test_no_wrong_case_is_accepted(worst: float):
+    for wrong, absent in (([worst], []), ([], [worst])):
+        for share in (0.1, 0.01, 0.005, 0.001):
+            found = choose(cases([0.9999999] * 400, wrong, [0.2] * 300 + absent), share)
+            assert found.min_probability > worst or worst == 1.0
+            assert FLOOR <= found.min_probability <= 1
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_larger_promise_never_needs_a_higher_threshold(seed: int):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(5, 600))
+    drawn = cases(
+        (1 - 0.05 * rng.beta(0.2, 2, n)).tolist(),
+        rng.beta(0.5, 4, int(rng.integers(0, 20))).tolist(),
+        rng.beta(0.3, 6, int(rng.integers(0, 400))).tolist(),
+    )
+    shares = np.geomspace(1e-4, 0.1, 40).tolist()
+    found = [choose(drawn, share) for share in shares]
+    thresholds = [one.min_probability for one in found]
+    assert thresholds == sorted(thresholds, reverse=True)
+    assert [one.localized for one in found] == sorted(one.localized for one in found)
+    assert all(one.bound <= one.max_false_accept for one in found if one.kept_by == "rate")
+    assert min(thresholds) >= FLOOR

@@ -1,0 +1,63 @@
+"""The self-test of a version as text."""
+
+from firstfix_cli.build_report import self_test_lines
+
+TESTED = {
+    "queries": 120,
+    "outside": 30,
+    "success": {"0.2m": 0.9},
+    "localized": 0.8,
+    "median_error_m": 0.02,
+    "false_accepts": 0,
+}
+
+
+def threshold(share: float, least: float, localized: float, bound: float, kept_by: str) -> dict[str, object]:
+    return {
+        "max_false_accept": share,
+        "min_probability": least,
+        "localized": localized,
+        "bound": bound,
+        "kept_by": kept_by,
+    }
+
+
+def test_the_promise_and_the_cost_of_others_are_told():
+    loose = threshold(0.01, 0.9, 0.85, 0.004, "rate")
+    strict = threshold(0.001, 0.999, 0.5, 0.004, "each answer")
+    usual = threshold(0.005, 0.95, 0.8, 0.0041, "rate")
+    lines = self_test_lines({**TESTED, "threshold": {**usual, "others": [loose, usual, strict]}})
+    assert lines[2:] == [
+        "  localized from probability 0.95: at most 1 in 200 wrong (the self-test shows at most 0.41%)",
+        "  localized, by how many may be wrong: 85% at 1 in 100, 80% at 1 in 200, 50% at 1 in 1,000",
+    ]
+    lines = self_test_lines({**TESTED, "threshold": {**strict, "others": [loose, usual, strict]}})
+    assert lines[2] == (
+        "  localized from probability 0.999: at most 1 in 1,000 wrong "
+        "(each answer by itself; the self-test shows at most 0.40%)"
+    )
+
+
+def test_real_and_simulated_success_stand_side_by_side():
+    real = {
+        "asked": 9,
+        "weight": 3.0,
+        "success": {"0.2m": 0.5},
+        "localized": 0.4,
+        "median_error_m": 0.3,
+        "false_accepts": 1,
+        "disagree": ["localized"],
+        "left_out": {"x.pcd": "it has no pose"},
+    }
+    assert self_test_lines({**TESTED, "real": real})[2:] == [
+        "  9 real scans, each as heavy as 3 simulated ones: 50% within 0.2m",
+        "    median error 0.300 m, 40% answered localized, 1 false among them",
+        "    real and simulated scans disagree (localized): believe the real ones",
+        "  1 real scans left out:",
+        "    x.pcd: it has no pose",
+    ]
+    assert self_test_lines({**TESTED, "real": {}}) == self_test_lines(TESTED)
+
+
+def test_versions_from_before_have_no_such_lines():
+    assert len(self_test_lines(TESTED)) == 2
