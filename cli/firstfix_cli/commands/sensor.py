@@ -97,7 +97,7 @@ def notes_of(found: MeasuredSensor) -> list[str]:
         )
     if found.presets:
         first, *others = found.presets
-        also = f" (or {', '.join(others)}, which have such beams too)" if others else ""
+        also = f" (or {', '.join(others)}, which cannot be told from it)" if others else ""
         notes.append(f"looks like {first}{also}: use --sensor {first}")
     else:
         notes.append("looks like no preset")

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..model import SensorModel, preset, presets
 
-_OFF_SHARE = 0.03  # mean error of a beam, in parts of the vertical field of view: units differ from the sheet
+_OFF_SHARE = 0.04  # mean error of a beam, in parts of the vertical field of view: units differ from the sheet
 _FEWER = 0.7  # share of the beams that must have returned: those to the sky and the floor may not
 _FIELD_SHARE = 0.5  # of a rosette's field of view that must have returned: the sky does not
 _OUTSIDE_DEG = 3.0  # of a rosette's field of view
