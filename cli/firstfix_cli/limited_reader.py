@@ -5,24 +5,26 @@ from __future__ import annotations
 import resource
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
+from typing import TypeVar
 
 from firstfix.builds.limits import default_build_memory_bytes
-from firstfix.decode import read_scan_file
+from firstfix.decode import read_cloud_file, read_scan_file
 from firstfix.errors import InputError, MalformedData, TooLarge
 from firstfix.formats.laz_chunks import check_las
-from firstfix.formats.point_cloud import SCAN_LIMITS
+from firstfix.formats.point_cloud import SCAN_LIMITS, PointCloud
 from firstfix.scan.scan import Scan
 
 MAX_MEMORY_BYTES = 4 << 30  # a file may have 1 GB
 MAX_PROCESSOR_S = 60
 BY_LIBRARY = (".las", ".laz")
+_Read = TypeVar("_Read")
 
 
 def read_scan(path: Path) -> Scan:
@@ -35,10 +37,23 @@ def read_scan(path: Path) -> Scan:
         InputError: a subclass; the message names the file.
         MalformedData: the library crashed, or did not end.
     """
+    return _limited(path, read_scan_file)
+
+
+def read_cloud(path: Path) -> PointCloud:
+    """Reads the columns of a scan's file, as ``read_cloud_file`` and ``read_scan`` do.
+
+    Raises:
+        NotFound, InputError: as ``read_scan``.
+    """
+    return _limited(path, read_cloud_file)
+
+
+def _limited(path: Path, read: Callable[[Path], _Read]) -> _Read:
     if path.suffix.lower() not in BY_LIBRARY or not path.is_file():
-        return read_scan_file(path)
+        return read(path)
     try:
-        return _reader().submit(_read, path).result()
+        return _reader().submit(_read, path, read).result()
     except BrokenProcessPool:
         _reader.cache_clear()
         raise MalformedData(
@@ -78,11 +93,11 @@ def _limit() -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (_memory_bytes(), _memory_bytes()))
 
 
-def _read(path: Path) -> Scan:
+def _read(path: Path, read: Callable[[Path], _Read]) -> _Read:
     used_s = int(time.process_time())
     resource.setrlimit(resource.RLIMIT_CPU, (used_s + MAX_PROCESSOR_S, resource.RLIM_INFINITY))
     try:
         check_las(path, SCAN_LIMITS, 8 * 5)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from None
-    return read_scan_file(path)
+    return read(path)

@@ -27,6 +27,7 @@ from .commands import (
     maps,
     ros_gateway,
     samples,
+    sensor,
     serve,
     worker,
     world,
@@ -68,6 +69,7 @@ app.command(epilog=worker.EXAMPLES)(worker.worker)
 app.command(epilog=localize.EXAMPLES)(localize.localize)
 app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
 app.command(epilog=export.EXAMPLES)(export.export)
+app.command(epilog=sensor.EXAMPLES)(sensor.sensor)
 app.command("ros-gateway", epilog=ros_gateway.EXAMPLES)(ros_gateway.ros_gateway)
 app.command("copy-store", epilog=copy_store.EXAMPLES)(copy_store.copy_store)
 app.add_typer(maps.app, name="maps")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import TypeVar
 
 import numpy as np
 
@@ -30,6 +30,7 @@ __all__ = [
     "decode_query",
     "decoder_of",
     "is_point_cloud2",
+    "read_cloud_file",
     "read_scan_file",
 ]
 
@@ -124,6 +125,8 @@ SCAN_FORMATS = (
 )
 MEDIA_TYPES = {name: each.decode for each in SCAN_FORMATS for name in each.media_types}
 SUFFIXES = {each.suffix: each.media_types[0] for each in SCAN_FORMATS if each.suffix}
+_CLOUD_FILES: dict[str, Callable[[Body, Limits], PointCloud]] = {".pcd": decode_pcd, ".ply": decode_ply}
+_Read = TypeVar("_Read")
 
 
 def decode_query(body: Body, media_type: str) -> AnyScan:
@@ -172,9 +175,22 @@ def read_scan_file(path: Path) -> Scan:
         NotFound: no such file.
         InputError: a subclass; the message names the file.
     """
-    path = Path(path)
+    return _named(Path(path), _read_scan_file)
+
+
+def read_cloud_file(path: Path) -> PointCloud:
+    """Reads the columns of a scan's file, all that the format has: beams, too. As ``read_scan_file`` does.
+
+    Raises:
+        NotFound, InputError: as there.
+    """
+    return _named(Path(path), _read_cloud_file)
+
+
+def _named(path: Path, read: Callable[[Path], _Read]) -> _Read:
+    """What is read, or an error that names the file."""
     try:
-        return _read_scan_file(path)
+        return read(path)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
     except (FileNotFoundError, IsADirectoryError) as error:
@@ -182,6 +198,30 @@ def read_scan_file(path: Path) -> Scan:
 
 
 def _read_scan_file(path: Path) -> Scan:
+    if path.suffix.lower() == ".ffscan":
+        _check_file(path)
+        return _decode_wire(path.read_bytes())
+    return _scan_of(_read_cloud_file(path))
+
+
+def _read_cloud_file(path: Path) -> PointCloud:
+    suffix = _check_file(path)
+    if suffix == ".ffscan":
+        points = _decode_wire(path.read_bytes()).points
+        return PointCloud(dict(zip("xyz", points.T, strict=True)))
+    if suffix == ".npy":
+        return read_npy(path, SCAN_LIMITS)
+    if suffix in (".las", ".laz"):
+        return _read_las(path)
+    if suffix == ".bin":
+        return decode_scanner_bin(path.read_bytes(), path.name, SCAN_LIMITS)
+    if suffix in _CLOUD_FILES:
+        return _CLOUD_FILES[suffix](path.read_bytes(), SCAN_LIMITS)
+    return decode_text(path.read_bytes(), SCAN_LIMITS)
+
+
+def _check_file(path: Path) -> str:
+    """Returns the ending of a scan's file."""
     suffix = path.suffix.lower()
     if suffix not in (*SUFFIXES, ".npy", ".xyz", ".txt", ".pts", ".csv", ".las", ".laz"):
         raise UnsupportedFormat(f"scans cannot be read from files that end in {suffix!r}")
@@ -190,18 +230,10 @@ def _read_scan_file(path: Path) -> Scan:
         raise TooLarge(f"{size} bytes, the limit is {MAX_SCAN_FILE_BYTES}")
     if size == 0:
         raise MalformedData("the file is empty (0 bytes)")
-    if suffix == ".npy":
-        return _scan_of(read_npy(path, SCAN_LIMITS))
-    if suffix in (".las", ".laz"):
-        return _read_las(path)
-    if suffix == ".bin":
-        return _scan_of(decode_scanner_bin(path.read_bytes(), path.name, SCAN_LIMITS))
-    if suffix in SUFFIXES:
-        return cast(Scan, MEDIA_TYPES[SUFFIXES[suffix]](path.read_bytes()))  # such a file has one scan
-    return _scan_of(decode_text(path.read_bytes(), SCAN_LIMITS))
+    return suffix
 
 
-def _read_las(path: Path) -> Scan:
+def _read_las(path: Path) -> PointCloud:
     from .formats.las import read_las
 
-    return _scan_of(read_las(path, SCAN_LIMITS, with_times=True))
+    return read_las(path, SCAN_LIMITS, with_times=True)

@@ -41,18 +41,17 @@ def reader(monkeypatch: pytest.MonkeyPatch):
     limited_reader._reader.cache_clear()
 
 
-def _abort(path: Path) -> None:
+def _abort(path: Path, read: object) -> None:
     os.kill(os.getpid(), signal.SIGABRT)
 
 
-def _take_memory(path: Path) -> None:
+def _take_memory(path: Path, read: object) -> None:
     np.ones(limited_reader.MAX_MEMORY_BYTES, np.uint8)
 
 
-def _never_end(path: Path) -> None:
+def _never_end(path: Path, read: object) -> None:
     limited_reader.MAX_PROCESSOR_S = 1
-    limited_reader.read_scan_file = lambda path: [None for _ in iter(int, 1)]
-    limited_reader._read(path)
+    limited_reader._read(path, lambda path: [None for _ in iter(int, 1)])
 
 
 def test_the_scan_is_that_of_this_process(tmp_path: Path, reader):

@@ -46,7 +46,7 @@ class Rays:
     @staticmethod
     def of_scan(sensor: SensorModel, moment: int) -> Rays:
         """``sensor.scan_directions(moment)``, in the sensor frame."""
-        return _of_scan(sensor, moment) if sensor.moments > 1 else _of_sensor(sensor)
+        return _of_sensor(sensor) if sensor.looks_around else _of_scan(sensor, moment)
 
     @staticmethod
     def at_any_heading(sensor: SensorModel) -> Rays:

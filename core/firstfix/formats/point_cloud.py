@@ -18,6 +18,8 @@ Column = NDArray[Any]
 INTENSITY_NAMES = ("intensity", "scalar_intensity", "reflectivity", "reflectance", "i")
 # Of Ouster, Livox, Velodyne, Hesai and RoboSense, Autoware, LAS, CloudCompare.
 TIME_NAMES = ("t", "offset_time", "time", "timestamp", "time_stamp", "gps_time", "scalar_gpstime")
+# Of Velodyne, Ouster, Hesai and RoboSense, and of NCLT, Pandar, Livox; a Livox's lines are no rings.
+RING_NAMES = ("ring", "laser", "laser_id", "channel", "line")
 _NANOSECONDS = 1e-9
 _EPOCH_S = 1e8  # later than this, a time counts from the epoch, and not from the scan's begin
 _EPOCH_NS = 1e15
@@ -82,6 +84,16 @@ class PointCloud:
         """The (n,) intensity, under any name that drivers or CloudCompare use. None if absent."""
         by_name = {name.lower(): column for name, column in self.columns.items()}
         return next((by_name[name] for name in INTENSITY_NAMES if name in by_name), None)
+
+    @property
+    def ring(self) -> Column | None:
+        """The (n,) numbers of the beams, under any name that drivers use, as integers. None if absent."""
+        by_name = {name.lower(): column for name, column in self.columns.items()}
+        found = next((by_name[name] for name in RING_NAMES if name in by_name), None)
+        if found is None or found.dtype.kind in "iu":
+            return found
+        whole = np.isfinite(found) & (np.abs(found) < 1e6) if found.dtype.kind == "f" else None
+        return None if whole is None else np.where(whole, found, -1).astype(np.int64)
 
 
 def require_xyz(format_name: str, names: set[str]) -> None:

@@ -53,7 +53,9 @@ def _decode_nclt(body: Body, limits: Limits) -> PointCloud:
     records = np.frombuffer(body, _NCLT_RECORD)
     limits.check("NCLT", len(records), 8 * 3)
     x, y, z = (records[axis] * 0.005 - 100.0 for axis in "xyz")
-    return PointCloud({"x": x, "y": -y, "z": -z, "intensity": records["intensity"]})
+    return PointCloud(
+        {"x": x, "y": -y, "z": -z, "intensity": records["intensity"], "laser": records["laser"]}
+    )
 
 
 def _are_plausible(points: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> bool:

@@ -34,6 +34,8 @@ class SensorModel:
             y. With roll 180 the sensor hangs head down.
         pattern: of a scan. "rows": every elevation at every azimuth. "rosette": as many rays between the
             lowest and the highest elevation, as a Mid-360 casts them. Each scan has others.
+        azimuth_fov_deg: horizontal field of view, its middle ahead (x). A scan sees no more; templates look
+            all around, because they are made for all headings.
     """
 
     name: str
@@ -46,6 +48,7 @@ class SensorModel:
     mount_roll_deg: float = 0.0
     mount_pitch_deg: float = 0.0
     pattern: Pattern = "rows"
+    azimuth_fov_deg: float = 360.0
 
     def __post_init__(self) -> None:
         elevations = np.asarray(self.elevations_deg, np.float64)
@@ -59,6 +62,7 @@ class SensorModel:
             "mount_roll_deg": abs(self.mount_roll_deg) <= 180,
             "mount_pitch_deg": abs(self.mount_pitch_deg) <= 180,
             "pattern": self.pattern in get_args(Pattern),
+            "azimuth_fov_deg": self.azimuth_step_deg <= self.azimuth_fov_deg <= 360,
         }
         for name, ok in checks.items():
             if not ok:
@@ -78,17 +82,28 @@ class SensorModel:
         """Number of different scans that ``scan_directions`` knows."""
         return MOMENTS if self.pattern == "rosette" else 1
 
+    @property
+    def looks_around(self) -> bool:
+        """Whether one scan has the rays of ``directions``: rows, all around."""
+        return self.pattern == "rows" and self.azimuth_fov_deg == 360
+
     def scan_directions(self, moment: int = 0) -> NDArray[np.float32]:
-        """Unit rays (beams * columns, 3) of one scan in the sensor frame.
+        """Unit rays (beams * columns within the field of view, 3) of one scan in the sensor frame.
 
         Args:
             moment: 0 to ``moments - 1``, when the scan begins.
         """
-        if self.pattern == "rows":
+        if self.looks_around:
             return self.directions()
+        share = self.azimuth_fov_deg / 360
+        columns = round(self._columns * share)
+        if self.pattern == "rows":
+            half = np.radians(self.azimuth_fov_deg) / 2
+            azimuth = np.linspace(-half, half, columns, endpoint=False) + half / columns
+            return _unit(*np.meshgrid(np.radians(self.elevations_deg), azimuth, indexing="ij"))
         low_deg, high_deg = min(self.elevations_deg), max(self.elevations_deg)
-        azimuth, elevation = rosette(low_deg, high_deg, len(self.elevations_deg) * self._columns, moment)
-        return _unit(elevation, azimuth)
+        azimuth, elevation = rosette(low_deg, high_deg, len(self.elevations_deg) * columns, moment)
+        return _unit(elevation, azimuth if share == 1 else azimuth * share)
 
     @property
     def _columns(self) -> int:

@@ -314,3 +314,4 @@ class Sensor(BaseModel):
     mount_roll_deg: float
     mount_pitch_deg: float
     pattern: Literal["rows", "rosette"]
+    azimuth_fov_deg: float = Field(description="horizontal field of view of one scan")
