@@ -29,7 +29,6 @@ from typing import Any
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.ranking import Calibration
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.pipeline import build_version
 
@@ -109,7 +108,7 @@ def _cases(world: BenchWorld, scans: int, folder: Path, again: bool) -> list[Cas
     folder.mkdir(parents=True, exist_ok=True)
     files, config = world.make(StageCache(folder)), BuildConfig.parse(world.config)
     built = build_version(files.source, config, folder, trajectory=files.map.trajectory)
-    localizer = Localizer(MapIndex.load(built.directory, Calibration()))
+    localizer = Localizer(MapIndex.untested(built.directory))
     found = cases_of(world, files, localizer, scans)
     kept.write_bytes(pickle.dumps(found))
     print(world.name, len(found), "cases", file=sys.stderr, flush=True)

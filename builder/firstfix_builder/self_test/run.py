@@ -129,7 +129,8 @@ def run_self_test(
     min_margin = tie_width([outcome.unequal_by for outcome in outcomes])
     outcomes = [replace(outcome, min_margin=min_margin, ranking=ranking) for outcome in outcomes]
     cases = _cases(outcomes, mirrored_weight(len(inside), config.mirrored))
-    calibration = replace(fit(cases), min_margin=min_margin)
+    prior = localizer.index.calibration
+    calibration = replace(fit(cases) if cases else prior, min_margin=min_margin)
     tested = _queried_places(outcomes, calibration, T_level_map)
     bound = bound_of(cases, unanswered=sum(o.evidence is None for o in outcomes))
     found = _summary(outcomes, calibration, cases, bound, grid_of(tested))

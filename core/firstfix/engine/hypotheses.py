@@ -296,14 +296,33 @@ class HypothesisSearch:
         ]
 
     def _agreements(self, scan: Surface, registrations: Sequence[Registration]) -> list[Agreement]:
-        """Agreement of the scan, deskewed by each registration's own motion, with the map there."""
-        surface = self._index.surface
+        """Agreement of the scan, deskewed by each registration's own motion, with the map there.
+
+        Seen-free space is asked with the many points, which takes no longer than all else with the few.
+        """
+        surface, dense = self._index.surface, self._prepared.dense
         if scan.time_s is None:
-            T_level_sensor = np.array([one.T_level_sensor for one in registrations])
-            return surface.agreements(scan, T_level_sensor.reshape(-1, 4, 4))
+            T_level_sensor = np.array([one.T_level_sensor for one in registrations]).reshape(-1, 4, 4)
+            found = surface.agreements(scan, T_level_sensor)
+            return self._with_seen_free(found, dense, T_level_sensor)
         return [
-            surface.agreements(scan.deskewed(one.twist), one.T_level_sensor[None])[0] for one in registrations
+            self._with_seen_free(
+                surface.agreements(scan.deskewed(one.twist), one.T_level_sensor[None]),
+                dense.deskewed(one.twist),
+                one.T_level_sensor[None],
+            )[0]
+            for one in registrations
         ]
+
+    def _with_seen_free(
+        self, agreements: list[Agreement], scan: Surface, T_level_sensor: NDArray[np.float64]
+    ) -> list[Agreement]:
+        """The agreements at (k, 4, 4) poses, with the share in seen-free space where that is known."""
+        seen_free = self._index.seen_free
+        if seen_free is None:
+            return agreements
+        shares = seen_free.shares(scan.points, T_level_sensor).tolist()
+        return [replace(one, seen_free=share) for one, share in zip(agreements, shares, strict=True)]
 
     def _with_free_space(self, candidate: RegisteredCandidate) -> RegisteredCandidate:
         """The candidate with the shares of directions that pass through the map, over the query's scans."""

@@ -20,6 +20,7 @@ from .ranking import Calibration
 from .registration.align import MapSurface
 from .retrieval.cascade import Cascade
 from .verification.point_tiles import PointTiles
+from .verification.seen_free import SeenFree
 
 NEAR_VOXEL_M, FAR_VOXEL_M = 0.2, 0.4  # of the map's points: at 6 and at 12 m a cell is as wide
 _NEAR_FILE, _FAR_FILE = "view_near.safetensors", "view_far.safetensors"
@@ -115,6 +116,7 @@ class MapIndex:
         surface: map to register against.
         view: map to check free space against.
         false_accept_bound: by the threshold on the probability.
+        seen_free: space that the mapping run saw free; None: not known.
     """
 
     config: EngineConfig
@@ -123,6 +125,7 @@ class MapIndex:
     surface: MapSurface
     view: MapView
     false_accept_bound: FalseAcceptBound = field(default_factory=FalseAcceptBound)
+    seen_free: SeenFree | None = None
 
     @property
     def T_map_level(self) -> Matrix:
@@ -130,20 +133,29 @@ class MapIndex:
         return np.asarray(self.config.T_map_level, np.float64).reshape(4, 4)
 
     @classmethod
-    def load(cls, directory: Path, calibration: Calibration | None = None) -> MapIndex:
+    def load(cls, directory: Path) -> MapIndex:
         """Reads a version's files. Arrays are memory-mapped.
-
-        Args:
-            directory: of the files.
-            calibration: to use instead of the version's own, for a build that has not measured it yet.
 
         Raises:
             IncompatibleVersion: the version was made for another ranking.
             CorruptVersion: a file is missing or damaged.
         """
+        return cls._load(directory, is_tested=True)
+
+    @classmethod
+    def untested(cls, directory: Path) -> MapIndex:
+        """Reads the files that a build has before its self-test; raises as ``load``.
+
+        The calibration is the prior of what the version knows.
+        """
+        return cls._load(directory, is_tested=False)
+
+    @classmethod
+    def _load(cls, directory: Path, *, is_tested: bool) -> MapIndex:
         try:
-            config = EngineConfig.load(directory)
-            if calibration is None:
+            config, seen_free = EngineConfig.load(directory), SeenFree.load(directory)
+            calibration = Calibration.prior(knows_free=seen_free is not None)
+            if is_tested:
                 calibration = Calibration.from_mapping(json.loads((directory / CALIBRATION_FILE).read_text()))
             return cls(
                 config,
@@ -152,6 +164,7 @@ class MapIndex:
                 MapSurface.load(directory, config.registration, config.ranking),
                 MapView.load(directory, config.verification.reach_m),
                 FalseAcceptBound.load(directory),
+                seen_free,
             )
         except (OSError, EOFError, ValueError, TypeError, RuntimeError, KeyError) as error:
             raise CorruptVersion(f"{directory.name}: {error}") from error

