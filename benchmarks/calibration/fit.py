@@ -20,7 +20,7 @@ from .cases import Case
 
 RARE = ("absent", "alike")  # kinds of places that a map lacks, and that look as if they were in it
 RIDGE = 1e-3  # keeps the fit finite where all cases are told apart
-_REMOVED, _VIOLATION = (0.02, 0.03, 0.04, 0.055, 0.08), (0.03, 0.045, 0.06, 0.085, 0.12)
+_REMOVED, _VIOLATION = (0.04, 0.06, 0.08, 0.1, 0.14), (0.03, 0.045, 0.06, 0.085, 0.12)
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,17 @@ class Judged:
     among: bool
 
     @classmethod
-    def of(cls, case: Case) -> Judged:
-        """The case, its places ranked by their support."""
+    def of(cls, case: Case, *, knows_free: bool) -> Judged:
+        """The case, its places ranked by their support.
+
+        Args:
+            knows_free: whether the map knows which space was seen free, or is taken not to.
+        """
         places = sorted(case.places, key=lambda place: -RANKING.support(place.quality))
-        features = RANKING.match_features([place.quality for place in places], Calibration().min_margin)
+        qualities = [place.quality for place in places]
+        if not knows_free:
+            qualities = [replace(one, seen_free=None) for one in qualities]
+        features = RANKING.match_features(qualities, Calibration().min_margin)
         return cls(case, features, places[0].right, any(place.right for place in places[: features.tied]))
 
 
@@ -55,10 +62,19 @@ def fit(judged: Sequence[Judged]) -> Calibration:
         log_odds = inputs @ weights
         return float(counts @ (np.logaddexp(0, log_odds) - truth * log_odds) + RIDGE * weights @ weights)
 
-    prior = Calibration().weights
-    bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
-    found = minimize(loss, prior, method="L-BFGS-B", bounds=bounds).x
-    return replace(Calibration(), **dict(zip(WEIGHTS, (round(float(v), 2) for v in found), strict=True)))
+    prior = Calibration.prior(knows_free=any(_knows_free(one.features.quality) for one in judged))
+    bounds = [(None, None)] + [(0, None)] * (len(WEIGHTS) - 1)
+    found = minimize(loss, prior.weights, method="L-BFGS-B", bounds=bounds).x
+    return replace(prior, **dict(zip(WEIGHTS, (round(float(v), 2) for v in found), strict=True)))
+
+
+def knows_free(cases: Sequence[Case]) -> bool:
+    """Returns whether the cases are of a map that knows which space was seen free."""
+    return any(_knows_free(place.quality) for case in cases for place in case.places)
+
+
+def _knows_free(quality: AlignmentQuality) -> bool:
+    return quality.seen_free is not None
 
 
 def figures(judged: Sequence[Judged], calibration: Calibration) -> dict[str, Any]:

@@ -11,8 +11,10 @@ are meshes of everything. Others are the clouds of a simulated mapping run, whic
 world has more than the map. On another day some things have left: then it has less. Scans of a world with
 another seed are of a building of the same kind that is not in the map.
 
-Change ``Calibration``'s defaults to the printed ones, then run it again: what the prior accepts at once is
-not searched for further, so that the cases depend on it a little.
+There are two priors. That of maps which do not know what space was seen free is fitted to all worlds, as if
+none knew it. The other one is fitted to the worlds with a trajectory. Change the defaults of
+``Calibration`` to the printed ``not_knowing_free``, and ``_KNOWING_FREE`` to ``knowing_free``. Then run it
+again: what the prior accepts at once is not searched for further, so that the cases depend on it a little.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import os
 import pickle
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,7 +36,7 @@ from firstfix_builder.pipeline import build_version
 
 from ..common.worlds import BenchWorld, own_world, shared_world
 from .cases import SEED, Case, cases_of
-from .fit import Judged, defaults_of, figures, fit, leave_one_out, support_weights
+from .fit import Judged, defaults_of, figures, fit, knows_free, leave_one_out, support_weights
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "calibration"
 SCANS, QUICK_SCANS = 24, 8
@@ -79,23 +81,34 @@ def measure(worlds: Sequence[BenchWorld], scans: int, work: Path, *, again: bool
     began = time.process_time()
     there = [world for world in worlds if world.missing is None]
     cases = {world.name: _cases(world, scans, work / world.name, again) for world in there}
-    judged = {name: [Judged.of(case) for case in own if case.places] for name, own in cases.items()}
-    everything = [one for own in judged.values() for one in own]
-    fitted = fit(everything)
+    cases = {name: [case for case in own if case.places] for name, own in cases.items()}
     place_of = {world.name: world.place for world in there}
-    several = len(set(place_of.values())) > 1
+    knowing = {name: own for name, own in cases.items() if knows_free(own)}
     return {
         "machine": {"cpus": os.cpu_count()},
         "seed": SEED,
         "scans": scans,
         "skipped": {world.name: world.missing for world in worlds if world.missing is not None},
+        "not_knowing_free": _fitted(cases, place_of, known=False),
+        "knowing_free": _fitted(knowing, place_of, known=True) if knowing else None,
+        "right_first_by_support_weights": support_weights(cases)[:8],
+        "cpu_s": round(time.process_time() - began, 1),
+    }
+
+
+def _fitted(
+    cases: Mapping[str, Sequence[Case]], place_of: Mapping[str, str], *, known: bool
+) -> dict[str, Any]:
+    """Defaults and figures of the prior of one kind, fitted to these worlds."""
+    judged = {name: [Judged.of(case, knows_free=known) for case in own] for name, own in cases.items()}
+    everything = [one for own in judged.values() for one in own]
+    fitted = fit(everything)
+    several = len({place_of[name] for name in cases}) > 1
+    return {
+        "worlds": list(cases),
         "defaults": defaults_of(fitted),
         "left_out": leave_one_out(judged, place_of) if several else None,
         "fitted": figures(everything, fitted),
-        "right_first_by_support_weights": support_weights(
-            {name: [one.case for one in own] for name, own in judged.items()}
-        )[:8],
-        "cpu_s": round(time.process_time() - began, 1),
     }
 
 
