@@ -1,7 +1,7 @@
 """Free space carved by the rays of the mapping run, as chunks: those of the poses in one tile of the map.
 
 The rays are those of the map's sensor, from the trajectory's poses in the reconstructed mesh. They carve as
-the run's own scans would (docs/method.md section 6.1), so nobody has to hand these in.
+the run's own scans would (docs/method.md section 6), so nobody has to hand these in.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-// Cells that a mapping run saw free: its rays passed through them (docs/method.md section 6.1).
+// Cells that a mapping run saw free: its rays passed through them (docs/method.md section 6).
 #pragma once
 
 #include <algorithm>
