@@ -67,8 +67,7 @@ class CarvedCells {
   static constexpr std::uint32_t kMostPoses = 1U << 29;
   static constexpr std::int32_t kMostCells = 1 << 14;    // of a ray along an axis
 
-  void mark(const CellIndex& cell) {
-    std::uint32_t& value = grid_.at(cell);
+  void mark(std::uint32_t& value) const {
     if (value >> 2 == pose_) return;
     value = pose_ << 2 | std::min<std::uint32_t>((value & kCount) + 1, 2);
   }
@@ -89,12 +88,16 @@ class CarvedCells {
       apart[axis] = cells == 0 ? kNever : 1 / std::fabs(along);
       next[axis] = cells == 0 ? kNever : first * apart[axis];
     }
-    mark(cell);
+    constexpr std::int32_t kApart[3] = {64, 8, 1};  // of neighbours in a brick
+    std::uint32_t* value = &grid_.at(cell);
+    mark(*value);
     for (std::int32_t taken = 0; taken < steps; ++taken) {
       const std::size_t axis = next[0] < next[1] ? (next[0] < next[2] ? 0 : 2) : (next[1] < next[2] ? 1 : 2);
       cell[axis] += step[axis];
       next[axis] = cell[axis] == last[axis] ? kNever : next[axis] + apart[axis];
-      mark(cell);
+      const bool is_next_brick = (cell[axis] & 7) == (step[axis] > 0 ? 0 : 7);
+      value = is_next_brick ? &grid_.at(cell) : value + step[axis] * kApart[axis];
+      mark(*value);
     }
   }
 
