@@ -413,15 +413,16 @@ class Calibration:
         return cls(**{**values, "among_tied": among_tied})
 
 
-# The prior's weights where the map knows which space was seen free, fitted to the worlds with a trajectory.
+# The prior's weights where the map knows which space was seen free: the other ones, moved by two worlds with a
+# trajectory as a self-test would (docs/experiments.md).
 _KNOWING_FREE: dict[str, Any] = {
     "bias": -22.0,
-    "alignment_score": 1.45,
-    "free_space": 1.74,
+    "alignment_score": 1.42,
+    "free_space": 1.73,
     "beside_surface": 0.3,
-    "same_plane": 1.66,
+    "same_plane": 1.73,
     "margin": 13.2,
-    "seen_free": 2.4,
+    "seen_free": 2.55,
 }
 
 
