@@ -62,10 +62,17 @@ def fit(judged: Sequence[Judged]) -> Calibration:
         log_odds = inputs @ weights
         return float(counts @ (np.logaddexp(0, log_odds) - truth * log_odds) + RIDGE * weights @ weights)
 
-    prior = Calibration.prior(knows_free=any(_knows_free(one.features.quality) for one in judged))
+    if any(_knows_free(one.features.quality) for one in single):
+        # few worlds know it: they move the prior in use, as a self-test does
+        found = Calibration.fit([one.features for one in single], truth, counts).weights
+        return _rounded(Calibration.prior(knows_free=True), found)
+    prior = Calibration.prior(knows_free=False)
     bounds = [(None, None)] + [(0, None)] * (len(WEIGHTS) - 1)
-    found = minimize(loss, prior.weights, method="L-BFGS-B", bounds=bounds).x
-    return replace(prior, **dict(zip(WEIGHTS, (round(float(v), 2) for v in found), strict=True)))
+    return _rounded(prior, minimize(loss, prior.weights, method="L-BFGS-B", bounds=bounds).x)
+
+
+def _rounded(prior: Calibration, weights: NDArray[np.float64]) -> Calibration:
+    return replace(prior, **dict(zip(WEIGHTS, (round(float(v), 2) for v in weights), strict=True)))
 
 
 def knows_free(cases: Sequence[Case]) -> bool:

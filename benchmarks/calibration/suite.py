@@ -12,7 +12,7 @@ world has more than the map. On another day some things have left: then it has l
 another seed are of a building of the same kind that is not in the map.
 
 There are two priors. That of maps which do not know what space was seen free is fitted to all worlds, as if
-none knew it. The other one is fitted to the worlds with a trajectory. Change the defaults of
+none knew it. The worlds with a trajectory move the other one, as a self-test would. Change the defaults of
 ``Calibration`` to the printed ``not_knowing_free``, and ``_KNOWING_FREE`` to ``knowing_free``. Then run it
 again: what the prior accepts at once is not searched for further, so that the cases depend on it a little.
 """

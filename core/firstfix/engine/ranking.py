@@ -413,8 +413,8 @@ class Calibration:
         return cls(**{**values, "among_tied": among_tied})
 
 
-# The prior's weights where the map knows which space was seen free: the other ones, moved by two worlds with a
-# trajectory as a self-test would (docs/experiments.md).
+# The prior's weights where the map knows which space was seen free: the other ones, moved by two worlds with
+# a trajectory as a self-test would (docs/experiments.md).
 _KNOWING_FREE: dict[str, Any] = {
     "bias": -22.0,
     "alignment_score": 1.42,
