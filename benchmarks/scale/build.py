@@ -62,7 +62,8 @@ def build(extent: Extent, work: Path) -> Built:
         templates = stages.make_templates(mesh, viewpoints, engine)
         clusters = stages.cluster(templates, engine)
         learned = stages.learn_keys(mesh, templates, engine)
-        index = stages.build_index(read, mesh, fitted, templates, clusters, learned)
+        carved = stages.carve_free_space(read, mesh, engine)
+        index = stages.build_index(read, mesh, fitted, templates, clusters, learned, carved)
         tested = stages.self_test(read, mesh, viewpoints, index)
         version = work / extent.name
         shutil.rmtree(version, ignore_errors=True)

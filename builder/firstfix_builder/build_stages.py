@@ -26,6 +26,7 @@ from .execution.build_trace import within_a_stage
 from .execution.chunks import Arrays, Chunk
 from .execution.stage_cache import StageResult
 from .execution.stage_runner import RunChunks, StageRunner
+from .index.carve import carve_chunks, merged, poses_needed, seen_free
 from .index.cloud_octree import draw_cloud
 from .index.index_files import VIEWS_SHARE, write_index_files
 from .index.key_scans import KeyScans, key_scan_chunks
@@ -136,7 +137,8 @@ class BuildStages(StageRunner):
         templates = self.make_templates(mesh, viewpoints, engine)
         clusters = self.cluster(templates, engine)
         learned = self.learn_keys(mesh, templates, engine)
-        index = self.build_index(read, mesh, fitted, templates, clusters, learned)
+        carved = self.carve_free_space(read, mesh, engine)
+        index = self.build_index(read, mesh, fitted, templates, clusters, learned, carved)
         return mesh, viewpoints, index
 
     def thin_map(self, read: StageResult) -> StageResult:
@@ -307,6 +309,24 @@ class BuildStages(StageRunner):
         }
         return self._chunked_stage("learn_keys", {"mesh": mesh}, chosen, produce, {"templates": templates})
 
+    def carve_free_space(self, read: StageResult, mesh: StageResult, engine: EngineConfig) -> StageResult:
+        """The cells that the mapping run saw free: none without a trajectory, and none provisionally."""
+
+        def produce(out: Path, run: RunChunks) -> None:
+            trajectory = trajectory_of(read)
+            if trajectory is None or self.provisional:
+                return
+            chunks = carve_chunks(trajectory, self.config.sensor_model, engine.registration)
+            for name, array in merged(run(chunks), poses_needed(trajectory)).items():
+                np.save(out / f"{name}.npy", array)
+
+        chosen = {
+            "sensor": self.config.sensor_model.to_mapping(),
+            "registration": engine.registration.model_dump(mode="json"),
+            "provisional": self.provisional,
+        }
+        return self._chunked_stage("carve_free_space", {"mesh": mesh}, chosen, produce, {"map": read})
+
     def build_index(
         self,
         read: StageResult,
@@ -315,6 +335,7 @@ class BuildStages(StageRunner):
         templates: StageResult,
         clusters: StageResult,
         learned: StageResult,
+        carved: StageResult,
     ) -> StageResult:
         """All files of the version but what the self-test adds."""
 
@@ -332,6 +353,9 @@ class BuildStages(StageRunner):
                 self._ticks("build_index"),
                 provisional=self.provisional,
             )
+            parts = {path.stem: np.load(path) for path in carved.directory.iterdir()}
+            if parts:
+                seen_free(parts, np.load(out / MAP_FILE), engine_of(fitted).registration).save(out)
 
         besides = {
             "map": read,
@@ -339,6 +363,7 @@ class BuildStages(StageRunner):
             "templates": templates,
             "clusters": clusters,
             "learned": learned,
+            "carved": carved,
         }
         chosen = {"sensor": self.config.sensor_model.to_mapping(), "provisional": self.provisional}
         return self._chunked_stage("build_index", {"mesh": mesh}, chosen, produce, besides, VIEWS_SHARE)

@@ -18,6 +18,7 @@ from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf, tables_around
 from firstfix.engine.verification.point_tiles import PointTiles
+from firstfix.engine.verification.seen_free import SeenFree
 from firstfix.scan.reduction import RangeView
 from firstfix.transform import make_transform
 
@@ -110,6 +111,22 @@ def _view() -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
     return seen.returned, seen.least
 
 
+def _free(native: Any) -> tuple[NDArray[Any], ...]:
+    """Free cells around two poses, of which the points of ``FEW`` are taken out."""
+    cells = native.CarvedCells(0.25)
+    ranges = np.abs(FEW[:, 0]) + np.float32(2)
+    cells.add(FEW[:2].astype(np.float64) / 9, NORMALS, np.stack([ranges, ranges / 2]), 0.3)
+    brick, once, twice = cells.bricks()
+    return brick, once, twice, native.take_out_near(brick, once, FEW.astype(np.float64), 0.25)
+
+
+def _seen_free(native: Any) -> Any:
+    brick, *_, bits = _free(native)
+    tables = SeenFree.of_bricks(brick, bits, 0.25)
+    free = native.SeenFree(0.25, tables.corner, tables.group, tables.brick, tables.bits)
+    return free.shares(FEW, np.array([np.eye(4), T_MAP_SENSOR]))
+
+
 CASES: dict[str, Callable[[Any], Any]] = {
     "rows_by_chance": lambda native: native.rows_by_chance(120_000, 7_001),
     "within_range": lambda native: native.within_range(STREET, 0.5, 30.0),
@@ -190,6 +207,9 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "seen_through": lambda native: native.seen_through(
         _tiles(native, 0.2), _tiles(native, 0.4), 40.0, _grid(native), *_view(), T_MAP_SENSOR
     ),
+    "CarvedCells": lambda native: _free(native)[:3],
+    "take_out_near": lambda native: _free(native)[3],
+    "SeenFree": _seen_free,
     "compare_points": lambda native: native.compare_points(
         _tiles(native, 0.2), _tiles(native, 0.4), 9.0, 25.0, T_MAP_SENSOR, _returns(), 360
     ),

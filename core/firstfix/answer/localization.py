@@ -122,6 +122,7 @@ class Localization:
                     "alignment_score": None if h.quality is None else h.quality.alignment_score,
                     "free_space_violation": None if h.quality is None else h.quality.free_space_violation,
                     "removed_surface": None if h.quality is None else h.quality.removed_surface,
+                    "seen_free": None if h.quality is None else h.quality.seen_free,
                     "probability": h.probability,
                     "template": h.template,
                     "map_id": h.map_id,
@@ -191,4 +192,5 @@ def _quality_from_mapping(data: Mapping[str, Any]) -> AlignmentQuality | None:
         float(data["alignment_score"]),
         float(data["free_space_violation"]),
         float(data.get("removed_surface", 0.0)),  # an older service does not tell
+        seen_free=None if data.get("seen_free") is None else float(data["seen_free"]),
     )

@@ -21,7 +21,10 @@ class AlignmentQuality:
             missed.
         same_plane: 0..1, chance that two of the scan's upright points that lie on the map lie on one plane.
             It is small where many surfaces agree, and large in a bare room, which has its like elsewhere.
-            An answer that was sent has neither of the last two: they are 0.
+            An answer that was sent has neither this nor ``beside_surface``: they are 0.
+        seen_free: 0..1, share of the scan's points that lie in space that the mapping run saw free. What
+            stands there came later, or the place is another one. None: the map does not know, because it has
+            no trajectory, or an older service answered.
     """
 
     inlier_ratio: float
@@ -30,3 +33,4 @@ class AlignmentQuality:
     removed_surface: float = 0.0
     beside_surface: float = 0.0
     same_plane: float = 0.0
+    seen_free: float | None = None

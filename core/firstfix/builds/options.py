@@ -32,6 +32,7 @@ STAGES = (
     "make_templates",
     "cluster",
     "learn_keys",
+    "carve_free_space",
     "build_index",
     "draw_cloud",
     "self_test",

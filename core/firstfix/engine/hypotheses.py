@@ -63,6 +63,7 @@ class RegisteredCandidate:
             self.free_space.free_space_violation,
             self.free_space.removed_surface,
             **vars(self.agreement),
+            seen_free=self.free_space.seen_free,
         )
 
     @cached_property
@@ -361,10 +362,19 @@ class HypothesisSearch:
         pose = T_level_last.tobytes()
         if pose not in self._free_space:
             surface, view = self._index.surface, self._index.view
-            self._free_space[pose] = FreeSpaceShares.mean(
+            shares = FreeSpaceShares.mean(
                 [
                     view.seen_through(surface, scan.view_deskewed(twist), T_level_last @ scan.T_last_scan)
                     for scan in self._prepared.scans
                 ]
             )
+            self._free_space[pose] = replace(shares, seen_free=self._seen_free(candidate.registration))
         return replace(candidate, free_space=self._free_space[pose])
+
+    def _seen_free(self, registration: Registration) -> float | None:
+        """Share of the few points, of all scans, in space that the mapping run saw free; None: not known."""
+        seen_free = self._index.seen_free
+        if seen_free is None:
+            return None
+        scan = self._prepared.sparse.deskewed(registration.twist)
+        return float(seen_free.shares(scan.points, registration.T_level_sensor[None])[0])

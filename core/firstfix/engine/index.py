@@ -21,6 +21,7 @@ from .registration.align import MapSurface
 from .retrieval.alias_table import AliasTable
 from .retrieval.cascade import Cascade
 from .verification.point_tiles import PointTiles
+from .verification.seen_free import SeenFree
 
 NEAR_VOXEL_M, FAR_VOXEL_M = 0.2, 0.4  # of the map's points: at 6 and at 12 m a cell is as wide
 _NEAR_FILE, _FAR_FILE = "view_near.safetensors", "view_far.safetensors"
@@ -33,10 +34,12 @@ class FreeSpaceShares:
     Attributes:
         free_space_violation: the scan's return lies where the map has nothing.
         removed_surface: the scan's return lies near another surface of the map.
+        seen_free: share of the scan's points in space that the mapping run saw free; None: not known.
     """
 
     free_space_violation: float
     removed_surface: float
+    seen_free: float | None = None
 
     @classmethod
     def mean(cls, shares: Sequence[FreeSpaceShares]) -> FreeSpaceShares:
@@ -117,6 +120,7 @@ class MapIndex:
         view: map to check free space against.
         false_accept_bound: by the threshold on the probability.
         aliases: of the templates; None: the version has none.
+        seen_free: space that the mapping run saw free; None: not known.
     """
 
     config: EngineConfig
@@ -126,6 +130,7 @@ class MapIndex:
     view: MapView
     false_accept_bound: FalseAcceptBound = field(default_factory=FalseAcceptBound)
     aliases: AliasTable | None = None
+    seen_free: SeenFree | None = None
 
     @property
     def T_map_level(self) -> Matrix:
@@ -157,6 +162,7 @@ class MapIndex:
                 MapView.load(directory, config.verification.reach_m),
                 FalseAcceptBound.load(directory),
                 AliasTable.load(directory, len(cascade.templates)),
+                SeenFree.load(directory),
             )
         except (OSError, EOFError, ValueError, TypeError, RuntimeError, KeyError) as error:
             raise CorruptVersion(f"{directory.name}: {error}") from error

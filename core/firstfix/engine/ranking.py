@@ -39,6 +39,8 @@ class RankingConfig(BaseModel):
             most often tell the true place from its rivals in ``python -m benchmarks.run calibration``
             (docs/method.md section 7), on a scale on which 0.01 of a good alignment score is about 0.01 of
             support.
+        seen_free_weight, seen_free_offset: the same of the share in seen-free space, which is 0 where the map
+            does not know it. The offset lets people and parked things pass.
         best_score, least_share: keep the logarithms of perfect values finite.
         worst_score, violation_offset, beside_offset, same_plane_offset: for the probability.
         max_margin: a larger margin counts as this. About two in three right places have more.
@@ -76,6 +78,8 @@ class RankingConfig(BaseModel):
     alignment_weight: float
     removed_weight: float
     violation_weight: float
+    seen_free_weight: float
+    seen_free_offset: float
     best_score: float
     least_share: float
     worst_score: float
@@ -124,10 +128,12 @@ class RankingConfig(BaseModel):
 
         Logarithms of the misfit spread good values: from 98 to 99 % is as far as from 80 to 90 %.
         """
+        seen_free = quality.seen_free or 0.0
         return -(
             self.alignment_weight * log(self.best_score - quality.alignment_score)
             + self.removed_weight * log(self.least_share + quality.removed_surface)
             + self.violation_weight * log(self.least_share + quality.free_space_violation)
+            + self.seen_free_weight * log(1 + seen_free / self.seen_free_offset)
         )
 
     def discounted_score(self, alignment_score: float, twist: NDArray[np.float64] | None) -> float:
@@ -180,7 +186,7 @@ class RankingConfig(BaseModel):
             IncompatibleVersion: this release ranks by other numbers than the version has.
             ValueError: a number is none.
         """
-        numbers = _UNSTORED if stored is None else dict(stored)
+        numbers = _LATER | (_UNSTORED if stored is None else dict(stored))
         different = set(numbers) ^ set(cls.model_fields)
         if different:
             raise IncompatibleVersion(
@@ -238,7 +244,9 @@ _UNSTORED: dict[str, Any] = {
     "unregistered_score": 10.07,
     "unregistered_lead": 52.1,
 }
-RANKING = RankingConfig.model_validate(_UNSTORED)  # of versions that are made now
+# Numbers that came later, and change nothing in a version without them: it has no file that they are about.
+_LATER: dict[str, Any] = {"seen_free_weight": 0.07, "seen_free_offset": 0.05}
+RANKING = RankingConfig.model_validate(_UNSTORED | _LATER)  # of versions that are made now
 
 
 @dataclass(frozen=True)

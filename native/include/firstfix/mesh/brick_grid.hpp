@@ -55,6 +55,21 @@ class BrickGrid {
     return last_ == kFree ? blank_ : values_[kInBrick * static_cast<std::size_t>(last_) + place_of(cell)];
   }
 
+  // Calls use(brick, values) for every brick, in any order: its first cell's number divided by eight, and its 512 values, x
+  // by x, y by y.
+  template <class Use>
+  void each_brick(Use use) const {
+    constexpr std::uint64_t kMask = (1U << 21) - 1;
+    for (const Slot& slot : slots_) {
+      if (slot.brick == kFree) continue;
+      CellIndex brick{};
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        brick[axis] = static_cast<std::int32_t>(slot.key >> 21 * (2 - axis) & kMask) - (1 << 20);
+      }
+      use(brick, values_.data() + kInBrick * static_cast<std::size_t>(slot.brick));
+    }
+  }
+
  private:
   static constexpr int kBits = 3;
   static constexpr std::size_t kInBrick = std::size_t{1} << (3 * kBits);

@@ -50,6 +50,10 @@ class Hypothesis(BaseModel):
     removed_surface: float = Field(
         description="share of directions that pass through a mapped surface and end at another one"
     )
+    seen_free: float | None = Field(
+        None,
+        description="share of the scan's points in space that the mapping run saw free; null: not known",
+    )
     probability: float
     template: int
     map_id: str
@@ -93,6 +97,7 @@ class Answer(BaseModel):
                             "alignment_score": 0.81,
                             "free_space_violation": 0.004,
                             "removed_surface": 0.011,
+                            "seen_free": 0.003,
                             "probability": 0.998,
                             "template": 4711,
                             "map_id": "",
