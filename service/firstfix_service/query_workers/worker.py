@@ -144,7 +144,7 @@ def _is_finite(answer: Localization) -> bool:
         numbers += answer.hint.distance_m, answer.hint.turn_deg, answer.hint.separation
     for one in answer.hypotheses:
         if one.quality is not None:
-            numbers += astuple(one.quality)
+            numbers += [number for number in astuple(one.quality) if number is not None]
     return (
         all(map(math.isfinite, numbers))
         and bool(np.isfinite([T for T in poses if T is not None]).all())

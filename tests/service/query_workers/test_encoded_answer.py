@@ -52,6 +52,9 @@ def test_it_is_the_answers_json():
         replace(ANSWER, hypotheses=(replace(PLACE, T_map_sensor=NAN),)),
         replace(ANSWER, hypotheses=(PLACE, replace(BARE, probability=float("inf")))),
         replace(ANSWER, hypotheses=(replace(PLACE, quality=AlignmentQuality(0.9, float("nan"), 0.01)),)),
+        replace(
+            ANSWER, hypotheses=(replace(PLACE, quality=AlignmentQuality(0.9, 0.8, seen_free=float("nan"))),)
+        ),
     ],
 )
 def test_a_number_that_is_not_finite_is_a_defect_and_no_null(broken: Localization):
