@@ -53,7 +53,8 @@ def test_it_is_the_answers_json():
         replace(ANSWER, hypotheses=(PLACE, replace(BARE, probability=float("inf")))),
         replace(ANSWER, hypotheses=(replace(PLACE, quality=AlignmentQuality(0.9, float("nan"), 0.01)),)),
         replace(
-            ANSWER, hypotheses=(replace(PLACE, quality=AlignmentQuality(0.9, 0.8, seen_free=float("nan"))),)
+            ANSWER,
+            hypotheses=(replace(PLACE, quality=AlignmentQuality(0.9, 0.8, 0.01, seen_free=float("nan"))),),
         ),
     ],
 )
