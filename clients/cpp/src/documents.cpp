@@ -75,7 +75,9 @@ Hypothesis hypothesis_of(const Json& data) {
   Hypothesis made{pose_of(*pose), std::nullopt, number(data, "probability"), 0, text(data, "map_id")};
   if (member(data, "inlier_ratio") != nullptr) {
     made.quality = AlignmentQuality{number(data, "inlier_ratio"), number(data, "alignment_score"), number(data, "free_space_violation"),
-                                    member(data, "removed_surface") == nullptr ? 0.0 : number(data, "removed_surface")};  // older services
+                                    member(data, "removed_surface") == nullptr ? 0.0 : number(data, "removed_surface"),  // older services
+                                    std::nullopt};
+    if (member(data, "seen_free") != nullptr) made.quality->seen_free = number(data, "seen_free");
   }
   const Json* row = member(data, "template");
   if (row == nullptr || !row->is_number_integer()) unreadable("a hypothesis has no template");

@@ -177,6 +177,7 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
                           {"alignment_score", laid ? Json(h.quality->alignment_score) : Json()},
                           {"free_space_violation", laid ? Json(h.quality->free_space_violation) : Json()},
                           {"removed_surface", laid ? Json(h.quality->removed_surface) : Json()},
+                          {"seen_free", laid && h.quality->seen_free ? Json(*h.quality->seen_free) : Json()},
                           {"probability", h.probability},
                           {"template", h.template_row},
                           {"map_id", h.map_id}});

@@ -20,6 +20,7 @@ enum class Verdict { localized, ambiguous, rejected };
 // How well a scan fits the map at a pose; shares, 0 to 1.
 struct AlignmentQuality {
   double inlier_ratio = 0, alignment_score = 0, free_space_violation = 0, removed_surface = 0;
+  std::optional<double> seen_free;  // absent if the map does not know what its mapping run saw free, or the service is older
 };
 
 // A pose where the scan may have been taken.
