@@ -257,7 +257,7 @@ def _try(world: World, name: str, end: End, stage: str) -> None:
         wrong.append("a version is active that the status does not name")
     # what is removed after the end is on record
     with suppress(AssertionError):
-        wait(lambda: not left_over(world), "nothing is left", limit_s=5.0)
+        wait(lambda: not left_over(world), "nothing is left", limit_s=60.0)
     if left := left_over(world):
         wrong.append(f"{len(left)} objects are left, as {left[0]}")
         _forget(world, left)

@@ -17,7 +17,7 @@ def test_kills_lose_no_build_and_leave_nothing_half_done(tmp_path: Path, queue: 
     if queue == "nats" and nats_server_program() is None:
         pytest.skip(NEEDS_NATS)
     figures = kill_builds(tmp_path, kills=6, queue=queue, seed=1)
-    assert sum(figures["kills"].values()) == 6
+    assert sum(figures["kills"].values()) >= 6  # kills that meet an upload come on top
     assert figures["builds_taken"] > 0
     assert figures["versions_verified"] > 0
     for name in ("not_succeeded", "broken", "published_twice", "orphans"):
