@@ -41,8 +41,6 @@ class RankingConfig(BaseModel):
             support.
         seen_free_weight, seen_free_offset: the same of the share in seen-free space, which is 0 where the map
             does not know it. The offset lets people and parked things pass.
-        explaining_inlier_ratio, unexplained_penalty: a pose with a smaller inlier ratio ranks behind those
-            that explain the scan: far from the map nothing contradicts it.
         best_score, least_share: keep the logarithms of perfect values finite.
         worst_score, violation_offset, beside_offset, same_plane_offset: for the probability.
         max_margin: a larger margin counts as this. About two in three right places have more.
@@ -82,8 +80,6 @@ class RankingConfig(BaseModel):
     violation_weight: float
     seen_free_weight: float
     seen_free_offset: float
-    explaining_inlier_ratio: float
-    unexplained_penalty: float
     best_score: float
     least_share: float
     worst_score: float
@@ -133,13 +129,11 @@ class RankingConfig(BaseModel):
         Logarithms of the misfit spread good values: from 98 to 99 % is as far as from 80 to 90 %.
         """
         seen_free = quality.seen_free or 0.0
-        is_explained = quality.inlier_ratio >= self.explaining_inlier_ratio
         return -(
             self.alignment_weight * log(self.best_score - quality.alignment_score)
             + self.removed_weight * log(self.least_share + quality.removed_surface)
             + self.violation_weight * log(self.least_share + quality.free_space_violation)
             + self.seen_free_weight * log(1 + seen_free / self.seen_free_offset)
-            + (0.0 if is_explained else self.unexplained_penalty)
         )
 
     def discounted_score(self, alignment_score: float, twist: NDArray[np.float64] | None) -> float:
@@ -250,15 +244,9 @@ _UNSTORED: dict[str, Any] = {
     "unregistered_score": 10.07,
     "unregistered_lead": 52.1,
 }
-# Numbers that came later, as they are for a version without them: it has no seen-free space, and no penalty.
-_LATER: dict[str, Any] = {
-    "seen_free_weight": 0.07,
-    "seen_free_offset": 0.05,
-    "explaining_inlier_ratio": 0.4,
-    "unexplained_penalty": 0.0,
-}
-# Of versions that are made now.
-RANKING = RankingConfig.model_validate(_UNSTORED | _LATER | {"unexplained_penalty": 1.0})
+# Numbers that came later, and change nothing in a version without them: it has no file that they are about.
+_LATER: dict[str, Any] = {"seen_free_weight": 0.07, "seen_free_offset": 0.05}
+RANKING = RankingConfig.model_validate(_UNSTORED | _LATER)  # of versions that are made now
 
 
 @dataclass(frozen=True)
