@@ -59,14 +59,16 @@ class Asked:
     @property
     def is_wrong(self) -> bool:
         """True if an answered pose is off by more than 1 m or 10 degrees."""
+        return self._is_off_by(FALSE_M)
+
+    def _is_off_by(self, limit_m: float) -> bool:
         error = self.answer_error(next(iter(self.T_map_sensor)))
-        return error is not None and not (error[0] <= FALSE_M and error[1] <= FALSE_DEG)
+        return error is not None and not (error[0] <= limit_m and error[1] <= FALSE_DEG)
 
     @property
     def is_off(self) -> bool:
         """True if an answered pose is off by more than 0.2 m, or 10 degrees."""
-        error = self.answer_error(next(iter(self.T_map_sensor)))
-        return error is not None and not (error[0] <= WRONG_M and error[1] <= FALSE_DEG)
+        return self._is_off_by(WRONG_M)
 
     def _errors(self, reference: str) -> list[tuple[float, float]]:
         true = self.T_map_sensor[reference]

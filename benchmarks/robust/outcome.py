@@ -17,11 +17,11 @@ from firstfix.engine.ranking import RANKING
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, pose_error, quaternion_of
+from firstfix_cli.evaluate import WRONG_M
 
 from ..common.nees import pose_difference
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off, an answer "localized" is a false accept
-WRONG_M = 0.2  # a robot that is further off misses doors and docks
 SUCCESS_YAW_DEG = 5.0
 ALIAS_WITHIN = 0.02  # of the truth's alignment score
 NEVER = (np.inf, np.inf, np.inf)

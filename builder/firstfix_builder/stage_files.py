@@ -49,7 +49,7 @@ def floor_of(viewpoints: StageResult) -> SeenFloor | None:
 
 
 def moving_of(read: StageResult) -> dict[str, Any] | None:
-    """What scans of the mapping run said of moving things, or None if the map brought none."""
+    """Returns the figures of ``without_moving``, or None if the map brought no mapping scans."""
     path = read.directory / MOVING_FILE
     return json.loads(path.read_text()) if path.exists() else None
 

@@ -188,7 +188,7 @@ def read_cloud_file(path: Path) -> PointCloud:
 
 
 def _named(path: Path, read: Callable[[Path], _Read]) -> _Read:
-    """What is read, or an error that names the file."""
+    """Reads a file; an error names it."""
     try:
         return read(path)
     except InputError as error:

@@ -11,7 +11,7 @@ The build's self-test asks them. What cannot be used is left out with a reason: 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,10 +19,10 @@ import numpy as np
 
 from firstfix.errors import InputError, NotFound
 from firstfix.scan.scan import Scan
-from firstfix.transform import Matrix, from_quaternion
+from firstfix.transform import Matrix
 
 from .file_errors import naming
-from .posed_scans import POSES, read_posed_scan, read_poses
+from .posed_scans import POSES, pose_of, read_posed_scan, read_poses
 
 FOLDER = "held_out"
 MAX_SCANS, SEED = 40, 11  # the self-test asks: of more, these are drawn by chance
@@ -116,7 +116,7 @@ def read_held_out(source: Path, axis: str) -> HeldOut | None:
             if number not in asked:
                 left_out[name] = f"there are more than {MAX_SCANS}"
                 continue
-            scans.append(HeldOutScan(name, read_posed_scan(folder, name), _pose(pose)))
+            scans.append(HeldOutScan(name, read_posed_scan(folder, name), pose_of(pose)))
         except ValueError as error:
             left_out[name] = str(error)
     return HeldOut(tuple(scans), left_out)
@@ -132,12 +132,3 @@ def _without_a_row(folder: Path, named: set[str]) -> Iterator[str]:
 def _drawn(count: int) -> set[int]:
     """Numbers of the rows that are asked: all, or MAX_SCANS by chance."""
     return set(np.random.default_rng(SEED).permutation(count)[:MAX_SCANS].tolist())
-
-
-def _pose(words: Sequence[str]) -> Matrix:
-    if not any(words):
-        raise ValueError("it has no pose")
-    numbers = [float(word) for word in words]
-    if not np.isfinite(numbers).all():
-        raise ValueError("its pose is not finite")
-    return from_quaternion(numbers[:3], numbers[3:])

@@ -11,33 +11,18 @@ What cannot be used is left out with a reason: the map is built all the same.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.errors import InputError, MalformedData, NotFound
+from firstfix.errors import InputError, NotFound
 from firstfix.transform import Matrix
 
 from .file_errors import naming
-from .posed_scans import POSES, read_posed_scan, read_poses
-from .rigid import rigid_from_quaternions
+from .posed_scans import POSES, pose_of, read_posed_scan, read_poses
 
 FOLDER = "mapping_scans"
-
-
-@dataclass(frozen=True)
-class MappingScan:
-    """A scan of the mapping run.
-
-    Attributes:
-        points: (n, 3) metres, sensor frame.
-        T_map_sensor: where it was taken.
-    """
-
-    points: NDArray[np.float32]
-    T_map_sensor: Matrix
 
 
 class MappingScans:
@@ -69,10 +54,9 @@ class MappingScans:
         """Yields the name and T_map_sensor of each scan that has a pose."""
         for name, words in self._rows:
             try:
-                numbers = np.array([[float(word) for word in words]])
-                yield name, rigid_from_quaternions(numbers[:, :3], numbers[:, 3:])[0]
-            except (ValueError, MalformedData):
-                self.left_out[name] = "it has no valid pose"
+                yield name, pose_of(words)
+            except ValueError as error:
+                self.left_out[name] = str(error)
 
     def read(self, name: str) -> NDArray[np.float32] | None:
         """(n, 3) points of a scan; None: it cannot be read."""

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from firstfix.decode import read_scan_file
 from firstfix.errors import InputError, MalformedData, NotFound
 from firstfix.scan.scan import Scan
+from firstfix.transform import Matrix
+
+from .rigid import rigid_from_quaternions
 
 POSES = "poses.csv"
 _POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
@@ -29,6 +35,22 @@ def read_poses(path: Path) -> list[tuple[str, list[str]]]:
         ]
     except (UnicodeDecodeError, csv.Error) as error:
         raise MalformedData(f"not a CSV text file: {error}") from error
+
+
+def pose_of(words: Sequence[str]) -> Matrix:
+    """T_map_sensor of a row's seven words.
+
+    Raises:
+        ValueError: they are empty, no finite numbers, or the quaternion is not of length 1.
+    """
+    if not any(words):
+        raise ValueError("it has no pose")
+    try:
+        numbers = np.array([[float(word) for word in words]])
+        T: Matrix = rigid_from_quaternions(numbers[:, :3], numbers[:, 3:])[0]
+    except (ValueError, MalformedData) as error:
+        raise ValueError(f"it has no valid pose: {error}") from error
+    return T
 
 
 def read_posed_scan(folder: Path, name: str) -> Scan:

@@ -22,7 +22,7 @@ FIT_POINTS = 500
 
 @dataclass(frozen=True)
 class Moving:
-    """What scans of the mapping run say of moving things in a map.
+    """Points that were left out because scans of the mapping run saw through them.
 
     Attributes:
         scans: number of scans that were looked at.

@@ -38,7 +38,7 @@ class RealScans:
 
     @classmethod
     def of(cls, held_out: HeldOut, map_points: NDArray[np.floating]) -> RealScans:
-        """Those of the held-out scans whose poses fit the map.
+        """Selects the held-out scans whose poses fit the map.
 
         Args:
             held_out: with poses in the level frame.

@@ -89,7 +89,7 @@ def choose(cases: Sequence[Judged], max_false_accept: float) -> Threshold:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What the cases show of a threshold.
+    """Claimed probabilities of the cases, from which the rate of wrong answers at a threshold follows.
 
     Attributes:
         claimed, right, weight: (n,) of the cases in the map.

@@ -75,7 +75,7 @@ def sensor(
 
 
 def notes_of(found: MeasuredSensor) -> list[str]:
-    """What was measured and what was not, a sentence each."""
+    """One sentence for each property: how it was measured, or that it was not."""
     model = found.sensor
     low, high = min(model.elevations_deg), max(model.elevations_deg)
     field = f"{low:g} to {high:g} degrees up, {model.azimuth_fov_deg:g} degrees around"

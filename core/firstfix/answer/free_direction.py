@@ -18,7 +18,7 @@ FREE_RAD = math.radians(2.0)
 
 
 class Motion(str, Enum):
-    """What a pose may do in a free direction."""
+    """Kind of a free direction: the pose may shift along it, or turn about it."""
 
     TRANSLATION = "translation"
     ROTATION = "rotation"

@@ -121,7 +121,7 @@ class MapSearch:
         expected_s = SLOWER * self._narrow_s * config.aliases.tried / config.candidates
         if index.aliases is None or expected_s > self._watch.left_s:
             return
-        if not best or not index.calibration.accepts(features_of(best), min_probability):
+        if not index.calibration.accepts(features_of(best), min_probability):
             return
         with self._watch.stage("aliases"):
             aliases = known_aliases(index, best[0].registration.T_level_sensor, self._options.prior)

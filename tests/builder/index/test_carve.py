@@ -28,7 +28,7 @@ def along_x(step_m: float, count: int) -> np.ndarray:
 
 
 def one_ray(y: float) -> dict[str, np.ndarray]:
-    """What a pose carves with a ray of a metre along x."""
+    """Bricks that a pose carves with one ray along x."""
     cells = CarvedCells(CELL_M)
     cells.add(np.array([[0.05, y, 0.05]]), np.float32([[1, 0, 0]]), np.float32([[1.3]]), 0.3)
     brick, once, twice = cells.bricks()

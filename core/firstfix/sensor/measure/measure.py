@@ -50,7 +50,7 @@ class MeasuredScan:
 
 @dataclass(frozen=True)
 class MeasuredSensor:
-    """What scans tell of their sensor.
+    """A sensor model that was measured from scans.
 
     Attributes:
         sensor: model for simulations.
