@@ -18,6 +18,8 @@ import zenoh
 
 from firstfix.ids import is_name
 
+from .threads import connected_with
+
 _log = structlog.get_logger(__name__)
 TOKENS = "firstfix/@replicas"
 FIRST_LOOK_S = 2.0
@@ -143,7 +145,7 @@ class ZenohReplicas:
             if self._stop.wait(self._settled_s) or self._event.is_set():
                 continue
             names = self.names
-            if not self._watching.info.transports():
+            if not connected_with(self._watching):
                 self._event.set()  # this replica is cut off; the others have not gone
             elif names != self._known:
                 _log.info("other replicas hold maps", replicas=sorted(names))

@@ -24,6 +24,15 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
+def connected_with(session: Any) -> set[str]:
+    """Returns the zenoh ids of the routers, peers and clients connected with a session.
+
+    It may wait for a lock that a frozen peer keeps taken, but without the interpreter's lock. The call
+    ``info.transports()`` waits with it: then no thread of the process goes on, not even the watchdog.
+    """
+    return {str(link.zid) for link in session.info.links()}
+
+
 async def in_zenoh_thread(work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
     """Runs work in a thread of its own and returns its result. Work that has begun is not cancelled."""
     done: Future[T] = Future()
@@ -68,7 +77,7 @@ class SessionWatch:
         while True:
             try:
                 with self._pulse.call():
-                    connections = len(self._session.info.transports())
+                    connections = len(connected_with(self._session))
             except zenoh.ZError as error:
                 _log.warning("zenoh does not say who is connected", error=str(error))
             else:

@@ -24,10 +24,10 @@ class HangingInfo:
         self._info = session.info
         self._go_on, self._threads = go_on, threads
 
-    def transports(self) -> list[Any]:
+    def links(self) -> list[Any]:
         self._threads.add(threading.current_thread().name)
         assert self._go_on.wait(2 * LIMIT_S)
-        return list(self._info.transports())
+        return list(self._info.links())
 
 
 class HangingSession:
