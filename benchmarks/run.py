@@ -9,6 +9,7 @@ import argparse
 import json
 from pathlib import Path
 
+from .ablation import suite as ablation
 from .beside import suite as beside
 from .calibration import suite as calibration
 from .common.datasets import DATASETS
@@ -21,6 +22,7 @@ from .scale import suite as scale
 from .service import suite as service
 
 SUITES = {
+    "ablation": ablation.run,
     "beside": beside.run,
     "calibration": calibration.run,
     "hostile": hostile.run,
@@ -35,7 +37,7 @@ OPTIONS = {
     "attacks": ("hostile",),
     "beside": ("beside",),
     "parts": ("beside",),
-    "sets": ("real", "peers"),
+    "sets": ("ablation", "real", "peers"),
     "scans": ("peers",),
     "bbs": ("peers",),
 }
@@ -76,7 +78,9 @@ def main() -> None:
         "--parts", type=_parts, metavar="NAMES", help=f"beside: some of {','.join(beside.PARTS)}"
     )
     parser.add_argument("--attacks", type=_attacks, metavar="NAMES", help="hostile: some of the attacks")
-    parser.add_argument("--sets", type=_sets, metavar="NAMES", help="real, peers: some of the data sets")
+    parser.add_argument(
+        "--sets", type=_sets, metavar="NAMES", help="ablation, real, peers: some of the data sets"
+    )
     parser.add_argument("--scans", type=_count, metavar="N", help="peers: queries of each set")
     parser.add_argument("--bbs", type=Path, metavar="PREFIX", help="peers: where 3D-BBS is installed")
     arguments = parser.parse_args()

@@ -34,6 +34,7 @@ from .variants import SEED
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "real"
 QUICK = (HALL,)
+STORE = "store"  # folder of it
 
 
 def run(quick: bool, sets: Sequence[str] = ()) -> dict[str, Any]:
@@ -58,12 +59,8 @@ def run(quick: bool, sets: Sequence[str] = ()) -> dict[str, Any]:
 
 def measure(dataset: Dataset, scratch: Path) -> tuple[dict[str, Any], list[Asked]]:
     """Builds the map from nothing with ``firstfix build``, asks over HTTP, then in this process."""
-    store = scratch / "store"
-    built = _build(dataset, scratch, store)
-    over_http = _over_http(dataset, scratch, store)
-    version = Catalog(Store.open(str(store))).fetch_version(
-        dataset.name, built["version"], scratch / "versions"
-    )
+    built, version = build(dataset, scratch)
+    over_http = _over_http(dataset, scratch)
     variants, answers = in_process(dataset, Localizer(MapIndex.load(version)), scratch)
     nees = nees_by_class(
         [(a.T_judged, a.answer) for a in answers if a.answer.T_map_sensor is not None and not a.is_wrong]
@@ -87,27 +84,34 @@ def in_process(
     return figures, answers
 
 
-def _build(dataset: Dataset, scratch: Path, store: Path) -> dict[str, Any]:
-    config = scratch / "config.json"
+def build(dataset: Dataset, scratch: Path) -> tuple[dict[str, Any], Path]:
+    """Builds a data set's map from nothing with ``firstfix build``, into the scratch folder's store.
+
+    Returns:
+        What the command says, with the time and the memory that it took; and the version's directory.
+    """
+    store, config = scratch / STORE, scratch / "config.json"
     config.write_text(json.dumps(dataset.config))
     trajectory = dataset.write_trajectory(scratch / "trajectory.csv")
     poses = [] if trajectory is None else ["--trajectory", str(trajectory)]
-    build = ["build", str(dataset.map_path), "--map-id", dataset.name, "--store", str(store), "--json"]
-    build += [*poses, "--config", str(config), "--work", str(scratch / "work")]
+    command = ["build", str(dataset.map_path), "--map-id", dataset.name, "--store", str(store), "--json"]
+    command += [*poses, "--config", str(config), "--work", str(scratch / "work")]
     begin = time.monotonic()
     with PeakMemory() as memory:
-        built = json.loads(_firstfix(*build))
-    return built | {
+        built = json.loads(_firstfix(*command))
+    took = {
         "build_s": round(time.monotonic() - begin, 1),
         "build_peak_gb": round(memory.peak_bytes / 1e9, 2),
     }
+    catalog = Catalog(Store.open(str(store)))
+    return built | took, catalog.fetch_version(dataset.name, built["version"], scratch / "versions")
 
 
-def _over_http(dataset: Dataset, scratch: Path, store: Path) -> dict[str, Any]:
+def _over_http(dataset: Dataset, scratch: Path) -> dict[str, Any]:
     """Returns the figures of ``firstfix evaluate --url --random-yaw``, by the source of gravity."""
     queries = dataset.write_queries(scratch / "poses.csv")
     figures = {}
-    with local_service(scratch / "service", store) as service:
+    with local_service(scratch / "service", scratch / STORE) as service:
         evaluate = ["evaluate", str(queries), "--map", dataset.name, "--url", service.url]
         evaluate += ["--random-yaw", str(SEED), "--json", "-"]
         _firstfix(*evaluate)  # loads the version

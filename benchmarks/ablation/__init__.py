@@ -1,0 +1,1 @@
+"""The default method with each of its parts taken out alone."""

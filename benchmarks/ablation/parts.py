@@ -1,0 +1,99 @@
+"""Parts of the default method, each of which can be taken out alone, on a version as it was built."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.answer.options import LocalizeOptions
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.engine.ranking import RankingConfig
+from firstfix.engine.registration.align import MapSurface, Registrations
+from firstfix.engine.registration.surface import Surface
+
+FIXED_THRESHOLD = 0.995  # of every map, before each had its own
+FEW_ITERATIONS = 12  # of the fine alignment, before it went on until it rests
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of the method.
+
+    Attributes:
+        section: of docs/method.md.
+        without: a version's index to the same without the part.
+        options: of the queries that are asked without it; None: the usual ones.
+    """
+
+    name: str
+    section: str
+    without: Callable[[MapIndex], MapIndex]
+    options: LocalizeOptions | None = None
+
+    def localizer(self, index: MapIndex) -> Localizer:
+        """Localizer of a version, without the part."""
+        return Localizer(self.without(index))
+
+
+class HastySurface(MapSurface):
+    """A map whose fine alignments stop after few iterations, and are believed wherever they are then."""
+
+    def align_fine(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
+        """See ``MapSurface.align_fine``. A scan's own motion is not solved."""
+        reach_m, half_angle = self.config.fine_distance_m, self.ranking.fine_angle
+        found = self._align(self.fine, scan, T_level_sensor, FEW_ITERATIONS, reach_m, half_angle)
+        return replace(found, rests=np.ones(len(found), bool))
+
+
+def _as_it_is(index: MapIndex) -> MapIndex:
+    return index
+
+
+def _configured(**changes: Any) -> Callable[[MapIndex], MapIndex]:
+    def changed(index: MapIndex) -> MapIndex:
+        return replace(index, config=index.config.model_copy(update=changes))
+
+    return changed
+
+
+def _ranked(**changes: float) -> Callable[[MapIndex], MapIndex]:
+    def changed(index: MapIndex) -> MapIndex:
+        ranking: RankingConfig = index.config.ranking.model_copy(update=changes)
+        return replace(index, config=index.config.model_copy(update={"ranking": ranking}))
+
+    return changed
+
+
+def _without_local_search(index: MapIndex) -> MapIndex:
+    return _configured(nearby=index.config.nearby.model_copy(update={"reach_m": 0.0}))(index)
+
+
+def _searched_once(index: MapIndex) -> MapIndex:
+    return _configured(search=index.config.search.model_copy(update={"widened": 1}))(index)
+
+
+def _hasty(index: MapIndex) -> MapIndex:
+    same = {field.name: getattr(index.surface, field.name) for field in fields(index.surface)}
+    return replace(index, surface=HastySurface(**same))
+
+
+WHOLE = Part("nothing", "7", _as_it_is)
+PARTS = (
+    WHOLE,
+    Part("wider search of unconvincing scans", "7.1", _searched_once),
+    Part("local search beside the best place", "7.2", _without_local_search),
+    Part("alignment until it rests", "7.2", _hasty),
+    Part("known aliases", "7.1", lambda index: replace(index, aliases=None)),
+    Part("seen-free space", "7.1", lambda index: replace(index, seen_free=None)),
+    Part(
+        "free space in the ranking",
+        "7.1",
+        _ranked(removed_weight=0.0, violation_weight=0.0, seen_free_weight=0.0),
+    ),
+    Part("the map's own threshold", "11", _as_it_is, LocalizeOptions(min_probability=FIXED_THRESHOLD)),
+)
