@@ -1,1 +1,1 @@
-"""Findings: what is wrong or noteworthy with an input, and what helps. Texts of all codes, scans' and maps'."""
+"""Findings: what is wrong or noteworthy with a scan or a map, and what helps. The texts of all codes."""

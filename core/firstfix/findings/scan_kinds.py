@@ -23,14 +23,15 @@ NOTHING_VALID = _kind(
     "nothing_valid",
     Severity.ERROR,
     "All points are NaN, infinite or (0, 0, 0)",
-    "None of {points:,.0f} points is a return: {not_finite:,.0f} are NaN or infinite, {zero:,.0f} are (0, 0, 0).",
+    "None of {points:,.0f} points is a return: {not_finite:,.0f} are NaN or infinite, {zero:,.0f} are "
+    "(0, 0, 0).",
     "Look at the driver: it writes these for beams without a return. Is the sensor covered or starting?",
 )
 IN_MILLIMETRES = _kind(
     "unit_millimetres",
     Severity.ERROR,
     "The ranges are a thousand times too long",
-    "Of {points:,.0f} points, {in_range:,.0f} lie within {min_range_m:g} to {max_range_m:g} m: the median range is "
+    "Of {points:,.0f} points, {in_range:,.0f} lie within 1,000 m, and the median range is "
     "{median_range_m:,.0f} m. Are they in millimetres?",
     "Send metres: divide the coordinates by 1000.",
 )
@@ -38,7 +39,7 @@ IN_CENTIMETRES = _kind(
     "unit_centimetres",
     Severity.ERROR,
     "The ranges are a hundred times too long",
-    "Of {points:,.0f} points, {in_range:,.0f} lie within {min_range_m:g} to {max_range_m:g} m: the median range is "
+    "Of {points:,.0f} points, {in_range:,.0f} lie within 1,000 m, and the median range is "
     "{median_range_m:,.0f} m. Are they in centimetres?",
     "Send metres: divide the coordinates by 100.",
 )
@@ -46,8 +47,8 @@ IN_MAP_COORDINATES = _kind(
     "map_coordinates",
     Severity.ERROR,
     "The coordinates are those of a map projection, as UTM",
-    "The points lie {median_range_m:,.0f} m from the sensor and within {spread_m:,.0f} m of each other: they have "
-    "the coordinates of a map, as UTM.",
+    "The points lie {median_range_m:,.0f} m from the sensor and within {spread_m:,.0f} m of each other: "
+    "they have the coordinates of a map, as UTM.",
     "Send the scan in the sensor's frame, where the sensor is at (0, 0, 0).",
 )
 ALL_TOO_NEAR = _kind(
@@ -76,7 +77,7 @@ FEW_POINTS = _kind(
     "few_points",
     Severity.ERROR,
     "The scan has too few points",
-    "The scan has {in_range:,.0f} points within {min_range_m:g} to {max_range_m:g} m, in {cells:,.0f} cells of "
-    "{voxel_m:g} m: at least {needed:,.0f} are needed.",
+    "The scan has {in_range:,.0f} points within {min_range_m:g} to {max_range_m:g} m, in {cells:,.0f} cells "
+    "of {voxel_m:g} m: at least {needed:,.0f} are needed.",
     "Send the whole scan, unfiltered: thinning is done by firstfix. Is the sensor covered?",
 )
