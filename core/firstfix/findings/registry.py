@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from . import scan_kinds
+from . import map_kinds, scan_kinds
 from .kind import FindingKind
 
 
@@ -13,4 +13,4 @@ def kinds_of(module: ModuleType) -> tuple[FindingKind, ...]:
     return tuple(one for one in vars(module).values() if isinstance(one, FindingKind))
 
 
-KINDS = {kind.code: kind for module in (scan_kinds,) for kind in kinds_of(module)}
+KINDS = {kind.code: kind for module in (scan_kinds, map_kinds) for kind in kinds_of(module)}
