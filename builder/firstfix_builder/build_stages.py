@@ -402,7 +402,7 @@ class BuildStages(StageRunner):
         def produce(out: Path) -> None:
             points = np.load(index.directory / MAP_FILE)
             found, calibration, bound, places = run_self_test(
-                Localizer(MapIndex.load(index.directory, Calibration())),
+                Localizer(MapIndex.load(index.directory, Calibration()), explains=False),
                 simulator_of(mesh),
                 self.config.sensor_model,
                 self.config.self_test,

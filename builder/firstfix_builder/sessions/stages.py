@@ -184,5 +184,5 @@ def _map_of(lean: SessionStages, name: str, read: StageResult) -> SessionMap:
         simulator_of(mesh),
         lean.config.sensor_model,
         np.load(index.directory / MAP_FILE),
-        Localizer(MapIndex.load(index.directory, Calibration())),
+        Localizer(MapIndex.load(index.directory, Calibration()), explains=False),
     )

@@ -110,8 +110,8 @@ def build(
 
     The new version becomes the active one, unless too few scans of its self-test were localized, or clearly
     fewer than with the active version: then it is published only. With --store the build runs on this
-    machine; otherwise a service does it, at --url. A folder with a sessions.yaml is merged from the sessions that
-    the file lists.
+    machine; otherwise a service does it, at --url. A folder with a sessions.yaml is merged from the
+    sessions that the file lists.
     """
     from firstfix.errors import InvalidOption
     from firstfix.ids import check_map_id

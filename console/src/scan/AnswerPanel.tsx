@@ -20,6 +20,15 @@ export function AnswerPanel({ answer, chosen, choose }: AnswerPanelProps) {
       {answer.reasons.map((code) => (
         <p key={code}>{reason(code)}</p>
       ))}
+      {answer.findings.length ? (
+        <ul class="findings" aria-label="Findings">
+          {answer.findings.map((one) => (
+            <li key={one.code}>
+              {one.text} <small>{one.remedy}</small>
+            </li>
+          ))}
+        </ul>
+      ) : null}
       <h3>Places</h3>
       <ol class="hypotheses">
         {answer.hypotheses.map((one, i) => (

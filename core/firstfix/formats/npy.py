@@ -18,8 +18,11 @@ def read_npy(path: Path, limits: Limits) -> PointCloud:
         TooLarge: over the limits.
     """
     try:
+        with path.open("rb") as file:
+            if file.read(6) != b"\x93NUMPY":
+                raise MalformedData("NPY: the file does not begin as an array of NumPy does")
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except OSError:
+    except (OSError, MalformedData):
         raise
     except Exception as error:  # a damaged header makes Python's tokenizer raise various exceptions
         raise MalformedData(f"NPY: {error}") from error

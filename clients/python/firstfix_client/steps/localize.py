@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from firstfix.answer.input_findings import with_dropped
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.errors import DescriptorMismatch
+from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 
 from .http_sender import HttpRequest, HttpSender
-from .scan_body import BodyForm, ScanLike, encoded
+from .scan_body import BodyForm, ScanLike, encoded, scan_of
 from .step import Steps, work
 
 if TYPE_CHECKING:
@@ -90,8 +92,12 @@ class LocalizeSteps:
     def _encode_and_ask(
         self, scan: ScanLike | ScanSequence, map_id: str, options: LocalizeOptions, form: BodyForm
     ) -> Steps[Localization]:
+        if not isinstance(scan, ScanSequence):
+            one = scan  # mypy
+            scan = yield from work(lambda: scan_of(one))
         media_type, body = yield from work(lambda: encoded(scan, form, options.gravity))
-        return (yield from self._ask(body, media_type, map_id, options))
+        answer = yield from self._ask(body, media_type, map_id, options)
+        return with_dropped(answer, scan.dropped) if isinstance(scan, Scan) else answer
 
 
 def ask_over_http(

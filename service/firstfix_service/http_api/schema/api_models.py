@@ -6,8 +6,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from .answer_models import Position, Quaternion
-from .finding import Finding
+from .answer_models import Finding, Position, Quaternion
 
 _VERSION = "5a4ce3b4178946d0a2e1d4f1c3b7a9586e0f2d4c6b8a19375d3e5f7091b2c4d6"
 _BUILD = "20250301t120000000000-1f2e3d4c"

@@ -1,0 +1,72 @@
+"""Facts of a scan as it came, from a part of its points: cheap enough for every query."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...answer.scan_facts import ScanFacts
+from ...scan.compact import CompactScan
+from ...scan.reduction import at_most, is_within_range
+from ...scan.scan import Dropped, Scan
+from ..config import PreprocessConfig
+
+MEASURED = 1000  # points
+RING_BIN_DEG = 0.1
+MOST_RINGS = 160
+_LEAST = 10  # points: fewer have no shape
+_FILLED = 0.5  # of the bins between the lowest and the highest point: with more, they are in no rings
+_LEVEL_BIN = round(90 / RING_BIN_DEG) + 1
+
+
+def dropped_of(scan: Scan | CompactScan) -> Dropped:
+    """The points that the scan has not kept. A compact scan does not tell."""
+    return scan.dropped if isinstance(scan, Scan) else Dropped()
+
+
+def facts_of(scan: Scan | CompactScan, config: PreprocessConfig, in_range: int | None = None) -> ScanFacts:
+    """The facts of a scan.
+
+    Args:
+        config: of the map that is asked.
+        in_range: number of the points in range, if it is known.
+    """
+    points = scan.points
+    if in_range is None:
+        in_range = int(np.count_nonzero(is_within_range(points, config.min_range_m, config.max_range_m)))
+    dropped = dropped_of(scan)
+    if not len(points):
+        far_m = dropped.far_m if dropped.too_far else None
+        return ScanFacts(dropped.points, 0, 0, far_m)
+    part = at_most(points, MEASURED)
+    range_m = np.sqrt(np.square(part).sum(axis=1, dtype=np.float64))
+    used = (range_m > config.min_range_m) & (range_m < config.max_range_m)
+    near, near_m = part[used], range_m[used]
+    has_shape = len(near) >= _LEAST
+    return ScanFacts(
+        len(points) + dropped.points,
+        len(points),
+        in_range,
+        dropped.far_m if dropped.too_far > len(points) else float(np.median(range_m)),
+        float(range_m.max()),
+        rings_of(near[:, 2] / near_m) if has_shape else None,
+        plane_ratio_of(near) if has_shape else None,
+        None if scan.time_s is None or not len(scan.time_s) else float(np.ptp(scan.time_s)),
+    )
+
+
+def rings_of(sine: NDArray[np.floating]) -> int | None:
+    """Number of elevations, by their (n,) sines, at which points lie; None: they lie in no rings."""
+    bins = (np.arcsin(np.clip(sine, -1, 1)) * (180 / np.pi / RING_BIN_DEG)).astype(np.int64) + _LEVEL_BIN
+    filled = np.flatnonzero(np.bincount(bins))
+    if len(filled) > 2 and len(filled) > _FILLED * (filled[-1] - filled[0] + 1):
+        return None
+    rings = 1 + int(np.count_nonzero(np.diff(filled) > 1))
+    return rings if rings <= MOST_RINGS else None
+
+
+def plane_ratio_of(points: NDArray[np.float32]) -> float:
+    """Thickness of (n, 3) points over their breadth, as standard deviations: 0 of points in one plane."""
+    off = points.astype(np.float64) - points.mean(axis=0, dtype=np.float64)
+    variances = np.linalg.eigvalsh(off.T @ off)
+    return float(np.sqrt(max(variances[0], 0.0) / max(variances[2], 1e-12)))
