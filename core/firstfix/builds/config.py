@@ -23,6 +23,7 @@ from ..engine.config import (
 )
 from ..errors import InvalidOption
 from ..sensor import SensorModel, preset
+from .plain_problems import plain_problems
 
 
 class CleanConfig(Stage):
@@ -259,11 +260,7 @@ class BuildConfig(Stage):
         try:
             return cls.model_validate(data)
         except ValidationError as error:
-            problems = "; ".join(
-                f"{'.'.join(str(part) for part in problem['loc'])}: {problem['msg']}"
-                for problem in error.errors()
-            )
-            raise InvalidOption(f"build config: {problems}") from None
+            raise InvalidOption(f"build config: {plain_problems(error)}") from None
 
     @classmethod
     def from_file(cls, path: Path) -> BuildConfig:

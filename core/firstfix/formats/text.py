@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from ..errors import MalformedData, TooLarge
@@ -9,6 +10,7 @@ from .point_cloud import Body, Limits, PointCloud, require_xyz
 from .text_table import parse_rows
 
 _SNIFFED_BYTES = 65_536
+_DECIMAL_COMMAS = re.compile(r"-?\d+,\d+\s*[;\t ]\s*-?\d+,\d+")
 _MAX_UNNAMED_COLUMNS = 10  # x y z, intensity, colour, normal; 12 numbers are a pose
 
 
@@ -77,6 +79,8 @@ def _sniff(raw: bytes) -> _Layout:
             if declared is not None or not words[0].isdigit() or len(words[0]) > 18:
                 raise MalformedData("text: a row has a single number where x, y, z are expected")
             declared = int(words[0])
+        elif _DECIMAL_COMMAS.match(line):
+            raise MalformedData(f"text: {line[:60]!r} has decimal commas: write 1.5 and not 1,5")
         elif names:
             raise MalformedData(f"text: {line[:60]!r} is not a row of numbers")
         else:

@@ -13,6 +13,7 @@ from ..errors import MalformedData
 from .point_cloud import Body
 
 _EMPTY_LINES = re.compile(rb"\n\s+")
+_NO_NUMBER = re.compile(r"could not convert string ('.*') to \w+ at row (\d+)")
 MAX_LINE_BYTES = 65_536  # the parser is slow for lines with thousands of columns
 
 
@@ -57,8 +58,16 @@ def parse_rows(
             ndmin=2,
         )
     except (ValueError, IndexError, OverflowError) as error:
-        reason = str(error).split(";")[0]  # the rest is advice for callers of NumPy
-        raise MalformedData(f"{format_name}: {reason}") from error
+        raise MalformedData(f"{format_name}: {_plain(str(error))}") from error
+
+
+def _plain(reason: str) -> str:
+    """The reason without NumPy's words, and without its advice for callers."""
+    word = _NO_NUMBER.match(reason)
+    if word is None:
+        return reason.split(";")[0]
+    hint = ": separate the numbers by spaces" if "," in word[1] else ""
+    return f"row {int(word[2]) + 1}: {word[1]} is not a number{hint}"
 
 
 def _check_lines(format_name: str, raw: bytes) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from difflib import get_close_matches
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -187,4 +188,8 @@ def preset(name: str) -> SensorModel:
     try:
         return SensorModel(name.lower(), **PRESETS[name.lower()])
     except KeyError:
-        raise InvalidOption(f"no sensor preset {name!r}; there are {', '.join(presets())}") from None
+        meant = get_close_matches(name.lower(), presets(), 1)
+        question = f": did you mean {meant[0]}?" if meant else ";"
+        raise InvalidOption(
+            f"no sensor preset {name!r}{question} There are {', '.join(presets())}; or give a YAML file"
+        ) from None
