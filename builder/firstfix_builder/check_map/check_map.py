@@ -21,7 +21,7 @@ from .trajectory import check_trajectory
 from .unit import check_unit
 from .up import check_up
 
-LEAST_POINTS = 500
+LEAST_POINTS = 200
 LEAST_HEIGHT_M = 0.4  # of a map with walls
 
 

@@ -214,8 +214,8 @@ def _given(
     path: Path | None,
     sensor: str | None,
     axis: Axis | None,
-    scale: float | None,
-    min_localized: float | None,
+    scale: float | None = None,
+    min_localized: float | None = None,
 ) -> dict[str, Any]:
     """Returns the given config: the file, with the options of the command line put over it."""
     import yaml

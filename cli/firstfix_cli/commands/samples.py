@@ -39,7 +39,10 @@ def list_samples(
     map_id: Annotated[str | None, typer.Option("--map", help="Only queries about this map.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the kept queries of a service, or with --store those of its store, oldest first."""
+    """List the kept queries, oldest first.
+
+    Those of the service at --url, or with --store those of its object store.
+    """
     from firstfix.errors import InvalidOption
 
     if store is not None and url is not None:

@@ -49,7 +49,7 @@ def serve(
 
 
 def new_store(url: str) -> str | None:
-    """Returns a line about a store without maps, and where it was looked for; None: it has some, or is remote."""
+    """Returns a line about a folder without maps that is to be the store; None: it has some, or is remote."""
     from firstfix.store.url import StoreUrl
 
     parsed = StoreUrl.parse(url)
