@@ -244,7 +244,7 @@ class BuildConfig(Stage):
             return cls.model_validate(data)
         except ValidationError as error:
             problems = "; ".join(
-                f"{'.'.join(str(part) for part in problem['loc'])}: {problem['msg']}"
+                f"{'.'.join(map(str, problem['loc']))}: {problem['msg'].removeprefix('Value error, ')}"
                 for problem in error.errors()
             )
             raise InvalidOption(f"build config: {problems}") from None
