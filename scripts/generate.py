@@ -6,13 +6,18 @@ python scripts/generate.py
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 from firstfix.decode import SCAN_FORMATS, SUFFIXES
+from firstfix.findings import scan_kinds
+from firstfix.findings.registry import kinds_of
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
 
 REPO = Path(__file__).resolve().parents[1]
+FINDINGS_PAGE = "docs/how-to/my-scan-is-not-localized.md"
+FINDINGS_HEAD = "| symptom | code | the answer says | what helps |\n|---|---|---|---|\n"
 
 
 def generated() -> dict[Path, str]:
@@ -25,9 +30,23 @@ def generated() -> dict[Path, str]:
     document = create_app(Settings(store="memory://")).openapi()
     return {
         REPO / "docs/openapi.json": json.dumps(document, indent=1, sort_keys=True) + "\n",
+        **_between(FINDINGS_PAGE, FINDINGS_HEAD, _findings(), "\n"),
         **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
         **_between("console/src/scan/media.ts", "const TYPES: Record<string, string> = {\n", endings, "};\n"),
     }
+
+
+def _findings() -> str:
+    """Rows of the findings of scans, from symptom to remedy."""
+    return "".join(
+        f"| {kind.symptom} | `{kind.code}` | {_in_words(kind.text)} | {_in_words(kind.remedy)} |\n"
+        for kind in kinds_of(scan_kinds)
+    )
+
+
+def _in_words(text: str) -> str:
+    """A finding's text with the names of its numbers in place of them."""
+    return re.sub(r"{(\w+)(:[^}]*)?}", lambda match: f"*{match[1]}*", text)
 
 
 def _between(path: str, begin: str, text: str, end: str) -> dict[Path, str]:

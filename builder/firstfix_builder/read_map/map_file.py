@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData, UnsupportedFormat
+from firstfix.formats.file_kind import SNIFFED_BYTES, kind_of
 from firstfix.formats.las import read_las
 from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.npy import read_npy
@@ -20,7 +21,6 @@ from firstfix.formats.scanner_bin import decode_scanner_bin
 from firstfix.formats.text import decode_text
 
 from .e57 import read_e57
-from .file_kind import check_kind
 from .headers import check_ply
 from .map_data import MapData, finite_points
 from .map_limits import LIMITS
@@ -34,6 +34,14 @@ def read_uos(path: Path) -> MapData:
     return MapData(points=finite_points(np.stack([z, -x, y], axis=1) / 100.0))
 
 
+# How files of these endings begin.
+_BEGINS = {
+    ".las": b"LASF",
+    ".laz": b"LASF",
+    ".e57": b"ASTM-E57",
+    ".glb": b"glTF",
+    ".npy": b"\x93NUMPY",
+}
 RECORDINGS = (".bag", ".db3", ".mcap", ".pcap", ".osf")
 RECORDING_REASON = "a recording, not a map: build the map with a SLAM package first"
 
@@ -54,8 +62,17 @@ def read_map_file(path: Path) -> MapData:
         )
     if path.stat().st_size == 0:
         raise MalformedData("the file is empty (0 bytes)")
-    check_kind(path)
+    _check_begin(path)
     return reader(path)
+
+
+def _check_begin(path: Path) -> None:
+    """Checks that a file begins as files of its ending do; PCD and PLY are checked by their readers."""
+    ending = path.suffix.lower()
+    with path.open("rb") as file:
+        head = file.read(SNIFFED_BYTES)
+    if ending in _BEGINS and not head.startswith(_BEGINS[ending]):
+        raise MalformedData(f"{ending[1:].upper()}: the file does not begin as one: it is {kind_of(head)}")
 
 
 def is_mesh_file(path: Path) -> bool:

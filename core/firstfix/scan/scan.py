@@ -17,7 +17,7 @@ MAX_POINTS = 2_000_000  # an OS1-128 at 2048 columns has 262,144; merged scans s
 MAX_ABS_COORDINATE_M = 1_000.0  # beyond the range of any scanner on a robot
 _MOST_COLUMNS = 64  # of numbers about one point
 _MEASURED = 4096  # of the points that are dropped
-_MOST_M = 1e12  # a length beyond means nothing
+_MOST_M = 1e9  # a length beyond means nothing
 MAX_ABS_TIME_S = 1.0  # of a point from its scan's stamp: revolutions take 0.05 to 0.2 s
 
 

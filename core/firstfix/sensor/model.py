@@ -188,8 +188,13 @@ def preset(name: str) -> SensorModel:
     try:
         return SensorModel(name.lower(), **PRESETS[name.lower()])
     except KeyError:
-        meant = get_close_matches(name.lower(), presets(), 1)
-        question = f": did you mean {meant[0]}?" if meant else ";"
-        raise InvalidOption(
-            f"no sensor preset {name!r}{question} There are {', '.join(presets())}; or give a YAML file"
-        ) from None
+        raise InvalidOption(f"no sensor preset {name!r}; {_meant(name)}") from None
+
+
+def _meant(name: str) -> str:
+    """What to give in place of an unknown preset: those with a similar name, or all."""
+    plain = {preset.replace("-", ""): preset for preset in presets()}
+    near = get_close_matches(name.lower().replace("-", "").replace("_", ""), plain, 3, cutoff=0.7)
+    if near:
+        return f"did you mean {' or '.join(plain[one] for one in near)}? Or give the path of a YAML file"
+    return f"there are {', '.join(presets())}, or give the path of a YAML file"

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from firstfix.answer.input_findings import with_dropped
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
@@ -93,11 +92,12 @@ class LocalizeSteps:
         self, scan: ScanLike | ScanSequence, map_id: str, options: LocalizeOptions, form: BodyForm
     ) -> Steps[Localization]:
         if not isinstance(scan, ScanSequence):
-            one = scan  # mypy
-            scan = yield from work(lambda: scan_of(one))
+            given = scan
+            scan = yield from work(lambda: scan_of(given))
         media_type, body = yield from work(lambda: encoded(scan, form, options.gravity))
-        answer = yield from self._ask(body, media_type, map_id, options)
-        return with_dropped(answer, scan.dropped) if isinstance(scan, Scan) else answer
+        if isinstance(scan, Scan) and scan.dropped.points > len(scan):  # else they are not what is wrong
+            options = replace(options, dropped=scan.dropped)
+        return (yield from self._ask(body, media_type, map_id, options))
 
 
 def ask_over_http(

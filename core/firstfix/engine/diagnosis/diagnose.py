@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...answer.input_findings import input_finding
 from ...answer.localization import Localization, Reason, Verdict
 from ...answer.options import LocalizeOptions
 from ...answer.scan_facts import ScanFacts
@@ -16,12 +15,13 @@ from ...findings import scan_kinds
 from ...findings.finding import Finding
 from ...scan.compact import CompactScan
 from ...scan.reduction import at_most
-from ...scan.scan import Scan
+from ...scan.scan import Dropped, Scan
 from ..config import PreprocessConfig
 from ..hypotheses import features_of
 from ..map_search import MapSearch, Stopwatch
 from ..preprocess import PreparedQuery
-from .facts import MEASURED, dropped_of, facts_of
+from .facts import MEASURED, facts_of
+from .input_findings import input_finding
 from .other_forms import BETTER, other_forms
 from .place_findings import mounting_finding, reasons_found
 from .viewpoint import best_viewpoint, is_elsewhere, is_even, is_map_origin, is_suspect
@@ -56,12 +56,18 @@ class AskedQuery:
     began: float
 
     @property
+    def dropped(self) -> Dropped:
+        """Points that the scan does not have, because the robot or the decoder left them out."""
+        dropped = self.scan.dropped if isinstance(self.scan, Scan) else Dropped()
+        return self.options.dropped or dropped
+
+    @property
     def facts(self) -> ScanFacts:
         """Facts of the last scan."""
         known = None
         if self.prepared is not None and self.is_single and isinstance(self.scan, Scan):
             known = len(self.prepared.scans[-1].seen)
-        return facts_of(self.scan, self.config, known)
+        return facts_of(self.scan, self.dropped, self.config, known)
 
 
 def diagnosed(answer: Localization, query: AskedQuery, watch: Stopwatch, *, explains: bool) -> Localization:
@@ -120,7 +126,7 @@ def _wrong_frame(answer: Localization, query: AskedQuery, facts: ScanFacts) -> F
 
 def _by_points(answer: Localization, query: AskedQuery, facts: ScanFacts) -> Finding | None:
     """The finding by the points of a scan that was not localized."""
-    found = input_finding(facts, dropped_of(query.scan))
+    found = input_finding(facts, query.dropped)
     if found is not None:
         return found
     if _is_on_a_line(query.scan):

@@ -19,22 +19,19 @@ _FILLED = 0.5  # of the bins between the lowest and the highest point: with more
 _LEVEL_BIN = round(90 / RING_BIN_DEG) + 1
 
 
-def dropped_of(scan: Scan | CompactScan) -> Dropped:
-    """The points that the scan has not kept. A compact scan does not tell."""
-    return scan.dropped if isinstance(scan, Scan) else Dropped()
-
-
-def facts_of(scan: Scan | CompactScan, config: PreprocessConfig, in_range: int | None = None) -> ScanFacts:
+def facts_of(
+    scan: Scan | CompactScan, dropped: Dropped, config: PreprocessConfig, in_range: int | None = None
+) -> ScanFacts:
     """The facts of a scan.
 
     Args:
+        dropped: points that the scan does not have.
         config: of the map that is asked.
         in_range: number of the points in range, if it is known.
     """
     points = scan.points
     if in_range is None:
         in_range = int(np.count_nonzero(is_within_range(points, config.min_range_m, config.max_range_m)))
-    dropped = dropped_of(scan)
     if not len(points):
         far_m = dropped.far_m if dropped.too_far else None
         return ScanFacts(dropped.points, 0, 0, far_m)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-from ..findings import scan_kinds
-from ..findings.finding import Finding
-from ..scan.scan import Dropped
-from .localization import Localization, Verdict
-from .scan_facts import ScanFacts
+from ...answer.scan_facts import ScanFacts
+from ...findings import scan_kinds
+from ...findings.finding import Finding
+from ...scan.scan import Dropped
 
 MILLIMETRES_FROM_M = 2_000.0  # median range: LiDARs see 2 to 20 m in the median, indoors and outdoors
 CENTIMETRES_FROM_M = 150.0
@@ -40,18 +37,3 @@ def input_finding(facts: ScanFacts, dropped: Dropped = Dropped()) -> Finding | N
     if largest_m is not None and largest_m < ROBOT_M:
         return scan_kinds.ALL_TOO_NEAR.found({**numbers, "largest_range_m": largest_m})
     return None
-
-
-def with_dropped(answer: Localization, dropped: Dropped) -> Localization:
-    """The answer to a scan of which the robot has dropped points before it sent the rest.
-
-    The service has not seen these points. If they are the cause, the finding that says so comes first.
-    """
-    if answer.scan is None or not dropped.points:
-        return answer
-    facts = replace(answer.scan, points=answer.scan.points + dropped.points)
-    cause = None if answer.verdict is Verdict.LOCALIZED else input_finding(facts, dropped)
-    if cause is None:
-        return replace(answer, scan=facts)
-    others = (one for one in answer.findings if one.code not in (cause.code, scan_kinds.SCAN_EMPTY.code))
-    return replace(answer, scan=facts, findings=(cause, *others))
