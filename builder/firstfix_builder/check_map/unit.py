@@ -20,7 +20,6 @@ _USUAL = {"spacing_m": (0.08, 3.0), "extent_m": (80.0, 4.0), "height_m": (8.0, 3
 _UNITS = {
     0.001: "the millimetre",
     0.01: "the centimetre",
-    0.0254: "the inch",
     100.0: "100 m",
     1000.0: "the kilometre",
 }
