@@ -31,6 +31,9 @@ def generated() -> dict[Path, str]:
     return {
         REPO / "docs/openapi.json": json.dumps(document, indent=1, sort_keys=True) + "\n",
         **_between(FINDINGS_PAGE, FINDINGS_HEAD, _findings(), "\n"),
+        **_between(
+            "docs/reference/wrong-inputs.md", "| input | answer |\n|---|---|\n", _wrong_inputs(), "\n"
+        ),
         **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
         **_between("console/src/scan/media.ts", "const TYPES: Record<string, string> = {\n", endings, "};\n"),
     }
@@ -42,6 +45,25 @@ def _findings() -> str:
         f"| {kind.symptom} | `{kind.code}` | {_in_words(kind.text)} | {_in_words(kind.remedy)} |\n"
         for kind in kinds_of(scan_kinds)
     )
+
+
+def _wrong_inputs() -> str:
+    """Rows of wrong inputs, and what they give over the command line and HTTP."""
+    rows = []
+    for row in json.loads((REPO / "tests/e2e/wrong_inputs.json").read_text()):
+        told = [row[way] for way in ("command", "http") if way in row]
+        ways = (
+            ["", ""] if len(told) < 2 or told[0]["text"] == told[1]["text"] else ["*Command:* ", "*HTTP:* "]
+        )
+        cells = [f"{way}{_told(one)}" for way, one in zip(ways, told, strict=False)]
+        rows.append(f"| {row['input']} | {'<br>'.join(dict.fromkeys(cells))} |\n")
+    return "".join(rows)
+
+
+def _told(answer: dict[str, str]) -> str:
+    words = f"{answer['text']} {answer.get('remedy', '')}".strip().replace("|", "\\|")
+    code = f", `{answer['code']}`" if "code" in answer else ""
+    return f"{answer['answer']}{code}: {words}"
 
 
 def _in_words(text: str) -> str:

@@ -11,6 +11,7 @@ export interface AnswerPanelProps {
 }
 
 export function AnswerPanel({ answer, chosen, choose }: AnswerPanelProps) {
+  const findings = answer.findings ?? []; // an answer that was kept by an older service has none
   const timings = Object.entries(answer.timings_ms ?? {});
   return (
     <section class="answer" aria-label="Answer">
@@ -20,9 +21,9 @@ export function AnswerPanel({ answer, chosen, choose }: AnswerPanelProps) {
       {answer.reasons.map((code) => (
         <p key={code}>{reason(code)}</p>
       ))}
-      {answer.findings.length ? (
+      {findings.length ? (
         <ul class="findings" aria-label="Findings">
-          {answer.findings.map((one) => (
+          {findings.map((one) => (
             <li key={one.code}>
               {one.text} <small>{one.remedy}</small>
             </li>

@@ -76,7 +76,7 @@ def _wrong_line(raw: bytes, delimiter: str | None, comments: str | None) -> str:
         wanted = wanted or len(words)
         told = f"row {number} is {line.strip()[:60]!r}"
         if not all(map(is_number, words)):
-            if _DECIMAL_COMMA.search(content) and separator != ",":
+            if _DECIMAL_COMMA.search(content) and "." not in content:
                 return f"{told}: write numbers with a point, and separate them by {_WORDS[separator]}"
             return f"{told}: not numbers separated by {_WORDS[separator]}"
         if len(words) != wanted:

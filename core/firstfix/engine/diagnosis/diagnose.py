@@ -113,7 +113,7 @@ def _wrong_frame(answer: Localization, query: AskedQuery, facts: ScanFacts) -> F
     at_origin = T_map_sensor is not None and is_map_origin(T_map_sensor)
     if T_map_sensor is not None and not at_origin and not is_suspect(points):
         return None
-    if at_origin and is_even(points):
+    if (at_origin or T_map_sensor is None) and is_even(points):
         return scan_kinds.NO_VIEWPOINT.found({"in_range": facts.in_range})
     best = best_viewpoint(points)
     if not is_elsewhere(best, T_map_sensor):

@@ -13,9 +13,11 @@ from ..config import PreprocessConfig
 
 MEASURED = 1000  # points
 RING_BIN_DEG = 0.1
+ONE_RING_DEG = 1.0
 MOST_RINGS = 160
 _LEAST = 10  # points: fewer have no shape
 _FILLED = 0.5  # of the bins between the lowest and the highest point: with more, they are in no rings
+_BINS_A_RADIAN = np.degrees(1.0) / RING_BIN_DEG
 _LEVEL_BIN = round(90 / RING_BIN_DEG) + 1
 
 
@@ -40,26 +42,32 @@ def facts_of(
     used = (range_m > config.min_range_m) & (range_m < config.max_range_m)
     near, near_m = part[used], range_m[used]
     has_shape = len(near) >= _LEAST
+    median_m = float(np.median(range_m))
     return ScanFacts(
         len(points) + dropped.points,
         len(points),
         in_range,
-        dropped.far_m if dropped.too_far > len(points) else float(np.median(range_m)),
+        dropped.far_m if dropped.too_far > len(points) else median_m,
         float(range_m.max()),
-        rings_of(near[:, 2] / near_m) if has_shape else None,
+        rings_of(near, near_m) if has_shape else None,
         plane_ratio_of(near) if has_shape else None,
         None if scan.time_s is None or not len(scan.time_s) else float(np.ptp(scan.time_s)),
     )
 
 
-def rings_of(sine: NDArray[np.floating]) -> int | None:
-    """Number of elevations, by their (n,) sines, at which points lie; None: they lie in no rings."""
-    bins = (np.arcsin(np.clip(sine, -1, 1)) * (180 / np.pi / RING_BIN_DEG)).astype(np.int64) + _LEVEL_BIN
-    filled = np.flatnonzero(np.bincount(bins))
-    if len(filled) > 2 and len(filled) > _FILLED * (filled[-1] - filled[0] + 1):
-        return None
+def rings_of(points: NDArray[np.float32], range_m: NDArray[np.float64]) -> int | None:
+    """Number of elevations at which (n, 3) points lie; None: they lie in no rings.
+
+    It is counted by the farther half: of near points, the rounding of coordinates blurs the elevation.
+    """
+    far = range_m >= np.median(range_m)
+    elevation = np.arcsin(np.clip(points[far, 2] / range_m[far], -1, 1))
+    filled = np.flatnonzero(np.bincount((elevation * _BINS_A_RADIAN).astype(np.int64) + _LEVEL_BIN))
+    span = int(filled[-1] - filled[0]) + 1
+    if span <= ONE_RING_DEG / RING_BIN_DEG:
+        return 1
     rings = 1 + int(np.count_nonzero(np.diff(filled) > 1))
-    return rings if rings <= MOST_RINGS else None
+    return rings if len(filled) <= _FILLED * span and rings <= MOST_RINGS else None
 
 
 def plane_ratio_of(points: NDArray[np.float32]) -> float:

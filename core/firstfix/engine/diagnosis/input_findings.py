@@ -17,9 +17,12 @@ def input_finding(facts: ScanFacts, dropped: Dropped = Dropped()) -> Finding | N
     """The cause why most points of a scan cannot be used, or None: they can, or the cause is not plain."""
     if not facts.points:
         return scan_kinds.SCAN_EMPTY.found()
+    median_m, largest_m = facts.median_range_m, facts.largest_range_m
+    if largest_m is not None and 0 < largest_m < ROBOT_M:
+        numbers = {"points": facts.points, "in_range": facts.in_range, "largest_range_m": largest_m}
+        return scan_kinds.ALL_TOO_NEAR.found(numbers)
     if 2 * facts.in_range > facts.points - dropped.not_finite > 0:
         return None
-    median_m, largest_m = facts.median_range_m, facts.largest_range_m
     if 2 * dropped.too_far > facts.points - dropped.not_finite:
         median_m = dropped.far_m
     zero = facts.valid if largest_m == 0 else 0
@@ -34,6 +37,4 @@ def input_finding(facts: ScanFacts, dropped: Dropped = Dropped()) -> Finding | N
         return scan_kinds.UNIT_MILLIMETRES.found(numbers)
     if median_m > CENTIMETRES_FROM_M:
         return scan_kinds.UNIT_CENTIMETRES.found(numbers)
-    if largest_m is not None and largest_m < ROBOT_M:
-        return scan_kinds.ALL_TOO_NEAR.found({**numbers, "largest_range_m": largest_m})
     return None
