@@ -8,15 +8,17 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from types import ModuleType
 
 from firstfix.decode import SCAN_FORMATS, SUFFIXES
-from firstfix.findings import scan_kinds
+from firstfix.findings import map_kinds, scan_kinds
 from firstfix.findings.registry import kinds_of
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
 
 REPO = Path(__file__).resolve().parents[1]
 FINDINGS_PAGE = "docs/how-to/my-scan-is-not-localized.md"
+WRONG_HEAD = "| input | answer |\n|---|---|\n"
 FINDINGS_HEAD = "| symptom | code | the answer says | what helps |\n|---|---|---|---|\n"
 
 
@@ -30,27 +32,27 @@ def generated() -> dict[Path, str]:
     document = create_app(Settings(store="memory://")).openapi()
     return {
         REPO / "docs/openapi.json": json.dumps(document, indent=1, sort_keys=True) + "\n",
-        **_between(FINDINGS_PAGE, FINDINGS_HEAD, _findings(), "\n"),
-        **_between(
-            "docs/reference/wrong-inputs.md", "| input | answer |\n|---|---|\n", _wrong_inputs(), "\n"
-        ),
+        **_between(FINDINGS_PAGE, FINDINGS_HEAD, _findings(scan_kinds), "\n"),
+        **_between("docs/how-to/is-my-map-good.md", FINDINGS_HEAD, _findings(map_kinds), "\n"),
+        **_between("docs/reference/wrong-inputs.md", WRONG_HEAD, _wrong_inputs("wrong_inputs.json"), "\n"),
+        **_between("docs/reference/wrong-maps.md", WRONG_HEAD, _wrong_inputs("wrong_maps.json"), "\n"),
         **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
         **_between("console/src/scan/media.ts", "const TYPES: Record<string, string> = {\n", endings, "};\n"),
     }
 
 
-def _findings() -> str:
-    """Rows of the findings of scans, from symptom to remedy."""
+def _findings(module: ModuleType) -> str:
+    """Rows of the findings of a module, from symptom to remedy."""
     return "".join(
         f"| {kind.symptom} | `{kind.code}` | {_in_words(kind.text)} | {_in_words(kind.remedy)} |\n"
-        for kind in kinds_of(scan_kinds)
+        for kind in kinds_of(module)
     )
 
 
-def _wrong_inputs() -> str:
+def _wrong_inputs(table: str) -> str:
     """Rows of wrong inputs, and what they give over the command line and HTTP."""
     rows = []
-    for row in json.loads((REPO / "tests/e2e/wrong_inputs.json").read_text()):
+    for row in json.loads((REPO / "tests/e2e" / table).read_text()):
         told = [row[way] for way in ("command", "http") if way in row]
         ways = (
             ["", ""] if len(told) < 2 or told[0]["text"] == told[1]["text"] else ["*Command:* ", "*HTTP:* "]

@@ -9,9 +9,9 @@ from firstfix.findings.map_kinds import MAP_TOO_COARSE, MAP_UNIT
 
 from .shape import Shape
 
-LEAST_EXTENT_M = 2.0  # no robot needs a map of less
+LEAST_EXTENT_M = 2.0  # no robot needs a cloud of less; a mesh may be a part of a map
 MOST_SPACING_M = 2.0  # points further apart show no surface
-MOST_HEIGHT_M = 3_000.0
+MOST_HEIGHT_M = 1_000.0
 # A spacing of decimetres is usual outdoors, and a height of hundreds of metres in the mountains. Both are a
 # hall in centimetres.
 WIDE_SPACING_M, TALL_M = 0.6, 200.0
@@ -31,7 +31,8 @@ def check_unit(shape: Shape) -> Finding | None:
     too_coarse = spacing_m is not None and spacing_m > MOST_SPACING_M
     too_tall = height_m > MOST_HEIGHT_M
     too_tall |= spacing_m is not None and spacing_m > WIDE_SPACING_M and height_m > TALL_M
-    if not (too_coarse or too_tall or extent_m < LEAST_EXTENT_M):
+    too_small = spacing_m is not None and extent_m < LEAST_EXTENT_M
+    if not (too_coarse or too_tall or too_small):
         return None
     scale = min(_UNITS, key=lambda one: _oddness(shape, one))
     if _oddness(shape, scale) < _oddness(shape, 1.0) and (too_coarse or too_tall) == (scale < 1):

@@ -18,7 +18,7 @@ from small_world import SmallWorld
 UTM = np.array([450_000.0, 5_200_000.0, 300.0])
 
 
-def cloud(world: SmallWorld, points: int = 60_000) -> np.ndarray:
+def cloud(world: SmallWorld, points: int = 150_000) -> np.ndarray:
     import trimesh
 
     mesh = trimesh.Trimesh(world.vertices, world.triangles, process=False)
