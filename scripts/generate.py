@@ -17,6 +17,7 @@ from firstfix_service.settings import Settings
 
 REPO = Path(__file__).resolve().parents[1]
 FINDINGS_PAGE = "docs/how-to/my-scan-is-not-localized.md"
+WRONG_INPUTS_PAGE, WRONG_INPUTS_HEAD = "docs/reference/wrong-inputs.md", "| input | answer |\n|---|---|\n"
 FINDINGS_HEAD = "| symptom | code | the answer says | what helps |\n|---|---|---|---|\n"
 
 
@@ -31,9 +32,7 @@ def generated() -> dict[Path, str]:
     return {
         REPO / "docs/openapi.json": json.dumps(document, indent=1, sort_keys=True) + "\n",
         **_between(FINDINGS_PAGE, FINDINGS_HEAD, _findings(), "\n"),
-        **_between(
-            "docs/reference/wrong-inputs.md", "| input | answer |\n|---|---|\n", _wrong_inputs(), "\n"
-        ),
+        **_between(WRONG_INPUTS_PAGE, WRONG_INPUTS_HEAD, _wrong_inputs(), "\n"),
         **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
         **_between("console/src/scan/media.ts", "const TYPES: Record<string, string> = {\n", endings, "};\n"),
     }
@@ -51,12 +50,12 @@ def _wrong_inputs() -> str:
     """Rows of wrong inputs, and what they give over the command line and HTTP."""
     rows = []
     for row in json.loads((REPO / "tests/e2e/wrong_inputs.json").read_text()):
-        told = [row[way] for way in ("command", "http") if way in row]
-        ways = (
-            ["", ""] if len(told) < 2 or told[0]["text"] == told[1]["text"] else ["*Command:* ", "*HTTP:* "]
-        )
-        cells = [f"{way}{_told(one)}" for way, one in zip(ways, told, strict=False)]
-        rows.append(f"| {row['input']} | {'<br>'.join(dict.fromkeys(cells))} |\n")
+        told = {way: _told(row[way]) for way in ("command", "http") if way in row}
+        if len({row[way]["text"] for way in told}) == 1:
+            cell = told["command"]
+        else:
+            cell = f"*Command:* {told['command']}<br>*HTTP:* {told['http']}"
+        rows.append(f"| {row['input']} | {cell} |\n")
     return "".join(rows)
 
 
