@@ -50,6 +50,7 @@ def said(arguments: list[str], folder: Path, capsys: pytest.CaptureFixture[str])
         return {"answer": answer, "code": found["code"], "text": found["text"], "remedy": found["remedy"]}
     assert ended.value.code == 2
     text, _, more = error.replace(f"{folder}/", "").strip().removeprefix("firstfix: ").partition("\n")
+    text = text if text.endswith((".", "?")) else f"{text}."
     return {"answer": "error", "text": text, **({"remedy": more.strip()} if more else {})}
 
 
@@ -102,7 +103,7 @@ def test_a_build_refuses_a_map_in_millimetres_before_it_takes_memory(right: Poin
     error = process.stderr.read()
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
-    print(f"{usage.ru_maxrss / 1e3:.0f} MB, {time.monotonic() - began:.1f} s")  # noqa: T201
+    print(f"{usage.ru_maxrss / 1e3:.0f} MB, {time.monotonic() - began:.1f} s")
     assert process.returncode == 2
     assert "is its unit the millimetre? Give --scale 0.001" in error
     assert "docs/how-to/is-my-map-good.md" in error

@@ -19,9 +19,9 @@ from ...scan.reduction import at_most
 from ...transform import Matrix
 
 POINTS = 2000
-GLANCED = 600
-GLANCES_M = 4.0  # from the origin
-SUSPECT = 1.1  # directions at a glance, against those from the origin
+GLANCED = 500
+GLANCE_M = 4.0  # from the origin, towards the middle of the points
+SUSPECT = 1.06  # directions at a glance, against those from the origin
 ELSEWHERE = 1.3
 ELSEWHERE_AT_MAP_ORIGIN = 1.1  # where the pose is the map's own origin, which is rarely a robot's place
 AWAY_M = 1.5  # robots carry LiDARs so far from the frame of their scans
@@ -53,17 +53,19 @@ class Viewpoint:
 def is_suspect(points: NDArray[np.float32]) -> bool:
     """Returns whether (n, 3) points lie in more directions seen from elsewhere: a glance, for every scan."""
     part = at_most(points, GLANCED)
-    enough = SUSPECT * _directions(part, np.zeros(3))
-    middle = np.median(part, axis=0)
-    glances = [middle, *(GLANCES_M * _AROUND[[1, 4, 5]])]
-    return any(_directions(part, glance) > enough for glance in glances)
+    enough = SUSPECT * _directions(part, np.zeros(3, np.float32))
+    middle = _middle(part)
+    if _directions(part, middle) > enough:
+        return True
+    level_m = max(float(np.hypot(middle[0], middle[1])), 1e-3)
+    return _directions(part, middle * (GLANCE_M / level_m, GLANCE_M / level_m, 0)) > enough
 
 
 def best_viewpoint(points: NDArray[np.float32]) -> Viewpoint:
     """The place from which (n, 3) points lie in the most directions: by a search in falling steps."""
     part = at_most(points, POINTS)
     own = _directions(part, np.zeros(3))
-    starts = [np.zeros(3), np.append(np.median(part[:, :2], axis=0), 0.0)]
+    starts = [np.zeros(3), _middle(part) * [1, 1, 0]]
     most, best = max((_directions(part, at), tuple(at)) for at in starts)
     at = np.array(best)
     for step_m in _STEPS_M:
@@ -116,7 +118,13 @@ def _points_a_cell(points: NDArray[np.float32]) -> float:
     return len(points) / len(np.unique((cells[:, 0] << 22) | (cells[:, 1] << 11) | cells[:, 2]))
 
 
-def _directions(points: NDArray[np.float32], at: NDArray[np.float64]) -> int:
+def _middle(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Median (3,) of (n, 3) points on each axis: the ground near the sensor has most of a scan's points."""
+    half = len(points) // 2
+    return np.partition(points, half, axis=0)[half]
+
+
+def _directions(points: NDArray[np.float32], at: NDArray[np.floating]) -> int:
     """Number of directions of the range view in which the points lie, seen from a place."""
     seen = np.subtract(points, at, dtype=np.float32)
     return int(np.count_nonzero(np.isfinite(nearest_by_direction(seen))))
