@@ -22,6 +22,7 @@ from firstfix.engine.ranking import Calibration
 from firstfix.engine.retrieval.cascade import Clusters, Templates, save_projection
 from firstfix.transform import inverse, make_transform, transform_points
 
+from .check_map.check_map import check_map, refuse
 from .execution.build_trace import within_a_stage
 from .execution.chunks import Arrays, Chunk
 from .execution.stage_cache import StageResult
@@ -40,6 +41,7 @@ from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
 from .read_map import read_parts, read_trajectory
 from .read_map.held_out import HeldOut, read_held_out
+from .read_map.map_data import scaled_poses
 from .read_map.mapping_scans import MappingScans
 from .read_map.read_map import content_hash
 from .read_map.without_moving import without_moving
@@ -56,6 +58,7 @@ from .stage_files import (
     simulator_of,
     spacing_m_of,
     trajectory_of,
+    write_findings,
 )
 from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .templates.fit_engine import fit_engine
@@ -86,18 +89,22 @@ class BuildStages(StageRunner):
         """The map in its levelled local frame: points or a mesh, trajectory, T_map_level."""
 
         def produce(out: Path) -> None:
-            parts = read_parts(source, axis=self.config.axis)
+            axis, scale = self.config.axis, self.config.scale
+            parts = read_parts(source, axis=axis, scale=scale)
             data = next(parts)
             poses = data.trajectory
             if trajectory is not None:
-                poses = read_trajectory(trajectory)
+                poses = scaled_poses(read_trajectory(trajectory), scale)
                 poses[:, :3, 3] -= data.origin
+            findings = check_map(data, poses)
+            refuse(findings)
+            write_findings(findings, out)
             T_map_level = np.eye(4)
             if data.points is not None:
                 T_map_level = level_frame(data.points) if self.config.level else T_map_level
                 T_level_map = inverse(T_map_level)
                 cloud = clean_cloud(transform_points(T_level_map, data.points), self.config.clean)
-                scans = MappingScans(source, self.config.axis)
+                scans = MappingScans(source, axis, scale)
                 if self.config.clean.passes and (len(scans) or scans.left_out):
                     to_origin = make_transform(np.eye(3), -data.origin)
                     cloud, moving = without_moving(cloud, scans, T_level_map @ to_origin, self.config.clean)
@@ -110,7 +117,7 @@ class BuildStages(StageRunner):
             # answers are in the file's own coordinates: the local origin goes back in here
             T_map_level = make_transform(np.eye(3), data.origin) @ T_map_level
             np.save(out / "T_map_level.npy", T_map_level)
-            held_out = read_held_out(source, self.config.axis)
+            held_out = read_held_out(source, axis, scale)
             if held_out is not None:
                 held_out.moved(inverse(T_map_level)).save(out)
 
@@ -119,6 +126,7 @@ class BuildStages(StageRunner):
             inputs["trajectory"] = content_hash(trajectory)
         chosen = {
             "axis": self.config.axis,
+            "scale": self.config.scale,
             "level": self.config.level,
             "clean": self.config.clean.model_dump(mode="json"),
             "names": [path.name for path in (source, trajectory) if path is not None],
@@ -394,7 +402,7 @@ class BuildStages(StageRunner):
         def produce(out: Path) -> None:
             points = np.load(index.directory / MAP_FILE)
             found, calibration, bound, places = run_self_test(
-                Localizer(MapIndex.load(index.directory, Calibration())),
+                Localizer(MapIndex.load(index.directory, Calibration()), explains=False),
                 simulator_of(mesh),
                 self.config.sensor_model,
                 self.config.self_test,

@@ -32,7 +32,7 @@ from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
 from .execution.stage_runner import Progress
 from .job.build_job import BuildResult
 from .sessions.stages import SESSIONS_FILE, SessionStages
-from .stage_files import link
+from .stage_files import findings_of, link
 from .viewpoints.workload import Workload
 
 _log = logging.getLogger(__name__)
@@ -218,9 +218,9 @@ def _collect(
 
 
 def _source_record(read: StageResult) -> dict[str, Any]:
-    """Record of the source: its digest, and the transform of each session with its evidence."""
+    """Record of the source: its digest and findings, and the transform of each session with its evidence."""
     sessions = read.directory / SESSIONS_FILE
-    found: dict[str, Any] = {"sha256": read.digest}
+    found: dict[str, Any] = {"sha256": read.digest, "findings": findings_of(read)}
     if sessions.exists():
         found["sessions"] = json.loads(sessions.read_text())
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.engine.config import EngineConfig
+from firstfix.findings.finding import Finding
 
 from .execution.stage_cache import StageResult
 from .index.views import STEP_M
@@ -21,6 +23,7 @@ from .simulation.simulate import Simulator
 from .templates.fit_spacing import FLOOR_FILE, LEFT_OUT_FILE
 
 MOVING_FILE = "moving.json"
+FINDINGS_FILE = "findings.json"
 
 
 def trajectory_of(read: StageResult) -> NDArray[np.float64] | None:
@@ -46,6 +49,17 @@ def floor_of(viewpoints: StageResult) -> SeenFloor | None:
     if not path.exists():
         return None
     return SeenFloor(**json.loads(path.read_text()), left_out=np.load(viewpoints.directory / LEFT_OUT_FILE))
+
+
+def findings_of(read: StageResult) -> list[dict[str, Any]]:
+    """Findings of the map that was read, as JSON values."""
+    found: list[dict[str, Any]] = json.loads((read.directory / FINDINGS_FILE).read_text())
+    return found
+
+
+def write_findings(findings: Sequence[Finding], out: Path) -> None:
+    """Writes the findings of a map for ``findings_of``."""
+    (out / FINDINGS_FILE).write_text(json.dumps([one.to_mapping() for one in findings]) + "\n")
 
 
 def moving_of(read: StageResult) -> dict[str, Any] | None:

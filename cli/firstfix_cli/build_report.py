@@ -28,7 +28,7 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
     success = ", ".join(f"{share:.0%} within {limit}" for limit, share in tested["success"].items())
     lines = [
         f"self-test, {tested['queries']} perturbed scans: {success}",
-        f"  median error {tested['median_error_m']:.3f} m, {tested['localized']:.0%} answered localized, "
+        f"  {_median(tested['median_error_m'])}, {tested['localized']:.0%} answered localized, "
         f"{tested['false_accepts']} false among them and {tested['outside']} scans from elsewhere",
     ]
     lines += _real_lines(tested.get("real", {}))
@@ -43,6 +43,11 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
             "elsewhere are localized (95% confidence)"
         )
     return [*lines, *_left_out_lines(tested)]
+
+
+def _median(error_m: float | None) -> str:
+    """Returns the median error; versions of earlier releases have -1 where there is none."""
+    return "no median error" if error_m is None or error_m < 0 else f"median error {error_m:.3f} m"
 
 
 def _left_out_lines(tested: Mapping[str, Any]) -> list[str]:
@@ -82,7 +87,7 @@ def _real_lines(real: Mapping[str, Any]) -> list[str]:
         success = ", ".join(f"{share:.0%} within {limit}" for limit, share in real["success"].items())
         lines = [
             f"  {real['asked']} real scans, each as heavy as {real['weight']:g} simulated ones: {success}",
-            f"    median error {real['median_error_m']:.3f} m, {real['localized']:.0%} answered localized, "
+            f"    {_median(real['median_error_m'])}, {real['localized']:.0%} answered localized, "
             f"{real['false_accepts']} false among them",
         ]
         if real["disagree"]:

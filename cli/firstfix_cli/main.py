@@ -19,6 +19,7 @@ from firstfix.telemetry.redact import redact
 from .arguments import examples
 from .commands import (
     build,
+    check,
     copy_store,
     evaluate,
     export,
@@ -32,6 +33,7 @@ from .commands import (
     worker,
     world,
 )
+from .help_pages import help_line
 
 NO_ANSWER_EXIT_CODE = 1
 ERROR_EXIT_CODE = 2
@@ -64,6 +66,7 @@ app = typer.Typer(
 )
 app.command(epilog=world.EXAMPLES)(world.world)
 app.command(epilog=build.EXAMPLES)(build.build)
+app.command(epilog=check.EXAMPLES)(check.check)
 app.command(epilog=serve.EXAMPLES)(serve.serve)
 app.command(epilog=worker.EXAMPLES)(worker.worker)
 app.command(epilog=localize.EXAMPLES)(localize.localize)
@@ -88,6 +91,9 @@ def run(arguments: list[str] | None = None) -> None:
     # ConnectionError: no service. ImportError: an extra is not installed, or the compiled core is not built.
     except (FirstfixError, ConnectionError, ImportError) as error:
         print(f"firstfix: {redact(str(error))}", file=sys.stderr)
+        more = help_line(error, next(iter(sys.argv[1:] if arguments is None else arguments), ""))
+        if more is not None:
+            print(f"  {more}", file=sys.stderr)
         raise SystemExit(NO_ANSWER_EXIT_CODE if isinstance(error, NO_ANSWER) else ERROR_EXIT_CODE) from None
 
 

@@ -50,5 +50,12 @@ def remote_build(
 
             done = client.wait_for_build(started.build_id, progress=follow)
         report = client.report(map_id, str(done.version))
-        stages = [dict(stage) for stage in client.build_status(started.build_id).stages]
-    return {**said, "version": done.version, **report, "stages": stages}
+        ended = client.build_status(started.build_id)
+    return {
+        **said,
+        "version": done.version,
+        **report,
+        "activated": ended.activated,
+        "findings": [one.to_mapping() for one in ended.findings],
+        "stages": [dict(stage) for stage in ended.stages],
+    }

@@ -12,7 +12,9 @@ from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.hint import Hint
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.quality import AlignmentQuality
+from firstfix.answer.scan_facts import ScanFacts
 from firstfix.catalog.geopose import Georeference
+from firstfix.findings import scan_kinds
 from firstfix.transform import make_transform, rotation_z
 
 Vector = dict[str, Any]
@@ -81,6 +83,20 @@ _ANSWERS = {
         map_version=_VERSION,
     ),
     "rejected": Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), map_id="hall", map_version=_VERSION),
+    "rejected-with-findings": Localization(
+        Verdict.REJECTED,
+        (Reason.TOO_FEW_POINTS,),
+        map_id="hall",
+        map_version=_VERSION,
+        findings=(
+            scan_kinds.UNIT_MILLIMETRES.found({"points": 77093, "in_range": 0, "median_range_m": 8900.0}),
+            scan_kinds.SCAN_EMPTY.found(),
+        ),
+        scan=ScanFacts(77093, 77000, 0, 8900.0, 15000.5, 64, 0.25, 0.1),
+    ),
+    "wrong-frame": Localization(
+        Verdict.REJECTED, (Reason.WRONG_FRAME,), map_version=_VERSION, scan=ScanFacts(12, 0, 0)
+    ),
 }
 _GEOREFERENCE = Georeference.with_heading(47.05, 8.3, 480.0, 30.0)
 
@@ -109,6 +125,7 @@ def documents() -> dict[str, bytes]:
         "answer-zero-quaternion": json.dumps(
             {"verdict": "localized", "T_map_sensor": {"position": [1, 2, 3], "quaternion": [0, 0, 0, 0]}}
         ),
+        "answer-finding-of-words": json.dumps(answers["rejected-with-findings"]).replace("8900.0", '"far"'),
         "answer-hint-without-goal": json.dumps({"verdict": "ambiguous", "hint": {"distance_m": 1}}),
         "answer-of-a-list": "[]",
         "answer-of-a-proxy": "<html><body>It works!</body></html>",
@@ -148,6 +165,7 @@ def vectors() -> Iterator[Vector]:
         "degenerate-without-direction",
         "without-quaternion",
         "zero-quaternion",
+        "finding-of-words",
         "hint-without-goal",
         "of-a-list",
         "of-a-proxy",

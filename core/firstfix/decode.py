@@ -125,6 +125,7 @@ SCAN_FORMATS = (
 )
 MEDIA_TYPES = {name: each.decode for each in SCAN_FORMATS for name in each.media_types}
 SUFFIXES = {each.suffix: each.media_types[0] for each in SCAN_FORMATS if each.suffix}
+READABLE = (*SUFFIXES, ".npy", ".xyz", ".txt", ".pts", ".csv", ".las", ".laz")
 _CLOUD_FILES: dict[str, Callable[[Body, Limits], PointCloud]] = {".pcd": decode_pcd, ".ply": decode_ply}
 _Read = TypeVar("_Read")
 
@@ -193,7 +194,7 @@ def _named(path: Path, read: Callable[[Path], _Read]) -> _Read:
         return read(path)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
-    except (FileNotFoundError, IsADirectoryError) as error:
+    except FileNotFoundError as error:
         raise NotFound(f"{path}: no such file") from error
 
 
@@ -223,8 +224,11 @@ def _read_cloud_file(path: Path) -> PointCloud:
 def _check_file(path: Path) -> str:
     """Returns the ending of a scan's file."""
     suffix = path.suffix.lower()
-    if suffix not in (*SUFFIXES, ".npy", ".xyz", ".txt", ".pts", ".csv", ".las", ".laz"):
-        raise UnsupportedFormat(f"scans cannot be read from files that end in {suffix!r}")
+    if path.is_dir():
+        raise UnsupportedFormat("this is a folder, not the file of a scan")
+    if suffix not in READABLE:
+        ending = f"that end in {suffix!r}" if suffix else "without an ending"
+        raise UnsupportedFormat(f"scans cannot be read from files {ending}: use {', '.join(READABLE)}")
     size = path.stat().st_size
     if size > MAX_SCAN_FILE_BYTES:
         raise TooLarge(f"{size} bytes, the limit is {MAX_SCAN_FILE_BYTES}")

@@ -6,6 +6,7 @@
     |  |- InvalidOption           an option or a config value is out of its range
     |  |- UnsupportedFormat       no reader for this media type or file ending
     |  |- MalformedData           the bytes contradict their own format
+    |  |- UnfitMap                a map of which no version can be made: its findings say why
     |  |- TooLarge                over a byte, point or expansion limit
     |  |- ChecksumMismatch        the bytes differ from those that the sender hashed
     |  |- NotAcceptable           no form of the answer is acceptable to the caller
@@ -81,6 +82,12 @@ class MalformedData(InputError):
     """The bytes contradict their own format."""
 
     code = "malformed_data"
+
+
+class UnfitMap(InputError):
+    """A map of which no version can be made: its findings say why."""
+
+    code = "unfit_map"
 
 
 class TooLarge(InputError):

@@ -1,17 +1,15 @@
-"""The HTTP endpoints, from ``docs/openapi.json``."""
+"""The HTTP endpoints, from the OpenAPI document."""
 
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 _METHODS = ("get", "head", "post", "put", "patch", "delete", "options")
 
 
-def http_reference(openapi: Path) -> str:
+def http_reference(document: dict[str, Any]) -> str:
     """The endpoints and schemas as Markdown."""
-    document = json.loads(openapi.read_text())
     by_tag: dict[str, list[str]] = {}
     for path, operations in document["paths"].items():
         for method in _METHODS:

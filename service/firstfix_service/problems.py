@@ -26,6 +26,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.InvalidOption: 400,
     errors.UnsupportedFormat: 415,
     errors.MalformedData: 400,
+    errors.UnfitMap: 422,
     errors.TooLarge: 413,
     errors.ChecksumMismatch: 460,
     errors.NotAcceptable: 406,

@@ -12,6 +12,7 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
+from firstfix.builds.config import BuildConfig
 from firstfix.builds.options import (
     FETCH_SOURCE,
     PUBLISH,
@@ -22,6 +23,7 @@ from firstfix.builds.options import (
 )
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.version_findings import findings_of
 from firstfix.errors import (
     BuildCancelled,
     ClusterUnavailable,
@@ -114,14 +116,26 @@ def run_build(
                     if reporter.is_cancelled():
                         raise BuildCancelled("cancelled before it was published")
                     tick(PUBLISH, 0.0)
+                    held = catalog.reason_to_hold(map_id, built.manifest, BuildConfig.parse(config).activate)
                     version = catalog.publish(
                         map_id,
                         built.directory,
                         built.manifest,
+                        activate=held is None,
                         build_id=build_id,
                         on_progress=partial(tick, PUBLISH),
                     )
-                status = new_status("succeeded", map_id=map_id, stage=PUBLISH, progress=1.0, version=version)
+                status = new_status(
+                    "succeeded",
+                    map_id=map_id,
+                    stage=PUBLISH,
+                    progress=1.0,
+                    version=version,
+                    activated=held is None,
+                    findings=[one.to_mapping() for one in [*findings_of(built.manifest), held] if one],
+                )
+                if held is not None:
+                    _log.warning("build %s: %s", build_id, held.text)
             except (StoreUnavailable, ClusterUnavailable, OutOfSpace) as error:
                 with suppress(StoreError):  # not the build's fault: it is to be run again
                     catalog.set_build_status(build_id, reporter.waiting_status(error_record(error, work)))

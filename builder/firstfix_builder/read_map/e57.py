@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData
-from firstfix.formats.point_cloud import MAP_LIMITS
 from firstfix.transform import from_quaternion
 
 from .file_errors import foreign
 from .headers import check_e57, check_points
 from .map_data import MapData, finite_points
+from .map_limits import LIMITS
 
 
 def read_e57(path: Path) -> MapData:
@@ -33,7 +33,7 @@ def read_e57(path: Path) -> MapData:
             headers = [file.get_header(index) for index in range(file.scan_count)]
             # Capacity for all of a scan's points is taken before the first is read.
             points = sum(int(header.point_count) for header in headers)
-            MAP_LIMITS.check("E57", points, 8 * 4)
+            LIMITS.check("E57", points, 8 * 4)
             check_points(path, points)
             clouds = [_scan_points(file, index) for index, header in enumerate(headers) if header.point_count]
             poses = [

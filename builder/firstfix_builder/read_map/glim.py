@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData
-from firstfix.formats.point_cloud import MAP_LIMITS
 from firstfix.formats.raw_xyz import decode_xyz
 from firstfix.transform import transform_points
 
 from .file_errors import naming
 from .map_data import MapData, finite_points
+from .map_limits import LIMITS
 from .rigid import rigid_matrices
 from .trajectory import read_trajectory
 
@@ -46,7 +46,7 @@ def read_glim_dump(path: Path) -> MapData:
             T_world_origin = _read_pose(submap / "data.txt")
             points = _read_points(submap)
             total += len(points)
-            MAP_LIMITS.check("GLIM", total, 8 * 3)
+            LIMITS.check("GLIM", total, 8 * 3)
             clouds.append(transform_points(T_world_origin, points))
             origins.append(T_world_origin)
     optimised = path / "traj_lidar.txt"
@@ -76,7 +76,7 @@ def _read_points(submap: Path) -> NDArray[np.float64]:
     compact, full = submap / "points_compact.bin", submap / "points.bin"
     if compact.is_file():
         with naming(compact):
-            return finite_points(decode_xyz(compact.read_bytes(), MAP_LIMITS).xyz)
+            return finite_points(decode_xyz(compact.read_bytes(), LIMITS).xyz)
     with naming(full):
         raw = full.read_bytes()
         if not raw or len(raw) % 32:

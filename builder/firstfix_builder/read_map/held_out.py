@@ -22,7 +22,7 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
 from .file_errors import naming
-from .posed_scans import POSES, pose_of, read_posed_scan, read_poses
+from .posed_scans import POSES, pose_of, read_posed_scan, read_poses, why_not_read
 
 FOLDER = "held_out"
 MAX_SCANS, SEED = 40, 11  # the self-test asks: of more, these are drawn by chance
@@ -93,17 +93,18 @@ class HeldOut:
         return cls(tuple(HeldOutScan(name, scan, T) for name, scan, T in named), left_out)
 
 
-def read_held_out(source: Path, axis: str) -> HeldOut | None:
+def read_held_out(source: Path, axis: str, scale: float = 1.0) -> HeldOut | None:
     """Reads the held-out scans of a map's folder; None if it has none. It raises nothing for bad ones.
 
     Args:
-        axis: of the map. Poses in a frame that is turned are not read.
+        axis, scale: of the map. Poses in a frame that is turned, or in another unit, are not read.
     """
     folder = source / FOLDER
     if not folder.is_dir():
         return None
-    if axis != "z-up":
-        return HeldOut(left_out={FOLDER: f"the map is {axis}, and poses of scans must be z-up"})
+    reason = why_not_read(axis, scale)
+    if reason is not None:
+        return HeldOut(left_out={FOLDER: reason})
     try:
         with naming(folder / POSES):
             rows = read_poses(folder / POSES)

@@ -9,29 +9,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData, UnsupportedFormat
+from firstfix.formats.file_kind import SNIFFED_BYTES, kind_of
 from firstfix.formats.las import read_las
 from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.npy import read_npy
 from firstfix.formats.pcd import decode_pcd
 from firstfix.formats.ply import decode_ply
 from firstfix.formats.ply_header import parse_ply_header
-from firstfix.formats.point_cloud import MAP_LIMITS, Body, Limits, PointCloud
+from firstfix.formats.point_cloud import Body, Limits, PointCloud
 from firstfix.formats.scanner_bin import decode_scanner_bin
 from firstfix.formats.text import decode_text
 
 from .e57 import read_e57
 from .headers import check_ply
 from .map_data import MapData, finite_points
+from .map_limits import LIMITS
 from .mesh_file import read_mesh
 from .rigid import rigid_matrices
 
 
 def read_uos(path: Path) -> MapData:
     """One scan, in its own frame turned to REP-103 metres. Raises MalformedData or TooLarge."""
-    x, y, z = decode_text(path.read_bytes(), MAP_LIMITS).xyz.T
+    x, y, z = decode_text(path.read_bytes(), LIMITS).xyz.T
     return MapData(points=finite_points(np.stack([z, -x, y], axis=1) / 100.0))
 
 
+# How files of these endings begin.
+_BEGINS = {
+    ".las": b"LASF",
+    ".laz": b"LASF",
+    ".e57": b"ASTM-E57",
+    ".glb": b"glTF",
+    ".npy": b"\x93NUMPY",
+}
 RECORDINGS = (".bag", ".db3", ".mcap", ".pcap", ".osf")
 RECORDING_REASON = "a recording, not a map: build the map with a SLAM package first"
 
@@ -52,7 +62,17 @@ def read_map_file(path: Path) -> MapData:
         )
     if path.stat().st_size == 0:
         raise MalformedData("the file is empty (0 bytes)")
+    _check_begin(path)
     return reader(path)
+
+
+def _check_begin(path: Path) -> None:
+    """Checks that a file begins as files of its ending do; PCD and PLY are checked by their readers."""
+    ending = path.suffix.lower()
+    with path.open("rb") as file:
+        head = file.read(SNIFFED_BYTES)
+    if ending in _BEGINS and not head.startswith(_BEGINS[ending]):
+        raise MalformedData(f"{ending[1:].upper()}: the file does not begin as one: it is {kind_of(head)}")
 
 
 def is_mesh_file(path: Path) -> bool:
@@ -72,7 +92,7 @@ def _mapped(path: Path) -> memoryview:
 
 
 def _decoded(decode: Callable[[Body, Limits], PointCloud]) -> Callable[[Path], MapData]:
-    return lambda path: _points(decode(_mapped(path), MAP_LIMITS))
+    return lambda path: _points(decode(_mapped(path), LIMITS))
 
 
 def _points(cloud: PointCloud) -> MapData:
@@ -84,22 +104,22 @@ def _read_ply(path: Path) -> MapData:
     body = _mapped(path)
     header = parse_ply_header(body)
     if not header.count_of("face"):
-        return _points(decode_ply(body, MAP_LIMITS))
-    MAP_LIMITS.check("PLY", header.count_of("vertex") + header.count_of("face"), 24)
+        return _points(decode_ply(body, LIMITS))
+    LIMITS.check("PLY", header.count_of("vertex") + header.count_of("face"), 24)
     check_ply(header, len(body))
     return read_mesh(path)
 
 
 def _read_text(path: Path) -> MapData:
-    cloud = decode_text(_mapped(path), MAP_LIMITS)
+    cloud = decode_text(_mapped(path), LIMITS)
     if len(cloud) in (3, 4) and cloud.intensity is not None and _is_pose(np.c_[cloud.xyz, cloud.intensity]):
         raise MalformedData("a pose, not points: rows of 4 numbers that are a rigid transform")
     return _points(cloud)
 
 
 def _read_las(path: Path) -> MapData:
-    check_las(path, MAP_LIMITS, 8 * 4)
-    return _points(read_las(path, MAP_LIMITS))
+    check_las(path, LIMITS, 8 * 4)
+    return _points(read_las(path, LIMITS))
 
 
 def _is_pose(matrix: NDArray[np.float64]) -> bool:
@@ -120,8 +140,8 @@ READERS: dict[str, Callable[[Path], MapData]] = {
     ".pts": _read_text,
     ".csv": _read_text,
     ".txt": _read_text,
-    ".npy": lambda path: _points(read_npy(path, MAP_LIMITS)),
-    ".bin": lambda path: _points(decode_scanner_bin(_mapped(path), path.name, MAP_LIMITS)),
+    ".npy": lambda path: _points(read_npy(path, LIMITS)),
+    ".bin": lambda path: _points(decode_scanner_bin(_mapped(path), path.name, LIMITS)),
     ".3d": read_uos,
     ".obj": read_mesh,
     ".stl": read_mesh,

@@ -20,7 +20,7 @@ from firstfix.errors import InputError, NotFound
 from firstfix.transform import Matrix
 
 from .file_errors import naming
-from .posed_scans import POSES, pose_of, read_posed_scan, read_poses
+from .posed_scans import POSES, pose_of, read_posed_scan, read_poses, why_not_read
 
 FOLDER = "mapping_scans"
 
@@ -32,14 +32,15 @@ class MappingScans:
         left_out: the reason for each scan, by its name, or for the file of poses.
     """
 
-    def __init__(self, source: Path, axis: str) -> None:
+    def __init__(self, source: Path, axis: str, scale: float = 1.0) -> None:
         self.left_out: dict[str, str] = {}
         self._folder = source / FOLDER
         self._rows: list[tuple[str, list[str]]] = []
         if not self._folder.is_dir():
             return
-        if axis != "z-up":
-            self.left_out[FOLDER] = f"the map is {axis}, and poses of scans must be z-up"
+        reason = why_not_read(axis, scale)
+        if reason is not None:
+            self.left_out[FOLDER] = reason
             return
         try:
             with naming(self._folder / POSES):

@@ -19,6 +19,15 @@ POSES = "poses.csv"
 _POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
+def why_not_read(axis: str, scale: float) -> str | None:
+    """Reason why the scans beside a map cannot be read; None: they can, in the map's own frame and unit."""
+    if axis != "z-up":
+        return f"the map is {axis}, and poses of scans must be z-up"
+    if scale != 1.0:
+        return f"the map has a scale of {scale:g}, and scans and their poses must be in metres"
+    return None
+
+
 def read_poses(path: Path) -> list[tuple[str, list[str]]]:
     """Name and the seven words of the pose of each scan.
 

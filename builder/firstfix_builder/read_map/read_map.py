@@ -15,7 +15,7 @@ from firstfix.errors import InvalidOption, NotFound
 from firstfix.store.sha256 import sha256_of
 
 from .file_errors import naming
-from .map_data import MapData, local_origin, subtract_origin, turn_z_up
+from .map_data import MapData, local_origin, scaled, subtract_origin, turn_z_up
 from .map_file import read_map_file
 from .map_folder import mesh_files, read_map_folder, trajectory_in
 from .trajectory import read_trajectory
@@ -36,13 +36,16 @@ def content_hash(path: Path) -> str:
 Axis = Literal["z-up", "y-up"]
 
 
-def read_map(path: Path, *, axis: Axis = "z-up", trajectory: Path | None = None) -> MapData:
+def read_map(
+    path: Path, *, axis: Axis = "z-up", scale: float = 1.0, trajectory: Path | None = None
+) -> MapData:
     """A map file, or the folder that a SLAM package left.
 
     Args:
         axis: of the source. ``y-up`` is LOAM's camera frame (x left, y up, z forward) and glTF's: the map
             and its poses are turned to REP-103.
-        trajectory: poses in the source's own frame; they replace those that the source brings.
+        scale: metres in one unit of the source.
+        trajectory: poses in the source's own frame and unit; they replace those that the source brings.
 
     Returns:
         float64 throughout, in a local frame when the coordinates are UTM-sized.
@@ -63,12 +66,13 @@ def read_map(path: Path, *, axis: Axis = "z-up", trajectory: Path | None = None)
         data = read_map_folder(path) if path.is_dir() else read_map_file(path)
     if trajectory is not None:
         data = replace(data, trajectory=read_trajectory(trajectory))
+    data = scaled(data, scale)
     if axis == "y-up":
         data = turn_z_up(data)
     return subtract_origin(data, local_origin(data))
 
 
-def read_parts(path: Path, *, axis: Axis = "z-up") -> Iterator[MapData]:
+def read_parts(path: Path, *, axis: Axis = "z-up", scale: float = 1.0) -> Iterator[MapData]:
     """A map in parts, of which one is in memory at a time: the files of a folder of meshes, by their names.
 
     Anything else is one part. All parts have the origin of the first, and that one has the trajectory.
@@ -78,7 +82,7 @@ def read_parts(path: Path, *, axis: Axis = "z-up") -> Iterator[MapData]:
     """
     files = mesh_files(path) if path.is_dir() else []
     if not files:
-        yield read_map(path, axis=axis)
+        yield read_map(path, axis=axis, scale=scale)
         return
     origin: NDArray[np.float64] | None = None
     for file in files:
@@ -86,6 +90,7 @@ def read_parts(path: Path, *, axis: Axis = "z-up") -> Iterator[MapData]:
             data = read_map_file(file)
         if origin is None:
             data = replace(data, trajectory=trajectory_in(path))
+        data = scaled(data, scale)
         if axis == "y-up":
             data = turn_z_up(data)
         if origin is None:

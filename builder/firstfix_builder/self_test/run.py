@@ -46,6 +46,7 @@ class SelfTest:
         success: by limit, such as "0.2m": share of the queries whose best hypothesis is within the limit.
         among: the same for any hypothesis: the place was found, but not necessarily ranked first.
         localized: share of the queries answered ``localized``.
+        median_error_m: of the best hypotheses; None if half of the queries or more have none.
         false_accepts: number of answers ``localized`` that were off by over 1 m or 10 degrees, or outside.
         reliability: result of ``reliability.reliability_of`` for all of them.
         false_accept_bound: result of ``reliability.bound_of``, with mirror images and hard negatives.
@@ -63,7 +64,7 @@ class SelfTest:
     success: dict[str, float]
     among: dict[str, float]
     localized: float
-    median_error_m: float
+    median_error_m: float | None
     false_accepts: int
     reliability: dict[str, Any]
     false_accept_bound: dict[str, Any]
@@ -259,10 +260,10 @@ def _localized(outcomes: Sequence[Outcome], calibration: Calibration) -> float:
     return round(float(np.mean([o.accepted_by(calibration) for o in outcomes])), 4) if outcomes else 0.0
 
 
-def _median(errors_m: NDArray[np.float64]) -> float:
-    """Median error; -1 if there is none, or it is not finite."""
+def _median(errors_m: NDArray[np.float64]) -> float | None:
+    """Median error; None if there is none, as half of the scans or more found no place."""
     median = float(np.median(errors_m)) if len(errors_m) else np.inf
-    return round(median, 4) if np.isfinite(median) else -1.0
+    return round(median, 4) if np.isfinite(median) else None
 
 
 def _shares(errors_m: NDArray[np.float64]) -> dict[str, float]:

@@ -21,15 +21,17 @@ from firstfix.errors import BuildFailed, InputError, InvalidOption, MalformedDat
 from firstfix.transform import inverse, transform_points
 
 from ..build_stages import BuildStages
+from ..check_map.check_map import check_map
 from ..execution.build_trace import within_a_stage
 from ..execution.stage_cache import StageResult
 from ..mesh.clean_cloud import clean_cloud
 from ..mesh.level import level_frame
 from ..mesh.places.tiled_points import TiledPoints
 from ..read_map.archive import SUFFIX, unpack
+from ..read_map.map_data import MapData
 from ..read_map.read_map import content_hash
 from ..simulation.simulate import Simulator
-from ..stage_files import link, simulator_of, trajectory_of
+from ..stage_files import link, simulator_of, trajectory_of, write_findings
 from .description import Session, description_in, read_description
 from .merge import ReadSession, merge
 from .session_map import SessionMap
@@ -77,6 +79,7 @@ class SessionStages(BuildStages):
     def _chosen(self, of: str) -> dict[str, Any]:
         return {
             "axis": self.config.axis,
+            "scale": self.config.scale,
             "level": self.config.level,
             "clean": self.config.clean.model_dump(mode="json"),
             "of": of,
@@ -106,6 +109,7 @@ class SessionStages(BuildStages):
         T_level_first = inverse(T_first_level)
         points = transform_points(T_level_first, merged.points)
         TiledPoints.of(clean_cloud(points, self.config.clean)).save(out)
+        write_findings(check_map(MapData(points=merged.points)), out)
         if merged.trajectory is not None:
             np.save(out / "trajectory.npy", T_level_first @ merged.trajectory)
         np.save(out / "T_map_level.npy", merged.T_map_first @ T_first_level)
@@ -119,6 +123,7 @@ class SessionStages(BuildStages):
         """
         config = BuildConfig(
             axis=self.config.axis,
+            scale=self.config.scale,
             level=self.config.level,
             clean=self.config.clean,
             viewpoints=ViewpointConfig(max_distance_to_trajectory_m=NEAR_TRAJECTORY_M),
@@ -179,5 +184,5 @@ def _map_of(lean: SessionStages, name: str, read: StageResult) -> SessionMap:
         simulator_of(mesh),
         lean.config.sensor_model,
         np.load(index.directory / MAP_FILE),
-        Localizer(MapIndex.load(index.directory, Calibration())),
+        Localizer(MapIndex.load(index.directory, Calibration()), explains=False),
     )

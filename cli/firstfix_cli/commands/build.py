@@ -14,9 +14,11 @@ import typer
 
 from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES
 from firstfix.builds.options import PUBLISH, BuildOptions
+from firstfix.findings.finding import Finding
 
 from ..arguments import AsJson, Url, cache_directory, examples
 from ..build_report import reused_lines, self_test_lines
+from ..finding_lines import finding_lines
 
 if TYPE_CHECKING:
     from firstfix.catalog.manifest import Manifest
@@ -68,6 +70,18 @@ def build(
     ] = None,
     config: Annotated[Path | None, typer.Option(help="Build config, YAML or JSON.")] = None,
     axis: Annotated[Axis | None, typer.Option(help="Axis of the map file that points up.")] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option(help="Metres in one unit of the map file and its poses: 0.001 for millimetres."),
+    ] = None,
+    min_localized: Annotated[
+        float | None,
+        typer.Option(
+            help="Activate the version if the self-test localized this share of its scans [default: 0.5].",
+            min=0,
+            max=1,
+        ),
+    ] = None,
     work: Annotated[
         Path | None,
         typer.Option(help="With --store: folder for finished stages, so that a build can resume."),
@@ -94,8 +108,10 @@ def build(
 ) -> None:
     """Build a map version, test it and publish it.
 
-    The new version becomes the active one. With --store the build runs on this machine; otherwise a service
-    does it, at --url. A folder with a sessions.yaml is merged from the sessions that the file lists.
+    The new version becomes the active one, unless too few scans of its self-test were localized, or clearly
+    fewer than with the active version: then it is published only. With --store the build runs on this
+    machine; otherwise a service does it, at --url. A folder with a sessions.yaml is merged from the
+    sessions that the file lists.
     """
     from firstfix.errors import InvalidOption
     from firstfix.ids import check_map_id
@@ -108,7 +124,7 @@ def build(
             raise InvalidOption("--executor needs --store")
         from ..remote_build import remote_build
 
-        given = _given(config, sensor, axis)
+        given = _given(config, sensor, axis, scale, min_localized)
         with _source(source, trajectory, merge) as (whole, poses):
             said = remote_build(whole, map_id, given, poses, url, _progress, wait=not no_wait)
         typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
@@ -117,7 +133,7 @@ def build(
         raise InvalidOption("--url and --no-wait cannot be used with --store")
     from ..read_confined import build_memory_bytes
 
-    given = _given(config, sensor, axis)
+    given = _given(config, sensor, axis, scale, min_localized)
     with _source(source, trajectory, merge) as (whole, poses):
         options = BuildOptions(
             store=store,
@@ -184,15 +200,23 @@ def _build_here(
             options=options,
         )
         progress(PUBLISH, 0.0)
-        version = Catalog(opened).publish(map_id, built.directory, built.manifest)
+        catalog = Catalog(opened)
+        held = catalog.reason_to_hold(map_id, built.manifest, settings.activate)
+        version = catalog.publish(map_id, built.directory, built.manifest, activate=held is None)
         progress(PUBLISH, 1.0)
         trace.end("succeeded")
     if options.scheduler is not None:  # there is no service that does it
         collect_stages(opened, CLUSTER_STAGES_S)
-    _print(map_id, version, built.manifest, [asdict(stage) for stage in trace.stages], as_json)
+    _print(map_id, version, built.manifest, held, [asdict(stage) for stage in trace.stages], as_json)
 
 
-def _given(path: Path | None, sensor: str | None, axis: Axis | None) -> dict[str, Any]:
+def _given(
+    path: Path | None,
+    sensor: str | None,
+    axis: Axis | None,
+    scale: float | None = None,
+    min_localized: float | None = None,
+) -> dict[str, Any]:
     """Returns the given config: the file, with the options of the command line put over it."""
     import yaml
 
@@ -207,6 +231,10 @@ def _given(path: Path | None, sensor: str | None, axis: Axis | None) -> dict[str
             values = yaml.safe_load(path.read_text()) or {}
         if axis is not None:
             values["axis"] = axis.value
+        if scale is not None:
+            values["scale"] = scale
+        if min_localized is not None:
+            values["activate"] = {**(values.get("activate") or {}), "min_localized": min_localized}
         if sensor is not None:
             reading = sensor
             is_file = sensor.endswith((".yaml", ".yml", ".json"))
@@ -243,14 +271,23 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
 
 
 def _print(
-    map_id: str, version: str, manifest: Manifest, stages: list[dict[str, Any]], as_json: bool
+    map_id: str,
+    version: str,
+    manifest: Manifest,
+    held: Finding | None,
+    stages: list[dict[str, Any]],
+    as_json: bool,
 ) -> None:
+    from firstfix.catalog.version_findings import findings_of
+
     said = {
         "map_id": map_id,
         "version": version,
         "counts": dict(manifest.counts),
         "bytes": manifest.total_bytes,
         "self_test": dict(manifest.self_test),
+        "activated": held is None,
+        "findings": [one.to_mapping() for one in [*findings_of(manifest), held] if one is not None],
         "stages": stages,
     }
     typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
@@ -262,9 +299,11 @@ def _lines(said: dict[str, Any]) -> list[str]:
         return [f"build {said['build_id']} of {said['map_id']} is {said['state']}"]
     counts = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in said["counts"].items())
     size = f", {said['bytes'] / 1e6:,.0f} MB" if "bytes" in said else ""  # a service does not report it
+    state = "" if said["activated"] else ", NOT ACTIVATED"
     return [
-        f"published {said['map_id']}, version {said['version']}",
+        f"published {said['map_id']}, version {said['version']}{state}",
         f"  {counts}{size}",
         *(f"  {line}" for line in self_test_lines(said["self_test"])),
         *(f"  {line}" for line in reused_lines(said["stages"])),
+        *(f"  {line}" for line in finding_lines(map(Finding.from_mapping, said["findings"]))),
     ]

@@ -223,6 +223,10 @@ def lines_of(answer: Localization) -> list[str]:
     if answer.covariance is not None:
         sigma = np.sqrt(np.diag(answer.covariance))
         lines.append(f"  sigma   {sigma[:3].max() * 1000:.1f} mm, {np.degrees(sigma[3:]).max():.3f} deg")
+    for finding in answer.findings:
+        lines.append(f"  {finding.severity.value:<7} {finding.text}")
+    if answer.findings:
+        lines.append(f"  remedy  {answer.findings[0].remedy} ({answer.findings[0].doc})")
     if answer.T_map_sensor is None:
         for h in answer.hypotheses[:3]:
             lines.append(f"  maybe   {_place(h.T_map_sensor)}  probability {h.probability:.2f}")

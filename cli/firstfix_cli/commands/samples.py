@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..arguments import AsJson, examples
+from ..arguments import AsJson, Url, examples
 
 if TYPE_CHECKING:
     from firstfix.catalog.query_samples import QuerySample, QuerySamples
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help="List, show, fetch and remove kept queries. FIRSTFIX_SAMPLES_SHARE makes a service keep some.",
     epilog=examples(
-        "firstfix samples ls --store s3://maps/firstfix --map hall",
+        "firstfix samples ls --url http://localhost:8080 --map hall",
         "firstfix samples fetch --store s3://maps/firstfix -o samples",
     ),
     no_args_is_help=True,
@@ -31,13 +31,30 @@ SampleArgument = Annotated[str, typer.Argument(metavar="SAMPLE", help="Id of the
 
 @app.command("ls")
 def list_samples(
-    store: SamplesStore,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="Read them from the object store, without a service."),
+    ] = None,
+    url: Url = None,
     map_id: Annotated[str | None, typer.Option("--map", help="Only queries about this map.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the kept queries, oldest first."""
-    kept = _samples(store)
-    found = [sample for sample in kept.each() if map_id is None or sample.is_about(map_id)]
+    """List the kept queries, oldest first.
+
+    Those of the service at --url, or with --store those of its object store.
+    """
+    from firstfix.errors import InvalidOption
+
+    if store is not None and url is not None:
+        raise InvalidOption("give only one of --url and --store")
+    if store is None:
+        from ..export.viewer_client import ViewerClient
+
+        client = ViewerClient.at(url)
+        with client:
+            found = list(client.samples(map_id))[::-1]
+    else:
+        found = [one for one in _samples(store).each() if map_id is None or one.is_about(map_id)]
     if as_json:
         typer.echo(json.dumps({"samples": [asdict(sample) for sample in found]}))
         return

@@ -39,9 +39,28 @@ def serve(
     """
     from firstfix_service.server import serve as run_service
 
-    run_service(
-        settings_of(store=store, host=host, port=port, zenoh=zenoh, zenoh_listen=zenoh_listen, work=work)
+    settings = settings_of(
+        store=store, host=host, port=port, zenoh=zenoh, zenoh_listen=zenoh_listen, work=work
     )
+    new = new_store(settings.store)
+    if new is not None:
+        typer.echo(f"firstfix: {new}", err=True)
+    run_service(settings)
+
+
+def new_store(url: str) -> str | None:
+    """Returns a line about a folder without maps that is to be the store; None: it has some, or is remote."""
+    from firstfix.store.url import StoreUrl
+
+    parsed = StoreUrl.parse(url)
+    if parsed.scheme != "file":
+        return None
+    folder = Path(parsed.prefix).absolute()
+    if not folder.exists():
+        return f"the store is empty and new: the folder {folder} is made now. Is the path right?"
+    if not (folder / "maps").exists():
+        return f"the store is empty: the folder {folder} has no map. Is the path right?"
+    return None
 
 
 def settings_of(
@@ -62,6 +81,7 @@ def settings_of(
     """
     from pydantic import ValidationError
 
+    from firstfix.builds.plain_problems import plain_problems
     from firstfix.errors import InvalidOption
     from firstfix_service.settings import SHARED_STAGES_BYTES, Settings
     from firstfix_service.startup.removed_settings import refuse_removed_settings
@@ -84,5 +104,6 @@ def settings_of(
     try:
         return Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
-        problems = "; ".join(f"{item['loc'][0]}: {item['msg']}" for item in error.errors())
-        raise InvalidOption(problems) from None
+        if any(item["loc"] == ("store",) and item["type"] == "missing" for item in error.errors()):
+            raise InvalidOption("give the store of maps: --store DIR, or FIRSTFIX_STORE") from None
+        raise InvalidOption(plain_problems(error)) from None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.catalog.query_samples import QuerySample, QuerySamples
-from firstfix.errors import FirstfixError, InvalidOption, NotFound
+from firstfix.errors import InvalidOption, NotFound
 from firstfix_builder.index.cloud_octree import POINT
 
 if TYPE_CHECKING:
@@ -105,11 +105,7 @@ class _ServiceMap:
         return self._client.cloud_points(self._map_id, version, first, count)
 
     def samples(self) -> Iterator[QuerySample]:
-        for record in self._client.samples(self._map_id):
-            try:
-                yield QuerySample(**{**record, "truth": record["truth"] or {}})
-            except (TypeError, KeyError) as error:
-                raise FirstfixError(f"the service sent a kept query that cannot be read: {error!r}") from None
+        return self._client.samples(self._map_id)
 
     def body(self, sample_id: str) -> bytes:
         return self._client.sample_body(sample_id)

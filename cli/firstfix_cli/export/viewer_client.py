@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from firstfix.catalog.query_samples import QuerySample
+from firstfix.errors import FirstfixError
 from firstfix_client import Client, RetryPolicy
 
 from ..arguments import PATIENCE_S, service_url
@@ -35,11 +37,20 @@ class ViewerClient(Client):
         params = {"first": str(first), "count": str(count)}
         return self._http.run(self._http.steps.sender.call("GET", *path, params=params)).body
 
-    def samples(self, map_id: str) -> Iterator[Mapping[str, Any]]:
-        """Yields the kept queries about a map, newest first, with one page of them in memory."""
-        return self._http.items(
-            self._http.steps.sender.pages("samples", dict, "samples", params={"map_id": map_id})
-        )
+    def samples(self, map_id: str | None = None) -> Iterator[QuerySample]:
+        """Yields the kept queries, of one map or all, newest first, with one page of them in memory.
+
+        Raises:
+            FirstfixError: the service sent something else.
+        """
+        params = {} if map_id is None else {"map_id": map_id}
+        for record in self._http.items(
+            self._http.steps.sender.pages("samples", dict, "samples", params=params)
+        ):
+            try:
+                yield QuerySample(**{**record, "truth": record["truth"] or {}})
+            except (TypeError, KeyError) as error:
+                raise FirstfixError(f"the service sent a kept query that cannot be read: {error!r}") from None
 
     def sample_body(self, sample_id: str) -> bytes:
         """Returns the body of a kept query as it came.

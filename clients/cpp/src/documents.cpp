@@ -109,6 +109,33 @@ FreeDirection free_direction_of(const Json& data) {
   return {motion == "rotation", numbers<3>(data, "direction"), number(data, "sigma")};
 }
 
+Finding finding_of(const Json& data) {
+  Finding made{text(data, "code"), text(data, "severity"), text(data, "text"), text(data, "remedy"), {}, text(data, "doc")};
+  if (const Json* numbers = member(data, "numbers")) {
+    if (!numbers->is_object()) unreadable("the numbers of a finding are not an object");
+    for (const auto& [name, value] : numbers->items()) made.numbers[name] = number(&value, "a number of a finding");
+  }
+  return made;
+}
+
+std::optional<double> optional_number(const Json& object, const char* name) {
+  const Json* value = member(object, name);
+  return value == nullptr ? std::nullopt : std::optional<double>(number(value, name));
+}
+
+ScanFacts facts_of(const Json& data) {
+  ScanFacts made;
+  made.points = static_cast<long long>(number(data, "points"));
+  made.valid = static_cast<long long>(number(data, "valid"));
+  made.in_range = static_cast<long long>(number(data, "in_range"));
+  made.median_range_m = optional_number(data, "median_range_m");
+  made.largest_range_m = optional_number(data, "largest_range_m");
+  if (const auto rings = optional_number(data, "rings")) made.rings = static_cast<long long>(*rings);
+  made.plane_ratio = optional_number(data, "plane_ratio");
+  made.time_span_s = optional_number(data, "time_span_s");
+  return made;
+}
+
 std::size_t whole(const Json& object, const char* name) {
   const double value = number(object, name);
   if (!(value >= 0 && value <= 1e6 && value == std::floor(value))) unreadable(std::string(name) + " is not a count");
@@ -175,6 +202,8 @@ Localization parse_localization(std::string_view document) {
   }
   if (member(data, "covariance") != nullptr) made.covariance = numbers<36>(data, "covariance");
   for (const Json& one : list_of(data, "degenerate")) made.degenerate.push_back(free_direction_of(one));
+  for (const Json& one : list_of(data, "findings")) made.findings.push_back(finding_of(one));
+  if (const Json* scan = member(data, "scan")) made.scan = facts_of(*scan);
   if (const Json* twist = member(data, "twist")) {
     made.twist = Twist{numbers<3>(*twist, "linear"), numbers<3>(*twist, "angular")};
   }

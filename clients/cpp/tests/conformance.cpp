@@ -188,6 +188,27 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
                           {"direction", one.direction},
                           {"sigma", one.sigma}});
   }
+  Json findings = Json::array();
+  for (const Finding& one : fix.findings) {
+    findings.push_back({{"code", one.code},
+                        {"severity", one.severity},
+                        {"text", one.text},
+                        {"numbers", one.numbers},
+                        {"remedy", one.remedy},
+                        {"doc", one.doc}});
+  }
+  Json scan;
+  if (fix.scan) {
+    const auto or_null = [](const auto& value) { return value ? Json(*value) : Json(); };
+    scan = {{"points", fix.scan->points},
+            {"valid", fix.scan->valid},
+            {"in_range", fix.scan->in_range},
+            {"median_range_m", or_null(fix.scan->median_range_m)},
+            {"largest_range_m", or_null(fix.scan->largest_range_m)},
+            {"rings", or_null(fix.scan->rings)},
+            {"plane_ratio", or_null(fix.scan->plane_ratio)},
+            {"time_span_s", or_null(fix.scan->time_span_s)}};
+  }
   Json hint;
   if (fix.hint) {
     hint = {{"T_sensor_goal", json_of(fix.hint->T_sensor_goal)},
@@ -203,6 +224,8 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
            {"T_map_base", json_of(fix.T_map_base)},
            {"covariance", fix.covariance ? Json(*fix.covariance) : Json()},
            {"degenerate", degenerate},
+           {"findings", findings},
+           {"scan", scan},
            {"probability", fix.probability},
            {"hypotheses", hypotheses},
            {"hint", hint},

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from firstfix.findings.finding import Finding
+
 FINAL_STATES = frozenset({"succeeded", "failed", "cancelled"})
 
 
@@ -68,6 +70,8 @@ class BuildStatus:
         version: digest, once succeeded.
         error_code, error_detail: set when failed or unreadable.
         provisional_version: digest of the provisional version that the build has published, whatever its end.
+        activated: whether the version was activated; False with a version: it is published only.
+        findings: what is wrong or noteworthy with the map and its version, once succeeded.
         stages: of a build that has ended, where one build was asked for: ``stage``, ``seconds``, ``cached``,
             ``chunks`` and ``chunks_reused`` of each.
     """
@@ -82,6 +86,8 @@ class BuildStatus:
     error_detail: str | None
     provisional_version: str | None = None
     stages: tuple[Mapping[str, Any], ...] = ()
+    activated: bool = False
+    findings: tuple[Finding, ...] = ()
 
     @property
     def is_final(self) -> bool:
@@ -104,6 +110,8 @@ class BuildStatus:
             error_detail=str(error["detail"]) if "detail" in error else None,
             provisional_version=None if provisional is None else str(provisional),
             stages=tuple(dict(stage) for stage in data.get("stages", ())),
+            activated=data.get("activated") is True,
+            findings=tuple(Finding.from_mapping(one) for one in data.get("findings", ())),
         )
 
 

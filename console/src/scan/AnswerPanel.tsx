@@ -11,6 +11,7 @@ export interface AnswerPanelProps {
 }
 
 export function AnswerPanel({ answer, chosen, choose }: AnswerPanelProps) {
+  const findings = answer.findings ?? []; // an answer that was kept by an older service has none
   const timings = Object.entries(answer.timings_ms ?? {});
   return (
     <section class="answer" aria-label="Answer">
@@ -20,6 +21,15 @@ export function AnswerPanel({ answer, chosen, choose }: AnswerPanelProps) {
       {answer.reasons.map((code) => (
         <p key={code}>{reason(code)}</p>
       ))}
+      {findings.length ? (
+        <ul class="findings" aria-label="Findings">
+          {findings.map((one) => (
+            <li key={one.code}>
+              {one.text} <small>{one.remedy}</small>
+            </li>
+          ))}
+        </ul>
+      ) : null}
       <h3>Places</h3>
       <ol class="hypotheses">
         {answer.hypotheses.map((one, i) => (

@@ -48,6 +48,7 @@ const REASONS: Record<string, string> = {
   low_probability: "The best place is too uncertain.",
   not_converged: "The alignment did not come to rest.",
   several_places: "Several places explain the scan equally well.",
+  wrong_frame: "The scan was not taken from its own origin.",
   not_registered: "The query had no points, so its places are only candidates.",
 };
 

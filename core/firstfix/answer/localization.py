@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..findings.finding import Finding
 from ..transform import pose_from_mapping, pose_to_mapping
 from .free_direction import FreeDirection
 from .hint import Hint
 from .quality import AlignmentQuality
+from .scan_facts import ScanFacts
 
 
 class Verdict(str, Enum):
@@ -34,6 +36,7 @@ class Reason(str, Enum):
     LOW_PROBABILITY = "low_probability"
     NOT_CONVERGED = "not_converged"  # the alignment was still moving when it was ended
     SEVERAL_PLACES = "several_places"
+    WRONG_FRAME = "wrong_frame"  # the scan was not taken from its own origin: see the findings
     NOT_REGISTERED = "not_registered"  # the query had no points: the hypotheses are only candidates
 
 
@@ -83,6 +86,8 @@ class Localization:
             measured on this map. A full one will take its place.
         hint: a move that should tell the best hypotheses apart. None unless ambiguous, or if no move within
             reach does.
+        findings: what is wrong or noteworthy with the scan, in words and with its remedy, weightiest first.
+        scan: facts of the scan as it came. None of a query without points, or from an older service.
     """
 
     verdict: Verdict
@@ -99,6 +104,8 @@ class Localization:
     hint: Hint | None = None
     map_provisional: bool = False
     degenerate: tuple[FreeDirection, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    scan: ScanFacts | None = None
 
     def __post_init__(self) -> None:
         if (self.verdict is Verdict.LOCALIZED) != (self.T_map_sensor is not None):
@@ -109,6 +116,8 @@ class Localization:
         return {
             "verdict": self.verdict.value,
             "reasons": [reason.value for reason in self.reasons],
+            "findings": [finding.to_mapping() for finding in self.findings],
+            "scan": None if self.scan is None else self.scan.to_mapping(),
             "T_map_sensor": _optional_pose(self.T_map_sensor),
             "T_map_base": _optional_pose(self.T_map_base),
             "covariance": None if self.covariance is None else self.covariance.ravel().tolist(),
@@ -165,6 +174,8 @@ class Localization:
             hint=None if data.get("hint") is None else Hint.from_mapping(data["hint"]),
             # an older service does not tell
             degenerate=tuple(FreeDirection.from_mapping(one) for one in data.get("degenerate") or ()),
+            findings=tuple(Finding.from_mapping(one) for one in data.get("findings") or ()),
+            scan=None if data.get("scan") is None else ScanFacts.from_mapping(data["scan"]),
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .. import transform
 from ..errors import InvalidOption
+from ..scan.scan import Dropped
 from .prior import Prior
 
 MAX_CANDIDATES = 100
@@ -40,6 +41,7 @@ class LocalizeOptions:
         twist: (6,) motion of the sensor during the scan, which the caller knows from elsewhere: m/s then
             rad/s, in the sensor frame at the scan's stamp. The scan is deskewed by it, so the times of its
             points must be known. None: the motion is solved with the pose, where the times are known.
+        dropped: points that the caller left out of the scan; the findings name what is wrong with them.
     """
 
     gravity: NDArray[np.float64] | None = None
@@ -51,6 +53,7 @@ class LocalizeOptions:
     deadline_ms: float | None = None
     version: str | None = None
     twist: NDArray[np.float64] | None = None
+    dropped: Dropped | None = None
 
     def deadline_from(self, start_s: float) -> float:
         """Deadline on ``time.monotonic`` of a query that came at ``start_s``; inf: none."""
@@ -62,7 +65,8 @@ class LocalizeOptions:
 
         Forms: ``gravity=x,y,z`` or ``gravity=roll_deg,pitch_deg``; ``prior=x,y,z,radius_m`` or
         ``prior=x,y,z,radius_m,yaw_deg,yaw_range_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``;
-        ``twist=vx,vy,vz,wx,wy,wz``; the others are plain numbers or text.
+        ``twist=vx,vy,vz,wx,wy,wz``; ``dropped=not_finite,too_far,far_m,spread_m``; the
+        others are plain numbers or text.
 
         Raises:
             InvalidOption: an unknown name, or a value with a wrong form or out of range.
@@ -95,6 +99,11 @@ class LocalizeOptions:
             options["version"] = values["version"]
         if "twist" in values:
             options["twist"] = _twist(_numbers("twist", values["twist"], (6,)))
+        if "dropped" in values:
+            not_finite, too_far, far_m, spread_m = _numbers("dropped", values["dropped"], (4,))
+            if min(not_finite, too_far, far_m, spread_m) < 0:
+                raise InvalidOption("dropped: no number is below 0")
+            options["dropped"] = Dropped(int(not_finite), int(too_far), far_m, spread_m)
         return cls(**options)
 
     def to_strings(self) -> dict[str, str]:
@@ -113,6 +122,8 @@ class LocalizeOptions:
                 values[name] = value if isinstance(value, str) else json.dumps(value)
         if self.twist is not None:
             values["twist"] = _joined(self.twist)
+        if self.dropped is not None:
+            values["dropped"] = _joined(astuple(self.dropped))
         return values
 
 

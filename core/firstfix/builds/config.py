@@ -23,6 +23,7 @@ from ..engine.config import (
 )
 from ..errors import InvalidOption
 from ..sensor import SensorModel, preset
+from .plain_problems import plain_problems
 
 
 class CleanConfig(Stage):
@@ -176,6 +177,18 @@ class SelfTestConfig(Stage):
     perturb: PerturbConfig = PerturbConfig()
 
 
+class ActivateConfig(Stage):
+    """When a version that was built is activated by itself. Otherwise it is published only, with the reason.
+
+    Attributes:
+        min_localized: least share of the self-test's scans in the map that are localized; 0: any.
+        max_loss: by so much that share may be less than the active version's; 1: by any.
+    """
+
+    min_localized: float = Field(0.5, ge=0, le=1)
+    max_loss: float = Field(0.1, ge=0, le=1)
+
+
 class EngineOverrides(Stage):
     """Parts of the engine's config that are set by hand. None: derived from the map and the sensor.
 
@@ -198,6 +211,8 @@ class BuildConfig(Stage):
 
     Attributes:
         sensor: name of a preset, or a mapping as in a sensor YAML.
+        axis: axis of the source that points up.
+        scale: metres in one unit of the source: 0.001 for millimetres.
         level: rotate a tilted map so that z points up in the index.
         provisional: a map without a full version gets a provisional one first: coarse, untested, and served
             until the full one takes its place. This option does not change the full version.
@@ -205,6 +220,7 @@ class BuildConfig(Stage):
 
     sensor: str | dict[str, Any] = "os1-64"
     axis: Literal["z-up", "y-up"] = "z-up"
+    scale: float = Field(1.0, gt=0, le=1e6)
     level: bool = True
     provisional: bool = True
     clean: CleanConfig = CleanConfig()
@@ -214,6 +230,7 @@ class BuildConfig(Stage):
     engine: EngineOverrides = EngineOverrides()
     learn_keys: LearnKeysConfig = LearnKeysConfig()
     self_test: SelfTestConfig = Field(default_factory=SelfTestConfig)
+    activate: ActivateConfig = ActivateConfig()
 
     @field_validator("sensor")
     @classmethod
@@ -243,11 +260,7 @@ class BuildConfig(Stage):
         try:
             return cls.model_validate(data)
         except ValidationError as error:
-            problems = "; ".join(
-                f"{'.'.join(str(part) for part in problem['loc'])}: {problem['msg']}"
-                for problem in error.errors()
-            )
-            raise InvalidOption(f"build config: {problems}") from None
+            raise InvalidOption(f"build config: {plain_problems(error)}") from None
 
     @classmethod
     def from_file(cls, path: Path) -> BuildConfig:
@@ -262,8 +275,8 @@ class BuildConfig(Stage):
             raise InvalidOption(f"{path}: {error}") from None
 
     def to_mapping(self) -> dict[str, Any]:
-        """JSON-ready form of what decides the version: all but ``provisional``."""
-        return json.loads(self.model_dump_json(exclude={"provisional"}))
+        """JSON-ready form of what decides the version: all but ``provisional`` and ``activate``."""
+        return json.loads(self.model_dump_json(exclude={"provisional", "activate"}))
 
 
 def _sensor(value: str | dict[str, Any]) -> SensorModel:

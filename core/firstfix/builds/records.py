@@ -19,6 +19,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import Conflict, NotFound, UnreadableRecord
+from ..findings.finding import Finding
 from ..ids import check_build_id, check_version, is_name
 from ..store.json_record import RecordKind, read_record, record_json, text_of, without_checksum
 from ..store.store import Store
@@ -66,7 +67,7 @@ class BuildRecords:
 
         Returns:
             ``state``, ``stage``, ``progress`` (0..1), ``error`` ({code, detail} or None), ``version`` and
-            ``provisional_version`` (digest or None) and ``map_id``.
+            ``provisional_version`` (digest or None), ``activated``, ``findings`` and ``map_id``.
 
         Raises:
             NotFound: no such build.
@@ -158,11 +159,15 @@ def new_status(
     error: Mapping[str, str] | None = None,
     version: str | None = None,
     provisional_version: str | None = None,
+    activated: bool = False,
+    findings: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """Content of ``status.json``.
 
     Args:
         provisional_version: digest of the provisional version that the build has published, whatever its end.
+        activated: whether the version was activated by the build.
+        findings: JSON values of the findings of the map and of its version (``firstfix.findings``).
     """
     if state not in STATES:
         raise ValueError(f"no build state {state!r}")
@@ -173,6 +178,8 @@ def new_status(
         "error": None if error is None else {name: redact(text) for name, text in error.items()},
         "version": version,
         "provisional_version": provisional_version,
+        "activated": activated,
+        "findings": [dict(one) for one in findings],
         "map_id": map_id,
     }
 
@@ -222,6 +229,8 @@ def parse_status(record: dict[str, Any]) -> dict[str, Any]:
         "error": error,
         "version": None if version is None else check_version(version),
         "provisional_version": None if provisional is None else check_version(provisional),
+        "activated": record.get("activated") is True,
+        "findings": [Finding.from_mapping(one).to_mapping() for one in record.get("findings", ())],
     }
 
 

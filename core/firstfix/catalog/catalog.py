@@ -23,11 +23,14 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from ..builds.config import ActivateConfig
 from ..builds.records import BuildRecords
-from ..errors import CorruptVersion, InvalidOption, NotFound, StoreError
+from ..errors import CorruptVersion, InvalidOption, NotFound, StoreError, VersionError
+from ..findings.finding import Finding
 from ..ids import check_map_id, check_version, is_name
 from ..store.store import Store
 from . import activation
+from .hold_back import reason_to_hold
 from .log.change_log import ChangeLog
 from .log.map_log import MapLog
 from .log.map_state import Event, LogEntry, MapState
@@ -183,23 +186,42 @@ class Catalog(BuildRecords):
 
     # Writing
 
+    def reason_to_hold(self, map_id: str, manifest: Manifest, config: ActivateConfig) -> Finding | None:
+        """Finding because of which a version is to be published and not activated; None: there is none.
+
+        It is compared with the active version. That one has no reason: a repetition changes nothing.
+        """
+        version = self.active_version(map_id)
+        if version == manifest.digest:
+            return None
+        active = None
+        if version is not None:
+            with suppress(
+                NotFound, VersionError
+            ):  # retired meanwhile, or it cannot be served: nothing to lose
+                active = self.manifest(map_id, version)
+        return reason_to_hold(map_id, manifest, active, config)
+
     def publish(
         self,
         map_id: str,
         directory: Path,
         manifest: Manifest,
         *,
+        activate: bool = True,
         build_id: str = "",
         on_progress: Callable[[float], None] = lambda done: None,
     ) -> str:
         """Put a version's files and its manifest, record the publication in the log, and activate it.
 
-        A provisional version does nothing where the map has a full one, and is retired when it gets one.
+        A provisional version does nothing where the map has a full one, and is retired when it gets one, also
+        if that one is not activated: the same map has failed its test.
 
         With a build id each log entry is written once for that build, so that a repetition does not undo what
         somebody did in between.
 
         Args:
+            activate: False: publish it only (``reason_to_hold``).
             on_progress: called as the files are put with the share that is done, 0..1.
 
         Returns:
@@ -210,7 +232,14 @@ class Catalog(BuildRecords):
         """
         log = self._map_log(map_id)
         if publish_and_activate(
-            map_id, log, self._objects, directory, manifest, build_id=build_id, on_progress=on_progress
+            map_id,
+            log,
+            self._objects,
+            directory,
+            manifest,
+            activate=activate,
+            build_id=build_id,
+            on_progress=on_progress,
         ):
             self._note_change(map_id)
         return manifest.digest

@@ -46,7 +46,8 @@ class Manifest:
         config: config of the build.
         sensor: sensor model of the templates.
         origin: (3,) metres; local coordinates plus this are coordinates of the source file.
-        source: ``sha256`` of the source as it was read; ``sessions``: places of its sessions, if it has any.
+        source: ``sha256`` of the source as it was read, its ``findings``, and ``sessions``: places of its
+            sessions, if it has any.
         counts: numbers of templates and map points, for people.
         self_test: measurements of the builder, with calibration and localizability.
         bounds: ((3,), (3,)) lowest and highest local coordinates, metres.

@@ -32,13 +32,14 @@ def publish_and_activate(
     directory: Path,
     manifest: Manifest,
     *,
+    activate: bool,
     build_id: str,
     on_progress: Callable[[float], None],
 ) -> bool:
-    """Publish a version and activate it. Returns whether the log has a new entry.
+    """Publish a version and, if it is to be, activate it. Returns whether the log has a new entry.
 
-    A provisional version is neither published nor activated once the map has a full one. It is retired when a
-    full one is active, so that garbage collection removes it.
+    A provisional version is neither published nor activated once the map has a full one. It is retired then,
+    so that garbage collection removes it.
 
     Arguments and errors are those of ``Catalog.publish``.
     """
@@ -77,25 +78,29 @@ def publish_and_activate(
             break
     else:
         raise StoreUnavailable(f"garbage collections remove version {version} of map {map_id} repeatedly")
-    activated = log.append(
-        Event.ACTIVATED,
-        version,
-        build_id=build_id,
-        needed=lambda state: (
-            version in state.published
-            and version != state.active
-            and not is_done(Event.ACTIVATED, state)
-            and not is_too_late(state)
-        ),
-    )
+    written = [published]
+    if activate:
+        is_wanted = partial(_is_wanted, version, is_done, is_too_late)
+        written.append(log.append(Event.ACTIVATED, version, build_id=build_id, needed=is_wanted))
     if not manifest.provisional:
         for provisional in sorted(log.state().provisional):
-            log.append(
-                Event.RETIRED, provisional, build_id=build_id, needed=partial(_is_superseded, provisional)
-            )
-    return published is not None or activated is not None
+            is_over = partial(_is_over, provisional, activate)
+            written.append(log.append(Event.RETIRED, provisional, build_id=build_id, needed=is_over))
+    return any(entry is not None for entry in written)
 
 
-def _is_superseded(version: str, state: MapState) -> bool:
-    """Returns whether a provisional version is still published, and another one active."""
-    return version in state.published and version != state.active
+def _is_wanted(
+    version: str,
+    is_done: Callable[[Event, MapState], bool],
+    is_too_late: Callable[[MapState], bool],
+    state: MapState,
+) -> bool:
+    """Returns whether a version is to be activated, and was not yet."""
+    if version not in state.published or version == state.active:
+        return False
+    return not is_done(Event.ACTIVATED, state) and not is_too_late(state)
+
+
+def _is_over(version: str, full_is_activated: bool, state: MapState) -> bool:
+    """Returns whether a provisional version is still published, and another one active or not to be."""
+    return version in state.published and (version != state.active or not full_is_activated)

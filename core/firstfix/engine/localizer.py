@@ -16,6 +16,8 @@ from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
 from ..transform import inverse
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
+from .diagnosis.diagnose import AskedQuery, diagnosed
+from .diagnosis.place_findings import reasons_found
 from .hint.find import find_hint
 from .hypotheses import RegisteredCandidate, features_of
 from .index import MapIndex
@@ -113,6 +115,8 @@ def _shares(ranked: Sequence[RegisteredCandidate], tied: int, probability: float
 class SearchesMap(Protocol):
     """The part of a ``Localizer`` that ``localize_among`` needs."""
 
+    index: MapIndex
+
     def prepare(
         self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
     ) -> PreparedQuery | None:
@@ -133,10 +137,14 @@ class SearchesMap(Protocol):
 
 
 class Localizer:
-    """Answers queries against one map version. Thread-safe."""
+    """Answers queries against one map version. Thread-safe.
 
-    def __init__(self, index: MapIndex) -> None:
-        self.index = index
+    Args:
+        explains: a scan that is not localized is tried in other forms, to say why.
+    """
+
+    def __init__(self, index: MapIndex, *, explains: bool = True) -> None:
+        self.index, self._explains = index, explains
 
     def localize(
         self, scan: AnyScan, options: LocalizeOptions | None = None, deadline: float | None = None
@@ -146,7 +154,7 @@ class Localizer:
         Args:
             deadline: of ``time.monotonic``, inf: none; None: ``deadline_ms`` of the options from now.
         """
-        return localize_among({"": self}, scan, options, deadline)
+        return localize_among({"": self}, scan, options, deadline, explains=self._explains)
 
     def prepare(
         self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
@@ -192,12 +200,15 @@ def localize_among(
     scan: AnyScan,
     options: LocalizeOptions | None = None,
     deadline: float | None = None,
+    *,
+    explains: bool = True,
 ) -> Localization:
     """Localizes a scan in several maps, whose candidates compete on equal terms.
 
     Args:
         maps: by id. The answer's ``map_id`` names the map whose frame the pose is in.
         deadline: as for ``Localizer.localize``.
+        explains: as for ``Localizer``.
 
     Raises:
         InvalidOption: a prior or a version was given for more than one map, or a map cannot keep
@@ -205,8 +216,8 @@ def localize_among(
         InvalidOption: a twist was given, and the times of the points are not known.
         DescriptorMismatch: a descriptor-only query whose parameters are not those of every map.
     """
-    options = options or LocalizeOptions()
-    watch = Stopwatch(options.deadline_from(time.monotonic()) if deadline is None else deadline)
+    began, options = time.monotonic(), options or LocalizeOptions()
+    watch = Stopwatch(options.deadline_from(began) if deadline is None else deadline)
     if len(maps) > 1 and (options.prior is not None or options.version is not None):
         raise InvalidOption("a prior and a version belong to one map: name it")
     if isinstance(scan, ScanDescriptor):
@@ -217,12 +228,29 @@ def localize_among(
         found = [
             one for map_id, each in maps.items() for one in each.unregistered(scan, options, watch, map_id)
         ]
-        return replace(answer_unregistered(found), timings_ms=watch.ms)
+        answer = answer_unregistered(found)
+        return replace(answer, findings=reasons_found(answer), timings_ms=watch.ms)
     sequence = ScanSequence.single(scan) if isinstance(scan, (Scan, CompactScan)) else scan
     queries = {map_id: each.prepare(sequence, options, watch, map_id) for map_id, each in maps.items()}
     prepared = {map_id: query for map_id, query in queries.items() if query is not None}
-    if not prepared:
-        return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
+    answer = _answer_of(maps, prepared, options, watch) if prepared else _TOO_FEW
+    with watch.stage("diagnose"):
+        map_id = answer.hypotheses[0].map_id if answer.hypotheses else next(iter(prepared or maps))
+        query = _asked(sequence, options, maps[map_id], prepared.get(map_id), map_id, watch, began)
+        answer = diagnosed(answer, query, watch, explains=explains)
+    return replace(answer, timings_ms=watch.ms)
+
+
+_TOO_FEW = Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,))
+
+
+def _answer_of(
+    maps: Mapping[str, SearchesMap],
+    prepared: Mapping[str, PreparedQuery],
+    options: LocalizeOptions,
+    watch: Stopwatch,
+) -> Localization:
+    """Searches the maps for which the query could be prepared, and judges what was found."""
     searches = [maps[map_id].search(query, options, watch, map_id) for map_id, query in prepared.items()]
     _search(searches)
     for search in searches:
@@ -237,7 +265,39 @@ def localize_among(
         with watch.stage("hint"):
             probability = [hypothesis.probability for hypothesis in answer.hypotheses]
             answer = replace(answer, hint=find_hint(prepared[together[0].map_id], together, probability))
-    return replace(answer, timings_ms=watch.ms)
+    return answer
+
+
+def _asked(
+    sequence: ScanSequence,
+    options: LocalizeOptions,
+    one_map: SearchesMap,
+    prepared: PreparedQuery | None,
+    map_id: str,
+    watch: Stopwatch,
+    began: float,
+) -> AskedQuery:
+    """The query as one map was asked, and how to ask it for another scan."""
+
+    def ask(scan: Scan, others: LocalizeOptions) -> MapSearch | None:
+        apart = Stopwatch(watch.deadline)
+        again = one_map.prepare(ScanSequence.single(scan), others, apart, map_id)
+        if again is None:
+            return None
+        search = one_map.search(again, others, apart, map_id)
+        search.take(Step.NARROW)
+        return search
+
+    return AskedQuery(
+        sequence.scans[-1],
+        len(sequence.scans) == 1,
+        options,
+        prepared,
+        one_map.index.config.preprocess,
+        one_map.index.cascade.templates.usual_height_m,
+        ask,
+        began,
+    )
 
 
 def _search(searches: Sequence[MapSearch]) -> None:

@@ -7,7 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import MalformedData
+from ..scan.scan import is_transposed
+from .file_kind import kind_of
 from .point_cloud import Limits, PointCloud, require_xyz
+
+MAGIC = b"\x93NUMPY"
+_HEAD_BYTES = 256
 
 
 def read_npy(path: Path, limits: Limits) -> PointCloud:
@@ -17,17 +22,23 @@ def read_npy(path: Path, limits: Limits) -> PointCloud:
         MalformedData: not an .npy file of points, or cut off.
         TooLarge: over the limits.
     """
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    if kind_of(head) != kind_of(MAGIC):
+        raise MalformedData(f"NPY: the file is {kind_of(head)}, not {kind_of(MAGIC)}")
+    if b"'|O'" in head:
+        raise MalformedData("NPY: the array holds Python objects: save it as numbers, with dtype float32")
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except OSError:
         raise
     except Exception as error:  # a damaged header makes Python's tokenizer raise various exceptions
-        raise MalformedData(f"NPY: {error}") from error
-    if not isinstance(array, np.ndarray):
-        raise MalformedData("NPY: the file is an archive of arrays (.npz), not one array")
+        raise MalformedData("NPY: the header is damaged, or the file is cut off") from error
     if array.dtype.names is not None and array.ndim == 1:
         columns = {name: array[name] for name in array.dtype.names if array.dtype[name].kind in "fiu"}
         require_xyz("NPY", set(columns))
+    elif array.ndim == 2 and is_transposed(array.shape):
+        raise MalformedData(f"NPY: the array has the shape {array.shape}; scans are (n, 3): transpose it")
     elif array.ndim == 2 and array.shape[1] >= 3 and array.dtype.kind in "fiu":
         names = ("x", "y", "z", "intensity") if array.shape[1] >= 4 else ("x", "y", "z")
         columns = {name: array[:, column] for column, name in enumerate(names)}

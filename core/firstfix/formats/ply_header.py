@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import MalformedData
+from .file_kind import kind_of
 from .point_cloud import Body
 
 _MAX_HEADER_BYTES = 65_536
@@ -93,7 +94,7 @@ def parse_ply_header(body: Body) -> PlyHeader:
     if not head:
         raise MalformedData("PLY: the file is empty (0 bytes)")
     if head.split(b"\n", 1)[0].strip() != b"ply":
-        raise MalformedData("PLY: the file does not start with 'ply'")
+        raise MalformedData(f"PLY: the file does not start with 'ply': it is {kind_of(head)}")
     byte_order: str | None = ""
     elements: list[tuple[str, int, list[PlyProperty]]] = []
     start = head.find(b"\n") + 1

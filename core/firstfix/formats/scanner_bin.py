@@ -41,7 +41,8 @@ def decode_scanner_bin(body: Body, file_name: str, limits: Limits) -> PointCloud
             return PointCloud({name: records[name] for name in _AVIA_RECORD.names or ()})
     raise UnsupportedFormat(
         f"bin: {len(body)} bytes are neither KITTI's rows (float32 x y z intensity) nor HeLiPR's Avia "
-        "records, and the name is not NCLT's *velodyne_sync.bin"
+        "records, and the name is not NCLT's *velodyne_sync.bin. Save other rows, as nuScenes' of 20 "
+        "bytes, with four numbers each"
     )
 
 

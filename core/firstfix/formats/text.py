@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..errors import MalformedData, TooLarge
 from .point_cloud import Body, Limits, PointCloud, require_xyz
-from .text_table import parse_rows
+from .text_table import decimal_comma, is_number, parse_rows
 
 _SNIFFED_BYTES = 65_536
 _MAX_UNNAMED_COLUMNS = 10  # x y z, intensity, colour, normal; 12 numbers are a pose
@@ -71,17 +71,18 @@ def _sniff(raw: bytes) -> _Layout:
         if is_comment or not line:
             if {"x", "y", "z"} <= set(words):
                 names = words
-        elif all(_is_number(word) for word in words):
+        elif all(is_number(word) for word in words):
             if len(words) > 1:
                 return _Layout(_columns(names, len(words)), delimiter, declared, start)
             if declared is not None or not words[0].isdigit() or len(words[0]) > 18:
                 raise MalformedData("text: a row has a single number where x, y, z are expected")
             declared = int(words[0])
-        elif names:
-            raise MalformedData(f"text: {line[:60]!r} is not a row of numbers")
+        elif names or decimal_comma(content):
+            why = ": write numbers with a point" if decimal_comma(content) else ""
+            raise MalformedData(f"text: {line[:60]!r} is not a row of numbers{why}")
         else:
             names = words
-            require_xyz("text: the line of names", set(names))
+            require_xyz(f"text: {line[:60]!r}, the line of names", set(names))
         start = end + 1
     raise MalformedData("text: the start of the file has no row of numbers")
 
@@ -92,11 +93,3 @@ def _columns(names: list[str], width: int) -> dict[str, int]:
     if not 3 <= width <= _MAX_UNNAMED_COLUMNS:
         raise MalformedData(f"text: rows of {width} numbers, without a line that names x, y, z")
     return {"x": 0, "y": 1, "z": 2, **({"intensity": 3} if width in (4, 7) else {})}
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from difflib import get_close_matches
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -187,4 +188,13 @@ def preset(name: str) -> SensorModel:
     try:
         return SensorModel(name.lower(), **PRESETS[name.lower()])
     except KeyError:
-        raise InvalidOption(f"no sensor preset {name!r}; there are {', '.join(presets())}") from None
+        raise InvalidOption(f"no sensor preset {name!r}; {_meant(name)}") from None
+
+
+def _meant(name: str) -> str:
+    """What to give in place of an unknown preset: those with a similar name, or all."""
+    plain = {preset.replace("-", ""): preset for preset in presets()}
+    near = get_close_matches(name.lower().replace("-", "").replace("_", ""), plain, 3, cutoff=0.7)
+    if near:
+        return f"did you mean {' or '.join(plain[one] for one in near)}? Or give the path of a YAML file"
+    return f"there are {', '.join(presets())}, or give the path of a YAML file"

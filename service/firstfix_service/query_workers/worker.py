@@ -139,6 +139,10 @@ def _is_finite(answer: Localization) -> bool:
     """Returns whether JSON can hold every number: orjson would write null for the others."""
     poses = [answer.T_map_sensor, answer.T_map_base, *(one.T_map_sensor for one in answer.hypotheses)]
     numbers = [answer.probability, *(one.probability for one in answer.hypotheses)]
+    for finding in answer.findings:
+        numbers += finding.numbers.values()
+    if answer.scan is not None:
+        numbers += [number for number in astuple(answer.scan) if number is not None]
     if answer.hint is not None:
         poses.append(answer.hint.T_sensor_goal)
         numbers += answer.hint.distance_m, answer.hint.turn_deg, answer.hint.separation

@@ -127,7 +127,7 @@ def test_a_header_that_contradicts_itself_is_malformed(replaced, reason):
 def test_no_bytes_and_no_header_are_malformed():
     with pytest.raises(MalformedData, match="empty"):
         decode_pcd(b"", SCAN_LIMITS)
-    with pytest.raises(MalformedData, match="no DATA line"):
+    with pytest.raises(MalformedData, match="no PCD header: it is text"):
         decode_pcd(b"# comment\n" * 20_000, SCAN_LIMITS)
 
 

@@ -13,10 +13,11 @@ from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.errors import DescriptorMismatch
+from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 
 from .http_sender import HttpRequest, HttpSender
-from .scan_body import BodyForm, ScanLike, encoded
+from .scan_body import BodyForm, ScanLike, encoded, scan_of
 from .step import Steps, work
 
 if TYPE_CHECKING:
@@ -90,7 +91,12 @@ class LocalizeSteps:
     def _encode_and_ask(
         self, scan: ScanLike | ScanSequence, map_id: str, options: LocalizeOptions, form: BodyForm
     ) -> Steps[Localization]:
+        if not isinstance(scan, ScanSequence):
+            given = scan
+            scan = yield from work(lambda: scan_of(given))
         media_type, body = yield from work(lambda: encoded(scan, form, options.gravity))
+        if isinstance(scan, Scan) and scan.dropped.points > len(scan):  # else they are not what is wrong
+            options = replace(options, dropped=scan.dropped)
         return (yield from self._ask(body, media_type, map_id, options))
 
 

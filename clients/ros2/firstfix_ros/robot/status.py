@@ -54,6 +54,8 @@ class Status:
     def line(self) -> str:
         """State and health in words."""
         words = self.state.value + (f": {self.error}" if self.error else "")
+        if self.state is State.NOT_LOCALIZED and self.answer is not None and self.answer.findings:
+            words += f": {self.answer.findings[0].text}"
         if self.health is None or self.health is Health.UNKNOWN:
             return words
         away = ""
@@ -91,6 +93,8 @@ def diagnosis_of(status: Status, hardware_id: str = "") -> Diagnosis:
         values |= {
             "verdict": answer.verdict.value,
             "reasons": ", ".join(reason.value for reason in answer.reasons),
+            "findings": ", ".join(finding.code for finding in answer.findings),
+            "remedy": answer.findings[0].remedy if answer.findings else "",
             "probability": f"{answer.probability:.3f}",
             "map_id": answer.map_id,
             "map_version": answer.map_version,

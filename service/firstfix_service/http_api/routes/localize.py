@@ -45,6 +45,8 @@ _OPTION_TEXT = {
     "promise it",
     "deadline_ms": "milliseconds after which an answer is of no use: the request then fails",
     "version": "digest of the map version to use instead of the active version",
+    "dropped": "points that the caller left out of the scan, for the findings: "
+    "`not_finite,too_far,far_m,spread_m`",
     "twist": "motion of the sensor during the scan, `vx,vy,vz,wx,wy,wz` (m/s, rad/s; sensor frame at the "
     "scan's stamp), for a scan whose points have times: otherwise it is solved with the pose",
 }

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request, Response
 
 from firstfix.access.permissions import Scope
+from firstfix.catalog.version_findings import findings_of
 from firstfix.errors import NotFound
 
 from ...thread_pools import CHANGES, LISTS, READS
@@ -87,6 +88,7 @@ def get_report(map_id: MapId, version: Version, catalog: CatalogDep) -> dict[str
         "sensor": manifest.sensor,
         "bounds": manifest.bounds,
         "self_test": manifest.self_test,
+        "findings": [one.to_mapping() for one in findings_of(manifest)],
         "pictures": [name for name in PICTURES if f"{name}.png" in manifest.files],
     }
 

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic.config import JsonDict
 
 from firstfix.answer.localization import Reason
+from firstfix.findings.finding import Severity
 
 _POSE: JsonDict = {"position": [12.31, -4.02, 0.98], "quaternion": [0.0, 0.0, 0.3827, 0.9239]}
 Position = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -75,6 +76,34 @@ class Hint(BaseModel):
     tells_apart: list[int] = Field(description="numbers of the hypotheses that it tells apart, 0: the first")
 
 
+class Finding(BaseModel):
+    """What is wrong or noteworthy with a scan or a map, and what helps."""
+
+    code: str = Field(description="stable name; the page that ``doc`` names lists them")
+    severity: Severity
+    text: str = Field(description="what was found, with its numbers")
+    numbers: dict[str, float] = Field(description="what was measured, by name with unit")
+    remedy: str = Field(description="what helps")
+    doc: str = Field(description="path of the documents' page that tells more")
+
+
+class ScanFacts(BaseModel):
+    """What the scan consists of as it came; of several scans, the last one."""
+
+    points: int = Field(description="points that came, with those that are no returns")
+    valid: int = Field(description="of these, the finite ones within 1,000 m")
+    in_range: int = Field(description="of these, those within the map's least and largest range")
+    median_range_m: float | None = Field(description="of a part of the finite points")
+    largest_range_m: float | None = Field(description="of a part of the valid points")
+    rings: int | None = Field(description="elevations at which the points lie; null: in no rings")
+    plane_ratio: float | None = Field(
+        description="0 to 1: thickness of the points over their breadth, 0 of points in one plane"
+    )
+    time_span_s: float | None = Field(
+        description="from the first to the last point; null: the times of the points are not known"
+    )
+
+
 class Answer(BaseModel):
     """Answer to a query. The pose is null unless the verdict is `localized`."""
 
@@ -84,6 +113,17 @@ class Answer(BaseModel):
                 {
                     "verdict": "localized",
                     "reasons": [],
+                    "findings": [],
+                    "scan": {
+                        "points": 65536,
+                        "valid": 61211,
+                        "in_range": 60873,
+                        "median_range_m": 6.42,
+                        "largest_range_m": 48.1,
+                        "rings": 64,
+                        "plane_ratio": 0.31,
+                        "time_span_s": None,
+                    },
                     "T_map_sensor": _POSE,
                     "T_map_base": None,
                     "covariance": [1e-4 if i % 7 == 0 else 0.0 for i in range(36)],
@@ -114,6 +154,11 @@ class Answer(BaseModel):
     )
     verdict: Literal["localized", "ambiguous", "rejected"]
     reasons: list[Reason]
+    findings: list[Finding] = Field(
+        description="what is wrong or noteworthy with the scan, the cause first. Each answer that is not "
+        "`localized` has one"
+    )
+    scan: ScanFacts | None = Field(description="null of a query without points")
     T_map_sensor: Pose | None
     T_map_base: Pose | None
     covariance: Annotated[list[float], Field(min_length=36, max_length=36)] | None = Field(

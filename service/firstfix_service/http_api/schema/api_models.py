@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from .answer_models import Position, Quaternion
+from .answer_models import Finding, Position, Quaternion
 
 _VERSION = "5a4ce3b4178946d0a2e1d4f1c3b7a9586e0f2d4c6b8a19375d3e5f7091b2c4d6"
 _BUILD = "20250301t120000000000-1f2e3d4c"
@@ -91,6 +91,9 @@ class VersionReport(BaseModel):
         description="success, false accepts, `reliability` of the probabilities, and `localizability`: where "
         "in the map a robot can find itself"
     )
+    findings: list[Finding] = Field(
+        [], description="what is wrong or noteworthy with the map, and what helps"
+    )
     pictures: list[str] = Field(description="names of the pictures of this version")
 
 
@@ -159,6 +162,13 @@ class Build(BaseModel):
     progress: float = Field(ge=0, le=1)
     error: BuildError | None
     version: str | None = Field(description="digest of the built version; null until the build has succeeded")
+    activated: bool = Field(
+        False, description="false with a version: it is published only, and a finding says why"
+    )
+    findings: list[Finding] = Field(
+        [],
+        description="what is wrong or noteworthy with the map and its version, once the build has succeeded",
+    )
     provisional_version: str | None = Field(
         None,
         description="digest of the provisional version that the build has published, also if it failed later",

@@ -48,6 +48,24 @@ struct FreeDirection {
   double sigma = 0;                   // standard deviation: m of a shift, rad of a turn
 };
 
+// What is wrong or noteworthy with a scan, and what helps.
+struct Finding {
+  std::string code;                       // stable: docs/how-to/my-scan-is-not-localized.md lists them
+  std::string severity;                   // error, warning or info
+  std::string text, remedy;               // sentences for people
+  std::map<std::string, double> numbers;  // what was measured, by name with unit
+  std::string doc;                        // path of the documents' page that tells more
+};
+
+// What a scan consists of as it came.
+struct ScanFacts {
+  long long points = 0, valid = 0, in_range = 0;  // that came; finite and within 1,000 m; within the map's ranges
+  std::optional<double> median_range_m, largest_range_m;  // of a part of the points
+  std::optional<long long> rings;                         // elevations at which the points lie, if in rings
+  std::optional<double> plane_ratio;                      // thickness over breadth: 0 of points in one plane
+  std::optional<double> time_span_s;                      // from the first to the last point, if times are known
+};
+
 // The answer to a query. A scan that is not localized has no pose: there is no fallback pose.
 struct Localization {
   Verdict verdict = Verdict::rejected;
@@ -62,6 +80,8 @@ struct Localization {
   std::map<std::string, double> timings_ms;
   std::optional<Twist> twist{};  // of the sensor during the scan, if it was solved with the pose or given by the caller
   std::vector<FreeDirection> degenerate{};  // the pose is right but for these; empty if an older service does not tell
+  std::vector<Finding> findings{};  // the cause first; empty if an older service does not tell
+  std::optional<ScanFacts> scan{};  // absent of a query without points
   bool map_provisional = false;  // the version is coarse and untested, until a full one takes its place
 };
 

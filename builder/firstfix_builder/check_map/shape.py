@@ -1,0 +1,56 @@
+"""Rough figures of a map: its extent without stray points, and the spacing of its points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from firstfix.bit_exact.sample import rows_by_chance
+
+from ..read_map.map_data import MapData
+
+STRAY_PERCENT = 0.5  # of the points on each side, which do not count for the extent
+_SAMPLED_POINTS = 100_000
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Rough figures of a map.
+
+    Attributes:
+        extent_m: (3,) along x, y and z, in metres if the file's unit is the metre.
+        spacing_m: median distance of a point from its nearest; None for a mesh.
+    """
+
+    extent_m: NDArray[np.float64]
+    spacing_m: float | None
+
+    @classmethod
+    def of(cls, data: MapData) -> Shape:
+        """Measures a sample. Points on surfaces are sqrt(n / k) times as far apart in a sample of k of n."""
+        sample = data.coordinates[rows_by_chance(len(data.coordinates), _SAMPLED_POINTS)]
+        if data.points is None:
+            return cls(np.ptp(sample, axis=0), None)
+        low, high = np.percentile(sample, [STRAY_PERCENT, 100 - STRAY_PERCENT], axis=0)
+        nearest_m = float(np.median(cKDTree(sample).query(sample, 2)[0][:, 1])) if len(sample) > 1 else 0.0
+        return cls(high - low, nearest_m * float(np.sqrt(len(sample) / len(data.points))))
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Figures for a finding."""
+        x, y, height = (float(v) for v in self.extent_m)
+        return {"x_m": x, "y_m": y, "height_m": height, "spacing_m": self.spacing_m or 0.0}
+
+    @property
+    def words(self) -> dict[str, str]:
+        """The same as text."""
+        x, y, height = (_length(float(v)) for v in self.extent_m)
+        spacing = "" if self.spacing_m is None else f" at a spacing of {_length(self.spacing_m)} m"
+        return {"extent": f"{x} x {y} x {height} m", "spacing": spacing}
+
+
+def _length(metres: float) -> str:
+    return f"{metres:,.0f}" if metres >= 10 else f"{metres:.2g}"

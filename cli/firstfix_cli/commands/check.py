@@ -1,0 +1,104 @@
+"""``firstfix check``: what is wrong with a map and with scans, in seconds and without a build."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..arguments import AsJson, examples
+from ..finding_lines import finding_lines
+from .build import Axis
+
+if TYPE_CHECKING:
+    from firstfix.findings.finding import Finding
+    from firstfix_builder.read_map import MapData
+
+EXAMPLES = examples(
+    "firstfix check hall.ply",
+    "firstfix check hall.ply scan.pcd --trajectory poses.txt",
+    "firstfix check hall.laz --scale 0.001",
+)
+UNFIT_EXIT_CODE = 2
+
+
+def check(
+    source: Annotated[
+        Path, typer.Argument(metavar="MAP", help="Point cloud, mesh, SLAM folder, or zip archive of one.")
+    ],
+    scans: Annotated[
+        list[Path] | None, typer.Argument(metavar="SCAN...", help="Scans, as for localize.")
+    ] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(help="Poses of the mapping run: TUM, KITTI or CSV file.")
+    ] = None,
+    axis: Annotated[Axis, typer.Option(help="Axis of the map file that points up.")] = Axis.z_up,
+    scale: Annotated[
+        float, typer.Option(help="Metres in one unit of the map file and its poses: 0.001 for millimetres.")
+    ] = 1.0,
+    as_json: AsJson = False,
+) -> None:
+    """Check a map, and scans, before a build.
+
+    It reads them and looks for wrong units, axes, lost precision, doubled walls and the like. Each finding
+    comes with its remedy. Nothing is built, stored or sent.
+
+    Exit codes: 0 nothing that prevents a build or a query, 2 something does.
+    """
+    said = [_of_map(source, trajectory, axis, scale), *(_of_scan(path) for path in scans or ())]
+    if as_json:
+        typer.echo(json.dumps({"files": said}))
+    else:
+        typer.echo("\n".join(line for one in said for line in _lines(one)))
+    if any(finding["severity"] == "error" for one in said for finding in one["findings"]):
+        raise typer.Exit(UNFIT_EXIT_CODE)
+
+
+def _of_map(source: Path, trajectory: Path | None, axis: Axis, scale: float) -> dict[str, Any]:
+    from tempfile import TemporaryDirectory
+
+    from firstfix.builds.config import BuildConfig
+    from firstfix_builder.check_map.check_map import check_map
+    from firstfix_builder.check_map.shape import Shape
+    from firstfix_builder.read_map import read_map
+    from firstfix_builder.read_map.archive import SUFFIX, unpack
+
+    BuildConfig.parse({"axis": axis.value, "scale": scale})
+    with TemporaryDirectory() as scratch:
+        is_packed = source.is_file() and source.suffix.lower() == SUFFIX
+        read = unpack(source, Path(scratch) / "map") if is_packed else source
+        data: MapData = read_map(read, axis=axis.value, scale=scale, trajectory=trajectory)
+    findings = check_map(data, data.trajectory)
+    shape = Shape.of(data)
+    kind = "points" if data.points is not None else "vertices of a mesh"
+    return _record(
+        source, f"{len(data.coordinates):,} {kind}, {shape.words['extent']}{shape.words['spacing']}", findings
+    )
+
+
+def _of_scan(path: Path) -> dict[str, Any]:
+    from firstfix.engine.config import PreprocessConfig
+    from firstfix.engine.diagnosis.facts import facts_of
+    from firstfix.engine.diagnosis.input_findings import input_finding
+
+    from ..limited_reader import read_scan
+
+    scan = read_scan(path)
+    facts = facts_of(scan, scan.dropped, PreprocessConfig())
+    found = input_finding(facts, scan.dropped)
+    median = "" if facts.median_range_m is None else f", median range {facts.median_range_m:,.1f} m"
+    text = f"{facts.points:,} points, {facts.in_range:,} of them in range{median}"
+    return _record(path, text, [] if found is None else [found])
+
+
+def _record(path: Path, facts: str, findings: list[Finding]) -> dict[str, Any]:
+    return {"file": str(path), "facts": facts, "findings": [one.to_mapping() for one in findings]}
+
+
+def _lines(said: dict[str, Any]) -> list[str]:
+    from firstfix.findings.finding import Finding
+
+    found = finding_lines(Finding.from_mapping(one) for one in said["findings"])
+    return [f"{said['file']}: {said['facts']}", *(f"  {line}" for line in found or ["nothing found"])]

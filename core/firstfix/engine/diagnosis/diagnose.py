@@ -1,0 +1,181 @@
+"""The findings of an answer: what costs nothing always, what costs only where a scan is not localized."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...answer.localization import Localization, Reason, Verdict
+from ...answer.options import LocalizeOptions
+from ...answer.scan_facts import ScanFacts
+from ...findings import scan_kinds
+from ...findings.finding import Finding
+from ...scan.compact import CompactScan
+from ...scan.reduction import at_most
+from ...scan.scan import Dropped, Scan
+from ..config import PreprocessConfig
+from ..hypotheses import features_of
+from ..map_search import MapSearch, Stopwatch
+from ..preprocess import PreparedQuery
+from .facts import MEASURED, facts_of
+from .input_findings import input_finding
+from .other_forms import BETTER, other_forms
+from .place_findings import mounting_finding, reasons_found
+from .viewpoint import best_viewpoint, is_elsewhere, is_even, is_map_origin, is_suspect
+
+FLAT = 0.01  # plane ratio of a 2-D LiDAR's scan
+ALONG_LINE = 0.5  # least correlation of two coordinates; of right scans it is at most 0.3
+MOST_TIME = 2.0  # of the other forms, over that of the query
+_SLOWER = 1.5  # than the forms before it, at worst
+
+
+@dataclass(frozen=True)
+class AskedQuery:
+    """A query as one map was asked.
+
+    Attributes:
+        scan: the last scan.
+        is_single: the query had no other.
+        prepared: the scans, prepared for this map; None: too few points.
+        config: this map's.
+        usual_height_m: of the map's own sensor above the floor.
+        ask: makes the first search of another scan or with other options; None: too few points.
+        began: on ``time.monotonic``.
+    """
+
+    scan: Scan | CompactScan
+    is_single: bool
+    options: LocalizeOptions
+    prepared: PreparedQuery | None
+    config: PreprocessConfig
+    usual_height_m: float
+    ask: Callable[[Scan, LocalizeOptions], MapSearch | None]
+    began: float
+
+    @property
+    def dropped(self) -> Dropped:
+        """Points that the scan does not have, because the robot or the decoder left them out."""
+        dropped = self.scan.dropped if isinstance(self.scan, Scan) else Dropped()
+        return self.options.dropped or dropped
+
+    @property
+    def facts(self) -> ScanFacts:
+        """Facts of the last scan."""
+        known = None
+        if self.prepared is not None and self.is_single and isinstance(self.scan, Scan):
+            known = len(self.prepared.scans[-1].seen)
+        return facts_of(self.scan, self.dropped, self.config, known)
+
+
+def diagnosed(answer: Localization, query: AskedQuery, watch: Stopwatch, *, explains: bool) -> Localization:
+    """The answer with the facts of its scan and its findings. One of another viewpoint is not localized.
+
+    Args:
+        explains: a scan that was not localized is tried in other forms, if the deadline allows, in at most
+            twice the time that the query has taken.
+    """
+    facts = query.facts
+    if answer.verdict is not Verdict.LOCALIZED:
+        findings = _why_not_localized(answer, query, facts, watch, explains=explains)
+        return replace(answer, scan=facts, findings=findings)
+    found = _wrong_frame(answer, query, facts)
+    if found is not None:
+        answer = Localization(Verdict.REJECTED, (Reason.WRONG_FRAME,))
+    else:
+        found = mounting_finding(answer, query.options)
+    return replace(answer, scan=facts, findings=() if found is None else (found,))
+
+
+def _why_not_localized(
+    answer: Localization, query: AskedQuery, facts: ScanFacts, watch: Stopwatch, *, explains: bool
+) -> tuple[Finding, ...]:
+    """The cause, if one is found: by the points, by another form, by the viewpoint. Then the reason."""
+    cause = _by_points(answer, query, facts)
+    if cause is None and explains:
+        cause = _by_other_forms(answer, query, watch)
+    if cause is None:
+        cause = _wrong_frame(answer, query, facts)
+    return (*(() if cause is None else (cause,)), *reasons_found(answer))
+
+
+def _wrong_frame(answer: Localization, query: AskedQuery, facts: ScanFacts) -> Finding | None:
+    """The finding that the scan was not taken from its own origin.
+
+    A localized scan gets a glance; the search is for suspects, for a pose at the map's own origin, and for
+    what was not localized.
+    """
+    if query.prepared is None or not query.is_single or not isinstance(query.scan, Scan):
+        return None
+    points, T_map_sensor = query.prepared.scans[-1].seen, answer.T_map_sensor
+    at_origin = T_map_sensor is not None and is_map_origin(T_map_sensor)
+    if T_map_sensor is not None and not at_origin and not is_suspect(points):
+        return None
+    if (at_origin or T_map_sensor is None) and is_even(points):
+        return scan_kinds.NO_VIEWPOINT.found({"in_range": facts.in_range})
+    best = best_viewpoint(points)
+    if not is_elsewhere(best, T_map_sensor):
+        return None
+    x_m, y_m, z_m = best.position_m.tolist()
+    return scan_kinds.OTHER_VIEWPOINT.found(
+        {"x_m": x_m, "y_m": y_m, "z_m": z_m, "spread_ratio": best.spread_ratio}
+    )
+
+
+def _by_points(answer: Localization, query: AskedQuery, facts: ScanFacts) -> Finding | None:
+    """The finding by the points of a scan that was not localized."""
+    found = input_finding(facts, query.dropped)
+    if found is not None:
+        return found
+    if _is_on_a_line(query.scan):
+        return scan_kinds.TRANSPOSED.found()
+    if facts.rings == 1 or (facts.plane_ratio is not None and facts.plane_ratio < FLAT):
+        return scan_kinds.ONE_PLANE.found({"in_range": facts.in_range})
+    if Reason.TOO_FEW_POINTS in answer.reasons:
+        limits = query.config
+        return scan_kinds.FEW_POINTS.found(
+            {
+                "points": facts.points,
+                "in_range": facts.in_range,
+                "min_range_m": limits.min_range_m,
+                "max_range_m": limits.max_range_m,
+                "needed": limits.min_points,
+                "voxel_m": limits.voxel_m,
+            }
+        )
+    return None
+
+
+def _is_on_a_line(scan: Scan | CompactScan) -> bool:
+    """Returns whether the points of a scan lie on the line x = y = z."""
+    points = at_most(scan.points, MEASURED).astype(np.float64)
+    if len(points) < MEASURED or not np.ptp(points, axis=0).all():
+        return False
+    return bool(np.corrcoef(points.T).min() > ALONG_LINE)
+
+
+def _by_other_forms(answer: Localization, query: AskedQuery, watch: Stopwatch) -> Finding | None:
+    """The finding of the first form in which the scan would be localized, if there is one."""
+    if query.prepared is None or not query.is_single or not isinstance(query.scan, Scan):
+        return None
+    quality = answer.hypotheses[0].quality if answer.hypotheses else None
+    sent_ratio = 0.0 if quality is None else quality.inlier_ratio
+    height_m = query.prepared.scans[-1].height_m
+    start = time.monotonic()
+    end = min(start + MOST_TIME * (start - query.began), watch.deadline)
+    longest_s = 0.0
+    for form in other_forms(query.scan, query.options, height_m, query.usual_height_m):
+        began = time.monotonic()
+        if began + _SLOWER * longest_s > end:
+            return None
+        search = query.ask(form.scan, form.options)
+        longest_s = max(longest_s, time.monotonic() - began)
+        if search is None or not search.is_accepted:
+            continue
+        ratio = features_of(search.registered).quality.inlier_ratio
+        if ratio > sent_ratio + BETTER:
+            numbers = {"inlier_ratio": ratio, "inlier_ratio_as_sent": sent_ratio}
+            return form.finding(search.registered[0], numbers)
+    return None

@@ -1,0 +1,60 @@
+"""A finding: what is wrong or noteworthy with an input, in words and numbers, with its remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+
+class Severity(str, Enum):
+    """Weight of a finding."""
+
+    ERROR = "error"  # the input cannot work as it is
+    WARNING = "warning"  # it works, or may work, but something is not as it should be
+    INFO = "info"  # worth knowing
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is wrong or noteworthy with a scan or a map.
+
+    Attributes:
+        code: stable name, which programs compare.
+        severity: weight.
+        text: what was found, in one English sentence with its numbers.
+        numbers: what was measured, by name with unit.
+        remedy: what helps, in one English sentence.
+        doc: path of the documents' page that tells more, from the repository's root.
+    """
+
+    code: str
+    severity: Severity
+    text: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    remedy: str = ""
+    doc: str = ""
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Values ready for JSON."""
+        return {
+            "code": self.code,
+            "severity": self.severity.value,
+            "text": self.text,
+            "numbers": dict(self.numbers),
+            "remedy": self.remedy,
+            "doc": self.doc,
+        }
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any]) -> Finding:
+        """Reads what ``to_mapping`` returned. Unknown keys are ignored."""
+        return cls(
+            str(data["code"]),
+            Severity(data["severity"]),
+            str(data["text"]),
+            {str(name): float(value) for name, value in data.get("numbers", {}).items()},
+            str(data.get("remedy", "")),
+            str(data.get("doc", "")),
+        )

@@ -1,0 +1,121 @@
+"""Kinds of findings of maps and of their versions: what each code says, and what helps."""
+
+from __future__ import annotations
+
+from .finding import Severity
+from .kind import FindingKind
+
+PAGE = "docs/how-to/is-my-map-good.md"
+
+
+def _kind(code: str, severity: Severity, symptom: str, text: str, remedy: str) -> FindingKind:
+    return FindingKind(code, severity, symptom, text, remedy, PAGE)
+
+
+MAP_UNIT = _kind(
+    "map_unit",
+    Severity.ERROR,
+    "The map has another unit than the metre",
+    "The map is {extent}{spacing}: is its unit {unit}?",
+    "Give --scale {scale:g} (build config: scale: {scale:g}), or export it in metres.",
+)
+MAP_TOO_COARSE = _kind(
+    "map_too_coarse",
+    Severity.ERROR,
+    "The map's points are metres apart",
+    "The map is {extent}{spacing}: so few points show no surface.",
+    "Thin the map less: 0.05 to 0.2 m between points is good. If its unit is not the metre, give --scale.",
+)
+MAP_FEW_POINTS = _kind(
+    "map_few_points",
+    Severity.ERROR,
+    "The map has too few points",
+    "The map has {points:,.0f} points: at least {needed:,.0f} are needed for a surface.",
+    "Export the whole map. If it was thinned, thin it less: 0.05 to 0.2 m between points is good.",
+)
+MAP_FLAT = _kind(
+    "map_flat",
+    Severity.ERROR,
+    "The map is a floor without walls",
+    "The map is {extent}: it has a floor alone, and no walls.",
+    "Export all points, not the ground alone: robots are localized by what stands on the floor.",
+)
+MAP_FLOAT32 = _kind(
+    "map_float32",
+    Severity.ERROR,
+    "Large coordinates were stored as float32",
+    "Coordinates of {largest_m:,.0f} m in float32 are precise to {step_m:.2g} m: the map has lost its shape.",
+    "Export it in float64, or shift it before it is saved as float32: "
+    "CloudCompare -O -GLOBAL_SHIFT {shift_x_m:.0f} {shift_y_m:.0f} 0 FILE.",
+)
+MAP_ROUNDED = _kind(
+    "map_rounded",
+    Severity.WARNING,
+    "Large coordinates were stored as float32, and a little precision is lost",
+    "Coordinates of {largest_m:,.0f} m in float32 are precise to {step_m:.2g} m.",
+    "Export it in float64, or shift it before it is saved as float32: "
+    "CloudCompare -O -GLOBAL_SHIFT {shift_x_m:.0f} {shift_y_m:.0f} 0 FILE.",
+)
+MAP_MEMORY = _kind(
+    "map_memory",
+    Severity.ERROR,
+    "The map needs more memory than there is",
+    "{points:,.0f} points need about {needed_gb:.1f} GB of memory, and a build may take {there_gb:.1f} GB.",
+    "Thin the map to one point in 0.1 m, split it, or give the build more memory "
+    "(FIRSTFIX_BUILD_MAX_MEMORY_BYTES, or the container's limit).",
+)
+TRAJECTORY_IS_CLOUD = _kind(
+    "trajectory_is_cloud",
+    Severity.ERROR,
+    "The trajectory is a point cloud",
+    "Of {poses:,.0f} poses, {touching_share:.0%} lie on a surface of the map: this is a point cloud, and no "
+    "trajectory.",
+    "Give the file of the sensor's poses (TUM, KITTI or CSV), or build without --trajectory.",
+)
+TRAJECTORY_ELSEWHERE = _kind(
+    "trajectory_elsewhere",
+    Severity.ERROR,
+    "The trajectory lies outside the map",
+    "Of {poses:,.0f} poses, {outside_share:.0%} lie over {margin_m:.0f} m outside the map.",
+    "Give the poses in the map's own frame and in metres: T_map_sensor of this file, from the same run.",
+)
+MAP_NOT_LEVEL = _kind(
+    "map_not_level",
+    Severity.WARNING,
+    "The map's floor is upright",
+    "The largest flat surface is not level: across y lie {level_y_share:.0%} of the surface, across z "
+    "{level_z_share:.0%}. Does y point up?",
+    "Give --axis y-up (build config: axis: y-up) if it does. Otherwise turn the map: z is up.",
+)
+MAP_DOUBLED_WALLS = _kind(
+    "map_doubled_walls",
+    Severity.WARNING,
+    "Walls are there twice, some decimetres apart",
+    "{doubled_share:.0%} of the walls have a parallel twin, {apart_m:.2f} m apart on average, as near "
+    "{places}: was a loop of the mapping run not closed?",
+    "Close the loop in the SLAM package and export the map again. Poses near there may be off by that.",
+)
+MAP_FLOOR_LEFT_OUT = _kind(
+    "map_floor_left_out",
+    Severity.WARNING,
+    "Much of the floor has no template",
+    "{left_out_share:.0%} of the floor that the mapping run saw has no template: holes or steps cut it off.",
+    "Look at the preview. Close gaps by viewpoints.bridge_gap_m, or map the missing floor.",
+)
+SELF_TEST_LOW = _kind(
+    "self_test_low",
+    Severity.WARNING,
+    "Few scans of the self-test were localized",
+    "The self-test localized {localized:.0%} of its scans in this map, and a version is activated from "
+    "{least:.0%} on: it is published, and not activated.",
+    "Look at the other findings. To serve it all the same: firstfix maps activate {map_id} {version}, or "
+    "build with a lower --min-localized (build config: activate: min_localized).",
+)
+SELF_TEST_WORSE = _kind(
+    "self_test_worse",
+    Severity.WARNING,
+    "The new version is worse than the active one",
+    "The self-test localized {localized:.0%} of its scans, and {before:.0%} with the active version: it is "
+    "published, and not activated.",
+    "Compare the two versions. To serve it all the same: firstfix maps activate {map_id} {version}.",
+)
