@@ -2,8 +2,8 @@
 
 Each beam of a LiDAR has a direction of its own. So from where a scan was taken, its points lie in more
 directions than from anywhere else: the ground around the sensor alone collapses to few directions elsewhere.
-Points are counted over the directions of the range view. On the right scans of ten real places, the best
-viewpoint has at most 1.15 times as many directions as the origin (docs/experiments.md).
+Directions are those of the range view. On 129 right scans of real places, the best viewpoint beyond 1.5 m has
+at most 1.17 times as many as the origin (docs/experiments.md).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ GLANCED = 500
 GLANCE_M = 4.0  # from the origin, towards the middle of the points
 SUSPECT = 1.06  # directions at a glance, against those from the origin
 ELSEWHERE = 1.3
-ELSEWHERE_AT_MAP_ORIGIN = 1.1  # where the pose is the map's own origin, which is rarely a robot's place
+ELSEWHERE_AT_MAP_ORIGIN = 1.2  # where the pose is the map's own origin, which is rarely a robot's place
 AWAY_M = 1.5  # robots carry LiDARs so far from the frame of their scans
 SAME_M, SAME_DEG = 0.15, 1.5  # from the map's origin
 _STEPS_M = (8.0, 4.0, 2.0, 1.0, 0.5)
