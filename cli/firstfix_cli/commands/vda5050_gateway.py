@@ -50,7 +50,7 @@ def vda5050_gateway(
         Path | None, typer.Option(metavar="FILE", help="PEM file with the gateway's certificate and key.")
     ] = None,
     client_id: Annotated[
-        str, typer.Option(help="Client id at the broker. One gateway at a time has it.")
+        str, typer.Option(help="Client id at the broker. Only one gateway may have it.")
     ] = "firstfix-vda5050-gateway",
     mqtt: Annotated[
         int, typer.Option(metavar="VERSION", help="MQTT version: 5, or 3 for 3.1.1.", min=3, max=5)

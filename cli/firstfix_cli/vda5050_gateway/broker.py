@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import random
+import select
 import ssl
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,17 +21,18 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from firstfix.errors import Conflict, InvalidOption, NotFound
+from firstfix.errors import InvalidOption, NotFound
 
 from .http_scan import MAX_SCAN_BYTES
 
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 KEEPALIVE_S = 20
+MOST_IN_A_ROW = 10_000  # messages, before other work has its turn
 LOOK_S = 0.1  # between two looks at what else is to be done
 FIRST_WAIT_S, MAX_WAIT_S = 0.5, 30.0  # between two tries to connect; it doubles
+STEADY_S = 10.0  # two clients of one name end each other's connections: a short one is no success
 MAX_PACKET_BYTES = MAX_SCAN_BYTES + (64 << 10)  # MQTT 5: the broker leaves out what is larger
 PRESENCE = "firstfix/vda5050-gateway"
-_TAKEN_OVER = 142
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class Login:
     """How the gateway shows who it is.
 
     Attributes:
-        client_id: one gateway at a time has it.
+        client_id: of this gateway alone: the broker ends the older connection of two that have it.
         ca: PEM file of the authorities that may sign the broker's certificate; None: those of the system.
         certificate: PEM file with the gateway's certificate and key.
     """
@@ -138,7 +141,7 @@ class Broker:
         self._address, self._log_line = address, log_line
         self._presence = f"{PRESENCE}/{login.client_id}"
         self._told = ""
-        self._up, self._taken_over = False, False
+        self._up, self._up_since_s = False, 0.0
         self._is_5 = version == 5
         self._listener: Listener | None = None
         self._client = Client(
@@ -170,28 +173,38 @@ class Broker:
             self._client.unsubscribe(topic)
 
     def run(self, listener: Listener, stop: threading.Event) -> None:
-        """Blocks until ``stop`` is set; reconnects, with waits that grow and differ.
-
-        Raises:
-            Conflict: another client took over the client id.
-        """
+        """Blocks until ``stop`` is set; reconnects, with waits that grow and differ."""
         self._listener, wait_s = listener, FIRST_WAIT_S
         while not stop.is_set():
             try:
                 self._connect()
-                while not stop.is_set() and self._client.loop(LOOK_S) == MQTTErrorCode.MQTT_ERR_SUCCESS:
-                    wait_s = FIRST_WAIT_S if self._up else wait_s
+                while not stop.is_set() and self._read():
+                    if self._up and time.monotonic() - self._up_since_s > STEADY_S:
+                        wait_s = FIRST_WAIT_S
                     listener.tick()
             except (OSError, ValueError) as error:  # ValueError: a host that is no name
                 self._tell(f"no connection to the broker at {self._address}: {error}")
+            if stop.is_set():
+                break
             self._lose()
-            if self._taken_over:
-                raise Conflict(
-                    f"another client of the broker has taken over the client id of {self._presence}"
-                )
             self._wait(stop, wait_s * random.uniform(0.5, 1.0))
             wait_s = min(2 * wait_s, MAX_WAIT_S)
         self._leave()
+
+    def _read(self) -> bool:
+        """Reads what has come. Returns whether the connection stands.
+
+        All that waits is read before the listener acts: an order to drive may be among it.
+        """
+        result = self._client.loop(LOOK_S)
+        for _ in range(MOST_IN_A_ROW):
+            connection = self._client.socket()
+            if result != MQTTErrorCode.MQTT_ERR_SUCCESS or connection is None:
+                break
+            if not select.select([connection], [], [], 0)[0]:
+                break
+            result = self._client.loop(0)
+        return result == MQTTErrorCode.MQTT_ERR_SUCCESS
 
     def _connect(self) -> None:
         properties = None
@@ -211,6 +224,7 @@ class Broker:
         if not self._up:
             return
         self._client.publish(self._presence, _presence("OFFLINE"), qos=0, retain=True)
+        self._up = False  # the listener keeps what it knows
         self._client.disconnect()
         while self._client.loop(LOOK_S) == MQTTErrorCode.MQTT_ERR_SUCCESS:
             pass
@@ -227,7 +241,7 @@ class Broker:
         if reason.is_failure:
             self._tell(f"the broker at {self._address} refuses: {reason}")
             return
-        self._up = True
+        self._up, self._up_since_s = True, time.monotonic()
         self._tell(f"connected to the broker at {self._address}")
         client.publish(self._presence, _presence("ONLINE"), qos=0, retain=True)
         assert self._listener is not None
@@ -236,7 +250,6 @@ class Broker:
     def _on_disconnect(
         self, client: Client, data: Any, flags: DisconnectFlags, reason: ReasonCode, properties: Any
     ) -> None:
-        self._taken_over = flags.is_disconnect_packet_from_server and reason.value == _TAKEN_OVER
         if self._up:
             self._tell(f"the connection to the broker at {self._address} ended: {reason}")
         self._lose()

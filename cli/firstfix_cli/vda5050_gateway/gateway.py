@@ -59,6 +59,7 @@ class Gateway:
         self._patience = patience or Patience()
         self._seeker = FixSeeker(subscribe, unsubscribe, clock)
         self._vehicles: dict[VehicleName, _Followed] = {}
+        self._is_full = False
         self._header_ids = itertools.count(1)
         self._next_tick_s = clock()
 
@@ -142,7 +143,9 @@ class Gateway:
         one = self._vehicles.get(name)
         if one is None:
             if len(self._vehicles) >= MOST_VEHICLES and not self._forget(now_s):
-                self._log.write("", f"more than {MOST_VEHICLES} vehicles: others are left alone")
+                if not self._is_full:
+                    self._is_full = True
+                    self._log.write("", f"more than {MOST_VEHICLES} vehicles: others are left alone")
                 return None
             one = _Followed(fleet, Vehicle(self._maps[fleet.name], self._patience), now_s)
             self._vehicles[name] = one
@@ -154,6 +157,7 @@ class Gateway:
         for name in silent:
             self._do(name, one := self._vehicles[name], one.vehicle.lose_sight(now_s))
             del self._vehicles[name]
+            self._is_full = False
         return bool(silent)
 
     def _do(self, name: VehicleName, one: _Followed, commands: list[Command]) -> None:
