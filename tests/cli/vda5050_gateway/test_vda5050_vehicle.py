@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from firstfix_cli.vda5050_gateway.fleet_maps import FleetMap, FleetMaps
@@ -216,7 +216,18 @@ def test_a_map_that_the_vehicle_cannot_use_is_named(maps: Any, versions: dict[st
     assert says in one.line
 
 
+FREE = {
+    "lost": True,
+    "driving": False,
+    "nodeStates": [],
+    "operatingMode": "AUTOMATIC",
+    "own": "",
+    "maps": None,
+}
 EVENTS = st.one_of(
+    st.tuples(st.just("state"), st.just(FREE)),
+    st.tuples(st.just("time"), st.just(SETTLED_S)),
+    st.tuples(st.just("outcome"), st.just(FIX)),
     st.tuples(
         st.just("state"),
         st.fixed_dictionaries(
@@ -237,14 +248,15 @@ EVENTS = st.one_of(
 )
 
 
-@given(st.lists(EVENTS, max_size=60))
+@settings(max_examples=200)
+@given(st.lists(EVENTS, min_size=20, max_size=80))
 def test_whatever_happens_a_position_is_sent_only_to_who_is_lost_and_has_stood_still_since_its_scan(events):
     """The oracle keeps what was said last, and whether anything forbade a position since the scan."""
     one, now_s = vehicle(), 0.0
     online, last, said_s, order_s, action_id = False, None, -1e9, -1e9, ""
     still = False  # since the scan of the newest attempt was wanted
     attempt, open_actions = 0, set()
-    for kind, value in events:
+    for kind, value in [("connection", True), *events]:
         commands: list[Command] = []
         if kind == "state":
             shown = [action(action_id, value["own"])] if value["own"] and action_id else []
@@ -283,6 +295,7 @@ def test_whatever_happens_a_position_is_sent_only_to_who_is_lost_and_has_stood_s
                 assert now_s - said_s <= PATIENCE.silence_s
                 assert now_s - order_s >= PATIENCE.order_s
             if isinstance(command, Send):
+                event(command.action.kind)
                 assert still
                 action_id = command.action.action_id
                 assert action_id not in open_actions
