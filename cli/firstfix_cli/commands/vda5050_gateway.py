@@ -57,7 +57,7 @@ def vda5050_gateway(
     ] = 5,
     timeout_s: TimeoutS = 10.0,
 ) -> None:
-    """Give every lost vehicle that speaks VDA 5050 its position.
+    """Give lost VDA 5050 vehicles their position.
 
     Watches state and connection of the vehicles. Where a vehicle does not know its position, stands still and
     has no order, its scan is localized, and it is sent the instant action initPosition. Only an answer that

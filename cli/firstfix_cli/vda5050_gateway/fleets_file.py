@@ -20,6 +20,7 @@ from .topics import VehicleFilter
 
 MAX_FILE_BYTES = 1 << 20
 _Text = Annotated[str, Field(min_length=1, max_length=256)]
+_Number = Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
@@ -31,6 +32,7 @@ class MapEntry(_Strict):
 
     map_id: _Text | None = None
     versions: dict[Annotated[str, Field(pattern="^[0-9a-f]{8,64}$")], _Text] = {}
+    T_vda_map: tuple[_Number, _Number, _Number] = (0.0, 0.0, 0.0)
 
 
 class FleetEntry(_Strict):
@@ -86,7 +88,10 @@ class FleetEntry(_Strict):
         """The maps by firstfix's ids."""
         entries = {map_id: entry or MapEntry() for map_id, entry in self.maps.items()}
         return FleetMaps(
-            {map_id: FleetMap(entry.map_id or map_id, entry.versions) for map_id, entry in entries.items()}
+            {
+                map_id: FleetMap(entry.map_id or map_id, entry.versions, entry.T_vda_map)
+                for map_id, entry in entries.items()
+            }
         )
 
 

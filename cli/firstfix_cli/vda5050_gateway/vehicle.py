@@ -206,7 +206,7 @@ class Vehicle:
 
     def _act(self, fix: PlanarFix, now_s: float) -> list[Command]:
         """Sends the next action towards the fix: the map first, if the vehicle does not use it."""
-        target = self._maps.choose(fix.map_id, fix.map_version, self._stored)
+        target = self._maps.choose(fix, self._stored)
         if isinstance(target, NoFix):
             self._fail(target.reason, now_s)
             return []
@@ -219,7 +219,7 @@ class Vehicle:
                 return []
             self._action = enable_map(action_id, target.map_id, target.enable)
         else:
-            self._action = init_position(action_id, fix, target.map_id, self._last_node_id)
+            self._action = init_position(action_id, target.fix, target.map_id, self._last_node_id)
         self.phase, self._sent_s = Phase.ACTING, now_s
         self._status = self._result = ""
         return [Send(self._action, self._version)]

@@ -18,9 +18,10 @@ from every_case import every_case
 from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.errors import FirstfixError, InputError, InvalidOption, MalformedData, NotFound, TooLarge
-from firstfix.transform import make_transform, rotation_z
+from firstfix.transform import make_transform, rotation_z, yaw_of
 from firstfix_cli.vda5050_gateway import http_scan
 from firstfix_cli.vda5050_gateway.broker import BrokerAddress, Login, password_of
+from firstfix_cli.vda5050_gateway.fleet_maps import FleetMap
 from firstfix_cli.vda5050_gateway.fleets_file import read_fleets
 from firstfix_cli.vda5050_gateway.http_scan import fetch_scan
 from firstfix_cli.vda5050_gateway.log_lines import MOST_IN_A_SECOND, LogLines
@@ -140,6 +141,7 @@ def test_a_vehicles_names_stay_within_the_address_of_its_scan(
         ("hall:", "Hall!:", "map id"),
         ("0, 0, 0, 1]", "0, 0, 0, 0]", "T_base_sensor"),
         ("0123456789ab", "'0123'", "versions"),
+        ("map_id: HALL", "T_vda_map: [0, .nan, 0]", "T_vda_map"),
         ("fleets:", "fleet:", "fleets"),
     ],
 )
@@ -204,6 +206,16 @@ def test_only_what_the_promise_covers_becomes_a_pose_in_the_plane():
     for says, one in refused.items():
         assert isinstance(one, NoFix), says
         assert says in one.reason or says == "upside"
+
+
+def test_a_fix_gets_the_coordinates_of_the_vehicles_map():
+    fix = PlanarFix("hall", "ab", 1.0, 2.0, 3.0)
+    turned = FleetMap("HALL", T_vda_map=(100.0, 50.0, np.pi / 2)).place(fix)
+    T = make_transform(rotation_z(np.pi / 2), [100.0, 50.0, 0.0])
+    expected = T @ make_transform(rotation_z(3.0), [1.0, 2.0, 0.0])
+    assert (turned.x_m, turned.y_m) == pytest.approx(tuple(expected[:2, 3]))
+    assert turned.theta_rad == pytest.approx(yaw_of(expected))
+    assert FleetMap("HALL").place(fix) == fix
 
 
 def test_strangers_fill_no_log():
