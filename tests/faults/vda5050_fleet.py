@@ -185,7 +185,7 @@ def vda5050_fleet(
             _let_some_end(fleet, number, restarts)
             say(f"restart {number + 1} of the broker after {time.monotonic() - began:.1f} s")
             broker.close()
-            time.sleep(rng.uniform(0.1, 2.0))
+            time.sleep(rng.uniform(0.1, 1.0))
             broker.enter_context(running_mosquitto(folder, port))
         fleet.stop_driving()
 

@@ -194,6 +194,15 @@ def test_memory_is_bounded_for_any_number_of_vehicles(monkeypatch: pytest.Monkey
     assert not sent
 
 
+class Nothing:
+    """A listener that does nothing."""
+
+    def connected(self) -> None: ...
+    def disconnected(self) -> None: ...
+    def tick(self) -> None: ...
+    def take(self, topic: str, body: bytes, *, retained: bool) -> None: ...
+
+
 def test_the_command_with_tls_and_a_password_shows_where_it_is(tmp_path: Path):
     port = free_port()
     ca, server, _ = certificates(tmp_path)
@@ -221,11 +230,14 @@ def test_the_command_with_tls_and_a_password_shows_where_it_is(tmp_path: Path):
     users = f"password_file {tmp_path / 'users'}"
     with running_mosquitto(tmp_path, port, *options, users, "user root"), client(port, set_up) as other:
         other.subscribe(f"{PRESENCE}/yard-1", 1)
-        refused = _started(command, {"FIRSTFIX_MQTT_PASSWORD": "wrong"}, tmp_path / "refused.log")
-        wait_until(lambda: "refuses: Not authorized" in (tmp_path / "refused.log").read_text())
-        refused.send_signal(signal.SIGTERM)
-        assert refused.wait(60) == 0
-        assert not seen
+        lines: list[str] = []
+        address, login = BrokerAddress("127.0.0.1", port, True), Login("other", "gateway", "wrong", ca=ca)
+        refused, stop = Broker(address, login, version=5, log_line=lines.append), threading.Event()
+        thread = threading.Thread(target=refused.run, args=(Nothing(), stop), daemon=True)
+        thread.start()
+        wait_until(lambda: any("refuses: Not authorized" in line for line in lines))
+        stop.set()
+        thread.join()
         killed = _started([*command, "--password-file", str(tmp_path / "password")], {}, tmp_path / "log")
         wait_until(lambda: seen == ["ONLINE"])
         killed.kill()

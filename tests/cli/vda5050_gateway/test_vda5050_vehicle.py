@@ -248,7 +248,7 @@ EVENTS = st.one_of(
 )
 
 
-@settings(max_examples=200)
+@settings(max_examples=120)
 @given(st.lists(EVENTS, min_size=20, max_size=80))
 def test_whatever_happens_a_position_is_sent_only_to_who_is_lost_and_has_stood_still_since_its_scan(events):
     """The oracle keeps what was said last, and whether anything forbade a position since the scan."""
