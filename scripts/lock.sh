@@ -12,5 +12,5 @@ compile() {  # OUTPUT SOURCE [OPTION...]
 compile setup.txt setup.in "$@"
 compile dev.txt ../../pyproject.toml --extra dev "$@"
 # The images run what was tested: their versions are the tests' ones.
-compile service.txt ../../pyproject.toml --extra service --extra dds --constraints dev.txt
-compile builder.txt ../../pyproject.toml --extra dask --extra dds --constraints dev.txt  # with builder in it
+compile service.txt ../../pyproject.toml --extra service --extra dds --extra vda5050 --constraints dev.txt
+compile builder.txt ../../pyproject.toml --extra dask --extra dds --extra vda5050 --constraints dev.txt  # with builder in it

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
-# networks), haproxy (replicas), Azurite (Azure); iproute2, for a weak link; what renders and checks the Helm chart:
+# networks), haproxy (replicas), mosquitto (MQTT), Azurite (Azure); iproute2, for a weak link; what renders and checks the Helm chart:
 # helm, the schemas of Kubernetes and prometheus-operator; Chromium for the console; and what the C++ client is built
 # with. Rust, which builds a robot of another DDS, is only looked for. Tests whose server or tool cannot be had are
 # skipped and say so.
@@ -68,6 +68,7 @@ have() { local name; for name in "$@"; do command -v "$name" >/dev/null || retur
 
 have cargo || say "no cargo here, so the tests with a robot of another DDS will be skipped"
 have haproxy || system_packages "the replicas' tests" haproxy
+have mosquitto || [ -x /usr/sbin/mosquitto ] || system_packages "the tests of VDA 5050" mosquitto
 have ip || system_packages "the weak link's test" iproute2
 have chromium || system_packages "the console's tests" chromium
 { have cmake c++ make pkg-config && pkg-config --exists libzstd libcurl libcrypto nlohmann_json; } ||

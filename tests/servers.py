@@ -20,7 +20,7 @@ from waiting import wait_until
 def program(name: str, how_to_get_it: str) -> str:
     """The path of a program; without it the test is skipped and says how to get it."""
     go_bin = os.environ.get("GOBIN") or str(Path(os.environ.get("GOPATH") or Path.home() / "go") / "bin")
-    found = shutil.which(name) or shutil.which(name, path=go_bin)
+    found = shutil.which(name) or shutil.which(name, path=go_bin) or shutil.which(name, path="/usr/sbin")
     if found is None:
         pytest.skip(needs(name, how_to_get_it))
     return found
@@ -62,4 +62,14 @@ def running_versitygw(
     command = [name, "--port", f"127.0.0.1:{port}", "--quiet", *options, "posix", str(folder / "data")]
     environment = {"ROOT_ACCESS_KEY": access, "ROOT_SECRET_KEY": secret}
     with running(command, port, folder / "log", environment) as server:
+        yield server
+
+
+@contextmanager
+def running_mosquitto(folder: Path, port: int, *lines: str) -> Iterator[subprocess.Popen[bytes]]:
+    """An MQTT broker with the given lines of configuration; without any, everybody may do everything."""
+    name = program("mosquitto", "make test-servers installs it, for root")
+    config = folder / f"mosquitto-{port}.conf"
+    config.write_text("\n".join([f"listener {port} 127.0.0.1", *(lines or ["allow_anonymous true"])]) + "\n")
+    with running([name, "-c", str(config)], port, folder / "mosquitto.log") as server:
         yield server

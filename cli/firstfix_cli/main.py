@@ -30,6 +30,7 @@ from .commands import (
     samples,
     sensor,
     serve,
+    vda5050_gateway,
     worker,
     world,
 )
@@ -74,6 +75,7 @@ app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
 app.command(epilog=export.EXAMPLES)(export.export)
 app.command(epilog=sensor.EXAMPLES)(sensor.sensor)
 app.command("ros-gateway", epilog=ros_gateway.EXAMPLES)(ros_gateway.ros_gateway)
+app.command("vda5050-gateway", epilog=vda5050_gateway.EXAMPLES)(vda5050_gateway.vda5050_gateway)
 app.command("copy-store", epilog=copy_store.EXAMPLES)(copy_store.copy_store)
 app.add_typer(maps.app, name="maps")
 app.add_typer(samples.app, name="samples")

@@ -12,7 +12,7 @@ from ipaddress import IPv4Network, IPv6Network
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES, default_build_memory_bytes
@@ -219,6 +219,17 @@ class Settings(BaseSettings):
     )
     zenoh_trusted: bool = Field(
         False, description="accept zenoh queries without a key, because zenoh has its own access rules"
+    )
+
+    # Webhooks
+    webhook_urls: Annotated[tuple[SecretStr, ...], Field(max_length=4)] = Field(
+        (), description="URLs that get a signed POST for each answer of a wanted verdict"
+    )
+    webhook_secret_file: Path | None = Field(
+        None, description="file with the secret that signs webhooks; two lines while it changes"
+    )
+    webhook_verdicts: tuple[Literal["localized", "ambiguous", "rejected"], ...] = Field(
+        ("localized",), description="verdicts whose answers are sent"
     )
 
     # Kept queries

@@ -107,7 +107,7 @@ class QuerySampler:
         """Stores the query if the policy chooses it. Never blocks and never fails."""
         if random.random() >= self._policy.share_of(answer):
             return
-        if scope is not None and scope.request_id.startswith(REPLAY) and _may_replay(query):
+        if is_replay(query, scope):
             return
         result = self._take(len(body))
         if result != "taken":
@@ -187,6 +187,8 @@ class QuerySampler:
         self._metrics.sample_bytes.set(self._kept_bytes)
 
 
-def _may_replay(query: Query) -> bool:
-    """Returns whether the caller may read kept queries, and so ask them again without a trace."""
-    return query.caller.grant.allows(Scope.BUILD)
+def is_replay(query: Query, scope: RequestScope | None) -> bool:
+    """Returns whether a kept query is asked again: by a caller who may read them. It leaves no trace."""
+    return (
+        scope is not None and scope.request_id.startswith(REPLAY) and query.caller.grant.allows(Scope.BUILD)
+    )

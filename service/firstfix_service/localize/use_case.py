@@ -23,8 +23,10 @@ from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests, RequestScope, current_request, note
 from ..telemetry.tracing import started_ns
 from ..thread_pools import COPIES
+from ..webhooks.event import AnswerEvent
+from ..webhooks.sender import WebhookSender
 from .query_gate import AskWorker, QueryGate
-from .sampler import QuerySampler
+from .sampler import QuerySampler, is_replay
 
 _OK = 200
 MOST_ANSWERS = 500
@@ -137,15 +139,22 @@ class QueryRecorder:
     Args:
         recent: keeps the last answers.
         sampler: None: no query is stored.
+        webhooks: None: nobody is told of answers.
     """
 
     def __init__(
-        self, metrics: Metrics, requests: Requests, recent: RecentAnswers, sampler: QuerySampler | None = None
+        self,
+        metrics: Metrics,
+        requests: Requests,
+        recent: RecentAnswers,
+        sampler: QuerySampler | None = None,
+        webhooks: WebhookSender | None = None,
     ) -> None:
         self._metrics = metrics
         self._requests = requests
         self._recent = recent
         self._sampler = sampler
+        self._webhooks = webhooks
         # Finding a series by its labels takes longer than counting in it. There are few series.
         self._verdicts = cache(metrics.verdicts.labels)
         self._probability = cache(metrics.probability.labels)
@@ -154,7 +163,7 @@ class QueryRecorder:
         self._localize_seconds = cache(metrics.localize_seconds.labels)
 
     def record(self, query: Query, body: Body, answer: EncodedAnswer, queued: float) -> None:
-        """Adds the stages of an answered query to its trace, and offers the query to the sampler.
+        """Adds the stages of an answered query to its trace, and offers it to the sampler and the webhooks.
 
         Args:
             queued: ``time.monotonic`` when the gate got the query. Its timings begin there.
@@ -165,6 +174,16 @@ class QueryRecorder:
         note(body_bytes=len(body))
         if self._sampler is not None:
             self._sampler.offer(query, body, answer, scope)
+        if self._webhooks is not None and scope is not None and not is_replay(query, scope):
+            event = AnswerEvent(
+                answer,
+                f"/replicas/{self._recent.replica}",
+                query.caller.name,
+                scope.transport,
+                scope.seconds,
+                scope.request_id,
+            )
+            self._webhooks.offer(event)
 
     def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
         """Counts one query, answered or failed."""

@@ -57,6 +57,7 @@ from ..telemetry.stall_watch import StallWatch
 from ..telemetry.tracing import start_tracing
 from ..thread_pools import START
 from ..thread_pools.background import close_within, run_in_background
+from ..webhooks.sender import WebhookPolicy, WebhookSender
 from .settings_summary import settings_summary
 
 # At the same time, of all callers and of one
@@ -127,7 +128,9 @@ async def compose(
     samples = await _open_samples(settings, store, metrics)
     sampler = _start_sampler(settings, samples, metrics, stack)
     recent = RecentAnswers(replica)
-    recorder = QueryRecorder(metrics, requests, recent, sampler)
+    recorder = QueryRecorder(
+        metrics, requests, recent, sampler, await _start_webhooks(settings, metrics, stack)
+    )
     use_case = LocalizeUseCase(maps, gate, recorder)
     health = HealthCheck(maps, gate, metrics)
     builds = start_builds(settings, catalog, metrics, stack)
@@ -241,6 +244,18 @@ def _start_sampler(
     sampler.start()
     stack.push_async_callback(START.run, sampler.close)
     return sampler
+
+
+async def _start_webhooks(
+    settings: Settings, metrics: Metrics, stack: AsyncExitStack
+) -> WebhookSender | None:
+    policy = await START.run(WebhookPolicy.of, settings)
+    if policy is None:
+        return None
+    sender = WebhookSender(policy, metrics)
+    sender.start()
+    stack.push_async_callback(START.run, sender.close)
+    return sender
 
 
 async def _start_zenoh(

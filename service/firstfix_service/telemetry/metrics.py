@@ -162,6 +162,11 @@ class Metrics:
         self.sample_bytes = gauge(
             "firstfix_sample_bytes", "Bytes of kept queries in the store, at the last count"
         )
+        self.webhook_events = counter(
+            "firstfix_webhook_events", "Events for the receivers of webhooks, by result", ["result"]
+        )
+        self.webhook_retries = counter("firstfix_webhook_retries", "Attempts of webhooks that were repeated")
+        self.webhook_waiting = gauge("firstfix_webhook_waiting", "Events that wait for receivers of webhooks")
         self.sightings = counter(
             "firstfix_sightings",
             "Localized queries that were chosen to be compared with their map, by result",

@@ -1,0 +1,1 @@
+"""Webhooks: each answer of a wanted verdict is POSTed to the operator's URLs, signed."""
