@@ -70,10 +70,12 @@ class Bench:
         self.published: list[tuple[Output, bytes]] = []
         self.told: list[str] = []
         self.while_asking: Callable[[], Any] = lambda: None
+        self.localizers: int | None = None  # subscribers of the pose
         self.gateway = RobotGateway(
             self.ask,
             lambda kind, body: self.published.append((kind, body)),
             GatewayConfig(**({"base_frame": "base_link"} if mounted else {}), **config),
+            subscribers=lambda output: self.localizers,
             log_line=self.told.append,
             clock=lambda: self.now_s,
             wall_ns=lambda: 9 * S,

@@ -10,6 +10,8 @@ from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Localization
 
 from ..messages.diagnostic_array import ERROR, OK, WARN, Diagnosis
+from .epoch import Epoch
+from .handover import Stage
 from .topics import NODE_NAME
 from .watch import Health, Offset
 
@@ -40,6 +42,8 @@ class Status:
         took_s: duration of the last try.
         health: state of the robot's own localization; None if it is not watched.
         offset: from the robot's own pose to the last fix.
+        epoch: of the last fix that was wanted; None before the first.
+        stage: how far this fix has come on its way into the robot's localizer; None while another is sought.
     """
 
     state: State = State.IDLE
@@ -49,6 +53,8 @@ class Status:
     took_s: float = 0.0
     health: Health | None = None
     offset: Offset | None = None
+    epoch: Epoch | None = None
+    stage: Stage | None = None
 
     @property
     def line(self) -> str:
@@ -86,6 +92,10 @@ def diagnosis_of(status: Status, hardware_id: str = "") -> Diagnosis:
         if status.offset is not None:
             values["offset_m"] = f"{status.offset.distance_m:.3f}"
             values["offset_deg"] = f"{status.offset.angle_deg:.2f}"
+    if status.epoch is not None:
+        values["epoch"] = str(status.epoch)
+    if status.stage is not None:
+        values["localizer"] = status.stage.value
     answer = status.answer
     if answer is not None:
         values |= {
