@@ -2,8 +2,8 @@
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
 # networks), haproxy (replicas), Azurite (Azure); iproute2, for a weak link; what renders and checks the Helm chart:
 # helm, the schemas of Kubernetes and prometheus-operator; Chromium for the console; what the C++ client is built
-# with; and ROS 2 Jazzy and Kilted. Rust, which builds a robot of another DDS, is only looked for. Tests whose server or tool cannot be had are
-# skipped and say so.
+# with; ROS 2 Jazzy and Kilted. Rust, which builds a robot of another DDS, is only looked for. Tests whose server or
+# tool cannot be had are skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin

@@ -1,4 +1,4 @@
-"""A real ROS 2 as ``scripts/ros2.sh`` installs it: its Python, and the environment of a shell where it is sourced."""
+"""A real ROS 2 as ``scripts/ros2.sh`` installs it: its Python, and the environment of who sources it."""
 
 from __future__ import annotations
 
