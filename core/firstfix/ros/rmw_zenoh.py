@@ -84,6 +84,13 @@ def publishers_pattern(domain: int, ros_type: str) -> str:
     return f"{_ADMIN}/{domain}/*/*/*/{PUBLISHER}/*/*/*/*/{dds_type(ros_type)}/**"
 
 
+def subscriptions_pattern(publisher: Endpoint) -> str:
+    """Returns a key expression for the tokens of all subscriptions that hear a publisher."""
+    topic = publisher.topic.replace("/", "%")
+    parts = f"{_ADMIN}/{publisher.domain}/*/*/*/{SUBSCRIPTION}/*/*/*"
+    return f"{parts}/{topic}/{publisher.dds_type}/{publisher.type_hash}/**"
+
+
 def parse_token(key: str) -> Endpoint | None:
     """Parses the token of an endpoint. Returns None for any other key."""
     parts = key.split("/")

@@ -80,6 +80,10 @@ class Robot:
         self._service.send_waiting()
         self.gateway.tick()
 
+    def subscribers(self, output: Output) -> int:
+        """Returns how many subscriptions hear an output."""
+        return len(self._writers[output].readers())
+
     def close(self) -> None:
         """Removes the robot's readers and its service, and ends the search after the current query."""
         for _, reader in self._readers.values():
