@@ -63,6 +63,7 @@ class FirstFixNode(Node):  # type: ignore[misc]
             parameters.answerer(self._client),
             self._publish,
             parameters.config(),
+            subscribers=lambda output: self._publishers[output].get_subscription_count(),
             log_line=self.get_logger().info,
             name=self.get_namespace(),
         )
