@@ -1,4 +1,4 @@
-"""``firstfix ros-gateway``: first fixes for robots with ROS 2, on DDS or on rmw_zenoh."""
+"""``firstfix ros-gateway``: first fixes for robots with ROS 2, by rclpy, on DDS or on rmw_zenoh."""
 
 from __future__ import annotations
 
@@ -11,23 +11,28 @@ import typer
 from ..arguments import MapId, Store, TimeoutS, Url, Zenoh, examples
 
 EXAMPLES = examples(
-    "firstfix ros-gateway --dds --map hall --points os/points --base-frame base_link",
-    "firstfix ros-gateway --dds --map hall --imu os/imu --base-frame base_link --no-at-start --watch 1",
-    "firstfix ros-gateway --map hall --connect tcp/router:7447 --domain 7 --points os/points",
+    "firstfix ros-gateway --map hall --points os/points --base-frame base_link",
+    "firstfix ros-gateway --map hall --imu os/imu --base-frame base_link --no-at-start --watch 1",
     "firstfix ros-gateway --dds --map hall --store s3://maps",
+    "firstfix ros-gateway --map hall --connect tcp/router:7447 --domain 7 --points os/points",
 )
 
 
 def ros_gateway(
     map_id: MapId,
     dds: Annotated[
-        bool, typer.Option("--dds", help="Robots are on DDS; otherwise on rmw_zenoh.", show_default=False)
+        bool,
+        typer.Option(
+            "--dds",
+            help="Join the robots' DDS domain without ROS 2. Not all works with Fast DDS: the start says what.",
+            show_default=False,
+        ),
     ] = False,
     connect: Annotated[
         str | None,
         typer.Option(
             metavar="ENDPOINT",
-            help="Endpoint of the robots' zenoh router (rmw_zenohd). By default tcp/localhost:7447.",
+            help="Ask the robots' zenoh router (rmw_zenohd) without ROS 2: tcp/localhost:7447.",
         ),
     ] = None,
     url: Url = None,
@@ -97,8 +102,8 @@ def ros_gateway(
 ) -> None:
     """Give every robot with ROS 2 its first fix.
 
-    Run one process in the robots' network, or beside their router. A robot is a namespace with a
-    PointCloud2 topic. It gets its pose as a PoseWithCovarianceStamped, and a service first_fix/relocalize
+    Run one process in the robots' network. It uses the ROS 2 that is sourced, with any middleware;
+    --dds and --connect need none. A robot is a namespace with a PointCloud2 topic. It gets its pose as a PoseWithCovarianceStamped, and a service first_fix/relocalize
     (std_srvs/srv/Trigger) that starts a new search. The command runs until it is interrupted.
     """
     from firstfix.answer.options import LocalizeOptions

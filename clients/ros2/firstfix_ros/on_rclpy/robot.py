@@ -1,0 +1,151 @@
+"""One robot on rclpy: carries the messages between its topics and its gateway."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
+from std_srvs.srv import Trigger
+
+from ..robot.answerer import Answerer
+from ..robot.config import GatewayConfig
+from ..robot.gateway import RobotGateway
+from ..robot.topics import Input, Output
+from .messages import INPUTS, OUTPUTS
+from .qos import input_qos, output_qos
+
+LOOK_S = 0.1  # between two calls of ``look``
+SETTLE_S = 2.0  # so long after it has come, a robot may still be finding the gateway's topics
+_POLL_S = 0.02
+_OVERRIDABLE = (
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.RELIABILITY,
+    QoSPolicyKind.DURABILITY,
+)
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names of a robot's topics and service, as a node resolves them.
+
+    Attributes:
+        inputs: those that are not named are not used.
+    """
+
+    inputs: Mapping[Input, str]
+    outputs: Mapping[Output, str]
+    relocalize: str
+
+
+class RclpyRobot:
+    """One robot: subscribes to what its gateway needs now, publishes, and answers the service.
+
+    Args:
+        node: has the subscriptions, the publishers and the service. The thread of its executor calls all methods.
+        hardware_id: of the robot in its diagnostics: its namespace.
+        overridable: the node's parameters ``qos_overrides`` may change the quality of service.
+
+    Attributes:
+        reliable_clouds: all publishers of its clouds are reliable.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        names: Names,
+        ask: Answerer,
+        config: GatewayConfig,
+        *,
+        hardware_id: str,
+        log_line: Callable[[str], None],
+        overridable: bool = False,
+    ) -> None:
+        self.reliable_clouds = False
+        self._node, self._names = node, names
+        self._overriding = QoSOverridingOptions(_OVERRIDABLE if overridable else ())
+        self._settled_s = time.monotonic() + SETTLE_S
+        self._subscriptions: dict[Input, tuple[bool, Any]] = {}
+        self._publishers = {
+            output: node.create_publisher(
+                kind, names.outputs[output], output_qos(), qos_overriding_options=self._overriding
+            )
+            for output, kind in OUTPUTS.items()
+        }
+        self.gateway = RobotGateway(
+            ask,
+            self._publish,
+            config,
+            log_line=log_line,
+            name=hardware_id,
+            wall_ns=lambda: node.get_clock().now().nanoseconds,
+        )
+        self._service = node.create_service(Trigger, names.relocalize, self._on_relocalize)
+        self._thread = threading.Thread(
+            target=self.gateway.run, name=f"asks for {hardware_id}", daemon=True
+        )
+        self._thread.start()
+
+    def look(self) -> None:
+        """Subscribes to the topics that are of use now, and publishes what is periodic."""
+        needs = self.gateway.needs
+        for kind in reversed(tuple(Input)):  # the frames before the clouds, which they connect
+            is_reliable = kind is Input.CLOUD and self.reliable_clouds
+            wanted = is_reliable if kind in needs and kind in self._names.inputs else None
+            have = self._subscriptions.get(kind)
+            if have is not None and have[0] is not wanted:
+                self._node.destroy_subscription(self._subscriptions.pop(kind)[1])
+            if wanted is not None and kind not in self._subscriptions:
+                self._subscriptions[kind] = wanted, self._subscribe(kind)
+        self.gateway.tick()
+
+    def subscribers(self, output: Output) -> int:
+        """Returns how many subscriptions hear an output."""
+        count: int = self._publishers[output].get_subscription_count()
+        return count
+
+    def close(self) -> None:
+        """Removes the robot's endpoints, and ends the search after the current query."""
+        self.gateway.close()
+        for _, subscription in self._subscriptions.values():
+            self._node.destroy_subscription(subscription)
+        self._subscriptions.clear()
+        self._node.destroy_service(self._service)
+
+    @property
+    def is_asking(self) -> bool:
+        """True until ``join`` need not wait."""
+        return self._thread.is_alive()
+
+    def join(self) -> None:
+        """Waits for the current query, and removes the publishers."""
+        self._thread.join()
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+
+    def _subscribe(self, kind: Input) -> Any:
+        return self._node.create_subscription(
+            INPUTS[kind],
+            self._names.inputs[kind],
+            partial(self.gateway.take, kind),
+            input_qos(kind, reliable=kind is Input.CLOUD and self.reliable_clouds),
+            qos_overriding_options=self._overriding,
+            raw=True,
+        )
+
+    def _publish(self, output: Output, body: bytes) -> None:
+        if output is Output.INITIAL_POSE:
+            # A robot that has just come may not have found this publisher yet, and would never get it.
+            while not self.subscribers(output) and time.monotonic() < self._settled_s:
+                time.sleep(_POLL_S)
+        self._publishers[output].publish(body)
+
+    def _on_relocalize(self, request: Any, response: Any) -> Any:
+        response.success, response.message = True, self.gateway.relocalize()
+        return response
