@@ -47,7 +47,9 @@ def install(monkeypatch: Any, graph: Graph) -> None:
             return SimpleNamespace(value=graph.parameters[name])
 
         def create_publisher(self, kind: type, topic: str, depth: int) -> Any:
-            return SimpleNamespace(publish=graph.published.setdefault(topic, []).append)
+            return SimpleNamespace(
+                publish=graph.published.setdefault(topic, []).append, get_subscription_count=lambda: 1
+            )
 
         def create_subscription(self, kind: type, topic: str, callback: Any, qos: Any, *, raw: bool) -> None:
             assert raw

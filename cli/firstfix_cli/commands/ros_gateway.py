@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -98,6 +99,33 @@ def ros_gateway(
             help="Publish the transform from the map to the odometry after a fix, unless somebody else does."
         ),
     ] = True,
+    repeat_s: Annotated[
+        float,
+        typer.Option(
+            "--repeat",
+            metavar="SECONDS",
+            help="Publish the pose again until the robot's localizer follows, at most so often. 0: once.",
+            min=0,
+        ),
+    ] = 5.0,
+    young_s: Annotated[
+        float,
+        typer.Option(
+            "--young",
+            metavar="SECONDS",
+            help="So long the pose is repeated for a robot without odometry, or a localizer that is not heard.",
+            min=0,
+        ),
+    ] = 10.0,
+    memory: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder that keeps each robot's last fix, so that a restart gives no robot a second first fix "
+            "[default: one for each domain in the user's folder for states].",
+            show_default=False,
+        ),
+    ] = None,
     timeout_s: TimeoutS = 10.0,
 ) -> None:
     """Give every robot with ROS 2 its first fix.
@@ -109,6 +137,7 @@ def ros_gateway(
     from firstfix.answer.options import LocalizeOptions
     from firstfix.errors import InvalidOption
     from firstfix_ros.robot.config import GatewayConfig
+    from firstfix_ros.robot.fix_memory import user_memory
     from firstfix_ros.robot.topics import Topics
 
     from ..answerer import answerer
@@ -128,6 +157,9 @@ def ros_gateway(
         retry_s,
         watch_s,
         publishes_tf=publish_tf,
+        repeat_s=repeat_s,
+        young_s=young_s,
+        memory=memory or user_memory(domain),
     )
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -21,8 +20,6 @@ from .messages import INPUTS, OUTPUTS
 from .qos import input_qos, output_qos
 
 LOOK_S = 0.1  # between two calls of ``look``
-SETTLE_S = 2.0  # so long after it has come, a robot may still be finding the gateway's topics
-_POLL_S = 0.02
 _OVERRIDABLE = (
     QoSPolicyKind.HISTORY,
     QoSPolicyKind.DEPTH,
@@ -70,7 +67,6 @@ class RclpyRobot:
         self.reliable_clouds = False
         self._node, self._names = node, names
         self._overriding = QoSOverridingOptions(_OVERRIDABLE if overridable else ())
-        self._settled_s = time.monotonic() + SETTLE_S
         self._subscriptions: dict[Input, tuple[bool, Any]] = {}
         self._publishers = {
             output: node.create_publisher(
@@ -82,6 +78,7 @@ class RclpyRobot:
             ask,
             self._publish,
             config,
+            subscribers=self.subscribers,
             log_line=log_line,
             name=hardware_id,
             wall_ns=lambda: node.get_clock().now().nanoseconds,
@@ -140,10 +137,6 @@ class RclpyRobot:
         )
 
     def _publish(self, output: Output, body: bytes) -> None:
-        if output is Output.INITIAL_POSE:
-            # A robot that has just come may not have found this publisher yet, and would never get it.
-            while not self.subscribers(output) and time.monotonic() < self._settled_s:
-                time.sleep(_POLL_S)
         self._publishers[output].publish(body)
 
     def _on_relocalize(self, request: Any, response: Any) -> Any:

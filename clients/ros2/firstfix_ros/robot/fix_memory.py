@@ -14,6 +14,17 @@ MAX_FILE_BYTES = 2**16
 _MAX_NAME_CHARACTERS = 200  # of a file
 
 
+def user_memory(domain: int) -> Path | None:
+    """Returns the folder of a ROS domain among the states of this user; None: the user has no folder."""
+    root = os.environ.get("XDG_STATE_HOME")
+    if not root:
+        try:
+            root = str(Path.home() / ".local" / "state")
+        except RuntimeError:
+            return None
+    return Path(root) / "firstfix" / "first-fixes" / f"domain-{domain}"
+
+
 class FixMemory:
     """The last given fix of one robot. Its methods are called by one thread.
 
