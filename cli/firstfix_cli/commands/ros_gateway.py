@@ -25,7 +25,7 @@ def ros_gateway(
         bool,
         typer.Option(
             "--dds",
-            help="Join the robots' DDS domain without ROS 2. Not all works with Fast DDS: the start says what.",
+            help="Join the robots' DDS domain without ROS 2. The start says what cannot be done so.",
             show_default=False,
         ),
     ] = False,
@@ -131,8 +131,9 @@ def ros_gateway(
     """Give every robot with ROS 2 its first fix.
 
     Run one process in the robots' network. It uses the ROS 2 that is sourced, with any middleware;
-    --dds and --connect need none. A robot is a namespace with a PointCloud2 topic. It gets its pose as a PoseWithCovarianceStamped, and a service first_fix/relocalize
-    (std_srvs/srv/Trigger) that starts a new search. The command runs until it is interrupted.
+    --dds and --connect need none. A robot is a namespace with a PointCloud2 topic. It gets its pose as a
+    PoseWithCovarianceStamped, and a service first_fix/relocalize (std_srvs/srv/Trigger) that starts a new
+    search. The command runs until it is interrupted.
     """
     from firstfix.answer.options import LocalizeOptions
     from firstfix.errors import InvalidOption

@@ -13,6 +13,7 @@ from firstfix_ros.robot.answerer import Answerer
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
 
+
 class Fleet(Protocol):
     """The gateway of a fleet of robots."""
 

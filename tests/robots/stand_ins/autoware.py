@@ -34,7 +34,9 @@ class InitialPoseAdaptor(Node):
         super().__init__("initial_pose_adaptor", context=robot.context)
         self.answers: list[Any] = []
         self._client = self.create_client(InitializeLocalization, INITIALIZE)
-        self.create_subscription(PoseWithCovarianceStamped, "/initialpose", self._on_pose, QoSProfile(depth=1))
+        self.create_subscription(
+            PoseWithCovarianceStamped, "/initialpose", self._on_pose, QoSProfile(depth=1)
+        )
 
     def _on_pose(self, message: Any) -> None:
         message.pose.covariance = [1.0 if n % 7 == 0 else 0.0 for n in range(36)]

@@ -18,7 +18,7 @@ from firstfix.transform import Matrix, from_quaternion, make_transform, quaterni
 
 T_MAP_ODOM = make_transform(rotation_z(0.7), [12.0, -4.0, 0.0])
 T_BASE_LIDAR = make_transform(np.eye(3), [0.2, 0.0, 0.9])
-FIRST_POINTS, CLOUDS = 100, 400  # a cloud is named by the number of its points; numbers come again
+FIRST_POINTS = 100  # a cloud is named by the number of its points: so many numbers, which come again
 LOOK_S, CLOUD_EVERY = 0.1, 2
 SPACING_M = 2.0  # of the points: thinning them changes nothing
 
@@ -30,10 +30,12 @@ class Robot(Node):
         speed_m_s: of the robot along x of its odometry.
     """
 
-    def __init__(self, namespace: str, context: Any, *, odometry: bool = True) -> None:
+    def __init__(
+        self, namespace: str, context: Any, *, odometry: bool = True, first_points: int = FIRST_POINTS
+    ) -> None:
         super().__init__("robot", namespace=namespace, context=context)
         self.speed_m_s, self.way_m = 0.0, 0.0
-        self.odometry = odometry
+        self.odometry, self._first_points = odometry, first_points
         self.taken: dict[int, Matrix] = {}  # true pose of the LiDAR by the number of points
         self._looks = 0
         self._moving = self.create_publisher(TFMessage, "tf", 100)
@@ -65,9 +67,11 @@ class Robot(Node):
     def _look(self) -> None:
         self.way_m += self.speed_m_s * LOOK_S
         if self.odometry:
-            self._moving.publish(TFMessage(transforms=[self.transform("odom", "base_link", self.T_odom_base)]))
+            self._moving.publish(
+                TFMessage(transforms=[self.transform("odom", "base_link", self.T_odom_base)])
+            )
         if self._looks % CLOUD_EVERY == 0:
-            self._clouds.publish(self._cloud(FIRST_POINTS + self._looks // CLOUD_EVERY % CLOUDS))
+            self._clouds.publish(self._cloud(self._first_points + self._looks // CLOUD_EVERY % FIRST_POINTS))
         self._looks += 1
 
     def _cloud(self, points: int) -> PointCloud2:

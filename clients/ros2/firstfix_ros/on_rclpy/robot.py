@@ -45,7 +45,7 @@ class RclpyRobot:
     """One robot: subscribes to what its gateway needs now, publishes, and answers the service.
 
     Args:
-        node: has the subscriptions, the publishers and the service. The thread of its executor calls all methods.
+        node: has subscriptions, publishers and service. The thread of its executor calls all methods.
         hardware_id: of the robot in its diagnostics: its namespace.
         overridable: the node's parameters ``qos_overrides`` may change the quality of service.
 
@@ -84,9 +84,7 @@ class RclpyRobot:
             wall_ns=lambda: node.get_clock().now().nanoseconds,
         )
         self._service = node.create_service(Trigger, names.relocalize, self._on_relocalize)
-        self._thread = threading.Thread(
-            target=self.gateway.run, name=f"asks for {hardware_id}", daemon=True
-        )
+        self._thread = threading.Thread(target=self.gateway.run, name=f"asks for {hardware_id}", daemon=True)
         self._thread.start()
 
     def look(self) -> None:

@@ -127,6 +127,19 @@ class RobotGateway:
             self._status = Status(State.WAITING, health=self._status.health, offset=self._status.offset)
             self._changed.notify_all()
 
+    def set_times(self, retry_s: float, watch_s: float) -> None:
+        """Sets the times between two tries and between two checks, as in ``GatewayConfig``."""
+        with self._changed:
+            config = self._config = replace(self._config, retry_s=retry_s, watch_s=watch_s)
+            self._next_check_s = self._clock()
+            if (self._watch is not None) != bool(watch_s):
+                self._watch = Watch(config.astray_m, config.astray_deg) if watch_s else None
+                watch = self._watch
+                self._checker = None if watch is None else Checker(self._ask, self._senses, config, watch)
+                health = None if watch is None else Health.UNKNOWN
+                self._status = replace(self._status, health=health, offset=None)
+            self._changed.notify_all()
+
     def take(self, kind: Input, body: bytes | memoryview) -> None:
         """Takes a message, returns at once. A message that cannot be used is told once in a row, and dropped.
 
@@ -239,11 +252,12 @@ class RobotGateway:
         """Returns the status after a try."""
         try:
             query = Query(decode_point_cloud2(cloud, SCAN_LIMITS), self._senses, self._config)
-            if searching or self._checker is None:
+            checker = self._checker
+            if searching or checker is None:
                 answer = query.ask(self._ask)
                 fix = query.fix(answer)
             else:
-                answer, fix = self._checker.check(query, self._last_fix)
+                answer, fix = checker.check(query, self._last_fix)
             if not searching or self._is_awaited(status):
                 self._publish_answer(query, answer, fix, wanted=searching)
             state = State.NOT_LOCALIZED if fix is None else State.LOCALIZED
@@ -265,8 +279,9 @@ class RobotGateway:
         if fix is not None:
             self._last_fix = fix
             if wanted:
-                if self._watch is not None:
-                    self._watch.reset()
+                watch = self._watch  # ``set_times`` may take it away
+                if watch is not None:
+                    watch.reset()
                 self._map_to_odom.set(fix)
                 self._first_fix.give(fix, answer, asked=self._is_asked)
             pose = encode_pose(fix.T_map_frame, fix.covariance, header)
