@@ -40,6 +40,7 @@ def test_twenty_restarts_of_the_gateway_give_no_second_epoch(tmp_path: Path):
         robot.drive(rng.uniform(0.5, 5))
         robot = restarted(robot, memory=tmp_path)
         assert epoch(robot) == first
+        robot.drive(2)
         assert robot.stage is Stage.FOLLOWED
         assert not robot.poses, "the localizer is not set back"
 
@@ -51,7 +52,14 @@ def test_nor_before_a_localizer_has_come(tmp_path: Path):
         robot.drive(1)
         robot = restarted(robot, memory=tmp_path)
         assert epoch(robot) == first
-        assert len(robot.poses) == 1, "the localizer may have missed it"
+    robot.bench.localizers = 1
+    robot.drive(1.5)
+    assert len(robot.poses) == 1, "it may have missed the pose before"
+
+
+def test_a_pose_that_is_published_once_is_published_after_a_restart(tmp_path: Path):
+    robot = restarted(Robot(memory=tmp_path, repeat_s=0.0), memory=tmp_path, repeat_s=0.0)
+    assert len(robot.poses) == 1
 
 
 @pytest.mark.parametrize("why", ["asked for", "carried away", "odometry anew", "astray"])

@@ -203,7 +203,9 @@ def test_a_localizer_for_which_no_pose_is_left_gets_a_new_search(odometry: bool,
     robot.drive(0.1)
     assert len(robot.poses) == 1
     assert robot.bench.gateway.wanted
+    robot.speed_m_s = 0.0
     robot.bench.cloud(stamp_ns=robot.stamp_ns)
+    robot.drive(1.5)
     np.testing.assert_allclose(matrix(robot.poses[-1]), robot.T_true, atol=1e-9)
 
 

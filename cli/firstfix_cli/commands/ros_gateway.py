@@ -113,7 +113,7 @@ def ros_gateway(
         typer.Option(
             "--young",
             metavar="SECONDS",
-            help="So long the pose is repeated for a robot without odometry, or a localizer that is not heard.",
+            help="So long the pose is repeated without odometry, or to a localizer that is not heard.",
             min=0,
         ),
     ] = 10.0,
@@ -121,7 +121,7 @@ def ros_gateway(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder that keeps each robot's last fix, so that a restart gives no robot a second first fix "
+            help="Folder that keeps each robot's last fix, so that a restart gives none a second first fix "
             "[default: one for each domain in the user's folder for states].",
             show_default=False,
         ),

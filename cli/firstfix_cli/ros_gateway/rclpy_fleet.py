@@ -20,7 +20,7 @@ from firstfix.ros import point_cloud2
 from firstfix_ros.on_rclpy.robot import LOOK_S, Names, RclpyRobot
 from firstfix_ros.robot.answerer import Answerer
 from firstfix_ros.robot.config import GatewayConfig
-from firstfix_ros.robot.topics import RELOCALIZE, Input, Output, Topics, full_name
+from firstfix_ros.robot.topics import REINITIALIZE, RELOCALIZE, Input, Output, Topics, full_name
 
 from .graph import NODE_NAME
 
@@ -146,4 +146,4 @@ class RclpyFleet:
 def _names(topics: Topics, namespace: str) -> Names:
     inputs = {kind: name for kind in Input if (name := topics.input(kind, namespace)) is not None}
     outputs = {kind: topics.output(kind, namespace) for kind in Output}
-    return Names(inputs, outputs, full_name(namespace, RELOCALIZE))
+    return Names(inputs, outputs, full_name(namespace, RELOCALIZE), full_name(namespace, REINITIALIZE))

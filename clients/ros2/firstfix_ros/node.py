@@ -28,7 +28,7 @@ from firstfix.errors import FirstfixError, InvalidOption
 from .on_rclpy.declared import declare
 from .on_rclpy.robot import LOOK_S, Names, RclpyRobot
 from .parameters import Parameters
-from .robot.topics import NODE_NAME, RELOCALIZE, Input, Output
+from .robot.topics import NODE_NAME, REINITIALIZE, RELOCALIZE, Input, Output
 
 _OUTPUTS = {
     Output.INITIAL_POSE: "initialpose",
@@ -88,7 +88,8 @@ def _names(given: Parameters) -> Names:
         inputs[Input.IMU] = "imu"
     if given.own_pose:
         inputs[Input.OWN_POSE] = "own_pose"
-    return Names(inputs, _OUTPUTS, RELOCALIZE.replace(NODE_NAME, "~"))
+    relocalize, reinitialize = (name.replace(NODE_NAME, "~") for name in (RELOCALIZE, REINITIALIZE))
+    return Names(inputs, _OUTPUTS, relocalize, reinitialize)
 
 
 def main() -> None:

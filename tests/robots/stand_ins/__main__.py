@@ -38,9 +38,6 @@ def main() -> None:
         )
     sys.path[:0] = [str(root), str(root / "tests")]
     from . import scenarios
-    from .mola import MolaBridge
-    from .nav2 import Amcl
-    from .robot_localization import EkfNode
     from .site import Site
 
     with tempfile.TemporaryDirectory() as folder, Site(Path(folder)) as site:
@@ -49,7 +46,7 @@ def main() -> None:
         elif asked.scenario == "restarts":
             figures = scenarios.restarts(site, asked.count, asked.seed)
         else:
-            figures = {}
+            figures = scenarios.recipes(site)
     print(json.dumps(figures))
 
 

@@ -1,10 +1,11 @@
-"""Autoware: an adaptor turns ``/initialpose`` into a call of a service, which aligns the scan from this guess.
+"""Autoware: an adaptor makes ``/initialpose`` a call of a service, which aligns the scan from this guess.
 
-Read in autowarefoundation/autoware_universe, ``system/autoware_default_adapi_helpers`` (``initial_pose_adaptor.cpp``: a
-subscription with ``rclcpp::QoS(1)``, the pose's covariance is replaced, ``async_send_request``) and
-``localization/autoware_pose_initializer/src/pose_initializer_core.cpp`` (``on_initialize``). The alignment itself answers
-``success`` and, apart from it, ``reliable``: a pose that is not reliable still initializes, and is told in the diagnostics. Not
-stood in for: the relay of the AD API between the two, the fit of the height, and the alignment.
+Read in autowarefoundation/autoware_universe, ``system/autoware_default_adapi_helpers``
+(``initial_pose_adaptor.cpp``: a subscription with ``rclcpp::QoS(1)``, the pose's covariance is replaced,
+``async_send_request``) and ``localization/autoware_pose_initializer/src/pose_initializer_core.cpp``
+(``on_initialize``). The alignment itself answers ``success`` and, apart from it, ``reliable``: a pose that is
+not reliable still initializes, and is told in the diagnostics. Not stood in for: the relay of the AD API
+between the two, the fit of the height, and the alignment.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """MOLA: the ROS 2 bridge relocalizes its modules near the pose of a topic.
 
-Read in MOLAorg/mola, ``mola_bridge_ros2/src/BridgeROS2.cpp`` (``ros_node_thread_main``, ``callbackOnRelocalizeTopic``):
-the topic is ``relocalize_from_topic``, by default ``/initialpose``, with the default quality of service. Stamp and frame are
-not looked at.
+Read in MOLAorg/mola, ``mola_bridge_ros2/src/BridgeROS2.cpp`` (``ros_node_thread_main``,
+``callbackOnRelocalizeTopic``): the topic is ``relocalize_from_topic``, by default ``/initialpose``, with the
+default quality of service. Stamp and frame are not looked at.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from .robot import Robot, pose_of
 class Amcl(Localizer):
     """AMCL: the default quality of service. It knows no height and dates its transform 1 s ahead.
 
-    It moves a pose of the past on by the odometry since, if its tf2 buffer reaches back so far. If not, it takes
-    the pose as it is.
+    It moves a pose of the past on by the odometry since, if its tf2 buffer reaches back so far. If not, it
+    takes the pose as it is.
     """
 
     def __init__(self, robot: Robot) -> None:

@@ -1,4 +1,4 @@
-"""A robot in rclpy that drives along its odometry's x axis, and whose clouds name the pose where they were taken."""
+"""A robot in rclpy that drives along its odometry's x axis. Clouds name the pose where they were taken."""
 
 from __future__ import annotations
 

@@ -9,16 +9,19 @@ from typing import Any
 
 from waiting import let_pass, wait_until
 
+from .autoware import InitialPoseAdaptor, PoseInitializer
 from .localizer import Localizer
+from .mola import MolaBridge
 from .nav2 import Amcl, reinitialize_global_localization
 from .robot import Robot
+from .robot_localization import EkfNode
 from .site import Site
 
 NEAR_M = 0.3  # the error of a pose: messages of one moment are not taken at one moment
 
 
 def late_starts(site: Site, count: int, within_s: float, seed: int) -> dict[str, Any]:
-    """Localizers start at any time after the fix, while the robots drive on. Each must know where its robot is.
+    """Localizers start at any time after the fix, while the robots drive on. Each must learn where it is.
 
     They start side by side, one for each robot.
     """
@@ -64,9 +67,19 @@ def restarts(site: Site, count: int, seed: int) -> dict[str, Any]:
     return {"restarts": count, "epochs": len(set(epochs)), "poses to the localizer": len(localizer.got)}
 
 
+def recipes(site: Site) -> dict[str, Any]:
+    """All recipes with localizers that take the pose from a topic, then Autoware."""
+    figures = {
+        "nav2": recipe(site, Amcl),
+        "mola": recipe(site, MolaBridge),
+        "robot_localization": recipe(site, EkfNode, "--pose", "set_pose"),
+    }
+    return figures | {"autoware": autoware(site)}
+
+
 def recipe(site: Site, make: Callable[[Robot], Localizer], *options: str) -> dict[str, Any]:
     """A localizer of a project starts late; then somebody calls for a new search."""
-    (robot,) = site.robots(["/robot"])
+    (robot,) = site.robots([f"/{make.__name__.lower()}"])
     with site.gateway("--repeat", "2", *options):
         site.wait_for_fix(robot)
         first = site.state(robot)["epoch"]
@@ -81,13 +94,13 @@ def recipe(site: Site, make: Callable[[Robot], Localizer], *options: str) -> dic
         wait_until(lambda: site.state(robot).get("epoch", first) != first)
         wait_until(lambda: site.state(robot).get("localizer") == "followed")
         assert localizer.error_m < NEAR_M
+    site.remove(localizer)
+    site.remove(robot)
     return {"error in m": round(localizer.error_m, 3), "poses": len(localizer.got)}
 
 
 def autoware(site: Site) -> dict[str, Any]:
     """The alignment fails twice, then succeeds with a pose that it does not call reliable."""
-    from .autoware import InitialPoseAdaptor, PoseInitializer
-
     outcomes = iter([(False, False), (False, False)])
     (robot,) = site.robots([""], odometry=False)
     initializer = site.add(PoseInitializer(robot, lambda guess: next(outcomes, (True, False))))

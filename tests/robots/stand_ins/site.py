@@ -1,4 +1,4 @@
-"""A site: robots and localizers of this process, and ``firstfix ros-gateway`` as another one, with a service here."""
+"""A site: robots, localizers and a service in this process, and ``firstfix ros-gateway`` as another one."""
 
 from __future__ import annotations
 
@@ -68,14 +68,17 @@ class Site:
         node.destroy_node()
 
     def robots(self, namespaces: list[str], *, odometry: bool = True) -> list[Robot]:
-        """Adds robots. Each has clouds with numbers of points of its own, so that the service tells them apart."""
+        """Adds robots. The service tells them apart by the numbers of points of their clouds."""
         made = []
         for number, namespace in enumerate(namespaces):
             robot = Robot(
                 namespace, self._context, odometry=odometry, first_points=FIRST_POINTS * (number + 1)
             )
             robot.create_subscription(
-                DiagnosticArray, "first_fix/status", lambda message, of=namespace: self._hear(of, message), 10
+                DiagnosticArray,
+                "first_fix/status",
+                lambda message, of=robot.get_namespace(): self._hear(of, message),
+                10,
             )
             made.append(self.add(robot))
         self.service.answers = ChainMap(*(Answers(robot) for robot in made))  # type: ignore[arg-type]

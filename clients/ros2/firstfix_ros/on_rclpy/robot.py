@@ -10,7 +10,7 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
-from std_srvs.srv import Trigger
+from std_srvs.srv import Empty, Trigger
 
 from ..robot.answerer import Answerer
 from ..robot.config import GatewayConfig
@@ -34,11 +34,14 @@ class Names:
 
     Attributes:
         inputs: those that are not named are not used.
+        relocalize: service of type Trigger.
+        reinitialize: the same of type Empty, as Nav2's behaviour trees call it.
     """
 
     inputs: Mapping[Input, str]
     outputs: Mapping[Output, str]
     relocalize: str
+    reinitialize: str
 
 
 class RclpyRobot:
@@ -83,7 +86,10 @@ class RclpyRobot:
             name=hardware_id,
             wall_ns=lambda: node.get_clock().now().nanoseconds,
         )
-        self._service = node.create_service(Trigger, names.relocalize, self._on_relocalize)
+        self._services = [
+            node.create_service(Trigger, names.relocalize, self._on_relocalize),
+            node.create_service(Empty, names.reinitialize, self._on_reinitialize),
+        ]
         self._thread = threading.Thread(target=self.gateway.run, name=f"asks for {hardware_id}", daemon=True)
         self._thread.start()
 
@@ -111,7 +117,8 @@ class RclpyRobot:
         for _, subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
         self._subscriptions.clear()
-        self._node.destroy_service(self._service)
+        for service in self._services:
+            self._node.destroy_service(service)
 
     @property
     def is_asking(self) -> bool:
@@ -139,4 +146,8 @@ class RclpyRobot:
 
     def _on_relocalize(self, request: Any, response: Any) -> Any:
         response.success, response.message = True, self.gateway.relocalize()
+        return response
+
+    def _on_reinitialize(self, request: Any, response: Any) -> Any:
+        self.gateway.relocalize()
         return response

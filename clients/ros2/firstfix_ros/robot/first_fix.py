@@ -62,15 +62,15 @@ class FirstFix:
         return self._handover.listens
 
     def give(self, fix: Fix, answer: Localization, *, asked: bool) -> None:
-        """Publishes a fix for the localizer, unless it already follows the fix that the robot had before.
+        """Publishes a fix for the localizer. One that confirms the fix before is only handed over if need be.
 
         Args:
             asked: somebody called for a new search. Otherwise a fix that agrees with the one before, in the
                 same map, keeps its epoch: the gateway was started again, and the robot was not.
         """
-        before, follows = self._memory.last, self._is_followed(fix)
-        if not asked and before is not None and self._continues(before, fix, answer, follows=follows):
-            epoch, published = before.epoch, not follows
+        before = self._memory.last
+        if not asked and before is not None and self._continues(before, fix, answer):
+            epoch, published = before.epoch, not self._config.repeat_s and not self._is_followed(fix)
         else:
             number = next_number(None if before is None else before.epoch.number, self._wall_ns())
             epoch, published = Epoch(self._robot, answer.map_version, number), True
@@ -80,7 +80,7 @@ class FirstFix:
         localizers = self._subscribers(Output.INITIAL_POSE)
         if published:
             self._send(fix)
-        self._handover.begin(fix, localizers, follows=not published)
+        self._handover.begin(fix, localizers, published=published)
 
     def forget(self) -> None:
         """Ends the handover: a new fix is searched for."""
@@ -100,14 +100,14 @@ class FirstFix:
         own = self._senses.own_localization(fix.frame, fix.stamp)
         return own is not None and is_near(own.T_map_frame, fix.T_map_frame, self._config, planar=own.planar)
 
-    def _continues(self, before: GivenFix, fix: Fix, answer: Localization, *, follows: bool) -> bool:
+    def _continues(self, before: GivenFix, fix: Fix, answer: Localization) -> bool:
         """Returns whether a fix confirms the one before, by the robot's localization or its odometry."""
         if before.map_id != answer.map_id or before.fix.frame != fix.frame:
             return False
         expected = before.carried_to(fix.T_odom_frame)
-        return follows or (
-            expected is not None and is_near(expected, fix.T_map_frame, self._config, planar=False)
-        )
+        if expected is not None and is_near(expected, fix.T_map_frame, self._config, planar=False):
+            return True
+        return self._is_followed(fix)
 
     def _send(self, fix: Fix) -> None:
         header = Header(fix.stamp, self._config.map_frame)

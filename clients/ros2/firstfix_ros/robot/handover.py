@@ -17,7 +17,8 @@ from .senses import OwnLocalization, Senses
 from .watch import is_near
 
 STANDS_M = 0.1  # a robot that moved less stands
-LISTEN_S = 5.0  # a localizer that runs is heard within this time
+LISTEN_S = 5.0  # a localizer that runs is surely heard within this time
+HEARD_S = 1.0  # and usually within this
 
 
 class Stage(str, Enum):
@@ -86,19 +87,24 @@ class Handover:
                 return False
             return self._stage is not Stage.FOLLOWED or self._listens_until_s is not None
 
-    def begin(self, fix: Fix, localizers: int | None, *, follows: bool) -> None:
-        """Takes a fix that has just been published.
+    def begin(self, fix: Fix, localizers: int | None, *, published: bool) -> None:
+        """Takes a fix.
 
         Args:
-            localizers: subscribers of the pose at that time; None if not known.
-            follows: the localizer is already there, and the pose was not published.
+            localizers: subscribers of the pose now; None if not known.
+            published: its pose has just been published. If not, the localizer may follow it already, and has
+                ``HEARD_S`` to be heard.
         """
         with self._lock:
             self._carried = CarriedFix(fix, self._senses, self._clock)
-            self._stage = Stage.FOLLOWED if follows else Stage.PUBLISHED
+            self._stage = Stage.PUBLISHED if published else Stage.REPEATED
             self._begin_s = self._came_s = self._clock()
-            self._sent_s = -math.inf if localizers == 0 else self._begin_s  # nobody has heard it
-            self._localizers, self._is_awaited, self._listens_until_s = localizers or 0, False, None
+            if not published:
+                self._sent_s = self._begin_s + HEARD_S - self._config.repeat_s
+            else:  # or nobody has heard it
+                self._sent_s = -math.inf if localizers == 0 else self._begin_s
+            self._localizers, self._is_awaited = localizers or 0, not published
+            self._listens_until_s = None
 
     def end(self) -> None:
         """Forgets the fix: a new one is searched for."""

@@ -12,6 +12,7 @@ from ..messages import diagnostic_array, pose_array
 
 NODE_NAME = "first_fix"
 RELOCALIZE = f"{NODE_NAME}/relocalize"  # std_srvs/srv/Trigger
+REINITIALIZE = f"{NODE_NAME}/reinitialize_global_localization"  # std_srvs/srv/Empty
 
 
 class Input(Enum):
