@@ -1,6 +1,6 @@
 """Package of the ROS 2 node, for colcon."""
 
-from glob import glob
+from pathlib import Path
 
 from setuptools import setup
 
@@ -13,7 +13,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.*"))),
+        (f"share/{NAME}/launch", [str(path) for path in sorted(Path().glob("launch/*.launch.*"))]),
         (f"share/{NAME}/config", ["config/first_fix.yaml"]),
     ],
     install_requires=["setuptools"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import signal
 import subprocess
 import sys
@@ -105,11 +106,16 @@ class Network:
         self.environment = ros.environment(self.domain, {"ROS_LOG_DIR": str(folder)})
 
     @contextmanager
-    def gateway(self, url: str, map_id: str, *options: str) -> Iterator[Gateway]:
-        """Runs ``firstfix ros-gateway`` as long as the block lasts."""
+    def gateway(self, url: str, map_id: str, *options: str, with_ros: bool = True) -> Iterator[Gateway]:
+        """Runs ``firstfix ros-gateway`` as long as the block lasts.
+
+        Args:
+            with_ros: a ROS is sourced.
+        """
         log = self._folder / f"gateway-{next(_numbers)}.log"
         command = [sys.executable, "-m", "firstfix_cli.main", "ros-gateway", "--url", url, "--map", map_id]
-        gateway = Gateway([*command, "--base-frame", BASE, *options], self.environment, log)
+        environment = self.environment if with_ros else {**os.environ, "PYTHONUNBUFFERED": "1"}
+        gateway = Gateway([*command, "--base-frame", BASE, *options], environment, log)
         try:
             yield gateway
         finally:

@@ -52,7 +52,8 @@ class FirstFixNode(Node):  # type: ignore[misc]
         self._endings = ExitStack()  # of what was begun: a context that ends also destroys a node half made
         super().__init__(NODE_NAME)
         self._given = declare(self)
-        client = self._endings.enter_context(self._given.client())
+        client = self._given.client()
+        self._endings.callback(client.close)
         self._robot = RclpyRobot(
             self,
             _names(self._given),

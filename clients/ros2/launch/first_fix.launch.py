@@ -21,7 +21,7 @@ TOPICS = {
     "tf_static": "/tf_static",
     "diagnostics": "~/status",
 }
-# By their types, or a map 7 would be taken for a number. Those that are not given are as in the file of parameters.
+# By their types: a map 7 is no number. Those that are not given are as in the file `params`.
 PARAMETERS = {
     "map_id": str,
     "url": str,
