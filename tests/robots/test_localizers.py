@@ -34,7 +34,7 @@ def test_localizers_that_start_late_get_the_pose_where_their_robots_are():
 
 
 def test_a_gateway_that_is_started_again_gives_no_second_epoch():
-    figures = scenario("restarts", "--count", "3")
+    figures = scenario("restarts", "--count", "2")
     assert figures["epochs"] == 1
     assert figures["poses to the localizer"] == 1, "a localizer that follows is not set back"
 

@@ -1,13 +1,15 @@
-"""The real ROS 2 of the tests: nodes of two processes hear each other, and a service answers."""
+"""The real ROS 2 of the tests: nodes of two processes hear each other, and types have our hashes."""
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from firstfix.ros.type_hashes import TYPE_HASHES
 from tests.claimed import any_domain
 from tests.robots.real_ros import DISTRIBUTIONS, real_ros
 
@@ -53,3 +55,12 @@ def test_two_processes_hear_each_other(distribution: str, tmp_path: Path):
         )
         server.stdin.close()
     assert client.stdout == "here\n", client.stderr
+
+
+@pytest.mark.parametrize("distribution", DISTRIBUTIONS)
+def test_types_have_the_hashes_that_we_tell(distribution: str):
+    told = {}
+    for description in real_ros(distribution).prefix.glob("share/*/*/*.json"):
+        content = json.loads(description.read_text())
+        told |= {one["type_name"]: one["hash_string"] for one in content.get("type_hashes", [])}
+    assert TYPE_HASHES.items() <= told.items()

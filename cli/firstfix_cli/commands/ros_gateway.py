@@ -175,7 +175,9 @@ def ros_gateway(
             connect=connect,
             domain=domain,
             log_line=lambda namespace, line: typer.echo(f"{namespace or '/'}  {line}"),
-        ) as (place, fleet),
+        ) as opened,
     ):
-        typer.echo(f"looking for robots {place}, domain {domain}")
-        fleet.run(stop)
+        typer.echo(f"looking for robots {opened.place}, domain {domain}")
+        if opened.cannot:
+            typer.echo(f"note: {opened.cannot}")
+        opened.fleet.run(stop)

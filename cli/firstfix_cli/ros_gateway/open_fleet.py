@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Protocol
 
 from firstfix.errors import InvalidOption
@@ -22,6 +23,20 @@ class Fleet(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class OpenFleet:
+    """A fleet's gateway, ready to run.
+
+    Attributes:
+        place: where the robots are looked for.
+        cannot: what this way cannot do; empty: nothing.
+    """
+
+    place: str
+    fleet: Fleet
+    cannot: str = ""
+
+
 @contextmanager
 def open_fleet(
     ask: Answerer,
@@ -32,8 +47,8 @@ def open_fleet(
     connect: str | None,
     domain: int,
     log_line: Callable[[str, str], None],
-) -> Iterator[tuple[str, Fleet]]:
-    """Gives where the robots are looked for, and their gateway.
+) -> Iterator[OpenFleet]:
+    """Opens the gateway of the robots.
 
     Args:
         dds: by Cyclone DDS, without ROS.
@@ -53,14 +68,14 @@ def open_fleet(
 
         with open_session(connect) as session:
             gateway = RosGateway(session, ask, config, domain=domain, topics=topics, log_line=log_line)
-            yield f"at {connect}", gateway
+            yield OpenFleet(f"at {connect}", gateway)
     else:
         yield _rclpy_fleet(ask, config, topics, domain, log_line)
 
 
 def _rclpy_fleet(
     ask: Answerer, config: GatewayConfig, topics: Topics, domain: int, log_line: Callable[[str, str], None]
-) -> tuple[str, Fleet]:
+) -> OpenFleet:
     try:
         from rclpy.utilities import get_rmw_implementation_identifier
 
@@ -73,7 +88,7 @@ def _rclpy_fleet(
             name=error.name,
         ) from None
     fleet = RclpyFleet(ask, config, domain=domain, topics=topics, log_line=log_line)
-    return f"by rclpy, {get_rmw_implementation_identifier()}", fleet
+    return OpenFleet(f"by rclpy, {get_rmw_implementation_identifier()}", fleet)
 
 
 def _first_line(error: ImportError) -> str:
@@ -82,14 +97,16 @@ def _first_line(error: ImportError) -> str:
 
 def _dds_fleet(
     ask: Answerer, config: GatewayConfig, topics: Topics, domain: int, log_line: Callable[[str, str], None]
-) -> tuple[str, Fleet]:
+) -> OpenFleet:
     try:
         from .dds.fleet import DdsFleet
         from .dds.participant import Participant
+        from .dds.trigger_service import CANNOT
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != "cyclonedds":
             raise
         raise ModuleNotFoundError(
             "DDS needs the package cyclonedds: pip install 'firstfix[dds]'", name=error.name
         ) from None
-    return "on DDS", DdsFleet(Participant(domain), ask, config, topics=topics, log_line=log_line)
+    fleet = DdsFleet(Participant(domain), ask, config, topics=topics, log_line=log_line)
+    return OpenFleet("on DDS", fleet, CANNOT)

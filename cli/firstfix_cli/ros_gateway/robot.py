@@ -18,11 +18,11 @@ from firstfix.ros.rmw_zenoh import (
     PUBLISHER,
     RELIABLE_QOS,
     SERVICE,
-    TRIGGER,
     Attachment,
     Endpoint,
     endpoint,
 )
+from firstfix.ros.type_hashes import TRIGGER
 from firstfix_ros.robot.answerer import Answerer
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.gateway import RobotGateway

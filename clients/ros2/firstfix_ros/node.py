@@ -12,6 +12,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
+from contextlib import ExitStack
 from dataclasses import asdict
 from typing import Any
 
@@ -48,27 +49,29 @@ class FirstFixNode(Node):  # type: ignore[misc]
     """
 
     def __init__(self) -> None:
+        self._endings = ExitStack()  # of what was begun: a context that ends also destroys a node half made
         super().__init__(NODE_NAME)
         self._given = declare(self)
-        self._client = self._given.client()
+        client = self._given.client()
+        self._endings.callback(client.close)
         self._robot = RclpyRobot(
             self,
             _names(self._given),
-            self._given.answerer(self._client),
+            self._given.answerer(client),
             self._given.config(),
             hardware_id=self.get_namespace(),
             log_line=self.get_logger().info,
             overridable=True,
         )
+        self._endings.callback(self._robot.join)
+        self._endings.callback(self._robot.close)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         # Not the node's clock: a simulation that stands still must not silence the status.
         self.create_timer(LOOK_S, self._robot.look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
         """Waits for the current query, closes the client, then destroys the node."""
-        self._robot.close()
-        self._robot.join()
-        self._client.close()
+        self._endings.close()
         super().destroy_node()
 
     def _on_set_parameters(self, changes: list[Any]) -> SetParametersResult:

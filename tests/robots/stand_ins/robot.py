@@ -31,7 +31,13 @@ class Robot(Node):
     """
 
     def __init__(
-        self, namespace: str, context: Any, *, odometry: bool = True, first_points: int = FIRST_POINTS
+        self,
+        namespace: str,
+        context: Any,
+        *,
+        odometry: bool = True,
+        points: str = "points",
+        first_points: int = FIRST_POINTS,
     ) -> None:
         super().__init__("robot", namespace=namespace, context=context)
         self.speed_m_s, self.way_m = 0.0, 0.0
@@ -42,7 +48,7 @@ class Robot(Node):
         fixed = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._fixed = self.create_publisher(TFMessage, "tf_static", fixed)
         self._fixed.publish(TFMessage(transforms=[self.transform("base_link", "lidar", T_BASE_LIDAR)]))
-        self._clouds = self.create_publisher(PointCloud2, "points", qos_profile_sensor_data)
+        self._clouds = self.create_publisher(PointCloud2, points, qos_profile_sensor_data)
         self.create_timer(LOOK_S, self._look)
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import signal
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from waiting import let_pass, wait_until
@@ -26,7 +27,7 @@ def late_starts(site: Site, count: int, within_s: float, seed: int) -> dict[str,
     They start side by side, one for each robot.
     """
     chance = random.Random(seed)
-    robots = site.robots([f"/robot{number}" for number in range(count)])
+    robots = [site.robot(f"/robot{number}") for number in range(count)]
     starts = sorted((chance.uniform(0, within_s), robot) for robot in robots)
     localizers: list[Localizer] = []
     with site.gateway("--repeat", "2"):
@@ -55,12 +56,12 @@ def late_starts(site: Site, count: int, within_s: float, seed: int) -> dict[str,
 def restarts(site: Site, count: int, seed: int) -> dict[str, Any]:
     """The gateway is ended and started again, in turn by SIGTERM and SIGKILL, while the robot drives."""
     chance = random.Random(seed)
-    (robot,) = site.robots(["/robot"])
+    robot = site.robot("/robot")
     localizer = site.add(Amcl(robot))
     epochs: list[str] = []
     for number in range(count + 1):
         with site.gateway("--repeat", "2", end=(signal.SIGTERM, signal.SIGKILL)[number % 2]):
-            site.wait_for_fix(robot)
+            site.wait_for_fix(robot, anew=True)
             epochs.append(site.state(robot)["epoch"])
             wait_until(lambda: localizer.error_m < NEAR_M)
             robot.speed_m_s = chance.choice([0.0, 0.3])
@@ -68,19 +69,22 @@ def restarts(site: Site, count: int, seed: int) -> dict[str, Any]:
 
 
 def recipes(site: Site) -> dict[str, Any]:
-    """All recipes with localizers that take the pose from a topic, then Autoware."""
-    figures = {
-        "nav2": recipe(site, Amcl),
-        "mola": recipe(site, MolaBridge),
-        "robot_localization": recipe(site, EkfNode, "--pose", "set_pose"),
-    }
-    return figures | {"autoware": autoware(site)}
+    """All recipes side by side: each has a robot and a gateway of its own."""
+    with ThreadPoolExecutor() as pool:
+        running = {
+            "nav2": pool.submit(recipe, site, Amcl),
+            "mola": pool.submit(recipe, site, MolaBridge),
+            "robot_localization": pool.submit(recipe, site, EkfNode, "--pose", "set_pose"),
+            "autoware": pool.submit(autoware, site),
+        }
+        return {name: one.result() for name, one in running.items()}
 
 
 def recipe(site: Site, make: Callable[[Robot], Localizer], *options: str) -> dict[str, Any]:
-    """A localizer of a project starts late; then somebody calls for a new search."""
-    (robot,) = site.robots([f"/{make.__name__.lower()}"])
-    with site.gateway("--repeat", "2", *options):
+    """A localizer of a project starts late; then the node of a behaviour tree calls for a new search."""
+    name = make.__name__.lower()
+    robot = site.robot(f"/{name}", points=f"{name}_points")
+    with site.gateway("--points", f"{name}_points", "--repeat", "2", *options):
         site.wait_for_fix(robot)
         first = site.state(robot)["epoch"]
         robot.speed_m_s = 0.4
@@ -94,18 +98,16 @@ def recipe(site: Site, make: Callable[[Robot], Localizer], *options: str) -> dic
         wait_until(lambda: site.state(robot).get("epoch", first) != first)
         wait_until(lambda: site.state(robot).get("localizer") == "followed")
         assert localizer.error_m < NEAR_M
-    site.remove(localizer)
-    site.remove(robot)
     return {"error in m": round(localizer.error_m, 3), "poses": len(localizer.got)}
 
 
 def autoware(site: Site) -> dict[str, Any]:
     """The alignment fails twice, then succeeds with a pose that it does not call reliable."""
     outcomes = iter([(False, False), (False, False)])
-    (robot,) = site.robots([""], odometry=False)
+    robot = site.robot("", points="autoware_points", odometry=False)
     initializer = site.add(PoseInitializer(robot, lambda guess: next(outcomes, (True, False))))
     adaptor = site.add(InitialPoseAdaptor(robot))
-    with site.gateway("--repeat", "1", "--young", "200"):
+    with site.gateway("--points", "autoware_points", "--repeat", "1", "--young", "200"):
         wait_until(lambda: initializer.is_initialized)
         wait_until(lambda: site.state(robot).get("localizer") == "followed")
     successes = [status.success for status in adaptor.answers]

@@ -42,7 +42,9 @@ class Site:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._spin, name="nodes")
         self._thread.start()
-        self.robot: Robot | None = None
+        self._lock = threading.Lock()
+        self._robots = 0
+        self._answers: list[Answers] = []
         self.service = FakeService({})
         self.states: dict[str, dict[str, str]] = {}  # the last diagnostics, by the robot's namespace
 
@@ -67,22 +69,21 @@ class Site:
         self._executor.remove_node(node)
         node.destroy_node()
 
-    def robots(self, namespaces: list[str], *, odometry: bool = True) -> list[Robot]:
-        """Adds robots. The service tells them apart by the numbers of points of their clouds."""
-        made = []
-        for number, namespace in enumerate(namespaces):
-            robot = Robot(
-                namespace, self._context, odometry=odometry, first_points=FIRST_POINTS * (number + 1)
-            )
-            robot.create_subscription(
-                DiagnosticArray,
-                "first_fix/status",
-                lambda message, of=robot.get_namespace(): self._hear(of, message),
-                10,
-            )
-            made.append(self.add(robot))
-        self.service.answers = ChainMap(*(Answers(robot) for robot in made))  # type: ignore[arg-type]
-        return made
+    def robot(self, namespace: str, *, points: str = "points", odometry: bool = True) -> Robot:
+        """Adds a robot. The service tells robots apart by the numbers of points of their clouds."""
+        with self._lock:
+            self._robots += 1
+            first_points = FIRST_POINTS * self._robots
+        robot = Robot(namespace, self._context, odometry=odometry, points=points, first_points=first_points)
+        robot.create_subscription(
+            DiagnosticArray,
+            "first_fix/status",
+            lambda message: self._hear(robot.get_namespace(), message),
+            10,
+        )
+        self._answers.append(Answers(robot))
+        self.service.answers = ChainMap(*self._answers)  # type: ignore[arg-type]
+        return self.add(robot)
 
     @contextmanager
     def gateway(self, *options: str, end: signal.Signals = signal.SIGTERM) -> Iterator[None]:
@@ -91,7 +92,6 @@ class Site:
         Args:
             end: signal by which it is ended.
         """
-        self.states.clear()
         command = [sys.executable, "-m", "firstfix_cli.main", "ros-gateway", "--map", "hall"]
         command += ["--url", self.service.url, "--base-frame", "base_link", "--memory", str(self._folder)]
         command += ["--no-publish-tf", "--domain", os.environ["ROS_DOMAIN_ID"], *options]
@@ -108,8 +108,14 @@ class Site:
         """The last diagnostics of a robot."""
         return self.states.get(robot.get_namespace(), {})
 
-    def wait_for_fix(self, robot: Robot) -> None:
-        """Returns when a robot has its fix, and says so."""
+    def wait_for_fix(self, robot: Robot, *, anew: bool = False) -> None:
+        """Returns when a robot has its fix.
+
+        Args:
+            anew: what an earlier gateway said does not count.
+        """
+        if anew:
+            self.states.pop(robot.get_namespace(), None)
         wait_until(
             lambda: self.state(robot).get("state") == "localized" and "epoch" in self.state(robot),
             what=f"a fix of {robot.get_namespace()}: {self.state(robot)}",
