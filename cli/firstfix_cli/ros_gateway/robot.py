@@ -57,7 +57,7 @@ class Robot:
         self._subscribers = {
             kind: Subscribers(graph.session, output) for kind, output in self._outputs.items()
         }
-        self.gateway = RobotGateway(ask, self._publish, config, log_line=log_line, name=namespace)
+        self.gateway = RobotGateway(ask, self._publish, config, log_line=log_line, name=namespace or "/")
         self._declared = [
             *(graph.token(output, RELIABLE_QOS) for output in self._outputs.values()),
             graph.session.declare_queryable(relocalize.key, self._on_relocalize, complete=True),

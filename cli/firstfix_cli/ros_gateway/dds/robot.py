@@ -57,7 +57,7 @@ class Robot:
             )
             for kind in Output
         }
-        self.gateway = RobotGateway(ask, self._publish, config, log_line=log_line, name=namespace)
+        self.gateway = RobotGateway(ask, self._publish, config, log_line=log_line, name=namespace or "/")
         self._service = TriggerService(
             participant, full_name(namespace, RELOCALIZE), self.gateway.relocalize, log_line
         )

@@ -125,6 +125,12 @@ class RobotGateway:
                 self._status = replace(self._status, health=health, offset=None)
             self._changed.notify_all()
 
+    def tell(self, error: str) -> None:
+        """Tells why no cloud can be used now. The next one that comes is asked with, as ever."""
+        with self._changed:
+            if self._wanted and self._status.state is not State.ASKING:
+                self._status = replace(self._status, state=State.FAILED, error=error)
+
     def take(self, kind: Input, body: bytes | memoryview) -> None:
         """Takes a message, returns at once. A message that cannot be used is told once in a row, and dropped.
 
@@ -165,7 +171,9 @@ class RobotGateway:
             self._log_line(line)
         if due:
             header = Header(Stamp.of_ns(self._wall_ns()), "")
-            body = encode_diagnostic_array(header, [diagnosis_of(status, self._name)])
+            body = encode_diagnostic_array(
+                header, [diagnosis_of(status, self._name, self._map_to_odom.missing)]
+            )
             self._publish(Output.STATUS, body)
 
     def run(self) -> None:

@@ -25,6 +25,7 @@ class State(str, Enum):
     FAILED = "failed"  # the last cloud was unusable, or nobody answered; the next one is tried
 
 
+TASK = "pose in the map"
 _LEVELS = {State.NOT_LOCALIZED: WARN, State.FAILED: ERROR}
 _HEALTH_LEVELS = {Health.UNKNOWN: WARN, Health.ASTRAY: ERROR}
 
@@ -70,14 +71,18 @@ def _in_words(free: FreeDirection) -> str:
     return f"{free.motion.value} ({x:.2f}, {y:.2f}, {z:.2f}) by {sigma}"
 
 
-def diagnosis_of(status: Status, hardware_id: str = "") -> Diagnosis:
-    """Returns the diagnosis for a status.
+def diagnosis_of(status: Status, hardware_id: str = "", missing_tf: str = "") -> Diagnosis:
+    """Returns the diagnosis for a status, named as diagnostic_updater does: node, then task.
 
     Args:
         hardware_id: the robot's namespace.
+        missing_tf: frames between which a transform is missing, so that none is published.
     """
     level = _LEVELS.get(status.state, OK)
     values = {"state": status.state.value, "tries": str(status.tries), "took_s": f"{status.took_s:.3f}"}
+    if missing_tf:
+        level = max(level, WARN)
+        values["missing_tf"] = missing_tf
     if status.error:
         values["error"] = status.error[:500]
     if status.health is not None:
@@ -97,4 +102,4 @@ def diagnosis_of(status: Status, hardware_id: str = "") -> Diagnosis:
             "degenerate": ", ".join(_in_words(one) for one in answer.degenerate),
             "map_provisional": str(answer.map_provisional).lower(),
         }
-    return Diagnosis(level, NODE_NAME, status.line[:500], hardware_id, values)
+    return Diagnosis(level, f"{NODE_NAME}: {TASK}", status.line[:500], hardware_id, values)
