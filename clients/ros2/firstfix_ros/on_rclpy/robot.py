@@ -51,8 +51,8 @@ class RclpyRobot:
     Args:
         node: has subscriptions, publishers and service. The thread of its executor calls all methods.
         hardware_id: of the robot in its diagnostics: its namespace.
-        overridable: the node's parameters ``qos_overrides`` may change the quality of service. Otherwise clouds
-            are heard reliably where all their publishers are reliable.
+        overridable: the node's parameters ``qos_overrides`` may change the quality of service. Otherwise
+            clouds are heard reliably where all their publishers are reliable.
     """
 
     def __init__(

@@ -80,8 +80,7 @@ def diagnosis_of(status: Status, hardware_id: str = "", missing_tf: str = "") ->
     """
     level = _LEVELS.get(status.state, OK)
     values = {"state": status.state.value, "tries": str(status.tries), "took_s": f"{status.took_s:.3f}"}
-    if missing_tf:
-        level = max(level, WARN)
+    if missing_tf:  # no fault: a robot may have no odometry
         values["missing_tf"] = missing_tf
     if status.error:
         values["error"] = status.error[:500]
