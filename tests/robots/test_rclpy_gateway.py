@@ -116,13 +116,15 @@ def test_a_robot_that_is_nowhere_is_told_and_then_found(
 def test_frames_may_come_late_and_are_named_while_they_are_missing(
     robots: RosRobots, gateway: Gateway, scenes: list[Scene]
 ):
-    robot = robots.robot("/unmounted", fixed=False)
+    robot = robots.robot("/unmounted", fixed=False, odometry=False)
     robot.show(scenes[0].points, scenes[0].T_map_sensor)
     wait_until(lambda: robot.says(level=ERROR))
     assert "no transform between the frames 'base_link' and 'os_sensor'" in robot.status["message"]
     assert not robot.of("initialpose")
     robot.fix()
     assert check_pose(robot.wait_for("initialpose"), scenes[0]) < WITHIN_M
+    wait_until(lambda: robot.says(missing_tf="odom -> base_link"))
+    assert not robot.of("tf")
     robot.go()
 
 
@@ -134,6 +136,24 @@ def test_a_robot_may_go_and_come_again(robots: RosRobots, gateway: Gateway, scen
         left = gateway.text.count("/restless  gone")
         robot.go()
         wait_until(lambda before=left: gateway.text.count("/restless  gone") > before)
+
+
+def test_of_two_robots_with_one_name_neither_gets_the_others_pose(
+    robots: RosRobots, network: Network, gateway: Gateway, scenes: list[Scene]
+):
+    with ros_robots(network.ros, network.environment) as others:
+        twins = [one.robot("/twin") for one in (robots, others)]
+        for robot in twins:
+            wait_until(lambda of=robot: "2 nodes /twin/robot publish" in of.status.get("message", ""))
+        for robot, scene in zip(twins, scenes, strict=False):
+            robot.show(scene.points, scene.T_map_sensor)
+        heard = len(twins[0].of("first_fix/status"))
+        wait_until(lambda: len(twins[0].of("first_fix/status")) >= heard + 3)
+        assert twins[0].status["level"] == ERROR
+        assert not any(robot.of("initialpose") for robot in twins)
+        twins[1].go()
+        assert check_pose(twins[0].wait_for("initialpose"), scenes[0]) < WITHIN_M
+        twins[0].go()
 
 
 def test_map_to_odom_ends_when_the_robot_publishes_its_own(

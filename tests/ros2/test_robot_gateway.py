@@ -251,7 +251,7 @@ def test_the_status_comes_once_a_second_and_when_it_changes():
     assert len(bench.of(Output.STATUS)) == 3
     assert bench.cloud()
     (one,) = bench.of(Output.STATUS)[-1].status
-    assert (one.level, one.message, one.name) == (0, "localized", "first_fix")
+    assert (one.level, one.message, one.name) == (0, "localized", "first_fix: pose in the map")
     assert bench.of(Output.STATUS)[-1].header.stamp.sec == 9
 
 

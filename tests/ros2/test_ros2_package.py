@@ -116,6 +116,9 @@ def test_diagnoses():
         Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), 0.99, map_id="hall", map_version="ab"
     )
     assert diagnosis_of(Status()).level == OK
+    assert diagnosis_of(Status()).name == "first_fix: pose in the map"
+    without_odometry = diagnosis_of(Status(), missing_tf="odom -> base_link")
+    assert (without_odometry.level, without_odometry.values["missing_tf"]) == (OK, "odom -> base_link")
     failed = diagnosis_of(Status(State.FAILED, 3, None, "nobody is there"))
     assert (failed.level, failed.message) == (ERROR, "failed: nobody is there")
     rejected = Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))

@@ -8,12 +8,10 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import ReliabilityPolicy
 
 from firstfix.errors import InvalidOption
 from firstfix.ros import point_cloud2
@@ -90,8 +88,8 @@ class RclpyFleet:
 
     def _follow(self) -> None:
         """Compares the robots with the publishers of clouds in the ROS graph."""
-        found = self._publishers()
-        for namespace in self.robots.keys() - found.keys():
+        found = self._namespaces()
+        for namespace in self.robots.keys() - found:
             robot = self.robots.pop(namespace)
             robot.close()
             self._leaving.append(robot)
@@ -99,40 +97,32 @@ class RclpyFleet:
         for robot in [one for one in self._leaving if not one.is_asking]:
             robot.join()
             self._leaving.remove(robot)
-        for namespace, publishers in found.items():
-            if self._is_room_for(namespace):
-                self.robots[namespace].reliable_clouds = all(
-                    one.qos_profile.reliability == ReliabilityPolicy.RELIABLE for one in publishers
-                )
+        for namespace in found:
+            if namespace not in self.robots and self._is_room_for(namespace):
+                self.robots[namespace] = self._robot(namespace)
 
-    def _publishers(self) -> dict[str, list[Any]]:
-        """Returns the publishers of clouds by the robots' namespaces."""
-        found = {}
+    def _namespaces(self) -> set[str]:
+        """Returns the namespaces of the robots: of those with a publisher of clouds."""
+        found = set()
         for topic, types in self._node.get_topic_names_and_types():
             namespace = self._topics.namespace_of(topic)
-            if namespace is not None and point_cloud2.TYPE in types:
-                publishers = [
-                    one
-                    for one in self._node.get_publishers_info_by_topic(topic)
-                    if one.topic_type == point_cloud2.TYPE
-                ]
-                if publishers:
-                    found[namespace] = publishers
+            if namespace is not None and point_cloud2.TYPE in types and self._node.count_publishers(topic):
+                found.add(namespace)
         return found
 
     def _is_room_for(self, namespace: str) -> bool:
-        if namespace in self.robots:
+        if len(self.robots) < MAX_ROBOTS:
             return True
-        if len(self.robots) >= MAX_ROBOTS:
-            if namespace not in self._refused:
-                self._refused.add(namespace)
-                self._log_line(namespace, f"more than {MAX_ROBOTS} robots: this one is not served")
-            return False
+        if namespace not in self._refused:
+            self._refused.add(namespace)
+            self._log_line(namespace, f"more than {MAX_ROBOTS} robots: this one is not served")
+        return False
 
+    def _robot(self, namespace: str) -> RclpyRobot:
         def log_line(line: str) -> None:
             self._log_line(namespace, line)
 
-        self.robots[namespace] = RclpyRobot(
+        return RclpyRobot(
             self._node,
             _names(self._topics, namespace),
             self._ask,
@@ -140,7 +130,6 @@ class RclpyFleet:
             hardware_id=namespace or "/",
             log_line=log_line,
         )
-        return True
 
 
 def _names(topics: Topics, namespace: str) -> Names:

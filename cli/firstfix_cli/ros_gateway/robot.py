@@ -58,7 +58,7 @@ class Robot:
             kind: Subscribers(graph.session, output) for kind, output in self._outputs.items()
         }
         self.gateway = RobotGateway(
-            ask, self._publish, config, subscribers=self.subscribers, log_line=log_line, name=namespace
+            ask, self._publish, config, subscribers=self.subscribers, log_line=log_line, name=namespace or "/"
         )
         self._declared = [
             *(graph.token(output, RELIABLE_QOS) for output in self._outputs.values()),

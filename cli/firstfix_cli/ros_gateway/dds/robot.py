@@ -54,7 +54,7 @@ class Robot:
             for kind in Output
         }
         self.gateway = RobotGateway(
-            ask, self._publish, config, subscribers=self.subscribers, log_line=log_line, name=namespace
+            ask, self._publish, config, subscribers=self.subscribers, log_line=log_line, name=namespace or "/"
         )
         self._service = TriggerService(
             participant, full_name(namespace, RELOCALIZE), self.gateway.relocalize, log_line

@@ -17,6 +17,7 @@ from ..robot.config import GatewayConfig
 from ..robot.gateway import RobotGateway
 from ..robot.topics import Input, Output
 from .messages import INPUTS, OUTPUTS
+from .publishers import Publishers
 from .qos import input_qos, output_qos
 
 LOOK_S = 0.1  # between two calls of ``look``
@@ -50,10 +51,8 @@ class RclpyRobot:
     Args:
         node: has subscriptions, publishers and service. The thread of its executor calls all methods.
         hardware_id: of the robot in its diagnostics: its namespace.
-        overridable: the node's parameters ``qos_overrides`` may change the quality of service.
-
-    Attributes:
-        reliable_clouds: all publishers of its clouds are reliable.
+        overridable: the node's parameters ``qos_overrides`` may change the quality of service. Otherwise
+            clouds are heard reliably where all their publishers are reliable.
     """
 
     def __init__(
@@ -67,8 +66,8 @@ class RclpyRobot:
         log_line: Callable[[str], None],
         overridable: bool = False,
     ) -> None:
-        self.reliable_clouds = False
-        self._node, self._names = node, names
+        self._node, self._names, self._overridable = node, names, overridable
+        self._clouds = Publishers(node, names.inputs[Input.CLOUD])
         self._overriding = QoSOverridingOptions(_OVERRIDABLE if overridable else ())
         self._subscriptions: dict[Input, tuple[bool, Any]] = {}
         self._publishers = {
@@ -95,10 +94,13 @@ class RclpyRobot:
 
     def look(self) -> None:
         """Subscribes to the topics that are of use now, and publishes what is periodic."""
+        self._clouds.look()
         needs = self.gateway.needs
+        if self._clouds.rivals:  # a cloud of one robot would move the other one, too
+            self.gateway.tell(self._clouds.rivals)
+            needs -= {Input.CLOUD}
         for kind in reversed(tuple(Input)):  # the frames before the clouds, which they connect
-            is_reliable = kind is Input.CLOUD and self.reliable_clouds
-            wanted = is_reliable if kind in needs and kind in self._names.inputs else None
+            wanted = self._is_reliable(kind) if kind in needs and kind in self._names.inputs else None
             have = self._subscriptions.get(kind)
             if have is not None and have[0] is not wanted:
                 self._node.destroy_subscription(self._subscriptions.pop(kind)[1])
@@ -131,12 +133,15 @@ class RclpyRobot:
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
 
+    def _is_reliable(self, kind: Input) -> bool:
+        return kind is Input.CLOUD and self._clouds.are_reliable and not self._overridable
+
     def _subscribe(self, kind: Input) -> Any:
         return self._node.create_subscription(
             INPUTS[kind],
             self._names.inputs[kind],
             partial(self.gateway.take, kind),
-            input_qos(kind, reliable=kind is Input.CLOUD and self.reliable_clouds),
+            input_qos(kind, reliable=self._is_reliable(kind)),
             qos_overriding_options=self._overriding,
             raw=True,
         )

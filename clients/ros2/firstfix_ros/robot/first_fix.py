@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from firstfix.answer.localization import Localization
-from firstfix.ros.header import Header
+from firstfix.ros.header import Header, Stamp
 from firstfix.ros.pose_message import encode_pose
 
 from .config import GatewayConfig
@@ -45,11 +45,17 @@ class FirstFix:
         self._memory = FixMemory(config.memory, robot, log_line)
         self._handover = Handover(config, senses, clock)
         self._epoch: Epoch | None = None
+        self._pose_stamp: Stamp | None = None
 
     @property
     def epoch(self) -> Epoch | None:
         """Epoch of the fix; None before the first."""
         return self._epoch
+
+    @property
+    def pose_stamp(self) -> Stamp | None:
+        """Stamp of the pose that was published last under this epoch; None if there was none."""
+        return self._pose_stamp
 
     @property
     def stage(self) -> Stage | None:
@@ -76,7 +82,7 @@ class FirstFix:
             epoch, published = Epoch(self._robot, answer.map_version, number), True
         # First the memory: an epoch that somebody has seen is never given to another fix.
         self._memory.keep(GivenFix(epoch, answer.map_id, fix))
-        self._epoch = epoch
+        self._epoch, self._pose_stamp = epoch, None
         localizers = self._subscribers(Output.INITIAL_POSE)
         if published:
             self._send(fix)
@@ -111,4 +117,5 @@ class FirstFix:
 
     def _send(self, fix: Fix) -> None:
         header = Header(fix.stamp, self._config.map_frame)
+        self._pose_stamp = fix.stamp
         self._publish(Output.INITIAL_POSE, encode_pose(fix.T_map_frame, fix.covariance, header))

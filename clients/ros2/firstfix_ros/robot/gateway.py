@@ -85,7 +85,8 @@ class RobotGateway:
     def status(self) -> Status:
         """State and result of the last try."""
         with self._changed:
-            return replace(self._status, epoch=self._first_fix.epoch, stage=self._first_fix.stage)
+            given = self._first_fix
+            return replace(self._status, epoch=given.epoch, pose_stamp=given.pose_stamp, stage=given.stage)
 
     @property
     def wanted(self) -> bool:
@@ -140,6 +141,12 @@ class RobotGateway:
                 self._status = replace(self._status, health=health, offset=None)
             self._changed.notify_all()
 
+    def tell(self, error: str) -> None:
+        """Tells why no cloud can be used now. The next one that comes is asked with, as ever."""
+        with self._changed:
+            if self._wanted and self._status.state is not State.ASKING:
+                self._status = replace(self._status, state=State.FAILED, error=error)
+
     def take(self, kind: Input, body: bytes | memoryview) -> None:
         """Takes a message, returns at once. A message that cannot be used is told once in a row, and dropped.
 
@@ -188,7 +195,9 @@ class RobotGateway:
             self._log_line(line)
         if due:
             header = Header(Stamp.of_ns(self._wall_ns()), "")
-            body = encode_diagnostic_array(header, [diagnosis_of(status, self._name)])
+            body = encode_diagnostic_array(
+                header, [diagnosis_of(status, self._name, self._map_to_odom.missing)]
+            )
             self._publish(Output.STATUS, body)
 
     def run(self) -> None:
