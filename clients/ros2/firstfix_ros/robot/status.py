@@ -45,7 +45,7 @@ class Status:
         health: state of the robot's own localization; None if it is not watched.
         offset: from the robot's own pose to the last fix.
         epoch: of the last fix that was wanted; None before the first.
-        pose_stamp: of the pose that was published last under this epoch for the localizer; None: there was none.
+        pose_stamp: of the last pose that the localizer was sent under this epoch; None: there was none.
         stage: how far this fix has come on its way into the robot's localizer; None while another is sought.
     """
 
