@@ -14,3 +14,6 @@ compile dev.txt ../../pyproject.toml --extra dev "$@"
 # The images run what was tested: their versions are the tests' ones.
 compile service.txt ../../pyproject.toml --extra service --extra dds --extra vda5050 --constraints dev.txt
 compile builder.txt ../../pyproject.toml --extra dask --extra dds --extra vda5050 --constraints dev.txt  # with builder in it
+# What the tests put beside .venv, as a sourced ROS is: packages that both have are of one version.
+compile ros-jazzy.txt ros-jazzy.in --constraints dev.txt
+compile ros-kilted.txt ros-kilted.in --constraints dev.txt

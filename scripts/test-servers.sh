@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
-# networks), haproxy (replicas), mosquitto (MQTT), Azurite (Azure); iproute2, for a weak link; what renders and checks the Helm chart:
-# helm, the schemas of Kubernetes and prometheus-operator; Chromium for the console; and what the C++ client is built
-# with. Rust, which builds a robot of another DDS, is only looked for. Tests whose server or tool cannot be had are
-# skipped and say so.
+# networks), haproxy (replicas), mosquitto (MQTT), Azurite (Azure); iproute2, for a weak link; what renders and checks
+# the Helm chart: helm, the schemas of Kubernetes and prometheus-operator; Chromium for the console; what the C++ client
+# is built with; ROS 2 Jazzy and Kilted. Rust, which builds a robot of another DDS, is only looked for. Tests whose
+# server or tool cannot be had are skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
@@ -74,3 +74,4 @@ have chromium || system_packages "the console's tests" chromium
 { have cmake c++ make pkg-config && pkg-config --exists libzstd libcurl libcrypto nlohmann_json; } ||
   system_packages "the C++ client's tests" \
     cmake g++ make pkg-config libzstd-dev libcurl4-openssl-dev libssl-dev nlohmann-json3-dev
+scripts/ros2.sh

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -131,6 +130,6 @@ def _in_process(map_id: str, store: str, encoding: Encoding) -> Answerer:
             media_type, body = encoded(scan, form, options.gravity)
             query = decode_query(body, media_type)
         found = localizer.localize(query, options)
-        return replace(found, map_id=map_id, map_version=version, map_provisional=provisional)
+        return found.of_version(map_id, version, provisional=provisional)
 
     return answer

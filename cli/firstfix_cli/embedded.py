@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from firstfix.answer.localization import Localization
@@ -127,12 +127,8 @@ class EmbeddedLocalizer:
         if options.version not in (None, answering.version):
             raise InvalidOption(f"only the active version answers here, {answering.version}")
         found = answering.localizer.localize(scan, options)
-        return replace(
-            found,
-            map_id=self._map_id,
-            map_version=answering.version,
-            map_provisional=answering.manifest.provisional,
-        )
+        provisional = answering.manifest.provisional
+        return found.of_version(self._map_id, answering.version, provisional=provisional)
 
     def update(self) -> bool:
         """Looks at the store once, and loads the active version if another one answers.

@@ -102,7 +102,7 @@ def _in_process(map_id: str, store: str) -> BodyAnswerer:
         version, localizer, provisional = loaded[options.version]
         plain = undo_content_encoding(body, sample.content_encoding, MAX_DECODED_BYTES)
         found = localizer.localize(decode_query(plain, sample.media_type), options)
-        return replace(found, map_id=map_id, map_version=version, map_provisional=provisional)
+        return found.of_version(map_id, version, provisional=provisional)
 
     return answer
 

@@ -1,5 +1,7 @@
 """Package of the ROS 2 node, for colcon."""
 
+from pathlib import Path
+
 from setuptools import setup
 
 NAME = "firstfix_ros"
@@ -7,11 +9,11 @@ NAME = "firstfix_ros"
 setup(
     name=NAME,
     version="0.1.0",
-    packages=[NAME, f"{NAME}.messages", f"{NAME}.robot"],
+    packages=[NAME, f"{NAME}.messages", f"{NAME}.on_rclpy", f"{NAME}.robot"],
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/launch", ["launch/first_fix.launch.py"]),
+        (f"share/{NAME}/launch", [str(path) for path in sorted(Path().glob("launch/*.launch.*"))]),
         (f"share/{NAME}/config", ["config/first_fix.yaml"]),
     ],
     install_requires=["setuptools"],

@@ -26,12 +26,12 @@ from firstfix.ros.rmw_zenoh import (
     PUBLISHER,
     SENSOR_QOS,
     SERVICE,
-    TRIGGER,
     Attachment,
     Node,
     endpoint,
     parse_token,
 )
+from firstfix.ros.type_hashes import TRIGGER
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.ros_gateway.fleet import RosGateway, open_session

@@ -241,6 +241,7 @@ def test_the_command(robots: Any, domain: int, points: Any):
         service.stop()
     assert program.returncode == 0
     assert out.splitlines()[0] == f"looking for robots on DDS, domain {domain}"
+    assert "get no reply" in out.splitlines()[1]
     assert "/robot1  localized" in out
 
 

@@ -19,7 +19,7 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, make_transform, pose_error, rotation_z
 from firstfix_cli.poses_csv import read_poses_csv
 from tests.dds_loopback import LOOPBACK
-from tests.robots.rust_robot import BASE, RustRobot, T_map_sensor_of, stamp_ns, write_points
+from tests.robots.robot_program import BASE, Robot, T_map_sensor_of, stamp_ns, write_points
 from tests.waiting import wait_until
 
 
@@ -96,7 +96,7 @@ def gateway(
             process.wait()
 
 
-def pose_after(robot: RustRobot, begin_ns: int) -> dict[str, Any]:
+def pose_after(robot: Robot, begin_ns: int) -> dict[str, Any]:
     """Waits for the first pose to start from that belongs to a cloud after a time."""
 
     def found() -> list[dict[str, Any]]:

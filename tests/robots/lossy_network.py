@@ -14,7 +14,8 @@ from typing import Any
 
 from benchmarks.weak_link.link import Conditions, Link, weak_link
 from tests.robots.dds_world import Scene, check_pose, gateway, on_link
-from tests.robots.rust_robot import RustRobot, rust_robot, stamp_ns
+from tests.robots.robot_program import Robot, stamp_ns
+from tests.robots.rust_robot import rust_robot
 from tests.waiting import wait_until
 
 RATE_BIT_S, DELAY_S = 1e9, 0.001
@@ -44,7 +45,7 @@ class Told:
 
 
 @contextmanager
-def robot_over(link: Link, program: Path, folder: Path, store: Path, map_id: str) -> Iterator[RustRobot]:
+def robot_over(link: Link, program: Path, folder: Path, store: Path, map_id: str) -> Iterator[Robot]:
     """Runs the gateway here and a robot at the other end, as long as the block lasts. Both know each other.
 
     Its clouds are reliable. Others would hardly ever come through: no fragment of them may be lost.
@@ -63,7 +64,7 @@ def robot_over(link: Link, program: Path, folder: Path, store: Path, map_id: str
         yield robot
 
 
-def _get_an_answer(robot: RustRobot) -> None:
+def _get_an_answer(robot: Robot) -> None:
     """Calls again and again until a call is answered.
 
     A client of ROS 2 sees a service before the service sees the client. What it calls in between is lost,
@@ -77,7 +78,7 @@ def _get_an_answer(robot: RustRobot) -> None:
     raise AssertionError("the service never answered")
 
 
-def ask(robot: RustRobot, seen: list[Scene], told: Told) -> None:
+def ask(robot: Robot, seen: list[Scene], told: Told) -> None:
     """Lets the robot ask at every scene, and waits for the response and the pose.
 
     A pose belongs to the cloud of its stamp. On a bad link this may be one from before the call, sent again.

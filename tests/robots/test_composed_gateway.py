@@ -18,6 +18,7 @@ from tests.dds_loopback import LOOPBACK
 from tests.deploy.engine import ROOT, build_images, compose, docker, running_engine
 from tests.robots import rust_robot
 from tests.robots.dds_world import check_pose, scenes
+from tests.robots.robot_program import BASE
 from waiting import wait_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]  # images are built
@@ -77,7 +78,7 @@ def service_and_gateway(folder: Path, store: Path, map_id: str, domain: int) -> 
         wait_until(lambda: _is_ready(project.url), what="the service")
         create = ("keys", "create", "--scope", "localize", "--map", map_id, "--name", "gateway")
         key = project("exec", "-T", "firstfix", "firstfix", *create).strip()
-        project.add_gateway(key, map_id, rust_robot.BASE)
+        project.add_gateway(key, map_id, BASE)
         project("up", "-d", GATEWAY)
         wait_until(lambda: "looking for robots on DDS" in project("logs", "--no-color", GATEWAY))
         yield project

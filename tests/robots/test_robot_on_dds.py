@@ -13,6 +13,7 @@ from firstfix.answer.localization import Verdict
 from tests.claimed import any_domain
 from tests.robots import rust_robot
 from tests.robots.dds_world import Scene, check_pose, gateway, pose_after, scenes
+from tests.robots.robot_program import Robot
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -68,5 +69,5 @@ def test_a_robot_asks_and_is_told_what_was_found(
         assert not robot.of("unreadable"), "its own reader did not understand a message"
 
 
-def _last_status(robot: rust_robot.RustRobot) -> dict[str, Any]:
+def _last_status(robot: Robot) -> dict[str, Any]:
     return robot.of("first_fix/status")[-1]["message"]["status"][0]

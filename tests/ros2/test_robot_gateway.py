@@ -70,10 +70,12 @@ class Bench:
         self.published: list[tuple[Output, bytes]] = []
         self.told: list[str] = []
         self.while_asking: Callable[[], Any] = lambda: None
+        self.localizers: int | None = None  # subscribers of the pose
         self.gateway = RobotGateway(
             self.ask,
             lambda kind, body: self.published.append((kind, body)),
             GatewayConfig(**({"base_frame": "base_link"} if mounted else {}), **config),
+            subscribers=lambda output: self.localizers,
             log_line=self.told.append,
             clock=lambda: self.now_s,
             wall_ns=lambda: 9 * S,
@@ -249,7 +251,7 @@ def test_the_status_comes_once_a_second_and_when_it_changes():
     assert len(bench.of(Output.STATUS)) == 3
     assert bench.cloud()
     (one,) = bench.of(Output.STATUS)[-1].status
-    assert (one.level, one.message, one.name) == (0, "localized", "first_fix")
+    assert (one.level, one.message, one.name) == (0, "localized", "first_fix: pose in the map")
     assert bench.of(Output.STATUS)[-1].header.stamp.sec == 9
 
 

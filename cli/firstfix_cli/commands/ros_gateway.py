@@ -1,9 +1,10 @@
-"""``firstfix ros-gateway``: first fixes for robots with ROS 2, on DDS or on rmw_zenoh."""
+"""``firstfix ros-gateway``: first fixes for robots with ROS 2, by rclpy, on DDS or on rmw_zenoh."""
 
 from __future__ import annotations
 
 import signal
 import threading
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,23 +12,28 @@ import typer
 from ..arguments import MapId, Store, TimeoutS, Url, Zenoh, examples
 
 EXAMPLES = examples(
-    "firstfix ros-gateway --dds --map hall --points os/points --base-frame base_link",
-    "firstfix ros-gateway --dds --map hall --imu os/imu --base-frame base_link --no-at-start --watch 1",
-    "firstfix ros-gateway --map hall --connect tcp/router:7447 --domain 7 --points os/points",
+    "firstfix ros-gateway --map hall --points os/points --base-frame base_link",
+    "firstfix ros-gateway --map hall --imu os/imu --base-frame base_link --no-at-start --watch 1",
     "firstfix ros-gateway --dds --map hall --store s3://maps",
+    "firstfix ros-gateway --map hall --connect tcp/router:7447 --domain 7 --points os/points",
 )
 
 
 def ros_gateway(
     map_id: MapId,
     dds: Annotated[
-        bool, typer.Option("--dds", help="Robots are on DDS; otherwise on rmw_zenoh.", show_default=False)
+        bool,
+        typer.Option(
+            "--dds",
+            help="Join the robots' DDS domain without ROS 2. The start says what cannot be done so.",
+            show_default=False,
+        ),
     ] = False,
     connect: Annotated[
         str | None,
         typer.Option(
             metavar="ENDPOINT",
-            help="Endpoint of the robots' zenoh router (rmw_zenohd). By default tcp/localhost:7447.",
+            help="Ask the robots' zenoh router (rmw_zenohd) without ROS 2: tcp/localhost:7447.",
         ),
     ] = None,
     url: Url = None,
@@ -93,17 +99,46 @@ def ros_gateway(
             help="Publish the transform from the map to the odometry after a fix, unless somebody else does."
         ),
     ] = True,
+    repeat_s: Annotated[
+        float,
+        typer.Option(
+            "--repeat",
+            metavar="SECONDS",
+            help="Publish the pose again until the robot's localizer follows, at most so often. 0: once.",
+            min=0,
+        ),
+    ] = 5.0,
+    young_s: Annotated[
+        float,
+        typer.Option(
+            "--young",
+            metavar="SECONDS",
+            help="So long the pose is repeated without odometry, or to a localizer that is not heard.",
+            min=0,
+        ),
+    ] = 10.0,
+    memory: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder that keeps each robot's last fix, so that a restart gives none a second first fix "
+            "[default: one for each domain in the user's folder for states].",
+            show_default=False,
+        ),
+    ] = None,
     timeout_s: TimeoutS = 10.0,
 ) -> None:
     """Give every robot with ROS 2 its first fix.
 
-    Run one process in the robots' network, or beside their router. A robot is a namespace with a
-    PointCloud2 topic. It gets its pose as a PoseWithCovarianceStamped, and a service first_fix/relocalize
-    (std_srvs/srv/Trigger) that starts a new search. The command runs until it is interrupted.
+    Run one process in the robots' network. It uses the ROS 2 that is sourced, with any middleware;
+    --dds and --connect need none. A robot is a namespace with a PointCloud2 topic. It gets its pose as a
+    PoseWithCovarianceStamped, and a service first_fix/relocalize (std_srvs/srv/Trigger) that starts a new
+    search. The command runs until it is interrupted.
     """
     from firstfix.answer.options import LocalizeOptions
     from firstfix.errors import InvalidOption
     from firstfix_ros.robot.config import GatewayConfig
+    from firstfix_ros.robot.fix_memory import user_memory
     from firstfix_ros.robot.topics import Topics
 
     from ..answerer import answerer
@@ -123,6 +158,9 @@ def ros_gateway(
         retry_s,
         watch_s,
         publishes_tf=publish_tf,
+        repeat_s=repeat_s,
+        young_s=young_s,
+        memory=memory or user_memory(domain),
     )
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -137,7 +175,9 @@ def ros_gateway(
             connect=connect,
             domain=domain,
             log_line=lambda namespace, line: typer.echo(f"{namespace or '/'}  {line}"),
-        ) as (place, fleet),
+        ) as opened,
     ):
-        typer.echo(f"looking for robots {place}, domain {domain}")
-        fleet.run(stop)
+        typer.echo(f"looking for robots {opened.place}, domain {domain}")
+        if opened.cannot:
+            typer.echo(f"note: {opened.cannot}")
+        opened.fleet.run(stop)

@@ -18,17 +18,18 @@ from firstfix.ros.rmw_zenoh import (
     PUBLISHER,
     RELIABLE_QOS,
     SERVICE,
-    TRIGGER,
     Attachment,
     Endpoint,
     endpoint,
 )
+from firstfix.ros.type_hashes import TRIGGER
 from firstfix_ros.robot.answerer import Answerer
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.gateway import RobotGateway
 from firstfix_ros.robot.topics import RELOCALIZE, Input, Output, Topics, full_name
 
 from .graph import Graph
+from .subscribers import Subscribers
 
 
 class Robot:
@@ -53,7 +54,12 @@ class Robot:
         self._sequences = {kind: itertools.count(1) for kind in Output}
         self._gid = os.urandom(16)
         self._listening: dict[Input, list[Any]] = {}
-        self.gateway = RobotGateway(ask, self._publish, config, log_line=log_line, name=namespace)
+        self._subscribers = {
+            kind: Subscribers(graph.session, output) for kind, output in self._outputs.items()
+        }
+        self.gateway = RobotGateway(
+            ask, self._publish, config, subscribers=self.subscribers, log_line=log_line, name=namespace or "/"
+        )
         self._declared = [
             *(graph.token(output, RELIABLE_QOS) for output in self._outputs.values()),
             graph.session.declare_queryable(relocalize.key, self._on_relocalize, complete=True),
@@ -77,10 +83,16 @@ class Robot:
                 self._rest(kind)
         self.gateway.tick()
 
+    def subscribers(self, output: Output) -> int:
+        """Returns how many subscriptions hear an output."""
+        return self._subscribers[output].count()
+
     def close(self) -> None:
         """Removes the robot's endpoints, and ends the search after the current query."""
         for kind in Input:
             self._rest(kind)
+        for subscribers in self._subscribers.values():
+            subscribers.close()
         for declared in self._declared:
             declared.undeclare()
         self.gateway.close()

@@ -212,6 +212,7 @@ Localization parse_localization(std::string_view document) {
   if (const Json* hint = member(data, "hint")) made.hint = hint_of(*hint);
   made.map_id = text(data, "map_id");
   made.map_version = text(data, "map_version");
+  made.fix_id = text(data, "fix_id");
   if (const Json* provisional = member(data, "map_provisional")) {
     if (!provisional->is_boolean()) unreadable("map_provisional is neither true nor false");
     made.map_provisional = provisional->get<bool>();

@@ -232,6 +232,7 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
            {"map_id", fix.map_id},
            {"map_version", fix.map_version},
            {"map_provisional", fix.map_provisional},
+           {"fix_id", fix.fix_id},
            {"timings_ms", fix.timings_ms},
            {"twist", json_of(fix.twist)}}};
 }

@@ -1,44 +1,42 @@
-"""ROS 2 node around ``firstfix_ros.robot``: topics, a service and parameters.
+"""ROS 2 node of one robot around ``firstfix_ros.robot``: topics, a service and parameters.
 
-    in   points (sensor_msgs/PointCloud2), imu (sensor_msgs/Imu), tf, tf_static,
-         own_pose (geometry_msgs/PoseWithCovarianceStamped)
-    out  initialpose, ~/pose (geometry_msgs/PoseWithCovarianceStamped), tf,
-         ~/hypotheses (geometry_msgs/PoseArray), ~/status (diagnostic_msgs/DiagnosticArray)
-    srv  ~/relocalize (std_srvs/Trigger): search for a fix now
-
-All messages pass as serialised bytes, so nothing is converted twice.
+in   points (sensor_msgs/PointCloud2), imu (sensor_msgs/Imu), tf, tf_static,
+     own_pose (geometry_msgs/PoseWithCovarianceStamped)
+out  initialpose, ~/pose (geometry_msgs/PoseWithCovarianceStamped), tf,
+     ~/hypotheses (geometry_msgs/PoseArray), ~/status (diagnostic_msgs/DiagnosticArray)
+srv  ~/relocalize (std_srvs/Trigger): search for a fix now
 """
 
 from __future__ import annotations
 
+import signal
+import sys
 import threading
-from functools import partial
+from contextlib import ExitStack
+from dataclasses import asdict
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
-from rclpy.executors import ExternalShutdownException
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-from sensor_msgs.msg import Imu, PointCloud2
-from std_srvs.srv import Trigger
-from tf2_msgs.msg import TFMessage
+from rclpy.signals import SignalHandlerOptions
 
-from firstfix.errors import FirstfixError
+from firstfix.errors import FirstfixError, InvalidOption
 
+from .on_rclpy.declared import declare
+from .on_rclpy.robot import LOOK_S, Names, RclpyRobot
 from .parameters import Parameters
-from .robot.gateway import RobotGateway
-from .robot.topics import NODE_NAME, RELOCALIZE, Input, Output
+from .robot.topics import NODE_NAME, REINITIALIZE, RELOCALIZE, Input, Output
 
-LOOK_S = 0.1
 _OUTPUTS = {
-    Output.INITIAL_POSE: (PoseWithCovarianceStamped, "initialpose"),
-    Output.POSE: (PoseWithCovarianceStamped, "~/pose"),
-    Output.TF: (TFMessage, "/tf"),
-    Output.STATUS: (DiagnosticArray, "~/status"),
-    Output.HYPOTHESES: (PoseArray, "~/hypotheses"),
+    Output.INITIAL_POSE: "initialpose",
+    Output.POSE: "~/pose",
+    Output.TF: "/tf",
+    Output.STATUS: "~/status",
+    Output.HYPOTHESES: "~/hypotheses",
 }
 
 
@@ -47,68 +45,75 @@ class FirstFixNode(Node):  # type: ignore[misc]
 
     Raises:
         FirstfixError, ConnectionError: a parameter cannot be used, or nothing listens at ``zenoh``.
+        ModuleNotFoundError: ``zenoh`` is set, and its package is not installed.
     """
 
     def __init__(self) -> None:
+        self._endings = ExitStack()  # of what was begun: a context that ends also destroys a node half made
         super().__init__(NODE_NAME)
-        defaults = Parameters.defaults()
-        for name, value in defaults.items():
-            self.declare_parameter(name, value)
-        parameters = Parameters.checked({name: self.get_parameter(name).value for name in defaults})
-        self._publishers = {
-            output: self.create_publisher(kind, topic, 10) for output, (kind, topic) in _OUTPUTS.items()
-        }
-        self._client = parameters.client()
-        self._gateway = RobotGateway(
-            parameters.answerer(self._client),
-            self._publish,
-            parameters.config(),
+        self._given = declare(self)
+        client = self._given.client()
+        self._endings.callback(client.close)
+        self._robot = RclpyRobot(
+            self,
+            _names(self._given),
+            self._given.answerer(client),
+            self._given.config(),
+            hardware_id=self.get_namespace(),
             log_line=self.get_logger().info,
-            name=self.get_namespace(),
+            overridable=True,
         )
-        latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._hear(Input.TF_STATIC, TFMessage, "/tf_static", latched)
-        self._hear(Input.TF, TFMessage, "/tf", 100)
-        if parameters.imu:
-            self._hear(Input.IMU, Imu, "imu", qos_profile_sensor_data)
-        if parameters.own_pose:
-            self._hear(Input.OWN_POSE, PoseWithCovarianceStamped, "own_pose", 1)
-        self._hear(Input.CLOUD, PointCloud2, "points", qos_profile_sensor_data)
-        self.create_service(Trigger, RELOCALIZE.replace(NODE_NAME, "~"), self._on_relocalize)
-        self.create_timer(LOOK_S, self._gateway.tick)
-        self._thread = threading.Thread(target=self._gateway.run, name="first fix", daemon=True)
-        self._thread.start()
+        self._endings.callback(self._robot.join)
+        self._endings.callback(self._robot.close)
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+        # Not the node's clock: a simulation that stands still must not silence the status.
+        self.create_timer(LOOK_S, self._robot.look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
         """Waits for the current query, closes the client, then destroys the node."""
-        self._gateway.close()
-        self._thread.join()
-        self._client.close()
+        self._endings.close()
         super().destroy_node()
 
-    def _hear(self, kind: Input, message: Any, topic: str, qos: Any) -> None:
-        self.create_subscription(message, topic, partial(self._gateway.take, kind), qos, raw=True)
+    def _on_set_parameters(self, changes: list[Any]) -> SetParametersResult:
+        own = asdict(self._given)
+        try:
+            given = Parameters.checked(own | {one.name: one.value for one in changes if one.name in own})
+        except InvalidOption as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self._given = given
+        self._robot.gateway.set_times(given.retry_s, given.watch_s)
+        return SetParametersResult(successful=True)
 
-    def _publish(self, output: Output, body: bytes) -> None:
-        self._publishers[output].publish(body)
 
-    def _on_relocalize(self, request: Any, response: Any) -> Any:
-        response.success, response.message = True, self._gateway.relocalize()
-        return response
+def _names(given: Parameters) -> Names:
+    inputs = {Input.CLOUD: "points", Input.TF: "/tf", Input.TF_STATIC: "/tf_static"}
+    if given.imu:
+        inputs[Input.IMU] = "imu"
+    if given.own_pose:
+        inputs[Input.OWN_POSE] = "own_pose"
+    relocalize, reinitialize = (name.replace(NODE_NAME, "~") for name in (RELOCALIZE, REINITIALIZE))
+    return Names(inputs, _OUTPUTS, relocalize, reinitialize)
 
 
 def main() -> None:
-    """Runs the node until it is interrupted."""
-    rclpy.init()
+    """Runs the node until SIGINT or SIGTERM. It exits with 0, or with 2 if it cannot start."""
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
     try:
+        # rclpy's own handlers take the context away at once, while the node still needs it to end well.
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         node = FirstFixNode()
-    except (FirstfixError, ConnectionError) as error:
+    except (FirstfixError, ConnectionError, ModuleNotFoundError, RuntimeError) as error:  # rclpy's own too
         get_logger(NODE_NAME).fatal(str(error))
+        rclpy.try_shutdown()
         raise SystemExit(2) from None
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
     try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=LOOK_S)
     finally:
+        executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
 from firstfix.errors import InvalidOption
@@ -12,31 +14,75 @@ from firstfix_client import Client, ZenohClient
 
 from .robot.answerer import Answerer
 from .robot.config import GatewayConfig
+from .robot.fix_memory import user_memory
+
+MAX_TIME_S = 3600.0
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a node tells of one parameter. Its type is that of the default.
+
+    Attributes:
+        description: one line.
+        limits: lowest and highest value; None: any.
+        can_change: while the node runs.
+    """
+
+    name: str
+    default: bool | float | str
+    description: str
+    limits: tuple[float, float] | None
+    can_change: bool
+
+
+def _of(
+    default: Any, description: str, limits: tuple[float, float] | None = None, can_change: bool = False
+) -> Any:
+    told = {"description": description, "limits": limits, "can_change": can_change}
+    return field(default=default, metadata=told)
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """Parameters of the node with their defaults; ``config/first_fix.yaml`` explains them."""
+    """Parameters of the node with their defaults and descriptions."""
 
-    map_id: str = ""
-    url: str = "http://localhost:8080"
-    zenoh: str = ""
-    map_frame: str = "map"
-    odom_frame: str = "odom"
-    base_frame: str = "base_link"
-    imu: bool = True
-    own_pose: bool = False
-    publish_tf: bool = True
-    at_start: bool = True
-    retry_s: float = 1.0
-    watch_s: float = 0.0
-    timeout_s: float = 10.0
-    voxel_m: float = 0.25
+    map_id: str = _of("", "Id of the map in the service; required.")
+    url: str = _of("http://localhost:8080", "Address of the service, unless zenoh is set.")
+    zenoh: str = _of("", "Zenoh endpoint of the service, such as tcp/localhost:7447.")
+    map_frame: str = _of("map", "Frame of the published pose.")
+    odom_frame: str = _of("odom", "Frame of the robot's odometry.")
+    base_frame: str = _of("base_link", "Frame whose pose is published. Empty: the sensor's.")
+    imu: bool = _of(True, "Use gravity from the topic imu while the robot is at rest.")
+    own_pose: bool = _of(False, "Take poses of the robot's own localization from the topic own_pose.")
+    publish_tf: bool = _of(True, "Publish map_frame -> odom_frame after a fix, unless somebody else does.")
+    at_start: bool = _of(True, "Search for a fix at start.")
+    retry_s: float = _of(1.0, "Seconds between two tries of a search.", (0.0, MAX_TIME_S), can_change=True)
+    watch_s: float = _of(
+        0.0,
+        "Seconds between two checks of the robot's own localization. 0: never.",
+        (0.0, MAX_TIME_S),
+        can_change=True,
+    )
+    repeat_s: float = _of(
+        5.0,
+        "Publish the pose again until the localizer follows, at most so often. 0: once.",
+        (0.0, MAX_TIME_S),
+    )
+    young_s: float = _of(
+        10.0,
+        "Seconds for which it is repeated without odometry, or to a localizer that is not heard.",
+        (0.0, MAX_TIME_S),
+    )
+    memory: str = _of("", "Folder that keeps the last fix over a restart. Empty: the user's.")
+    timeout_s: float = _of(10.0, "Longest wait for an answer, in seconds.", (0.001, MAX_TIME_S))
+    voxel_m: float = _of(0.25, "Thins scans before sending, in metres. 0: all points, to 1 cm.", (0.0, 100.0))
 
     @classmethod
-    def defaults(cls) -> dict[str, Any]:
-        """Returns the default of each parameter."""
-        return {field.name: field.default for field in fields(cls)}
+    def declarations(cls) -> tuple[Declaration, ...]:
+        """Returns what a node declares."""
+        defaults = asdict(cls())
+        return tuple(Declaration(one.name, defaults[one.name], **one.metadata) for one in fields(cls))
 
     @classmethod
     def checked(cls, values: Mapping[str, Any]) -> Parameters:
@@ -48,8 +94,11 @@ class Parameters:
         parameters = cls(**values)
         check_map_id(parameters.map_id)
         parameters.config()
-        if not (parameters.timeout_s > 0 and parameters.voxel_m >= 0):
-            raise InvalidOption("voxel_m must be 0 or more, timeout_s must be greater than 0")
+        for one in cls.declarations():
+            if one.limits is not None:
+                lowest, highest = one.limits
+                if not lowest <= getattr(parameters, one.name) <= highest:
+                    raise InvalidOption(f"{one.name} must be from {lowest:g} to {highest:g}")
         return parameters
 
     def config(self) -> GatewayConfig:
@@ -66,6 +115,9 @@ class Parameters:
             retry_s=self.retry_s,
             watch_s=self.watch_s,
             publishes_tf=self.publish_tf,
+            repeat_s=self.repeat_s,
+            young_s=self.young_s,
+            memory=Path(self.memory) if self.memory else user_memory(_domain()),
         )
 
     def client(self) -> Client | ZenohClient:
@@ -82,3 +134,9 @@ class Parameters:
     def answerer(self, client: Client | ZenohClient) -> Answerer:
         """Returns the client's ``localize`` for the map."""
         return lambda scan, options: client.localize(scan, map_id=self.map_id, options=options)
+
+
+def _domain() -> int:
+    """Returns the ROS domain of this process."""
+    text = os.environ.get("ROS_DOMAIN_ID", "")
+    return int(text) if text.isdecimal() else 0

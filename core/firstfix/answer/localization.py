@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
+from hashlib import blake2b
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,8 @@ class Localization:
         hypotheses: competing poses, best first, whatever the verdict. Empty if there was no candidate.
         map_id: map whose frame the pose is in.
         map_version: digest of the version that answered.
+        fix_id: of a localized answer: the same for the same pose in the same version, as when a scan is sent
+            again; another one for another fix. Empty without a pose.
         timings_ms: milliseconds by stage.
         map_provisional: the version that answered is provisional: coarse, and its probabilities were not
             measured on this map. A full one will take its place.
@@ -106,10 +109,18 @@ class Localization:
     degenerate: tuple[FreeDirection, ...] = ()
     findings: tuple[Finding, ...] = ()
     scan: ScanFacts | None = None
+    fix_id: str = ""
 
     def __post_init__(self) -> None:
         if (self.verdict is Verdict.LOCALIZED) != (self.T_map_sensor is not None):
             raise ValueError("a localized answer has a pose, and no other answer has a pose")
+
+    def of_version(self, map_id: str, map_version: str, *, provisional: bool) -> Localization:
+        """Returns the answer with the version that gave it, and the id of its fix."""
+        fix_id = "" if self.T_map_sensor is None else _fix_id(map_version, self.T_map_sensor)
+        return replace(
+            self, map_id=map_id, map_version=map_version, map_provisional=provisional, fix_id=fix_id
+        )
 
     def to_mapping(self) -> dict[str, Any]:
         """Values ready for JSON, as both transports send them."""
@@ -142,6 +153,7 @@ class Localization:
             "map_id": self.map_id,
             "map_version": self.map_version,
             "map_provisional": self.map_provisional,
+            "fix_id": self.fix_id,
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
         }
 
@@ -169,6 +181,7 @@ class Localization:
             map_id=str(data.get("map_id", "")),
             map_version=str(data.get("map_version", "")),
             map_provisional=data.get("map_provisional") is True,  # an older service does not tell
+            fix_id=str(data.get("fix_id", "")),  # an older service does not tell
             timings_ms=dict(data.get("timings_ms", {})),
             twist=_twist_from_mapping(data.get("twist")),
             hint=None if data.get("hint") is None else Hint.from_mapping(data["hint"]),
@@ -177,6 +190,11 @@ class Localization:
             findings=tuple(Finding.from_mapping(one) for one in data.get("findings") or ()),
             scan=None if data.get("scan") is None else ScanFacts.from_mapping(data["scan"]),
         )
+
+
+def _fix_id(map_version: str, T_map_sensor: NDArray[np.float64]) -> str:
+    numbers = np.ascontiguousarray(T_map_sensor, "<f8").tobytes()
+    return blake2b(map_version.encode() + numbers, digest_size=8).hexdigest()
 
 
 def _optional_pose(T: NDArray[np.float64] | None) -> dict[str, list[float]] | None:

@@ -29,8 +29,13 @@ def to_pose_cdr(answer: Localization, stamp: Stamp, frame_id: str = MAP_FRAME) -
     T, covariance = answer.T_map_sensor, answer.covariance
     if answer.T_map_base is not None:
         T, covariance = answer.T_map_base, covariance_of_base(T, answer.T_map_base, covariance)
+    return encode_pose(T, covariance, Header(stamp, frame_id))
+
+
+def encode_pose(T: Matrix, covariance: NDArray[np.float64], header: Header) -> bytes:
+    """Encodes a (4, 4) pose in the header's frame, with its (6, 6) covariance, as little-endian CDR."""
     writer = CdrWriter()
-    write_header(writer, Header(stamp, frame_id))
+    write_header(writer, header)
     writer.numbers("d", [*T[:3, 3], *quaternion_of(T), *covariance.ravel()])
     return writer.bytes()
 

@@ -14,21 +14,9 @@ import struct
 from dataclasses import dataclass
 
 from ..errors import MalformedData
-from . import imu, point_cloud2, pose_message, tf_message
+from .type_hashes import TYPE_HASHES
 
-TRIGGER = "std_srvs/srv/Trigger"
-POSE_ARRAY, DIAGNOSTICS = "geometry_msgs/msg/PoseArray", "diagnostic_msgs/msg/DiagnosticArray"
 NO_HASH = "TypeHashNotSupported"  # Humble
-# RIHS01, REP-2016: equal in every distribution, since these messages have not changed
-_HASHES = {
-    point_cloud2.TYPE: "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
-    pose_message.TYPE: "RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e",
-    imu.TYPE: "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
-    tf_message.TYPE: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
-    POSE_ARRAY: "RIHS01_af0cc36d190e104d546d168d6b39df04fa4b4ccecf59cb4c9ed328d3d5004aa0",
-    DIAGNOSTICS: "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
-    TRIGGER: "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
-}
 NODE, PUBLISHER, SUBSCRIPTION, SERVICE = "NN", "MP", "MS", "SS"
 # Differences from rmw_zenoh's defaults (reliable, volatile, depth 42): here the depth
 RELIABLE_QOS = "::,10:,:,:,,"
@@ -65,9 +53,9 @@ def endpoint(domain: int, kind: str, topic: str, ros_type: str, *, humble: bool 
 
     Args:
         topic: fully qualified, with the first slash.
-        ros_type: one of the types with a hash in this module.
+        ros_type: one of ``TYPE_HASHES``.
     """
-    return Endpoint(domain, kind, topic, dds_type(ros_type), NO_HASH if humble else _HASHES[ros_type])
+    return Endpoint(domain, kind, topic, dds_type(ros_type), NO_HASH if humble else TYPE_HASHES[ros_type])
 
 
 def dds_type(ros_type: str) -> str:
@@ -82,6 +70,13 @@ def publishers_pattern(domain: int, ros_type: str) -> str:
     Its last part matches the QoS, and the parts that Rolling adds.
     """
     return f"{_ADMIN}/{domain}/*/*/*/{PUBLISHER}/*/*/*/*/{dds_type(ros_type)}/**"
+
+
+def subscriptions_pattern(publisher: Endpoint) -> str:
+    """Returns a key expression for the tokens of all subscriptions that hear a publisher."""
+    topic = publisher.topic.replace("/", "%")
+    parts = f"{_ADMIN}/{publisher.domain}/*/*/*/{SUBSCRIPTION}/*/*/*"
+    return f"{parts}/{topic}/{publisher.dds_type}/{publisher.type_hash}/**"
 
 
 def parse_token(key: str) -> Endpoint | None:

@@ -78,13 +78,8 @@ def answer_query(
         answer = localize_among(maps, scan, query.options, query.deadline)
         # If no map is sure: the map of the best hypothesis, if there is one.
         answered = by_map[answer.hypotheses[0].map_id] if answer.hypotheses else query.versions[0]
-    answer = replace(
-        answer,
-        map_id=answered.map_id,
-        map_version=answered.version,
-        map_provisional=answered.provisional,
-        timings_ms={**query.waits_ms, **watch.ms, **answer.timings_ms},
-    )
+    answer = answer.of_version(answered.map_id, answered.version, provisional=answered.provisional)
+    answer = replace(answer, timings_ms={**query.waits_ms, **watch.ms, **answer.timings_ms})
     if offer is not None:
         offer(answered, localizers[query.versions.index(answered)], scan, answer)
     message = _pose_message(answer, query.form.pose, query.body_format, plain)

@@ -9,12 +9,9 @@ from every_case import every_case
 from firstfix.errors import MalformedData
 from firstfix.ros import imu, point_cloud2, pose_message, tf_message
 from firstfix.ros.rmw_zenoh import (
-    DIAGNOSTICS,
-    POSE_ARRAY,
     PUBLISHER,
     RELIABLE_QOS,
     SERVICE,
-    TRIGGER,
     Attachment,
     Node,
     dds_type,
@@ -22,6 +19,7 @@ from firstfix.ros.rmw_zenoh import (
     parse_token,
     publishers_pattern,
 )
+from firstfix.ros.type_hashes import DIAGNOSTICS, POSE_ARRAY, TRIGGER
 from ros_samples import ROS2
 
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"

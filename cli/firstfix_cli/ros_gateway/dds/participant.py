@@ -27,6 +27,7 @@ from firstfix.errors import InvalidOption
 from firstfix_ros.robot.gateway import MAX_CLOUD_BYTES
 
 from .messages import TYPES, body_of, sample_of
+from .qos import with_type_hash
 from .ros_graph import RosGraph
 
 TOPIC, REQUEST, REPLY = "rt", "rq", "rr"  # ROS 2's prefixes of topics, service requests and replies
@@ -48,6 +49,13 @@ _LIMITS = (
     f"<MaxSampleSize>{MAX_CLOUD_BYTES + 4096} B</MaxSampleSize>"
     "</Internal></Domain></CycloneDDS>"
 )
+# Fast DDS 3 (Kilted) sends type information that Cyclone DDS 0.10 takes for invalid, and matches nothing.
+# Without it, types are matched by their names, as up to Jazzy.
+_BY_NAME = (
+    "<CycloneDDS><Domain><Compatibility>"
+    "<IgnoreTypeInformation>1.15</IgnoreTypeInformation>"
+    "</Compatibility></Domain></CycloneDDS>"
+)
 Take = Callable[[bytes, Any], None]  # a body, and cyclonedds' information on its sample
 
 
@@ -63,7 +71,7 @@ class Participant:
 
     def __init__(self, domain: int) -> None:
         # Of two parts that set the same, the later one counts.
-        parts = (_LOSSY, os.environ.get("CYCLONEDDS_URI", ""), _LIMITS)
+        parts = (_LOSSY, _BY_NAME, os.environ.get("CYCLONEDDS_URI", ""), _LIMITS)
         config = ",".join(part for part in parts if part)
         try:
             self._domain = Domain(domain, config)
@@ -87,7 +95,7 @@ class Participant:
         Raises:
             ConnectionError: DDS does not allow this topic.
         """
-        reader = DataReader(self.entity, self._topic(topic, ros_type), qos)
+        reader = DataReader(self.entity, self._topic(topic, ros_type), with_type_hash(qos, ros_type))
         self._graph.add_reader(reader)
         self._readers[reader] = self._attached(reader), take
         return reader
@@ -104,7 +112,7 @@ class Participant:
         Raises:
             ConnectionError: DDS does not allow this topic.
         """
-        writer = DataWriter(self.entity, self._topic(topic, ros_type), qos)
+        writer = DataWriter(self.entity, self._topic(topic, ros_type), with_type_hash(qos, ros_type))
         self._graph.add_writer(writer)
         return Writer(writer, TYPES[ros_type])
 

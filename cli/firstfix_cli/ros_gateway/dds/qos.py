@@ -5,6 +5,8 @@ from __future__ import annotations
 from cyclonedds.core import Policy, Qos
 from cyclonedds.util import duration
 
+from firstfix.ros.type_hashes import TYPE_HASHES
+
 _RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=100))  # a writer waits no longer for a reader
 
 
@@ -21,6 +23,11 @@ def reliable(depth: int) -> Qos:
 def latched(depth: int) -> Qos:
     """Reliable and transient local: earlier messages come first, as for /tf_static."""
     return Qos(_RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(depth))
+
+
+def with_type_hash(qos: Qos, ros_type: str) -> Qos:
+    """Returns the quality of service of an endpoint, with its type's hash where ROS 2 looks for it."""
+    return Qos(Policy.Userdata(f"typehash={TYPE_HASHES[ros_type]};".encode()), base=qos)
 
 
 def is_reliable(qos: Qos) -> bool:

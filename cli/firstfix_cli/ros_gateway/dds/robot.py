@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -22,8 +21,6 @@ from .trigger_service import TriggerService
 _DEPTHS = {Input.CLOUD: 1, Input.IMU: 100, Input.TF: 100, Input.OWN_POSE: 1}
 _LATCHED_DEPTH = 1000  # of the last messages of all publishers of /tf_static together
 _OUTPUT_DEPTH = 10
-SETTLE_S = 2.0  # so long after it has come, a robot may still be finding the gateway's topics
-_POLL_S = 0.02
 
 
 class Robot:
@@ -49,7 +46,6 @@ class Robot:
             topics,
             log_line,
         )
-        self._settled_s = time.monotonic() + SETTLE_S
         self._readers: dict[Input, tuple[bool, Any]] = {}
         self._writers = {
             kind: participant.writer(
@@ -57,7 +53,9 @@ class Robot:
             )
             for kind in Output
         }
-        self.gateway = RobotGateway(ask, self._publish, config, log_line=log_line, name=namespace)
+        self.gateway = RobotGateway(
+            ask, self._publish, config, subscribers=self.subscribers, log_line=log_line, name=namespace or "/"
+        )
         self._service = TriggerService(
             participant, full_name(namespace, RELOCALIZE), self.gateway.relocalize, log_line
         )
@@ -79,6 +77,10 @@ class Robot:
                 self._readers[kind] = wanted, reader
         self._service.send_waiting()
         self.gateway.tick()
+
+    def subscribers(self, output: Output) -> int:
+        """Returns how many subscriptions hear an output."""
+        return len(self._writers[output].readers())
 
     def close(self) -> None:
         """Removes the robot's readers and its service, and ends the search after the current query."""
@@ -105,9 +107,4 @@ class Robot:
         self.gateway.take(kind, body)
 
     def _publish(self, kind: Output, body: bytes) -> None:
-        writer = self._writers[kind]
-        if kind is Output.INITIAL_POSE:
-            # A robot that has just come may not have found this writer yet, and would never get it.
-            while not writer.readers() and time.monotonic() < self._settled_s:
-                time.sleep(_POLL_S)
-        writer.write(body)
+        self._writers[kind].write(body)

@@ -15,11 +15,15 @@ from typing import Any
 
 from firstfix.errors import InputError
 from firstfix.ros.cdr import CdrWriter, MessageReader
-from firstfix.ros.rmw_zenoh import TRIGGER
+from firstfix.ros.type_hashes import TRIGGER
 
 from . import qos
 from .participant import REPLY, REQUEST, Participant
 
+CANNOT = (
+    "clients of the service first_fix/relocalize on rmw_fastrtps or rmw_connextdds get no reply, though it "
+    "does what they ask. Where a ROS 2 is sourced, go without --dds: then they do"
+)
 DEPTH = 10  # of ROS 2's services
 _PATIENCE_S = 1.0  # a reply waits so long until its reader is matched
 _MAX_WAITING = 100

@@ -12,7 +12,7 @@ from .answerer import Answerer
 from .config import GatewayConfig
 from .query import Fix, Query
 from .senses import Senses
-from .watch import Comparison, Watch
+from .watch import Comparison, Watch, is_near
 
 NEARLY = 0.9  # a pose with this share of the best alignment score explains the scan, too
 
@@ -48,7 +48,7 @@ class Checker:
             self._watch.reset()
         elif fix is not None:
             poses = _poses_that_fit(answers, query.T_frame_sensor)
-            explains = any(self._watch.is_near(own.T_map_frame, T, planar=own.planar) for T in poses)
+            explains = any(is_near(own.T_map_frame, T, self._config, planar=own.planar) for T in poses)
             self._watch.see(
                 Comparison(
                     fix.T_map_frame, fix.covariance, own.T_map_frame, fix.T_odom_frame, own.planar, explains

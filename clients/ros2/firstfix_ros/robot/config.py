@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import MAX_RADIUS_M
@@ -27,6 +28,10 @@ class GatewayConfig:
         astray_deg: the same for the angle.
         prior_radius_m: radius about the robot's own pose in which a check searches first.
         publishes_tf: publish ``map_frame`` -> ``odom_frame`` after a fix, unless somebody else does.
+        repeat_s: a pose that the robot's localizer does not follow is published again, at most so often; 0:
+            it is published once.
+        young_s: so long a pose is repeated if the robot has no odometry, or if its localizer is not heard.
+        memory: folder in which the last fix of each robot outlives the gateway; None: it does not.
     """
 
     options: LocalizeOptions = field(default_factory=LocalizeOptions)
@@ -40,6 +45,9 @@ class GatewayConfig:
     astray_deg: float = 30.0
     prior_radius_m: float = 10.0
     publishes_tf: bool = True
+    repeat_s: float = 5.0
+    young_s: float = 10.0
+    memory: Path | None = None
 
     def __post_init__(self) -> None:
         check_frame(self.map_frame)
@@ -48,6 +56,8 @@ class GatewayConfig:
             check_frame(self.base_frame)
         if not (0 <= self.retry_s < 1e6 and 0 <= self.watch_s < 1e6):
             raise InvalidOption("the times between tries and between checks must be 0 or more seconds")
+        if not (0 <= self.repeat_s < 1e6 and 0 <= self.young_s < 1e6):
+            raise InvalidOption("the times of a pose that is published again must be 0 or more seconds")
         if not (0 < self.astray_m < 1e6 and 0 < self.astray_deg <= 180):
             raise InvalidOption("the limits of a robot astray must be more than 0 m, and at most 180 degrees")
         if not self.astray_m < self.prior_radius_m <= MAX_RADIUS_M:

@@ -12,7 +12,7 @@ from firstfix.errors import FirstfixError, InputError, MalformedData
 from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.ros.header import Header, Stamp
 from firstfix.ros.point_cloud2 import decode_point_cloud2
-from firstfix.ros.pose_message import to_pose_cdr
+from firstfix.ros.pose_message import encode_pose
 from firstfix.transform import inverse
 
 from ..messages.diagnostic_array import encode_diagnostic_array
@@ -20,11 +20,12 @@ from ..messages.pose_array import encode_pose_array
 from .answerer import Answerer
 from .check import Checker
 from .config import GatewayConfig
+from .first_fix import FirstFix
 from .map_to_odom import MapToOdom
 from .query import Fix, Query
 from .senses import Senses
 from .status import State, Status, diagnosis_of
-from .topics import Input, Output
+from .topics import Input, Output, Publish, Subscribers
 from .watch import Health, Watch
 
 MAX_CLOUD_BYTES = 128 * 2**20  # 2,000,000 points of 64 bytes
@@ -32,7 +33,6 @@ MAX_BODY_BYTES = 2**20  # of the other messages
 LISTEN_AHEAD_S = 2.0  # clouds are heard so long before a check is due
 SUSPECT_S = 0.5  # after a fix that contradicts the robot, the next check comes so soon
 STATUS_S = 1.0
-Publish = Callable[[Output, bytes], None]
 
 
 class RobotGateway:
@@ -43,6 +43,7 @@ class RobotGateway:
     Args:
         ask: who answers the queries.
         publish: takes CDR messages, in the thread of ``step`` or of ``tick``.
+        subscribers: tells how many subscribers an output has, in the same threads.
         log_line: takes a line when the state changes, or a message cannot be used.
         name: the robot's namespace.
         clock: seconds that never go back.
@@ -55,6 +56,7 @@ class RobotGateway:
         publish: Publish,
         config: GatewayConfig,
         *,
+        subscribers: Subscribers = lambda output: None,
         log_line: Callable[[str], None] = lambda line: None,
         name: str = "",
         clock: Callable[[], float] = time.monotonic,
@@ -68,21 +70,23 @@ class RobotGateway:
         watch = self._watch
         self._checker = None if watch is None else Checker(ask, self._senses, config, watch)
         self._map_to_odom = MapToOdom(config, self._senses)
+        self._first_fix = FirstFix(name, config, self._senses, publish, subscribers, log_line, clock, wall_ns)
         self._cloud: bytes | None = None
         self._status = Status(health=Health.UNKNOWN if config.watch_s else None)
-        self._wanted, self._closed, self._searches = False, False, 0
+        self._wanted, self._is_asked, self._closed, self._searches = False, False, False, 0
         self._next_try_s = self._next_check_s = self._next_status_s = clock()
         self._last_fix: Fix | None = None
         self._shows_hypotheses = False
         self._last_line, self._bad_message = "", ""
         if config.at_start:
-            self.relocalize()
+            self._search(asked=False)
 
     @property
     def status(self) -> Status:
         """State and result of the last try."""
         with self._changed:
-            return self._status
+            given = self._first_fix
+            return replace(self._status, epoch=given.epoch, pose_stamp=given.pose_stamp, stage=given.stage)
 
     @property
     def wanted(self) -> bool:
@@ -99,18 +103,49 @@ class RobotGateway:
         needs = {Input.CLOUD, Input.IMU, Input.TF_STATIC} if hears else set()
         if self._watch is not None:
             needs |= {Input.TF, Input.TF_STATIC, Input.OWN_POSE}
-        elif (hears and self._config.publishes_tf) or self._map_to_odom.is_known:
+        elif hears or self._first_fix.listens:
+            needs |= {Input.TF, Input.OWN_POSE}
+        elif self._map_to_odom.is_known:
             needs |= {Input.TF}
         return frozenset(needs)
 
     def relocalize(self) -> str:
         """Starts a search (again), with a cloud that comes after this call. Returns a line for the caller."""
+        self._search(asked=True)
+        return "searching for a fix; its pose is published when it is found"
+
+    def _search(self, *, asked: bool) -> None:
+        """Starts a search.
+
+        Args:
+            asked: somebody called for it, so that its fix is a new one in any case.
+        """
+        self._first_fix.forget()
         with self._changed:
             self._wanted, self._cloud, self._searches = True, None, self._searches + 1
+            self._is_asked = asked
             self._next_try_s = self._clock()
             self._status = Status(State.WAITING, health=self._status.health, offset=self._status.offset)
             self._changed.notify_all()
-        return "searching for a fix; its pose is published when it is found"
+
+    def set_times(self, retry_s: float, watch_s: float) -> None:
+        """Sets the times between two tries and between two checks, as in ``GatewayConfig``."""
+        with self._changed:
+            config = self._config = replace(self._config, retry_s=retry_s, watch_s=watch_s)
+            self._next_check_s = self._clock()
+            if (self._watch is not None) != bool(watch_s):
+                self._watch = Watch(config.astray_m, config.astray_deg) if watch_s else None
+                watch = self._watch
+                self._checker = None if watch is None else Checker(self._ask, self._senses, config, watch)
+                health = None if watch is None else Health.UNKNOWN
+                self._status = replace(self._status, health=health, offset=None)
+            self._changed.notify_all()
+
+    def tell(self, error: str) -> None:
+        """Tells why no cloud can be used now. The next one that comes is asked with, as ever."""
+        with self._changed:
+            if self._wanted and self._status.state is not State.ASKING:
+                self._status = replace(self._status, state=State.FAILED, error=error)
 
     def take(self, kind: Input, body: bytes | memoryview) -> None:
         """Takes a message, returns at once. A message that cannot be used is told once in a row, and dropped.
@@ -133,7 +168,15 @@ class RobotGateway:
                 self._log_line(self._bad_message)
 
     def tick(self) -> None:
-        """Publishes map -> odom, and the status once a second. Call it about 10 times a second."""
+        """Publishes map -> odom, and the status once a second. Call it about 10 times a second.
+
+        The pose for the robot's localizer is published again until it follows.
+        """
+        if self._first_fix.tick():
+            self._log_line(
+                "a localizer has come, and the last fix is too old for it: searching for a new one"
+            )
+            self._search(asked=False)
         self._report()
         body = self._map_to_odom.message()
         if body is not None:
@@ -142,7 +185,7 @@ class RobotGateway:
     def _report(self) -> None:
         """Tells and publishes the status when it has changed, and publishes it once a second."""
         with self._changed:
-            status, now_s = self._status, self._clock()
+            status, now_s = self.status, self._clock()
             line = self._last_line if status.state is State.ASKING else status.line
             changed, self._last_line = line != self._last_line, line
             due = changed or now_s >= self._next_status_s
@@ -152,7 +195,9 @@ class RobotGateway:
             self._log_line(line)
         if due:
             header = Header(Stamp.of_ns(self._wall_ns()), "")
-            body = encode_diagnostic_array(header, [diagnosis_of(status, self._name)])
+            body = encode_diagnostic_array(
+                header, [diagnosis_of(status, self._name, self._map_to_odom.missing)]
+            )
             self._publish(Output.STATUS, body)
 
     def run(self) -> None:
@@ -216,11 +261,12 @@ class RobotGateway:
         """Returns the status after a try."""
         try:
             query = Query(decode_point_cloud2(cloud, SCAN_LIMITS), self._senses, self._config)
-            if searching or self._checker is None:
+            checker = self._checker
+            if searching or checker is None:
                 answer = query.ask(self._ask)
                 fix = query.fix(answer)
             else:
-                answer, fix = self._checker.check(query, self._last_fix)
+                answer, fix = checker.check(query, self._last_fix)
             if not searching or self._is_awaited(status):
                 self._publish_answer(query, answer, fix, wanted=searching)
             state = State.NOT_LOCALIZED if fix is None else State.LOCALIZED
@@ -240,13 +286,14 @@ class RobotGateway:
         """Publishes a pose, or hypotheses. Only a wanted fix moves the robot."""
         header = Header(query.header.stamp, self._config.map_frame)
         if fix is not None:
-            pose = to_pose_cdr(answer, header.stamp, header.frame_id)
             self._last_fix = fix
             if wanted:
-                if self._watch is not None:
-                    self._watch.reset()
+                watch = self._watch  # ``set_times`` may take it away
+                if watch is not None:
+                    watch.reset()
                 self._map_to_odom.set(fix)
-                self._publish(Output.INITIAL_POSE, pose)
+                self._first_fix.give(fix, answer, asked=self._is_asked)
+            pose = encode_pose(fix.T_map_frame, fix.covariance, header)
             self._publish(Output.POSE, pose)
         poses = []
         if answer.verdict is Verdict.AMBIGUOUS:

@@ -22,6 +22,13 @@ class MapToOdom:
         self._config, self._senses = config, senses
         self._lock = threading.Lock()
         self._T_map_odom: Matrix | None = None
+        self._missing = ""
+
+    @property
+    def missing(self) -> str:
+        """The frames without which there is no transform to publish; empty: it needs no others."""
+        with self._lock:
+            return self._missing
 
     @property
     def is_known(self) -> bool:
@@ -32,6 +39,8 @@ class MapToOdom:
     def set(self, fix: Fix) -> None:
         """Takes a new fix."""
         with self._lock:
+            is_missing = self._config.publishes_tf and fix.T_odom_frame is None
+            self._missing = f"{self._config.odom_frame} -> {fix.frame}" if is_missing else ""
             if not self._config.publishes_tf or fix.T_odom_frame is None:
                 self._T_map_odom = None
             else:

@@ -18,6 +18,8 @@ from ..messages.own_pose import OwnPose, decode_own_pose
 from .topics import Input
 from .transform_tree import HOLD_S, TransformTree
 
+DATED_AHEAD_S = 1.5  # localizers date map -> odom ahead, so that it is valid until the next one: AMCL by 1 s
+
 
 @dataclass(frozen=True)
 class OwnLocalization:
@@ -92,6 +94,20 @@ class Senses:
             newest = self._tree.newest_below(self._odom)
         return None if newest is None else newest.stamp
 
+    def odometry_stamps(self, after: Stamp) -> list[Stamp]:
+        """Returns the times of the odometry after a time, oldest first, as far as they are kept."""
+        with self._lock:
+            return self._tree.stamps_below(self._odom, after)
+
+    def newest_stamp(self) -> Stamp | None:
+        """Returns the time of the last odometry; without odometry of the robot's own localization."""
+        with self._lock:
+            link = self._tree.newest_below(self._odom) or self._tree.newest_below(self._map)
+            pose = self._own_pose
+        if link is not None:
+            return link.stamp
+        return None if pose is None else pose.header.stamp
+
     def gravity(self, header: Header) -> NDArray[np.float64] | None:
         """Returns the (3,) direction of gravity in the frame of a cloud; None if not known."""
         with self._lock:
@@ -107,8 +123,13 @@ class Senses:
             pose, link = self._own_pose, self._tree.newest_below(self._map)
         if pose is not None and plain(pose.header.frame_id) == self._map:
             return self._carried(pose, frame, at)
-        T = None if link is None else self.between(self._map, frame, at)
-        return None if T is None or link is None else OwnLocalization(T, _is_planar(link.T_parent_child))
+        if link is None:
+            return None
+        T = self.between(self._map, frame, at)
+        if T is None and link.child == self._odom and 0 <= link.stamp.ns - at.ns <= DATED_AHEAD_S * 1e9:
+            T_odom_frame = self.odometry(frame, at)
+            T = None if T_odom_frame is None else link.T_parent_child @ T_odom_frame
+        return None if T is None else OwnLocalization(T, _is_planar(link.T_parent_child))
 
     def _carried(self, pose: OwnPose, frame: str, at: Stamp) -> OwnLocalization | None:
         """Brings a pose of the base to another time and frame."""

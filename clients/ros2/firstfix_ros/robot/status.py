@@ -8,8 +8,11 @@ from enum import Enum
 
 from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Localization
+from firstfix.ros.header import Stamp
 
 from ..messages.diagnostic_array import ERROR, OK, WARN, Diagnosis
+from .epoch import Epoch
+from .handover import Stage
 from .topics import NODE_NAME
 from .watch import Health, Offset
 
@@ -25,6 +28,7 @@ class State(str, Enum):
     FAILED = "failed"  # the last cloud was unusable, or nobody answered; the next one is tried
 
 
+TASK = "pose in the map"
 _LEVELS = {State.NOT_LOCALIZED: WARN, State.FAILED: ERROR}
 _HEALTH_LEVELS = {Health.UNKNOWN: WARN, Health.ASTRAY: ERROR}
 
@@ -40,6 +44,9 @@ class Status:
         took_s: duration of the last try.
         health: state of the robot's own localization; None if it is not watched.
         offset: from the robot's own pose to the last fix.
+        epoch: of the last fix that was wanted; None before the first.
+        pose_stamp: of the last pose that the localizer was sent under this epoch; None: there was none.
+        stage: how far this fix has come on its way into the robot's localizer; None while another is sought.
     """
 
     state: State = State.IDLE
@@ -49,6 +56,9 @@ class Status:
     took_s: float = 0.0
     health: Health | None = None
     offset: Offset | None = None
+    epoch: Epoch | None = None
+    pose_stamp: Stamp | None = None
+    stage: Stage | None = None
 
     @property
     def line(self) -> str:
@@ -72,14 +82,17 @@ def _in_words(free: FreeDirection) -> str:
     return f"{free.motion.value} ({x:.2f}, {y:.2f}, {z:.2f}) by {sigma}"
 
 
-def diagnosis_of(status: Status, hardware_id: str = "") -> Diagnosis:
-    """Returns the diagnosis for a status.
+def diagnosis_of(status: Status, hardware_id: str = "", missing_tf: str = "") -> Diagnosis:
+    """Returns the diagnosis for a status, named as diagnostic_updater does: node, then task.
 
     Args:
         hardware_id: the robot's namespace.
+        missing_tf: frames between which a transform is missing, so that none is published.
     """
     level = _LEVELS.get(status.state, OK)
     values = {"state": status.state.value, "tries": str(status.tries), "took_s": f"{status.took_s:.3f}"}
+    if missing_tf:  # no fault: a robot may have no odometry
+        values["missing_tf"] = missing_tf
     if status.error:
         values["error"] = status.error[:500]
     if status.health is not None:
@@ -88,6 +101,12 @@ def diagnosis_of(status: Status, hardware_id: str = "") -> Diagnosis:
         if status.offset is not None:
             values["offset_m"] = f"{status.offset.distance_m:.3f}"
             values["offset_deg"] = f"{status.offset.angle_deg:.2f}"
+    if status.epoch is not None:
+        values["epoch"] = str(status.epoch)
+    if status.pose_stamp is not None:
+        values["pose_stamp"] = str(status.pose_stamp)
+    if status.stage is not None:
+        values["localizer"] = status.stage.value
     answer = status.answer
     if answer is not None:
         values |= {
@@ -98,7 +117,8 @@ def diagnosis_of(status: Status, hardware_id: str = "") -> Diagnosis:
             "probability": f"{answer.probability:.3f}",
             "map_id": answer.map_id,
             "map_version": answer.map_version,
+            "fix_id": answer.fix_id,
             "degenerate": ", ".join(_in_words(one) for one in answer.degenerate),
             "map_provisional": str(answer.map_provisional).lower(),
         }
-    return Diagnosis(level, NODE_NAME, status.line[:500], hardware_id, values)
+    return Diagnosis(level, f"{NODE_NAME}: {TASK}", status.line[:500], hardware_id, values)

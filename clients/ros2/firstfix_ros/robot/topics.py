@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -11,6 +12,7 @@ from ..messages import diagnostic_array, pose_array
 
 NODE_NAME = "first_fix"
 RELOCALIZE = f"{NODE_NAME}/relocalize"  # std_srvs/srv/Trigger
+REINITIALIZE = f"{NODE_NAME}/reinitialize_global_localization"  # std_srvs/srv/Empty
 
 
 class Input(Enum):
@@ -41,6 +43,10 @@ class Output(Enum):
     def ros_type(self) -> str:
         """Type as ``package/msg/Name``."""
         return self.value[1]
+
+
+Publish = Callable[[Output, bytes], None]  # takes CDR messages
+Subscribers = Callable[[Output], "int | None"]  # of an output now; None: not known
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,13 @@ class TransformTree:
         last = [samples[-1] for samples in self._moving.values() if samples and samples[-1].parent == name]
         return max(last, key=lambda one: one.stamp, default=None)
 
+    def stamps_below(self, parent: str, after: Stamp) -> list[Stamp]:
+        """Returns the times after a time of the frame that moved last in a frame, oldest first."""
+        newest = self.newest_below(parent)
+        if newest is None:
+            return []
+        return [one.stamp for one in self._moving[newest.child] if one.stamp > after]
+
     def between(self, target: str, source: str, at: Stamp) -> Matrix | None:
         """Returns ``T_target_source`` at a time; None if it is not known.
 

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from firstfix.transform import Matrix, inverse, rotation_angle_deg, yaw_of
 
+from .config import GatewayConfig
+
 SIGMAS = 3.0  # an offset counts as far as it exceeds so many standard deviations of the fix
 AGREE_M, AGREE_DEG = 0.5, 10.0  # of two fixes, after the robot's motion between them
 
@@ -54,6 +56,16 @@ def offset_of(T_map_a: Matrix, T_map_b: Matrix, *, planar: bool) -> Offset:
     return Offset(vector_m * [1, 1, 0], float(abs((turn_deg + 180) % 360 - 180)))
 
 
+def is_near(T_map_a: Matrix, T_map_b: Matrix, config: GatewayConfig, *, planar: bool) -> bool:
+    """Returns whether two poses differ by no more than the limits of a robot astray.
+
+    Args:
+        planar: one of them knows no height and no tilt.
+    """
+    offset = offset_of(T_map_a, T_map_b, planar=planar)
+    return offset.distance_m <= config.astray_m and offset.angle_deg <= config.astray_deg
+
+
 @dataclass(frozen=True)
 class Comparison:
     """A fix, with the robot's own pose at the same time.
@@ -93,11 +105,6 @@ class Watch:
     def reset(self) -> None:
         """Forgets what was seen: the robot was given a new pose, or its own localization is silent."""
         self.health, self.offset, self._pending = Health.UNKNOWN, None, None
-
-    def is_near(self, T_map_a: Matrix, T_map_b: Matrix, *, planar: bool) -> bool:
-        """Returns whether two poses differ by no more than the limits."""
-        offset = offset_of(T_map_a, T_map_b, planar=planar)
-        return offset.distance_m <= self.astray_m and offset.angle_deg <= self.astray_deg
 
     def see(self, comparison: Comparison) -> Health:
         """Takes a fix and returns the health after it."""

@@ -147,6 +147,7 @@ class Answer(BaseModel):
                     "map_id": "hall",
                     "map_version": "5a4ce3b4178946d0a2e1d4f1c3b7a9586e0f2d4c6b8a19375d3e5f7091b2c4d6",
                     "map_provisional": False,
+                    "fix_id": "6c1f0e7a9b2d4835",
                     "timings_ms": {"preprocess": 9.1, "search": 2.0, "register": 31.5},
                 }
             ]
@@ -180,6 +181,10 @@ class Answer(BaseModel):
     map_provisional: bool = Field(
         description="the version is coarse, its probabilities not measured on this map; a full one will "
         "take its place"
+    )
+    fix_id: str = Field(
+        description="the same for the same pose in the same version, as when a scan is sent again. Empty "
+        "without a pose"
     )
     timings_ms: dict[str, float]
 

@@ -82,6 +82,7 @@ struct Localization {
   std::vector<FreeDirection> degenerate{};  // the pose is right but for these; empty if an older service does not tell
   std::vector<Finding> findings{};  // the cause first; empty if an older service does not tell
   std::optional<ScanFacts> scan{};  // absent of a query without points
+  std::string fix_id{};  // the same for the same pose in the same version; empty if there is none, or from an older service
   bool map_provisional = false;  // the version is coarse and untested, until a full one takes its place
 };
 

@@ -1,0 +1,158 @@
+"""One robot on rclpy: carries the messages between its topics and its gateway."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
+from std_srvs.srv import Empty, Trigger
+
+from ..robot.answerer import Answerer
+from ..robot.config import GatewayConfig
+from ..robot.gateway import RobotGateway
+from ..robot.topics import Input, Output
+from .messages import INPUTS, OUTPUTS
+from .publishers import Publishers
+from .qos import input_qos, output_qos
+
+LOOK_S = 0.1  # between two calls of ``look``
+_OVERRIDABLE = (
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.RELIABILITY,
+    QoSPolicyKind.DURABILITY,
+)
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names of a robot's topics and service, as a node resolves them.
+
+    Attributes:
+        inputs: those that are not named are not used.
+        relocalize: service of type Trigger.
+        reinitialize: the same of type Empty, as Nav2's behaviour trees call it.
+    """
+
+    inputs: Mapping[Input, str]
+    outputs: Mapping[Output, str]
+    relocalize: str
+    reinitialize: str
+
+
+class RclpyRobot:
+    """One robot: subscribes to what its gateway needs now, publishes, and answers the service.
+
+    Args:
+        node: has subscriptions, publishers and service. The thread of its executor calls all methods.
+        hardware_id: of the robot in its diagnostics: its namespace.
+        overridable: the node's parameters ``qos_overrides`` may change the quality of service. Otherwise
+            clouds are heard reliably where all their publishers are reliable.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        names: Names,
+        ask: Answerer,
+        config: GatewayConfig,
+        *,
+        hardware_id: str,
+        log_line: Callable[[str], None],
+        overridable: bool = False,
+    ) -> None:
+        self._node, self._names, self._overridable = node, names, overridable
+        self._clouds = Publishers(node, names.inputs[Input.CLOUD])
+        self._overriding = QoSOverridingOptions(_OVERRIDABLE if overridable else ())
+        self._subscriptions: dict[Input, tuple[bool, Any]] = {}
+        self._publishers = {
+            output: node.create_publisher(
+                kind, names.outputs[output], output_qos(), qos_overriding_options=self._overriding
+            )
+            for output, kind in OUTPUTS.items()
+        }
+        self.gateway = RobotGateway(
+            ask,
+            self._publish,
+            config,
+            subscribers=self.subscribers,
+            log_line=log_line,
+            name=hardware_id,
+            wall_ns=lambda: node.get_clock().now().nanoseconds,
+        )
+        self._services = [
+            node.create_service(Trigger, names.relocalize, self._on_relocalize),
+            node.create_service(Empty, names.reinitialize, self._on_reinitialize),
+        ]
+        self._thread = threading.Thread(target=self.gateway.run, name=f"asks for {hardware_id}", daemon=True)
+        self._thread.start()
+
+    def look(self) -> None:
+        """Subscribes to the topics that are of use now, and publishes what is periodic."""
+        self._clouds.look()
+        needs = self.gateway.needs
+        if self._clouds.rivals:  # a cloud of one robot would move the other one, too
+            self.gateway.tell(self._clouds.rivals)
+            needs -= {Input.CLOUD}
+        for kind in reversed(tuple(Input)):  # the frames before the clouds, which they connect
+            wanted = self._is_reliable(kind) if kind in needs and kind in self._names.inputs else None
+            have = self._subscriptions.get(kind)
+            if have is not None and have[0] is not wanted:
+                self._node.destroy_subscription(self._subscriptions.pop(kind)[1])
+            if wanted is not None and kind not in self._subscriptions:
+                self._subscriptions[kind] = wanted, self._subscribe(kind)
+        self.gateway.tick()
+
+    def subscribers(self, output: Output) -> int:
+        """Returns how many subscriptions hear an output."""
+        count: int = self._publishers[output].get_subscription_count()
+        return count
+
+    def close(self) -> None:
+        """Removes the robot's endpoints, and ends the search after the current query."""
+        self.gateway.close()
+        for _, subscription in self._subscriptions.values():
+            self._node.destroy_subscription(subscription)
+        self._subscriptions.clear()
+        for service in self._services:
+            self._node.destroy_service(service)
+
+    @property
+    def is_asking(self) -> bool:
+        """True until ``join`` need not wait."""
+        return self._thread.is_alive()
+
+    def join(self) -> None:
+        """Waits for the current query, and removes the publishers."""
+        self._thread.join()
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+
+    def _is_reliable(self, kind: Input) -> bool:
+        return kind is Input.CLOUD and self._clouds.are_reliable and not self._overridable
+
+    def _subscribe(self, kind: Input) -> Any:
+        return self._node.create_subscription(
+            INPUTS[kind],
+            self._names.inputs[kind],
+            partial(self.gateway.take, kind),
+            input_qos(kind, reliable=self._is_reliable(kind)),
+            qos_overriding_options=self._overriding,
+            raw=True,
+        )
+
+    def _publish(self, output: Output, body: bytes) -> None:
+        self._publishers[output].publish(body)
+
+    def _on_relocalize(self, request: Any, response: Any) -> Any:
+        response.success, response.message = True, self.gateway.relocalize()
+        return response
+
+    def _on_reinitialize(self, request: Any, response: Any) -> Any:
+        self.gateway.relocalize()
+        return response
