@@ -3,7 +3,7 @@
 
 import type { RefObject } from "preact";
 import { useEffect, useRef } from "preact/hooks";
-import { ArrowHelper, Group, Quaternion, Vector3 } from "three";
+import { ArrowHelper, Group, type Object3D, Quaternion, Vector3 } from "three";
 import type { Schemas } from "../api/client";
 import { dotsMark, onTop, type Pose, poseMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
@@ -38,15 +38,18 @@ export function usePlaceMarks(
       else group.add(poseMark(at, pose, OTHER, 0.6 + 0.6 * place.probability));
     }
     const from = answer?.hypotheses[chosen]?.T_map_sensor;
-    if (answer?.hint && from && answer.hint.distance_m > 0) group.add(move(here, from, answer.hint.T_sensor_goal));
+    if (answer?.hint && from && answer.hint.distance_m > 0) group.add(...move(here, from, answer.hint.T_sensor_goal));
     here.redraw();
   }, [answer, chosen, areOthersShown, isReady]);
   return group;
 }
 
-/** An arrow from a pose to a goal that is given in its frame. */
-function move(scene: MapScene, from: Pose, goal: Pose): ArrowHelper {
-  const way = new Vector3().fromArray(goal.position).applyQuaternion(new Quaternion().fromArray(from.quaternion));
-  const length = way.length();
-  return onTop(new ArrowHelper(way.normalize(), scene.local(from.position), length, HINT, 0.5, 0.35));
+/** An arrow from a pose to a goal that is given in its frame, and the sensor there. */
+function move(scene: MapScene, from: Pose, goal: Pose): Object3D[] {
+  const turn = new Quaternion().fromArray(from.quaternion);
+  const way = new Vector3().fromArray(goal.position).applyQuaternion(turn);
+  const [start, length] = [scene.local(from.position), way.length()];
+  const there = { position: goal.position, quaternion: turn.multiply(new Quaternion().fromArray(goal.quaternion)).toArray() };
+  const arrow = new ArrowHelper(way.clone().normalize(), start, length, HINT, 0.5, 0.35);
+  return [onTop(arrow), poseMark(start.clone().add(way), there, HINT)];
 }
