@@ -1,9 +1,9 @@
-// The console: the gate, the way between the views, and the view of the address.
+// The console: the gate, the bar, and the view of the address.
 
 import { render } from "preact";
 import { KeysView } from "./access/KeysView";
 import { Gate } from "./access/SignIn";
-import { caller, key, mayAdminister, mayBuild, signOut } from "./access/session";
+import { Bar } from "./Bar";
 import { MapList } from "./maps/MapList";
 import { link, route } from "./router";
 import "./style.css";
@@ -32,53 +32,13 @@ function View() {
   );
 }
 
-function Bar() {
-  const [first = "maps", map] = route.value.path;
-  const here = (name: string) => (first === name ? "page" : undefined);
-  return (
-    <nav class="bar" aria-label="Views">
-      <a class="brand" href={link(["maps"])}>
-        firstfix
-      </a>
-      <a href={link(["maps"])} aria-current={here("maps")}>
-        Maps
-      </a>
-      {mayBuild.value ? (
-        <>
-          <a href={link(["samples"])} aria-current={here("samples")}>
-            Kept queries
-          </a>
-          <a href={link(["live"])} aria-current={here("live")}>
-            Live
-          </a>
-        </>
-      ) : null}
-      {mayAdminister.value && caller.value?.maps.includes("*") ? (
-        <a href={link(["keys"])} aria-current={here("keys")}>
-          Keys
-        </a>
-      ) : null}
-      {first === "maps" && map ? (
-        <span class="crumbs">
-          <a href={link(["maps", map])}>{map}</a>
-          <a href={link(["maps", map, "try"])}>Try</a>
-          <a href={link(["maps", map, "versions"])}>Versions</a>
-        </span>
-      ) : null}
-      <span class="caller">
-        {caller.value?.read_only ? <span class="tag">read-only</span> : null}
-        {caller.value?.authentication ? caller.value.name : ""}
-        {key.value ? <button onClick={signOut}>Sign out</button> : null}
-      </span>
-    </nav>
-  );
-}
-
 function App() {
   return (
     <Gate>
       <Bar />
-      <View />
+      <div id="view" tabIndex={-1}>
+        <View />
+      </div>
     </Gate>
   );
 }

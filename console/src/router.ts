@@ -13,6 +13,7 @@ function read(): Route {
 }
 
 export const route = signal(read());
+export const lostMap = signal(""); // a map that an address names and that is not there
 addEventListener("hashchange", () => (route.value = read()));
 
 export function link(path: string[], query: Record<string, string> = {}): string {

@@ -182,14 +182,6 @@ class Page:
             " list.dispatchEvent(new Event('change', { bubbles: true })); }"
         )
 
-    def slide(self, words: str, value: float) -> None:
-        """Sets the slider of that label."""
-        self.js(
-            f"{{ const slider = find('input[type=range]', {json.dumps(words)}); slider.value = {value};"
-            " slider.dispatchEvent(new Event('input', { bubbles: true }));"
-            " slider.dispatchEvent(new Event('change', { bubbles: true })); }"
-        )
-
     def press(self, key: str, shift: bool = False) -> None:
         code, number, text = _KEYS[key]
         common = {
@@ -208,6 +200,13 @@ class Page:
         data = {"items": [], "files": [str(file) for file in files], "dragOperationsMask": 1}
         for kind in ("dragEnter", "dragOver", "drop"):
             self.call("Input.dispatchDragEvent", type=kind, x=x + width / 2, y=y + height / 2, data=data)
+
+    def give_file(self, selector: str, file: Path) -> None:
+        """Chooses a file in the browser's dialog of that field."""
+        self.wait(selector)
+        root = self.call("DOM.getDocument")["root"]["nodeId"]
+        node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
+        self.call("DOM.setFileInputFiles", nodeId=node, files=[str(file)])
 
     def keep_key(self, key: str) -> None:
         """Signs in with an API key, as if it had been given in this tab before."""

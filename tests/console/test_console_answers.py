@@ -1,6 +1,6 @@
 """The console in a real browser, with a real service and real maps: access, scans, kept queries, live, keys.
 
-Only two files have its tests: each worker of pytest that has one starts a browser and a service.
+Only three files have its tests: each worker of pytest that has one starts a browser and a service.
 """
 
 from __future__ import annotations
@@ -19,16 +19,14 @@ from browser import HOST
 from console_world import MARKUP
 from page import CANVAS
 from pictures import (
-    AGREES,
-    CONTRADICTS,
     LOCALIZED,
     difference,
     pixels_of,
 )
+from scans import localized_scan, said_chance, scan_colours, try_scan
 from typer.testing import CliRunner
 
 from firstfix.catalog.query_samples import QuerySamples, new_sample_id
-from firstfix.engine.ranking import Calibration
 from firstfix.scan.scan import Scan
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.main import app
@@ -73,7 +71,7 @@ def test_the_views_of_an_empty_service_say_what_to_do_next(visitor, world):
     visitor.open()
     visitor.wait(".empty", "Build one from a cloud")
     visitor.open("#/samples")
-    visitor.wait(".empty", "FIRSTFIX_SAMPLES_SHARE")
+    visitor.wait(".empty", "100 % of the queries that it cannot localize, and there was none yet")
     visitor.open("#/live")
     visitor.wait(".empty", "Build one")
     visitor.open(f"#/{MARKUP}")
@@ -94,6 +92,12 @@ def test_keys_are_made_and_revoked(page, world):
     page.wait("th", MARKUP)
     assert page.count("img") == 0
     page.click("button", f"Revoke the key of {MARKUP}")
+    page.wait("dialog", "robots with it are not answered any more")
+    assert page.js("find('dialog button', 'Revoke').disabled")
+    assert page.count("img") == 0
+    assert not page.has("tr .tag", "revoked")
+    page.fill("Type the name of its owner", MARKUP)
+    page.click("dialog button", "Revoke")
     page.wait("tr .tag", "revoked")
     wait_until(lambda: world.service.http.get("/caller", headers=headers).status_code == 401)
 
@@ -126,11 +130,11 @@ def test_a_key_that_is_revoked_in_use_leads_to_the_sign_in_and_back(visitor, wor
 
 
 def test_a_dropped_scan_is_laid_over_its_map(page, world):
-    file, T_map_sensor, answer = _localized(world)
-    _try(page, file)
+    file, T_map_sensor, answer = localized_scan(world)
+    try_scan(page, file)
     page.wait(".verdict", "localized")
-    assert f"{100 * answer['probability']:.1f} %" in page.text(".answer")
-    agrees, contradicts = _colours(page)
+    assert said_chance(page.text(".answer")) == pytest.approx(answer["probability"], abs=6e-4)
+    agrees, contradicts = scan_colours(page)
     assert agrees > max(200, 5 * contradicts)
 
     x, y, z = T_map_sensor[:3, 3]
@@ -138,64 +142,67 @@ def test_a_dropped_scan_is_laid_over_its_map(page, world):
     for name, value in (("x (m)", -x), ("y (m)", -y), ("z (m)", z)):
         page.fill(name, f"{value:.2f}")
         page.press("Enter")
+    page.click("label.check", "Search only around it")
     page.fill("Within (m)", "1")
     page.press("Enter")
     page.until("!find('.verdict', 'localized') && !!find('.hypotheses button', '')")
     fits = page.js("[...document.querySelectorAll('.hypotheses small')].map((e) => parseFloat(e.innerText))")
     page.click(f".hypotheses li:nth-child({1 + int(np.argmin(fits))}) button")
     page.wait(f".hypotheses li:nth-child({1 + int(np.argmin(fits))}) button[aria-pressed=true]")
-    agrees, contradicts = _colours(page)
+    agrees, contradicts = scan_colours(page)
     assert contradicts > agrees
 
 
 def test_the_other_places_of_a_scan_are_looked_at(page, world):
     file = next(file for file, _ in world.scans if len(world.ask(file)["hypotheses"]) > 1)
-    _try(page, file)
+    try_scan(page, file)
     page.wait(".hypotheses button[aria-pressed=true]")
-    first, colours = page.map_picture(), _colours(page)
+    first, colours = page.map_picture(), scan_colours(page)
     page.click(".hypotheses li:nth-child(2) button")
     page.wait(".hypotheses li:nth-child(2) button[aria-pressed=true]")
     wait_until(lambda: difference(first, page.map_picture()) > 0.02)
     page.click(".hypotheses li:first-child button")
-    wait_until(lambda: _colours(page) == colours)
+    wait_until(lambda: scan_colours(page) == colours)
 
 
 def test_the_least_probability_decides(page, world):
-    file, _, answer = _localized(world)
-    _try(page, file)
+    file, _, answer = localized_scan(world)
+    try_scan(page, file)
     page.wait(".verdict", "localized")
-    page.slide("Least probability", 1.0)
+    _ask_for(page, 1.0)
     page.until("!find('.verdict', 'localized')")
     assert world.ask(file, min_probability="1.0")["verdict"] == page.text(".verdict")
-    page.slide("Least probability", round(answer["probability"] - 0.01, 2))
+    assert "is less than the 100.0 % asked for" in page.text(".answer")
+    _ask_for(page, round(answer["probability"] - 0.01, 2))
     page.wait(".verdict", "localized")
 
 
-def test_the_slider_of_the_least_probability_goes_back_to_the_default(page, world):
-    file, _, _ = _localized(world)
-    _try(page, file)
+def test_the_least_probability_is_that_of_the_map_until_somebody_changes_it(page, world):
+    of_map = world.get("/maps/yard")["manifest"]["self_test"]["threshold"]["min_probability"]
+    file, _, _ = localized_scan(world)
+    try_scan(page, file)
     page.wait(".verdict", "localized")
-    page.wait("label", "Least probability of the map")
-    slider = "find('input[type=range]', 'Least probability')"
-    default = page.js(f"{slider}.value")
-    assert float(default) == Calibration.min_probability
-    page.slide("Least probability", 1.0)
+    page.wait("label", "Least probability, of the map")
+    field = "find('input', 'Least probability')"
+    assert page.js(f"{field}.valueAsNumber") == of_map
+    _ask_for(page, 1.0)
     page.until("!find('.verdict', 'localized')")
+    page.wait("label", f"instead of the map's {of_map}")
     page.click("button", "As the map has it")
-    page.wait("label", "Least probability of the map")
+    page.wait("label", "Least probability, of the map")
     page.wait(".verdict", "localized")
-    assert page.js(f"{slider}.value") == default
-    page.js(f"{slider}.focus()")
-    page.press("ArrowRight")
-    page.press("ArrowLeft")
-    page.wait("label", f"Least probability {default}")
+    assert page.js(f"{field}.valueAsNumber") == of_map
+    page.js(f"{field}.focus()")
+    page.press("ArrowUp")  # the smallest step never loosens it
+    page.press("Enter")
+    page.until(f"{field}.valueAsNumber >= {of_map}")
 
 
 def test_a_copied_command_asks_the_same(page, world):
-    file, _, answer = _localized(world)
-    _try(page, file)
+    file, _, answer = localized_scan(world)
+    try_scan(page, file)
     page.wait(".verdict", "localized")
-    page.slide("Least probability", 0.5)
+    _ask_for(page, 0.5)
     page.until("!find('[role=status]', 'Asking')")
     page.click("button", "Copy as curl")
     page.wait("[role=status]", "curl copied")
@@ -215,10 +222,10 @@ def test_a_copied_command_asks_the_same(page, world):
 
 def test_a_file_that_is_no_scan_is_refused_in_words(page, tmp_path):
     page.expected += ["400", "422", "415"]
-    strange = tmp_path / "notes.txt"
+    strange = tmp_path / "notes.md"
     strange.write_text("nothing")
-    _try(page, strange)
-    page.wait("[role=alert]", "notes.txt is no scan")
+    try_scan(page, strange)
+    page.wait("[role=alert]", "notes.md is no scan")
     broken = tmp_path / "broken.pcd"
     broken.write_text("VERSION .7\nFIELDS x y z\n")
     page.drop(".panel .drop", broken)
@@ -229,7 +236,7 @@ def test_a_file_that_is_no_scan_is_refused_in_words(page, tmp_path):
 
 
 def test_a_kept_query_is_looked_at_judged_and_exported(page, world, tmp_path):
-    file, _, _ = _localized(world)
+    file, _, _ = localized_scan(world)
     world.ask(file)
     rng = np.random.default_rng(1)
     elsewhere = tmp_path / "elsewhere.ffscan"
@@ -278,7 +285,7 @@ def _kept(world):
 
 
 def test_an_answer_appears_as_it_is_given(page, world):
-    file, _, answer = _localized(world)
+    file, _, answer = localized_scan(world)
     page.open("#/live?map=yard")
     page.wait("[role=status]", "Connected")
     page.map_picture()
@@ -286,7 +293,8 @@ def test_an_answer_appears_as_it_is_given(page, world):
     world.ask(file, "reader")
     page.until(f"document.querySelectorAll('.fixes tbody tr').length > {before}")
     assert "localized" in page.text(".fixes tbody tr")
-    assert f"{100 * answer['probability']:.1f} %" in page.text(".fixes tbody tr")
+    told = said_chance(page.text(".fixes tbody tr"))
+    assert told == pytest.approx(answer["probability"], abs=6e-4)
     wait_until(lambda: pixels_of(page.map_picture(), LOCALIZED, 30) > 20)
     page.js("document.querySelector('.uplot canvas').width > 0")
 
@@ -325,7 +333,7 @@ def test_what_a_person_asks_for_is_refused_in_words_and_at_once(page):
 
 
 def test_names_with_markup_stay_text(visitor, world):
-    page, file = visitor, _localized(world)[0]
+    page, file = visitor, localized_scan(world)[0]
     page.keep_key(world.keys["token"])
     page.open("#/live?map=yard")
     page.wait("[role=status]", "Connected")
@@ -392,7 +400,7 @@ def _tab_to(page, selector: str, words: str = "") -> None:
 def test_a_phone_shows_a_view_without_scrolling_sideways(page, world, view):
     page.size(390, 844, phone=True)
     if view == "samples":
-        world.ask(_localized(world)[0])
+        world.ask(localized_scan(world)[0])
         wait_until(lambda: _kept(world))
     page.open(f"#/{view}")
     page.wait("td .verdict" if view == "samples" else "h1, h2")
@@ -400,7 +408,7 @@ def test_a_phone_shows_a_view_without_scrolling_sideways(page, world, view):
         page.map_picture()
         assert page.box(CANVAS)[3] > 200
     if view == "maps/yard/try":
-        page.drop(".panel .drop", _localized(world)[0])
+        page.drop(".panel .drop", localized_scan(world)[0])
         page.wait(".verdict", "localized")
     page.until("document.documentElement.scrollWidth <= 390 && document.body.scrollWidth <= 390")
 
@@ -416,23 +424,6 @@ def test_dark_and_light_follow_the_system(page):
     assert brightness["dark"] < 60
 
 
-def _try(page, file) -> None:
-    page.open("#/maps/yard/try")
-    page.map_picture()
-    page.drop(".panel .drop", file)
-
-
-def _colours(page) -> tuple[int, int]:
-    """Pixels of points that agree and that contradict, once the scan is laid over the map."""
-    page.wait(".key", "on the map")
-    picture = page.map_picture()
-    return pixels_of(picture, AGREES), pixels_of(picture, CONTRADICTS)
-
-
-def _localized(world):
-    """A scan that the yard's service localizes: (file, T_map_sensor, answer)."""
-    for file, T_map_sensor in world.scans:
-        answer = world.ask(file)
-        if answer["verdict"] == "localized":
-            return file, T_map_sensor, answer
-    raise AssertionError("no scan of the yard is localized")
+def _ask_for(page, least: float) -> None:
+    page.fill("Least probability", str(least))
+    page.press("Enter")

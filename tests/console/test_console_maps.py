@@ -1,6 +1,6 @@
 """The console in a real browser, with a real service and real maps: maps, a map in 3D, and versions.
 
-Only two files have its tests: each worker of pytest that has one starts a browser and a service.
+Only three files have its tests: each worker of pytest that has one starts a browser and a service.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ pytestmark = pytest.mark.slow
 def test_a_map_is_built_from_a_dropped_file(page, world, house_file, tmp_path):
     page.open()
     page.click("button", "Build a map")
+    page.choose("Sensor of the robots", "vlp-16")
     page.wait("svg[role=img]", "beams")
     broken = tmp_path / f"{MARKUP}.ply"
     broken.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1000000\n")
@@ -44,11 +45,24 @@ def test_a_map_is_built_from_a_dropped_file(page, world, house_file, tmp_path):
     page.click("dialog button.primary", "Build")
     page.wait(".builds [role=alert]", "ply")
     assert page.count("img") == 0
+    assert "Failed at: " in page.text(".builds .failed")
+    assert "Handed in just now" in page.text(".builds .failed")
+    page.click(".builds button", "Try again")
+    page.wait("dialog")
+    assert page.js("find('input', 'Name of the map').value") == "broken"
+    page.press("Escape")
     page.click("button", "Hide")
     page.until("!find('.builds li', 'broken')")
+    page.open()
+    page.wait("a", "yard")
+    page.until("performance.getEntriesByType('resource').some((one) => one.name.includes('/builds'))")
+    assert not page.has(".builds li", "broken")
 
     _hand_in(page, house_file)
     page.click(".builds button", "Cancel")
+    page.wait("dialog", "Cancel the build of house")
+    assert world.get("/builds", limit=1)["builds"][0]["state"] in ("queued", "running")
+    page.click("dialog button", "Cancel the build")
     page.until("!document.querySelector('.builds')")
     wait_until(lambda: world.get("/builds", limit=1)["builds"][0]["state"] == "cancelled")
 
@@ -77,8 +91,7 @@ def test_a_map_is_built_from_a_dropped_folder(page, world, tmp_path):
         part.write(folder / name)
     page.open()
     page.click("button", "Build a map")
-    page.wait("svg[role=img]", "beams")
-    page.drop(".drop", folder)
+    page.drop("dialog .drop", folder)
     page.wait(".drop", "Tower Block: 2 files")
     assert page.js("find('input', 'Name of the map').value") == "tower-block"
     page.choose("Sensor of the robots", "vlp-16")
@@ -90,9 +103,13 @@ def test_a_map_is_built_from_a_dropped_folder(page, world, tmp_path):
 
 def _hand_in(page, file) -> None:
     page.click("button", "Build a map")
-    page.wait("svg[role=img]", "beams")  # until then the dialog grows
-    page.drop(".drop", file)
     page.choose("Sensor of the robots", "vlp-16")
+    page.wait("svg[role=img]", "beams")  # until then the dialog grows
+    page.drop("dialog .drop", file)
+    page.wait("dialog .drop", "house.ply")
+    page.fill("Name of the map", "house")
+    if page.has("dialog label.check", "Replace the active version"):  # the provisional one
+        page.click("dialog label.check", "Replace the active version")
     page.click("dialog button.primary", "Build")
     page.wait(".builds li", "house")
 
@@ -233,12 +250,32 @@ def test_versions_are_compared_activated_rolled_back_and_retired(page, world):
     page.click("input[type=checkbox]", f"Compare {new}")
     page.wait("[aria-label=Comparison] td", "643")
     page.wait("[role=status]", "places that both self-tests have")
+    assert page.js("[...document.querySelectorAll('td strong')].map((e) => e.innerText)") == [
+        f"{100 * world.get(f'/maps/yard/versions/{one}')['manifest']['self_test']['localized']:.0f} %"
+        for one in reversed(world.versions)
+    ]
     page.click(f"tr:has([aria-label='Compare {old}']) button", "Activate")
+    page.wait(
+        "dialog", f"{old} answers all robots that ask yard, from their next query on, in place of {new}"
+    )
+    page.press("Escape")
+    page.until("!document.querySelector('dialog')")
+    assert world.get("/maps/yard")["active_version"] == world.versions[1]
+    page.click(f"tr:has([aria-label='Compare {old}']) button", "Activate")
+    page.click("dialog button", "Activate")
     page.wait(f"tr:has([aria-label='Compare {old}']) .tag", "active")
     assert world.get("/maps/yard")["active_version"] == world.versions[0]
-    page.click("button", "Roll back")
+    page.click("header button", "Roll back")
+    page.wait("dialog", f"The version that was active before {old}")
+    assert world.get("/maps/yard")["active_version"] == world.versions[0]
+    page.click("dialog button", "Roll back")
     page.wait(f"tr:has([aria-label='Compare {new}']) .tag", "active")
     assert world.get("/maps/yard")["active_version"] == world.versions[1]
     page.click(f"tr:has([aria-label='Compare {old}']) button", "Retire")
+    page.wait("dialog", "removes its files for good")
+    assert page.js("find('dialog button', 'Retire').disabled")
+    page.fill("Type the version", old)
+    page.click("dialog button", "Retire")
     page.until(f"!find('tr', '{old}')")
     assert [one["version"] for one in world.get("/maps/yard/versions")["versions"]] == [world.versions[1]]
+    page.until("!find('th', 'Compare') && !find('.hint', 'Choose two versions')")

@@ -13,12 +13,14 @@ import typer
 from ..arguments import AsJson, MapId, SentAs, Store, TimeoutS, Url, Zenoh, examples
 
 if TYPE_CHECKING:
+    from firstfix.answer.hint import Hint
     from firstfix.answer.localization import Localization
     from firstfix.scan.sequence import ScanSequence
     from firstfix.transform import Matrix
 
     from ..bags.replay import Replayed
 
+SHOWN_PLACES = 3
 EXIT_CODES = {"localized": 0, "ambiguous": 3, "rejected": 4}
 
 
@@ -228,8 +230,13 @@ def lines_of(answer: Localization) -> list[str]:
     if answer.findings:
         lines.append(f"  remedy  {answer.findings[0].remedy} ({answer.findings[0].doc})")
     if answer.T_map_sensor is None:
-        for h in answer.hypotheses[:3]:
+        for h in answer.hypotheses[:SHOWN_PLACES]:
             lines.append(f"  maybe   {_place(h.T_map_sensor)}  probability {h.probability:.2f}")
+        others = len(answer.hypotheses) - SHOWN_PLACES
+        if others > 0:
+            lines.append(f"          and {others} more places (--json has all)")
+    if answer.hint is not None:
+        lines.append(f"  next    {_move(answer.hint)}, and ask again with both scans")
     note = " (provisional)" if answer.map_provisional else ""
     lines.append(f"  map     {answer.map_id or '?'}, version {answer.map_version[:12] or '?'}{note}")
     if answer.timings_ms:
@@ -241,6 +248,21 @@ def lines_of(answer: Localization) -> list[str]:
 def _verdict_of(answer: Localization) -> str:
     why = f" ({', '.join(reason.value for reason in answer.reasons)})" if answer.reasons else ""
     return f"{answer.verdict.value}{why}, probability {answer.probability:.3f}"
+
+
+def _move(hint: Hint) -> str:
+    """The move that should tell the places apart, in words."""
+    from math import atan2, degrees
+
+    x, y = hint.T_sensor_goal[:2, 3]
+    parts = []
+    if hint.distance_m:
+        direction_deg = degrees(atan2(y, x))
+        parts.append(f"drive {hint.distance_m:.1f} m to {direction_deg:.0f} deg (0 ahead, 90 left)")
+    if round(hint.turn_deg):
+        side = "left" if hint.turn_deg > 0 else "right"
+        parts.append(f"turn {abs(hint.turn_deg):.0f} deg to the {side}")
+    return ", ".join(parts) or "stay there"
 
 
 def _place(T: Matrix) -> str:

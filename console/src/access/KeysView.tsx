@@ -2,30 +2,21 @@
 
 import { useSignal } from "@preact/signals";
 import { change, get, type Schemas } from "../api/client";
-import { copy } from "../ui/copy";
-import { Dialog } from "../ui/Dialog";
+import { Confirm } from "../ui/Confirm";
+import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
 import { age } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
-
-const SCOPES: Record<string, string> = {
-  localize: "ask for poses, see maps",
-  build: "hand in maps, choose versions, see kept queries",
-  metrics: "read metrics, nothing else",
-  admin: "everything",
-};
+import { MakeKey } from "./MakeKey";
+import { NobodyAsked } from "./NobodyAsked";
 
 export function KeysView() {
   const keys = useLoaded((signal) => get<Schemas["KeyList"]>("/keys", {}, signal), []);
   const isMaking = useSignal(false);
-  const problem = useSignal<unknown>(null);
+  const doomed = useSignal<Schemas["Key"] | null>(null);
   const revoke = async (id: string) => {
-    try {
-      await change("DELETE", `/keys/${id}`);
-      keys.again();
-    } catch (error) {
-      problem.value = error;
-    }
+    await change("DELETE", `/keys/${id}`);
+    keys.again();
   };
   if (keys.error) return <ErrorText error={keys.error} again={keys.again} />;
   if (!keys.value) return <p role="status">Reading the keys …</p>;
@@ -37,43 +28,29 @@ export function KeysView() {
           Make a key
         </button>
       </header>
-      {problem.value ? <ErrorText error={problem.value} /> : null}
-      <table>
-        <thead>
-          <tr>
-            <th>Name</th>
-            <th>Id</th>
-            <th>Scopes</th>
-            <th>Maps</th>
-            <th>Made</th>
-            <th>Expires</th>
-            <th />
-          </tr>
-        </thead>
-        <tbody>
-          {keys.value.keys.map((one) => (
-            <tr key={one.key_id}>
-              <th scope="row">{one.name}</th>
-              <td>
-                <code>{one.key_id}</code>
-              </td>
-              <td>{one.scopes.join(", ")}</td>
-              <td>{one.maps.join(", ")}</td>
-              <td>{age(one.created_time)}</td>
-              <td>{one.expires_time ? new Date(one.expires_time).toLocaleDateString("en-GB") : "never"}</td>
-              <td class="actions">
-                {one.revoked ? (
-                  <span class="tag">revoked</span>
-                ) : (
-                  <button onClick={() => revoke(one.key_id)} aria-label={`Revoke the key of ${one.name}`}>
-                    Revoke
-                  </button>
-                )}
-              </td>
-            </tr>
-          ))}
-        </tbody>
-      </table>
+      <NobodyAsked />
+      {keys.value.keys.length ? (
+        <Table keys={keys.value.keys} revoke={(one) => (doomed.value = one)} />
+      ) : (
+        <Empty title="No key yet">
+          <p>Make one for each robot and each person, so that one can be taken back alone.</p>
+        </Empty>
+      )}
+      {doomed.value ? (
+        <Confirm
+          title={`Revoke the key of ${doomed.value.name}`}
+          action="Revoke"
+          keep="Keep it"
+          typed={{ name: "the name of its owner", text: doomed.value.name }}
+          act={() => revoke(doomed.value!.key_id)}
+          close={() => (doomed.value = null)}
+        >
+          <p>
+            Whoever uses this key is refused within seconds: robots with it are not answered any more. It cannot be given
+            back, and its token cannot be shown again.
+          </p>
+        </Confirm>
+      ) : null}
       {isMaking.value ? (
         <MakeKey
           close={() => {
@@ -86,83 +63,43 @@ export function KeysView() {
   );
 }
 
-function MakeKey({ close }: { close: () => void }) {
-  const name = useSignal("");
-  const scope = useSignal("localize");
-  const maps = useSignal("*");
-  const days = useSignal("");
-  const token = useSignal("");
-  const problem = useSignal<unknown>(null);
-  const make = async (event: Event) => {
-    event.preventDefault();
-    try {
-      const made = await change<Schemas["NewKey"]>("POST", "/keys", {
-        json: {
-          name: name.value,
-          scopes: [scope.value],
-          maps: maps.value.split(/[\s,]+/).filter(Boolean),
-          expires_in_days: days.value ? Number(days.value) : null,
-        },
-      });
-      token.value = made.token;
-    } catch (error) {
-      problem.value = error;
-    }
-  };
-  if (token.value) {
-    return (
-      <Dialog title={`The key of ${name.value}`} close={close}>
-        <p>This is the only time that it is shown.</p>
-        <output class="token">{token.value}</output>
-        <div class="row end">
-          <button onClick={() => copy(token.value)}>Copy</button>
-          <button class="primary" onClick={close}>
-            Done
-          </button>
-        </div>
-      </Dialog>
-    );
-  }
+function Table({ keys, revoke }: { keys: Schemas["Key"][]; revoke: (one: Schemas["Key"]) => void }) {
   return (
-    <Dialog title="Make a key" close={close}>
-      <form onSubmit={make}>
-        <label>
-          Name of its owner
-          <input required maxLength={100} value={name.value} onInput={(event) => (name.value = event.currentTarget.value)} />
-        </label>
-        <label>
-          Scope
-          <select value={scope.value} onChange={(event) => (scope.value = event.currentTarget.value)}>
-            {Object.entries(SCOPES).map(([one, text]) => (
-              <option value={one} key={one}>
-                {one}: {text}
-              </option>
-            ))}
-          </select>
-        </label>
-        <label>
-          Maps that it may use: ids or patterns with * and ?
-          <input required value={maps.value} onInput={(event) => (maps.value = event.currentTarget.value)} />
-        </label>
-        <label>
-          Days until it expires
-          <input
-            type="number"
-            min={1}
-            max={36500}
-            placeholder="never"
-            value={days.value}
-            onInput={(event) => (days.value = event.currentTarget.value)}
-          />
-        </label>
-        {problem.value ? <ErrorText error={problem.value} /> : null}
-        <div class="row end">
-          <button type="button" onClick={close}>
-            Cancel
-          </button>
-          <button class="primary">Make it</button>
-        </div>
-      </form>
-    </Dialog>
+    <table class="cards">
+      <thead>
+        <tr>
+          <th>Name</th>
+          <th>Id</th>
+          <th>Scopes</th>
+          <th>Maps</th>
+          <th>Made</th>
+          <th>Expires</th>
+          <th />
+        </tr>
+      </thead>
+      <tbody>
+        {keys.map((one) => (
+          <tr key={one.key_id}>
+            <th scope="row">{one.name}</th>
+            <td data-name="Id">
+              <code>{one.key_id}</code>
+            </td>
+            <td data-name="Scopes">{one.scopes.join(", ")}</td>
+            <td data-name="Maps">{one.maps.join(", ")}</td>
+            <td data-name="Made">{age(one.created_time)}</td>
+            <td data-name="Expires">{one.expires_time ? new Date(one.expires_time).toLocaleDateString("en-GB") : "never"}</td>
+            <td class="actions">
+              {one.revoked ? (
+                <span class="tag">revoked</span>
+              ) : (
+                <button onClick={() => revoke(one)} aria-label={`Revoke the key of ${one.name}`}>
+                  Revoke
+                </button>
+              )}
+            </td>
+          </tr>
+        ))}
+      </tbody>
+    </table>
   );
 }

@@ -11,7 +11,7 @@ import { clear, type MapScene } from "../map3d/scene";
 import { go, route } from "../router";
 import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
-import { percent } from "../ui/text";
+import { chance } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 import { colourOf } from "../ui/verdict";
 import { Verdict } from "../ui/Verdict";
@@ -145,7 +145,7 @@ export function LiveView() {
         />
       ) : null}
       {fixes.value.length ? (
-        <table class="fixes">
+        <table class="fixes cards">
           <thead>
             <tr>
               <th>Time</th>
@@ -165,14 +165,14 @@ export function LiveView() {
                   key={fix.number}
                   onClick={() => fix.answer.T_map_sensor && scene.current?.lookAt(fix.answer.T_map_sensor.position)}
                 >
-                  <td>{new Date(fix.time_s * 1000).toLocaleTimeString("en-GB")}</td>
-                  <td>{fix.caller}</td>
-                  <td>{fix.replica}</td>
-                  <td>
+                  <td data-name="Time">{new Date(fix.time_s * 1000).toLocaleTimeString("en-GB")}</td>
+                  <td data-name="Caller">{fix.caller}</td>
+                  <td data-name="Replica">{fix.replica}</td>
+                  <td data-name="Verdict">
                     <Verdict verdict={fix.answer.verdict} />
                   </td>
-                  <td class="number">{percent(fix.answer.probability, 1)}</td>
-                  <td class="number">{fix.ms.toFixed(0)}</td>
+                  <td class="number" data-name="Probability">{chance(fix.answer.probability)}</td>
+                  <td class="number" data-name="ms">{fix.ms.toFixed(0)}</td>
                 </tr>
               ))}
           </tbody>

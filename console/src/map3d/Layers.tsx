@@ -13,17 +13,25 @@ const LAYERS: Record<LayerName, string> = {
   aliases: "Which place is taken for which",
   changes: "Changes since the map was made",
 };
+const NOTHING: Record<LayerName, string> = {
+  trajectory: "this version was built without one",
+  templates: "this version has none",
+  localizability: "this version has no self-test",
+  aliases: "none was",
+  changes: "",
+};
 const COLOURS: Record<Colouring, string> = { height: "Height", storey: "Storey", normal: "Normal", plain: "One colour" };
 
 export interface LayersProps {
   colouring: Signal<Colouring>;
   layers: Signal<LayerName[]>;
+  empty: LayerName[]; // those that are on and have nothing to show
   storeys: Storey[];
   storey: Signal<string>;
   whole: () => void;
 }
 
-export function Layers({ colouring, layers, storeys, storey, whole }: LayersProps) {
+export function Layers({ colouring, layers, empty, storeys, storey, whole }: LayersProps) {
   const toggle = (name: LayerName) => {
     const on = layers.value.includes(name);
     layers.value = on ? layers.value.filter((one) => one !== name) : [...layers.value, name];
@@ -64,6 +72,7 @@ export function Layers({ colouring, layers, storeys, storey, whole }: LayersProp
         <label class="check" key={name}>
           <input type="checkbox" checked={layers.value.includes(name)} onChange={() => toggle(name)} />
           {text}
+          {empty.includes(name) ? <small role="status">{NOTHING[name]}</small> : null}
         </label>
       ))}
     </section>

@@ -7,7 +7,7 @@ import { ErrorText } from "../ui/ErrorText";
 import { count } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 import { type Cloud, mark, openCloud, points } from "./cloud";
-import { MapScene } from "./scene";
+import { KEYS, MapScene } from "./scene";
 import { heightsOf, type Storey, storeysOf } from "./storeys";
 
 export interface CanvasProps {
@@ -76,6 +76,7 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
       ) : null}
       {problem.value ? <ErrorText error={problem.value} /> : null}
       {!cloud && !opened.error ? <p role="status">Opening the cloud …</p> : null}
+      {cloud ? <p class="keys">{KEYS}</p> : null}
       {cloud ? (
         <p class="shown">
           {count(shown.value)} of {count(cloud.index.points)} points

@@ -2,24 +2,28 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { Group, type Object3D } from "three";
 import { get, type Schemas } from "../api/client";
-import { note, route } from "../router";
+import { MapProblem } from "../maps/MapProblem";
+import { link, note, route } from "../router";
+import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
 import { ChangesPanel } from "./ChangesPanel";
 import type { Cloud } from "./cloud";
 import { Layers, type LayerName } from "./Layers";
-import { changeMarks, layerOf } from "./layerMarks";
+import { changeMarks } from "./layerMarks";
 import { MapCanvas, showStorey } from "./MapCanvas";
 import type { Colouring } from "./material";
 import { Measure } from "./measure";
-import { clear, type MapScene } from "./scene";
+import { MeasureTool } from "./MeasureTool";
+import { Quality } from "./Quality";
+import type { MapScene } from "./scene";
 import { ShareLink } from "./ShareLink";
 import { chosen } from "./spotMarks";
 import { SpotPanel } from "./SpotPanel";
 import type { SpotCell } from "./spots";
 import type { Storey } from "./storeys";
+import { laid, useLayerMarks } from "./useLayerMarks";
 import { useSpotGrid } from "./useSpotGrid";
 
 const MOST_AREAS = 1000;
@@ -83,30 +87,7 @@ export function MapView({ map }: { map: string }) {
     note({ colour: colouring.value === "height" ? "" : colouring.value, storey: storey.value });
   }, [isReady.value, colouring.value, storey.value]);
 
-  useEffect(() => {
-    const here = scene.current;
-    if (!here || !cloud.current) return;
-    const stop = new AbortController();
-    const group = new Group();
-    const remove = laid(here, group);
-    note({ layers: layers.value.join(",") });
-    for (const name of layers.value) {
-      if (name === "changes") continue;
-      layerOf(name, here, cloud.current, grid.load, stop.signal)
-        .then((found) => {
-          if (stop.signal.aborted || !found) return;
-          group.add(found);
-          here.redraw();
-        })
-        .catch((error: unknown) => {
-          if (!stop.signal.aborted) problem.value = error;
-        });
-    }
-    return () => {
-      stop.abort();
-      remove();
-    };
-  }, [isReady.value, layers.value, version]);
+  const empty = useLayerMarks(scene, cloud, isReady.value, version, layers.value, grid.load, problem);
 
   useEffect(() => {
     const here = scene.current;
@@ -125,9 +106,16 @@ export function MapView({ map }: { map: string }) {
     else if (isTested) spot.value = grid.value?.at(position) ?? null;
   };
 
-  if (details.error) return <ErrorText error={details.error} again={details.again} />;
+  if (details.error) return <MapProblem map={map} error={details.error} again={details.again} />;
   if (!details.value) return <p role="status">Opening {map} …</p>;
-  if (!version) return <p>The map {map} has no active version.</p>;
+  if (!version) {
+    return (
+      <Empty title={`${map} has no active version`}>
+        <p>All its versions are retired. Build it anew, or activate one.</p>
+        <a href={link(["maps", map, "versions"])}>Its versions</a>
+      </Empty>
+    );
+  }
   return (
     <div class="map-view">
       <MapCanvas
@@ -139,49 +127,26 @@ export function MapView({ map }: { map: string }) {
       />
       <aside class="panel" aria-label="Layers and tools">
         <h1>{map}</h1>
+        <Quality map={map} version={version} />
         <Layers
           colouring={colouring}
           layers={layers}
+          empty={empty}
           storeys={storeys.value}
           storey={storey}
           whole={() => scene.current?.lookAtAll()}
         />
-        {isTested && grid.value ? (
-          <SpotPanel grid={grid.value} chosen={spot.value} choose={(one) => (spot.value = one)} />
-        ) : null}
         {changes.value ? (
           <ChangesPanel found={changes.value} look={(position) => scene.current?.lookAt(position)} />
         ) : null}
+        {isTested && grid.value ? (
+          <SpotPanel grid={grid.value} chosen={spot.value} choose={(one) => (spot.value = one)} />
+        ) : null}
         {changes.error ? <ErrorText error={changes.error} again={changes.again} /> : null}
         <ShareLink version={version} />
-        <section>
-          <h3>Measure</h3>
-          <label class="check">
-            <input
-              type="checkbox"
-              checked={measuring.value}
-              onChange={(event) => {
-                measuring.value = event.currentTarget.checked;
-                measure.current?.clear();
-              }}
-            />
-            Click two points
-          </label>
-          {length.value === null ? null : <output>{length.value.toFixed(3)} m</output>}
-        </section>
+        <MeasureTool measuring={measuring} length={length} clear={() => measure.current?.clear()} />
         {problem.value ? <ErrorText error={problem.value} /> : null}
       </aside>
     </div>
   );
-}
-
-/** Lays a mark over the picture. Returns what removes it. */
-function laid(scene: MapScene, mark: Object3D): () => void {
-  scene.overlay.add(mark);
-  scene.redraw();
-  return () => {
-    clear(mark);
-    scene.overlay.remove(mark);
-    scene.redraw();
-  };
 }

@@ -15,10 +15,18 @@ export function SpotPanel({ grid, chosen, choose }: SpotPanelProps) {
   if (!grid.cells.length) return <p class="hint">The self-test of this version has no places.</p>;
   const name = (cell: [number, number]) => grid.middle(cell).slice(0, 2).map(metres).join(", ");
   const go = (cell: [number, number]) => choose(grid.at(grid.middle(cell)) ?? null);
+  const away = (one: SpotCell) => {
+    const [from, to] = [grid.middle(one.cell), grid.middle(one.taken_for!)];
+    return Math.hypot(from[0] - to[0], from[1] - to[1]);
+  };
   const alike = chosen ? grid.takenFor(chosen.cell) : [];
   return (
     <section aria-label="Places of the self-test">
-      <h3>{chosen ? `Place at ${name(chosen.cell)}` : "Places that are taken for others"}</h3>
+      <ul class="key" aria-label="Colours of the places">
+        <li class="agrees">all scans of the self-test were localized</li>
+        <li class="contradicts">none was</li>
+      </ul>
+      <h3>{chosen ? `Place at ${name(chosen.cell)}` : "Places that look like others"}</h3>
       {chosen ? (
         <>
           <p>
@@ -45,9 +53,10 @@ export function SpotPanel({ grid, chosen, choose }: SpotPanelProps) {
         <>
           <p class="hint">Click a place on the map, or choose one.</p>
           <ul class="spots">
-            {grid.confused.slice(0, LISTED).map((one) => (
+            {worstOf(grid).slice(0, LISTED).map((one) => (
               <li key={one.cell.join()}>
-                <button onClick={() => choose(one)}>{name(one.cell)}</button> for {name(one.taken_for!)}
+                <button onClick={() => choose(one)}>{name(one.cell)}</button> like one {away(one).toFixed(0)} m away;{" "}
+                {one.localized} of {one.scans} localized
               </li>
             ))}
           </ul>
@@ -55,4 +64,9 @@ export function SpotPanel({ grid, chosen, choose }: SpotPanelProps) {
       )}
     </section>
   );
+}
+
+/** Places that look like others, those where most scans were lost first. */
+function worstOf(grid: SpotGrid): SpotCell[] {
+  return [...grid.confused].sort((a, b) => b.scans - b.localized - (a.scans - a.localized));
 }

@@ -22,8 +22,11 @@ export async function layerOf(
   grid: () => Promise<SpotGrid>,
   signal: AbortSignal,
 ): Promise<Object3D | null> {
-  if (name === "localizability") return squares(scene, await grid());
-  if (name === "aliases") return aliases(scene, await grid());
+  if (name === "localizability" || name === "aliases") {
+    const tested = await grid();
+    if (name === "aliases") return tested.confused.length ? aliases(scene, tested) : null;
+    return tested.cells.length ? squares(scene, tested) : null;
+  }
   const positions = await mark(cloud, name, signal);
   if (!positions.length) return null;
   return name === "templates" ? dotsMark(positions, 0x7b8794, 2) : pathMark(positions, 0xff9500);

@@ -14,6 +14,7 @@ import {
   Matrix4,
   Mesh,
   MeshBasicMaterial,
+  type Object3D,
   PlaneGeometry,
   Points,
   PointsMaterial,
@@ -44,23 +45,26 @@ export function poseMark(at: Vector3, pose: Pose, colour: number, size = 1): Gro
   ball.renderOrder = 10;
   ball.position.copy(at);
   const dot = dotsMark(new Float32Array(at.toArray()), colour, DOT_PX); // what is left of it from far away
-  dot.material.depthTest = false;
-  dot.renderOrder = 10;
-  group.add(ball, dot);
+  group.add(ball, onTop(dot));
   const axes: [Vector3, number, number][] = [
     [new Vector3(1, 0, 0), colour, 1.4],
     [new Vector3(0, 0, 1), 0x8899aa, 0.7],
   ];
   for (const [axis, tint, length] of axes) {
     const arrow = new ArrowHelper(axis.applyQuaternion(turn), at, length * size, tint, 0.35 * size, 0.22 * size);
-    arrow.traverse((part) => {
-      part.renderOrder = 10;
-      const { material } = part as Partial<Mesh>;
-      if (material && !Array.isArray(material)) material.depthTest = false;
-    });
-    group.add(arrow);
+    group.add(onTop(arrow));
   }
   return group;
+}
+
+/** The same mark, never hidden by the cloud. */
+export function onTop<T extends Object3D>(mark: T): T {
+  mark.traverse((part) => {
+    part.renderOrder = 10;
+    const { material } = part as Partial<Mesh>;
+    if (material && !Array.isArray(material)) material.depthTest = false;
+  });
+  return mark;
 }
 
 export function pathMark(positions: Float32Array, colour: number): Line<BufferGeometry, LineBasicMaterial> {

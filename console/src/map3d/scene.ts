@@ -25,6 +25,9 @@ import { choose } from "./levels";
 import { Loads, toFree } from "./loads";
 import { PointMaterial } from "./material";
 
+export const KEYS = "Arrow keys move it, with Shift they turn it, + and - come nearer and go away.";
+const KEY_PAN_PX = 40; // each press
+const KEY_ZOOM = 0.85; // of the distance that a press leaves
 const KEPT_POINTS = 4_000_000; // in memory, drawn or not
 
 export interface View {
@@ -65,12 +68,16 @@ export class MapScene {
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 1.5));
     element.append(this.renderer.domElement);
     this.renderer.domElement.tabIndex = 0;
-    this.renderer.domElement.setAttribute("aria-label", "The map in 3D. Arrow keys move it.");
+    this.renderer.domElement.setAttribute("aria-label", `The map in 3D. ${KEYS}`);
     this.camera.up.set(0, 0, 1);
     this.controls = new MapControls(this.camera, this.renderer.domElement);
     this.controls.enableDamping = false;
     this.controls.maxPolarAngle = Math.PI * 0.85;
+    this.controls.keyPanSpeed = KEY_PAN_PX;
     this.controls.listenToKeyEvents(this.renderer.domElement);
+    this.renderer.domElement.addEventListener("keydown", ({ key }) => {
+      if (key === "+" || key === "-") this.approach(key === "+" ? KEY_ZOOM : 1 / KEY_ZOOM);
+    });
     this.controls.addEventListener("change", () => {
       this.redraw();
       this.moved(this.view);
@@ -133,6 +140,13 @@ export class MapScene {
     const at = this.local(position);
     this.controls.target.copy(at);
     this.camera.position.copy(at).add(new Vector3(0, -0.7 * away, 0.8 * away));
+    this.controls.update();
+    this.redraw();
+  }
+
+  /** Goes to a share of the distance from what is looked at. */
+  private approach(share: number): void {
+    this.camera.position.sub(this.controls.target).multiplyScalar(share).add(this.controls.target);
     this.controls.update();
     this.redraw();
   }

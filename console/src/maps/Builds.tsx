@@ -2,18 +2,23 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { change, get, type Schemas } from "../api/client";
-import { follow } from "../api/events";
+import { get, type Schemas } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
-import { Progress } from "../ui/Progress";
+import { BuildRow } from "./BuildRow";
+import { hidden, isGoing } from "./buildRecords";
 
 type Build = Schemas["Build"];
 const LOOK_MS = 3000;
+const SHOWN = 10;
 
-export function Builds({ done }: { done: () => void }) {
+export interface BuildsProps {
+  done: () => void;
+  again: (map: string) => void; // begins another build of the map
+}
+
+export function Builds({ done, again }: BuildsProps) {
   const builds = useSignal<Build[]>([]);
   const problem = useSignal<unknown>(null);
-  const hidden = useSignal<string[]>([]);
   useEffect(() => {
     let going = true;
     const look = async () => {
@@ -43,60 +48,10 @@ export function Builds({ done }: { done: () => void }) {
     <section aria-label="Builds">
       <h2>Builds</h2>
       <ul class="builds">
-        {shown.slice(0, 10).map((one) => (
-          <BuildRow
-            key={one.build_id}
-            build={one}
-            done={done}
-            hide={() => (hidden.value = [...hidden.value, one.build_id])}
-          />
+        {shown.slice(0, SHOWN).map((one) => (
+          <BuildRow key={one.build_id} build={one} done={done} again={() => again(one.map_id)} />
         ))}
       </ul>
     </section>
   );
-}
-
-function BuildRow({ build, done, hide }: { build: Build; done: () => void; hide: () => void }) {
-  const now = useSignal(build);
-  const problem = useSignal<unknown>(null);
-  useEffect(() => {
-    if (!isGoing(build)) return;
-    const stop = new AbortController();
-    void follow(
-      `/builds/${build.build_id}/events`,
-      () => ({}),
-      (event) => {
-        now.value = event.data as Build;
-        if (now.value.provisional_version || event.name === "end") done();
-        if (event.name === "end") stop.abort();
-      },
-      stop.signal,
-    );
-    return () => stop.abort();
-  }, [build.build_id]);
-  const cancel = () =>
-    change("DELETE", `/builds/${build.build_id}`).catch((error: unknown) => (problem.value = error));
-  return (
-    <li>
-      <strong>{now.value.map_id}</strong>
-      {now.value.state === "failed" ? (
-        <>
-          <ErrorText error={new Error(now.value.error?.detail ?? "The build failed.")} />
-          <button onClick={hide}>Hide</button>
-        </>
-      ) : now.value.state === "succeeded" ? (
-        <span>built</span>
-      ) : (
-        <>
-          <Progress label={now.value.stage.replaceAll("_", " ") || "waiting"} share={now.value.progress} />
-          <button onClick={cancel}>Cancel</button>
-        </>
-      )}
-      {problem.value ? <ErrorText error={problem.value} /> : null}
-    </li>
-  );
-}
-
-function isGoing({ state }: Build): boolean {
-  return state === "queued" || state === "running";
 }

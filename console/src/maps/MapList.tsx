@@ -11,17 +11,11 @@ import { useLoaded } from "../ui/useLoaded";
 import { BuildForm } from "./BuildForm";
 import { Builds } from "./Builds";
 import { DeleteMap } from "./DeleteMap";
-
-interface Manifest {
-  counts?: Record<string, number>;
-  files?: Record<string, { bytes: number }>;
-  self_test?: { success?: Record<string, number> };
-  provisional?: boolean;
-}
+import { bytesOf, manifestOf } from "./manifest";
 
 export function MapList() {
   const maps = useLoaded((signal) => get<Schemas["MapPage"]>("/maps", { limit: 1000 }, signal), []);
-  const building = useSignal(false);
+  const building = useSignal<string | null>(null); // the map that gets a new version; "": a new map
   const doomed = useSignal<string | null>(null);
   if (maps.error) return <ErrorText error={maps.error} again={maps.again} />;
   if (!maps.value) return <p role="status">Reading the maps …</p>;
@@ -30,24 +24,30 @@ export function MapList() {
       <header class="row">
         <h1>Maps</h1>
         {mayBuild.value ? (
-          <button class="primary" onClick={() => (building.value = true)}>
+          <button class="primary" onClick={() => (building.value = "")}>
             Build a map
           </button>
         ) : null}
       </header>
-      {building.value ? <BuildForm close={() => (building.value = false)} /> : null}
-      {mayBuild.value ? <Builds done={maps.again} /> : null}
+      {building.value !== null ? (
+        <BuildForm named={building.value} maps={maps.value.maps} close={() => (building.value = null)} />
+      ) : null}
+      {mayBuild.value ? <Builds done={maps.again} again={(map) => (building.value = map)} /> : null}
       {maps.value.maps.length ? (
-        <table>
+        <table class="cards">
           <thead>
             <tr>
               <th>Map</th>
+              <th class="number">Localized in its self-test</th>
+              <th class="number">Sure and wrong</th>
+              <th class="number">Best place within 0.2 m</th>
               <th>Active version</th>
               <th>Published</th>
               <th class="number">Templates</th>
-              <th class="number">Within 0.2 m</th>
               <th class="number">Size</th>
-              <th />
+              <th>
+                <span class="unseen">Actions</span>
+              </th>
             </tr>
           </thead>
           <tbody>
@@ -74,10 +74,7 @@ export function MapList() {
         <DeleteMap
           map={doomed.value}
           close={() => (doomed.value = null)}
-          done={() => {
-            doomed.value = null;
-            maps.again();
-          }}
+          done={maps.again}
         />
       ) : null}
     </main>
@@ -90,24 +87,37 @@ function Row({ map, version, remove }: { map: string; version: string | null; re
     [map, version],
   );
   const details = useLoaded((signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal), [map, version]);
-  const manifest = (details.value?.manifest ?? {}) as Manifest;
+  const manifest = manifestOf(details.value);
   const published = versions.value?.versions.find((one) => one.active)?.published_time;
-  const bytes = Object.values(manifest.files ?? {}).reduce((sum, file) => sum + file.bytes, 0);
-  const success = manifest.self_test?.success?.["0.2m"];
+  const bytes = bytesOf(manifest);
+  const { localized, false_accepts: wrong, success } = manifest.self_test ?? {};
+  const share = (value: number | undefined) => (value === undefined ? "" : percent(value));
   return (
     <tr>
       <th scope="row">
         <a href={link(["maps", map])}>{map}</a>
       </th>
-      <td>
+      <td class="number" data-name="Localized in its self-test">
+        <strong>{share(localized)}</strong>
+      </td>
+      <td class="number" data-name="Sure and wrong">
+        {wrong ?? ""}
+      </td>
+      <td class="number" data-name="Best place within 0.2 m">
+        {share(success?.["0.2m"])}
+      </td>
+      <td data-name="Active version">
         {version ? <code title={version}>{short(version)}</code> : "none"}{" "}
         {manifest.provisional ? <span class="tag">provisional</span> : null}
         {details.error ? <ErrorText error={details.error} /> : null}
       </td>
-      <td>{published ? age(published) : ""}</td>
-      <td class="number">{manifest.counts?.templates === undefined ? "" : count(manifest.counts.templates)}</td>
-      <td class="number">{success === undefined ? "" : percent(success)}</td>
-      <td class="number">{bytes ? size(bytes) : ""}</td>
+      <td data-name="Published">{published ? age(published) : ""}</td>
+      <td class="number" data-name="Templates">
+        {manifest.counts?.templates === undefined ? "" : count(manifest.counts.templates)}
+      </td>
+      <td class="number" data-name="Size">
+        {bytes ? size(bytes) : ""}
+      </td>
       <td class="actions">
         <a href={link(["maps", map, "try"])}>Try a scan</a>
         <a href={link(["maps", map, "versions"])}>Versions</a>

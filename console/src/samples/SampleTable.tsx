@@ -1,6 +1,7 @@
 import { mayAdminister } from "../access/session";
 import { link } from "../router";
-import { age, percent, reason, size } from "../ui/text";
+import { whyOf } from "../scan/why";
+import { age, chance, size } from "../ui/text";
 import { Verdict } from "../ui/Verdict";
 import { answerOf, mapOf, type Sample } from "./place";
 
@@ -13,7 +14,7 @@ export interface SampleTableProps {
 /** Kept queries, one a row. */
 export function SampleTable({ samples, remove, point }: SampleTableProps) {
   return (
-    <table>
+    <table class="cards">
       <thead>
         <tr>
           <th>When</th>
@@ -31,15 +32,15 @@ export function SampleTable({ samples, remove, point }: SampleTableProps) {
       <tbody>
         {samples.map((one) => (
           <tr key={one.sample_id} onPointerEnter={() => point(one.sample_id)} onPointerLeave={() => point("")}>
-            <td title={one.time}>{age(one.time)}</td>
-            <td>{one.map_id || "any"}</td>
-            <td>
+            <td data-name="When" title={one.time}>{age(one.time)}</td>
+            <td data-name="Map">{one.map_id || "any"}</td>
+            <td data-name="Verdict">
               <Verdict verdict={answerOf(one).verdict} />
             </td>
-            <td>{answerOf(one).reasons.map(reason).join(" ")}</td>
-            <td class="number">{percent(answerOf(one).probability, 1)}</td>
-            <td class="number">{size(one.body_bytes)}</td>
-            <td>{one.truth ? (one.truth.T_map_sensor ? "known" : "not in the map") : ""}</td>
+            <td data-name="Why">{whyOf(answerOf(one), leastAsked(one)).join(" ")}</td>
+            <td class="number" data-name="Probability">{chance(answerOf(one).probability)}</td>
+            <td class="number" data-name="Size">{size(one.body_bytes)}</td>
+            <td data-name="Truth">{one.truth ? (one.truth.T_map_sensor ? "known" : "not in the map") : ""}</td>
             <td class="actions">
               {mapOf(one) ? (
                 <a href={link(["maps", mapOf(one), "try"], { sample: one.sample_id })} onFocus={() => point(one.sample_id)}>
@@ -53,4 +54,9 @@ export function SampleTable({ samples, remove, point }: SampleTableProps) {
       </tbody>
     </table>
   );
+}
+
+/** What the query asked for itself; null: as the map had it then. */
+function leastAsked({ options }: Sample): number | null {
+  return Number(options.min_probability) || null;
 }

@@ -4,13 +4,15 @@ import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { change, get, type Schemas } from "../api/client";
 import { go, route } from "../router";
+import { Confirm } from "../ui/Confirm";
 import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
-import { percent } from "../ui/text";
+import { age, percent } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 import { exported } from "./exported";
 import { filterOf, Filters } from "./Filters";
-import type { Sample } from "./place";
+import { NotKept } from "./NotKept";
+import { answerOf, type Sample } from "./place";
 import { SamplePins } from "./SamplePins";
 import { SampleTable } from "./SampleTable";
 
@@ -30,14 +32,7 @@ export function SamplesView() {
     (signal) => get<Schemas["SamplePage"]>("/samples", { ...filter, after: after.value.at(-1), limit: 50 }, signal),
     [...filtered, after.value],
   );
-  const remove = async (sample: Sample) => {
-    try {
-      await change("DELETE", `/samples/${sample.sample_id}`);
-      page.again();
-    } catch (error) {
-      problem.value = error;
-    }
-  };
+  const doomed = useSignal<Sample | null>(null);
   const save = async () => {
     problem.value = null;
     try {
@@ -62,10 +57,7 @@ export function SamplesView() {
       {page.error ? <ErrorText error={page.error} again={page.again} /> : null}
       {page.value && !samples.length ? (
         <Empty title={filtered.some(Boolean) ? "No kept query is like this" : "No kept query"}>
-          <p>
-            The service keeps some of the queries that it cannot localize if <code>FIRSTFIX_SAMPLES_SHARE</code> is
-            above 0.
-          </p>
+          <NotKept share={page.value.share} isFiltered={filtered.some(Boolean)} />
         </Empty>
       ) : null}
       {map ? (
@@ -80,7 +72,24 @@ export function SamplesView() {
         <p class="hint">Choose a map to see where they were taken.</p>
       ) : null}
       {samples.length ? (
-        <SampleTable samples={samples} remove={remove} point={(sampleId) => (pointedAt.value = sampleId)} />
+        <SampleTable samples={samples} remove={(sample) => (doomed.value = sample)} point={(sampleId) => (pointedAt.value = sampleId)} />
+      ) : null}
+      {doomed.value ? (
+        <Confirm
+          title="Remove this kept query"
+          action="Remove for good"
+          keep="Keep it"
+          act={async () => {
+            await change("DELETE", `/samples/${doomed.value!.sample_id}`);
+            page.again();
+          }}
+          close={() => (doomed.value = null)}
+        >
+          <p>
+            The scan of {age(doomed.value.time)} about {doomed.value.map_id || "any map"} ({answerOf(doomed.value).verdict})
+            is deleted{doomed.value.truth ? ", with the place that somebody told for it" : ""}. It cannot be brought back.
+          </p>
+        </Confirm>
       ) : null}
       <div class="row">
         {after.value.length ? <button onClick={() => (after.value = after.value.slice(0, -1))}>Newer</button> : null}

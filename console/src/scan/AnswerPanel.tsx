@@ -1,25 +1,29 @@
-// One answer in words: the verdict, why, and every place that was considered.
+// One answer in words: the verdict, why, what helps, and every place that was considered.
 
+import { useSignal } from "@preact/signals";
 import type { Schemas } from "../api/client";
-import { metres, percent, reason } from "../ui/text";
 import { Verdict } from "../ui/Verdict";
+import { HintText } from "./HintText";
+import { Places } from "./Places";
+import { whyOf } from "./why";
 
 export interface AnswerPanelProps {
   answer: Schemas["Answer"];
+  least: number; // the probability that was asked for
+  guide: string; // what the search was told beforehand; "": nothing
   chosen: number;
   choose: (hypothesis: number) => void;
 }
 
-export function AnswerPanel({ answer, chosen, choose }: AnswerPanelProps) {
+export function AnswerPanel({ answer, least, guide, chosen, choose }: AnswerPanelProps) {
   const findings = answer.findings ?? []; // an answer that was kept by an older service has none
-  const timings = Object.entries(answer.timings_ms ?? {});
   return (
     <section class="answer" aria-label="Answer">
       <p>
-        <Verdict verdict={answer.verdict} /> with probability <strong>{percent(answer.probability, 1)}</strong>
+        <Verdict verdict={answer.verdict} /> {guide ? <span class="tag">{guide}</span> : null}
       </p>
-      {answer.reasons.map((code) => (
-        <p key={code}>{reason(code)}</p>
+      {whyOf(answer, least).map((text) => (
+        <p key={text}>{text}</p>
       ))}
       {findings.length ? (
         <ul class="findings" aria-label="Findings">
@@ -30,32 +34,29 @@ export function AnswerPanel({ answer, chosen, choose }: AnswerPanelProps) {
           ))}
         </ul>
       ) : null}
-      <h3>Places</h3>
-      <ol class="hypotheses">
-        {answer.hypotheses.map((one, i) => (
-          <li key={i}>
-            <button aria-pressed={i === chosen} onClick={() => choose(i)}>
-              <strong>{percent(one.probability, 1)}</strong> at {one.T_map_sensor.position.map(metres).join(", ")}
-              <small>
-                {percent(one.inlier_ratio ?? 0)} on the map, {percent(one.free_space_violation ?? 0, 1)} through it
-              </small>
-            </button>
-          </li>
-        ))}
-      </ol>
-      {timings.length ? (
-        <>
-          <h3>Milliseconds</h3>
-          <dl class="timings">
-            {timings.map(([stage, ms]) => (
-              <div key={stage}>
-                <dt>{stage.replaceAll("_", " ")}</dt>
-                <dd>{Number(ms).toFixed(1)}</dd>
-              </div>
-            ))}
-          </dl>
-        </>
-      ) : null}
+      {answer.hint ? <HintText hint={answer.hint} /> : null}
+      {answer.hypotheses.length ? <Places answer={answer} chosen={chosen} choose={choose} /> : null}
+      <Timings answer={answer} />
     </section>
+  );
+}
+
+function Timings({ answer }: { answer: Schemas["Answer"] }) {
+  const isShown = useSignal(false);
+  const timings = Object.entries(answer.timings_ms ?? {});
+  if (!timings.length) return null;
+  const all = timings.reduce((sum, [, ms]) => sum + ms, 0);
+  return (
+    <details open={isShown.value} onToggle={(event) => (isShown.value = event.currentTarget.open)}>
+      <summary>{all.toFixed(1)} milliseconds</summary>
+      <dl class="timings">
+        {timings.map(([stage, ms]) => (
+          <div key={stage}>
+            <dt>{stage.replaceAll("_", " ")}</dt>
+            <dd>{ms.toFixed(1)}</dd>
+          </div>
+        ))}
+      </dl>
+    </details>
   );
 }

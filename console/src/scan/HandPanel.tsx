@@ -1,6 +1,7 @@
 // A pose by hand, in numbers: where the robot is thought to be, or where it really was.
 
 import type { Signal } from "@preact/signals";
+import { Check } from "../ui/Check";
 import type { HandPose } from "./handPose";
 import type { HandState } from "./useHandle";
 
@@ -25,7 +26,7 @@ export function HandPanel({ hand, isPrior, isTiltKnown, begin }: HandPanelProps)
     return (
       <section>
         <h3>A pose by hand</h3>
-        <p class="hint">Click the map where the robot is, or begin here and drag.</p>
+        <p class="hint">Click the map where the robot is, or begin here and drag. It changes the answer only if you say so.</p>
         <button onClick={begin}>Place by hand</button>
       </section>
     );
@@ -63,10 +64,7 @@ export function HandPanel({ hand, isPrior, isTiltKnown, begin }: HandPanelProps)
           <NumberField key={name} name={name} value={pose[field]} step={1} set={(degrees) => set({ [field]: degrees })} />
         ))}
       </div>
-      <label class="check">
-        <input type="checkbox" checked={isPrior.value} onChange={(event) => (isPrior.value = event.currentTarget.checked)} />
-        Search only around it
-      </label>
+      <Check value={isPrior}>Search only around it</Check>
       {isPrior.value ? (
         <>
           <div class="numbers">
@@ -86,14 +84,7 @@ export function HandPanel({ hand, isPrior, isTiltKnown, begin }: HandPanelProps)
               set={(degrees) => set({ yaw_range_deg: degrees })}
             />
           </div>
-          <label class="check">
-            <input
-              type="checkbox"
-              checked={isTiltKnown.value}
-              onChange={(event) => (isTiltKnown.value = event.currentTarget.checked)}
-            />
-            Its roll and pitch are known, too
-          </label>
+          <Check value={isTiltKnown}>Its roll and pitch are known, too</Check>
         </>
       ) : null}
     </section>

@@ -2,50 +2,55 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { Group } from "three";
-import { key, mayBuild } from "../access/session";
+import { mayBuild } from "../access/session";
 import { get, type Query, type Schemas } from "../api/client";
 import { MapCanvas } from "../map3d/MapCanvas";
-import { poseMark } from "../map3d/marks";
 import type { HandleMode } from "../map3d/poseHandle";
-import { clear, type MapScene } from "../map3d/scene";
+import type { MapScene } from "../map3d/scene";
+import { leastOf, manifestOf } from "../maps/manifest";
+import { MapProblem } from "../maps/MapProblem";
 import { route } from "../router";
+import { Check } from "../ui/Check";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
-import { colourOf } from "../ui/verdict";
 import { AnswerPanel } from "./AnswerPanel";
-import { CopyAs } from "./CopyAs";
 import { gravityOf, type HandPose, handPoseAt, handPoseOf, poseOf, priorOf } from "./handPose";
 import { HandPanel } from "./HandPanel";
-import { SUFFIXES } from "./media";
+import { LeastField } from "./LeastField";
+import { Programs } from "./Programs";
 import { ScanKey } from "./ScanKey";
+import { TakeScan } from "./TakeScan";
 import { Truth } from "./Truth";
 import { useAnswer } from "./useAnswer";
 import { useAsked } from "./useAsked";
 import { useHandle } from "./useHandle";
 import { useOverlay } from "./useOverlay";
+import { usePlaceMarks } from "./usePlaceMarks";
 import { VersionChoice } from "./VersionChoice";
-
-const USUAL_LEAST = "0.995"; // of a map that was built without a threshold of its own
 
 export function TryView({ map }: { map: string }) {
   const details = useLoaded((signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal), [map]);
   const active = details.value?.active_version ?? "";
   const version = route.value.query.get("version") || active;
   const sampleId = route.value.query.get("sample") ?? "";
-  const least = useSignal("");
+  const ofMap = useLoaded(
+    async (signal) =>
+      version ? leastOf(manifestOf(await get<Schemas["VersionDetails"]>(`/maps/${map}/versions/${version}`, {}, signal))) : null,
+    [map, version],
+  );
+  const least = useSignal(route.value.query.get("least") ?? "");
   const hand = {
     pose: useSignal<HandPose | null>(null),
     settled: useSignal<HandPose | null>(null),
     mode: useSignal<HandleMode>("translate"),
   };
-  const isPrior = useSignal(true);
+  const isPrior = useSignal(false);
+  const areOthersShown = useSignal(true);
   const isTiltKnown = useSignal(false);
   const isLaidByHand = useSignal(false);
   const problem = useSignal<unknown>(null);
   const scene = useRef<MapScene | null>(null);
   const isReady = useSignal(0);
-  const ghosts = useRef(new Group()).current;
   const looked = useRef<unknown>(null);
 
   const settled = hand.settled.value;
@@ -64,16 +69,7 @@ export function TryView({ map }: { map: string }) {
   const overlay = useOverlay(scene, isReady.value, map, version, asked.value, laid, problem);
   useHandle(scene, isReady.value, hand, (pose) => isLaidByHand.value && overlay.moved(pose));
 
-  useEffect(() => {
-    const here = scene.current;
-    if (!here || !answer.value) return;
-    clear(ghosts);
-    answer.value.hypotheses.forEach((one, i) => {
-      const colour = i === chosen.value ? colourOf(answer.value!.verdict) : 0x9aa5b1;
-      ghosts.add(poseMark(here.local(one.T_map_sensor.position), one.T_map_sensor, colour, i === chosen.value ? 2 : 1.2));
-    });
-    here.redraw();
-  }, [answer.value, chosen.value, isReady.value]);
+  const places = usePlaceMarks(scene, isReady.value, answer.value, chosen.value, areOthersShown.value);
 
   useEffect(() => {
     // The camera goes to a place that was chosen, and stays while a pose is dragged.
@@ -92,7 +88,7 @@ export function TryView({ map }: { map: string }) {
     hand.settled.value = pose;
   };
 
-  if (details.error) return <ErrorText error={details.error} again={details.again} />;
+  if (details.error) return <MapProblem map={map} error={details.error} again={details.again} />;
   return (
     <div
       class="map-view"
@@ -109,7 +105,7 @@ export function TryView({ map }: { map: string }) {
           version={version}
           ready={(found) => {
             scene.current = found;
-            found?.overlay.add(ghosts, overlay.group);
+            found?.overlay.add(places, overlay.group);
             if (found) found.material.colouring = "plain";
             isReady.value += 1;
           }}
@@ -120,51 +116,29 @@ export function TryView({ map }: { map: string }) {
       )}
       <aside class="panel" aria-label="Scan and answer">
         <h2>Try a scan in {map}</h2>
-        <label class="drop">
-          <span>{asked.value ? asked.value.name : `Drop a scan here: ${SUFFIXES.join(", ")}`}</span>
-          <input type="file" accept={SUFFIXES.join(",")} onChange={(event) => take(event.currentTarget.files?.[0])} />
-        </label>
-        <VersionChoice map={map} active={active} />
-        <label>
-          Least probability {least.value || "of the map"}
-          <input
-            type="range"
-            min={0}
-            max={1}
-            step={0.005}
-            value={least.value || USUAL_LEAST}
-            onChange={(event) => (least.value = event.currentTarget.value)}
-          />
-        </label>
-        {least.value ? <button onClick={() => (least.value = "")}>As the map has it</button> : null}
-        <HandPanel hand={hand} isPrior={isPrior} isTiltKnown={isTiltKnown} begin={begin} />
-        {byHand && asked.value ? (
-          <label class="check">
-            <input
-              type="checkbox"
-              checked={isLaidByHand.value}
-              onChange={(event) => (isLaidByHand.value = event.currentTarget.checked)}
-            />
-            Lay the scan at the pose by hand
-          </label>
-        ) : null}
+        <TakeScan map={map} name={asked.value?.name ?? ""} take={take} />
         {isAsking.value ? <p role="status">Asking …</p> : null}
         {problem.value ? <ErrorText error={problem.value} /> : null}
         {answer.value ? (
-          <AnswerPanel answer={answer.value} chosen={chosen.value} choose={(i) => (chosen.value = i)} />
+          <AnswerPanel
+            answer={answer.value}
+            least={Number(least.value) || ofMap.value || 0}
+            guide={isNear ? `searched only within ${settled.radius_m} m of the pose by hand` : ""}
+            chosen={chosen.value}
+            choose={(i) => (chosen.value = i)}
+          />
+        ) : null}
+        {(answer.value?.hypotheses.length ?? 0) > 1 ? (
+          <Check value={areOthersShown}>Show the other places on the map</Check>
         ) : null}
         {overlay.shares.value ? <ScanKey shares={overlay.shares.value} /> : null}
         {sampleId && mayBuild.value ? <Truth sample={sampleId} map={map} place={place} hand={byHand} /> : null}
-        {asked.value ? (
-          <CopyAs
-            map={map}
-            file={asked.value.name}
-            type={asked.value.type}
-            encoding={asked.value.encoding}
-            options={options}
-            isSignedIn={key.value !== ""}
-          />
-        ) : null}
+        <h3>How it is asked</h3>
+        <VersionChoice map={map} active={active} />
+        {ofMap.value === null ? null : <LeastField least={least} ofMap={ofMap.value} />}
+        <HandPanel hand={hand} isPrior={isPrior} isTiltKnown={isTiltKnown} begin={begin} />
+        {byHand && asked.value ? <Check value={isLaidByHand}>Lay the scan at the pose by hand</Check> : null}
+        {asked.value ? <Programs map={map} asked={asked.value} options={options} /> : null}
       </aside>
     </div>
   );

@@ -32,8 +32,14 @@ export function handPoseOf(pose: PlainPose, before: HandPose | null): HandPose {
     position: [...pose.position] as [number, number, number],
     roll_deg: Math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)) * DEGREES,
     pitch_deg: Math.asin(Math.min(1, Math.max(-1, sine))) * DEGREES,
-    yaw_deg: Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) * DEGREES,
+    yaw_deg: headingOf(pose.quaternion),
   };
+}
+
+/** Angle about the vertical, from the map's x axis to the left. */
+export function headingOf(quaternion: number[]): number {
+  const [x, y, z, w] = quaternion as [number, number, number, number];
+  return Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) * DEGREES;
 }
 
 export function poseOf(hand: HandPose): PlainPose {

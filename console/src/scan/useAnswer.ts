@@ -1,7 +1,7 @@
 // Asks where the scan was taken, and again when the options change.
 
 import { type Signal, useSignal } from "@preact/signals";
-import { useEffect } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 import { type Query, type Schemas, send } from "../api/client";
 import type { Asked } from "./useAsked";
 
@@ -11,25 +11,33 @@ export interface AnswerState {
   isAsking: Signal<boolean>;
 }
 
+/** The answer is always one about `query`: it goes when another scan comes, and when the scan cannot be answered. */
 export function useAnswer(map: string, query: Asked | null, options: Query, problem: Signal<unknown>): AnswerState {
   const answer = useSignal<Schemas["Answer"] | null>(null);
   const chosen = useSignal(0);
   const isAsking = useSignal(false);
+  const answered = useRef<Asked | null>(null);
   useEffect(() => {
+    if (answered.current !== query) answer.value = null;
+    answered.current = query;
+    isAsking.value = query !== null;
     if (!query) return;
     const stop = new AbortController();
-    isAsking.value = true;
     problem.value = null;
     // A query with such an id is not kept: it was kept already, or a person only tries it.
     const headers: Record<string, string> = { "Content-Type": query.type, "X-Request-Id": `replay-console-${Date.now()}` };
     if (query.encoding) headers["Content-Encoding"] = query.encoding;
     send("POST", "/localize", { query: { map, ...options }, body: query.body, headers, signal: stop.signal })
       .then(async (found) => {
-        answer.value = (await found.json()) as Schemas["Answer"];
+        const said = (await found.json()) as Schemas["Answer"];
+        if (stop.signal.aborted) return;
+        answer.value = said;
         chosen.value = 0;
       })
       .catch((error: unknown) => {
-        if (!stop.signal.aborted) problem.value = error;
+        if (stop.signal.aborted) return;
+        answer.value = null;
+        problem.value = error;
       })
       .finally(() => {
         if (!stop.signal.aborted) isAsking.value = false;

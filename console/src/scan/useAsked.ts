@@ -1,15 +1,17 @@
 // The scan that is tried: a file, or the body of a kept query.
 
 import { type Signal, useSignal } from "@preact/signals";
-import { useEffect } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 import { get, type Schemas, send } from "../api/client";
-import { mediaTypeOf } from "./media";
+import { age } from "../ui/text";
+import { scanOf } from "./scanFile";
 
 export interface Asked {
   name: string;
   type: string;
   encoding: string;
   body: Blob;
+  isConverted: boolean; // the body is not the file's: programs cannot send the file as it is
 }
 
 /** The scan, and a call that takes a file in its place. */
@@ -18,27 +20,34 @@ export function useAsked(
   problem: Signal<unknown>,
 ): { asked: Signal<Asked | null>; take: (file: File | undefined) => void } {
   const asked = useSignal<Asked | null>(null);
+  const latest = useRef<File | null>(null);
   useEffect(() => {
     if (!sampleId) return;
     const stop = new AbortController();
+    asked.value = null;
     Promise.all([
       get<Schemas["Sample"]>(`/samples/${sampleId}`, {}, stop.signal),
       send("GET", `/samples/${sampleId}/body`, { signal: stop.signal }).then((found) => found.blob()),
     ])
       .then(([sample, body]) => {
-        asked.value = { name: sampleId, type: sample.media_type, encoding: sample.content_encoding, body };
+        const name = `Kept query of ${age(sample.time)}`;
+        asked.value = { name, type: sample.media_type, encoding: sample.content_encoding, body, isConverted: false };
       })
       .catch((error: unknown) => {
         if (!stop.signal.aborted) problem.value = error;
       });
     return () => stop.abort();
   }, [sampleId]);
-  const take = (file: File | undefined) => {
+  const take = async (file: File | undefined) => {
     if (!file) return;
+    latest.current = file;
+    asked.value = null; // with it goes the answer about the scan before
+    problem.value = null;
     try {
-      asked.value = { name: file.name, type: mediaTypeOf(file.name), encoding: "", body: file };
+      const found = await scanOf(file);
+      if (latest.current === file) asked.value = found;
     } catch (error) {
-      problem.value = error;
+      if (latest.current === file) problem.value = error;
     }
   };
   return { asked, take };

@@ -25,14 +25,21 @@ export function useOverlay(
   problem: Signal<unknown>,
 ): OverlayState {
   const group = useRef(new Group()).current;
+  const laid = useRef<Asked | null>(null);
   const laidAt = useRef<Matrix4 | null>(null);
   const shares = useSignal<OverlayShares | null>(null);
   useEffect(() => {
     const here = scene.current;
-    if (!here || !query || !pose || !version) return;
+    if (!here) return;
+    shares.value = null; // those of another place
+    if (laid.current !== query || !pose) {
+      clear(group); // the points of another scan, or of a scan that has no place
+      here.redraw();
+    }
+    laid.current = query;
+    if (!query || !pose || !version) return;
     const stop = new AbortController();
     const drawn = new Group();
-    shares.value = null; // those of another place
     drawOverlay(here, drawn, map, version, pose, query, stop.signal)
       .then((found) => {
         if (stop.signal.aborted) return;

@@ -19,6 +19,25 @@ export function percent(share: number, digits = 0): string {
   return `${(share * 100).toFixed(digits)} %`;
 }
 
+/** A probability with as many digits as it takes: what is not certain is never called 100 %. */
+export function chance(probability: number, fewest = 1): string {
+  if (probability > 0 && probability < 0.0005) return "under 0.1 %";
+  for (let digits = fewest; digits <= 4; digits++) {
+    const text = percent(probability, digits);
+    if (probability >= 1 || parseFloat(text) < 100) return text;
+  }
+  return "over 99.9999 %";
+}
+
+/** Two probabilities that are compared, with digits enough to see which one is less. */
+export function chances(one: number, other: number): [string, string] {
+  for (let digits = 1; digits < 4; digits++) {
+    const texts: [string, string] = [chance(one, digits), chance(other, digits)];
+    if (texts[0] !== texts[1]) return texts;
+  }
+  return [chance(one, 4), chance(other, 4)];
+}
+
 export function age(iso: string, now = Date.now()): string {
   const seconds = Math.max(0, (now - Date.parse(iso)) / 1000);
   for (const [name, length] of [
@@ -30,6 +49,13 @@ export function age(iso: string, now = Date.now()): string {
     if (n >= 1) return `${n} ${name}${n > 1 ? "s" : ""} ago`;
   }
   return "just now";
+}
+
+/** A length of time: "2 h 05 min", "3 min", "20 s". */
+export function duration(seconds: number): string {
+  if (seconds < 60) return `${Math.round(seconds)} s`;
+  const minutes = Math.round(seconds / 60);
+  return minutes < 60 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
 }
 
 export function short(version: string): string {
@@ -45,10 +71,10 @@ const REASONS: Record<string, string> = {
   no_candidate: "No place of the map looks like the scan.",
   low_inlier_ratio: "Too little of the scan lies on the map.",
   free_space_violation: "The scan looks through surfaces of the map.",
-  low_probability: "The best place is too uncertain.",
+  low_probability: "The best place is not sure enough.",
   not_converged: "The alignment did not come to rest.",
-  several_places: "Several places explain the scan equally well.",
   wrong_frame: "The scan was not taken from its own origin.",
+  several_places: "Other places explain the scan about as well.",
   not_registered: "The query had no points, so its places are only candidates.",
 };
 

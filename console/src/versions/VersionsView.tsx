@@ -1,99 +1,100 @@
-// The versions of a map: which one serves, how two compare, and changing it.
+// The versions of a map: which one serves, how good each is, how two compare, and changing it.
 
 import { useSignal } from "@preact/signals";
-import { mayAdminister, mayBuild } from "../access/session";
+import { mayBuild } from "../access/session";
 import { change, get, type Schemas } from "../api/client";
-import { link } from "../router";
-import { ErrorText } from "../ui/ErrorText";
-import { age, short } from "../ui/text";
+import { MapProblem } from "../maps/MapProblem";
+import { link, note, route } from "../router";
+import { Confirm } from "../ui/Confirm";
 import { useLoaded } from "../ui/useLoaded";
+import { type Change, callOf } from "./changeOf";
 import { Comparison } from "./Comparison";
+import { VersionRow } from "./VersionRow";
+
+const LISTED = 20; // at first: the figures of each are read one by one
 
 export function VersionsView({ map }: { map: string }) {
   const page = useLoaded(
     (signal) => get<Schemas["VersionPage"]>(`/maps/${map}/versions`, { limit: 1000 }, signal),
     [map],
   );
-  const compared = useSignal<string[]>([]);
-  const problem = useSignal<unknown>(null);
+  const compared = useSignal<string[]>(route.value.query.get("compare")?.split(",") ?? []);
+  const isWhole = useSignal(false);
+  const asked = useSignal<Change | null>(null);
   const told = useSignal("");
-  const act = async (method: string, path: string, text: string) => {
-    problem.value = null;
-    try {
-      await change(method, `/maps/${map}${path}`);
-      told.value = text;
-      page.again();
-    } catch (error) {
-      problem.value = error;
-    }
-  };
-  if (page.error) return <ErrorText error={page.error} again={page.again} />;
+  if (page.error) return <MapProblem map={map} error={page.error} again={page.again} />;
   if (!page.value) return <p role="status">Reading the versions …</p>;
-  const chosen = compared.value.filter((one) => page.value!.versions.some(({ version }) => version === one));
+  const all = page.value.versions;
+  const areMany = all.length > 1;
+  const chosen = compared.value.filter((one) => all.some(({ version }) => version === one));
   const toggle = (version: string) => {
     const on = chosen.includes(version);
     compared.value = on ? chosen.filter((one) => one !== version) : [...chosen, version].slice(-2);
+    note({ compare: compared.value.join(",") });
   };
+  const active = all.find((one) => one.active)?.version ?? "";
+  const call = asked.value && callOf(map, asked.value, active);
   return (
     <main class="page">
       <header class="row">
         <h1>
           Versions of <a href={link(["maps", map])}>{map}</a>
         </h1>
-        {mayBuild.value && page.value.versions.length > 1 ? (
-          <button onClick={() => act("POST", "/rollback", "Rolled back")}>Roll back</button>
-        ) : null}
+        {mayBuild.value && areMany ? <button onClick={() => (asked.value = { kind: "rollback" })}>Roll back</button> : null}
         <span role="status">{told.value}</span>
       </header>
-      {problem.value ? <ErrorText error={problem.value} /> : null}
-      <table>
+      <table class="cards">
         <thead>
           <tr>
-            <th>Compare</th>
+            {areMany ? <th>Compare</th> : null}
             <th>Version</th>
+            <th class="number">Localized in its self-test</th>
+            <th class="number">Sure and wrong</th>
+            <th>Sensor</th>
             <th>Published</th>
             <th>State</th>
-            <th />
+            <th>
+              <span class="unseen">Actions</span>
+            </th>
           </tr>
         </thead>
         <tbody>
-          {page.value.versions.map((one) => (
-            <tr key={one.version}>
-              <td>
-                <input
-                  type="checkbox"
-                  aria-label={`Compare ${short(one.version)}`}
-                  checked={chosen.includes(one.version)}
-                  onChange={() => toggle(one.version)}
-                />
-              </td>
-              <td>
-                <a href={link(["maps", map], { version: one.version })}>
-                  <code>{short(one.version)}</code>
-                </a>
-              </td>
-              <td title={one.published_time}>{age(one.published_time)}</td>
-              <td>
-                {one.active ? <span class="tag on">active</span> : null}
-                {one.provisional ? <span class="tag">provisional</span> : null}
-              </td>
-              <td class="actions">
-                {mayBuild.value && !one.active ? (
-                  <button onClick={() => act("POST", `/versions/${one.version}/activate`, "Activated")}>Activate</button>
-                ) : null}
-                {mayAdminister.value && !one.active ? (
-                  <button onClick={() => act("DELETE", `/versions/${one.version}`, "Retired")}>Retire</button>
-                ) : null}
-              </td>
-            </tr>
+          {(isWhole.value ? all : all.slice(0, LISTED)).map((one) => (
+            <VersionRow
+              key={one.version}
+              map={map}
+              one={one}
+              isCompared={chosen.includes(one.version)}
+              compare={areMany ? () => toggle(one.version) : null}
+              ask={(wanted) => (asked.value = wanted)}
+            />
           ))}
         </tbody>
       </table>
+      {all.length > LISTED && !isWhole.value ? (
+        <button onClick={() => (isWhole.value = true)}>All {all.length} versions</button>
+      ) : null}
+      {call ? (
+        <Confirm
+          title={call.title}
+          action={call.action}
+          keep={call.keep}
+          typed={call.typed ? { name: "the version", text: call.typed } : undefined}
+          act={async () => {
+            await change(call.method, `/maps/${map}${call.path}`);
+            told.value = call.told;
+            page.again();
+          }}
+          close={() => (asked.value = null)}
+        >
+          <p>{call.text}</p>
+        </Confirm>
+      ) : null}
       {chosen.length === 2 ? (
         <Comparison map={map} versions={chosen as [string, string]} />
-      ) : (
+      ) : areMany ? (
         <p class="hint">Choose two versions to compare them.</p>
-      )}
+      ) : null}
     </main>
   );
 }

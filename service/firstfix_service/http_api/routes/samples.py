@@ -16,6 +16,7 @@ from firstfix.ids import check_map_id
 from firstfix.transform import from_quaternion
 
 from ...auth.principal import Principal
+from ...settings import Settings
 from ...thread_pools import CHANGES, LISTS
 from ..answer_room import AnswerPlaceDep
 from ..bodies.json_body import read_model
@@ -77,12 +78,16 @@ class SamplePage(BaseModel):
     next: str | None = Field(
         description="`after` of the next page, even if this page is short; null: this is the last page"
     )
+    share: float = Field(
+        description="share of the queries without a pose that this service keeps; 0: none, so the list is empty"
+    )
 
 
 @router.get("")
 @needs(Scope.BUILD, "localize")
 @LISTS.route
 def get_samples(
+    request: Request,
     samples: SamplesDep,
     caller: CallerDep,
     map_id: Annotated[str | None, Query(description="only queries about this map")] = None,
@@ -112,7 +117,9 @@ def get_samples(
         if len(found) == limit:
             break
     following = last if ids and last != ids[-1] else None
-    return SamplePage(samples=[Sample.of(sample) for sample in found], next=following)
+    settings: Settings = request.app.state.settings
+    kept = [Sample.of(sample) for sample in found]
+    return SamplePage(samples=kept, next=following, share=settings.samples_share)
 
 
 @router.get("/{sample_id}")

@@ -1,0 +1,111 @@
+// One build: how far it is, how long it takes, or at which stage it failed and why.
+
+import { useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import { change, type Schemas } from "../api/client";
+import { follow } from "../api/events";
+import { Confirm } from "../ui/Confirm";
+import { ErrorText } from "../ui/ErrorText";
+import { Progress } from "../ui/Progress";
+import { age, duration } from "../ui/text";
+import { begunAt, hide, isGoing, timesOf } from "./buildRecords";
+
+type Build = Schemas["Build"];
+
+export interface BuildRowProps {
+  build: Build;
+  done: () => void;
+  again: () => void;
+}
+
+export function BuildRow({ build, done, again }: BuildRowProps) {
+  const now = useSignal(build);
+  const isAsked = useSignal(false);
+  useEffect(() => {
+    if (!isGoing(build)) return;
+    const stop = new AbortController();
+    void follow(
+      `/builds/${build.build_id}/events`,
+      () => ({}),
+      (event) => {
+        now.value = event.data as Build;
+        if (now.value.provisional_version || event.name === "end") done();
+        if (event.name === "end") stop.abort();
+      },
+      stop.signal,
+    );
+    return () => stop.abort();
+  }, [build.build_id]);
+  const { map_id: map, state } = now.value;
+  return (
+    <li>
+      <strong>{map}</strong>
+      {state === "failed" ? (
+        <Failed build={now.value} again={again} />
+      ) : state === "succeeded" ? (
+        <span>built</span>
+      ) : (
+        <>
+          <Going build={now.value} />
+          <button onClick={() => (isAsked.value = true)}>Cancel</button>
+        </>
+      )}
+      {isAsked.value ? (
+        <Confirm
+          title={`Cancel the build of ${map}`}
+          action="Cancel the build"
+          keep="Let it go on"
+          act={() => change("DELETE", `/builds/${build.build_id}`)}
+          close={() => (isAsked.value = false)}
+        >
+          <p>
+            It is at {Math.round(now.value.progress * 100)} %{pastOf(now.value)}. Stages that have ended are kept for the
+            next build of the same source; the stage under way is lost.
+          </p>
+        </Confirm>
+      ) : null}
+    </li>
+  );
+}
+
+function Going({ build }: { build: Build }) {
+  const times = timesOf(build, Date.now());
+  return (
+    <>
+      <Progress label={stageOf(build) || "waiting"} share={build.progress} />
+      {times ? (
+        <small>
+          {duration(times.past_s)}
+          {times.left_s === null ? "" : `, about ${duration(times.left_s)} left`}
+        </small>
+      ) : null}
+    </>
+  );
+}
+
+function Failed({ build, again }: { build: Build; again: () => void }) {
+  const begun = begunAt(build.build_id);
+  const stage = stageOf(build);
+  return (
+    <>
+      <div class="failed">
+        <ErrorText error={new Error(build.error?.detail ?? "The build failed.")} />
+        <small>
+          {stage ? `Failed at: ${stage}. ` : ""}
+          {begun ? `Handed in ${age(begun)}.` : ""}
+        </small>
+      </div>
+      <button onClick={again}>Try again</button>
+      <button onClick={() => hide(build.build_id)}>Hide</button>
+    </>
+  );
+}
+
+function stageOf({ stage }: Build): string {
+  return stage.replaceAll("_", " ");
+}
+
+function pastOf(build: Build): string {
+  const times = timesOf(build, Date.now());
+  return times ? `, after ${duration(times.past_s)}` : "";
+}

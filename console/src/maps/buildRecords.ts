@@ -1,0 +1,50 @@
+// What the record of a build says beyond its state, and which failed builds a person has read.
+
+import { signal } from "@preact/signals";
+import type { Schemas } from "../api/client";
+
+const PLACE = "firstfix.hidden-builds";
+const MOST_HIDDEN = 200;
+const TOLD_FROM = 0.05; // of the progress: before, the time that is left cannot be told
+
+/** Failed builds that are not shown any more, in this browser. */
+export const hidden = signal<string[]>(read());
+
+export function hide(build: string): void {
+  hidden.value = [...hidden.value, build].slice(-MOST_HIDDEN);
+  try {
+    localStorage.setItem(PLACE, JSON.stringify(hidden.value));
+  } catch {
+    return; // the browser keeps nothing: they are hidden until the page goes
+  }
+}
+
+function read(): string[] {
+  try {
+    const kept: unknown = JSON.parse(localStorage.getItem(PLACE) ?? "[]");
+    return Array.isArray(kept) ? kept.filter((one) => typeof one === "string") : [];
+  } catch {
+    return [];
+  }
+}
+
+export function isGoing({ state }: Schemas["Build"]): boolean {
+  return state === "queued" || state === "running";
+}
+
+/** When the build was handed in, ISO 8601: its id begins with it. "": the id is of another kind. */
+export function begunAt(build: string): string {
+  const found = /^(\d{4})(\d\d)(\d\d)t(\d\d)(\d\d)(\d\d)/i.exec(build);
+  if (!found) return "";
+  const [, year, month, day, hour, minute, second] = found;
+  return `${year}-${month}-${day}T${hour}:${minute}:${second}Z`;
+}
+
+/** Seconds since it was handed in, and those that it still takes if it goes on as fast; null: nobody knows. */
+export function timesOf(build: Schemas["Build"], now: number): { past_s: number; left_s: number | null } | null {
+  const begun = begunAt(build.build_id);
+  if (!begun) return null;
+  const past_s = Math.max(0, (now - Date.parse(begun)) / 1000);
+  const { progress, state } = build;
+  return { past_s, left_s: state === "running" && progress > TOLD_FROM ? (past_s * (1 - progress)) / progress : null };
+}

@@ -1,0 +1,69 @@
+// What a version's manifest says: how good the version is, how large, and how sure an answer must be.
+
+import type { Schemas } from "../api/client";
+
+export interface Manifest {
+  bounds?: [number[], number[]];
+  counts?: Record<string, number>;
+  files?: Record<string, { bytes: number }>;
+  provisional?: boolean;
+  sensor?: { name?: string; mount_height_m?: number; max_range_m?: number };
+  self_test?: SelfTest;
+}
+
+interface SelfTest {
+  queries?: number;
+  localized?: number; // share of the scans that were taken in the map
+  false_accepts?: number; // answers "localized" at a wrong place
+  median_error_m?: number | null;
+  success?: Record<string, number>; // share whose best place is near enough, whatever the verdict: "0.2m"
+  threshold?: { min_probability?: number };
+}
+
+const USUAL_LEAST = 0.995; // of a version without a threshold of its own
+const GOOD = 0.8;
+const FAIR = 0.5;
+
+/** The manifest is open in the API: other programs may have put more into it, and older ones less. */
+export function manifestOf(details: Schemas["MapDetails"] | Schemas["VersionDetails"] | null): Manifest {
+  return (details?.manifest ?? {}) as Manifest;
+}
+
+/** The probability from which on this version answers "localized". */
+export function leastOf(manifest: Manifest): number {
+  return manifest.self_test?.threshold?.min_probability ?? USUAL_LEAST;
+}
+
+export interface Judgement {
+  grade: "good" | "fair" | "poor" | "unknown";
+  text: string;
+}
+
+/** What the self-test says in a word, and what to do. */
+export function judged(manifest: Manifest): Judgement {
+  const { localized, false_accepts: wrong = 0 } = manifest.self_test ?? {};
+  if (manifest.provisional) {
+    return { grade: "unknown", text: "It is provisional: coarse and untested, until its build has ended." };
+  }
+  if (localized === undefined) return { grade: "unknown", text: "It has no self-test, so nobody knows." };
+  if (wrong > 0) {
+    return { grade: "poor", text: "Its self-test found answers that were sure and wrong. See where places look alike." };
+  }
+  if (localized >= GOOD) return { grade: "good", text: "A robot finds itself nearly everywhere." };
+  if (localized >= FAIR) {
+    return { grade: "fair", text: "A robot has to ask again in some places. See where a robot finds itself." };
+  }
+  return {
+    grade: "poor",
+    text: "A robot finds itself in few places. Check unit, upward axis and sensor of the build, and see where it fails.",
+  };
+}
+
+export function bytesOf(manifest: Manifest): number {
+  return Object.values(manifest.files ?? {}).reduce((sum, file) => sum + file.bytes, 0);
+}
+
+/** Length, width and height, metres. */
+export function extentOf({ bounds }: Manifest): number[] {
+  return bounds ? bounds[1].map((high, axis) => high - bounds[0][axis]!) : [];
+}

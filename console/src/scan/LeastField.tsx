@@ -1,0 +1,32 @@
+// The probability from which on an answer is localized: the map's own, unless somebody gives another one.
+
+import type { Signal } from "@preact/signals";
+import { note } from "../router";
+
+/** `least`: as it was given; "": the map's own. */
+export function LeastField({ least, ofMap }: { least: Signal<string>; ofMap: number }) {
+  const set = (given: string) => {
+    least.value = given;
+    note({ least: given });
+  };
+  return (
+    <div class="field">
+      <label>
+        Least probability, {least.value ? `instead of the map's ${ofMap}` : "of the map"}
+        <input
+          type="number"
+          min={0}
+          max={1}
+          step={0.001}
+          value={least.value || ofMap}
+          onChange={(event) => {
+            const { valueAsNumber: given, validity } = event.currentTarget;
+            if (Number.isFinite(given) && !validity.rangeOverflow && !validity.rangeUnderflow) set(String(given));
+            else event.currentTarget.value = least.value || String(ofMap);
+          }}
+        />
+      </label>
+      {least.value ? <button onClick={() => set("")}>As the map has it</button> : null}
+    </div>
+  );
+}

@@ -1,0 +1,56 @@
+// Where the scan comes from: a file, or a query that the service kept.
+
+import { mayBuild } from "../access/session";
+import { get, type Schemas } from "../api/client";
+import { go, route } from "../router";
+import { age } from "../ui/text";
+import { useLoaded } from "../ui/useLoaded";
+import { READABLE } from "./scanFile";
+
+const LISTED = 20;
+
+export interface TakeScanProps {
+  map: string;
+  name: string; // of the scan that is tried; "": none yet
+  take: (file: File | undefined) => void;
+}
+
+export function TakeScan({ map, name, take }: TakeScanProps) {
+  return (
+    <>
+      <label class="drop">
+        <span>{name || "Drop a scan here, or choose a file"}</span>
+        {name ? null : <small>{READABLE.join(", ")}</small>}
+        <input type="file" accept={READABLE.join(",")} onChange={(event) => take(event.currentTarget.files?.[0])} />
+      </label>
+      {mayBuild.value ? <KeptQueries map={map} /> : null}
+    </>
+  );
+}
+
+function KeptQueries({ map }: { map: string }) {
+  const page = useLoaded(
+    (signal) => get<Schemas["SamplePage"]>("/samples", { map_id: map, limit: LISTED }, signal),
+    [map],
+  );
+  const samples = page.value?.samples ?? [];
+  if (!samples.length) return null;
+  const choose = (sample: string) => {
+    const query = new URLSearchParams(route.value.query);
+    sample ? query.set("sample", sample) : query.delete("sample");
+    go(route.value.path, Object.fromEntries(query));
+  };
+  return (
+    <label>
+      Or one that a robot asked
+      <select value={route.value.query.get("sample") ?? ""} onChange={(event) => choose(event.currentTarget.value)}>
+        <option value="">none</option>
+        {samples.map((one) => (
+          <option key={one.sample_id} value={one.sample_id}>
+            {String(one.answer.verdict)}, {age(one.time)}
+          </option>
+        ))}
+      </select>
+    </label>
+  );
+}

@@ -1,0 +1,55 @@
+// The places of an answer in the picture: the chosen one with its axes, the others smaller the less likely they are, and
+// the move that should tell them apart.
+
+import type { RefObject } from "preact";
+import { useEffect, useRef } from "preact/hooks";
+import { ArrowHelper, Group, type Object3D, Quaternion, Vector3 } from "three";
+import type { Schemas } from "../api/client";
+import { dotsMark, onTop, type Pose, poseMark } from "../map3d/marks";
+import { clear, type MapScene } from "../map3d/scene";
+import { colourOf } from "../ui/verdict";
+import { placesOf } from "./places";
+
+const OTHER = 0x9aa5b1;
+const HINT = 0x4db6e0;
+const LEAST_SHOWN = 0.01; // less likely places are dots
+const CHOSEN_SIZE = 2;
+
+/** Draws them into the group that it returns. */
+export function usePlaceMarks(
+  scene: RefObject<MapScene | null>,
+  isReady: number,
+  answer: Schemas["Answer"] | null,
+  chosen: number,
+  areOthersShown: boolean,
+): Group {
+  const group = useRef(new Group()).current;
+  useEffect(() => {
+    const here = scene.current;
+    if (!here) return;
+    clear(group);
+    for (const place of answer ? placesOf(answer) : []) {
+      const isChosen = place.number === chosen;
+      if (!isChosen && !areOthersShown) continue;
+      const pose = answer!.hypotheses[place.number]!.T_map_sensor;
+      const at = here.local(pose.position);
+      if (isChosen) group.add(poseMark(at, pose, colourOf(answer!.verdict), CHOSEN_SIZE));
+      else if (place.probability < LEAST_SHOWN) group.add(onTop(dotsMark(new Float32Array(at.toArray()), OTHER, 4)));
+      else group.add(poseMark(at, pose, OTHER, 0.6 + 0.6 * place.probability));
+    }
+    const from = answer?.hypotheses[chosen]?.T_map_sensor;
+    if (answer?.hint && from && answer.hint.distance_m > 0) group.add(...move(here, from, answer.hint.T_sensor_goal));
+    here.redraw();
+  }, [answer, chosen, areOthersShown, isReady]);
+  return group;
+}
+
+/** An arrow from a pose to a goal that is given in its frame, and the sensor there. */
+function move(scene: MapScene, from: Pose, goal: Pose): Object3D[] {
+  const turn = new Quaternion().fromArray(from.quaternion);
+  const way = new Vector3().fromArray(goal.position).applyQuaternion(turn);
+  const [start, length] = [scene.local(from.position), way.length()];
+  const there = { position: goal.position, quaternion: turn.multiply(new Quaternion().fromArray(goal.quaternion)).toArray() };
+  const arrow = new ArrowHelper(way.clone().normalize(), start, length, HINT, 0.5, 0.35);
+  return [onTop(arrow), poseMark(start.clone().add(way), there, HINT)];
+}

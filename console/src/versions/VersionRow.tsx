@@ -1,0 +1,63 @@
+// One version in the list: what it is, how good it is, and what can be done with it.
+
+import { mayAdminister, mayBuild } from "../access/session";
+import { get, type Schemas } from "../api/client";
+import { manifestOf } from "../maps/manifest";
+import { link } from "../router";
+import { age, percent, short } from "../ui/text";
+import { useLoaded } from "../ui/useLoaded";
+import type { Change } from "./changeOf";
+
+type Version = Schemas["VersionSummary"];
+
+export interface VersionRowProps {
+  map: string;
+  one: Version;
+  isCompared: boolean;
+  compare: (() => void) | null; // null: there is none to compare it with
+  ask: (change: Change) => void;
+}
+
+export function VersionRow({ map, one, isCompared, compare, ask }: VersionRowProps) {
+  const details = useLoaded(
+    (signal) => get<Schemas["VersionDetails"]>(`/maps/${map}/versions/${one.version}`, {}, signal),
+    [map, one.version],
+  );
+  const { self_test: test, sensor } = manifestOf(details.value);
+  return (
+    <tr>
+      {compare ? (
+        <td data-name="Compare">
+          <input type="checkbox" aria-label={`Compare ${short(one.version)}`} checked={isCompared} onChange={compare} />
+        </td>
+      ) : null}
+      <th scope="row">
+        <a href={link(["maps", map], { version: one.version })}>
+          <code>{short(one.version)}</code>
+        </a>
+      </th>
+      <td class="number" data-name="Localized in its self-test">
+        {test?.localized === undefined ? "" : <strong>{percent(test.localized)}</strong>}
+      </td>
+      <td class="number" data-name="Sure and wrong">
+        {test?.false_accepts ?? ""}
+      </td>
+      <td data-name="Sensor">{sensor?.name ?? ""}</td>
+      <td data-name="Published" title={one.published_time}>
+        {age(one.published_time)}
+      </td>
+      <td data-name="State">
+        {one.active ? <span class="tag on">active</span> : null}
+        {one.provisional ? <span class="tag">provisional</span> : null}
+      </td>
+      <td class="actions">
+        {mayBuild.value && !one.active ? (
+          <button onClick={() => ask({ kind: "activate", version: one.version })}>Activate</button>
+        ) : null}
+        {mayAdminister.value && !one.active ? (
+          <button onClick={() => ask({ kind: "retire", version: one.version })}>Retire</button>
+        ) : null}
+      </td>
+    </tr>
+  );
+}

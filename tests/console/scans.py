@@ -1,0 +1,45 @@
+"""Scans in the view that tries them: what a person drops, and what the page then says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pictures import AGREES, CONTRADICTS, pixels_of
+
+from firstfix.transform import Matrix
+
+if TYPE_CHECKING:
+    from console_world import ConsoleWorld
+    from page import Page
+
+
+def try_scan(page: Page, file: Path, map_id: str = "yard") -> None:
+    """Drops a scan file in the view that tries it."""
+    page.open(f"#/maps/{map_id}/try")
+    page.map_picture()
+    page.drop(".panel .drop", file)
+
+
+def scan_colours(page: Page) -> tuple[int, int]:
+    """Pixels of points that agree and that contradict, once the scan is laid over the map."""
+    page.wait(".key", "on the map")
+    picture = page.map_picture()
+    return pixels_of(picture, AGREES), pixels_of(picture, CONTRADICTS)
+
+
+def localized_scan(world: ConsoleWorld) -> tuple[Path, Matrix, dict[str, Any]]:
+    """A scan that the yard's service localizes: (file, T_map_sensor, answer)."""
+    for file, T_map_sensor in world.scans:
+        answer = world.ask(file)
+        if answer["verdict"] == "localized":
+            return file, T_map_sensor, answer
+    raise AssertionError("no scan of the yard is localized")
+
+
+def said_chance(text: str) -> float:
+    """The first probability in a text of the page, 0 to 1. It is never rounded up to 1."""
+    found = re.search(r"([\d.]+) %", text)
+    assert found, text
+    return float(found[1]) / 100
