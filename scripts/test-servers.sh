@@ -59,7 +59,7 @@ system_packages() {
     return 0
   fi
   say "installing $*"
-  export DEBIAN_FRONTEND=noninteractive
+  export DEBIAN_FRONTEND=noninteractive RUNLEVEL=1  # nothing is started by its installation
   { apt-get install -y -qq --no-install-recommends "$@" ||
     { apt-get update -qq && apt-get install -y -qq --no-install-recommends "$@"; }; } >/dev/null 2>&1 ||
     say "$* could not be installed, so $tests will be skipped"

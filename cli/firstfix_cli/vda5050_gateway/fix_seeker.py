@@ -27,6 +27,7 @@ from .scan_address import ScanAddress
 from .topics import VehicleName
 
 AT_ONCE = 4  # scans in memory, and queries of this gateway
+MOST_TOPICS = 32  # on which scans are waited for: vehicles that send none must not hold up all others
 TOPIC_WAIT_S = 30.0  # for a scan on a topic
 Seek = tuple[VehicleName, int]
 
@@ -91,6 +92,10 @@ class FixSeeker:
         """Takes a message that comes now. Returns whether it is a scan that was waited for."""
         if topic not in self._on_topic:
             return False
+        if len(self._in_pool) >= AT_ONCE:  # a later scan is as good
+            seek, fleet, _ = self._on_topic[topic]
+            self._on_topic[topic] = seek, fleet, self._clock() + TOPIC_WAIT_S
+            return True
         seek, fleet, _ = self._end_topic(topic)
         if len(body) > MAX_SCAN_BYTES:
             self._done.put(Outcome(*seek, NoFix(f"its scan has more than {MAX_SCAN_BYTES} bytes")))
@@ -116,7 +121,7 @@ class FixSeeker:
         self._pool.shutdown(cancel_futures=True)
 
     def _begin(self) -> None:
-        while self._waiting and len(self._in_pool) + len(self._on_topic) < AT_ONCE:
+        while self._waiting and len(self._in_pool) < AT_ONCE and len(self._on_topic) < MOST_TOPICS:
             seek, fleet = self._waiting.popitem(last=False)
             address, vehicle = ScanAddress(fleet.entry.scan), seek[0]
             try:

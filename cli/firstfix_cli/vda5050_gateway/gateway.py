@@ -155,8 +155,8 @@ class Gateway:
     def _forget(self, now_s: float) -> bool:
         silent = [name for name, one in self._vehicles.items() if now_s - one.heard_s > FORGET_S]
         for name in silent:
-            self._do(name, one := self._vehicles[name], one.vehicle.lose_sight(now_s))
-            del self._vehicles[name]
+            one = self._vehicles.pop(name)
+            self._do(name, one, one.vehicle.lose_sight(now_s))  # what is sought for it is of no use
             self._is_full = False
         return bool(silent)
 

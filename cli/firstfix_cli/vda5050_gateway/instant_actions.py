@@ -49,7 +49,7 @@ class InstantAction:
                 "serialNumber": vehicle.serial,
                 "actions": [
                     {
-                        "actionType": kind,
+                        "actionType": kind,  # as the document of 2.0 has it; its schema says actionName
                         "actionId": self.action_id,
                         "blockingType": "NONE" if is_new else "HARD",
                         "actionParameters": [

@@ -118,6 +118,7 @@ class Vehicle:
         self._action: InstantAction | None = None
         self._status, self._result = "", ""  # of self._action, as the vehicle says
         self._sent_s = self._finished_s = 0.0
+        self._succeeded_s: float | None = None
 
     @property
     def is_lost(self) -> bool | None:
@@ -167,8 +168,7 @@ class Vehicle:
         """Lets time pass. Call it about once a second."""
         commands: list[Command] = []
         if self.phase is Phase.RESTING and self._is_lost:
-            self.phase, self._failures, self._reason = Phase.WAITING, 0, ""
-            self._next_try_s = now_s + self._patience.settle_s
+            self._begin(now_s)
         if self.phase in (Phase.WAITING, Phase.ASKING):
             commands += self._wait_or_ask(now_s)
         elif self.phase is Phase.ACTING:
@@ -187,6 +187,14 @@ class Vehicle:
         if self._order_s is not None and now_s - self._order_s < self._patience.order_s:
             return "it was sent an order"
         return self._obstacle
+
+    def _begin(self, now_s: float) -> None:
+        succeeded_s = self._succeeded_s
+        if succeeded_s is not None and now_s - succeeded_s < self._patience.max_retry_s:
+            self._fail("it has lost its position again", now_s)
+        else:
+            self.phase, self._failures, self._reason = Phase.WAITING, 0, ""
+            self._next_try_s = now_s + self._patience.settle_s
 
     def _wait_or_ask(self, now_s: float) -> list[Command]:
         commands: list[Command] = []
@@ -239,7 +247,7 @@ class Vehicle:
             return self._act(self._fix, now_s)
         elif not status and since_s > self._patience.accept_s:
             if self._is_lost is False:  # an order may have cleared the states
-                self._succeed()
+                self._succeed(now_s)
             else:
                 self._fail(f"it shows no state of {action.kind}", now_s)
         elif since_s > self._patience.act_s:
@@ -248,7 +256,7 @@ class Vehicle:
 
     def _confirm(self, now_s: float) -> None:
         if self._is_lost is False:
-            self._succeed()
+            self._succeed(now_s)
         elif now_s - self._finished_s > self._patience.confirm_s:
             self._fail("initPosition is FINISHED, and it does not know its position", now_s)
 
@@ -259,7 +267,8 @@ class Vehicle:
         self._failures += 1
         self._next_try_s = now_s + wait_s * (0.5 + self._random_share() / 2)
 
-    def _succeed(self) -> None:
+    def _succeed(self, now_s: float) -> None:
+        self._succeeded_s = now_s
         self.phase, self._action, self._reason = Phase.RESTING, None, ""
 
     def _tell(self, now_s: float) -> None:

@@ -25,15 +25,18 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.vda5050_gateway import broker as broker_module
+from firstfix_cli.vda5050_gateway import fix_seeker
 from firstfix_cli.vda5050_gateway import gateway as gateway_module
 from firstfix_cli.vda5050_gateway.broker import PRESENCE, Broker, BrokerAddress, Login
-from firstfix_cli.vda5050_gateway.fix_seeker import Fleet
+from firstfix_cli.vda5050_gateway.fix_seeker import FixSeeker, Fleet
 from firstfix_cli.vda5050_gateway.fleets_file import FleetEntry
 from firstfix_cli.vda5050_gateway.gateway import Gateway
+from firstfix_cli.vda5050_gateway.planar_fix import NoFix
+from firstfix_cli.vda5050_gateway.topics import VehicleName
 from firstfix_cli.vda5050_gateway.vehicle import Patience
 from servers import free_port, program, running_mosquitto
 from vda5050_vehicle import MANUFACTURER, SimulatedVehicle, header, state
-from waiting import wait_until
+from waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
 T_MAP_BASE = make_transform(rotation_z(0.5), [12.0, -4.0, 0.3])
@@ -131,13 +134,17 @@ def test_a_scan_on_a_topic_is_taken_when_it_is_wanted_and_only_if_it_is_new(port
 def test_wrong_messages_are_told_and_left_alone(port: int, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(broker_module, "MAX_PACKET_BYTES", 3 << 20)
     lines: list[str] = []
-    with at_broker(port, "mqtt:scans/{serial}", lines), client(port) as other:
-        wait_until(lambda: any("connected to" in line for line in lines))
-        base = f"uagv/v2/{MANUFACTURER}/agv1"
-        lost = json.dumps(state()).encode()
-        other.publish(f"{base}/state", lost, retain=True).wait_for_publish(
-            60
-        )  # new for the gateway: it counts
+    base, lost = f"uagv/v2/{MANUFACTURER}/agv1", json.dumps(state()).encode()
+    with client(port) as other:  # it was sent before the gateway comes
+        old = json.dumps(state("agv9")).encode()
+        other.publish(f"uagv/v2/{MANUFACTURER}/agv9/state", old, 1, retain=True).wait_for_publish(60)
+    with client(port) as other, at_broker(port, "mqtt:scans/{serial}", lines):
+
+        def is_heard() -> bool:
+            other.publish(f"{base}/state", lost)
+            return f"{base}  lost: it has not said that it is ONLINE" in lines
+
+        wait_until(is_heard)
         bad = {
             f"{base}/state": [b"", b"{", b"\x00" * (2 << 20), json.dumps(state(serial="agv2")).encode()],
             f"{base}/connection": [json.dumps({**header("agv1"), "connectionState": 1}).encode()],
@@ -150,15 +157,14 @@ def test_wrong_messages_are_told_and_left_alone(port: int, monkeypatch: pytest.M
         for topic, bodies in bad.items():
             for body in bodies:
                 other.publish(topic, body, qos=1).wait_for_publish(60)
-        told = [
+        complaints = [
             "left alone: not a state of VDA 5050: Invalid JSON",
             "left alone: a state of 2097152 bytes",
             "left alone: a state that says that it is of the vehicle 'acme' 'agv2'",
             "left alone: not a connection of VDA 5050: connectionState",
-            "lost: it has not said that it is ONLINE",
         ]
-        wait_until(lambda: all(any(one in line for line in lines) for one in told), what=f"{told} in {lines}")
-        assert not any("defect" in line or "\x1b" in line or "other" in line for line in lines), lines
+        wait_until(lambda: all(any(one in line for line in lines) for one in complaints))
+        assert not any("defect" in line or "other" in line or "agv9" in line for line in lines), lines
         vehicle = SimulatedVehicle(port, "agv3", knows=False)
         try:
             while not vehicle.positions:  # it works on
@@ -192,6 +198,35 @@ def test_memory_is_bounded_for_any_number_of_vehicles(monkeypatch: pytest.Monkey
     assert list(gateway.lines) == [f"uagv/v2/{MANUFACTURER}/new"]
     gateway.close()
     assert not sent
+
+
+def test_vehicles_without_a_scan_do_not_hold_up_others_and_scans_do_not_pile_up():
+    gate, results, topics = threading.Event(), [], []
+
+    def ask(scan: object, options: LocalizeOptions) -> Localization:
+        assert gate.wait(LIMIT_S)
+        return found(scan, options)
+
+    now = [0.0]
+    fleet = Fleet("trucks", entry("mqtt:scans/{serial}"), ask)
+    seeker = FixSeeker(topics.append, topics.remove, lambda: now[0])
+    names = [VehicleName("uagv", "v2", MANUFACTURER, f"agv{number}") for number in range(40)]
+    for name in names:
+        seeker.seek(fleet, name, 1)
+    assert len(topics) == fix_seeker.MOST_TOPICS
+    for number in range(10):
+        assert seeker.take_scan(f"scans/agv{number}", SCAN)
+    assert not seeker.take_scan("scans/agv39", SCAN)
+    assert [f"scans/agv{number}" in topics for number in range(6)] == [False] * 4 + [True] * 2
+    gate.set()
+    wait_until(lambda: results.extend(seeker.outcomes()) or len(results) == 4)
+    assert {one.vehicle for one in results} == set(names[:4])
+    now[0] = fix_seeker.TOPIC_WAIT_S + 1
+    late = seeker.outcomes() + seeker.outcomes()
+    assert all(isinstance(one.result, NoFix) and "no scan came" in one.result.reason for one in late)
+    assert set(topics) == {f"scans/agv{number}" for number in range(36, 40)}
+    seeker.drop(names[36], 1)
+    seeker.close()
 
 
 class Nothing:

@@ -159,6 +159,15 @@ def test_a_fleets_file_that_cannot_be_used_is_refused_with_the_place(
     assert says in str(caught.value)
 
 
+def test_the_documented_fleets_can_be_read(tmp_path: Path):
+    page = (Path(__file__).parents[3] / "docs/how-to/vda5050.md").read_text()
+    file = tmp_path / "fleets.yaml"
+    file.write_text(page.partition("```yaml\n")[2].partition("```")[0])
+    fleets = read_fleets(file)
+    assert list(fleets) == ["trucks", "tuggers"]
+    assert list(fleets["trucks"].maps) == ["hall", "yard"]
+
+
 def test_brokers_and_passwords(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     assert BrokerAddress.parse("mqtt://broker") == BrokerAddress("broker", 1883, False)
     assert BrokerAddress.parse("mqtts://broker:99/") == BrokerAddress("broker", 99, True)

@@ -172,6 +172,23 @@ def test_actions_that_fail_or_are_never_shown_are_named():
     assert "does not know its position" in one.line
 
 
+def test_a_vehicle_that_loses_its_position_again_and_again_is_asked_for_later_and_later():
+    one, waits_s = vehicle(), []
+    now_s = asked(one)
+    for attempt in range(1, 6):
+        [command] = one.take_outcome(attempt, FIX, now_s)
+        assert isinstance(command, Send)
+        one.take_state(
+            read(lost=False, actionStates=[action(command.action.action_id, "FINISHED")]), now_s + 1
+        )
+        lost_s = now_s = now_s + 2
+        while one.take_state(read(), now_s) == []:
+            assert one.line == "lost: it has lost its position again"
+            now_s += 1
+        waits_s.append(now_s - lost_s)
+    assert waits_s == [5, 10, 20, 40, 80]
+
+
 def stored(*versions: tuple[str, str]) -> list[dict[str, str]]:
     return [{"mapId": "HALL", "mapVersion": name, "mapStatus": status} for name, status in versions]
 
