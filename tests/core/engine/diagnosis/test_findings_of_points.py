@@ -1,0 +1,127 @@
+"""The facts of a scan, and the causes that they show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.scan_facts import ScanFacts
+from firstfix.engine.config import PreprocessConfig
+from firstfix.engine.diagnosis.facts import MEASURED, eigenvalue_bounds, facts_of
+from firstfix.engine.diagnosis.input_findings import input_finding
+from firstfix.engine.diagnosis.other_forms import from_polar, scales
+from firstfix.errors import InvalidOption, InvalidScan
+from firstfix.findings.finding import Finding, Severity
+from firstfix.findings.registry import KINDS
+from firstfix.scan.reduction import at_most
+from firstfix.scan.scan import Dropped, Scan
+from firstfix.sensor import preset
+
+RNG = np.random.default_rng(5)
+LIMITS = PreprocessConfig()
+
+
+def room(sensor: str = "vlp-16") -> np.ndarray:
+    """Points of a sensor in a box of 16 x 10 x 4 m, 1 m above its floor."""
+    rays = preset(sensor).directions().astype(np.float64)
+    rays[np.abs(rays) < 1e-9] = 1e-9
+    walls = np.where(rays > 0, [8.0, 5.0, 3.0], [-8.0, -5.0, -1.0]) / rays
+    return rays * walls.min(axis=1)[:, None]
+
+
+def found(points: np.ndarray) -> Finding | None:
+    scan = Scan.from_points(points)
+    return input_finding(facts(scan), scan.dropped)
+
+
+def facts(scan: Scan) -> ScanFacts:
+    return facts_of(scan, at_most(scan.points, MEASURED), scan.dropped, LIMITS)
+
+
+def test_facts_of_a_scan():
+    points = np.concatenate([room(), np.full((100, 3), np.nan), np.full((50, 3), 5e3), np.zeros((20, 3))])
+    scan = Scan.from_points(points, time_s=np.linspace(0, 0.1, len(points)))
+    told = facts(scan)
+    assert (told.points, told.valid) == (len(points), len(points) - 150)
+    assert told.in_range == len(room())
+    assert 4 < told.median_range_m < 9
+    assert told.largest_range_m == pytest.approx(np.linalg.norm(room(), axis=1).max(), abs=0.5)
+    assert told.rings == 16
+    assert told.plane_ratio > 0.05
+    assert told.time_span_s == pytest.approx(0.1, abs=0.01)
+    assert ScanFacts.from_mapping(told.to_mapping()) == told
+
+
+def test_right_scans_have_no_cause():
+    for sensor in ("vlp-16", "os0-64", "hdl-64e"):
+        points = room(sensor)
+        assert found(points) is None
+        some = np.where(RNG.random((len(points), 1)) < 0.8, np.nan, points)  # beams without a return
+        assert found(some) is None
+
+
+def test_a_wrong_unit_is_named_by_the_median_range():
+    for factor, code in {1000: "unit_millimetres", 100: "unit_centimetres", 0.01: "all_too_near"}.items():
+        assert found(room() * factor).code == code
+    assert found(room() + [450_000, 5_200_000, 300]).code == "map_coordinates"
+
+
+def test_invalid_points_are_counted():
+    nothing = found(room() * np.nan)
+    assert nothing.code == "nothing_valid"
+    assert nothing.numbers["not_finite"] == len(room())
+    assert f"{len(room()):,}" in nothing.text
+    assert found(room() * 0).numbers["zero"] == len(room())
+    assert found(room()[:0]).code == "scan_empty"
+
+
+def test_what_a_robot_dropped_is_told_to_the_service():
+    dropped = Scan.from_points(room() * 1000).dropped
+    sent = LocalizeOptions.from_strings(LocalizeOptions(dropped=dropped).to_strings())
+    assert sent.dropped == dropped
+    assert dropped.too_far > 0.9 * len(room())
+    with pytest.raises(InvalidOption, match="below 0"):
+        LocalizeOptions.from_strings({"dropped": "1,-1,0,0"})
+    assert input_finding(ScanFacts(8000, 0, 0, 6e3), Dropped(0, 8000, 6e3, 6e3)).code == "unit_millimetres"
+
+
+def test_a_transposed_array_is_no_scan():
+    with pytest.raises(InvalidScan, match="transpose"):
+        Scan.from_points(room().T)
+
+
+def test_polar_numbers_become_points():
+    points = room().astype(np.float32)
+    range_m = np.linalg.norm(points, axis=1)
+    angles = [np.arctan2(points[:, 1], points[:, 0]), np.arcsin(points[:, 2] / range_m)]
+    for unit in (1.0, 180 / np.pi):
+        polar = np.column_stack([range_m, *(unit * angle for angle in angles)]).astype(np.float32)
+        np.testing.assert_allclose(from_polar(polar), points, atol=1e-4)
+    assert from_polar(points) is None
+
+
+def test_scales_begin_with_that_of_the_height():
+    assert next(scales(2.5, 1.0))[0] == pytest.approx(0.4)
+    assert next(scales(3.28, 1.0)) == (0.3048, "feet")
+    tried = [factor for factor, _ in scales(None, 1.0)]
+    assert len(tried) == len(set(tried))
+
+
+def test_eigenvalues_are_those_of_numpy():
+    for _ in range(200):
+        part = RNG.normal(size=(3, 4)) * RNG.uniform(0.01, 10, (3, 1))
+        matrix = part @ part.T
+        expected = np.linalg.eigvalsh(matrix)
+        np.testing.assert_allclose(
+            eigenvalue_bounds(matrix.tolist()), expected[[0, 2]], atol=1e-6 * expected[2]
+        )
+
+
+def test_all_kinds_are_whole():
+    assert len(KINDS) > 20
+    for code, kind in KINDS.items():
+        assert kind.code == code
+        assert kind.text.endswith((".", "?"))
+        assert all((kind.symptom, kind.remedy, kind.doc)), code
+        assert kind.severity in Severity
