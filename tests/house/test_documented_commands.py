@@ -43,7 +43,9 @@ def wrong_with(command: str) -> str | None:
     words = shlex.split(command)[1:]
     node = typer.main.get_command(app)
     while hasattr(node, "commands"):
-        word = words.pop(0) if words else ""
+        if not words:
+            return None  # a group alone prints its help
+        word = words.pop(0)
         if word.startswith("-"):
             return None  # firstfix --help
         if word not in node.commands:

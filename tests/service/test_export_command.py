@@ -324,3 +324,14 @@ def test_a_damaged_cloud_is_an_error(tmp_path: Path, capsys):
     store.put(key, store.get(key)[:1000])
     assert ended("export", tmp_path / "a.mcap", "--map", "hall", "--store", damaged.store) == 2
     assert not (tmp_path / "a.mcap").exists()
+
+
+def test_kept_queries_are_listed_by_the_service_as_by_its_store(
+    way: list[str], world: ExportedWorld, capsys: pytest.CaptureFixture[str]
+):
+    assert ended("samples", "ls", "--json", "--map", "hall", *way) == 0
+    listed = [one["sample_id"] for one in json.loads(capsys.readouterr().out)["samples"]]
+    assert listed == sorted(listed), "oldest first"
+    kept = QuerySamples(Store.open(world.store))
+    assert listed == [one.sample_id for one in kept.each() if one.is_about("hall")]
+    assert listed

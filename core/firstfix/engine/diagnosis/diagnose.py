@@ -5,8 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...answer.localization import Localization, Reason, Verdict
 from ...answer.options import LocalizeOptions
@@ -61,13 +63,18 @@ class AskedQuery:
         dropped = self.scan.dropped if isinstance(self.scan, Scan) else Dropped()
         return self.options.dropped or dropped
 
+    @cached_property
+    def part(self) -> NDArray[np.float32]:
+        """A part of the scan's points, (m, 3): enough for its facts and for a glance at its viewpoint."""
+        return at_most(self.scan.points, MEASURED)
+
     @property
     def facts(self) -> ScanFacts:
         """Facts of the last scan."""
         known = None
         if self.prepared is not None and self.is_single and isinstance(self.scan, Scan):
             known = len(self.prepared.scans[-1].seen)
-        return facts_of(self.scan, self.dropped, self.config, known)
+        return facts_of(self.scan, self.part, self.dropped, self.config, known)
 
 
 def diagnosed(answer: Localization, query: AskedQuery, watch: Stopwatch, *, explains: bool) -> Localization:
@@ -111,7 +118,7 @@ def _wrong_frame(answer: Localization, query: AskedQuery, facts: ScanFacts) -> F
         return None
     points, T_map_sensor = query.prepared.scans[-1].seen, answer.T_map_sensor
     at_origin = T_map_sensor is not None and is_map_origin(T_map_sensor)
-    if T_map_sensor is not None and not at_origin and not is_suspect(points):
+    if T_map_sensor is not None and not at_origin and not is_suspect(query.part):
         return None
     if (at_origin or T_map_sensor is None) and is_even(points):
         return scan_kinds.NO_VIEWPOINT.found({"in_range": facts.in_range})
@@ -129,7 +136,7 @@ def _by_points(answer: Localization, query: AskedQuery, facts: ScanFacts) -> Fin
     found = input_finding(facts, query.dropped)
     if found is not None:
         return found
-    if _is_on_a_line(query.scan):
+    if _is_on_a_line(query.part):
         return scan_kinds.TRANSPOSED.found()
     if facts.rings == 1 or (facts.plane_ratio is not None and facts.plane_ratio < FLAT):
         return scan_kinds.ONE_PLANE.found({"in_range": facts.in_range})
@@ -148,9 +155,9 @@ def _by_points(answer: Localization, query: AskedQuery, facts: ScanFacts) -> Fin
     return None
 
 
-def _is_on_a_line(scan: Scan | CompactScan) -> bool:
-    """Returns whether the points of a scan lie on the line x = y = z."""
-    points = at_most(scan.points, MEASURED).astype(np.float64)
+def _is_on_a_line(part: NDArray[np.float32]) -> bool:
+    """Returns whether (m, 3) points lie on the line x = y = z."""
+    points = part.astype(np.float64)
     if len(points) < MEASURED or not np.ptp(points, axis=0).all():
         return False
     return bool(np.corrcoef(points.T).min() > ALONG_LINE)

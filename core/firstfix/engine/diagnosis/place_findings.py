@@ -10,7 +10,7 @@ from ...findings import scan_kinds
 from ...findings.finding import Finding
 from ...transform import Matrix
 
-TILTED_DEG = 60.0  # of a robot's base that the request takes for upright, or of a sensor
+_UPRIGHT_COSINE = 0.5  # of 60 degrees: robots lean less than that
 
 
 def reasons_found(answer: Localization) -> tuple[Finding, ...]:
@@ -45,9 +45,9 @@ def mounting_finding(answer: Localization, options: LocalizeOptions) -> Finding 
         T_map_body, body = answer.T_map_sensor, "sensor"
     if T_map_body is None or (options.T_base_sensor is None and options.gravity is not None):
         return None
-    roll_deg, pitch_deg = roll_pitch_deg(T_map_body)
-    if np.degrees(np.arccos(np.clip(T_map_body[2, 2], -1, 1))) < TILTED_DEG:
+    if T_map_body[2, 2] > _UPRIGHT_COSINE:
         return None
+    roll_deg, pitch_deg = roll_pitch_deg(T_map_body)
     return scan_kinds.MOUNTING.found({"roll_deg": roll_deg, "pitch_deg": pitch_deg}, body=body)
 
 

@@ -8,6 +8,7 @@ at most 1.17 times as many as the origin (docs/experiments.md).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import product
 
@@ -19,7 +20,6 @@ from ...scan.reduction import at_most
 from ...transform import Matrix
 
 POINTS = 2000
-GLANCED = 500
 GLANCE_M = 4.0  # from the origin, towards the middle of the points
 SUSPECT = 1.06  # directions at a glance, against those from the origin
 ELSEWHERE = 1.3
@@ -50,9 +50,11 @@ class Viewpoint:
     spread_ratio: float
 
 
-def is_suspect(points: NDArray[np.float32]) -> bool:
-    """Returns whether (n, 3) points lie in more directions seen from elsewhere: a glance, for every scan."""
-    part = at_most(points, GLANCED)
+def is_suspect(part: NDArray[np.float32]) -> bool:
+    """Returns whether some hundred (n, 3) points lie in more directions seen from elsewhere.
+
+    It is a glance, for every scan.
+    """
     enough = SUSPECT * _directions(part, np.zeros(3, np.float32))
     middle = _middle(part)
     if _directions(part, middle) > enough:
@@ -93,9 +95,9 @@ def is_elsewhere(viewpoint: Viewpoint, T_map_sensor: Matrix | None) -> bool:
 
 def is_map_origin(T_map_sensor: Matrix) -> bool:
     """Returns whether a (4, 4) pose is that of the map's own frame."""
-    turned = (np.trace(T_map_sensor[:3, :3]) - 1) / 2
-    off_m = float(np.linalg.norm(T_map_sensor[:3, 3]))
-    return off_m < SAME_M and bool(turned > np.cos(np.radians(SAME_DEG)))
+    if max(map(abs, T_map_sensor[:3, 3].tolist())) > SAME_M:
+        return False
+    return bool((np.trace(T_map_sensor[:3, :3]) - 1) / 2 > math.cos(math.radians(SAME_DEG)))
 
 
 def is_even(points: NDArray[np.float32]) -> bool:

@@ -8,12 +8,13 @@ import pytest
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.scan_facts import ScanFacts
 from firstfix.engine.config import PreprocessConfig
-from firstfix.engine.diagnosis.facts import eigenvalue_bounds, facts_of
+from firstfix.engine.diagnosis.facts import MEASURED, eigenvalue_bounds, facts_of
 from firstfix.engine.diagnosis.input_findings import input_finding
 from firstfix.engine.diagnosis.other_forms import from_polar, scales
 from firstfix.errors import InvalidOption, InvalidScan
 from firstfix.findings.finding import Finding, Severity
 from firstfix.findings.registry import KINDS
+from firstfix.scan.reduction import at_most
 from firstfix.scan.scan import Dropped, Scan
 from firstfix.sensor import preset
 
@@ -31,21 +32,25 @@ def room(sensor: str = "vlp-16") -> np.ndarray:
 
 def found(points: np.ndarray) -> Finding | None:
     scan = Scan.from_points(points)
-    return input_finding(facts_of(scan, scan.dropped, LIMITS), scan.dropped)
+    return input_finding(facts(scan), scan.dropped)
+
+
+def facts(scan: Scan) -> ScanFacts:
+    return facts_of(scan, at_most(scan.points, MEASURED), scan.dropped, LIMITS)
 
 
 def test_facts_of_a_scan():
     points = np.concatenate([room(), np.full((100, 3), np.nan), np.full((50, 3), 5e3), np.zeros((20, 3))])
     scan = Scan.from_points(points, time_s=np.linspace(0, 0.1, len(points)))
-    facts = facts_of(scan, scan.dropped, LIMITS)
-    assert (facts.points, facts.valid) == (len(points), len(points) - 150)
-    assert facts.in_range == len(room())
-    assert 4 < facts.median_range_m < 9
-    assert facts.largest_range_m == pytest.approx(np.linalg.norm(room(), axis=1).max(), abs=0.5)
-    assert facts.rings == 16
-    assert facts.plane_ratio > 0.05
-    assert facts.time_span_s == pytest.approx(0.1, abs=0.01)
-    assert ScanFacts.from_mapping(facts.to_mapping()) == facts
+    told = facts(scan)
+    assert (told.points, told.valid) == (len(points), len(points) - 150)
+    assert told.in_range == len(room())
+    assert 4 < told.median_range_m < 9
+    assert told.largest_range_m == pytest.approx(np.linalg.norm(room(), axis=1).max(), abs=0.5)
+    assert told.rings == 16
+    assert told.plane_ratio > 0.05
+    assert told.time_span_s == pytest.approx(0.1, abs=0.01)
+    assert ScanFacts.from_mapping(told.to_mapping()) == told
 
 
 def test_right_scans_have_no_cause():
