@@ -24,8 +24,10 @@ from firstfix.ros import imu, point_cloud2, pose_message, tf_message
 from firstfix.ros.cdr import MessageReader
 from firstfix.ros.rmw_zenoh import (
     PUBLISHER,
+    RELIABLE_QOS,
     SENSOR_QOS,
     SERVICE,
+    SUBSCRIPTION,
     Attachment,
     Node,
     endpoint,
@@ -168,6 +170,22 @@ def test_a_robot_gets_its_first_fix_and_then_rest(router: str, namespace: str, h
     assert attachment.sequence == 1
     assert abs(attachment.stamp_ns - time.time_ns()) < 60e9
     assert gateway.asked == [50, 100]
+    robot.session.close()
+
+
+def test_a_localizer_that_subscribes_late_gets_the_pose(router: str):
+    robot = Robot(router, "/robot1")
+    with Gateway(router, repeat_s=0.1, young_s=LIMIT_S) as gateway:
+        wait_until(lambda: robot.is_heard)
+        robot.publish(100)
+        wait_until(lambda: ("/robot1", "localized") in gateway.told)
+        wait_until(lambda: robot.poses)
+        before = len(robot.poses)
+        pose = endpoint(0, SUBSCRIPTION, "/robot1/initialpose", pose_message.TYPE)
+        node = Node(0, str(robot.session.info.zid()), "amcl")
+        token = robot.session.liveliness().declare_token(node.endpoint_token(2, pose, RELIABLE_QOS))
+        wait_until(lambda: len(robot.poses) > before)
+        token.undeclare()
     robot.session.close()
 
 

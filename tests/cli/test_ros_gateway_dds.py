@@ -13,7 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
 from dds_network import RobotProgram
+from dds_robot import POSE as POSE_TYPE
 from dds_robot import T_BASE_LIDAR, T_ODOM_BASE
 
 import ros_samples
@@ -25,8 +29,9 @@ from firstfix.errors import InvalidOption, MalformedData
 from firstfix.scan.scan import Scan
 from firstfix.transform import inverse, make_transform, rotation_z
 from firstfix_cli.ros_gateway.dds.fleet import DdsFleet
-from firstfix_cli.ros_gateway.dds.messages import FIELDS, TYPES
+from firstfix_cli.ros_gateway.dds.messages import FIELDS, TYPES, body_of
 from firstfix_cli.ros_gateway.dds.participant import Participant
+from firstfix_cli.ros_gateway.dds.qos import reliable
 from firstfix_cli.ros_gateway.dds.trigger_service import request_header, trigger_reply
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
@@ -131,7 +136,7 @@ def test_a_robot_gets_its_first_fix(robots: Any, domain: int, points: Any, best_
     robot = robots("/fleet/robot1", best_effort=best_effort)
     with Gateway(domain) as gateway:
         robot.tell(points=points(LOCALIZED))
-        (pose,) = robot.wait_for("initialpose")
+        pose, *_ = robot.wait_for("initialpose")
         own = robot.wait_for("first_fix/pose")[0]  # topics keep no order among themselves
         map_to_odom = []
 
@@ -155,6 +160,19 @@ def test_a_robot_gets_its_first_fix(robots: Any, domain: int, points: Any, best_
     status = robot.of("first_fix/status")[-1]
     assert (status["level"], status["hardware_id"]) == (0, "/fleet/robot1")
     assert ("/fleet/robot1", "localized") in gateway.told
+
+
+def test_a_localizer_that_subscribes_late_gets_the_pose(robots: Any, domain: int, points: Any):
+    robot = robots("/robot1")
+    with Gateway(domain, repeat_s=0.1, young_s=0.0) as gateway:
+        robot.tell(points=points(LOCALIZED))
+        wait_until(lambda: ("/robot1", "localized") in gateway.told)
+        participant = DomainParticipant(domain)
+        topic = Topic(participant, "rt/robot1/initialpose", TYPES[POSE_TYPE])
+        reader = DataReader(participant, topic, reliable(1))
+        heard: list[Any] = []
+        wait_until(lambda: heard.extend(reader.take()) or heard)
+    assert ROS2.deserialize_cdr(body_of(heard[0]), POSE_TYPE).header.frame_id == "map"
 
 
 def test_the_service_is_answered_and_asks_anew(robots: Any, domain: int, points: Any):

@@ -1,4 +1,4 @@
-"""What passes where: robots on each distribution and middleware that is installed, and each edge of the gateway.
+"""What passes where: robots on each distribution and middleware that is here, and each edge of the gateway.
 
     python -m tests.robots.matrix [--starts 5] [--also jazzy:rmw_cyclonedds_cpp=PREFIX]
 
@@ -93,6 +93,8 @@ def main() -> None:
                     network.environment["CYCLONEDDS_URI"] = LOOPBACK
                     for name, added in (("LD_LIBRARY_PATH", f"{prefix}/lib"), ("AMENT_PREFIX_PATH", prefix)):
                         network.environment[name] = os.pathsep.join([added, network.environment[name]])
+                    # ROS 2 from Python packages knows Fast DDS alone, and takes what is there first.
+                    network.environment["LD_PRELOAD"] = f"{prefix}/lib/lib{middleware}.so"
                 heard, answered = cell(network, service, edge, points, given.starts)
                 scores = f"{heard} of {given.starts} | {answered} of {given.starts}"
                 print(f"| {distribution} | {middleware} | `{edge}` | {scores} |", flush=True)

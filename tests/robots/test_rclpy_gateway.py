@@ -178,7 +178,7 @@ def test_map_to_odom_ends_when_the_robot_publishes_its_own(
 def test_calls_are_answered_and_carried_out(
     robots: RosRobots, network: Network, service: LocalService, scenes: list[Scene]
 ):
-    with network.gateway(service.url, MAP, "--no-at-start", "--points", "asked/points"):
+    with network.gateway(service.url, MAP, "--no-at-start", "--points", "asked/points", "--young", "0"):
         robot = robots.robot("/asker", points="asked/points", point_step=48)
         robot.show(scenes[0].points, scenes[0].T_map_sensor)
         robot.wait_for("service")

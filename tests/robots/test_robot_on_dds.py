@@ -47,7 +47,7 @@ def test_a_robot_asks_and_is_told_what_was_found(
 ):
     domain = any_domain()
     with (
-        gateway(tmp_path, hall_store, "hall", domain, options=["--no-at-start"]),
+        gateway(tmp_path, hall_store, "hall", domain, options=["--no-at-start", "--young", "0"]),
         rust_robot.rust_robot(program, "/asker", domain, reliable_clouds=True) as robot,
     ):
         robot.wait_until_known()

@@ -8,6 +8,7 @@ from __future__ import annotations
 from . import imu, point_cloud2, pose_message, tf_message
 
 TRIGGER = "std_srvs/srv/Trigger"
+DISCOVERY = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 POSE_ARRAY, DIAGNOSTICS = "geometry_msgs/msg/PoseArray", "diagnostic_msgs/msg/DiagnosticArray"
 TYPE_HASHES = {
     point_cloud2.TYPE: "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
@@ -19,4 +20,5 @@ TYPE_HASHES = {
     f"{TRIGGER}_Request": "RIHS01_d010825374ce8918e72bfd826c82603e60f45419e932ea976f807b74a863a199",
     f"{TRIGGER}_Response": "RIHS01_2d946c21e2fc3f1e9ca6986a8191d85fcc70097a8bb7771a053564bc47009cdf",
     TRIGGER: "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
+    DISCOVERY: "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e",
 }

@@ -19,6 +19,9 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from firstfix.ros.rmw_zenoh import dds_type
+from firstfix.ros.type_hashes import DISCOVERY
+
+from .qos import with_type_hash
 
 TOPIC = "ros_discovery_info"  # without a prefix, unlike ROS's other topics
 NAMESPACE, NAME = "/", "firstfix_gateway"
@@ -42,7 +45,9 @@ class RosGraph:
         self._gid_bytes = _OLD_GID_BYTES if name in _OLD_DISTRIBUTIONS else _GID_BYTES
         self._types = _types(self._gid_bytes)
         self._participant = participant
-        self._writer = DataWriter(participant, Topic(participant, TOPIC, self._types["info"]), _QOS)
+        of_today = self._gid_bytes == _GID_BYTES
+        qos = with_type_hash(_QOS, DISCOVERY) if of_today else _QOS  # Humble knows no hashes
+        self._writer = DataWriter(participant, Topic(participant, TOPIC, self._types["info"]), qos)
         # An entity is gone as soon as nobody holds it, so it must not be held here.
         self._readers: weakref.WeakKeyDictionary[Any, bytes] = weakref.WeakKeyDictionary()
         self._writers: weakref.WeakKeyDictionary[Any, bytes] = weakref.WeakKeyDictionary()

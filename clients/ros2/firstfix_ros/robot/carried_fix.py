@@ -21,7 +21,7 @@ MAX_GAP_S = 2.0  # odometry that was silent for longer may have begun anew
 MAX_JUMP_M, MAX_ACCELERATION_M_S2 = 1.0, 10.0
 MAX_JUMP_DEG, MAX_TURN_DEG_S = 30.0, 360.0
 MAX_SPEED_M_S = 50.0  # of the first step
-MIN_STEP_S = 0.05  # between two samples that are looked at: odometry may come at 200 Hz
+MIN_STEP_S = 0.2  # between two samples that are looked at: odometry may come at 200 Hz
 # Standard deviations that good odometry of wheels adds for each metre of the way.
 DRIFT_M_PER_M = 0.02
 DRIFT_RAD_PER_M = math.radians(0.5)

@@ -19,6 +19,7 @@ from .watch import is_near
 STANDS_M = 0.1  # a robot that moved less stands
 LISTEN_S = 5.0  # a localizer that runs is surely heard within this time
 HEARD_S = 1.0  # and usually within this
+LOOK_S = 0.5  # between two looks at the odometry and the localizer
 
 
 class Stage(str, Enum):
@@ -68,7 +69,7 @@ class Handover:
         self._carried: CarriedFix | None = None
         self._stage = Stage.PUBLISHED
         self._localizers = 0  # subscribers at the last look
-        self._came_s = self._sent_s = self._begin_s = clock()
+        self._came_s = self._sent_s = self._begin_s = self._next_look_s = clock()
         self._is_awaited = False  # by a subscriber that has come since the pose was published last
         self._listens_until_s: float | None = None  # whether a localizer that has followed still runs
         self._silent_at: Stamp | None = None  # of the newest messages when it began to listen
@@ -98,7 +99,7 @@ class Handover:
         with self._lock:
             self._carried = CarriedFix(fix, self._senses, self._clock)
             self._stage = Stage.PUBLISHED if published else Stage.REPEATED
-            self._begin_s = self._came_s = self._clock()
+            self._begin_s = self._came_s = self._next_look_s = self._clock()
             if not published:
                 self._sent_s = self._begin_s + HEARD_S - self._config.repeat_s
             else:  # or nobody has heard it
@@ -122,6 +123,10 @@ class Handover:
                 return NOTHING
             came = localizers is not None and localizers > self._localizers
             self._localizers = localizers or 0
+            now_s = self._clock()
+            if not came and now_s < self._next_look_s:
+                return NOTHING
+            self._next_look_s = now_s + LOOK_S
             if self._stage is Stage.FOLLOWED:
                 return self._look_after(self._carried, came)
             return self._look_on(self._carried, localizers, came)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
+from itertools import takewhile
 
 import numpy as np
 
@@ -56,7 +57,8 @@ class TransformTree:
         newest = self.newest_below(parent)
         if newest is None:
             return []
-        return [one.stamp for one in self._moving[newest.child] if one.stamp > after]
+        later = takewhile(lambda one: one.stamp > after, reversed(self._moving[newest.child]))
+        return [one.stamp for one in later][::-1]
 
     def between(self, target: str, source: str, at: Stamp) -> Matrix | None:
         """Returns ``T_target_source`` at a time; None if it is not known.

@@ -80,10 +80,10 @@ struct Localization {
   std::map<std::string, double> timings_ms;
   std::optional<Twist> twist{};  // of the sensor during the scan, if it was solved with the pose or given by the caller
   std::vector<FreeDirection> degenerate{};  // the pose is right but for these; empty if an older service does not tell
+  bool map_provisional = false;  // the version is coarse and untested, until a full one takes its place
   std::vector<Finding> findings{};  // the cause first; empty if an older service does not tell
   std::optional<ScanFacts> scan{};  // absent of a query without points
-  std::string fix_id{};  // the same for the same pose in the same version; empty if there is none, or from an older service
-  bool map_provisional = false;  // the version is coarse and untested, until a full one takes its place
+  std::string fix_id{};  // the same for the same pose in the same version; empty without one, or from an older service
 };
 
 // OGC GeoPose 1.0, Basic-Quaternion: WGS84, height above the ellipsoid, orientation in the local east-north-up frame.
