@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 
+from firstfix.answer.localization import Verdict
+from firstfix.catalog.query_samples import REPLAY
 from firstfix.errors import FirstfixError, WorkerLost
 from firstfix.formats.point_cloud import Body
 
@@ -23,6 +25,7 @@ from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests, RequestScope, current_request, note
 from ..telemetry.tracing import started_ns
 from ..thread_pools import COPIES
+from .answer_counts import AnswerCounts
 from .query_gate import AskWorker, QueryGate
 from .sampler import QuerySampler
 
@@ -136,15 +139,22 @@ class QueryRecorder:
 
     Args:
         recent: keeps the last answers.
+        counts: counts the answers of each map.
         sampler: None: no query is stored.
     """
 
     def __init__(
-        self, metrics: Metrics, requests: Requests, recent: RecentAnswers, sampler: QuerySampler | None = None
+        self,
+        metrics: Metrics,
+        requests: Requests,
+        recent: RecentAnswers,
+        counts: AnswerCounts,
+        sampler: QuerySampler | None = None,
     ) -> None:
         self._metrics = metrics
         self._requests = requests
         self._recent = recent
+        self._counts = counts
         self._sampler = sampler
         # Finding a series by its labels takes longer than counting in it. There are few series.
         self._verdicts = cache(metrics.verdicts.labels)
@@ -188,6 +198,8 @@ class QueryRecorder:
         if scope is not None:
             scope.status = _OK
             self._recent.add(scope.fields.get("caller", ""), transport, scope.seconds, answer)
+            if answer.map_id and not scope.request_id.startswith(REPLAY):
+                self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED, time.time())
         note(
             map_id=answer.map_id,
             map_version=answer.map_version,
