@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
+from access_world import get, give, localize
+from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
 from firstfix_service.localize import answer_counts
 from firstfix_service.localize.answer_counts import DAY_S, HOUR_S, AnswerCounts, Counted
+from waiting import wait_until
 
 NOW_S = 1_800_000_000.0
 
@@ -32,3 +37,30 @@ def test_the_counts_of_many_maps_take_bounded_memory(monkeypatch: pytest.MonkeyP
     for step in range(1000):
         counts.add("map-4", True, NOW_S + step * answer_counts.STEP_S)
     assert len(counts._maps["map-4"].counts) <= DAY_S / answer_counts.STEP_S + 1
+
+
+def test_a_replica_tells_what_it_answered(service: Service):
+    def counted() -> dict[str, int]:
+        maps = service.http.get("/answers/counts").json()["maps"]
+        return {one["map_id"]: one["hour"]["answered"] for one in maps}
+
+    before = counted()
+    assert service.ask("http").ok
+    assert service.ask("zenoh").ok
+    replay = {"Content-Type": XYZ, "X-Request-Id": "replay-1"}  # a person tries a kept query
+    assert service.http.post("/localize?map=hall", content=SCAN_BODY, headers=replay).is_success
+    assert counted()["hall"] == before.get("hall", 0) + 2
+
+
+def test_a_caller_sees_the_counts_of_its_own_maps(tmp_path: Path):
+    with running_service(tmp_path, zenoh=False, auth="on", keys_refresh_s=0.1) as service:
+        for name in ("hall", "attic"):
+            publish(service.catalog, name, "1", service.scratch)
+        everywhere, of_hall = give(service, "build"), give(service, "build", maps=("hall",))
+        robot = give(service, "localize")
+        for name in ("hall", "attic"):
+            wait_until(lambda name=name: localize(service, everywhere, f"?map={name}").is_success)
+        wait_until(lambda: get(service, "/caller", robot).is_success)
+        said = get(service, "/answers/counts", of_hall).json()
+        assert [one["map_id"] for one in said["maps"]] == ["hall"]
+        assert get(service, "/answers/counts", robot).status_code == 403
