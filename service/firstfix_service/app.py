@@ -30,7 +30,7 @@ from .http_api.routes import (
     uploads,
     versions,
 )
-from .http_api.routes.console import answer_events, caller, cloud, overlay, page
+from .http_api.routes.console import answer_counts, answer_events, caller, cloud, overlay, page
 from .settings import Settings
 from .startup.composition import compose
 from .startup.retry import PlainStartError, RetryingStart
@@ -49,6 +49,7 @@ _ROUTES = (
     georeference,
     uploads,
     builds,
+    answer_counts,
     answer_events,
     samples,
     keys,

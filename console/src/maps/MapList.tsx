@@ -1,23 +1,29 @@
-// All maps that the caller sees, and what can be done with them.
+// All maps that the caller sees: how good they are, how they do, what needs a person, and what can be done with them.
 
 import { useSignal } from "@preact/signals";
-import { mayAdminister, mayBuild } from "../access/session";
+import { mayBuild } from "../access/session";
 import { get, type Schemas } from "../api/client";
-import { link } from "../router";
 import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
-import { age, count, percent, short, size } from "../ui/text";
-import { useLoaded } from "../ui/useLoaded";
+import { usePolled } from "../ui/usePolled";
+import { useAnswerCounts } from "./answerCounts";
 import { BuildForm } from "./BuildForm";
 import { Builds } from "./Builds";
 import { DeleteMap } from "./DeleteMap";
-import { bytesOf, manifestOf } from "./manifest";
+import type { Manifest } from "./manifest";
+import { MapRow } from "./MapRow";
+import { Needs } from "./Needs";
+
+const LOOK_MS = 5000;
+const PICTURES = 30; // of the first maps: each is a request
 
 export function MapList() {
-  const maps = useLoaded((signal) => get<Schemas["MapPage"]>("/maps", { limit: 1000 }, signal), []);
+  const maps = usePolled((signal) => get<Schemas["MapPage"]>("/maps", { limit: 1000 }, signal), [], LOOK_MS);
+  const counts = useAnswerCounts();
+  const manifests = useSignal(new Map<string, Manifest>());
   const building = useSignal<string | null>(null); // the map that gets a new version; "": a new map
   const doomed = useSignal<string | null>(null);
-  if (maps.error) return <ErrorText error={maps.error} again={maps.again} />;
+  if (maps.error && !maps.value) return <ErrorText error={maps.error} again={maps.again} />;
   if (!maps.value) return <p role="status">Reading the maps …</p>;
   return (
     <main class="page">
@@ -29,6 +35,8 @@ export function MapList() {
           </button>
         ) : null}
       </header>
+      {maps.error ? <ErrorText error={maps.error} again={maps.again} /> : null}
+      <Needs maps={maps.value.maps} manifests={manifests.value} counts={counts} />
       {building.value !== null ? (
         <BuildForm named={building.value} maps={maps.value.maps} close={() => (building.value = null)} />
       ) : null}
@@ -41,9 +49,13 @@ export function MapList() {
               <th class="number">Localized in its self-test</th>
               <th class="number">Sure and wrong</th>
               <th class="number">Best place within 0.2 m</th>
+              {mayBuild.value ? (
+                <>
+                  <th>Asked in the last hour</th>
+                  <th>in the last day</th>
+                </>
+              ) : null}
               <th>Active version</th>
-              <th>Published</th>
-              <th class="number">Templates</th>
               <th class="number">Size</th>
               <th>
                 <span class="unseen">Actions</span>
@@ -51,11 +63,13 @@ export function MapList() {
             </tr>
           </thead>
           <tbody>
-            {maps.value.maps.map((one) => (
-              <Row
-                key={one.map_id + one.active_version}
-                map={one.map_id}
-                version={one.active_version}
+            {maps.value.maps.map((one, i) => (
+              <MapRow
+                key={`${one.map_id} ${one.active_version}`}
+                one={one}
+                counts={counts.get(one.map_id)}
+                hasPicture={i < PICTURES}
+                read={(manifest) => (manifests.value = new Map(manifests.value).set(one.map_id, manifest))}
                 remove={() => (doomed.value = one.map_id)}
               />
             ))}
@@ -78,55 +92,5 @@ export function MapList() {
         />
       ) : null}
     </main>
-  );
-}
-
-function Row({ map, version, remove }: { map: string; version: string | null; remove: () => void }) {
-  const versions = useLoaded(
-    (signal) => get<Schemas["VersionPage"]>(`/maps/${map}/versions`, { limit: 100 }, signal),
-    [map, version],
-  );
-  const details = useLoaded((signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal), [map, version]);
-  const manifest = manifestOf(details.value);
-  const published = versions.value?.versions.find((one) => one.active)?.published_time;
-  const bytes = bytesOf(manifest);
-  const { localized, false_accepts: wrong, success } = manifest.self_test ?? {};
-  const share = (value: number | undefined) => (value === undefined ? "" : percent(value));
-  return (
-    <tr>
-      <th scope="row">
-        <a href={link(["maps", map])}>{map}</a>
-      </th>
-      <td class="number" data-name="Localized in its self-test">
-        <strong>{share(localized)}</strong>
-      </td>
-      <td class="number" data-name="Sure and wrong">
-        {wrong ?? ""}
-      </td>
-      <td class="number" data-name="Best place within 0.2 m">
-        {share(success?.["0.2m"])}
-      </td>
-      <td data-name="Active version">
-        {version ? <code title={version}>{short(version)}</code> : "none"}{" "}
-        {manifest.provisional ? <span class="tag">provisional</span> : null}
-        {details.error ? <ErrorText error={details.error} /> : null}
-      </td>
-      <td data-name="Published">{published ? age(published) : ""}</td>
-      <td class="number" data-name="Templates">
-        {manifest.counts?.templates === undefined ? "" : count(manifest.counts.templates)}
-      </td>
-      <td class="number" data-name="Size">
-        {bytes ? size(bytes) : ""}
-      </td>
-      <td class="actions">
-        <a href={link(["maps", map, "try"])}>Try a scan</a>
-        <a href={link(["maps", map, "versions"])}>Versions</a>
-        {mayAdminister.value ? (
-          <button onClick={remove} aria-label={`Delete map ${map}`}>
-            Delete
-          </button>
-        ) : null}
-      </td>
-    </tr>
   );
 }

@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import type { Schemas } from "../api/client";
 import { chance, metres, percent } from "../ui/text";
+import { headingOf } from "./handPose";
 import { type Place, placesOf } from "./places";
 
 const LISTED = 8;
@@ -42,7 +43,7 @@ function PlaceText({ place, answer }: { place: Place; answer: Schemas["Answer"] 
   return (
     <>
       <strong>{chance(place.probability)}</strong> at {one.T_map_sensor.position.map(metres).join(", ")}, heading{" "}
-      {place.heading_deg.toFixed(1)}°
+      {headingOf(one.T_map_sensor.quaternion).toFixed(1)}°
       <small>
         {percent(one.inlier_ratio)} on the map, {percent(one.free_space_violation, 1)} through it
         {place.number === 0 && answer.covariance ? `, ${sigmasOf(answer.covariance)}` : ""}

@@ -1,12 +1,10 @@
 // The places of an answer as they are listed: the likeliest first, with probabilities that add up.
 
 import type { Schemas } from "../api/client";
-import { headingOf } from "./handPose";
 
 export interface Place {
   number: number; // of the hypothesis in the answer
   probability: number;
-  heading_deg: number;
 }
 
 type Answer = Pick<Schemas["Answer"], "hypotheses" | "probability">;
@@ -20,11 +18,7 @@ export function placesOf({ hypotheses, probability }: Answer): Place[] {
   const others = hypotheses.slice(tied).reduce((sum, one) => sum + one.probability, 0);
   const share = Math.min(1, Math.max(0, 1 - probability) / (others || 1));
   return hypotheses
-    .map((one, number) => ({
-      number,
-      probability: number < tied ? one.probability : one.probability * share,
-      heading_deg: headingOf(one.T_map_sensor.quaternion),
-    }))
+    .map((one, number) => ({ number, probability: number < tied ? one.probability : one.probability * share }))
     .sort((a, b) => b.probability - a.probability || a.number - b.number);
 }
 

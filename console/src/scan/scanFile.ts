@@ -2,12 +2,18 @@
 
 import { laz, las } from "./formats/las";
 import { npy } from "./formats/npy";
+import type { Points } from "./formats/points";
 import { text } from "./formats/text";
 import { mediaTypeOf, SUFFIXES } from "./media";
-import type { Asked } from "./useAsked";
 
-/** Points, (x, y, z) one after the other, metres in the sensor's frame. */
-export type Points = Float32Array<ArrayBuffer>;
+/** The scan that is tried, as it is sent. */
+export interface Asked {
+  name: string;
+  type: string;
+  encoding: string;
+  body: Blob;
+  isConverted: boolean; // the body is not the file's: programs cannot send the file as it is
+}
 
 const READERS: Record<string, (body: ArrayBuffer) => Points> = {
   ".npy": npy,

@@ -3,7 +3,7 @@
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { type Query, type Schemas, send } from "../api/client";
-import type { Asked } from "./useAsked";
+import type { Asked } from "./scanFile";
 
 export interface AnswerState {
   answer: Signal<Schemas["Answer"] | null>;

@@ -4,15 +4,7 @@ import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { get, type Schemas, send } from "../api/client";
 import { age } from "../ui/text";
-import { scanOf } from "./scanFile";
-
-export interface Asked {
-  name: string;
-  type: string;
-  encoding: string;
-  body: Blob;
-  isConverted: boolean; // the body is not the file's: programs cannot send the file as it is
-}
+import { type Asked, scanOf } from "./scanFile";
 
 /** The scan, and a call that takes a file in its place. */
 export function useAsked(

@@ -7,7 +7,7 @@ import { Group, Matrix4, Quaternion, Vector3 } from "three";
 import type { Pose } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
 import { drawOverlay, type OverlayShares } from "./overlay";
-import type { Asked } from "./useAsked";
+import type { Asked } from "./scanFile";
 
 export interface OverlayState {
   group: Group;

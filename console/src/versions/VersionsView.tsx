@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { mayBuild } from "../access/session";
 import { change, get, type Schemas } from "../api/client";
+import { useAnswerCounts } from "../maps/answerCounts";
 import { MapProblem } from "../maps/MapProblem";
 import { link, note, route } from "../router";
 import { Confirm } from "../ui/Confirm";
@@ -20,6 +21,7 @@ export function VersionsView({ map }: { map: string }) {
   );
   const compared = useSignal<string[]>(route.value.query.get("compare")?.split(",") ?? []);
   const isWhole = useSignal(false);
+  const counts = useAnswerCounts().get(map);
   const asked = useSignal<Change | null>(null);
   const told = useSignal("");
   if (page.error) return <MapProblem map={map} error={page.error} again={page.again} />;
@@ -88,6 +90,7 @@ export function VersionsView({ map }: { map: string }) {
           close={() => (asked.value = null)}
         >
           <p>{call.text}</p>
+          {call.isFelt && counts ? <p>In the last hour this replica answered {counts.hour.answered} queries of it.</p> : null}
         </Confirm>
       ) : null}
       {chosen.length === 2 ? (

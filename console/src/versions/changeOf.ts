@@ -13,6 +13,7 @@ export interface ChangeCall {
   text: string;
   told: string; // when it is done
   typed: string; // what must be typed first; "": nothing
+  isFelt: boolean; // whether robots are answered otherwise from then on
 }
 
 export function callOf(map: string, change: Change, active: string): ChangeCall {
@@ -27,6 +28,7 @@ export function callOf(map: string, change: Change, active: string): ChangeCall 
       text: `The version that was active before ${now} answers all robots that ask ${map}, from their next query on.`,
       told: "Rolled back",
       typed: "",
+      isFelt: true,
     };
   }
   const name = short(change.version);
@@ -40,6 +42,7 @@ export function callOf(map: string, change: Change, active: string): ChangeCall 
       text: `${name} answers all robots that ask ${map}, from their next query on, in place of ${now}. Roll back undoes it.`,
       told: "Activated",
       typed: "",
+      isFelt: true,
     };
   }
   return {
@@ -51,5 +54,6 @@ export function callOf(map: string, change: Change, active: string): ChangeCall 
     text: "It cannot be activated or rolled back to any more. The next garbage collection removes its files for good.",
     told: "Retired",
     typed: name,
+    isFelt: false,
   };
 }

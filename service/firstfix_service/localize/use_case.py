@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 
+from firstfix.answer.localization import Verdict
+from firstfix.catalog.query_samples import REPLAY
 from firstfix.errors import FirstfixError, WorkerLost
 from firstfix.formats.point_cloud import Body
 
@@ -25,6 +27,7 @@ from ..telemetry.tracing import started_ns
 from ..thread_pools import COPIES
 from ..webhooks.event import AnswerEvent
 from ..webhooks.sender import WebhookSender
+from .answer_counts import AnswerCounts
 from .query_gate import AskWorker, QueryGate
 from .sampler import QuerySampler, is_replay
 
@@ -138,6 +141,7 @@ class QueryRecorder:
 
     Args:
         recent: keeps the last answers.
+        counts: counts the answers of each map.
         sampler: None: no query is stored.
         webhooks: None: nobody is told of answers.
     """
@@ -147,12 +151,14 @@ class QueryRecorder:
         metrics: Metrics,
         requests: Requests,
         recent: RecentAnswers,
+        counts: AnswerCounts,
         sampler: QuerySampler | None = None,
         webhooks: WebhookSender | None = None,
     ) -> None:
         self._metrics = metrics
         self._requests = requests
         self._recent = recent
+        self._counts = counts
         self._sampler = sampler
         self._webhooks = webhooks
         # Finding a series by its labels takes longer than counting in it. There are few series.
@@ -207,6 +213,8 @@ class QueryRecorder:
         if scope is not None:
             scope.status = _OK
             self._recent.add(scope.fields.get("caller", ""), transport, scope.seconds, answer)
+            if answer.map_id and not scope.request_id.startswith(REPLAY):
+                self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED, time.time())
         note(
             map_id=answer.map_id,
             map_version=answer.map_version,

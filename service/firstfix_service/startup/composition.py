@@ -35,6 +35,7 @@ from ..http_api.event_stream import EventStreams
 from ..http_api.health import HealthCheck
 from ..http_api.parts import BuildParts, LocalizeParts, MapParts, Parts, UploadParts
 from ..http_server.connections import ConnectionLimits
+from ..localize.answer_counts import AnswerCounts
 from ..localize.query_gate import QueryGate
 from ..localize.sampler import QuerySampler, SamplePolicy
 from ..localize.use_case import LocalizeUseCase, QueryRecorder, RecentAnswers
@@ -128,9 +129,8 @@ async def compose(
     samples = await _open_samples(settings, store, metrics)
     sampler = _start_sampler(settings, samples, metrics, stack)
     recent = RecentAnswers(replica)
-    recorder = QueryRecorder(
-        metrics, requests, recent, sampler, await _start_webhooks(settings, metrics, stack)
-    )
+    counts, webhooks = AnswerCounts(), await _start_webhooks(settings, metrics, stack)
+    recorder = QueryRecorder(metrics, requests, recent, counts, sampler, webhooks)
     use_case = LocalizeUseCase(maps, gate, recorder)
     health = HealthCheck(maps, gate, metrics)
     builds = start_builds(settings, catalog, metrics, stack)
@@ -153,6 +153,7 @@ async def compose(
         health,
         samples,
         recent,
+        counts,
         EventStreams(event_streams, closing),
         LocalizeParts(use_case, bodies, maps, georeference_cache, metrics, overlays, settings.max_body_bytes),
         MapParts(catalog, maps, georeferences, georeference_cache, sightings),

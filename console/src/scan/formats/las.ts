@@ -1,6 +1,6 @@
 // LAS: the positions of its points. LAZ, its compressed form, is read by the command line alone.
 
-import type { Points } from "../scanFile";
+import type { Points } from "./points";
 
 const COMPRESSED = 0x80; // in the byte of the point format
 

@@ -1,6 +1,6 @@
 // NumPy's .npy: an array (n, 3 or more) of floating-point numbers.
 
-import type { Points } from "../scanFile";
+import type { Points } from "./points";
 
 const MAGIC = "\x93NUMPY";
 

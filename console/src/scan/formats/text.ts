@@ -1,6 +1,6 @@
 // Points as text: .xyz, .txt, .pts, and .csv with or without a line of names.
 
-import type { Points } from "../scanFile";
+import type { Points } from "./points";
 
 const SHOWN = 60; // characters of a line that is wrong
 

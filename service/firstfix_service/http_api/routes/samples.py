@@ -78,9 +78,7 @@ class SamplePage(BaseModel):
     next: str | None = Field(
         description="`after` of the next page, even if this page is short; null: this is the last page"
     )
-    share: float = Field(
-        description="share of the queries without a pose that this service keeps; 0: none, so the list is empty"
-    )
+    share: float = Field(description="share of the queries without a pose that this service keeps; 0: none")
 
 
 @router.get("")

@@ -167,6 +167,7 @@ ASKED_FOR_A_KEY = [
     "/samples",
     "/samples/20260101t000000000000-00000000/body",
     "/keys",
+    "/answers/counts",
     "/answers/events",
     "/maps",
     f"/maps/hall/versions/{'0' * 64}/cloud",

@@ -1,0 +1,24 @@
+import { useEffect, useState } from "preact/hooks";
+import { send } from "../api/client";
+
+/** The picture of a version, as its build made it. Nothing where it has none. */
+export function Preview({ map, version }: { map: string; version: string }) {
+  const [address, setAddress] = useState("");
+  useEffect(() => {
+    const stop = new AbortController();
+    let made = "";
+    send("GET", `/maps/${map}/versions/${version}/preview`, { signal: stop.signal })
+      .then(async (found) => {
+        const picture = await found.blob();
+        if (stop.signal.aborted) return;
+        made = URL.createObjectURL(picture);
+        setAddress(made);
+      })
+      .catch(() => {}); // a version without a picture is a version all the same
+    return () => {
+      stop.abort();
+      if (made) URL.revokeObjectURL(made);
+    };
+  }, [map, version]);
+  return address ? <img class="preview" src={address} alt={`${map} from above`} /> : null;
+}

@@ -1,0 +1,23 @@
+// How many queries of each map were answered lately: of the replica that gives the page.
+
+import { mayBuild } from "../access/session";
+import { get, type Schemas } from "../api/client";
+import { count, percent } from "../ui/text";
+import { usePolled } from "../ui/usePolled";
+
+export type MapCounts = Schemas["MapAnswerCounts"];
+const LOOK_MS = 5000;
+
+/** By map. A map that was not asked is not in it, and none is for callers that may not see answers. */
+export function useAnswerCounts(): Map<string, MapCounts> {
+  const { value } = usePolled(
+    async (signal) => (mayBuild.value ? await get<Schemas["AnswerCountsList"]>("/answers/counts", {}, signal) : null),
+    [mayBuild.value],
+    LOOK_MS,
+  );
+  return new Map((value?.maps ?? []).map((one) => [one.map_id, one]));
+}
+
+export function countedText({ answered, localized }: Schemas["CountedAnswers"]): string {
+  return answered ? `${count(answered)}, ${percent(localized / answered)} localized` : "none";
+}

@@ -1,0 +1,28 @@
+// What needs a person now: maps that cannot answer, that are not good, or whose robots are lost.
+
+import type { Schemas } from "../api/client";
+import type { MapCounts } from "./answerCounts";
+import { judged, type Manifest } from "./manifest";
+
+const FEWEST = 5; // answers: fewer say nothing
+const LOST = 0.5; // of the answers of an hour
+
+export interface Need {
+  text: string;
+  path: string[]; // of the view where it is dealt with
+  query?: Record<string, string>;
+}
+
+export function needOf(map: Schemas["MapSummary"], manifest: Manifest | null, counts: MapCounts | undefined): Need | null {
+  const { map_id: id, active_version: version } = map;
+  if (!version) return { text: "has no active version: robots that ask it are refused", path: ["maps", id, "versions"] };
+  const { answered = 0, localized = 0 } = counts?.hour ?? {};
+  if (answered >= FEWEST && localized < LOST * answered) {
+    const lost = answered - localized;
+    return { text: `${lost} of ${answered} queries of the last hour were not localized`, path: ["samples"], query: { map: id } };
+  }
+  if (manifest && judged(manifest).grade === "poor") {
+    return { text: "is poor by its self-test", path: ["maps", id], query: { layers: "localizability" } };
+  }
+  return null;
+}

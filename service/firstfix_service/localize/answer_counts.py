@@ -1,0 +1,79 @@
+"""How many queries of each map were answered in the last hour and day, and how many were localized."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass, field
+
+HOUR_S, DAY_S = 3600.0, 86400.0
+STEP_S = 300.0  # answers are counted together for so long: an hour is told to within it
+MOST_MAPS = 2000  # in memory; the counts of the map that was asked longest ago are dropped
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Answers within a time."""
+
+    answered: int = 0
+    localized: int = 0
+
+
+@dataclass(frozen=True)
+class MapCounts:
+    """Answers about one map.
+
+    Attributes:
+        last_time_s: of the last answer, since the epoch.
+    """
+
+    map_id: str
+    last_time_s: float
+    hour: Counted
+    day: Counted
+
+
+@dataclass
+class _Steps:
+    last_time_s: float = 0.0
+    counts: dict[int, list[int]] = field(default_factory=dict)  # step: [answered, localized]
+
+
+class AnswerCounts:
+    """Counts of this replica's answers. Thread-safe. They begin when it starts."""
+
+    def __init__(self) -> None:
+        self._maps: OrderedDict[str, _Steps] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def add(self, map_id: str, is_localized: bool, now_s: float) -> None:
+        """Counts an answer that was given at a time since the epoch."""
+        step = int(now_s // STEP_S)
+        with self._lock:
+            steps = self._maps.setdefault(map_id, _Steps())
+            self._maps.move_to_end(map_id)
+            steps.last_time_s = now_s
+            if step not in steps.counts:
+                for old in [one for one in steps.counts if one <= step - DAY_S // STEP_S]:
+                    del steps.counts[old]
+            counted = steps.counts.setdefault(step, [0, 0])
+            counted[0] += 1
+            counted[1] += is_localized
+            if len(self._maps) > MOST_MAPS:
+                self._maps.popitem(last=False)
+
+    def of_maps(self, now_s: float) -> list[MapCounts]:
+        """Returns the counts of all maps that were asked, by their ids."""
+        with self._lock:
+            return [
+                MapCounts(
+                    map_id, steps.last_time_s, _within(steps, now_s, HOUR_S), _within(steps, now_s, DAY_S)
+                )
+                for map_id, steps in sorted(self._maps.items())
+            ]
+
+
+def _within(steps: _Steps, now_s: float, length_s: float) -> Counted:
+    first = int(now_s // STEP_S) - length_s // STEP_S
+    found = [counted for step, counted in steps.counts.items() if step > first]
+    return Counted(sum(answered for answered, _ in found), sum(localized for _, localized in found))
