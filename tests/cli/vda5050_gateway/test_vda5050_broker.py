@@ -134,6 +134,13 @@ def test_a_scan_on_a_topic_is_taken_when_it_is_wanted_and_only_if_it_is_new(port
 def test_wrong_messages_are_told_and_left_alone(port: int, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(broker_module, "MAX_PACKET_BYTES", 3 << 20)
     lines: list[str] = []
+    sizes, take = [], Gateway.take
+
+    def measured(gateway: Gateway, topic: str, body: bytes, *, retained: bool) -> None:
+        sizes.append(len(body))
+        take(gateway, topic, body, retained=retained)
+
+    monkeypatch.setattr(Gateway, "take", measured)
     base, lost = f"uagv/v2/{MANUFACTURER}/agv1", json.dumps(state()).encode()
     with client(port) as other:  # it was sent before the gateway comes
         old = json.dumps(state("agv9")).encode()
@@ -164,6 +171,7 @@ def test_wrong_messages_are_told_and_left_alone(port: int, monkeypatch: pytest.M
             "left alone: not a connection of VDA 5050: connectionState",
         ]
         wait_until(lambda: all(any(one in line for line in lines) for one in complaints))
+        assert max(sizes) == 2 << 20, "what is larger than the limit never comes"
         assert not any("defect" in line or "other" in line or "agv9" in line for line in lines), lines
         vehicle = SimulatedVehicle(port, "agv3", knows=False)
         try:
