@@ -41,8 +41,8 @@ def localize(
     gravity: Annotated[
         str | None,
         typer.Option(
-            help="Direction of gravity in the sensor frame: x,y,z (down) or roll_deg,pitch_deg. An IMU at rest "
-            "reports the opposite, +9.81 upwards: give its negative."
+            help="Direction of gravity in the sensor frame: x,y,z (down) or roll_deg,pitch_deg. An IMU at "
+            "rest reports the opposite, +9.81 upwards: give its negative."
         ),
     ] = None,
     base_sensor: Annotated[
