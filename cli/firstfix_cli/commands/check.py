@@ -80,13 +80,14 @@ def _of_map(source: Path, trajectory: Path | None, axis: Axis, scale: float) -> 
 
 def _of_scan(path: Path) -> dict[str, Any]:
     from firstfix.engine.config import PreprocessConfig
-    from firstfix.engine.diagnosis.facts import facts_of
+    from firstfix.engine.diagnosis.facts import MEASURED, facts_of
     from firstfix.engine.diagnosis.input_findings import input_finding
+    from firstfix.scan.reduction import at_most
 
     from ..limited_reader import read_scan
 
     scan = read_scan(path)
-    facts = facts_of(scan, scan.dropped, PreprocessConfig())
+    facts = facts_of(scan, at_most(scan.points, MEASURED), scan.dropped, PreprocessConfig())
     found = input_finding(facts, scan.dropped)
     median = "" if facts.median_range_m is None else f", median range {facts.median_range_m:,.1f} m"
     text = f"{facts.points:,} points, {facts.in_range:,} of them in range{median}"

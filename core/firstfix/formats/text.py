@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..errors import MalformedData, TooLarge
 from .point_cloud import Body, Limits, PointCloud, require_xyz
-from .text_table import decimal_comma, is_number, parse_rows
+from .text_table import is_number, parse_rows
 
 _SNIFFED_BYTES = 65_536
 _MAX_UNNAMED_COLUMNS = 10  # x y z, intensity, colour, normal; 12 numbers are a pose
@@ -66,7 +66,7 @@ def _sniff(raw: bytes) -> _Layout:
         line = raw[start : min(end, start + _SNIFFED_BYTES)].decode("latin-1").strip()
         content = line.lstrip("#/ \t")
         is_comment = content != line
-        delimiter = next((mark for mark in ",;" if mark in content), None)
+        delimiter = next((mark for mark in ";," if mark in content), None)
         words = [word.strip().strip('"').lower() for word in content.split(delimiter)]
         if is_comment or not line:
             if {"x", "y", "z"} <= set(words):
@@ -77,8 +77,8 @@ def _sniff(raw: bytes) -> _Layout:
             if declared is not None or not words[0].isdigit() or len(words[0]) > 18:
                 raise MalformedData("text: a row has a single number where x, y, z are expected")
             declared = int(words[0])
-        elif names or decimal_comma(content):
-            why = ": write numbers with a point" if decimal_comma(content) else ""
+        elif names or words[0][:1] in set("-.0123456789"):
+            why = ": write numbers with a point" if delimiter == ";" and "," in content else ""
             raise MalformedData(f"text: {line[:60]!r} is not a row of numbers{why}")
         else:
             names = words

@@ -14,8 +14,7 @@ from ..errors import MalformedData
 from .point_cloud import Body
 
 _SEARCHED_ROWS = 100_000  # for one that is wrong: Python takes a tenth of a second for them
-_DECIMAL_COMMA = re.compile(r"\d,\d")
-_WORDS = {" ": "spaces", ",": "commas", ";": "semicolons", "\t": "tabs"}
+_WORDS = {None: "spaces", ",": "commas", ";": "semicolons"}
 _EMPTY_LINES = re.compile(rb"\n\s+")
 MAX_LINE_BYTES = 65_536  # the parser is slow for lines with thousands of columns
 
@@ -65,37 +64,28 @@ def parse_rows(
 
 
 def _wrong_line(raw: bytes, delimiter: str | None, comments: str | None) -> str:
-    """What is wrong with the first line that has not as many numbers as the first one."""
-    separator, wanted = delimiter or " ", 0
-    for number, one in enumerate(islice(io.BytesIO(raw), _SEARCHED_ROWS), 1):
-        line = one.decode("ascii")
-        content = (line.split(comments)[0] if comments else line).strip()
-        if not content:
-            continue
-        words = content.split(delimiter)
+    """What is wrong with the first row that is not as the first one."""
+    wanted = 0
+    for number, line in enumerate(islice(io.BytesIO(raw), _SEARCHED_ROWS), 1):
+        content = (
+            line.decode("ascii").split(comments)[0].strip() if comments else line.decode("ascii").strip()
+        )
+        words = content.split(delimiter) if content else []
         wanted = wanted or len(words)
-        told = f"row {number} is {line.strip()[:60]!r}"
-        if not all(map(is_number, words)):
-            if _DECIMAL_COMMA.search(content) and "." not in content:
-                return f"{told}: write numbers with a point, and separate them by {_WORDS[separator]}"
-            return f"{told}: not numbers separated by {_WORDS[separator]}"
-        if len(words) != wanted:
-            return f"{told}: {len(words)} numbers where the rows before have {wanted}"
+        if words and not all(map(is_number, words)):
+            return f"row {number} is {content[:60]!r}: not numbers separated by {_WORDS[delimiter]}"
+        if words and len(words) != wanted:
+            return f"row {number} is {content[:60]!r}: {len(words)} numbers, the rows before have {wanted}"
     return "the rows are not of numbers"
 
 
-def decimal_comma(line: str) -> bool:
-    """Returns whether a line has numbers with a comma in place of the point, separated by something else."""
-    return ";" in line and _DECIMAL_COMMA.search(line) is not None
-
-
 def is_number(word: str) -> bool:
-    """Returns whether a word is a number, as NumPy reads them."""
+    """Returns whether a word is a number."""
     try:
         float(word)
     except ValueError:
         return False
-    return "_" not in word
+    return True
 
 
 def _check_lines(format_name: str, raw: bytes) -> None:
