@@ -26,6 +26,7 @@ from firstfix.ros.rmw_zenoh import (
     PUBLISHER,
     SENSOR_QOS,
     SERVICE,
+    SUBSCRIPTION,
     Attachment,
     Node,
     endpoint,
@@ -36,7 +37,7 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.ros_gateway.fleet import RosGateway, open_session
 from firstfix_ros.robot.config import GatewayConfig
-from firstfix_ros.robot.topics import Topics
+from firstfix_ros.robot.topics import Output, Topics
 from ros_samples import ROS2, cdr, cloud_of_points, transforms
 from ros_samples import imu as imu_message
 from servers import free_port
@@ -275,6 +276,25 @@ def test_it_shows_in_the_graph_and_leaves_nothing_behind(router: str):
         )
     wait_until(lambda: not ours())
     watcher.close()
+    robot.session.close()
+
+
+def test_it_counts_who_hears_its_poses(router: str):
+    robot = Robot(router, "/robot1")
+    pose = endpoint(0, SUBSCRIPTION, "/robot1/initialpose", pose_message.TYPE)
+    elsewhere = endpoint(0, SUBSCRIPTION, "/robot2/initialpose", pose_message.TYPE)
+    node = Node(0, str(robot.session.info.zid()), "localizer")
+    liveliness = robot.session.liveliness()
+    with Gateway(router) as gateway:
+        wait_until(lambda: "/robot1" in gateway.gateway.robots)
+        served = gateway.gateway.robots["/robot1"]
+        assert served.subscribers(Output.INITIAL_POSE) == 0
+        others = liveliness.declare_token(node.endpoint_token(2, elsewhere, SENSOR_QOS))
+        token = liveliness.declare_token(node.endpoint_token(3, pose, SENSOR_QOS))
+        wait_until(lambda: served.subscribers(Output.INITIAL_POSE) == 1)
+        token.undeclare()
+        wait_until(lambda: served.subscribers(Output.INITIAL_POSE) == 0)
+        others.undeclare()
     robot.session.close()
 
 

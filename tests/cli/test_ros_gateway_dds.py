@@ -29,7 +29,7 @@ from firstfix_cli.ros_gateway.dds.messages import FIELDS, TYPES
 from firstfix_cli.ros_gateway.dds.participant import Participant
 from firstfix_cli.ros_gateway.dds.trigger_service import request_header, trigger_reply
 from firstfix_ros.robot.config import GatewayConfig
-from firstfix_ros.robot.topics import Topics
+from firstfix_ros.robot.topics import Output, Topics
 from ros_samples import ROS2, cdr
 from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
@@ -132,6 +132,7 @@ def test_a_robot_gets_its_first_fix(robots: Any, domain: int, points: Any, best_
     with Gateway(domain) as gateway:
         robot.tell(points=points(LOCALIZED))
         (pose,) = robot.wait_for("initialpose")
+        assert gateway.fleet.robots["/fleet/robot1"].subscribers(Output.INITIAL_POSE) == 1
         own = robot.wait_for("first_fix/pose")[0]  # topics keep no order among themselves
         map_to_odom = []
 

@@ -188,6 +188,12 @@ def test_calls_are_answered_and_carried_out(
             assert robot.wait_for("response", number)["message"]["success"]
             assert check_pose(robot.wait_for("initialpose", number), scenes[0]) < WITHIN_M
         robot.go()
+        # 12.6 MB in hundreds of datagrams: what is lost of a reliable cloud is sent again.
+        big = robots.robot("/big", points="asked/points", point_step=48, every_s=0.5, reliable=True)
+        big.tell(show={"points": str(scenes[0].points), "acceleration": [0, 0, 9.81], "count": 262_144})
+        big.call(1)
+        assert check_pose(big.wait_for("initialpose"), scenes[0]) < WITHIN_M
+        big.go()
 
 
 def test_the_watch_tells_who_has_gone_astray(
