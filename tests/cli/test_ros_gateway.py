@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -305,6 +306,30 @@ def test_a_call_without_an_attachment_is_nobodys(router: str):
         assert list(robot.session.get(robot.locate.key, timeout=5)) == []
         assert not gateway.gateway.robots["/robot1"].gateway.wanted
     robot.session.close()
+
+
+def test_without_a_ros_it_says_how_to_go_on():
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "firstfix_cli.main",
+            "ros-gateway",
+            "--map",
+            "hall",
+            "--url",
+            "http://127.0.0.1:9",
+        ],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "no ROS 2 for this Python" in done.stderr
+    assert all(way in done.stderr for way in ("setup.sh", "--dds", "--connect"))
+    assert "Traceback" not in done.stderr
 
 
 def test_the_command(router: str):
