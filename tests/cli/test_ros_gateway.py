@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -38,7 +39,7 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.ros_gateway.fleet import RosGateway, open_session
 from firstfix_ros.robot.config import GatewayConfig
-from firstfix_ros.robot.topics import Topics
+from firstfix_ros.robot.topics import Output, Topics
 from ros_samples import ROS2, cdr, cloud_of_points, transforms
 from ros_samples import imu as imu_message
 from servers import free_port
@@ -296,6 +297,25 @@ def test_it_shows_in_the_graph_and_leaves_nothing_behind(router: str):
     robot.session.close()
 
 
+def test_it_counts_who_hears_its_poses(router: str):
+    robot = Robot(router, "/robot1")
+    pose = endpoint(0, SUBSCRIPTION, "/robot1/initialpose", pose_message.TYPE)
+    elsewhere = endpoint(0, SUBSCRIPTION, "/robot2/initialpose", pose_message.TYPE)
+    node = Node(0, str(robot.session.info.zid()), "localizer")
+    liveliness = robot.session.liveliness()
+    with Gateway(router) as gateway:
+        wait_until(lambda: "/robot1" in gateway.gateway.robots)
+        served = gateway.gateway.robots["/robot1"]
+        assert served.subscribers(Output.INITIAL_POSE) == 0
+        others = liveliness.declare_token(node.endpoint_token(2, elsewhere, SENSOR_QOS))
+        token = liveliness.declare_token(node.endpoint_token(3, pose, SENSOR_QOS))
+        wait_until(lambda: served.subscribers(Output.INITIAL_POSE) == 1)
+        token.undeclare()
+        wait_until(lambda: served.subscribers(Output.INITIAL_POSE) == 0)
+        others.undeclare()
+    robot.session.close()
+
+
 def test_a_call_without_an_attachment_is_nobodys(router: str):
     robot = Robot(router, "/robot1")
     with Gateway(router, at_start=False) as gateway:
@@ -303,6 +323,30 @@ def test_a_call_without_an_attachment_is_nobodys(router: str):
         assert list(robot.session.get(robot.locate.key, timeout=5)) == []
         assert not gateway.gateway.robots["/robot1"].gateway.wanted
     robot.session.close()
+
+
+def test_without_a_ros_it_says_how_to_go_on():
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "firstfix_cli.main",
+            "ros-gateway",
+            "--map",
+            "hall",
+            "--url",
+            "http://127.0.0.1:9",
+        ],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "no ROS 2 for this Python" in done.stderr
+    assert all(way in done.stderr for way in ("setup.sh", "--dds", "--connect"))
+    assert "Traceback" not in done.stderr
 
 
 def test_the_command(router: str):

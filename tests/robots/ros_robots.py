@@ -27,7 +27,6 @@ from sensor_msgs.msg import Imu, PointCloud2, PointField
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-PUBLISH_S = 0.1
 HEARD = {
     "initialpose": PoseWithCovarianceStamped,
     "first_fix/pose": PoseWithCovarianceStamped,
@@ -46,6 +45,7 @@ class Robot(Node):
         points: topic of its clouds.
         tf: topic of the moving frames; that of the fixed ones is ``<tf>_static``.
         late_s: its clock is late by so much.
+        every_s: between two rounds of messages.
         point_step: bytes of a point; x, y and z are its first twelve.
         rows: of the cloud.
     """
@@ -60,6 +60,7 @@ class Robot(Node):
         fixed: list[dict[str, Any]] = (),  # type: ignore[assignment]
         tf: str = "tf",
         late_s: float = 0.0,
+        every_s: float = 0.1,
         point_step: int = 16,
         rows: int = 1,
     ) -> None:
@@ -74,7 +75,9 @@ class Robot(Node):
         self._tf = self.create_publisher(TFMessage, tf, 100)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._fixed = self.create_publisher(TFMessage, f"{tf}_static", latched)
-        self._own_poses = self.create_publisher(PoseWithCovarianceStamped, "own_pose", 10)
+        self._own_poses = self.create_publisher(
+            PoseWithCovarianceStamped, "own_pose", qos_profile_sensor_data
+        )
         for topic, kind in HEARD.items():
             self.create_subscription(kind, topic, partial(self._hear, topic), 100)
         self.create_subscription(TFMessage, tf, self._hear_tf, 100)
@@ -84,15 +87,24 @@ class Robot(Node):
         self._found_service, self._calls = False, []
         if fixed:
             self.fix(fixed)
-        self.create_timer(PUBLISH_S, self._publish)
+        self.create_timer(every_s, self._publish)
 
     def fix(self, frames: list[dict[str, Any]]) -> None:
         """Publishes fixed frames."""
         self._fixed.publish(TFMessage(transforms=[self._transform(**frame) for frame in frames]))
 
-    def show(self, points: str, acceleration: list[float], point_step: int | None = None) -> None:
-        """Takes what its sensors see from now on: a file of x, y, z, intensity as float32."""
+    def show(
+        self, points: str, acceleration: list[float], point_step: int | None = None, count: int | None = None
+    ) -> None:
+        """Takes what its sensors see from now on: a file of x, y, z, intensity as float32.
+
+        Args:
+            point_step: that the message says, in the place of the right one.
+            count: of the points; they are repeated.
+        """
         rows = np.fromfile(points, "<f4").reshape(-1, 4)
+        if count is not None:
+            rows = np.resize(rows, (count, 4))
         body = np.zeros((len(rows), self._point_step), np.uint8)
         body[:, :12] = rows[:, :3].copy().view(np.uint8).reshape(-1, 12)
         cloud = PointCloud2(height=self._rows, width=len(rows) // self._rows, fields=FIELDS, is_dense=True)

@@ -129,7 +129,7 @@ def test_frames_may_come_late_and_are_named_while_they_are_missing(
 
 
 def test_a_robot_may_go_and_come_again(robots: RosRobots, gateway: Gateway, scenes: list[Scene]):
-    for _ in range(3):
+    for _ in range(2):
         robot = robots.robot("/restless")
         robot.show(scenes[1].points, scenes[1].T_map_sensor)
         assert check_pose(robot.wait_for("initialpose"), scenes[1]) < WITHIN_M
@@ -188,6 +188,12 @@ def test_calls_are_answered_and_carried_out(
             assert robot.wait_for("response", number)["message"]["success"]
             assert check_pose(robot.wait_for("initialpose", number), scenes[0]) < WITHIN_M
         robot.go()
+        # 12.6 MB in hundreds of datagrams: what is lost of a reliable cloud is sent again.
+        big = robots.robot("/big", points="asked/points", point_step=48, every_s=0.5, reliable=True)
+        big.tell(show={"points": str(scenes[0].points), "acceleration": [0, 0, 9.81], "count": 262_144})
+        big.call(1)
+        assert check_pose(big.wait_for("initialpose"), scenes[0]) < WITHIN_M
+        big.go()
 
 
 def test_the_watch_tells_who_has_gone_astray(
@@ -235,7 +241,7 @@ def test_a_gateway_that_starts_again_finds_the_robot_again(
 ):
     robot = robots.robot("/patient", points="again")
     robot.show(scenes[0].points, scenes[0].T_map_sensor)
-    for number, how in enumerate((signal.SIGKILL, signal.SIGTERM, signal.SIGINT), 1):
+    for number, how in enumerate((signal.SIGKILL, signal.SIGTERM), 1):
         with network.gateway(service.url, MAP, "--points", "again") as gateway:
             event = robot.wait_for("initialpose", number)
             assert check_pose(event, scenes[0]) < WITHIN_M

@@ -43,7 +43,7 @@ def late_starts(site: Site, count: int, within_s: float, seed: int) -> dict[str,
             wait_until(lambda one=localizer: one.error_m < NEAR_M, what=f"the pose for {localizer.robot}")  # type: ignore[misc]
         for robot in robots:
             wait_until(lambda one=robot: site.state(one).get("localizer") == "followed")  # type: ignore[misc]
-        let_pass(3.0)
+        let_pass(1.0)
     return {
         "starts": count,
         "got the pose": sum(localizer.error_m < NEAR_M for localizer in localizers),
