@@ -200,6 +200,24 @@ def test_the_quality_of_a_map_is_what_its_self_test_localized(page, world):
     page.wait("tr td strong", localized)
 
 
+def test_the_list_of_maps_says_what_happens_and_what_needs_a_person(page, world, coarse_version, tmp_path):
+    world.service.catalog.publish("lost", coarse_version.directory, coarse_version.manifest)
+    rng = np.random.default_rng(1)
+    elsewhere = tmp_path / "elsewhere.ffscan"
+    elsewhere.write_bytes(encode_scan(Scan.from_points(rng.uniform(-6, 6, (4000, 3)))))
+    page.open()
+    page.wait("tr:has([href='#/maps/lost']) td", "none")
+    page.until("document.querySelector('img.preview')?.naturalWidth > 0")
+    assert not page.has(".needs li", "lost")
+    for _ in range(6):
+        world.ask(elsewhere, map="lost")
+    page.wait("tr:has([href='#/maps/lost']) td", "6, 0 % localized")  # without a reload
+    page.wait(".needs li", "lost 6 of 6 queries of the last hour were not localized")
+    page.click(".needs li a", "Look")
+    page.until("location.hash === '#/samples?map=lost'")
+    assert world.service.http.delete("/maps/lost", headers=world.headers("admin")).is_success
+
+
 def test_a_build_does_not_take_the_place_of_a_map_unnoticed(page, tmp_path):
     file = tmp_path / "yard.ply"
     file.write_bytes(b"ply\n")
@@ -334,7 +352,7 @@ def test_a_phone_reaches_every_button_without_scrolling_sideways(page, world, vi
         "/keys", json={"name": "phone", "scopes": ["localize"], "maps": ["*"]}, headers=world.headers("admin")
     )
     page.open(f"#/{view}")
-    page.wait("td.actions")
+    page.wait("tbody tr")
     outside = page.js(
         "[...document.querySelectorAll('.page :is(button, a, select, input)')].filter((e) => {"
         " const b = e.getBoundingClientRect(); return b.width && (b.right > 390 || b.left < 0); })"
