@@ -378,6 +378,7 @@ def test_the_console_is_used_with_the_keyboard_alone(page):
     page.wait("button", "Build a map")
     _tab_to(page, "button", "Build a map")
     page.press("Enter")
+    page.choose("Sensor of the robots", "vlp-16")
     page.wait("dialog svg[role=img]")
     assert not violations(page)
     assert page.js("!!document.activeElement.closest('dialog')")

@@ -31,6 +31,13 @@ def points_m(world):
     return decode_scan(localized_scan(world)[0].read_bytes()).points
 
 
+@pytest.fixture(scope="module")
+def many_places(world):
+    """A scan whose answer has many places, and their number."""
+    numbers = {file: len(world.ask(file)["hypotheses"]) for file, _ in world.scans}
+    return max(numbers.items(), key=lambda one: one[1])
+
+
 # A scan and its answer
 
 
@@ -60,9 +67,8 @@ def test_a_scan_that_has_no_place_is_not_laid_over_the_map(page, world, tmp_path
     assert not page.has("h3", "Places")
 
 
-def test_the_places_add_up_and_are_in_the_order_of_what_is_printed(page, world):
-    file = max((file for file, _ in world.scans), key=lambda one: len(world.ask(one)["hypotheses"]))
-    number = len(world.ask(file)["hypotheses"])
+def test_the_places_add_up_and_are_in_the_order_of_what_is_printed(page, world, many_places):
+    file, number = many_places
     try_scan(page, file)
     page.wait(".hypotheses button")
     if number > 8:
@@ -78,9 +84,8 @@ def test_the_places_add_up_and_are_in_the_order_of_what_is_printed(page, world):
     page.wait(".hypotheses small", "± ")
 
 
-def test_other_places_are_hidden_from_the_map(page, world):
-    file = max((file for file, _ in world.scans), key=lambda one: len(world.ask(one)["hypotheses"]))
-    try_scan(page, file)
+def test_other_places_are_hidden_from_the_map(page, many_places):
+    try_scan(page, many_places[0])
     scan_colours(page)
     before = page.map_picture()
     page.click("label.check", "Show the other places on the map")
@@ -198,6 +203,24 @@ def test_the_quality_of_a_map_is_what_its_self_test_localized(page, world):
         assert words in facts, words
     page.open("#/maps/yard/versions")
     page.wait("tr td strong", localized)
+
+
+def test_the_list_of_maps_says_what_happens_and_what_needs_a_person(page, world, coarse_version, tmp_path):
+    world.service.catalog.publish("lost", coarse_version.directory, coarse_version.manifest)
+    rng = np.random.default_rng(1)
+    elsewhere = tmp_path / "elsewhere.ffscan"
+    elsewhere.write_bytes(encode_scan(Scan.from_points(rng.uniform(-6, 6, (4000, 3)))))
+    page.open()
+    page.wait("tr:has([href='#/maps/lost']) td", "none")
+    page.until("document.querySelector('img.preview')?.naturalWidth > 0")
+    assert not page.has(".needs li", "lost")
+    for _ in range(6):
+        world.ask(elsewhere, map="lost")
+    page.wait("tr:has([href='#/maps/lost']) td", "6, 0 % localized")  # without a reload
+    page.wait(".needs li", "lost 6 of 6 queries of the last hour were not localized")
+    page.click(".needs [href='#/samples?map=lost']", "Look")
+    page.until("location.hash === '#/samples?map=lost'")
+    assert world.service.http.delete("/maps/lost", headers=world.headers("admin")).is_success
 
 
 def test_a_build_does_not_take_the_place_of_a_map_unnoticed(page, tmp_path):
@@ -334,7 +357,7 @@ def test_a_phone_reaches_every_button_without_scrolling_sideways(page, world, vi
         "/keys", json={"name": "phone", "scopes": ["localize"], "maps": ["*"]}, headers=world.headers("admin")
     )
     page.open(f"#/{view}")
-    page.wait("td.actions")
+    page.wait("tbody tr")
     outside = page.js(
         "[...document.querySelectorAll('.page :is(button, a, select, input)')].filter((e) => {"
         " const b = e.getBoundingClientRect(); return b.width && (b.right > 390 || b.left < 0); })"

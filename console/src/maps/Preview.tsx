@@ -1,7 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { send } from "../api/client";
 
-/** The picture of a version, as its build made it. Nothing where it has none. */
+/** The picture of a version, as its build made it. */
 export function Preview({ map, version }: { map: string; version: string }) {
   const [address, setAddress] = useState("");
   useEffect(() => {
@@ -14,7 +14,7 @@ export function Preview({ map, version }: { map: string; version: string }) {
         made = URL.createObjectURL(picture);
         setAddress(made);
       })
-      .catch(() => {}); // a version without a picture is a version all the same
+      .catch(() => {}); // the list says what matters without it
     return () => {
       stop.abort();
       if (made) URL.revokeObjectURL(made);

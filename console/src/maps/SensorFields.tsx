@@ -1,6 +1,6 @@
 // The sensor of the robots: a preset, or a file that describes another one; and how high it is mounted.
 
-import { useComputed, useSignal, type Signal } from "@preact/signals";
+import { type Signal, useSignal } from "@preact/signals";
 import { get, type Schemas } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
@@ -17,7 +17,7 @@ export function SensorFields({ sensor }: { sensor: Signal<SensorConfig> }) {
   const own = useSignal<Record<string, unknown> | null>(null);
   const height = useSignal("");
   const problem = useSignal<unknown>(null);
-  const preset = useComputed(() => presets.value?.find((one) => one.name === choice.value)).value;
+  const preset = presets.value?.find((one) => one.name === choice.value);
   const tell = () => {
     const mount = height.value ? { mount_height_m: Number(height.value) } : {};
     if (choice.value === OWN) sensor.value = own.value && { ...own.value, ...mount };

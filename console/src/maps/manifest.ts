@@ -49,13 +49,13 @@ export function judged(manifest: Manifest): Judgement {
   if (wrong > 0) {
     return { grade: "poor", text: "Its self-test found answers that were sure and wrong. See where places look alike." };
   }
-  if (localized >= GOOD) return { grade: "good", text: "A robot finds itself nearly everywhere." };
+  if (localized >= GOOD) return { grade: "good", text: "Most scans of its self-test were localized." };
   if (localized >= FAIR) {
-    return { grade: "fair", text: "A robot has to ask again in some places. See where a robot finds itself." };
+    return { grade: "fair", text: "In some places a robot has to ask again. The layer of where a robot finds itself shows them." };
   }
   return {
     grade: "poor",
-    text: "A robot finds itself in few places. Check unit, upward axis and sensor of the build, and see where it fails.",
+    text: "Few scans of its self-test were localized. Check unit, upward axis and sensor of the build, and see where it fails.",
   };
 }
 
