@@ -1,6 +1,6 @@
 """What passes where: robots on each distribution and middleware that is here, and each edge of the gateway.
 
-    python -m tests.robots.matrix [--starts 5] [--also jazzy:rmw_cyclonedds_cpp=PREFIX]
+    PYTHONPATH=tests python -m tests.robots.matrix [--starts 5] [--also jazzy:rmw_cyclonedds_cpp=PREFIX]
 
 It prints the rows of docs/reference/ros-matrix.md. ``--also`` names a middleware that was built elsewhere.
 """
