@@ -125,7 +125,12 @@ def documents() -> dict[str, bytes]:
         "answer-zero-quaternion": json.dumps(
             {"verdict": "localized", "T_map_sensor": {"position": [1, 2, 3], "quaternion": [0, 0, 0, 0]}}
         ),
-        "answer-finding-of-words": json.dumps(answers["rejected-with-findings"]).replace("8900.0", '"far"'),
+        "answer-finding-of-words": json.dumps(
+            {
+                "verdict": "rejected",
+                "findings": [{"code": "a", "severity": "error", "text": "b", "numbers": {"far_m": "far"}}],
+            }
+        ),
         "answer-hint-without-goal": json.dumps({"verdict": "ambiguous", "hint": {"distance_m": 1}}),
         "answer-of-a-list": "[]",
         "answer-of-a-proxy": "<html><body>It works!</body></html>",

@@ -83,7 +83,9 @@ def main() -> int:
         return 3
     catalog.set_build_status(
         chosen.build,
-        new_status("succeeded", map_id=map_id, stage="publish", progress=1.0, version="a" * 64),
+        new_status(
+            "succeeded", map_id=map_id, stage="publish", progress=1.0, version="a" * 64, activated=True
+        ),
     )
     return 0
 
