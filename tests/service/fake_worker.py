@@ -83,9 +83,7 @@ def main() -> int:
         return 3
     catalog.set_build_status(
         chosen.build,
-        new_status(
-            "succeeded", map_id=map_id, stage="publish", progress=1.0, version="a" * 64, activated=True
-        ),
+        new_status("succeeded", map_id=map_id, stage="publish", progress=1.0, version="a" * 64),
     )
     return 0
 
