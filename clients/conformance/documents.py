@@ -37,7 +37,6 @@ _ANSWERS = {
         ),
         map_id="hall",
         map_version=_VERSION,
-        fix_id="6c1f0e7a9b2d4835",
         timings_ms={"preprocess": 9.1, "describe": 0.4, "search": 2.0, "register": 31.5, "verify": 0.125},
     ),
     "localized-in-motion": Localization(
@@ -129,7 +128,7 @@ def documents() -> dict[str, bytes]:
         "answer-finding-of-words": json.dumps(
             {
                 "verdict": "rejected",
-                "findings": [{"code": "a", "severity": "error", "text": "b", "numbers": {"c_m": "far"}}],
+                "findings": [{"code": "a", "severity": "error", "text": "b", "numbers": {"far_m": "far"}}],
             }
         ),
         "answer-hint-without-goal": json.dumps({"verdict": "ambiguous", "hint": {"distance_m": 1}}),

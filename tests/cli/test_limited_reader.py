@@ -27,7 +27,7 @@ from firstfix_cli.read_confined import read_confined
 def las(path: Path) -> Path:
     cloud = laspy.create(point_format=6, file_version="1.4")
     cloud.header.scales = [0.001] * 3
-    cloud.x, cloud.y, cloud.z = np.random.default_rng(0).uniform(-20, 20, (3, 300))
+    cloud.x, cloud.y, cloud.z = np.random.default_rng(0).uniform(-9, 9, (3, 300))
     cloud.write(path)
     return path
 

@@ -29,7 +29,7 @@ from waiting import LIMIT_S
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 TABLE = Path(__file__).with_name("wrong_inputs.json")
-MAP_POINTS = 150_000
+MAP_POINTS = 250_000
 FAR_M = 5.0  # from the map's origin, or a scan in the map's frame has its place at the sensor's
 Row = dict[str, Any]
 

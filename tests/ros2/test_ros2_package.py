@@ -17,6 +17,7 @@ import yaml
 from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.errors import InvalidOption
+from firstfix.findings import scan_kinds
 from firstfix_ros.messages.diagnostic_array import ERROR, OK, WARN
 from firstfix_ros.parameters import Parameters
 from firstfix_ros.robot.status import State, Status, diagnosis_of
@@ -124,6 +125,11 @@ def test_diagnoses():
     rejected = Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
     refused = diagnosis_of(Status(State.NOT_LOCALIZED, 1, rejected))
     assert (refused.level, refused.values["reasons"]) == (WARN, "low_inlier_ratio")
+    cause = scan_kinds.MIRRORED.found({"inlier_ratio": 0.97, "inlier_ratio_as_sent": 0.71}, axis="y")
+    rejected = Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,), findings=(cause,))
+    said = diagnosis_of(Status(State.NOT_LOCALIZED, 1, rejected))
+    assert said.message.endswith("The scan fits when mirrored in y (inliers 0.97 against 0.71).")
+    assert (said.values["findings"], said.values["remedy"]) == ("mirrored", cause.remedy)
     found = diagnosis_of(Status(State.LOCALIZED, 2, localized, took_s=0.25))
     assert found.level == OK
     assert [found.values[key] for key in ("map_id", "probability", "took_s")] == ["hall", "0.990", "0.250"]

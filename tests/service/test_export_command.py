@@ -330,7 +330,8 @@ def test_kept_queries_are_listed_by_the_service_as_by_its_store(
     way: list[str], world: ExportedWorld, capsys: pytest.CaptureFixture[str]
 ):
     assert ended("samples", "ls", "--json", "--map", "hall", *way) == 0
-    listed = [one["sample_id"] for one in json.loads(capsys.readouterr().out)["samples"]]
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    listed = [one["sample_id"] for one in said["samples"]]
     assert listed == sorted(listed), "oldest first"
     kept = QuerySamples(Store.open(world.store))
     assert listed == [one.sample_id for one in kept.each() if one.is_about("hall")]

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from firstfix.builds.config import BuildConfig
+from firstfix.builds.config import ActivateConfig
 from firstfix.builds.options import (
     FETCH_SOURCE,
     PUBLISH,
@@ -116,7 +116,8 @@ def run_build(
                     if reporter.is_cancelled():
                         raise BuildCancelled("cancelled before it was published")
                     tick(PUBLISH, 0.0)
-                    held = catalog.reason_to_hold(map_id, built.manifest, BuildConfig.parse(config).activate)
+                    activate = ActivateConfig.model_validate(config.get("activate") or {})
+                    held = catalog.reason_to_hold(map_id, built.manifest, activate)
                     version = catalog.publish(
                         map_id,
                         built.directory,

@@ -159,14 +159,14 @@ def new_status(
     error: Mapping[str, str] | None = None,
     version: str | None = None,
     provisional_version: str | None = None,
-    activated: bool = False,
+    activated: bool | None = None,
     findings: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """Content of ``status.json``.
 
     Args:
         provisional_version: digest of the provisional version that the build has published, whatever its end.
-        activated: whether the version was activated by the build.
+        activated: whether the build has activated its version; None: where there is one.
         findings: JSON values of the findings of the map and of its version (``firstfix.findings``).
     """
     if state not in STATES:
@@ -178,7 +178,7 @@ def new_status(
         "error": None if error is None else {name: redact(text) for name, text in error.items()},
         "version": version,
         "provisional_version": provisional_version,
-        "activated": activated,
+        "activated": version is not None if activated is None else activated,
         "findings": [dict(one) for one in findings],
         "map_id": map_id,
     }
@@ -229,7 +229,7 @@ def parse_status(record: dict[str, Any]) -> dict[str, Any]:
         "error": error,
         "version": None if version is None else check_version(version),
         "provisional_version": None if provisional is None else check_version(provisional),
-        "activated": record.get("activated") is True,
+        "activated": record.get("activated", version is not None) is True,  # earlier releases always did
         "findings": [Finding.from_mapping(one).to_mapping() for one in record.get("findings", ())],
     }
 

@@ -140,7 +140,7 @@ class Localizer:
     """Answers queries against one map version. Thread-safe.
 
     Args:
-        explains: a scan that is not localized is tried in other forms, to say why.
+        explains: a rejected scan is tried in other forms, to say why.
     """
 
     def __init__(self, index: MapIndex, *, explains: bool = True) -> None:

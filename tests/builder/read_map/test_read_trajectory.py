@@ -61,7 +61,7 @@ def test_rows_without_a_pose_are_left_out(tmp_path):
         ("  \n\n", "empty"),
         ("# only a comment\n", "no pose"),
         ("1 2 3\n", "rows of 3 numbers"),
-        ("0 1 2 3 0 0 0 1\n0 1 2 3 0 0 1\n", "columns changed"),
+        ("0 1 2 3 0 0 0 1\n0 1 2 3 0 0 1\n", "7 numbers, the rows before have 8"),
         ("0 1 2 3 0 0 0 0\n", "not of length 1"),
         ("0 1 2 3 4 5 6 7\n", "not of length 1"),
         ("0 nan 2 3 0 0 0 1\n", "pose 1 .* not finite"),

@@ -266,7 +266,9 @@ def archive_of_sessions(path: Path) -> None:
     with zipfile.ZipFile(path, "w") as made:
         for session in sessions:
             content = io.BytesIO()
-            np.save(content, rng.uniform((-8, -8, 0), (8, 8, 0.02), (6000, 3)))
+            floor = rng.uniform((-8, -8, 0), (8, 8, 0.02), (6000, 3))
+            wall = rng.uniform((-8, -8, 0), (8, -7.98, 2), (1000, 3))
+            np.save(content, np.concatenate([floor, wall]))
             made.writestr(str(session["source"]), content.getvalue())
         made.writestr("sessions.json", json.dumps({"sessions": sessions}))
 

@@ -12,6 +12,8 @@ from every_case import every_case
 from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Hypothesis, Localization, Verdict
 from firstfix.answer.quality import AlignmentQuality
+from firstfix.answer.scan_facts import ScanFacts
+from firstfix.findings.finding import Finding, Severity
 from firstfix.transform import make_transform, rotation_z
 from firstfix_service.query_workers.worker import encoded_answer, to_json
 
@@ -47,6 +49,8 @@ def test_it_is_the_answers_json():
         replace(ANSWER, T_map_sensor=NAN),
         replace(ANSWER, T_map_base=NAN),
         replace(ANSWER, covariance=np.full((6, 6), np.inf)),
+        replace(ANSWER, scan=ScanFacts(1, 1, 1, float("nan"))),
+        replace(ANSWER, findings=(Finding("far", Severity.ERROR, "far", {"off_m": float("inf")}),)),
         replace(ANSWER, degenerate=(FreeDirection(Motion.ROTATION, np.full(3, np.nan), 1.0),)),
         replace(ANSWER, degenerate=(FreeDirection(Motion.ROTATION, np.ones(3), float("inf")),)),
         replace(ANSWER, hypotheses=(replace(PLACE, T_map_sensor=NAN),)),

@@ -81,7 +81,7 @@ def diagnosed(answer: Localization, query: AskedQuery, watch: Stopwatch, *, expl
     """The answer with the facts of its scan and its findings. One of another viewpoint is not localized.
 
     Args:
-        explains: a scan that was not localized is tried in other forms, if the deadline allows, in at most
+        explains: a rejected scan is tried in other forms, if the deadline allows, in at most
             twice the time that the query has taken.
     """
     facts = query.facts
@@ -101,7 +101,7 @@ def _why_not_localized(
 ) -> tuple[Finding, ...]:
     """The cause, if one is found: by the points, by another form, by the viewpoint. Then the reason."""
     cause = _by_points(answer, query, facts)
-    if cause is None and explains:
+    if cause is None and explains and answer.verdict is Verdict.REJECTED:  # else it fits as it was sent
         cause = _by_other_forms(answer, query, watch)
     if cause is None:
         cause = _wrong_frame(answer, query, facts)

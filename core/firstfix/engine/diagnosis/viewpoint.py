@@ -31,10 +31,10 @@ _ROUNDS = 6  # with one step, at most
 _AROUND = np.array([(x, y, 0.0) for x, y in product((-1, 0, 1), repeat=2) if x or y])
 _RISE_M = 1.0  # the search does not leave the height of the origin further: from above, all is in view
 
-MAP_POINTS = 100_000  # in range: fewer may be an evenly thinned scan
+MAP_POINTS = 200_000  # in range: fewer may be a terrestrial scan, which its scanner has thinned evenly
 MAP_CELL_M = 0.25
-MAP_NEAR_M, MAP_FAR_M = (2.0, 6.0), (12.0, 30.0)
-MAP_EVEN = 2.0  # points in a cell near the sensor over those in a cell far from it; scans have 5 and more
+MAP_NEAR, MAP_FAR = (0.1, 0.35), (0.75, 1.0)  # shares of the points, by their ranges
+MAP_EVEN = 2.0  # points in a cell near the sensor over those in a cell far from it; raw scans have 3 to 22
 
 
 @dataclass(frozen=True)
@@ -105,17 +105,16 @@ def is_even(points: NDArray[np.float32]) -> bool:
     if len(points) < MAP_POINTS:
         return False
     range_m = np.linalg.norm(points, axis=1)
+    limits_m = np.quantile(range_m, [*MAP_NEAR, *MAP_FAR])
     near, far = (
-        _points_a_cell(points[(range_m > least) & (range_m < most)])
-        for least, most in (MAP_NEAR_M, MAP_FAR_M)
+        _points_a_cell(points[(range_m >= least) & (range_m <= most)])
+        for least, most in (limits_m[:2], limits_m[2:])
     )
-    return 0 < near < MAP_EVEN * far
+    return near < MAP_EVEN * far
 
 
 def _points_a_cell(points: NDArray[np.float32]) -> float:
-    """Mean number of points in the occupied cells; 0 without points."""
-    if not len(points):
-        return 0.0
+    """Mean number of points in the occupied cells."""
     cells = np.floor(points / MAP_CELL_M).astype(np.int64) + 1024
     return len(points) / len(np.unique((cells[:, 0] << 22) | (cells[:, 1] << 11) | cells[:, 2]))
 
