@@ -37,6 +37,7 @@ _ANSWERS = {
         ),
         map_id="hall",
         map_version=_VERSION,
+        fix_id="6c1f0e7a9b2d4835",
         timings_ms={"preprocess": 9.1, "describe": 0.4, "search": 2.0, "register": 31.5, "verify": 0.125},
     ),
     "localized-in-motion": Localization(
