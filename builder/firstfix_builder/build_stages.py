@@ -39,9 +39,8 @@ from .mesh.mesh import Mesh
 from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
-from .read_map import read_parts, read_trajectory
+from .read_map import read_parts
 from .read_map.held_out import HeldOut, read_held_out
-from .read_map.map_data import scaled_poses
 from .read_map.mapping_scans import MappingScans
 from .read_map.read_map import content_hash
 from .read_map.without_moving import without_moving
@@ -90,12 +89,9 @@ class BuildStages(StageRunner):
 
         def produce(out: Path) -> None:
             axis, scale = self.config.axis, self.config.scale
-            parts = read_parts(source, axis=axis, scale=scale)
+            parts = read_parts(source, axis=axis, scale=scale, trajectory=trajectory)
             data = next(parts)
             poses = data.trajectory
-            if trajectory is not None:
-                poses = scaled_poses(read_trajectory(trajectory), scale)
-                poses[:, :3, 3] -= data.origin
             findings = check_map(data, poses)
             refuse(findings)
             write_findings(findings, out)

@@ -72,19 +72,16 @@ def scaled(data: MapData, scale: float) -> MapData:
     """The map in metres, of which one unit of the source has ``scale``."""
     if scale == 1.0:
         return data
+    trajectory = data.trajectory
+    if trajectory is not None:
+        trajectory = trajectory.copy()
+        trajectory[:, :3, 3] *= scale
     return replace(
         data,
         points=None if data.points is None else data.points * scale,
         vertices=None if data.vertices is None else data.vertices * scale,
-        trajectory=None if data.trajectory is None else scaled_poses(data.trajectory, scale),
+        trajectory=trajectory,
     )
-
-
-def scaled_poses(poses: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
-    """Poses (m, 4, 4) in metres, of which one unit of the source has ``scale``."""
-    in_metres = poses.copy()
-    in_metres[:, :3, 3] *= scale
-    return in_metres
 
 
 def turn_z_up(data: MapData) -> MapData:

@@ -72,24 +72,30 @@ def read_map(
     return subtract_origin(data, local_origin(data))
 
 
-def read_parts(path: Path, *, axis: Axis = "z-up", scale: float = 1.0) -> Iterator[MapData]:
+def read_parts(
+    path: Path, *, axis: Axis = "z-up", scale: float = 1.0, trajectory: Path | None = None
+) -> Iterator[MapData]:
     """A map in parts, of which one is in memory at a time: the files of a folder of meshes, by their names.
 
     Anything else is one part. All parts have the origin of the first, and that one has the trajectory.
+
+    Args:
+        axis, scale, trajectory: as for ``read_map``.
 
     Raises:
         whatever ``read_map`` raises.
     """
     files = mesh_files(path) if path.is_dir() else []
     if not files:
-        yield read_map(path, axis=axis, scale=scale)
+        yield read_map(path, axis=axis, scale=scale, trajectory=trajectory)
         return
     origin: NDArray[np.float64] | None = None
     for file in files:
         with naming(file):
             data = read_map_file(file)
         if origin is None:
-            data = replace(data, trajectory=trajectory_in(path))
+            poses = trajectory_in(path) if trajectory is None else read_trajectory(trajectory)
+            data = replace(data, trajectory=poses)
         data = scaled(data, scale)
         if axis == "y-up":
             data = turn_z_up(data)
