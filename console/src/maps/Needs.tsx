@@ -2,7 +2,7 @@ import type { Schemas } from "../api/client";
 import { link } from "../router";
 import type { MapCounts } from "./answerCounts";
 import type { Manifest } from "./manifest";
-import { needOf } from "./needs";
+import { needOf } from "./needOf";
 
 export interface NeedsProps {
   maps: Schemas["MapSummary"][];

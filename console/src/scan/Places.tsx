@@ -4,7 +4,7 @@ import { useSignal } from "@preact/signals";
 import type { Schemas } from "../api/client";
 import { chance, metres, percent } from "../ui/text";
 import { headingOf } from "./handPose";
-import { type Place, placesOf } from "./places";
+import { type Place, placesOf } from "./shares";
 
 const LISTED = 8;
 const DEGREES = 180 / Math.PI;

@@ -8,7 +8,7 @@ import type { Schemas } from "../api/client";
 import { dotsMark, onTop, type Pose, poseMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
 import { colourOf } from "../ui/verdict";
-import { placesOf } from "./places";
+import { placesOf } from "./shares";
 
 const OTHER = 0x9aa5b1;
 const HINT = 0x4db6e0;

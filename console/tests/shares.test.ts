@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { placesOf } from "../src/scan/places.ts";
+import { placesOf } from "../src/scan/shares.ts";
 import { chance, chances } from "../src/ui/text.ts";
 
 const LEVEL = { position: [0, 0, 0], quaternion: [0, 0, 0, 1] };
