@@ -80,7 +80,7 @@ export function BuildForm({ named, maps, close }: BuildFormProps) {
           <div class="error" role="alert">
             <p>
               There is a map <strong>{replaced.map_id}</strong>. When this build has ended, its version takes the place of
-              the active one, and all robots that ask this map are answered by it.
+              the active one, unless its self-test fails. All robots that ask this map are then answered by it.
             </p>
             <label class="check">
               <input
