@@ -233,7 +233,7 @@ def test_a_build_does_not_take_the_place_of_a_map_unnoticed(page, tmp_path):
     page.until("find('input', 'Name of the map').value === 'yard-2'")
     assert not page.has("dialog [role=alert]")
     page.fill("Name of the map", "yard")
-    page.wait("dialog [role=alert]", "all robots that ask this map are answered by it")
+    page.wait("dialog [role=alert]", "unless its self-test fails")
     page.choose("Sensor of the robots", "vlp-16")
     page.click("dialog button.primary", "Build")
     let_pass(0.5)

@@ -69,8 +69,10 @@ def other_forms(
 def scales(height_m: float | None, usual_height_m: float) -> Iterator[tuple[float, str]]:
     """Factors to try, with the unit that each is of, or "": by the sensor's height, then usual ones."""
     tried = [1.0]
-    by_height = usual_height_m / height_m if height_m is not None and height_m > 0 else 1.0
-    near = [one for one in USUAL_SCALES.items() if abs(one[0] / by_height - 1) < _SAME_SCALE]
+    by_height = 1.0
+    if height_m is not None and height_m > 0 and usual_height_m > 0:  # a sensor may stand on the floor
+        by_height = usual_height_m / height_m
+    near = [one for one in USUAL_SCALES.items() if abs(one[0] - by_height) < _SAME_SCALE * by_height]
     for factor, unit in [*(near or [(by_height, "")]), *USUAL_SCALES.items()]:
         is_new = all(abs(factor / other - 1) > _SAME_SCALE for other in tried)
         if is_new and LEAST_SCALE < factor < MOST_SCALE:
