@@ -215,7 +215,7 @@ def test_of_sessions_all_points_are_drawn_in_the_frame_of_the_first(
 
 def test_points_far_from_the_surface_have_no_normals(stages: Callable[[str], Stages], tmp_path: Path):
     rng = np.random.default_rng(1)
-    np.save(tmp_path / "elsewhere.npy", rng.uniform([0, 0, 0], [20, 15, 0.05], (30_000, 3)) + [0, 0, 90])
+    np.save(tmp_path / "elsewhere.npy", rng.uniform([0, 0, 0], [20, 15, 1.0], (30_000, 3)) + [0, 0, 90])
     read, drawn = stages("work").draw(tmp_path / "elsewhere.npy", BuildConfig.parse({"level": False}))
     _, points, normals = cloud_of(drawn.directory)
     local = points - np.load(read.directory / "T_map_level.npy")[:3, 3]
