@@ -4,11 +4,12 @@ import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { change, type Schemas } from "../api/client";
 import { follow } from "../api/events";
+import { link } from "../router";
 import { Confirm } from "../ui/Confirm";
 import { ErrorText } from "../ui/ErrorText";
 import { Progress } from "../ui/Progress";
 import { age, duration } from "../ui/text";
-import { begunAt, hide, isGoing, timesOf } from "./buildRecords";
+import { begunAt, hide, isGoing, isHeldBack, timesOf } from "./buildRecords";
 
 type Build = Schemas["Build"];
 
@@ -42,6 +43,8 @@ export function BuildRow({ build, done, again }: BuildRowProps) {
       <strong>{map}</strong>
       {state === "failed" ? (
         <Failed build={now.value} again={again} />
+      ) : isHeldBack(now.value) ? (
+        <HeldBack build={now.value} />
       ) : state === "succeeded" ? (
         <span>built</span>
       ) : (
@@ -96,6 +99,22 @@ function Failed({ build, again }: { build: Build; again: () => void }) {
         </small>
       </div>
       <button onClick={again}>Try again</button>
+      <button onClick={() => hide(build.build_id)}>Hide</button>
+    </>
+  );
+}
+
+function HeldBack({ build }: { build: Build }) {
+  return (
+    <>
+      <div class="failed">
+        {build.findings.map((one) => (
+          <p key={one.code} role="alert">
+            {one.text} <small>{one.remedy}</small>
+          </p>
+        ))}
+      </div>
+      <a href={link(["maps", build.map_id, "versions"])}>Versions</a>
       <button onClick={() => hide(build.build_id)}>Hide</button>
     </>
   );

@@ -1,11 +1,11 @@
-// Builds under way, with their stages as they come, and the last that failed.
+// Builds under way, with their stages as they come, and the last that failed or were not activated.
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { get, type Schemas } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
 import { BuildRow } from "./BuildRow";
-import { hidden, isGoing } from "./buildRecords";
+import { hidden, isGoing, isHeldBack } from "./buildRecords";
 
 type Build = Schemas["Build"];
 const LOOK_MS = 3000;
@@ -40,7 +40,7 @@ export function Builds({ done, again }: BuildsProps) {
     };
   }, []);
   const shown = builds.value.filter(
-    (one) => !hidden.value.includes(one.build_id) && ["queued", "running", "failed"].includes(one.state),
+    (one) => !hidden.value.includes(one.build_id) && (isGoing(one) || one.state === "failed" || isHeldBack(one)),
   );
   if (problem.value) return <ErrorText error={problem.value} />;
   if (!shown.length) return null;

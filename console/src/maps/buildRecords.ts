@@ -32,6 +32,11 @@ export function isGoing({ state }: Schemas["Build"]): boolean {
   return state === "queued" || state === "running";
 }
 
+/** Whether the version was published and not activated, because its self-test says that it is not good. */
+export function isHeldBack({ state, activated }: Schemas["Build"]): boolean {
+  return state === "succeeded" && activated === false;
+}
+
 /** When the build was handed in, ISO 8601: its id begins with it. "": the id is of another kind. */
 export function begunAt(build: string): string {
   const found = /^(\d{4})(\d\d)(\d\d)t(\d\d)(\d\d)(\d\d)/i.exec(build);
