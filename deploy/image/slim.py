@@ -26,13 +26,14 @@ STRIPPED_FROM_BYTES = 500_000
 
 # Imports every module of firstfix, and libraries that are imported late. This also writes their bytecode: the
 # service's image has no other. Of the compiled modules `firstfix.native` imports the one for this processor:
-# others may have instructions that it lacks.
+# others may have instructions that it lacks. The
+# gateway on rclpy needs a ROS 2, which no image has.
 LOAD_ALL = """
 import importlib, pkgutil, sys
 for root in sys.argv[1:]:
     package = importlib.import_module(root)
     for module in pkgutil.walk_packages(package.__path__, root + "."):
-        if not module.name.startswith("firstfix.native._"):
+        if not module.name.startswith(("firstfix.native._", "firstfix_cli.ros_gateway.rclpy_fleet")):
             importlib.import_module(module.name)
 import jwt, nats, rosbags.rosbag1, rosbags.rosbag2, uvicorn.loops.uvloop, zenoh
 import opentelemetry.exporter.otlp.proto.http.trace_exporter, opentelemetry.sdk.trace.export

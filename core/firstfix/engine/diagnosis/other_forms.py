@@ -56,7 +56,7 @@ def other_forms(
         usual_height_m: of the map's own sensor above the floor.
     """
     yield from _without_options(scan, options)
-    free = replace(options, prior=None)
+    free = replace(options, prior=None, twist=None)  # the forms below have no times of their points
     yield from _of_columns(scan, free)
     for axis, name in ((1, "y"), (2, "z")):
         mirror = np.ones(3, np.float32)
