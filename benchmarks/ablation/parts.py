@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.ranking import RankingConfig
 from firstfix.engine.registration.align import MapSurface, Registrations
 from firstfix.engine.registration.surface import Surface
 
@@ -43,10 +42,11 @@ class Part:
 class HastySurface(MapSurface):
     """A map whose fine alignments stop after few iterations, and are believed wherever they are then."""
 
-    def align_fine(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
-        """See ``MapSurface.align_fine``. A scan's own motion is not solved."""
-        reach_m, half_angle = self.config.fine_distance_m, self.ranking.fine_angle
-        found = self._align(self.fine, scan, T_level_sensor, FEW_ITERATIONS, reach_m, half_angle)
+    def align_fine(
+        self, scan: Surface, T_level_sensor: NDArray[np.float64], iterations: int = FEW_ITERATIONS
+    ) -> Registrations:
+        """See ``MapSurface.align_fine``."""
+        found = super().align_fine(scan, T_level_sensor, iterations)
         return replace(found, rests=np.ones(len(found), bool))
 
 
@@ -54,27 +54,21 @@ def _as_it_is(index: MapIndex) -> MapIndex:
     return index
 
 
-def _configured(**changes: Any) -> Callable[[MapIndex], MapIndex]:
-    def changed(index: MapIndex) -> MapIndex:
-        return replace(index, config=index.config.model_copy(update=changes))
-
-    return changed
-
-
-def _ranked(**changes: float) -> Callable[[MapIndex], MapIndex]:
-    def changed(index: MapIndex) -> MapIndex:
-        ranking: RankingConfig = index.config.ranking.model_copy(update=changes)
-        return replace(index, config=index.config.model_copy(update={"ranking": ranking}))
-
-    return changed
+def _configured(index: MapIndex, **changes: BaseModel) -> MapIndex:
+    return replace(index, config=index.config.model_copy(update=changes))
 
 
 def _without_local_search(index: MapIndex) -> MapIndex:
-    return _configured(nearby=index.config.nearby.model_copy(update={"reach_m": 0.0}))(index)
+    return _configured(index, nearby=index.config.nearby.model_copy(update={"reach_m": 0.0}))
 
 
 def _searched_once(index: MapIndex) -> MapIndex:
-    return _configured(search=index.config.search.model_copy(update={"widened": 1}))(index)
+    return _configured(index, search=index.config.search.model_copy(update={"widened": 1}))
+
+
+def _ranked_without_free_space(index: MapIndex) -> MapIndex:
+    weights = dict.fromkeys(("removed_weight", "violation_weight", "seen_free_weight"), 0.0)
+    return _configured(index, ranking=index.config.ranking.model_copy(update=weights))
 
 
 def _hasty(index: MapIndex) -> MapIndex:
@@ -90,10 +84,6 @@ PARTS = (
     Part("alignment until it rests", "7.2", _hasty),
     Part("known aliases", "7.1", lambda index: replace(index, aliases=None)),
     Part("seen-free space", "7.1", lambda index: replace(index, seen_free=None)),
-    Part(
-        "free space in the ranking",
-        "7.1",
-        _ranked(removed_weight=0.0, violation_weight=0.0, seen_free_weight=0.0),
-    ),
+    Part("free space in the ranking", "7.1", _ranked_without_free_space),
     Part("the map's own threshold", "11", _as_it_is, LocalizeOptions(min_probability=FIXED_THRESHOLD)),
 )

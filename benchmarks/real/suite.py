@@ -34,7 +34,7 @@ from .variants import SEED
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "real"
 QUICK = (HALL,)
-STORE = "store"  # folder of it
+STORE = "store"  # in the scratch folder of a data set
 
 
 def run(quick: bool, sets: Sequence[str] = ()) -> dict[str, Any]:

@@ -200,17 +200,17 @@ class MapSurface:
             self.ranking.smooth_angle,
         )
 
-    def align_fine(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
+    def align_fine(
+        self, scan: Surface, T_level_sensor: NDArray[np.float64], iterations: int = _FINE_ITERATIONS
+    ) -> Registrations:
         """Aligns on the map's own points until nothing moves, from (k, 4, 4) aligned poses.
 
         Where the times of the scan's points are known, the motion during the scan is solved too.
         """
         reach_m, half_angle = self.config.fine_distance_m, self.ranking.fine_angle
         if scan.time_s is not None:
-            return self._align_moving(
-                scan, scan.time_s, T_level_sensor, _FINE_ITERATIONS, reach_m, half_angle
-            )
-        return self._align(self.fine, scan, T_level_sensor, _FINE_ITERATIONS, reach_m, half_angle)
+            return self._align_moving(scan, scan.time_s, T_level_sensor, iterations, reach_m, half_angle)
+        return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, half_angle)
 
     def faced_information(self, scan: Surface, registration: Registration) -> NDArray[np.float64]:
         """Information (6, 6) of an aligned pose that comes from surfaces which face what they tell of.
