@@ -100,7 +100,8 @@ def test_a_robot_that_is_nowhere_is_told_and_then_found(
 ):
     robot = robots.robot("/lost")
     robot.show(nowhere.points, nowhere.T_map_sensor)
-    wait_until(lambda: robot.says(message="not localized"))
+    wait_until(lambda: robot.says(state="not localized"))
+    assert robot.status["message"].startswith("not localized: ")
     assert robot.status["level"] == WARN
     assert robot.status["values"]["reasons"]
     broken = {"points": str(scenes[0].points), "acceleration": [0, 0, 9.81], "point_step": 5}

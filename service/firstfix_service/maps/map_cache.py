@@ -133,11 +133,13 @@ class MapCache:
         known = set(self.served.ids)
         names, listed = self._watch.poll()
         states = read_states(self._catalog, names, strict=not self.polled)
-        seen = {map_id for map_id, state in states.items() if state.published}
+        seen = {map_id for map_id, state in states.items() if state.active is not None}
         gone = states.keys() - seen
         if listed is not None:
             gone |= known - listed
         for map_id in gone:
+            if map_id in states and (map_id in known or not self.polled):
+                _log.warning(f"a map has no active version{_of_damage(states[map_id])}", map_id=map_id)
             self._forget(map_id)
         self.served.add(seen)
         if self.placement is not None:

@@ -26,15 +26,17 @@ def plain_mesh(path: Path) -> Path:
 
 
 def line(path: Path) -> Path:
-    """A million points on 100 km."""
-    np.save(path, np.c_[np.linspace(0, 1e5, 1_000_000), np.zeros((1_000_000, 2))].astype(np.float32))
+    """A million points on 100 km, which rise by 1 km."""
+    along = np.linspace(0, 1e5, 1_000_000)
+    np.save(path, np.c_[along, np.zeros(len(along)), along / 100].astype(np.float32))
     return path
 
 
 def plain_cloud(path: Path) -> Path:
-    """Points on 10 x 10 km."""
-    xy = np.random.default_rng(0).uniform(0, 1e4, (2_000_000, 2))
-    np.save(path, np.c_[xy, np.zeros(len(xy))].astype(np.float32))
+    """Posts of two points every 40 m of 10 x 10 km."""
+    at_m = np.arange(0, 1e4, 40)
+    feet = np.stack(np.meshgrid(at_m, at_m, [0.0]), axis=-1).reshape(-1, 3)
+    np.save(path, np.r_[feet, feet + [0, 0, 1]])
     return path
 
 
