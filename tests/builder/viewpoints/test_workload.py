@@ -15,6 +15,7 @@ from firstfix_builder.mesh.tiled_mesh import TiledMesh
 from firstfix_builder.viewpoints.workload import Workload
 
 PLAIN = "0 0 0\n10000 0 0\n10000 10000 0\n0 10000 0\n3 0 1 2\n3 0 2 3\n"
+FINE = {"level": False, "viewpoints": {"spacing_m": 0.5}}
 
 
 def plain_mesh(path: Path) -> Path:
@@ -33,10 +34,9 @@ def line(path: Path) -> Path:
 
 
 def plain_cloud(path: Path) -> Path:
-    """Posts of two points every 40 m of 10 x 10 km."""
-    at_m = np.arange(0, 1e4, 40)
-    feet = np.stack(np.meshgrid(at_m, at_m, [0.0]), axis=-1).reshape(-1, 3)
-    np.save(path, np.r_[feet, feet + [0, 0, 1]])
+    """Points on 3.3 x 3.3 km."""
+    cloud = np.random.default_rng(0).uniform(0, 1, (1_000_000, 3)) * [3300, 3300, 2]
+    np.save(path, cloud.astype(np.float32))
     return path
 
 
@@ -46,7 +46,7 @@ def plain_cloud(path: Path) -> Path:
         (plain_mesh, "plain.ply", {}, r"floors of 100,000,000 m2 .* 100,000,000 templates.* 4,000,000"),
         (plain_mesh, "plain.ply", {"viewpoints": {"spacing_m": 2}}, "about 25,000,000 templates"),
         (line, "line.npy", {}, "1000000 points lie on a line"),
-        (plain_cloud, "plain.npy", {"level": False}, "extent of .* 10 times 4,000,000.*MAX_TEMPLATES"),
+        (plain_cloud, "plain.npy", FINE, "extent of .* 10 times 4,000,000.*MAX_TEMPLATES"),
     ],
 )
 def test_small_files_of_large_maps_end_before_the_work(tmp_path, monkeypatch, make, name, config, why):
