@@ -30,6 +30,7 @@ KEEPALIVE_S = 20
 MOST_IN_A_ROW = 10_000  # messages, before other work has its turn
 LOOK_S = 0.1  # between two looks at what else is to be done
 FIRST_WAIT_S, MAX_WAIT_S = 0.5, 30.0  # between two tries to connect; it doubles
+LEAVE_WITHIN_S = 5.0
 STEADY_S = 10.0  # two clients of one name end each other's connections: a short one is no success
 MAX_PACKET_BYTES = MAX_SCAN_BYTES + (64 << 10)  # MQTT 5: the broker leaves out what is larger
 PRESENCE = "firstfix/vda5050-gateway"
@@ -223,8 +224,16 @@ class Broker:
     def _leave(self) -> None:
         if not self._up:
             return
-        self._client.publish(self._presence, _presence("OFFLINE"), qos=0, retain=True)
+        # Its acknowledgement is waited for: a close with answers unread would reset the connection, and the
+        # broker could lose what it has not read yet.
+        offline = self._client.publish(self._presence, _presence("OFFLINE"), qos=1, retain=True)
         self._up = False  # the listener keeps what it knows
+        end = time.monotonic() + LEAVE_WITHIN_S
+        result = offline.rc
+        while (
+            result == MQTTErrorCode.MQTT_ERR_SUCCESS and not offline.is_published() and time.monotonic() < end
+        ):
+            result = self._client.loop(LOOK_S)
         self._client.disconnect()
         while self._client.loop(LOOK_S) == MQTTErrorCode.MQTT_ERR_SUCCESS:
             pass
