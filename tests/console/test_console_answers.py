@@ -149,8 +149,12 @@ def test_a_dropped_scan_is_laid_over_its_map(page, world):
     fits = page.js("[...document.querySelectorAll('.hypotheses small')].map((e) => parseFloat(e.innerText))")
     page.click(f".hypotheses li:nth-child({1 + int(np.argmin(fits))}) button")
     page.wait(f".hypotheses li:nth-child({1 + int(np.argmin(fits))}) button[aria-pressed=true]")
-    agrees, contradicts = scan_colours(page)
-    assert contradicts > agrees
+
+    def lies_wrong() -> bool:
+        agrees, contradicts = scan_colours(page)
+        return contradicts > agrees
+
+    wait_until(lies_wrong)  # the overlay of this place comes after the mark of its button
 
 
 def test_the_other_places_of_a_scan_are_looked_at(page, world):
