@@ -137,7 +137,7 @@ class Page:
         )
 
     def click(self, selector: str, words: str = "") -> None:
-        """Clicks an element; again, if it has moved away from under the mouse."""
+        """Clicks an element once it rests; again, if it has moved away from under the mouse all the same."""
         self.wait(f"{selector}:not(:disabled)", words)
         found = f"find({json.dumps(selector)}, {json.dumps(words)})"
         self.js(
@@ -146,7 +146,10 @@ class Page:
         )
 
         def click() -> Any:
-            x, y, width, height = self.box(selector, words)
+            x, y, width, height = box = self.box(selector, words)
+            self.js("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            if self.box(selector, words) != box:
+                return False
             self.click_at(x + width / 2, y + height / 2)
             return self.js("isClicked")
 

@@ -212,7 +212,7 @@ def test_the_list_of_maps_says_what_happens_and_what_needs_a_person(page, world,
     elsewhere.write_bytes(encode_scan(Scan.from_points(rng.uniform(-6, 6, (4000, 3)))))
     page.open()
     page.wait("tr:has([href='#/maps/lost']) td", "none")
-    page.until("document.querySelector('img.preview')?.naturalWidth > 0")
+    page.until("document.querySelector('.preview img')?.naturalWidth > 0")
     assert not page.has(".needs li", "lost")
     for _ in range(6):
         world.ask(elsewhere, map="lost")

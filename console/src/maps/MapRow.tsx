@@ -38,7 +38,11 @@ export function MapRow({ one, counts, hasPicture, read, remove }: MapRowProps) {
     <tr>
       <th scope="row">
         <a href={link(["maps", map])}>{map}</a>
-        {version && hasPicture && manifest.files?.["preview.png"] ? <Preview map={map} version={version} /> : null}
+        {version && hasPicture ? (
+          <div class="preview">
+            {manifest.files?.["preview.png"] ? <Preview map={map} version={version} /> : null}
+          </div>
+        ) : null}
       </th>
       <td class="number" data-name="Localized in its self-test">
         <strong>{share(localized)}</strong>

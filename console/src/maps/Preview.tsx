@@ -20,5 +20,5 @@ export function Preview({ map, version }: { map: string; version: string }) {
       if (made) URL.revokeObjectURL(made);
     };
   }, [map, version]);
-  return address ? <img class="preview" src={address} alt={`${map} from above`} /> : null;
+  return address ? <img src={address} alt={`${map} from above`} /> : null;
 }
