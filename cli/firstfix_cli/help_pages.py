@@ -1,4 +1,4 @@
-"""What helps after an error about a map: one line, and the page that tells more."""
+"""The remedy after an error about a map: one line, and the page that tells more."""
 
 from __future__ import annotations
 

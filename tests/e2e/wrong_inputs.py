@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.bit_exact.sample import rows_by_chance
+
 Points = NDArray[np.float64]
 
 
@@ -139,7 +141,7 @@ WRONG_INPUTS = (
     changed("a tenth too large", lambda right: right.points * 1.1),
     changed("no points", lambda right: right.points[:0]),
     changed("one point", lambda right: right.points[:1]),
-    changed("20 points", lambda right: right.points[:: len(right.points) // 20]),
+    changed("20 points", lambda right: right.points[rows_by_chance(len(right.points), 20)]),
     changed("all NaN", lambda right: right.points * np.nan),
     changed("all infinite", lambda right: right.points + np.inf),
     changed("all (0, 0, 0)", lambda right: right.points * 0),

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.bit_exact.sample import rows_by_chance
+
 Points = NDArray[np.float64]
 UTM = np.array([450_000.0, 5_200_000.0, 300.0])
 POSES = "poses.txt"
@@ -79,7 +81,7 @@ WRONG_MAPS = (
         "the cloud as its trajectory",
         ("check", "FILE", "--trajectory", "FILE"),
         "map.pcd",
-        lambda right: pcd(right[::20]),
+        lambda right: pcd(right[rows_by_chance(len(right), len(right) // 20)]),
     ),
     WrongMap(
         "a trajectory of another map",

@@ -109,7 +109,7 @@ class Login:
 
 
 class Listener(Protocol):
-    """What happens on the connection goes to it, in the connection's thread."""
+    """Takes the events of a connection. Its methods are called in the connection's thread."""
 
     def connected(self) -> None:
         """A connection stands."""

@@ -65,7 +65,7 @@ class Gateway:
 
     @property
     def lines(self) -> dict[str, str]:
-        """What is known of each vehicle, by its name."""
+        """The state of each vehicle as one line of text, by the vehicle's name."""
         return {str(name): one.vehicle.line for name, one in self._vehicles.items() if one.vehicle.line}
 
     def connected(self) -> None:

@@ -1,4 +1,4 @@
-"""What the gateway reads of the messages of a vehicle: VDA 5050, versions 2.0, 2.1 and 3.0.
+"""Messages of a vehicle, with the fields that the gateway reads: VDA 5050, versions 2.0, 2.1 and 3.0.
 
 Only the fields that decide whether a fix is wanted, and whether it may be sent. All others are ignored, those
 of newer versions too.
@@ -77,7 +77,7 @@ class ActionState(_Read):
 
     @property
     def result(self) -> str:
-        """What the vehicle says about its end."""
+        """The vehicle's own text about how the action ended; empty if it gave none."""
         return (self.result_description or self.action_result or "")[:200]
 
 

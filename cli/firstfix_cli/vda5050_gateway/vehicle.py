@@ -25,7 +25,7 @@ from .planar_fix import NoFix, PlanarFix
 
 
 class Phase(Enum):
-    """What goes on with a vehicle."""
+    """Phase of the gateway's work on a vehicle."""
 
     RESTING = "resting"
     WAITING = "waiting"

@@ -21,7 +21,7 @@ MAX_TIME_S = 3600.0
 
 @dataclass(frozen=True)
 class Declaration:
-    """What a node tells of one parameter. Its type is that of the default.
+    """Description of one parameter of a node. Its type is that of the default.
 
     Attributes:
         description: one line.

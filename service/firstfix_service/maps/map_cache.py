@@ -138,8 +138,9 @@ class MapCache:
         if listed is not None:
             gone |= known - listed
         for map_id in gone:
-            if map_id in states and (map_id in known or not self.polled):
-                _log.warning(f"a map has no active version{_of_damage(states[map_id])}", map_id=map_id)
+            left = states.get(map_id)
+            if left is not None and left.published and (map_id in known or not self.polled):
+                _log.warning(f"a map has no active version{_of_damage(left)}", map_id=map_id)
             self._forget(map_id)
         self.served.add(seen)
         if self.placement is not None:

@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 from cache_world import World
 from service_world import FakeLocalizer
+from structlog.testing import capture_logs
 
+from firstfix.catalog.manifest import Manifest
 from firstfix.errors import CorruptVersion, NotFound, StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_service.maps import version_loader
@@ -157,6 +159,26 @@ def test_a_retired_version_stops_answering(world: World):
     world.catalog.retire("hall", world.catalog.active_version("hall") or "", force=True)
     cache.poll()
     assert cache.get("hall").version == first
+
+
+def test_a_map_without_an_active_version_is_named_once(world: World):
+    directory = world.scratch / "held"
+    directory.mkdir(parents=True)
+    (directory / "label.txt").write_text("1")
+    manifest = Manifest.for_directory(directory)
+    world.catalog.publish("held", directory, manifest, activate=False)
+    world.publish("hall", "1")
+    cache = world.cache()
+    with capture_logs() as lines:
+        for _ in range(4):
+            cache.poll()
+    assert [line["map_id"] for line in lines if line["log_level"] == "warning"] == ["held"]
+    assert "held" not in cache.served
+    with pytest.raises(NotFound, match="no active version"):
+        cache.get("held")
+    world.catalog.activate("held", world.catalog.publish("held", directory, manifest, activate=False))
+    cache.poll()
+    assert "held" in cache.served
 
 
 def test_the_least_recently_used_goes_first(world: World):

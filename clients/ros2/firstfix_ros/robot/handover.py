@@ -34,7 +34,7 @@ class Stage(str, Enum):
 
 @dataclass(frozen=True)
 class Due:
-    """What is to be done now.
+    """The next step of a handover.
 
     Attributes:
         repeat: the pose to be published again.
