@@ -21,6 +21,7 @@ from .commands import (
     build,
     check,
     copy_store,
+    dataset,
     evaluate,
     export,
     keys,
@@ -72,6 +73,7 @@ app.command(epilog=serve.EXAMPLES)(serve.serve)
 app.command(epilog=worker.EXAMPLES)(worker.worker)
 app.command(epilog=localize.EXAMPLES)(localize.localize)
 app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
+app.command(epilog=dataset.EXAMPLES)(dataset.dataset)
 app.command(epilog=export.EXAMPLES)(export.export)
 app.command(epilog=sensor.EXAMPLES)(sensor.sensor)
 app.command("ros-gateway", epilog=ros_gateway.EXAMPLES)(ros_gateway.ros_gateway)

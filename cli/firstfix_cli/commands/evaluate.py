@@ -5,20 +5,27 @@ from __future__ import annotations
 import csv
 import json
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..arguments import MapId, SentAs, TimeoutS, Url, Zenoh, examples
+from ..datasets.names import Dataset
+from .dataset import Lidar
 
 if TYPE_CHECKING:
     from firstfix.scan.scan import Scan
+    from firstfix.transform import Matrix
 
     from ..answerer import Answerer
     from ..evaluate import Outcome
     from ..poses_csv import PosedScan
 
+    AskedScan = tuple[str, Scan, Matrix | None]  # name, points, and the true pose if it was taken in this map
+
+SEED = 0  # of the choice of scans
 PICTURED_SCANS = 60  # kept for the picture, which shows a few of them
 
 
@@ -26,6 +33,7 @@ EXAMPLES = examples(
     "firstfix evaluate world/poses.csv --map office",
     "firstfix evaluate world/poses.csv --map office --store store --plot office.png",
     "firstfix evaluate --samples s3://maps/firstfix --map office --json -",
+    "firstfix evaluate nclt/2012-02-04 --dataset nclt --map nclt --random-yaw 0",
 )
 
 
@@ -34,9 +42,24 @@ def evaluate(
     poses: Annotated[
         Path | None,
         typer.Argument(
-            metavar="POSES.csv", help="CSV with columns scan,tx,ty,tz,qx,qy,qz,qw: scan file and true pose."
+            metavar="POSES.csv",
+            help="CSV with columns scan,tx,ty,tz,qx,qy,qz,qw: scan file and true pose. With --dataset: the "
+            "folder of a recording.",
         ),
     ] = None,
+    dataset: Annotated[
+        Dataset | None,
+        typer.Option(
+            help="POSES.csv is the folder of this public data set's recording, as its authors ship it."
+        ),
+    ] = None,
+    lidar: Lidar = None,
+    spacing_m: Annotated[
+        float,
+        typer.Option(
+            "--spacing", help="With --dataset: metres. One scan by chance from each such square is asked."
+        ),
+    ] = 5.0,
     samples: Annotated[
         str | None,
         typer.Option(
@@ -91,6 +114,10 @@ def evaluate(
 
     if (poses is None) == (samples is None):
         raise InvalidOption("give either POSES.csv or --samples")
+    if samples is not None and dataset is not None:
+        raise InvalidOption("--dataset needs the folder of a recording, not --samples")
+    if lidar is not None and dataset is None:
+        raise InvalidOption("--lidar needs --dataset")
     if samples is not None:
         altered = random_yaw is not None or gravity_from_poses is not None
         if zenoh or details or plot or altered or encoding != "scan":
@@ -98,10 +125,14 @@ def evaluate(
         _replay(samples, map_id, url, store, version, timeout_s, json_file)
         return
     assert poses is not None
-    rows = read_poses_csv(poses)
+    if dataset is None:
+        rows = read_poses_csv(poses)
+        count, asked_scans = len(rows), _of_files(rows)
+    else:
+        count, asked_scans = _of_dataset(dataset, poses, lidar, spacing_m)
     asked = None if url or zenoh else store
     with answerer(map_id, url=url, zenoh=zenoh, store=asked, timeout_s=timeout_s, encoding=encoding) as ask:
-        outcomes, scans = _outcomes(rows, ask, random_yaw, gravity_from_poses, version)
+        outcomes, scans = _outcomes(count, asked_scans, ask, random_yaw, gravity_from_poses, version)
     report = report_of(outcomes)
     _print(_lines(report, outcomes), report, json_file)
     if details is not None:
@@ -142,8 +173,33 @@ def _print(lines: list[str], report: dict[str, Any], json_file: Path | None) -> 
         json_file.write_text(f"{text}\n")
 
 
+def _of_files(rows: list[PosedScan]) -> Iterator[AskedScan]:
+    from ..limited_reader import read_scan
+
+    for row in rows:
+        yield str(row.path), read_scan(row.path), row.T_map_sensor
+
+
+def _of_dataset(
+    dataset: Dataset, folder: Path, lidar: str | None, spacing_m: float
+) -> tuple[int, Iterator[AskedScan]]:
+    """Returns the number of scans to ask, one a place, and reads them one by one."""
+    from ..datasets.datasets import open_dataset
+    from ..datasets.recording import one_a_place
+
+    recording = open_dataset(dataset, folder, lidar)
+    chosen = one_a_place(recording.T_map_sensor, spacing_m, SEED)
+    typer.echo(
+        f"{folder}: {len(chosen)} of {len(recording.stamps_ns)} scans, one from each {spacing_m:g} m square"
+        + (f"; {recording.without_pose} have no true pose" if recording.without_pose else ""),
+        err=True,
+    )
+    return len(chosen), ((each.name, each.scan, each.T_map_sensor) for each in recording.read(chosen))
+
+
 def _outcomes(
-    rows: list[PosedScan],
+    count: int,
+    asked: Iterator[AskedScan],
     ask: Answerer,
     seed: int | None,
     gravity_noise_deg: float | None,
@@ -156,25 +212,28 @@ def _outcomes(
     from firstfix.answer.options import LocalizeOptions
 
     from ..evaluate import outcome_of, random_yaws, turned
-    from ..limited_reader import read_scan
     from ..pose_gravity import gravity_at, imu_errors
 
     outcomes: list[Outcome] = []
     scans: dict[str, Scan] = {}
-    yaws = random_yaws(len(rows), seed)
-    errors = imu_errors(len(rows), gravity_noise_deg)
+    yaws = random_yaws(count, seed)
+    errors = imu_errors(count, gravity_noise_deg)
     steps = track(
-        list(zip(rows, yaws, errors, strict=True)), "localize", console=Console(stderr=True), transient=True
+        zip(asked, yaws, errors, strict=True),
+        "localize",
+        total=count,
+        console=Console(stderr=True),
+        transient=True,
     )
-    for row, yaw, error in steps:
-        scan, T_map_sensor = turned(read_scan(row.path), row.T_map_sensor, float(yaw))
+    for (name, as_recorded, T_map_recorded), yaw, error in steps:
+        scan, T_map_sensor = turned(as_recorded, T_map_recorded, float(yaw))
         gravity = None if error is None else gravity_at(T_map_sensor, error)
         started = time.perf_counter()
         answer = ask(scan, LocalizeOptions(gravity=gravity, version=version))
         ms = (time.perf_counter() - started) * 1000
-        outcomes.append(outcome_of(str(row.path), T_map_sensor, answer, ms))
+        outcomes.append(outcome_of(name, T_map_sensor, answer, ms))
         if len(scans) < PICTURED_SCANS:
-            scans[str(row.path)] = scan
+            scans[name] = scan
     return outcomes, scans
 
 
