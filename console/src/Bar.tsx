@@ -26,6 +26,7 @@ export function Bar() {
             <Way path={["maps", map]} name={map} isHere={part === ""} />
             <Way path={["maps", map, "try"]} name="Try" isHere={part === "try"} />
             <Way path={["maps", map, "versions"]} name="Versions" isHere={part === "versions"} />
+            <Way path={["maps", map, "earth"]} name="On the Earth" isHere={part === "earth"} />
           </span>
         ) : null}
         <span class="caller">

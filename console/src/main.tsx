@@ -10,6 +10,7 @@ import "./style.css";
 import { Empty } from "./ui/Empty";
 import { later } from "./ui/Later";
 
+const EarthView = later(async () => (await import("./earth/EarthView")).EarthView);
 const LiveView = later(async () => (await import("./live/LiveView")).LiveView);
 const MapView = later(async () => (await import("./map3d/MapView")).MapView);
 const SamplesView = later(async () => (await import("./samples/SamplesView")).SamplesView);
@@ -25,6 +26,7 @@ function View() {
   if (first === "maps" && map && !part) return <MapView key={map} map={map} />;
   if (first === "maps" && map && part === "try") return <TryView key={map} map={map} />;
   if (first === "maps" && map && part === "versions") return <VersionsView key={map} map={map} />;
+  if (first === "maps" && map && part === "earth") return <EarthView key={map} map={map} />;
   return (
     <Empty title="There is nothing here">
       <a href={link(["maps"])}>All maps</a>

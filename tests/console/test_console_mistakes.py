@@ -378,3 +378,34 @@ def test_a_phone_shows_the_answer_without_scrolling(page, world):
         " const p = document.querySelector('.panel').getBoundingClientRect(); [b.top, b.bottom, p.bottom]; }"
     )
     assert 0 < top < bottom <= min(shown, PHONE[1])
+
+
+# A map's place on the Earth
+
+
+def test_a_map_gets_its_place_on_the_earth_and_loses_it(page, world, coarse_version):
+    world.service.catalog.publish("geo-hall", coarse_version.directory, coarse_version.manifest)
+    page.expected += ["404"]  # of a place that was never set
+    page.open("#/maps/geo-hall/earth")
+    page.wait("[role=status]", "It is not known where this map lies")
+    page.fill("Latitude", "48.2649")
+    page.fill("Longitude", "11.6713")
+    page.fill("Height above the ellipsoid", "529.4")
+    page.fill("The map's x axis", "400")
+    page.click("button", "Set the place")
+    assert not page.has("dialog"), "the browser names the field that is out of range"
+    page.fill("The map's x axis", "30")
+    page.click("button", "Set the place")
+    page.wait("dialog", "Set where geo-hall lies")
+    page.click("dialog button", "Leave it")
+    page.click("button", "Set the place")
+    page.click("dialog button", "Set it")
+    page.wait("[role=status]", "lies at 48.2649°, 11.6713°, 529.4 m")
+    page.wait("[role=status]", "points to 60.0° on a compass")
+    said = world.get("/maps/geo-hall/georeference")
+    assert (said["latitude_deg"], said["longitude_deg"], said["height_m"]) == (48.2649, 11.6713, 529.4)
+    assert abs(said["x_axis_deg"] - 30) < 1e-9
+    assert violations(page) == []
+    page.click("button", "Remove the place")
+    page.click("dialog button", "Remove")
+    page.wait("[role=status]", "It is not known where this map lies")
