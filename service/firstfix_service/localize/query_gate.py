@@ -217,7 +217,7 @@ class QueryGate:
         self._dispatch()
 
     def _worker_came(self, worker: QueryWorker) -> None:
-        self._free = [one for one in self._free if one.is_alive] + [worker]
+        self._free = [worker, *(one for one in self._free if one.is_alive)]  # it still warms up
         self._dispatch()
 
     def _dispatch(self) -> None:

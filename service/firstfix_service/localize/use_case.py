@@ -10,7 +10,9 @@ from collections.abc import Awaitable, Callable, Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
+
+import orjson
 
 from firstfix.answer.localization import Verdict
 from firstfix.catalog.query_samples import REPLAY
@@ -57,6 +59,21 @@ class RecentAnswer:
     seconds: float
     map_id: str
     json: bytes
+
+    @cached_property
+    def event(self) -> bytes:
+        """The answer as a server-sent event: made once for all who watch, and only if somebody does."""
+        head = orjson.dumps(
+            {
+                "number": self.number,
+                "replica": self.replica,
+                "time_s": self.time_s,
+                "caller": self.caller,
+                "transport": self.transport,
+                "ms": self.seconds * 1e3,
+            }
+        )
+        return b'event: answer\nid: %d\ndata: %s,"answer":%s}\n\n' % (self.number, head[:-1], self.json)
 
 
 class RecentAnswers:

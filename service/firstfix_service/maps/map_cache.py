@@ -6,6 +6,7 @@ share the maps (``Placement``), the maps that this replica holds are prefetched 
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
@@ -24,10 +25,12 @@ from .placement import Placement
 from .prefetch import Prefetcher, PrefetchRound
 from .served_maps import ServedMaps
 from .version_loader import SharedLoads, VersionLoader
+from .warm_up import warm_up
 
 _log = structlog.get_logger(__name__)
 # A process has at most 65,530 mappings (vm.max_map_count), and a version takes 12. The bytes end before.
 MAX_VERSIONS = 2000
+MAX_WARM_UPS = 8  # in one poll: at the start thousands of maps may be loaded, and the first ones set up most
 _NAMED_ENTRIES = 10  # damaged ones of a log, in a message
 
 
@@ -67,6 +70,7 @@ class MapCache:
         sweep_interval_s: float = SWEEP_INTERVAL_S,
     ) -> None:
         self._catalog = catalog
+        self._workers = workers
         self._metrics = metrics
         self._pinned = frozenset(pinned)
         self.placement = placement
@@ -115,10 +119,12 @@ class MapCache:
     def refresh(self, map_id: str) -> ServedVersion:
         """Reads the map's log and serves its active version, or the one before if that is refused.
 
+        It is warmed up before: until then the version before it answers.
+
         Raises:
             NotFound, VersionError, StoreError: as the future of ``ServedMaps.lease``.
         """
-        lease = self._follow(map_id, self._catalog.state(map_id))
+        lease = self._follow(map_id, self._catalog.state(map_id), warms_up=True)
         lease.close()
         return lease.served
 
@@ -190,9 +196,9 @@ class MapCache:
     def _load(self, map_id: str, version: str | None) -> Lease:
         if version is not None:
             return self._loader.load(map_id, version)
-        return self._follow(map_id, self._catalog.state(map_id))
+        return self._follow(map_id, self._catalog.state(map_id), warms_up=False)  # a query waits for it
 
-    def _follow(self, map_id: str, state: MapState) -> Lease:
+    def _follow(self, map_id: str, state: MapState, *, warms_up: bool) -> Lease:
         """Loads and serves the active version, or the last one before it that is not refused."""
         if not state.activated:
             self._forget(map_id)
@@ -205,6 +211,8 @@ class MapCache:
             except VersionError as error:
                 first_error = first_error or error
                 continue
+            if warms_up:
+                warm_up(self._workers, lease.served, self._metrics)
             self._serve(map_id, version, is_active=version == state.active)
             if state.doubtful:
                 _log.warning(
@@ -221,13 +229,15 @@ class MapCache:
         self, states: Mapping[str, MapState], is_superseded: Callable[[], bool] = _never
     ) -> None:
         """Follows the maps whose active version has changed, and prefetches maps while there is room."""
+        warm_ups = threading.Semaphore(MAX_WARM_UPS)
 
         def follow(map_id: str, this_round: PrefetchRound) -> bool:
             try:
                 is_due = self._is_due(map_id, states[map_id], this_round)
                 this_round.decided(map_id)
                 if is_due:
-                    self._follow(map_id, states[map_id]).close()
+                    warms_up = warm_ups.acquire(blocking=False)
+                    self._follow(map_id, states[map_id], warms_up=warms_up).close()
             except FirstfixError as error:
                 _log.warning("cannot serve a map", map_id=map_id, code=error.code, error=str(error))
                 return not isinstance(error, NotFound | StoreError)

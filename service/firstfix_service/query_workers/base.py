@@ -57,6 +57,17 @@ class QueryWorkers(Protocol):
         """
         ...
 
+    def warm_up(self, version: ServedVersion) -> int:
+        """Asks a loaded version about scans of its own map, once in every worker. Blocks.
+
+        Returns:
+            The number of these queries.
+
+        Raises:
+            Exception: of any kind; the version can be asked all the same.
+        """
+        ...
+
     def drop(self, version: ServedVersion) -> None:
         """Unloads a version that no query uses. Blocks."""
         ...
@@ -106,6 +117,10 @@ class QueryWorkerThreads:
     def load(self, version: ServedVersion) -> int:
         """Loads a version; returns its bytes in memory."""
         return self._localizers.load(version)
+
+    def warm_up(self, version: ServedVersion) -> int:
+        """Asks a version about scans of its own map; returns their number."""
+        return self._localizers.warm_up(version)
 
     def drop(self, version: ServedVersion) -> None:
         """Unloads a version."""

@@ -17,7 +17,7 @@ from typing import Any
 from firstfix.errors import DeadlineExceeded, FirstfixError, TooLarge
 
 from .base import QueryWorkerDied
-from .protocol import DROP, HELLO, INLINE_BYTES, LOAD, TAKE, BodyMemory, MessageReader, message_of
+from .protocol import DROP, HELLO, INLINE_BYTES, LOAD, TAKE, WARM, BodyMemory, MessageReader, message_of
 from .query import EncodedAnswer, Query, ServedVersion
 from .sightings.counter import Sighted
 
@@ -118,6 +118,18 @@ class QueryWorkerHandle:
             FirstfixError, QueryWorkerDefect: the version cannot be loaded.
         """
         return int(self._request(LOAD, version))
+
+    def warm_up(self, version: ServedVersion) -> int:
+        """Asks a version about scans of its own map, unless the process did so before.
+
+        Returns:
+            The number of these queries.
+
+        Raises:
+            QueryWorkerDied: the process ended over it, or it took too long.
+            FirstfixError, QueryWorkerDefect: a query failed.
+        """
+        return int(self._request(WARM, version))
 
     def drop(self, version: ServedVersion) -> None:
         """Unloads a version. Does nothing if the process has ended."""

@@ -24,6 +24,7 @@ from .sightings.counter import Sighted
 
 _log = structlog.get_logger(__name__)
 LOAD_ATTEMPTS = 2
+MAX_WARM_UPS = 8  # of the versions that a replaced process loads: the latest
 QUERY_TIMEOUT_S = 30.0  # the hardest queries take a few seconds: one that takes longer hangs
 BORN_WITHIN_S = 30.0  # for a process to replace one that died
 SHORT_LIFE_S, PAUSE_S = 5.0, 1.0  # after such a short life the next process waits for the pause
@@ -80,6 +81,12 @@ class QueryWorkerProcesses:
             self._versions[version] = None  # processes that start from now on load it too
             others = [worker for worker in self._living if worker is not first]
         return private + sum(self._loaders.map(partial(_load_if_alive, version), others))
+
+    def warm_up(self, version: ServedVersion) -> int:
+        """Warms up one process after the other, so that the others are free for queries meanwhile."""
+        with self._lock:
+            living = list(self._living)
+        return sum(worker.warm_up(version) for worker in living if worker.is_alive)
 
     def _load_in_one(self, version: ServedVersion) -> tuple[QueryWorkerHandle, int]:
         tried: list[QueryWorkerHandle] = []
@@ -157,12 +164,18 @@ class QueryWorkerProcesses:
                     self._closing.wait(PAUSE_S)
 
     def _load_again(self, worker: QueryWorkerHandle, versions: list[ServedVersion]) -> None:
-        for version in versions:
+        for number, version in enumerate(versions):
             with self._lock:
                 wanted = version in self._versions
             if wanted:
-                with suppress(FirstfixError, QueryWorkerDefect):  # a query that needs it reports the error
+                try:
                     worker.load(version)
+                    if number < MAX_WARM_UPS:
+                        worker.warm_up(version)
+                except (FirstfixError, QueryWorkerDefect) as error:  # a query that needs it reports it too
+                    _log.warning(
+                        "not ready in a new worker process", version=version.version, error=str(error)
+                    )
 
 
 def _load_if_alive(version: ServedVersion, worker: QueryWorkerHandle) -> int:

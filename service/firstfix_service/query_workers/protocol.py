@@ -31,7 +31,7 @@ from firstfix.formats.point_cloud import Body
 
 from .query import Query
 
-LOAD, DROP, HELLO, TAKE = "load", "drop", "hello", "take"  # over the other socket, for control
+LOAD, WARM, DROP, HELLO, TAKE = "load", "warm", "drop", "hello", "take"  # over the other socket, for control
 INLINE_BYTES = 32 << 10
 KEPT_BYTES = 4 << 20  # of memory, after a query; larger bodies are rare
 _HEAD = struct.Struct("<IIQ")

@@ -39,9 +39,10 @@ from firstfix.ros.cdr import MessageReader as CdrReader
 from firstfix.ros.header import Stamp, read_stamp
 from firstfix.ros.pose_message import to_pose_cdr
 
-from .protocol import DROP, HELLO, LOAD, TAKE, MessageReader, mapped_bodies, reply_of, send_all
+from .protocol import DROP, HELLO, LOAD, TAKE, WARM, MessageReader, mapped_bodies, reply_of, send_all
 from .query import BodyFormat, EncodedAnswer, PoseFormat, Query, ServedVersion
 from .sightings.counter import Sighted, SightingCounter
+from .warm_up import at_low_priority, own_queries
 
 SWITCH_S = 0.0005  # for which a query waits at most while the thread that counts sightings runs Python code
 _NO_DATA = (type, ModuleType, FunctionType, BuiltinFunctionType, MethodType, str, bytes, int, float)
@@ -176,6 +177,7 @@ class Localizers:
         self._localizers: dict[ServedVersion, Localizer] = {}
         self._lock = threading.Lock()
         self._loads: dict[ServedVersion, threading.Lock] = {}
+        self._warm: set[ServedVersion] = set()
 
     @property
     def loaded(self) -> tuple[ServedVersion, ...]:
@@ -190,8 +192,31 @@ class Localizers:
         held_by_faiss = sum(path.stat().st_size for path in version.directory.glob("*.faiss"))
         return _private_bytes(localizer) + held_by_faiss
 
+    def warm_up(self, version: ServedVersion) -> int:
+        """Asks a version about scans of its own map, once if it is loaded; returns their number.
+
+        Raises:
+            Exception: a query failed.
+        """
+        with self._lock:
+            localizer = self._localizers.get(version)  # None: it was dropped meanwhile
+        if version in self._warm or not isinstance(localizer, Localizer):
+            return 0
+
+        def ask_all() -> int:
+            count = 0
+            for query in own_queries(version, localizer.index):
+                answer_query(query, [localizer], self._max_decoded_bytes)
+                count += 1
+            return count
+
+        count = at_low_priority(ask_all)
+        self._warm.add(version)
+        return count
+
     def drop(self, version: ServedVersion) -> None:
         """Unloads a version."""
+        self._warm.discard(version)
         with self._lock:
             self._localizers.pop(version, None)
             self._loads.pop(version, None)
@@ -290,6 +315,7 @@ def _answer(localizers: Localizers, query: Query, inline: memoryview, shared: me
 def _serve_control(control: Connection, localizers: Localizers, sightings: SightingCounter | None) -> None:
     do: dict[str, Callable[[ServedVersion], object]] = {
         LOAD: localizers.load,
+        WARM: localizers.warm_up,
         DROP: localizers.drop,
         HELLO: lambda _: None,
         TAKE: lambda _: Sighted() if sightings is None else sightings.take(),

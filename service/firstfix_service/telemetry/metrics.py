@@ -72,6 +72,11 @@ class Metrics:
         )
         self.version_evictions = counter("firstfix_version_evictions", "Map versions evicted from memory")
         self.version_loads = counter("firstfix_version_loads", "Loads of map versions, by result", ["result"])
+        self.version_warm_ups = counter(
+            "firstfix_version_warm_ups",
+            "Warm-ups of map versions by queries with scans of their own map, by result",
+            ["result"],
+        )
         self.load_seconds = histogram(
             "firstfix_version_load_seconds", "Time to fetch and load a map version", buckets=_LOAD_SECONDS
         )
@@ -190,6 +195,8 @@ class Metrics:
             self.builds.labels(state)
         for kind in RecordKind:
             self.unreadable_records.labels(kind.value)
+        for result in ("ok", "failed"):
+            self.version_warm_ups.labels(result)
         for result in SIGHTINGS:
             self.sightings.labels(result)
         for result in ("right", "damaged"):

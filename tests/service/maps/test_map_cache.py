@@ -16,7 +16,7 @@ from structlog.testing import capture_logs
 from firstfix.catalog.manifest import Manifest
 from firstfix.errors import CorruptVersion, NotFound, StoreUnavailable
 from firstfix.store.store import Store
-from firstfix_service.maps import version_loader
+from firstfix_service.maps import map_cache, version_loader
 from firstfix_service.maps.map_poller import MapPoller
 from firstfix_service.query_workers.query import ServedVersion
 from waiting import LIMIT_S, let_pass, wait_until
@@ -477,3 +477,66 @@ def test_ids_that_were_made_up_leave_no_trace(world: World):
             cache.get(f"made-up-{k}")
     traces = (cache._loads._loads, cache.served.versions, cache._prefetcher._settled, cache.served.ids)
     assert not any((*traces, cache._loader._under_way, cache._loader._refused))
+
+
+def test_a_version_is_warmed_up_before_it_is_served_and_the_old_one_answers_until_then(
+    world: World, monkeypatch: pytest.MonkeyPatch
+):
+    first = world.publish("hall", "1")
+    cache = world.cache()
+    while_warming: list[tuple[str, str | None, str]] = []
+
+    def warm_up(served: ServedVersion) -> int:
+        now = cache.served.version("hall")
+        answering = served.version if now is None else cache.get("hall").version
+        while_warming.append((served.version, now, answering))
+        return 3
+
+    monkeypatch.setattr(world.workers, "warm_up", warm_up)
+    cache.poll()
+    second = world.publish("hall", "2")
+    cache.poll()
+    world.catalog.activate("hall", first)  # a rollback, at once and not by the poll
+    cache.refresh("hall")
+    assert while_warming == [(first, None, first), (second, first, first), (first, second, second)]
+    assert cache.served.versions == {"hall": first}
+    assert world.metric("firstfix_version_warm_ups_total", result="ok") == 3
+
+
+def test_a_warm_up_that_fails_is_logged_and_the_version_is_served(
+    world: World, monkeypatch: pytest.MonkeyPatch
+):
+    version = world.publish("hall", "1")
+    cache = world.cache()
+
+    def warm_up(served: ServedVersion) -> int:
+        raise RuntimeError("no view")
+
+    monkeypatch.setattr(world.workers, "warm_up", warm_up)
+    with capture_logs() as lines:
+        cache.poll()
+    assert cache.served.versions == {"hall": version}
+    warnings = [line for line in lines if line["log_level"] == "warning"]
+    assert [(line["event"], line["version"]) for line in warnings] == [("version not warmed up", version)]
+    assert "no view" in warnings[0]["error"]
+    assert world.metric("firstfix_version_warm_ups_total", result="failed") == 1
+
+
+def test_a_query_that_loads_a_version_does_not_wait_for_a_warm_up(
+    world: World, monkeypatch: pytest.MonkeyPatch
+):
+    world.publish("hall", "1")
+    cache, warmed = world.cache(), []
+    monkeypatch.setattr(world.workers, "warm_up", lambda served: warmed.append(served) or 1)
+    cache.get("hall")
+    assert warmed == []
+
+
+def test_one_poll_warms_up_a_few_maps_only(world: World, monkeypatch: pytest.MonkeyPatch):
+    for number in range(map_cache.MAX_WARM_UPS + 3):
+        world.publish(f"hall-{number}", "1")
+    cache, warmed = world.cache(max_versions=64), []
+    monkeypatch.setattr(world.workers, "warm_up", lambda served: warmed.append(served) or 1)
+    cache.poll()
+    assert len(cache.served.versions) == map_cache.MAX_WARM_UPS + 3
+    assert len(warmed) == map_cache.MAX_WARM_UPS

@@ -20,7 +20,8 @@ import pytest
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
-from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, WorkerLost
+from firstfix.engine.warm_up import VIEWPOINTS
+from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, TooLarge, WorkerLost
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
 from firstfix_service.localize.query_gate import AskWorker, QueryGate
@@ -118,6 +119,35 @@ def test_it_answers_as_the_localizer_does(workers: Answering, query: Query, smal
     assert sum(found) >= 6
     assert {(answer.map_id, answer.map_version) for answer in answers} == {("yard", yard.version)}
     assert "decode" in answers[0].timings_ms
+
+
+def test_every_process_warms_up_a_version_once(yard: ServedVersion, query: Query):
+    answering = Answering(2)
+    try:
+        answering.processes.load(yard)
+        wait_until(lambda: len(answering.pids) == 2)
+        answering.processes.load(yard)
+        assert answering.processes.warm_up(yard) == 2 * VIEWPOINTS
+        assert answering.processes.warm_up(yard) == 0
+        answering.processes.drop(yard)
+        assert answering.processes.warm_up(yard) == 0
+        assert answering.ask(query).map_id == "yard"
+    finally:
+        answering.close()
+
+
+def test_a_warm_up_that_fails_says_so_and_the_process_goes_on(yard: ServedVersion):
+    answering = Answering(1, max_body_bytes=4096)  # the map's own scans are longer
+    try:
+        answering.processes.load(yard)
+        pids = answering.pids
+        with pytest.raises(TooLarge):
+            answering.processes.warm_up(yard)
+        with pytest.raises(MalformedData):
+            answering.ask(query_of(yard, b"no scan"))
+        assert answering.pids == pids
+    finally:
+        answering.close()
 
 
 def test_the_callers_errors_come_back_as_they_are(workers: Answering, query: Query, yard):

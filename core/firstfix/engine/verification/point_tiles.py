@@ -14,7 +14,7 @@ from ... import native
 from ...scan.reduction import voxel_means
 from ..array_file import map_arrays, save_arrays
 from ..registration.chunked_x import chunked_x
-from ..retrieval.tile_table import tile_table
+from ..retrieval.tile_table import runs_around, tile_table
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,11 @@ class PointTiles:
         thinned = np.concatenate([voxel_means(points[rows], voxel_m) for rows in chunked_x(points, voxel_m)])
         order, begin, low = tile_table(thinned)
         return cls(thinned[order].astype(np.float32), begin, low)
+
+    def around(self, centre: NDArray[np.floating], reach_m: float) -> NDArray[np.float32]:
+        """(m, 3) points of all tiles within reach of a (2 or more,) centre along x and y."""
+        runs = runs_around(self.begin, self.low, centre, reach_m)
+        return np.concatenate([self.points[:0], *(self.points[run] for run in runs)])
 
     def save(self, path: Path) -> None:
         """Writes the tiles to a file."""

@@ -20,6 +20,7 @@ from ...parts import part
 
 router = APIRouter(prefix="/answers", tags=["answers"])
 LOOK_S = 0.25  # between looks for new answers
+TOGETHER = 32  # events in one part of a stream: each part passes through the whole server
 _EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "First `event: watching`, `data`: `replica`, and `all_replicas`: whether answers of "
@@ -60,29 +61,19 @@ async def _events(
 ) -> AsyncIterator[bytes]:
     yield _watching(recent)  # the headers go out at once
     while True:
-        for one in recent.after(after):
-            after = one.number
-            found_in = one.map_id
-            shown = caller.sees(found_in) if found_in else caller.sees_every_map
-            if shown and map_id in (None, found_in):
-                yield _event(one)
+        newer = recent.after(after)
+        after = newer[-1].number if newer else after
+        shown = [one for one in newer if _is_shown(one, caller, map_id)]
+        for begin in range(0, len(shown), TOGETHER):
+            yield b"".join(one.event for one in shown[begin : begin + TOGETHER])
         yield b""
+
+
+def _is_shown(one: RecentAnswer, caller: Principal, map_id: str | None) -> bool:
+    sees = caller.sees(one.map_id) if one.map_id else caller.sees_every_map
+    return sees and map_id in (None, one.map_id)
 
 
 def _watching(recent: RecentAnswers) -> bytes:
     data = orjson.dumps({"replica": recent.replica, "all_replicas": recent.hears_others})
     return b"event: watching\ndata: %s\n\n" % data
-
-
-def _event(one: RecentAnswer) -> bytes:
-    head = orjson.dumps(
-        {
-            "number": one.number,
-            "replica": one.replica,
-            "time_s": one.time_s,
-            "caller": one.caller,
-            "transport": one.transport,
-            "ms": one.seconds * 1e3,
-        }
-    )
-    return b'event: answer\nid: %d\ndata: %s,"answer":%s}\n\n' % (one.number, head[:-1], one.json)

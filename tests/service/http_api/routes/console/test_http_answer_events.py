@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
+import orjson
+import pytest
 from access_world import give
 from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
+from firstfix.answer.localization import Verdict
+from firstfix_service.auth.principal import Principal
+from firstfix_service.http_api.routes.console import answer_events
+from firstfix_service.localize import use_case
+from firstfix_service.localize.use_case import RecentAnswers
+from firstfix_service.query_workers.query import EncodedAnswer
 from waiting import LIMIT_S, wait_until
 
 
@@ -74,3 +84,46 @@ def test_a_watcher_sees_only_its_maps(tmp_path: Path):
         assert seen[0]["caller"].startswith("key:")
         assert service.http.get("/answers/events?map_id=attic", headers=hall).status_code == 403
         assert service.http.get("/answers/events", headers=robot).status_code == 403
+
+
+EVERYBODY = Principal("somebody")
+
+
+def kept(count: int) -> RecentAnswers:
+    recent = RecentAnswers("here")
+    for number in range(count):
+        answer = EncodedAnswer(Verdict.REJECTED, (), 0.0, "hall", "1" * 64, json=b'{"n":%d}' % number)
+        recent.add("robot", "http", 0.1, answer)
+    return recent
+
+
+async def first_look(recent: RecentAnswers) -> list[bytes]:
+    parts = answer_events._events(recent, EVERYBODY, None, 0)
+    await anext(parts)  # that it watches
+    look = []
+    while part := await anext(parts):
+        look.append(part)
+    return look
+
+
+def test_the_events_of_a_look_come_together_in_parts_of_limited_size():
+    count = 2 * answer_events.TOGETHER + 1
+    look = asyncio.run(first_look(kept(count)))
+    assert [part.count(b"event: answer") for part in look] == [answer_events.TOGETHER] * 2 + [1]
+    data = [line for line in b"".join(look).decode().splitlines() if line.startswith("data: ")]
+    assert [json.loads(line.removeprefix("data: "))["answer"]["n"] for line in data] == list(range(count))
+
+
+def test_an_event_is_made_once_for_all_watchers(monkeypatch: pytest.MonkeyPatch):
+    made = []
+
+    def dumps(value: dict[str, Any]) -> bytes:
+        made.append(value["number"])
+        return orjson.dumps(value)
+
+    monkeypatch.setattr(use_case, "orjson", SimpleNamespace(dumps=dumps))
+    recent = kept(3)
+    assert made == []  # nobody watches
+    looks = [asyncio.run(first_look(recent)) for _ in range(10)]
+    assert made == [1, 2, 3]
+    assert all(look == looks[0] for look in looks)
