@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+from ..run import OPTIONS
 from .run import NotOneCommit, remove_old, run
 from .suites import SUITES
 
@@ -24,6 +26,9 @@ def main() -> None:
     parser.add_argument(
         "--quick", action="store_true", help="small versions, of the work tree as it is; no page shows them"
     )
+    parser.add_argument(
+        "--sets", metavar="NAMES", help=f"{', '.join(OPTIONS['sets'])}: some of the data sets"
+    )
     parser.add_argument("--results", type=Path, metavar="DIR", help="instead of benchmarks/results")
     parser.add_argument(
         "--remove-old", action="store_true", help="measure nothing, and remove results of other code"
@@ -33,6 +38,10 @@ def main() -> None:
         parser.error(f"not among {', '.join(SUITES)}: {', '.join(sorted(unknown))}")
     results = arguments.results or (QUICK_RESULTS if arguments.quick else RESULTS)
     suites = [SUITES[name] for name in arguments.suites or SUITES]
+    if arguments.sets:
+        if without := [suite.name for suite in suites if suite.name not in OPTIONS["sets"]]:
+            parser.error(f"--sets belongs to {', '.join(OPTIONS['sets'])}, not to {', '.join(without)}")
+        suites = [replace(suite, arguments=(*suite.arguments, "--sets", arguments.sets)) for suite in suites]
     if arguments.remove_old:
         print("removed:", ", ".join(remove_old(suites, REPO, results)) or "none")
         return

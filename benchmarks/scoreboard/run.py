@@ -67,12 +67,13 @@ def is_old(result: Result, suite: Suite, repo: Path) -> list[str]:
 
 def _one(suite: Suite, repo: Path, results: Path, quick: bool, say: Callable[[str], None]) -> str:
     found = Result.load(results, suite.name)
-    if found is not None and found.quick == quick and not is_old(found, suite, repo):
-        return "left out: its result is of the present code"
     arguments = suite.quick if quick else suite.arguments
     if arguments is None:
         return "skipped: it has no quick version"
-    say(f"{suite.name}: python -m {' '.join([suite.module, *arguments])}")
+    command = _command(suite, arguments)
+    if found is not None and found.command == command and not is_old(found, suite, repo):
+        return "left out: its result is of the present code"
+    say(f"{suite.name}: {command}")
     before = commit_of(repo), object_ids(repo, suite.measured)
     began, clock = datetime.now(timezone.utc), time.monotonic()
     on = machine()
@@ -83,7 +84,6 @@ def _one(suite: Suite, repo: Path, results: Path, quick: bool, say: Callable[[st
     if not quick and (files := uncommitted(repo, suite.measured) or changed(repo, before[1])):
         return f"failed: its code was changed meanwhile: {', '.join(files[:10])}"
     cases = _cases(suite, repo, clock_began=began.timestamp())
-    command = f"python -m {' '.join([suite.module, *arguments])}"
     stamp = began.isoformat(timespec="seconds")
     result = Result(suite.name, *before, command, quick, stamp, seconds, on, versions(), figures, cases)
     try:
@@ -92,6 +92,10 @@ def _one(suite: Suite, repo: Path, results: Path, quick: bool, say: Callable[[st
         return f"failed: {error}"
     skipped = "".join(f"; {line}" for line in skipped_parts(figures))
     return f"measured in {seconds:.0f} s, {size} bytes{skipped}"
+
+
+def _command(suite: Suite, arguments: tuple[str, ...]) -> str:
+    return f"python -m {' '.join([suite.module, *arguments])}"
 
 
 def skipped_parts(figures: Any, name: str = "") -> list[str]:
