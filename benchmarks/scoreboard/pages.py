@@ -92,7 +92,7 @@ def _section(name: str, result: Result) -> list[str]:
         f"{result.versions['python']}, load {on['load']} at the beginning: beside other work, if over 0.5.",
     ]
     if missing := tables.skipped_sets(result):
-        lines.append(f"Not there, so not asked: {', '.join(missing)}.")
+        lines.append(f"Not there, or not in this run: {', '.join(missing)}.")
     lines.append("")
     if name == "real":
         return lines + _real(result)

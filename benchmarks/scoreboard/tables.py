@@ -184,8 +184,11 @@ def ablation_table(result: Result) -> list[str]:
 
 
 def skipped_sets(result: Result) -> list[str]:
-    """Names of the sets that a suite over data sets did not find."""
-    return [dataset.name for dataset in DATASETS if isinstance(result.figures.get(dataset.name), str)]
+    """Names of the sets that a suite over data sets did not find, or was not asked for."""
+    names = [dataset.name for dataset in DATASETS]
+    if not any(name in result.figures for name in names):
+        return []
+    return [name for name in names if not isinstance(result.figures.get(name), dict)]
 
 
 def _protocol(cases: Sequence[Scored]) -> list[Any]:
