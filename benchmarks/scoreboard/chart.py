@@ -62,7 +62,11 @@ def chart(title: str, x: Axis, y: Axis, lines: Mapping[str, Points], dots: Mappi
         f'<text x="{LEFT}" y="24" font-size="15" font-weight="bold">{escape(title)}</text>',
         *_axes(x, y),
     ]
-    for number, (name, points) in enumerate([*lines.items(), *dots.items()]):
+    named = [*lines.items(), *dots.items()]
+    right = [y.place(b) for _, points in named for a, b in points if x.place(a) > 0.5]
+    is_high = sum(right) > 0.5 * len(right)  # the names stand where there is less to hide
+    first = BOTTOM - 18 * len(named) if is_high else TOP + 18
+    for number, (name, points) in enumerate(named):
         colour, dash = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
         at = [(_across(x, a), _down(y, b)) for a, b in points]
         if number < len(lines):
@@ -72,7 +76,7 @@ def chart(title: str, x: Axis, y: Axis, lines: Mapping[str, Points], dots: Mappi
                 f'stroke-dasharray="{dash}"/>'
             )
         parts += [f'<circle cx="{a:.1f}" cy="{b:.1f}" r="3.5" fill="{colour}"/>' for a, b in at]
-        row = TOP + 18 + 18 * number
+        row = first + 18 * number
         parts.append(f'<rect x="{RIGHT - 12}" y="{row - 9}" width="10" height="10" fill="{colour}"/>')
         parts.append(f'<text x="{RIGHT - 18}" y="{row}" text-anchor="end">{escape(name)}</text>')
     return "\n".join([*parts, "</svg>", ""])
