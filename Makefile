@@ -1,5 +1,5 @@
 # firstfix. `make demo` shows it, `make test` proves it; both set up what they need.
-.PHONY: setup native console demo test test-fast lint docs bench faults lock test-servers clean
+.PHONY: setup native console demo test test-fast lint docs bench scoreboard faults lock test-servers clean
 .DEFAULT_GOAL := help
 bin := .venv/bin
 # Three files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
@@ -44,6 +44,10 @@ test-servers: setup  ## an S3 server for the storage tests, where Go is there to
 
 bench: setup  ## the suites of benchmarks/ (ARGS="real --quick")
 	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m benchmarks.run $(ARGS)
+
+scoreboard: setup test-servers  ## measure this commit for the pages (ARGS="real peers", ARGS=--quick)
+	@PATH="$(CURDIR)/$(bin):$$PATH" PYTHONPATH=tests $(bin)/python -m benchmarks.scoreboard $(ARGS)
+	@$(bin)/python scripts/generate.py
 
 faults: setup test-servers  ## the fault drills of tests/faults (ARGS="power_cuts --cuts 50")
 	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m tests.faults $(ARGS)

@@ -1,4 +1,4 @@
-"""Writes what is told of the code elsewhere: formats, findings, reference pages, and the HTTP API.
+"""Writes what is told of the code elsewhere: formats, findings, reference pages, the HTTP API, and figures.
 
 python scripts/generate.py
 """
@@ -18,10 +18,12 @@ from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
 
 REPO = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(REPO / "scripts" / "site"))
+sys.path[:0] = [str(REPO / "scripts" / "site"), str(REPO)]
 from cli_reference import cli_reference  # noqa: E402
 from error_reference import error_reference  # noqa: E402
 from http_reference import http_reference  # noqa: E402
+
+from benchmarks.scoreboard import pages as figures  # noqa: E402
 
 SCANS_PAGE, MAPS_PAGE = "docs/how-to/my-scan-is-not-localized.md", "docs/how-to/is-my-map-good.md"
 WRONG_SCANS_PAGE, WRONG_MAPS_PAGE = "docs/reference/wrong-inputs.md", "docs/reference/wrong-maps.md"
@@ -48,7 +50,25 @@ def generated() -> dict[Path, str]:
         **_between(WRONG_SCANS_PAGE, WRONG_HEAD, _wrong_inputs("wrong_inputs.json"), "\n"),
         **_between(WRONG_MAPS_PAGE, WRONG_HEAD, _wrong_inputs("wrong_maps.json"), "\n"),
         **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
+        **_figures(),
         **_between("console/src/scan/media.ts", "const TYPES: Record<string, string> = {\n", endings, "};\n"),
+    }
+
+
+def _figures() -> dict[Path, str]:
+    """The pages of the scoreboard, and its pictures."""
+    results = figures.load(REPO / "benchmarks/results")
+    readme = (REPO / "README.md").read_text()
+    for name, text in figures.readme_parts(results).items():
+        before, begun, rest = readme.partition(f"<!-- figures: {name} -->\n\n")
+        _, ended, after = rest.partition("\n<!-- end of figures -->\n")
+        assert begun, f"README.md has no figures of {name}"
+        assert ended, f"README.md does not say where the figures of {name} end"
+        readme = f"{before}{begun}{text}{ended}{after}"
+    return {
+        REPO / "README.md": readme,
+        **_after_mark("benchmarks/BENCHMARK.md", figures.benchmark_page(results)),
+        **{REPO / "benchmarks/plots" / name: text for name, text in figures.plot_files(results).items()},
     }
 
 
@@ -101,4 +121,5 @@ def _between(path: str, begin: str, text: str, end: str) -> dict[Path, str]:
 
 if __name__ == "__main__":
     for path, text in generated().items():
+        path.parent.mkdir(exist_ok=True)
         path.write_text(text)

@@ -20,17 +20,18 @@ def figures_of(T_map_sensor: Sequence[Matrix], found: Sequence[Found]) -> dict[s
 
     ``success_*``: share answered within these metres and degrees of the whole rotation. ``wrong``: answers
     off by more than 1 m, ``wrong_0.2m``: by more than 0.2 m. ``no_answer``: the peer said that it had none,
-    or was ended (``timed_out``). Times are those of all queries.
+    or was ended (``timed_out``). Times are those of all queries. ``answers``: metres, degrees and seconds of
+    each query; no metres: no answer.
 
     Args:
         T_map_sensor: (4, 4) true poses.
         found: the answer to each.
     """
-    errors = [
-        pose_error(true, one.T_map_sensor)
+    each = [
+        None if one.T_map_sensor is None else pose_error(true, one.T_map_sensor)
         for true, one in zip(T_map_sensor, found, strict=True)
-        if one.T_map_sensor is not None
     ]
+    errors = [error for error in each if error is not None]
     seconds = [one.seconds for one in found]
     return {
         "n": len(found),
@@ -46,4 +47,8 @@ def figures_of(T_map_sensor: Sequence[Matrix], found: Sequence[Found]) -> dict[s
         "median_error_m": round(float(np.median([m for m, _ in errors])), 4) if errors else None,
         "median_s": round(float(np.median(seconds)), 4),
         "p95_s": round(float(np.percentile(seconds, 95)), 4),
+        "answers": [
+            [*([None, None] if error is None else (round(float(v), 4) for v in error)), round(s, 4)]
+            for error, s in zip(each, seconds, strict=True)
+        ],
     }

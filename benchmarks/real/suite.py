@@ -13,7 +13,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,11 +43,11 @@ def run(quick: bool, sets: Sequence[str] = ()) -> dict[str, Any]:
     Args:
         sets: names of the data sets; empty: all.
     """
-    answers: list[Asked] = []
+    answers: dict[str, list[Asked]] = {}
 
     def measure_one(dataset: Dataset, folder: Path) -> Figures:
         figures, found = measure(dataset.converted(folder), folder)
-        answers.extend(found)
+        answers[dataset.name] = found
         return figures
 
     by_dataset = measure_each(QUICK if quick else DATASETS, sets, measure_one)
@@ -126,14 +126,16 @@ def _firstfix(*arguments: str) -> str:
     return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
-def _write_answers(path: Path, answers: Sequence[Asked]) -> None:
+def _write_answers(path: Path, answers: Mapping[str, Sequence[Asked]]) -> None:
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
-        names = "scan,variant,gravity,verdict,reasons,probability,reference,first_error_m,first_error_deg,ms"
-        writer.writerow(names.split(","))
-        for a in answers:
+        names = "set,scan,variant,gravity,verdict,reasons,probability,reference"
+        writer.writerow([*names.split(","), "first_error_m", "first_error_deg", "ms"])
+        for name, a in ((name, a) for name, of_set in answers.items() for a in of_set):
             answer = a.answer
             said = (answer.verdict.value, " ".join(answer.reasons), f"{answer.probability:.4f}")
             for reference in a.T_map_sensor:
                 errors = (f"{value:.4f}" for value in a.first_error(reference))
-                writer.writerow([a.scan, a.variant, a.gravity, *said, reference, *errors, f"{a.ms:.1f}"])
+                writer.writerow(
+                    [name, a.scan, a.variant, a.gravity, *said, reference, *errors, f"{a.ms:.1f}"]
+                )

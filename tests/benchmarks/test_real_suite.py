@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from benchmarks.common.datasets import Dataset, PoseTable
 from benchmarks.common.nees import nees_by_class
 from benchmarks.real.ask import GRAVITY
 from benchmarks.real.report import report
-from benchmarks.real.suite import in_process
+from benchmarks.real.suite import _write_answers, in_process
+from benchmarks.scoreboard.pages import PLOTS, benchmark_page, plot_files
+from benchmarks.scoreboard.result import Cases, Result
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
@@ -162,6 +165,21 @@ def test_scans_of_the_small_world(small_version, small_scans, tmp_path: Path):
     text = report({"small": found, "gone": "skipped: x"})
     assert text.count("| as it is (4) |") == len(GRAVITY)
     assert "### gone\n\nskipped: x" in text
+    assert_pages_show(found, answers, tmp_path)
+
+
+def assert_pages_show(found: dict[str, Any], answers: list[Asked], work: Path) -> None:
+    """The scoreboard's pages read what the suite writes."""
+    _write_answers(work / "answers.csv", {"small": answers})
+    on = {"cpus": 2, "processor": "a processor", "memory_gb": 24.0, "system": "Debian", "load": 0.1}
+    about = ("real", "a" * 40, {}, "a command", False, "2026-11-25", 90.0, on, {"python": "3.11"})
+    result = Result(*about, {"small": found}, Cases.read(work / "answers.csv"))
+    result.save(work)
+    read = Result.load(work, "real")
+    assert read == result
+    page = benchmark_page({"real": read})
+    assert f"| small | estimated | {len(answers) // 2} |" in page
+    assert set(plot_files({"real": read})) == set(PLOTS["real"])
 
 
 BUILD = {"build_s": 3.0, "build_peak_gb": 0.1, "bytes": 2_000_000}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..arguments import MapId, SentAs, TimeoutS, Url, Zenoh, examples
+from ..arguments import SentAs, TimeoutS, Url, Zenoh, examples
 from ..datasets.names import Dataset
 from .dataset import Lidar
 
@@ -34,11 +34,12 @@ EXAMPLES = examples(
     "firstfix evaluate world/poses.csv --map office --store store --plot office.png",
     "firstfix evaluate --samples s3://maps/firstfix --map office --json -",
     "firstfix evaluate nclt/2012-02-04 --dataset nclt --map nclt --random-yaw 0",
+    "firstfix evaluate world/poses.csv --answers answers.csv",
 )
 
 
 def evaluate(
-    map_id: MapId,
+    map_id: Annotated[str | None, typer.Option("--map", help="Id of the map.")] = None,
     poses: Annotated[
         Path | None,
         typer.Argument(
@@ -65,6 +66,13 @@ def evaluate(
         typer.Option(
             metavar="STORE",
             help="Instead of POSES.csv: send the queries again that a service kept in this store.",
+        ),
+    ] = None,
+    answers: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="ANSWERS.csv",
+            help="Ask nobody: score these answers of any system (docs/benchmark-protocol.md).",
         ),
     ] = None,
     url: Url = None,
@@ -104,7 +112,7 @@ def evaluate(
     """Measure accuracy on scans with known poses.
 
     Prints success rates, the false accept rate and times. With --samples it shows how the answers have
-    changed since a service kept the queries.
+    changed since a service kept the queries. With --answers it scores what another system answered.
     """
     from firstfix.errors import InvalidOption
 
@@ -112,6 +120,14 @@ def evaluate(
     from ..evaluate import report_of
     from ..poses_csv import read_poses_csv
 
+    if answers is not None:
+        asks = map_id or samples or dataset or lidar or url or zenoh or store or details or plot or version
+        if poses is None or asks or random_yaw is not None or gravity_from_poses is not None:
+            raise InvalidOption("--answers can only be used with POSES.csv and --json")
+        _score(poses, answers, json_file)
+        return
+    if map_id is None:
+        raise InvalidOption("give --map")
     if (poses is None) == (samples is None):
         raise InvalidOption("give either POSES.csv or --samples")
     if samples is not None and dataset is not None:
@@ -139,6 +155,15 @@ def evaluate(
         _write_details(details, outcomes)
     if plot is not None:
         _draw(plot, map_id, store, outcomes, scans, report)
+
+
+def _score(cases: Path, answers: Path, json_file: Path | None) -> None:
+    from ..score.answers_csv import score
+    from ..score.lines import lines_of
+    from ..score.metrics import report_of
+
+    report = report_of(score(cases, answers))
+    _print(lines_of(report), report, json_file)
 
 
 def _replay(

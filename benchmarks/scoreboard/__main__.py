@@ -1,0 +1,57 @@
+"""Measures the present commit: ``python -m benchmarks.scoreboard [SUITE ...] [--quick]``.
+
+Suites whose result is of the present code are left out, so that a run can be gone on with. Then
+``python scripts/generate.py`` makes the pages anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from ..run import OPTIONS
+from .run import NotOneCommit, remove_old, run
+from .suites import SUITES
+
+REPO = Path(__file__).resolve().parents[2]
+RESULTS = REPO / "benchmarks" / "results"
+QUICK_RESULTS = REPO / "build" / "bench" / "scoreboard"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="benchmarks.scoreboard", description="Measures the present commit.")
+    parser.add_argument("suites", nargs="*", metavar="SUITE", help=f"some of {', '.join(SUITES)}; none: all")
+    parser.add_argument(
+        "--quick", action="store_true", help="small versions, of the work tree as it is; no page shows them"
+    )
+    parser.add_argument(
+        "--sets", metavar="NAMES", help=f"{', '.join(OPTIONS['sets'])}: some of the data sets"
+    )
+    parser.add_argument("--results", type=Path, metavar="DIR", help="instead of benchmarks/results")
+    parser.add_argument(
+        "--remove-old", action="store_true", help="measure nothing, and remove results of other code"
+    )
+    arguments = parser.parse_args()
+    if unknown := set(arguments.suites) - set(SUITES):
+        parser.error(f"not among {', '.join(SUITES)}: {', '.join(sorted(unknown))}")
+    results = arguments.results or (QUICK_RESULTS if arguments.quick else RESULTS)
+    suites = [SUITES[name] for name in arguments.suites or SUITES]
+    if arguments.sets:
+        if without := [suite.name for suite in suites if suite.name not in OPTIONS["sets"]]:
+            parser.error(f"--sets belongs to {', '.join(OPTIONS['sets'])}, not to {', '.join(without)}")
+        suites = [replace(suite, arguments=(*suite.arguments, "--sets", arguments.sets)) for suite in suites]
+    if arguments.remove_old:
+        print("removed:", ", ".join(remove_old(suites, REPO, results)) or "none")
+        return
+    try:
+        told = run(suites, REPO, results, quick=arguments.quick, say=lambda line: print(line, flush=True))
+    except NotOneCommit as error:
+        sys.exit(f"scoreboard: {error}")
+    if any(line.startswith("failed: ") for line in told.values()):
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+"""Parts of pages that are made from results: BENCHMARK.md, the tables of the README, and the pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from ..common.markdown import table
+from . import tables
+from .plots import pictures
+from .result import Result
+from .suites import SUITES
+
+Results = Mapping[str, Result]
+TITLES = {
+    "real": "Real maps and held-out scans",
+    "peers": "Other systems",
+    "robust": "Simulated worlds: everything that goes wrong with a scan",
+    "service": "The service",
+    "scale": "Scale",
+    "ablation": "Each part taken out alone",
+    "paper": "The paper's tables",
+    "ros": "ROS distributions and middlewares",
+}
+PLOTS = {
+    "real": ("success.svg", "risk.svg", "reliability.svg"),
+    "peers": ("peers.svg",),
+    "scale": ("size.svg",),
+}
+TABLES: dict[str, Callable[[Result], list[str]]] = {
+    "peers": tables.peers_table,
+    "robust": tables.robust_table,
+    "service": tables.service_table,
+    "scale": tables.scale_table,
+    "ablation": tables.ablation_table,
+}
+
+
+def load(folder: Path) -> dict[str, Result]:
+    """Returns the results of whole runs by the suite's name."""
+    found = {name: Result.load(folder, name) for name in SUITES}
+    return {name: result for name, result in found.items() if result is not None and not result.quick}
+
+
+def plot_files(results: Results) -> dict[str, str]:
+    """Returns the pictures by their names."""
+    return pictures(results)
+
+
+def benchmark_page(results: Results) -> str:
+    """Returns the generated part of BENCHMARK.md."""
+    lines = ["## What was measured", "", *_overview(results), ""]
+    for name, title in TITLES.items():
+        if name in results:
+            lines += [f"## {title}", "", *_section(name, results[name]), ""]
+            lines += [f"![{plot.removesuffix('.svg')}](plots/{plot})" for plot in PLOTS.get(name, ())]
+            lines += [""] if name in PLOTS else []
+    return "\n".join(lines)
+
+
+def readme_parts(results: Results) -> dict[str, str]:
+    """Returns the tables of the README by the name of their marker."""
+    makers: dict[str, Callable[[Result], list[str]]] = {**TABLES, "real": tables.real_summary}
+    return {
+        name: _part(name, results, makers[name]) for name in ("real", "robust", "service", "scale", "peers")
+    }
+
+
+def _part(name: str, results: Results, maker: Callable[[Result], list[str]]) -> str:
+    if name not in results:
+        return f"Not run on this code: `make scoreboard ARGS={name}`.\n"
+    return "\n".join(maker(results[name])) + "\n"
+
+
+def _overview(results: Results) -> list[str]:
+    rows = []
+    for name, title in TITLES.items():
+        found = results.get(name)
+        if found is None:
+            rows.append((f"`{name}`", title, "Not run on this code", None, None))
+            continue
+        rows.append((f"`{name}`", title, found.began[:10], found.commit[:8], f"{found.seconds / 60:.0f} min"))
+    return table(("suite", "", "measured", "commit", "took"), rows)
+
+
+def _section(name: str, result: Result) -> list[str]:
+    on = result.machine
+    lines = [
+        f"    {result.command}",
+        "",
+        f"{on['cpus']} cores ({on['processor']}), {on['memory_gb']} GB, {on['system']}, Python "
+        f"{result.versions['python']}, load {on['load']} at the beginning: beside other work, if over 0.5.",
+    ]
+    if missing := tables.skipped_sets(result):
+        lines.append(f"Not there, or not in this run: {', '.join(missing)}.")
+    lines.append("")
+    if name == "real":
+        return lines + _real(result)
+    if name in TABLES:
+        return lines + TABLES[name](result)
+    return [*lines, f"[The result](results/{name}.json) has the figures."]
+
+
+def _real(result: Result) -> list[str]:
+    return [
+        "Scans as they are, against each reference:",
+        "",
+        *tables.real_by_reference(result),
+        "",
+        "All variants, by [the protocol](../docs/benchmark-protocol.md), against the first reference:",
+        "",
+        *tables.real_protocol(result),
+        "",
+        *tables.real_builds(result),
+    ]

@@ -1,0 +1,100 @@
+"""The pictures of the scoreboard, each made from one or two results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from firstfix_cli.score.metrics import reliability, report_of, risk_coverage, success_rate
+from firstfix_cli.score.scored import Scored
+
+from .chart import Axis, Points, chart
+from .result import Result
+from .scored_cases import AS_IT_IS, GRAVITIES, peer_cases, real_cases, references
+
+LIMITS_M = tuple(float(limit) for limit in np.geomspace(0.01, 2.0, 24))
+SUCCESS_DEG = 5.0
+
+
+def pictures(results: Mapping[str, Result]) -> dict[str, str]:
+    """Returns the SVG files by their names, those whose results are there."""
+    found = {}
+    if real := results.get("real"):
+        found["success.svg"] = success_picture(real)
+        found["risk.svg"] = risk_picture(real, results.get("peers"))
+        found["reliability.svg"] = reliability_picture(real)
+    if peers := results.get("peers"):
+        found["peers.svg"] = peers_picture(peers)
+    if scale := results.get("scale"):
+        found["size.svg"] = size_picture(scale)
+    return found
+
+
+def success_picture(real: Result) -> str:
+    """Success of the scans as they are, without gravity, against the error that is allowed."""
+    lines: dict[str, Points] = {}
+    for name in references(real):
+        cases = real_cases(
+            real,
+            lambda row, name=name: (
+                (row["set"], row["variant"], row["gravity"]) == (name, AS_IT_IS, "estimated")
+            ),
+        )
+        lines[f"{name} ({len(cases)})"] = [
+            (limit, success_rate(cases, limit, SUCCESS_DEG) or 0.0) for limit in LIMITS_M
+        ]
+    x = Axis(f"error allowed, m (and {SUCCESS_DEG:g} degrees)", LIMITS_M[0], LIMITS_M[-1], log=True)
+    return chart("Success against error threshold", x, Axis("share localized within it", 0.0, 1.0), lines, {})
+
+
+def risk_picture(real: Result, peers: Result | None) -> str:
+    """Risk against coverage of all variants. Peers, which tell no confidence, are points."""
+    lines: dict[str, Points] = {}
+    for gravity in GRAVITIES:
+        curve = risk_coverage(real_cases(real, lambda row, gravity=gravity: row["gravity"] == gravity))
+        if curve is not None:
+            lines[f"firstfix, gravity {gravity}"] = list(
+                zip(curve.coverage.tolist(), curve.risk.tolist(), strict=True)
+            )
+    dots = {name: [_operating_point(cases)] for name, cases in (peer_cases(peers) if peers else {}).items()}
+    worst = max(risk for points in [*lines.values(), *dots.values()] for _, risk in points)
+    y = Axis("risk: share of these that is wrong", 0.0, max(0.05, float(np.ceil(worst * 20) / 20)))
+    return chart("Risk against coverage", Axis("coverage: share of the cases", 0.0, 1.0), y, lines, dots)
+
+
+def reliability_picture(real: Result) -> str:
+    """Share that is right against the probability that was claimed, over all variants."""
+    bins = reliability(real_cases(real, lambda row: True))
+    points = [(one.confidence, one.right) for one in bins]
+    lines: dict[str, Points] = {"perfect": [(0.0, 0.0), (1.0, 1.0)], "firstfix": points}
+    y = Axis("share that is right", 0.0, 1.0)
+    return chart("Reliability", Axis("probability claimed", 0.0, 1.0), y, lines, {})
+
+
+def peers_picture(peers: Result) -> str:
+    """Success against the time of a scan, of all peers over the scans of all sets."""
+    dots: dict[str, Points] = {}
+    for name, cases in peer_cases(peers).items():
+        report = report_of(cases)
+        dots[f"{name} ({len(cases)})"] = [(report["time_s_p50"], report["success_0.2m_1deg"])]
+    x = Axis("median seconds of a scan", 0.01, 100.0, log=True)
+    return chart("Time against success", x, Axis("share within 0.2 m, 1 degree", 0.0, 1.0), {}, dots)
+
+
+def size_picture(scale: Result) -> str:
+    """Time of a query against the number of templates."""
+    worlds = sorted(scale.figures["worlds"].values(), key=lambda world: world["templates"])
+    lines: dict[str, Points] = {
+        f"{name} of a query": [(world["templates"], world["anywhere"][key]) for world in worlds]
+        for name, key in (("median", "median_ms"), ("p99", "p99_ms"))
+    }
+    x = Axis("templates of the map", 100.0, 1e7, log=True)
+    return chart("Time against map size", x, Axis("ms", 1.0, 1000.0, log=True), lines, {})
+
+
+def _operating_point(cases: list[Scored]) -> tuple[float, float]:
+    """Coverage and risk of the poses that a system gives."""
+    given = [case for case in cases if case.has_pose]
+    wrong = sum(not case.is_right for case in given)
+    return len(given) / len(cases), wrong / len(given) if given else 0.0

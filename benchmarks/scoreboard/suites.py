@@ -1,0 +1,82 @@
+"""The suites of the scoreboard: how each is run, and the paths whose code decides its figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+ANSWERS = (  # what builds a map and answers a scan of it
+    "native/include",
+    "native/python",
+    "core/firstfix/bit_exact",
+    "core/firstfix/descriptor",
+    "core/firstfix/engine",
+    "core/firstfix/scan",
+    "core/firstfix/sensor",
+    "core/firstfix/transform.py",
+    "builder/firstfix_builder/index",
+    "builder/firstfix_builder/mesh",
+    "builder/firstfix_builder/pipeline.py",
+    "builder/firstfix_builder/self_test",
+    "builder/firstfix_builder/simulation",
+    "builder/firstfix_builder/templates",
+    "builder/firstfix_builder/viewpoints",
+)
+ASKED = (  # what turns, asks and judges the scans
+    "benchmarks/common/asked.py",
+    "benchmarks/common/datasets.py",
+    "cli/firstfix_cli/evaluate.py",
+    "cli/firstfix_cli/pose_gravity.py",
+    "clients/python/firstfix_client/steps",
+    "core/firstfix/wire",
+)
+SERVICE = ("service/firstfix_service", "clients/python/firstfix_client", "core/firstfix/wire")
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A suite and its result.
+
+    Attributes:
+        name: of the suite and of its result's file.
+        module: is run by ``python -m``.
+        arguments: of the whole run.
+        quick: arguments of a small run; None: there is none.
+        measured: files and folders whose code decides the figures that pages show.
+        cases: CSV file with one row a case, which the run leaves; empty: the figures hold all that there is.
+        json_option: the module writes its figures to a file; else they are the lines that it prints.
+    """
+
+    name: str
+    module: str
+    arguments: tuple[str, ...]
+    quick: tuple[str, ...] | None
+    measured: tuple[str, ...]
+    cases: str = ""
+    json_option: bool = True
+
+
+def _of_run(name: str, measured: tuple[str, ...], cases: str = "") -> Suite:
+    own = (f"benchmarks/{name}", *measured)
+    return Suite(name, "benchmarks.run", (name,), (name, "--quick"), own, cases)
+
+
+SUITES = {
+    suite.name: suite
+    for suite in (
+        _of_run("real", (*ANSWERS, *ASKED), "build/bench/real/answers.csv"),
+        _of_run("robust", (*ANSWERS, "worlds"), "build/bench/robust/outcomes.csv"),
+        _of_run("peers", (*ANSWERS, *ASKED)),
+        _of_run("paper", (*ANSWERS, "worlds")),
+        _of_run("service", (*ANSWERS, *SERVICE)),
+        _of_run("scale", (*ANSWERS, "worlds")),
+        _of_run("ablation", (*ANSWERS, *ASKED, "worlds")),
+        Suite(
+            "ros",
+            "tests.robots.matrix",
+            (),
+            None,
+            ("tests/robots", "cli/firstfix_cli/ros_gateway", "clients/ros2"),
+            json_option=False,
+        ),
+    )
+}

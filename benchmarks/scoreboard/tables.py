@@ -1,0 +1,211 @@
+"""Tables of the pages, each made from the result of one suite."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from firstfix_cli.score.metrics import report_of
+from firstfix_cli.score.scored import Scored
+
+from ..ablation.report import HEAD as ABLATION_HEAD
+from ..ablation.report import report as ablation_report
+from ..common.datasets import DATASETS
+from ..common.markdown import table
+from ..peers.report import COLUMNS
+from .result import Result
+from .scored_cases import AS_IT_IS, GRAVITIES, real_cases, references
+
+PLACES = {  # what the sets are, and the sensor
+    "street": "street, 351 x 526 m, HDL-64E on a car",
+    "hall": "hall, 29 x 62 m, handheld OS0-64",
+    "yard": "yard, 82 x 245 m, VLP-16, thinned by its authors",
+    "garage": "garage, 90 x 24 m, stop scans",
+    "street_128beam": "shopping street, 128 beams",
+    "turning": "room, Mid-360 turning on the spot",
+}
+ROBUST = {
+    "answers": "answers",
+    "distinct": "distinct",
+    "found": "found",
+    "first": "right first",
+    "localized": "localized",
+    "false_accepts": "false accepts",
+    "wrong_0.2m": "wrong by over 0.2 m",
+    "ece": "ECE",
+}
+
+
+def real_summary(result: Result) -> list[str]:
+    """A row for each set: scans as they are, without gravity, by the first reference."""
+    head = ("place", "scans", "right place first", "localized", "false accepts", "median error", "ms")
+    rows = []
+    for name in references(result):
+        figures = result.figures[name]["variants"][AS_IT_IS]["estimated"]
+        against = next(iter(figures["against"].values()))
+        rows.append(
+            (
+                PLACES.get(name, name),
+                figures["n"],
+                round(against["right_first"] * figures["n"]),
+                figures["verdicts"]["localized"],
+                figures["wrong"],
+                _error(against),
+                f"{figures['ms']['p50']:.0f}",
+            )
+        )
+    return table(head, rows)
+
+
+def real_by_reference(result: Result) -> list[str]:
+    """A row for each set, reference and source of gravity: scans as they are."""
+    head = (
+        "set",
+        "reference",
+        "gravity",
+        "right first",
+        "localized, right",
+        "localized / ambiguous / rejected",
+    )
+    head += ("false accepts", "error m p50 / p95", "error deg p50 / p95")
+    rows = []
+    for name, known in references(result).items():
+        for reference in known:
+            for gravity in GRAVITIES:
+                figures = result.figures[name]["variants"][AS_IT_IS][gravity]
+                against = figures["against"][reference]
+                rows.append(
+                    (
+                        f"{name} ({figures['n']})",
+                        reference,
+                        gravity,
+                        f"{against['right_first']:.2f}",
+                        f"{against['localized_right']:.2f}",
+                        " / ".join(map(str, figures["verdicts"].values())),
+                        figures["wrong"],
+                        _pair(against["error_m"], 3),
+                        _pair(against["error_deg"], 2),
+                    )
+                )
+    return table(head, rows)
+
+
+def real_protocol(result: Result) -> list[str]:
+    """A row for each set and source of gravity, over all variants, by the benchmark protocol."""
+    rows: list[Sequence[Any]] = []
+    for gravity in GRAVITIES:
+        everything: list[Scored] = []
+        for name in references(result):
+            cases = real_cases(
+                result,
+                lambda row, name=name, gravity=gravity: (row["set"], row["gravity"]) == (name, gravity),
+            )
+            everything += cases
+            rows.append((name, gravity, *_protocol(cases)))
+        rows.append(("together", gravity, *_protocol(everything)))
+    head = ("set", "gravity", "answers", "0.2 m, 1 deg", "1 m, 5 deg", "2 m, 5 deg", "false accepts")
+    return table((*head, "coverage at no risk", "ECE", "Brier", "s p50 / p95"), rows)
+
+
+def real_builds(result: Result) -> list[str]:
+    """A row for each set: what the map took."""
+    rows = [
+        (name, f"{built['build_s']:.0f}", built["build_peak_gb"], f"{built['bytes'] / 1e6:.0f}")
+        for name in references(result)
+        for built in [result.figures[name]["build"]]
+    ]
+    return table(("set", "build, s", "peak memory, GB", "version, MB"), rows)
+
+
+def peers_table(result: Result) -> list[str]:
+    """A row for each set and peer, the best of a set first."""
+    rows: list[Sequence[Any]] = []
+    for name, found in result.figures.items():
+        if not isinstance(found, dict):
+            continue
+        measured = {peer: row for peer, row in found.items() if isinstance(row, dict)}
+        ranked = sorted(
+            measured, key=lambda peer: (-measured[peer]["success_0.2m_1deg"], measured[peer]["median_s"])
+        )
+        rows += [
+            (f"{name} ({measured[peer]['n']})", peer, *(measured[peer][key] for key in COLUMNS))
+            for peer in ranked
+        ]
+    return table(("set", "system", *COLUMNS.values()), rows)
+
+
+def robust_table(result: Result) -> list[str]:
+    """A row for each world, and all of them together."""
+    worlds = {name: one["bars"] for name, one in result.figures["worlds"].items() if isinstance(one, dict)}
+    worlds["together"] = result.figures["bars"]
+    return table(
+        ("world", *ROBUST.values()), [(name, *(bars[key] for key in ROBUST)) for name, bars in worlds.items()]
+    )
+
+
+def scale_table(result: Result) -> list[str]:
+    """A row for each world."""
+    head = (
+        "world",
+        "templates",
+        "query ms p50 / p99",
+        "within 0.2 m",
+        "false",
+        "version, MB",
+        "build, processor s",
+    )
+    rows = [
+        (
+            name,
+            world["templates"],
+            f"{world['anywhere']['median_ms']} / {world['anywhere']['p99_ms']}",
+            world["anywhere"]["success"].get("0.2m"),
+            world["anywhere"]["false"],
+            world["version_mb"],
+            world["build_cpu_s"],
+        )
+        for name, world in result.figures["worlds"].items()
+    ]
+    return table(head, rows)
+
+
+def service_table(result: Result) -> list[str]:
+    """A row for each transport, encoding and number of clients."""
+    rows = result.figures["throughput"]
+    names = [name for name in rows[0] if name != "outcomes"]
+    return table(names, [[row[name] for name in names] for row in rows])
+
+
+def ablation_table(result: Result) -> list[str]:
+    """The table over all sets."""
+    lines = ablation_report(result.figures["sets"]).splitlines()
+    begin = next(k for k, line in enumerate(lines) if line.startswith(f"| {ABLATION_HEAD[0]}"))
+    return [*lines[begin : lines.index("", begin)]]
+
+
+def skipped_sets(result: Result) -> list[str]:
+    """Names of the sets that a suite over data sets did not find, or was not asked for."""
+    names = [dataset.name for dataset in DATASETS]
+    if not any(name in result.figures for name in names):
+        return []
+    return [name for name in names if not isinstance(result.figures.get(name), dict)]
+
+
+def _protocol(cases: Sequence[Scored]) -> list[Any]:
+    report = report_of(cases)
+    success = [f"{report[key]:.3f}" for key in ("success_0.2m_1deg", "success_1m_5deg", "success_2m_5deg")]
+    coverage, ece, brier = (f"{report[key]:.3f}" for key in ("coverage_at_risk_0", "ece", "brier"))
+    seconds = f"{report['time_s_p50']:.3f} / {report['time_s_p95']:.3f}"
+    return [report["cases"], *success, report["false_accepts"], coverage, ece, brier, seconds]
+
+
+def _error(against: dict[str, Any]) -> str | None:
+    if against["error_m"] is None:
+        return None
+    return f"{100 * against['error_m']['p50']:.1f} cm, {against['error_deg']['p50']:.2f} deg"
+
+
+def _pair(percentiles: dict[str, float] | None, digits: int) -> str | None:
+    return (
+        None if percentiles is None else f"{percentiles['p50']:.{digits}f} / {percentiles['p95']:.{digits}f}"
+    )

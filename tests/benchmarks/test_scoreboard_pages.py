@@ -1,0 +1,126 @@
+"""Pages and pictures made from small results."""
+
+from __future__ import annotations
+
+import copy
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from benchmarks.peers.report import COLUMNS
+from benchmarks.scoreboard.chart import Axis, chart
+from benchmarks.scoreboard.pages import benchmark_page, plot_files, readme_parts
+from benchmarks.scoreboard.result import Cases, Result
+
+SVG = "{http://www.w3.org/2000/svg}"
+AGAINST = {
+    "right_first": 0.5,
+    "localized_right": 0.5,
+    "error_m": {"p50": 0.031, "p95": 4.0},
+    "error_deg": {"p50": 0.25, "p95": 3.0},
+}
+AS_IT_IS = {
+    "n": 2,
+    "verdicts": {"localized": 2, "ambiguous": 0, "rejected": 0},
+    "wrong": 1,
+    "against": {"ICP": AGAINST, "RTK": AGAINST},
+    "ms": {"p50": 12.0, "p95": 20.0},
+}
+REAL = {
+    "seed": 1,
+    "hall": {
+        "build": {"build_s": 50.0, "build_peak_gb": 1.2, "bytes": 27_000_000},
+        "variants": {"as it is": {"estimated": AS_IT_IS, "given": AS_IT_IS}},
+    },
+    "street": "skipped: it is not beside the checkout",
+}
+COLUMN_NAMES = ["set", "scan", "variant", "gravity", "verdict", "reasons", "probability", "reference"]
+ROWS = [
+    ["hall", scan, "as it is", gravity, "localized", "", probability, reference, error_m, 0.1, 12.0]
+    for scan, probability, error_m in (("a", 0.99, 0.03), ("b", 0.6, 4.0))
+    for gravity in ("estimated", "given")
+    for reference in ("ICP", "RTK")
+]
+CASES = Cases([*COLUMN_NAMES, "first_error_m", "first_error_deg", "ms"], ROWS)
+
+
+def result(suite: str, figures: Any, cases: Cases | None = None) -> Result:
+    on = {"cpus": 2, "processor": "a processor", "memory_gb": 24.0, "system": "Debian", "load": 0.1}
+    command = f"python -m benchmarks.run {suite}"
+    began, python = "2026-11-25T10:00:00+00:00", {"python": "3.11.2"}
+    return Result(suite, "a" * 40, {}, command, False, began, 90.0, on, python, figures, cases)
+
+
+def peer(success: float, seconds: float) -> dict[str, Any]:
+    known = {"n": 2, "success_0.2m_1deg": success, "median_s": seconds}
+    return {**dict.fromkeys(COLUMNS, 0), **known, "answers": [[0.1, 0.5, seconds], [None, None, seconds]]}
+
+
+PEERS = {
+    "hall": {"asked": ["a", "b"], "firstfix": peer(0.5, 0.02), "other": peer(1.0, 3.0), "gone": "skipped: x"}
+}
+
+
+def test_a_suite_without_a_result_says_so():
+    page = benchmark_page({})
+    assert page.count("Not run on this code") == 8
+    assert plot_files({}) == {}
+    parts = readme_parts({})
+    assert parts["peers"] == "Not run on this code: `make scoreboard ARGS=peers`.\n"
+
+
+def test_a_page_shows_what_the_result_holds():
+    results = {"real": result("real", REAL, CASES)}
+    page, table = benchmark_page(results), readme_parts(results)["real"]
+    assert "| hall, 29 x 62 m, handheld OS0-64 | 2 | 1 | 2 | 1 | 3.1 cm, 0.25 deg | 12 |" in table
+    assert "2026-11-25 | aaaaaaaa | 2 min" in page
+    assert "Not there, or not in this run: street, yard, garage" in page
+    assert "| together | estimated | 2 | 0.500 | 0.500 | 0.500 | 1 | 0.500 |" in page
+
+
+def test_a_changed_number_changes_the_page():
+    changed = copy.deepcopy(REAL)
+    changed["hall"]["variants"]["as it is"]["estimated"]["wrong"] = 0  # type: ignore[index]
+    before, after = result("real", REAL, CASES), result("real", changed, CASES)
+    assert readme_parts({"real": before}) != readme_parts({"real": after})
+    rows = [[*row[:8], 0.02, *row[9:]] for row in ROWS]
+    better = replace(before, cases=Cases(CASES.columns, rows))
+    assert benchmark_page({"real": before}) != benchmark_page({"real": better})
+
+
+def test_the_peer_that_wins_stands_first():
+    table = readme_parts({"peers": result("peers", PEERS)})["peers"]
+    assert table.index("| other |") < table.index("| firstfix |")
+    assert "gone" not in table
+
+
+@pytest.mark.parametrize("names", [("real",), ("real", "peers"), ("scale",)], ids="+".join)
+def test_pictures_are_well_formed_and_show_their_data(names):
+    world = {"templates": 1000, "anywhere": {"median_ms": 10.0, "p99_ms": 20.0}}
+    figures: dict[str, Any] = {"real": REAL, "peers": PEERS, "scale": {"worlds": {"a": world, "b": world}}}
+    found = plot_files(
+        {name: result(name, figures[name], CASES if name == "real" else None) for name in names}
+    )
+    expected = {
+        "real": {"success.svg", "risk.svg", "reliability.svg"},
+        "peers": {"peers.svg"},
+        "scale": {"size.svg"},
+    }
+    assert set(found) == set().union(*(expected[name] for name in names))
+    for text in found.values():
+        root = ET.fromstring(text)
+        assert root.findall(f"{SVG}circle")
+        assert root.find(f"{SVG}rect").get("fill") == "#fff"  # type: ignore[union-attr]
+
+
+def test_a_point_stands_where_the_axes_say():
+    x, y = Axis("a < b", 1.0, 100.0, log=True), Axis("share", 0.0, 1.0)
+    root = ET.fromstring(chart("T", x, y, {"line": [(1.0, 0.0), (10.0, 0.5), (100.0, 1.0)]}, {}))
+    across = [float(dot.get("cx", "")) for dot in root.findall(f"{SVG}circle")]
+    down = [float(dot.get("cy", "")) for dot in root.findall(f"{SVG}circle")]
+    assert across[1] == pytest.approx((across[0] + across[2]) / 2)
+    assert down[0] > down[1] > down[2]
+    assert "a < b" in [text.text for text in root.findall(f"{SVG}text")]
+    assert x.ticks() == [1, 2, 5, 10, 20, 50, 100]
