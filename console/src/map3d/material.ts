@@ -92,7 +92,7 @@ export class PointMaterial extends ShaderMaterial {
 
   /** Lowest and highest z that the colours span. */
   set heights([low, high]: [number, number]) {
-    this.uniforms.heights!.value.set(low, high);
+    (this.uniforms.heights!.value as Vector2).set(low, high);
   }
 
   /** z at which each storey begins, from below. */
@@ -102,7 +102,11 @@ export class PointMaterial extends ShaderMaterial {
 
   /** Lowest and highest z that is drawn. */
   set slice([low, high]: [number, number]) {
-    this.uniforms.slice!.value.set(low, high);
+    (this.uniforms.slice!.value as Vector2).set(low, high);
+  }
+
+  get slice(): [number, number] {
+    return (this.uniforms.slice!.value as Vector2).toArray();
   }
 
   /** Height of the picture in pixels over twice the tangent of half the angle of view. */

@@ -171,7 +171,7 @@ export class MapScene {
     const [px, py] = [clientX - box.left, clientY - box.top];
     const project = new Matrix4();
     const whole = new Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse);
-    const [low, high] = this.material.uniforms.slice!.value.toArray() as [number, number];
+    const [low, high] = this.material.slice;
     const at = new Vector3();
     let best: Vector3 | null = null;
     let bestCost = Infinity;
@@ -262,7 +262,7 @@ export class MapScene {
       new Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse),
     );
     const box = new Box3();
-    const [lowest, highest] = this.material.uniforms.slice!.value.toArray() as [number, number];
+    const [lowest, highest] = this.material.slice;
     return choose(this.cloud.root, {
       at: this.camera.position.toArray(),
       pixelsPerTangent,
