@@ -42,12 +42,8 @@ const FRAGMENT = `
 
   void main() {
     float depth = texture(depths, place).r;
+    if (depth >= 1.0) discard; // the ground
     gl_FragDepth = depth; // what is laid over the cloud is hidden by it
-    vec4 seen = texture(picture, place);
-    if (depth >= 1.0) {
-      colour = seen;
-      return;
-    }
     float own = away(depth);
     float behind = 0.0;
     for (int i = 0; i < 8; i++) {
@@ -55,7 +51,7 @@ const FRAGMENT = `
       float there = texture(depths, place + pixel * vec2(cos(angle), sin(angle))).r;
       if (there < 1.0) behind += max(0.0, own - away(there));
     }
-    colour = vec4(seen.rgb * max(exp(-${STRENGTH.toFixed(1)} * behind / 8.0), ${DARKEST}), 1.0);
+    colour = vec4(texture(picture, place).rgb * max(exp(-${STRENGTH.toFixed(1)} * behind / 8.0), ${DARKEST}), 1.0);
   }
 `;
 

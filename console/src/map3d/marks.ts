@@ -98,10 +98,10 @@ export function colouredDots(positions: Float32Array, colours: Float32Array, siz
 }
 
 /** A square that lies flat, around its middle. */
-export function squareMark(middle: Vector3, edge: number, colour: number): Mesh {
+export function squareMark(middle: Vector3, edge: number, colour: number, opacity = 0.4): Mesh {
   const square = new Mesh(
     new PlaneGeometry(edge, edge),
-    new MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.4, depthTest: false, side: DoubleSide }),
+    new MeshBasicMaterial({ color: colour, transparent: true, opacity, depthTest: false, side: DoubleSide }),
   );
   square.position.copy(middle);
   square.renderOrder = 4;

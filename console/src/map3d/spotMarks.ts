@@ -6,13 +6,14 @@ import { pathMark, squareMark } from "./marks";
 import type { MapScene } from "./scene";
 import { localizedShare, SPOT_CELL_M, type SpotCell, type SpotGrid } from "./spots";
 
+const HEAT_OPACITY = 0.65; // the colours of the points are not to be mixed into it
 const EDGE_M = 0.92 * SPOT_CELL_M;
 
 /** The heat of localizability: the share of the scans that were localized in each cell. */
 export function squares(scene: MapScene, grid: SpotGrid): Object3D {
   const group = new Group();
   for (const one of grid.cells) {
-    group.add(squareMark(scene.local(grid.middle(one.cell)), SPOT_CELL_M, heatOf(localizedShare(one)).getHex()));
+    group.add(squareMark(scene.local(grid.middle(one.cell)), SPOT_CELL_M, heatOf(localizedShare(one)).getHex(), HEAT_OPACITY));
   }
   return group;
 }
