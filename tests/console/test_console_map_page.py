@@ -1,4 +1,7 @@
-"""The console in a real browser: the page of a map. Is it good, what is on it, and can it be read?"""
+"""The console in a real browser: the page of a map. Is it good, what is on it, and can it be read?
+
+Only four files have its tests: each worker of pytest that has one starts a browser and a service.
+"""
 
 from __future__ import annotations
 
