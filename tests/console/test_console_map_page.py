@@ -39,6 +39,7 @@ def test_a_map_says_first_whether_it_is_good_and_what_was_found(page, world, sma
     page.open("#/maps/rounded")
     page.wait(".findings .warning", finding["text"])
     page.wait(".findings .warning", finding["remedy"])
+    page.map_picture()  # all of it is there before the map goes
     assert world.service.http.delete("/maps/rounded", headers=world.headers("admin")).is_success
 
 
