@@ -44,7 +44,7 @@ if ! install_packages; then {
 is npm_config_registry, or registry= in ~/.npmrc): make console"
 } >&2; exit 0; fi
 say "building the page"
-for step in types check build; do
+for step in types check lint build; do
   npm run "$step" >build/console.log 2>&1 || { cat build/console.log; exit 1; } >&2
 done
 echo "$digest" >"$built"

@@ -16,6 +16,11 @@ export const route = signal(read());
 export const lostMap = signal(""); // a map that an address names and that is not there
 addEventListener("hashchange", () => (route.value = read()));
 
+/** The query of the address now, with what was noted since the view was opened. */
+export function addressed(): URLSearchParams {
+  return read().query;
+}
+
 export function link(path: string[], query: Record<string, string> = {}): string {
   const search = new URLSearchParams(query).toString();
   return `#/${path.map(encodeURIComponent).join("/")}${search ? `?${search}` : ""}`;

@@ -34,6 +34,8 @@ _KEYS = {
     "Escape": ("Escape", 27, ""),
     "Tab": ("Tab", 9, ""),
     "Space": ("Space", 32, " "),
+    "t": ("KeyT", 84, "t"),
+    "?": ("Slash", 191, "?"),
     "ArrowRight": ("ArrowRight", 39, ""),
     "ArrowLeft": ("ArrowLeft", 37, ""),
     "ArrowUp": ("ArrowUp", 38, ""),

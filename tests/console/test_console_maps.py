@@ -1,6 +1,6 @@
 """The console in a real browser, with a real service and real maps: maps, a map in 3D, and versions.
 
-Only three files have its tests: each worker of pytest that has one starts a browser and a service.
+Only four files have its tests: each worker of pytest that has one starts a browser and a service.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The console in a real browser: what it must not let a person believe, and what nobody may do by one click.
 
-Only three files have its tests: each worker of pytest that has one starts a browser and a service.
+Only four files have its tests: each worker of pytest that has one starts a browser and a service.
 """
 
 from __future__ import annotations
@@ -262,7 +262,7 @@ def test_a_sensor_of_ones_own_is_handed_in_as_a_file(page, world, house_file, tm
 def test_a_layer_that_has_nothing_to_show_says_so(page):
     page.open("#/maps/yard?layers=trajectory,localizability")
     page.wait("label.check [role=status]", "this version was built without one")
-    page.wait("[aria-label='Colours of the places'] li", "all scans of the self-test were localized")
+    page.wait("[aria-label='Colours of the places'] figcaption", "Scans of the self-test that were localized")
 
 
 def test_an_address_of_no_map_leads_back_to_the_maps(page):

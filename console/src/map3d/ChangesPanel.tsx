@@ -30,7 +30,7 @@ export function ChangesPanel({ found, look }: ChangesPanelProps) {
       </ul>
       <ul class="spots">
         {found.areas.slice(0, LISTED).map((one) => (
-          <li key={`${one.kind} ${one.box.low}`}>
+          <li key={`${one.kind} ${one.box.low.join()}`}>
             <button onClick={() => look(middleOf(one))}>{middleOf(one).slice(0, 2).map(metres).join(", ")}</button>{" "}
             {one.kind}, {one.spots} spots
           </li>

@@ -1,10 +1,11 @@
 // The switches of the map view: colour, storey, layers.
 
 import type { Signal } from "@preact/signals";
+import { mayBuild } from "../access/session";
 import type { Colouring } from "./material";
 import type { Storey } from "./storeys";
 
-export type LayerName = "trajectory" | "templates" | "localizability" | "aliases" | "changes";
+export type LayerName = "trajectory" | "templates" | "localizability" | "aliases" | "changes" | "samples";
 
 const LAYERS: Record<LayerName, string> = {
   trajectory: "Mapping run",
@@ -12,15 +13,18 @@ const LAYERS: Record<LayerName, string> = {
   localizability: "Where a robot finds itself",
   aliases: "Which place is taken for which",
   changes: "Changes since the map was made",
+  samples: "Kept queries, by verdict",
 };
+export const LAYER_NAMES = Object.keys(LAYERS) as LayerName[];
 const NOTHING: Record<LayerName, string> = {
   trajectory: "this version was built without one",
   templates: "this version has none",
   localizability: "this version has no self-test",
   aliases: "none was",
   changes: "",
+  samples: "none with a place was kept",
 };
-const COLOURS: Record<Colouring, string> = { height: "Height", storey: "Storey", normal: "Normal", plain: "One colour" };
+const COLOURS: Record<Colouring, string> = { height: "Height above the floor", storey: "Storey", normal: "Normal", plain: "One colour" };
 
 export interface LayersProps {
   colouring: Signal<Colouring>;
@@ -29,9 +33,10 @@ export interface LayersProps {
   storeys: Storey[];
   storey: Signal<string>;
   whole: () => void;
+  above: () => void;
 }
 
-export function Layers({ colouring, layers, empty, storeys, storey, whole }: LayersProps) {
+export function Layers({ colouring, layers, empty, storeys, storey, whole, above }: LayersProps) {
   const toggle = (name: LayerName) => {
     const on = layers.value.includes(name);
     layers.value = on ? layers.value.filter((one) => one !== name) : [...layers.value, name];
@@ -40,7 +45,10 @@ export function Layers({ colouring, layers, empty, storeys, storey, whole }: Lay
   return (
     <section>
       <h3>View</h3>
-      <button onClick={whole}>Whole map</button>
+      <div class="row">
+        <button onClick={whole}>Whole map</button>
+        <button onClick={above}>From above</button>
+      </div>
       <label>
         Colour
         <select
@@ -68,10 +76,10 @@ export function Layers({ colouring, layers, empty, storeys, storey, whole }: Lay
         </label>
       ) : null}
       <h3>Layers</h3>
-      {(Object.entries(LAYERS) as [LayerName, string][]).map(([name, text]) => (
+      {LAYER_NAMES.filter((name) => name !== "samples" || mayBuild.value).map((name) => (
         <label class="check" key={name}>
           <input type="checkbox" checked={layers.value.includes(name)} onChange={() => toggle(name)} />
-          {text}
+          {LAYERS[name]}
           {empty.includes(name) ? <small role="status">{NOTHING[name]}</small> : null}
         </label>
       ))}

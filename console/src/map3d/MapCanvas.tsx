@@ -7,7 +7,13 @@ import { ErrorText } from "../ui/ErrorText";
 import { count } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 import { type Cloud, mark, openCloud, points } from "./cloud";
-import { KEYS, MapScene } from "./scene";
+import { bulkOf, type Box } from "./bulk";
+import { type Floor, floorOf } from "./floor";
+import { HeightLegend } from "./HeightLegend";
+import { Keys } from "./Keys";
+import type { Orientation } from "./orientation";
+import { Scale } from "./Scale";
+import { MapScene } from "./scene";
 import { heightsOf, type Storey, storeysOf } from "./storeys";
 
 export interface CanvasProps {
@@ -23,6 +29,9 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
   const element = useRef<HTMLDivElement>(null);
   const shown = useSignal(0);
   const isBusy = useSignal(true);
+  const orientation = useSignal<Orientation | null>(null);
+  const isByHeight = useSignal(false);
+  const isAsked = useSignal(false); // for the list of keys
   const problem = useSignal<unknown>(null);
   const opened = useLoaded((signal) => open(map, version, signal), [map, version]);
   const cloud = opened.value?.cloud;
@@ -35,15 +44,19 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
     if (!opened.value || !cloud || !element.current) return;
     let scene: MapScene;
     try {
-      scene = new MapScene(cloud, element.current);
+      scene = new MapScene(cloud, opened.value.bulk, element.current);
     } catch (error) {
       problem.value = error;
       return;
     }
     scene.drawn = () => {
-      shown.value = scene.shownPoints;
-      isBusy.value = scene.isBusy;
+      shown.value = scene.points.shown;
+      isBusy.value = scene.points.isBusy;
+      orientation.value = scene.orientation;
+      isByHeight.value = scene.material.isByHeight;
     };
+    scene.keysAsked = () => (isAsked.value = true);
+    scene.material.setFloor(opened.value.floor, cloud.index.edge_m);
     scene.failed = (error) => (problem.value = error);
     const canvas = element.current.querySelector("canvas")!;
     let pressed: [number, number] | null = null;
@@ -76,12 +89,16 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
       ) : null}
       {problem.value ? <ErrorText error={problem.value} /> : null}
       {!cloud && !opened.error ? <p role="status">Opening the cloud …</p> : null}
-      {cloud ? <p class="keys">{KEYS}</p> : null}
       {cloud ? (
-        <p class="shown">
-          {count(shown.value)} of {count(cloud.index.points)} points
-        </p>
+        <div class="shown">
+          {isByHeight.value ? <HeightLegend high={opened.value!.floor.high} /> : null}
+          {orientation.value ? <Scale orientation={orientation.value} /> : null}
+          <p>
+            {count(shown.value)} of {count(cloud.index.points)} points
+          </p>
+        </div>
       ) : null}
+      {cloud ? <Keys isAsked={isAsked} /> : null}
     </div>
   );
 }
@@ -93,15 +110,23 @@ export function showStorey(scene: MapScene, cloud: Cloud, storeys: Storey[], cho
   const high = Math.min(chosen?.high ?? storeys.at(-1)?.high ?? Infinity, bounds[1] + 1);
   scene.material.slice = [low, high];
   scene.material.floors = storeys.map((one) => one.low);
-  scene.material.heights = [Math.max(low, bounds[0]), Math.min(high, bounds[1])];
   scene.redraw();
 }
 
-async function open(map: string, version: string, signal: AbortSignal): Promise<{ cloud: Cloud; storeys: Storey[] }> {
+interface Opened {
+  cloud: Cloud;
+  storeys: Storey[];
+  floor: Floor;
+  bulk: Box;
+}
+
+async function open(map: string, version: string, signal: AbortSignal): Promise<Opened> {
   const cloud = await openCloud(map, version, signal);
   const [templates, root] = await Promise.all([
     mark(cloud, "templates", signal),
     points(cloud, cloud.root.first, cloud.root.count, signal),
   ]);
-  return { cloud, storeys: storeysOf(heightsOf(templates), root, cloud.index.edge_m) };
+  const edge = cloud.index.edge_m;
+  const storeys = storeysOf(heightsOf(templates), root, edge);
+  return { cloud, storeys, floor: floorOf(root, edge, storeys), bulk: bulkOf(cloud, root, templates) };
 }

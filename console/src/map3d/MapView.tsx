@@ -2,20 +2,23 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { mayBuild } from "../access/session";
 import { get, type Schemas } from "../api/client";
 import { MapProblem } from "../maps/MapProblem";
-import { link, note, route } from "../router";
+import { addressed, go, link, route } from "../router";
 import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
 import { ChangesPanel } from "./ChangesPanel";
 import type { Cloud } from "./cloud";
-import { Layers, type LayerName } from "./Layers";
+import { HeatLegend } from "./HeatLegend";
+import { Layers } from "./Layers";
 import { changeMarks } from "./layerMarks";
 import { MapCanvas, showStorey } from "./MapCanvas";
-import type { Colouring } from "./material";
 import { Measure } from "./measure";
 import { MeasureTool } from "./MeasureTool";
+import { MapQueries } from "./MapQueries";
+import { MapVersions } from "./MapVersions";
 import { Quality } from "./Quality";
 import type { MapScene } from "./scene";
 import { ShareLink } from "./ShareLink";
@@ -24,6 +27,7 @@ import { SpotPanel } from "./SpotPanel";
 import type { SpotCell } from "./spots";
 import type { Storey } from "./storeys";
 import { laid, useLayerMarks } from "./useLayerMarks";
+import { useMapState } from "./useMapState";
 import { useSpotGrid } from "./useSpotGrid";
 
 const MOST_AREAS = 1000;
@@ -38,10 +42,8 @@ export function MapView({ map }: { map: string }) {
   const scene = useRef<MapScene | null>(null);
   const cloud = useRef<Cloud | null>(null);
   const isReady = useSignal(0);
-  const colouring = useSignal<Colouring>((asked.get("colour") as Colouring) || "height");
-  const layers = useSignal<LayerName[]>((asked.get("layers")?.split(",") as LayerName[]) ?? ["trajectory"]);
+  const { colouring, layers, storey } = useMapState(scene, isReady.value);
   const storeys = useSignal<Storey[]>([]);
-  const storey = useSignal(asked.get("storey") ?? "");
   const measuring = useSignal(false);
   const measure = useRef<Measure | null>(null);
   const length = useSignal<number | null>(null);
@@ -56,7 +58,8 @@ export function MapView({ map }: { map: string }) {
         : null,
     [map, version, isCompared],
   );
-  const isTested = layers.value.includes("localizability") || layers.value.includes("aliases");
+  const isHeated = layers.value.includes("localizability");
+  const isTested = isHeated || layers.value.includes("aliases");
 
   const opened = (found: MapScene | null, with_: Cloud | null, its: Storey[]) => {
     scene.current = found;
@@ -64,18 +67,6 @@ export function MapView({ map }: { map: string }) {
     storeys.value = its;
     isReady.value += 1;
     if (!found || !with_) return;
-    const eye = asked.get("view")?.split(",").map(Number);
-    if (eye?.length === 6 && eye.every(Number.isFinite)) {
-      found.view = {
-        target: eye.slice(0, 3) as [number, number, number],
-        eye: eye.slice(3) as [number, number, number],
-      };
-    }
-    let waiting = 0;
-    found.moved = ({ target, eye: at }) => {
-      clearTimeout(waiting);
-      waiting = window.setTimeout(() => note({ view: [...target, ...at].map((v) => v.toFixed(2)).join(",") }), 300);
-    };
     measure.current = new Measure(found, (m) => (length.value = m));
   };
 
@@ -84,10 +75,9 @@ export function MapView({ map }: { map: string }) {
     if (!here) return;
     here.material.colouring = colouring.value;
     showStorey(here, cloud.current!, storeys.value, storeys.value[Number(storey.value) - 1] ?? null);
-    note({ colour: colouring.value === "height" ? "" : colouring.value, storey: storey.value });
   }, [isReady.value, colouring.value, storey.value]);
 
-  const empty = useLayerMarks(scene, cloud, isReady.value, version, layers.value, grid.load, problem);
+  const empty = useLayerMarks(map, scene, cloud, isReady.value, version, layers.value, grid.load, problem);
 
   useEffect(() => {
     const here = scene.current;
@@ -127,7 +117,11 @@ export function MapView({ map }: { map: string }) {
       />
       <aside class="panel" aria-label="Layers and tools">
         <h1>{map}</h1>
-        <Quality map={map} version={version} />
+        <Quality
+          map={map}
+          version={version}
+          showHeat={isHeated ? null : () => (layers.value = [...layers.value, "localizability"])}
+        />
         <Layers
           colouring={colouring}
           layers={layers}
@@ -135,7 +129,9 @@ export function MapView({ map }: { map: string }) {
           storeys={storeys.value}
           storey={storey}
           whole={() => scene.current?.lookAtAll()}
+          above={() => scene.current?.lookFromAbove()}
         />
+        {isHeated ? <HeatLegend /> : null}
         {changes.value ? (
           <ChangesPanel found={changes.value} look={(position) => scene.current?.lookAt(position)} />
         ) : null}
@@ -143,6 +139,12 @@ export function MapView({ map }: { map: string }) {
           <SpotPanel grid={grid.value} chosen={spot.value} choose={(one) => (spot.value = one)} />
         ) : null}
         {changes.error ? <ErrorText error={changes.error} again={changes.again} /> : null}
+        <MapVersions
+          map={map}
+          version={version}
+          show={(one) => go(["maps", map], { ...Object.fromEntries(addressed()), version: one })}
+        />
+        {mayBuild.value ? <MapQueries map={map} /> : null}
         <ShareLink version={version} />
         <MeasureTool measuring={measuring} length={length} clear={() => measure.current?.clear()} />
         {problem.value ? <ErrorText error={problem.value} /> : null}

@@ -2,46 +2,60 @@
 
 import { get, type Schemas } from "../api/client";
 import { bytesOf, extentOf, judged, type Manifest, manifestOf } from "../maps/manifest";
+import { MapFindings } from "../maps/MapFindings";
 import { link } from "../router";
 import { ErrorText } from "../ui/ErrorText";
 import { count, percent, size } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
+import { localizedShare, type SpotCell } from "./spots";
 
-export function Quality({ map, version }: { map: string; version: string }) {
-  const details = useLoaded(
-    (signal) => get<Schemas["VersionDetails"]>(`/maps/${map}/versions/${version}`, {}, signal),
-    [map, version],
-  );
+export interface QualityProps {
+  map: string;
+  version: string;
+  showHeat: (() => void) | null; // null: it is shown
+}
+
+export function Quality({ map, version, showHeat }: QualityProps) {
+  const path = `/maps/${map}/versions/${version}`;
+  const details = useLoaded((signal) => get<Schemas["VersionDetails"]>(path, {}, signal), [path]);
+  const report = useLoaded((signal) => get<Schemas["VersionReport"]>(`${path}/report`, {}, signal), [path]);
   if (details.error) return <ErrorText error={details.error} again={details.again} />;
   if (!details.value) return <p role="status">Reading the self-test …</p>;
   const manifest = manifestOf(details.value);
   const { grade, text } = judged(manifest);
+  const cells = (report.value?.self_test.localizability ?? []) as SpotCell[];
   return (
     <section aria-label="Is it good?">
-      <p>
+      <p class="is-it-good">
         <strong class={`grade ${grade}`}>{grade}</strong> {details.value.active ? null : <span class="tag">not active</span>}{" "}
         {text}
       </p>
+      {report.error ? <ErrorText error={report.error} again={report.again} /> : null}
+      {report.value ? <MapFindings findings={report.value.findings} /> : null}
       <dl class="facts">
-        {factsOf(manifest).map(([name, value]) => (
+        {factsOf(manifest, cells).map(([name, value]) => (
           <div key={name}>
             <dt>{name}</dt>
             <dd>{value}</dd>
           </div>
         ))}
       </dl>
-      <a href={link(["maps", map, "try"], details.value.active ? {} : { version })}>Try a scan in it</a>
+      <div class="row">
+        <a href={link(["maps", map, "try"], details.value.active ? {} : { version })}>Try a scan in it</a>
+        {showHeat && cells.length ? <button onClick={showHeat}>Show where it is good</button> : null}
+      </div>
     </section>
   );
 }
 
-function factsOf(manifest: Manifest): [string, string][] {
+function factsOf(manifest: Manifest, cells: SpotCell[]): [string, string][] {
   const { self_test: test, counts = {}, sensor } = manifest;
   const facts: [string, string | null][] = [
     ["Localized in its self-test", test?.localized === undefined ? null : `${percent(test.localized)} of ${test.queries ?? "its"} scans`],
     ["Sure and wrong", test?.false_accepts === undefined ? null : String(test.false_accepts)],
     ["Best place within 0.2 m", test?.success?.["0.2m"] === undefined ? null : percent(test.success["0.2m"])],
     ["Median error", (test?.median_error_m ?? -1) >= 0 ? `${(100 * test!.median_error_m!).toFixed(1)} cm` : null],
+    ["Places where it localizes", cells.length ? `${cells.filter(isFound).length} of ${cells.length}` : null],
     ["Sensor", sensor?.name ? `${sensor.name}, ${sensor.mount_height_m} m above the floor` : null],
     ["Size", extentOf(manifest).map((m) => m.toFixed(0)).join(" × ") || null],
     ["Templates", counts.templates === undefined ? null : count(counts.templates)],
@@ -51,4 +65,9 @@ function factsOf(manifest: Manifest): [string, string][] {
   return facts
     .filter((fact): fact is [string, string] => fact[1] !== null)
     .map(([name, value]) => [name, name === "Size" ? `${value} m` : value]);
+}
+
+/** Whether at least half of the scans of a place were localized. */
+function isFound(cell: SpotCell): boolean {
+  return localizedShare(cell) >= 0.5;
 }

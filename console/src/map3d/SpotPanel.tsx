@@ -22,10 +22,6 @@ export function SpotPanel({ grid, chosen, choose }: SpotPanelProps) {
   const alike = chosen ? grid.takenFor(chosen.cell) : [];
   return (
     <section aria-label="Places of the self-test">
-      <ul class="key" aria-label="Colours of the places">
-        <li class="agrees">all scans of the self-test were localized</li>
-        <li class="contradicts">none was</li>
-      </ul>
       <h3>{chosen ? `Place at ${name(chosen.cell)}` : "Places that look like others"}</h3>
       {chosen ? (
         <>

@@ -2,11 +2,16 @@
 
 type Triple = [number, number, number];
 
+export interface View {
+  target: Triple;
+  eye: Triple;
+}
+
 const DOWN = (52 * Math.PI) / 180; // below the horizon
 const MARGIN = 1.06;
 
 /** Looks north and down. `fov_deg` is the angle of view from top to bottom. */
-export function framed(low: Triple, high: Triple, fov_deg: number, aspect: number): { target: Triple; eye: Triple } {
+export function framed(low: Triple, high: Triple, fov_deg: number, aspect: number): View {
   const middle = low.map((m, axis) => (m + high[axis]!) / 2) as Triple;
   const half = low.map((m, axis) => (high[axis]! - m) / 2) as Triple;
   const [sine, cosine] = [Math.sin(DOWN), Math.cos(DOWN)];
@@ -29,4 +34,13 @@ export function framed(low: Triple, high: Triple, fov_deg: number, aspect: numbe
   }
   const target: Triple = [middle[0], middle[1] + up * sine, middle[2] + up * cosine];
   return { target, eye: [target[0], target[1] - distance * cosine, target[2] + distance * sine] };
+}
+
+/** Looks straight down at all of a box, north (y) up. */
+export function fromAbove(low: Triple, high: Triple, fov_deg: number, aspect: number): View {
+  const target = low.map((m, axis) => (m + high[axis]!) / 2) as Triple;
+  const half = low.map((m, axis) => (high[axis]! - m) / 2) as Triple;
+  const tall = Math.tan((fov_deg * Math.PI) / 360) / MARGIN;
+  const distance = Math.max(half[0] / (tall * aspect), half[1] / tall, 0.1) + half[2];
+  return { target, eye: [target[0], target[1], target[2] + distance] };
 }

@@ -1,22 +1,26 @@
 // The marks of each layer, from what the service knows about the version.
 
 import { Group, type Object3D } from "three";
-import type { Schemas } from "../api/client";
+import { get, type Schemas } from "../api/client";
+import { answerOf, placeIn } from "../samples/place";
+import { token } from "../ui/token";
+import { colourOf } from "../ui/verdict";
 import { type Cloud, mark } from "./cloud";
 import type { LayerName } from "./Layers";
-import { cellsMark, dotsMark, pathMark } from "./marks";
+import { cellsMark, dotsMark, onTop, pathMark } from "./marks";
 import type { MapScene } from "./scene";
 import { aliases, squares } from "./spotMarks";
 import type { SpotGrid } from "./spots";
 
-const GONE = 0xff3b30; // style.css has both for the key
-const NEW = 0x34c759;
+const MOST_SAMPLES = 200;
+const SAMPLE_PX = 9;
 
 export type MarkLayer = Exclude<LayerName, "changes">;
 
 /** The marks of a layer; null where there is nothing to show. */
 export async function layerOf(
   name: MarkLayer,
+  map: string,
   scene: MapScene,
   cloud: Cloud,
   grid: () => Promise<SpotGrid>,
@@ -27,9 +31,10 @@ export async function layerOf(
     if (name === "aliases") return tested.confused.length ? aliases(scene, tested) : null;
     return tested.cells.length ? squares(scene, tested) : null;
   }
+  if (name === "samples") return sampleMarks(map, scene, signal);
   const positions = await mark(cloud, name, signal);
   if (!positions.length) return null;
-  return name === "templates" ? dotsMark(positions, 0x7b8794, 2) : pathMark(positions, 0xff9500);
+  return name === "templates" ? dotsMark(positions, token("mark-template"), 2) : pathMark(positions, token("mark-path"));
 }
 
 /** The cells of all areas that have changed. */
@@ -37,7 +42,20 @@ export function changeMarks(scene: MapScene, found: Schemas["MapChanges"]): Obje
   const group = new Group();
   for (const area of found.areas) {
     const corners = (area.cell_list ?? []).map((cell) => scene.local(cell.map((n) => n * found.cell_m)));
-    group.add(cellsMark(corners, found.cell_m, area.kind === "gone" ? GONE : NEW));
+    group.add(cellsMark(corners, found.cell_m, token(area.kind === "gone" ? "mark-gone" : "mark-new")));
   }
   return group;
+}
+
+/** A dot where each kept query was taken, as far as anybody knows, in the colour of its verdict. */
+async function sampleMarks(map: string, scene: MapScene, signal: AbortSignal): Promise<Object3D | null> {
+  const { samples } = await get<Schemas["SamplePage"]>("/samples", { map_id: map, limit: MOST_SAMPLES }, signal);
+  const group = new Group();
+  for (const one of samples) {
+    const place = placeIn(one, map);
+    if (!place) continue;
+    const at = new Float32Array(scene.local(place.position).toArray());
+    group.add(onTop(dotsMark(at, colourOf(answerOf(one).verdict), SAMPLE_PX)));
+  }
+  return group.children.length ? group : null;
 }

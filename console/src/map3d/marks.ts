@@ -3,7 +3,7 @@
 import {
   ArrowHelper,
   BoxGeometry,
-  type BufferGeometry,
+  BufferGeometry,
   Color,
   DoubleSide,
   Group,
@@ -23,7 +23,7 @@ import {
   Vector3,
   BufferAttribute,
 } from "three";
-import { geometryOf } from "./scene";
+import { token } from "../ui/token";
 
 const RING_PARTS = 96;
 const DOT_PX = 7;
@@ -48,7 +48,7 @@ export function poseMark(at: Vector3, pose: Pose, colour: number, size = 1): Gro
   group.add(ball, onTop(dot));
   const axes: [Vector3, number, number][] = [
     [new Vector3(1, 0, 0), colour, 1.4],
-    [new Vector3(0, 0, 1), 0x8899aa, 0.7],
+    [new Vector3(0, 0, 1), token("mark-other"), 0.7],
   ];
   for (const [axis, tint, length] of axes) {
     const arrow = new ArrowHelper(axis.applyQuaternion(turn), at, length * size, tint, 0.35 * size, 0.22 * size);
@@ -98,10 +98,10 @@ export function colouredDots(positions: Float32Array, colours: Float32Array, siz
 }
 
 /** A square that lies flat, around its middle. */
-export function squareMark(middle: Vector3, edge: number, colour: number): Mesh {
+export function squareMark(middle: Vector3, edge: number, colour: number, opacity = 0.4): Mesh {
   const square = new Mesh(
     new PlaneGeometry(edge, edge),
-    new MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.4, depthTest: false, side: DoubleSide }),
+    new MeshBasicMaterial({ color: colour, transparent: true, opacity, depthTest: false, side: DoubleSide }),
   );
   square.position.copy(middle);
   square.renderOrder = 4;
@@ -121,4 +121,11 @@ export function cellsMark(corners: Vector3[], edge: number, colour: number): Ins
     mesh.setMatrixAt(i, new Matrix4().makeTranslation(middle));
   });
   return mesh;
+}
+
+/** Geometry of (x, y, z) positions that are counted from the cloud's low corner. */
+function geometryOf(positions: Float32Array): BufferGeometry {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(positions, 3));
+  return geometry;
 }

@@ -1,16 +1,21 @@
-// How points are drawn: by height, storey or normal or in one colour, and only those of the slice.
+// How points are drawn: by height above the floor, storey or normal or in one colour, and only those of the slice.
 
-import { Color, GLSL3, ShaderMaterial, Vector2 } from "three";
+import { Color, DataTexture, FloatType, GLSL3, RedFormat, ShaderMaterial, Vector2 } from "three";
+import { token } from "../ui/token";
+import { FLOOR_CELLS, type Floor } from "./floor";
 
 export type Colouring = "height" | "storey" | "normal" | "plain";
 const MODES: Record<Colouring, number> = { height: 0, normal: 1, plain: 2, storey: 3 };
+export const COLOURINGS = Object.keys(MODES) as Colouring[];
+const OVERLAP = 1.1; // of a point over the gap to the next
 const MOST_STOREYS = 32; // further ones have the colour of the last
 
 const VERTEX = `
   in vec2 bend;
   uniform int mode;
-  uniform float size, ratio;
-  uniform vec2 heights, slice;
+  uniform float size, ratio, edge, high;
+  uniform vec2 slice;
+  uniform highp sampler2D ground; // the floor's grid: one of each storey, above each other
   uniform vec3 plain;
   uniform float floors[${MOST_STOREYS}];
   out vec3 tint;
@@ -29,10 +34,26 @@ const VERTEX = `
     return vec3(dot(v4, r4) + dot(v2, r2), dot(v4, g4) + dot(v2, g2), dot(v4, b4) + dot(v2, b2));
   }
 
-  // Neighbouring storeys are far apart on the wheel of colours.
-  vec3 ofStorey(float z) {
+  float storeyOf(float z) {
     float storey = 0.0;
     for (int i = 1; i < ${MOST_STOREYS}; i++) storey += step(floors[i], z);
+    return storey;
+  }
+
+  // Between the middles of the floor's cells.
+  float floorAt(vec3 at) {
+    vec2 cell = clamp(at.xy / edge * ${FLOOR_CELLS}.0 - 0.5, 0.0, ${FLOOR_CELLS - 1}.0);
+    ivec2 low = ivec2(cell);
+    ivec2 next = min(low + 1, ${FLOOR_CELLS - 1});
+    int row = int(min(storeyOf(at.z), float(textureSize(ground, 0).y / ${FLOOR_CELLS} - 1))) * ${FLOOR_CELLS};
+    vec2 part = fract(cell);
+    float near = mix(texelFetch(ground, ivec2(low.x, row + low.y), 0).r, texelFetch(ground, ivec2(next.x, row + low.y), 0).r, part.x);
+    float far = mix(texelFetch(ground, ivec2(low.x, row + next.y), 0).r, texelFetch(ground, ivec2(next.x, row + next.y), 0).r, part.x);
+    return mix(near, far, part.y);
+  }
+
+  // Neighbouring storeys are far apart on the wheel of colours.
+  vec3 ofStorey(float storey) {
     return 0.55 + 0.4 * cos(6.2832 * (0.6 + 0.381966 * storey + vec3(0.0, 0.33, 0.67)));
   }
 
@@ -47,12 +68,12 @@ const VERTEX = `
     vec4 seen = viewMatrix * at;
     gl_Position = projectionMatrix * seen;
     if (at.z < slice.x || at.z > slice.y) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
-    gl_PointSize = clamp(size * ratio / -seen.z, 1.5 * ratio / 300.0, 12.0);
+    gl_PointSize = clamp(size * ratio / -seen.z, 1.6, 14.0);
     bool known = bend.x > -0.9999 || bend.y > -0.9999; // (-128, -128): no normal
     float light = known ? 0.75 + 0.25 * abs(dot(unfolded(bend), normalize(vec3(0.3, 0.5, 0.8)))) : 0.9;
-    if (mode == 0) tint = turbo((at.z - heights.x) / max(heights.y - heights.x, 0.01)) * light;
+    if (mode == 0) tint = turbo((at.z - floorAt(at.xyz)) / high) * light;
     else if (mode == 1) tint = known ? abs(unfolded(bend)) : vec3(0.5);
-    else if (mode == 3) tint = ofStorey(at.z) * light;
+    else if (mode == 3) tint = ofStorey(storeyOf(at.z)) * light;
     else tint = plain * light;
   }
 `;
@@ -78,9 +99,11 @@ export class PointMaterial extends ShaderMaterial {
         mode: { value: MODES.height },
         size: { value: 0.05 },
         ratio: { value: 500 },
-        heights: { value: new Vector2(0, 1) },
+        edge: { value: 1 },
+        high: { value: 1 },
+        ground: { value: groundOf(new Float32Array(FLOOR_CELLS ** 2)) },
         slice: { value: new Vector2(-1e9, 1e9) },
-        plain: { value: new Color(0x8fa3ad) },
+        plain: { value: new Color(token("points-plain")) },
         floors: { value: new Array<number>(MOST_STOREYS).fill(1e9) },
       },
     });
@@ -90,9 +113,16 @@ export class PointMaterial extends ShaderMaterial {
     this.uniforms.mode!.value = MODES[colouring];
   }
 
-  /** Lowest and highest z that the colours span. */
-  set heights([low, high]: [number, number]) {
-    this.uniforms.heights!.value.set(low, high);
+  get isByHeight(): boolean {
+    return this.uniforms.mode!.value === MODES.height;
+  }
+
+  /** What heights are counted from; `edge` is that of the cloud. */
+  setFloor({ heights, high }: Floor, edge: number): void {
+    this.ground.dispose();
+    this.uniforms.ground!.value = groundOf(heights);
+    this.uniforms.edge!.value = edge;
+    this.uniforms.high!.value = high;
   }
 
   /** z at which each storey begins, from below. */
@@ -102,7 +132,11 @@ export class PointMaterial extends ShaderMaterial {
 
   /** Lowest and highest z that is drawn. */
   set slice([low, high]: [number, number]) {
-    this.uniforms.slice!.value.set(low, high);
+    (this.uniforms.slice!.value as Vector2).set(low, high);
+  }
+
+  get slice(): [number, number] {
+    return (this.uniforms.slice!.value as Vector2).toArray();
   }
 
   /** Height of the picture in pixels over twice the tangent of half the angle of view. */
@@ -110,7 +144,24 @@ export class PointMaterial extends ShaderMaterial {
     this.uniforms.ratio!.value = ratio;
   }
 
+  /** Metres between the points that are drawn next. */
   set spacing(m: number) {
-    this.uniforms.size!.value = m;
+    this.uniforms.size!.value = m * OVERLAP;
+    this.uniformsNeedUpdate = true;
   }
+
+  override dispose(): void {
+    this.ground.dispose();
+    super.dispose();
+  }
+
+  private get ground(): DataTexture {
+    return this.uniforms.ground!.value as DataTexture;
+  }
+}
+
+function groundOf(heights: Float32Array): DataTexture {
+  const texture = new DataTexture(heights, FLOOR_CELLS, heights.length / FLOOR_CELLS, RedFormat, FloatType);
+  texture.needsUpdate = true;
+  return texture;
 }

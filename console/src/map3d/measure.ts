@@ -1,6 +1,7 @@
 // Measuring a distance: two points, a line between them.
 
 import { Group, Vector3 } from "three";
+import { token } from "../ui/token";
 import { dotsMark, pathMark } from "./marks";
 import { clear, type MapScene } from "./scene";
 
@@ -20,8 +21,8 @@ export class Measure {
     this.ends.push(this.scene.local(position));
     const flat = new Float32Array(this.ends.flatMap((end) => end.toArray()));
     clear(this.group);
-    this.group.add(dotsMark(flat, 0xff2d55, 9));
-    if (this.ends.length === 2) this.group.add(pathMark(flat, 0xff2d55));
+    this.group.add(dotsMark(flat, token("mark-measure"), 9));
+    if (this.ends.length === 2) this.group.add(pathMark(flat, token("mark-measure")));
     this.told(this.ends.length === 2 ? this.ends[0]!.distanceTo(this.ends[1]!) : null);
     this.scene.redraw();
   }

@@ -2,11 +2,11 @@
 
 import { Group, Object3D, Vector3 } from "three";
 import { TransformControls } from "three/addons/controls/TransformControls.js";
+import { token } from "../ui/token";
 import { type Pose, poseMark, ringMark } from "./marks";
 import { clear, type MapScene } from "./scene";
 
 export type HandleMode = "translate" | "rotate";
-const COLOUR = 0x4db6e0;
 const LEVEL: Pose = { position: [0, 0, 0], quaternion: [0, 0, 0, 1] };
 
 export class PoseHandle {
@@ -49,8 +49,8 @@ export class PoseHandle {
       this.object.quaternion.fromArray(pose.quaternion);
     }
     clear(this.shape);
-    this.shape.add(poseMark(new Vector3(), LEVEL, COLOUR, 2));
-    const ring = ringMark(radius, COLOUR);
+    this.shape.add(poseMark(new Vector3(), LEVEL, token("mark-hand"), 2));
+    const ring = ringMark(radius, token("mark-hand"));
     ring.quaternion.copy(this.object.quaternion).invert(); // level in the map
     this.shape.add(ring);
     this.scene.redraw();

@@ -1,41 +1,45 @@
 // The self-test's grid over the map: squares by how well scans did, and lines to the places they resemble.
 
 import { Color, Group, type Object3D } from "three";
+import { token } from "../ui/token";
 import { pathMark, squareMark } from "./marks";
 import type { MapScene } from "./scene";
 import { localizedShare, SPOT_CELL_M, type SpotCell, type SpotGrid } from "./spots";
 
+const HEAT_OPACITY = 0.65; // the colours of the points are not to be mixed into it
 const EDGE_M = 0.92 * SPOT_CELL_M;
-const ALIAS = 0xff9500;
-const CHOSEN = 0xffffff;
 
-/** Green where scans were localized, red where they were not. */
+/** The heat of localizability: the share of the scans that were localized in each cell. */
 export function squares(scene: MapScene, grid: SpotGrid): Object3D {
   const group = new Group();
   for (const one of grid.cells) {
-    const share = localizedShare(one);
-    const colour = new Color(1 - share, 0.15 + 0.6 * share, 0.2).getHex();
-    group.add(squareMark(scene.local(grid.middle(one.cell)), EDGE_M, colour));
+    group.add(squareMark(scene.local(grid.middle(one.cell)), SPOT_CELL_M, heatOf(localizedShare(one)).getHex(), HEAT_OPACITY));
   }
   return group;
+}
+
+/** From none over half to all, as the legend has it. */
+function heatOf(share: number): Color {
+  const [low, middle, high] = ["none", "half", "all"].map((end) => new Color(token(`heat-${end}`))) as [Color, Color, Color];
+  return share < 0.5 ? low.lerp(middle, 2 * share) : middle.lerp(high, 2 * share - 1);
 }
 
 /** A line from every cell to the one that it is taken for. */
 export function aliases(scene: MapScene, grid: SpotGrid): Object3D {
   const group = new Group();
-  for (const one of grid.confused) group.add(between(scene, grid, one.cell, one.taken_for!, ALIAS));
+  for (const one of grid.confused) group.add(between(scene, grid, one.cell, one.taken_for!, token("mark-path")));
   return group;
 }
 
 /** A cell with lines to its look-alikes, in both directions. */
 export function chosen(scene: MapScene, grid: SpotGrid, one: SpotCell): Object3D {
   const group = new Group();
-  group.add(squareMark(scene.local(grid.middle(one.cell)), SPOT_CELL_M, CHOSEN));
+  group.add(squareMark(scene.local(grid.middle(one.cell)), SPOT_CELL_M, token("mark-chosen")));
   const others = grid.takenFor(one.cell).map(({ cell }) => cell);
   if (one.taken_for) others.push(one.taken_for);
   for (const other of others) {
-    group.add(squareMark(scene.local(grid.middle(other)), SPOT_CELL_M, ALIAS));
-    group.add(between(scene, grid, one.cell, other, CHOSEN));
+    group.add(squareMark(scene.local(grid.middle(other)), SPOT_CELL_M, token("mark-path")));
+    group.add(between(scene, grid, one.cell, other, token("mark-chosen")));
   }
   return group;
 }
@@ -44,7 +48,7 @@ export function chosen(scene: MapScene, grid: SpotGrid, one: SpotCell): Object3D
 export function gains(scene: MapScene, before: SpotGrid, after: SpotGrid): Object3D {
   const group = new Group();
   for (const { one, gain } of gainsOf(before, after)) {
-    const colour = gain > 0 ? 0x34c759 : gain < 0 ? 0xff3b30 : 0x8899aa;
+    const colour = token(gain > 0 ? "mark-new" : gain < 0 ? "mark-gone" : "mark-other");
     group.add(squareMark(scene.local(after.middle(one.cell)), EDGE_M, colour));
   }
   return group;

@@ -87,6 +87,6 @@ export async function spotGrid(
     get<Schemas["VersionDetails"]>(`/maps/${map}/versions/${version}`, {}, signal),
     get<Schemas["VersionReport"]>(`/maps/${map}/versions/${version}/report`, {}, signal),
   ]);
-  const engine = details.manifest.engine as unknown as { T_map_level: number[] };
+  const engine = details.manifest.engine as { T_map_level: number[] };
   return new SpotGrid((report.self_test.localizability ?? []) as SpotCell[], engine.T_map_level, templates);
 }

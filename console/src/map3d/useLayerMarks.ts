@@ -12,6 +12,7 @@ import { clear, type MapScene } from "./scene";
 import type { SpotGrid } from "./spots";
 
 export function useLayerMarks(
+  map: string,
   scene: RefObject<MapScene | null>,
   cloud: RefObject<Cloud | null>,
   isReady: number,
@@ -31,7 +32,7 @@ export function useLayerMarks(
     note({ layers: layers.join(",") });
     for (const name of layers) {
       if (name === "changes") continue;
-      layerOf(name, here, cloud.current, grid, stop.signal)
+      layerOf(name, map, here, cloud.current, grid, stop.signal)
         .then((found) => {
           if (stop.signal.aborted) return;
           if (!found) {

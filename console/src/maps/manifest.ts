@@ -26,7 +26,7 @@ const FAIR = 0.5;
 
 /** The manifest is open in the API: other programs may have put more into it, and older ones less. */
 export function manifestOf(details: Schemas["MapDetails"] | Schemas["VersionDetails"] | null): Manifest {
-  return (details?.manifest ?? {}) as Manifest;
+  return (details?.manifest ?? {});
 }
 
 /** The probability from which on this version answers "localized". */

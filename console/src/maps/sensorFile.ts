@@ -10,7 +10,7 @@ export async function sensorOf(file: File): Promise<Record<string, unknown>> {
   try {
     found = load(await file.text());
   } catch (error) {
-    throw new Error(`${file.name}: ${error instanceof Error ? error.message.split("\n")[0] : error}`);
+    throw new Error(`${file.name}: ${error instanceof Error ? error.message.split("\n")[0] : String(error)}`, { cause: error });
   }
   if (typeof found !== "object" || found === null || Array.isArray(found)) {
     throw new Error(`${file.name} does not describe a sensor: it has no names with values.`);

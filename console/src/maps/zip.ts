@@ -21,7 +21,7 @@ export async function zipped(
   let content: Uint8Array | undefined;
   const zip = new Zip((error, written) => {
     if (error) throw error;
-    if (written !== content) parts.push(written as Uint8Array<ArrayBuffer>);
+    if (written !== content) parts.push(written);
   });
   let read = 0;
   for (const { path, file } of files) {

@@ -23,7 +23,7 @@ export function SamplesView() {
   const pointedAt = useSignal("");
   const problem = useSignal<unknown>(null);
   const share = useSignal<number | null>(null);
-  const filtered = Object.values(filter);
+  const filtered = [filter.map_id, filter.verdict, filter.reason];
   useEffect(() => {
     after.value = [];
   }, filtered);

@@ -54,7 +54,7 @@ function readNamed(name: string, body: ArrayBuffer, read: (body: ArrayBuffer) =>
   try {
     points = read(body);
   } catch (error) {
-    throw new Error(`${name}: ${error instanceof Error ? error.message : error}`);
+    throw new Error(`${name}: ${error instanceof Error ? error.message : String(error)}`, { cause: error });
   }
   if (!points.length) throw new Error(`${name} has no points.`);
   return points;

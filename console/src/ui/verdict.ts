@@ -1,6 +1,8 @@
-const COLOURS: Record<string, number> = { localized: 0x34a853, ambiguous: 0xff9500, rejected: 0xff3b30 };
+import { token } from "./token";
+
+const VERDICTS = ["localized", "ambiguous", "rejected"];
 
 /** Colour of a verdict in pictures. */
 export function colourOf(verdict: string): number {
-  return COLOURS[verdict] ?? 0x888888;
+  return token(VERDICTS.includes(verdict) ? `mark-${verdict}` : "mark-other");
 }

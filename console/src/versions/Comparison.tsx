@@ -24,7 +24,7 @@ export function Comparison({ map, versions }: { map: string; versions: [string, 
     ["Sensor", (report) => String(report.sensor.name)],
     ["Within 0.2 m", (report) => shareOf(report, "success", "0.2m")],
     ["Localized", (report) => share(report.self_test.localized)],
-    ["False accepts", (report) => String(report.self_test.false_accepts ?? "")],
+    ["False accepts", (report) => numberOf(report.self_test.false_accepts)],
   ];
   return (
     <section aria-label="Comparison">
@@ -57,7 +57,11 @@ export function Comparison({ map, versions }: { map: string; versions: [string, 
 }
 
 function share(value: unknown): string {
-  return typeof value === "number" ? percent(value, 1) : String(value ?? "");
+  return typeof value === "number" ? percent(value, 1) : "";
+}
+
+function numberOf(value: unknown): string {
+  return typeof value === "number" ? count(value) : "";
 }
 
 function shareOf(report: Report, name: string, key: string): string {
