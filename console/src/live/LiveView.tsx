@@ -3,8 +3,9 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Group } from "three";
-import { get, Problem, type Schemas } from "../api/client";
+import { Problem } from "../api/client";
 import { follow } from "../api/events";
+import { mapPage } from "../api/maps";
 import { MapCanvas } from "../map3d/MapCanvas";
 import { dotsMark, poseMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
@@ -32,7 +33,7 @@ function isSame(a: Fix, b: Fix): boolean {
 }
 
 export function LiveView() {
-  const maps = useLoaded((signal) => get<Schemas["MapPage"]>("/maps", { limit: 1000 }, signal), []);
+  const maps = useLoaded(mapPage, []);
   const map = route.value.query.get("map") || maps.value?.maps[0]?.map_id || "";
   const version = maps.value?.maps.find((one) => one.map_id === map)?.active_version ?? "";
   const fixes = useSignal<Fix[]>([]);

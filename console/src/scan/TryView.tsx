@@ -3,7 +3,8 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { mayBuild } from "../access/session";
-import { get, type Query, type Schemas } from "../api/client";
+import { mapDetails, versionDetails } from "../api/maps";
+import type { LocalizeQuery } from "../api/scans";
 import { MapCanvas } from "../map3d/MapCanvas";
 import type { HandleMode } from "../map3d/poseHandle";
 import type { MapScene } from "../map3d/scene";
@@ -29,13 +30,13 @@ import { usePlaceMarks } from "./usePlaceMarks";
 import { VersionChoice } from "./VersionChoice";
 
 export function TryView({ map }: { map: string }) {
-  const details = useLoaded((signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal), [map]);
+  const details = useLoaded((signal) => mapDetails(map, signal), [map]);
   const active = details.value?.active_version ?? "";
   const version = route.value.query.get("version") || active;
   const sampleId = route.value.query.get("sample") ?? "";
   const ofMap = useLoaded(
     async (signal) =>
-      version ? leastOf(manifestOf(await get<Schemas["VersionDetails"]>(`/maps/${map}/versions/${version}`, {}, signal))) : null,
+      version ? leastOf(manifestOf(await versionDetails(map, version, signal))) : null,
     [map, version],
   );
   const least = useSignal(route.value.query.get("least") ?? "");
@@ -55,11 +56,11 @@ export function TryView({ map }: { map: string }) {
 
   const settled = hand.settled.value;
   const isNear = settled !== null && isPrior.value;
-  const options: Query = {
-    min_probability: least.value,
-    prior: isNear ? priorOf(settled) : "",
-    gravity: isNear && isTiltKnown.value ? gravityOf(settled) : "",
-    version: route.value.query.get("version"),
+  const options: LocalizeQuery = {
+    min_probability: least.value || undefined,
+    prior: isNear ? priorOf(settled) : undefined,
+    gravity: isNear && isTiltKnown.value ? gravityOf(settled) : undefined,
+    version: route.value.query.get("version") ?? undefined,
   };
   const { asked, take } = useAsked(sampleId, problem);
   const { answer, chosen, isAsking } = useAnswer(map, asked.value, options, problem);

@@ -2,7 +2,7 @@
 
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { get, type Schemas, send } from "../api/client";
+import { sample as readSample, sampleBody } from "../api/scans";
 import { age } from "../ui/text";
 import { type Asked, scanOf } from "./scanFile";
 
@@ -18,8 +18,8 @@ export function useAsked(
     const stop = new AbortController();
     asked.value = null;
     Promise.all([
-      get<Schemas["Sample"]>(`/samples/${sampleId}`, {}, stop.signal),
-      send("GET", `/samples/${sampleId}/body`, { signal: stop.signal }).then((found) => found.blob()),
+      readSample(sampleId, stop.signal),
+      sampleBody(sampleId, stop.signal),
     ])
       .then(([sample, body]) => {
         const name = `Kept query of ${age(sample.time)}`;
