@@ -15,6 +15,7 @@ import { Check } from "../ui/Check";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
 import { AnswerPanel } from "./AnswerPanel";
+import { Examples } from "./Examples";
 import { gravityOf, type HandPose, handPoseAt, handPoseOf, poseOf, priorOf } from "./handPose";
 import { HandPanel } from "./HandPanel";
 import { LeastField } from "./LeastField";
@@ -62,7 +63,7 @@ export function TryView({ map }: { map: string }) {
     gravity: isNear && isTiltKnown.value ? gravityOf(settled) : undefined,
     version: route.value.query.get("version") ?? undefined,
   };
-  const { asked, take } = useAsked(sampleId, problem);
+  const { asked, take, give } = useAsked(sampleId, problem);
   const { answer, chosen, isAsking } = useAnswer(map, asked.value, options, problem);
   const place = answer.value?.hypotheses[chosen.value]?.T_map_sensor ?? null;
   const byHand = settled && poseOf(settled);
@@ -118,6 +119,7 @@ export function TryView({ map }: { map: string }) {
       <aside class="panel" aria-label="Scan and answer">
         <h2>Try a scan in {map}</h2>
         <TakeScan map={map} name={asked.value?.name ?? ""} take={take} />
+        <Examples map={map} version={version} spot={hand.pose.value?.position ?? null} take={give} problem={problem} />
         {isAsking.value ? <p role="status">Asking …</p> : null}
         {problem.value ? <ErrorText error={problem.value} /> : null}
         {answer.value ? (
