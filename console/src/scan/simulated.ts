@@ -24,7 +24,7 @@ export async function simulatedScan(
   signal: AbortSignal,
 ): Promise<Asked> {
   const cloud = await openCloud(map, version, signal);
-  const at = spot ?? (await spotOf(cloud, signal));
+  const at = await spotOf(cloud, spot, signal);
   const found = await pointsAround(cloud, at, USUAL.max_range_m, signal);
   const seen = nearestOfEachRay(found, at, USUAL);
   if (!seen.length) throw new Error("Nothing of the map is within 60 m of this spot. Click nearer to its points.");
@@ -32,14 +32,18 @@ export async function simulatedScan(
   return { name, type: XYZ, encoding: "", body: new Blob([seen]), isConverted: true };
 }
 
-/** A spot where a sensor of this map may stand: of the mapping run, or else of the templates. */
-async function spotOf(cloud: Cloud, signal: AbortSignal): Promise<number[]> {
+/** A spot where a sensor of this map may stand. One that was clicked lies on a surface: it gets the height of the place next to it. */
+async function spotOf(cloud: Cloud, spot: readonly number[] | null, signal: AbortSignal): Promise<number[]> {
   for (const name of ["templates", "trajectory"]) {
     if (!cloud.index.marks[name]?.[1]) continue;
     const places = mapPositions(cloud, await mark(cloud, name, signal));
-    const middle = 3 * Math.floor(places.length / 6);
-    return [...places.subarray(middle, middle + 3)];
+    let next = 3 * Math.floor(places.length / 6);
+    const away = (i: number) => Math.hypot(...spot!.map((m, axis) => m - places[i + axis]!));
+    for (let i = 0; spot && i < places.length; i += 3) if (away(i) < away(next)) next = i;
+    const place = [...places.subarray(next, next + 3)];
+    return spot ? [spot[0]!, spot[1]!, place[2]!] : place;
   }
+  if (spot) return [...spot];
   throw new Error("This version does not say where its sensor stood. Click a spot on the map.");
 }
 
