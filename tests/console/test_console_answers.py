@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import zipfile
 from dataclasses import replace
@@ -157,6 +158,19 @@ def test_a_dropped_scan_is_laid_over_its_map(page, world):
     wait_until(lies_wrong)  # the overlay of this place comes after the mark of its button
 
 
+def test_a_fresh_map_offers_a_scan_to_click_at_once(page):
+    """It is simulated from the map's points, so the service finds it where it was simulated."""
+    page.open("#/maps/yard/try")
+    page.map_picture()
+    page.click("button", "Try an example scan")
+    page.wait(".drop", "Simulated at")
+    spot = [float(m) for m in re.findall(r"-?\d+\.\d+", page.text(".drop span"))]
+    page.wait(".answer .verdict", "localized")
+    page.wait(".hypotheses small", "95 % ellipse")
+    found = [float(m) for m in re.findall(r"(-?\d+\.\d+) m", page.text(".hypotheses button"))]
+    assert np.linalg.norm(np.subtract(found[:3], spot)) < 0.3
+
+
 def test_the_other_places_of_a_scan_are_looked_at(page, world):
     file = next(file for file, _ in world.scans if len(world.ask(file)["hypotheses"]) > 1)
     try_scan(page, file)
@@ -293,14 +307,33 @@ def test_an_answer_appears_as_it_is_given(page, world):
     page.open("#/live?map=yard")
     page.wait("[role=status]", "Connected")
     page.map_picture()
-    before = page.js("document.querySelectorAll('.fixes tbody tr').length")
+    before = page.text(".fixes tbody tr")  # the newest; rows of other tests may fill the list
+    page.js("new Promise((done) => setTimeout(done, 1100 - (Date.now() % 1000)))")  # rows show whole seconds
     world.ask(file, "reader")
-    page.until(f"document.querySelectorAll('.fixes tbody tr').length > {before}")
+    page.until(f"(document.querySelector('.fixes tbody tr')?.innerText ?? '') !== {json.dumps(before)}")
     assert "localized" in page.text(".fixes tbody tr")
     told = said_chance(page.text(".fixes tbody tr"))
     assert told == pytest.approx(answer["probability"], abs=6e-4)
     wait_until(lambda: pixels_of(page.map_picture(), LOCALIZED, 30) > 20)
     page.js("document.querySelector('.uplot canvas').width > 0")
+
+
+def test_a_robot_that_is_seldom_localized_has_an_alert_with_a_link(page, world, tmp_path):
+    elsewhere = tmp_path / "elsewhere.ffscan"
+    points_m = np.random.default_rng(1).uniform(-6, 6, (4000, 3))
+    elsewhere.write_bytes(encode_scan(Scan.from_points(points_m)))
+    page.open("#/live?map=yard")
+    page.wait("[role=status]", "Connected")
+    for _ in range(12):
+        assert world.ask(elsewhere, "reader")["verdict"] == "rejected"
+    page.click(".alerts a", "answers were localized")
+    page.wait(".alerts a[aria-current=true]", "answers were localized")
+    assert page.has(".robots tr.shown-robot .verdict", "rejected")
+    address = page.js("location.hash")
+    page.open(address)  # as from a message
+    page.wait(".alerts a[aria-current=true]", "answers were localized")
+    page.open("#/live?map=yard&alert=silent%3Anobody")
+    page.wait(".alerts li", "silent:nobody, is over")
 
 
 # Good manners

@@ -1,7 +1,8 @@
 // API keys: give one out, see who has one, take one back.
 
 import { useSignal } from "@preact/signals";
-import { change, get, type Schemas } from "../api/client";
+import { keyList, revokeKey } from "../api/access";
+import type { Schemas } from "../api/client";
 import { Confirm } from "../ui/Confirm";
 import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
@@ -11,11 +12,11 @@ import { MakeKey } from "./MakeKey";
 import { NobodyAsked } from "./NobodyAsked";
 
 export function KeysView() {
-  const keys = useLoaded((signal) => get<Schemas["KeyList"]>("/keys", {}, signal), []);
+  const keys = useLoaded(keyList, []);
   const isMaking = useSignal(false);
   const doomed = useSignal<Schemas["Key"] | null>(null);
   const revoke = async (id: string) => {
-    await change("DELETE", `/keys/${id}`);
+    await revokeKey(id);
     keys.again();
   };
   if (keys.error) return <ErrorText error={keys.error} again={keys.again} />;

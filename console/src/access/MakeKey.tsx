@@ -1,7 +1,7 @@
 // A new key: whose it is, what it may do, and its token, once.
 
 import { useSignal } from "@preact/signals";
-import { change, type Schemas } from "../api/client";
+import { makeKey } from "../api/access";
 import { copy } from "../ui/copy";
 import { Dialog } from "../ui/Dialog";
 import { ErrorText } from "../ui/ErrorText";
@@ -23,13 +23,11 @@ export function MakeKey({ close }: { close: () => void }) {
   const make = async (event: Event) => {
     event.preventDefault();
     try {
-      const made = await change<Schemas["NewKey"]>("POST", "/keys", {
-        json: {
-          name: name.value,
-          scopes: [scope.value],
-          maps: maps.value.split(/[\s,]+/).filter(Boolean),
-          expires_in_days: days.value ? Number(days.value) : null,
-        },
+      const made = await makeKey({
+        name: name.value,
+        scopes: [scope.value],
+        maps: maps.value.split(/[\s,]+/).filter(Boolean),
+        expires_in_days: days.value ? Number(days.value) : null,
       });
       token.value = made.token;
     } catch (error) {

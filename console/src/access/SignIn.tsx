@@ -3,7 +3,8 @@
 import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect } from "preact/hooks";
-import { get, Problem, type Schemas } from "../api/client";
+import { callerOfPage } from "../api/access";
+import { Problem } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
 import { caller, key, refusal, signIn } from "./session";
 
@@ -12,7 +13,7 @@ export function Gate({ children }: { children: ComponentChildren }) {
   const wanted = useSignal(false);
   useEffect(() => {
     let current = true;
-    get<Schemas["Caller"]>("/caller")
+    callerOfPage()
       .then((found) => {
         if (!current) return;
         caller.value = found;

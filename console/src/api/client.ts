@@ -1,8 +1,9 @@
 // Calls of the service: one place that knows its address, the caller's key and the form of its errors.
 
+import createClient from "openapi-fetch";
 import { key, refused } from "../access/session";
 import { patiently } from "./patience";
-import type { components } from "./schema";
+import type { components, paths } from "./schema";
 
 export type Schemas = components["schemas"];
 export type Query = Record<string, string | number | boolean | null | undefined>;
@@ -70,6 +71,28 @@ export async function get<T>(path: string, query: Query = {}, signal?: AbortSign
 export async function change<T>(method: string, path: string, options: CallOptions = {}): Promise<T> {
   const response = await send(method, path, options);
   return (response.status === 204 ? undefined : await response.json()) as T;
+}
+
+function isGiven(parameter: [string, unknown]): parameter is [string, string | number | boolean] {
+  return ["string", "number", "boolean"].includes(typeof parameter[1]);
+}
+
+/** The calls of openapi.json, each with its own types. They are sent as all others are. */
+export const api = createClient<paths>({
+  baseUrl: String(ROOT),
+  querySerializer: (query) => addressOf("", Object.fromEntries(Object.entries(query).filter(isGiven))).search.slice(1),
+  fetch: async (request) => {
+    const body = await request.blob();
+    const { method, headers, signal } = request;
+    return send(method, request.url, { headers: Object.fromEntries(headers), body: body.size ? body : undefined, signal });
+  },
+});
+
+/** The content of an answer. One that is no success has failed before, in the service's words. */
+export async function said<T>(call: Promise<{ data?: T }>): Promise<T> {
+  const { data } = await call;
+  if (data === undefined) throw new Problem(0, "unknown", "The service gave an empty answer.");
+  return data;
 }
 
 async function problemOf(response: Response): Promise<Problem> {

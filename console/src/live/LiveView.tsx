@@ -3,8 +3,9 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Group } from "three";
-import { get, Problem, type Schemas } from "../api/client";
+import { Problem } from "../api/client";
 import { follow } from "../api/events";
+import { mapPage } from "../api/maps";
 import { MapCanvas } from "../map3d/MapCanvas";
 import { dotsMark, poseMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
@@ -16,6 +17,8 @@ import { useLoaded } from "../ui/useLoaded";
 import { colourOf } from "../ui/verdict";
 import { Verdict } from "../ui/Verdict";
 import { Plots } from "./Plots";
+import { Robots } from "./Robots";
+import { robotsOf } from "./robotsOf";
 import { type Fix, type Second, seconds } from "./seconds";
 
 const KEPT = 500;
@@ -32,7 +35,7 @@ function isSame(a: Fix, b: Fix): boolean {
 }
 
 export function LiveView() {
-  const maps = useLoaded((signal) => get<Schemas["MapPage"]>("/maps", { limit: 1000 }, signal), []);
+  const maps = useLoaded(mapPage, []);
   const map = route.value.query.get("map") || maps.value?.maps[0]?.map_id || "";
   const version = maps.value?.maps.find((one) => one.map_id === map)?.active_version ?? "";
   const fixes = useSignal<Fix[]>([]);
@@ -87,13 +90,12 @@ export function LiveView() {
     const here = scene.current;
     if (!here) return;
     clear(marks.current);
-    const latest = new Map<string, Fix>();
-    for (const fix of fixes.value) if (fix.answer.T_map_sensor) latest.set(fix.caller, fix);
     const places = fixes.value.flatMap(({ answer }) =>
       answer.T_map_sensor ? here.local(answer.T_map_sensor.position).toArray() : [],
     );
     if (places.length) marks.current.add(dotsMark(new Float32Array(places), 0x4db6e0, 5));
-    for (const fix of latest.values()) {
+    for (const { lastFix: fix } of robotsOf(fixes.value)) {
+      if (!fix) continue;
       const pose = fix.answer.T_map_sensor!;
       marks.current.add(poseMark(here.local(pose.position), pose, colourOf(fix.answer.verdict), here.markSize));
     }
@@ -130,6 +132,12 @@ export function LiveView() {
           </span>
         ) : null}
       </header>
+      <Robots
+        map={map}
+        robots={robotsOf(fixes.value)}
+        now_s={now.value}
+        look={(position) => scene.current?.lookAt(position)}
+      />
       <Plots seconds={history} />
       {version ? (
         <MapCanvas

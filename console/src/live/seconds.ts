@@ -9,7 +9,7 @@ export interface Fix {
   caller: string;
   transport: string;
   ms: number;
-  answer: Pick<Schemas["Answer"], "verdict" | "probability" | "T_map_sensor">; // of other replicas not much more
+  answer: Pick<Schemas["Answer"], "verdict" | "probability" | "T_map_sensor"> & Partial<Pick<Schemas["Answer"], "fix_id">>; // of other replicas not much more
 }
 
 export interface Second {

@@ -1,18 +1,20 @@
 // Which kept queries are shown. The choice is in the address, so that a link to it shows the same.
 
+import type { Schemas } from "../api/client";
 import { go, route } from "../router";
 import { reason, REASON_CODES } from "../ui/text";
 
-const VERDICTS = ["localized", "ambiguous", "rejected"];
+const VERDICTS: Schemas["Verdict"][] = ["localized", "ambiguous", "rejected"];
 
 export interface Filter {
   map_id: string;
-  verdict: string;
+  verdict: Schemas["Verdict"] | undefined; // of all
   reason: string;
 }
 
 export function filterOf(query: URLSearchParams): Filter {
-  return { map_id: query.get("map") ?? "", verdict: query.get("verdict") ?? "", reason: query.get("reason") ?? "" };
+  const verdict = VERDICTS.find((one) => one === query.get("verdict"));
+  return { map_id: query.get("map") ?? "", verdict, reason: query.get("reason") ?? "" };
 }
 
 export function Filters({ maps }: { maps: string[] }) {
@@ -25,7 +27,7 @@ export function Filters({ maps }: { maps: string[] }) {
   return (
     <>
       <Choice name="Map" value={filter.map_id} options={maps} choose={(value) => choose("map", value)} />
-      <Choice name="Verdict" value={filter.verdict} options={VERDICTS} choose={(value) => choose("verdict", value)} />
+      <Choice name="Verdict" value={filter.verdict ?? ""} options={VERDICTS} choose={(value) => choose("verdict", value)} />
       <Choice
         name="Why"
         value={filter.reason}

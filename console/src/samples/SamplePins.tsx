@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Group } from "three";
-import { get, type Schemas } from "../api/client";
+import { mapDetails } from "../api/maps";
 import { MapCanvas } from "../map3d/MapCanvas";
 import { type Pose, poseMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
@@ -19,7 +19,7 @@ export interface SamplePinsProps {
 }
 
 export function SamplePins({ map, samples, pointedAt, open }: SamplePinsProps) {
-  const details = useLoaded((signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal), [map]);
+  const details = useLoaded((signal) => mapDetails(map, signal), [map]);
   const scene = useRef<MapScene | null>(null);
   const isReady = useSignal(0);
   const marks = useRef(new Group()).current;

@@ -2,7 +2,8 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { change, get, type Schemas } from "../api/client";
+import { mapPage } from "../api/maps";
+import { removeSample, samplePage } from "../api/scans";
 import { go, route } from "../router";
 import { Confirm } from "../ui/Confirm";
 import { Empty } from "../ui/Empty";
@@ -27,9 +28,9 @@ export function SamplesView() {
   useEffect(() => {
     after.value = [];
   }, filtered);
-  const maps = useLoaded((signal) => get<Schemas["MapPage"]>("/maps", { limit: 1000 }, signal), []);
+  const maps = useLoaded(mapPage, []);
   const page = useLoaded(
-    (signal) => get<Schemas["SamplePage"]>("/samples", { ...filter, after: after.value.at(-1), limit: 50 }, signal),
+    (signal) => samplePage({ ...filter, after: after.value.at(-1), limit: 50 }, signal),
     [...filtered, after.value],
   );
   const doomed = useSignal<Sample | null>(null);
@@ -80,7 +81,7 @@ export function SamplesView() {
           action="Remove for good"
           keep="Keep it"
           act={async () => {
-            await change("DELETE", `/samples/${doomed.value!.sample_id}`);
+            await removeSample(doomed.value!.sample_id);
             page.again();
           }}
           close={() => (doomed.value = null)}

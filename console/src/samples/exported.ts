@@ -1,6 +1,7 @@
 // Kept queries whose truth is known, as a test set that `firstfix evaluate` reads: scans and poses.csv in a zip.
 
-import { get, type Schemas, send } from "../api/client";
+import type { Schemas } from "../api/client";
+import { sampleBody, samplePage } from "../api/scans";
 import type { MapFile } from "../maps/files";
 import { zipped } from "../maps/zip";
 import { suffixOf } from "../scan/media";
@@ -10,7 +11,7 @@ export async function exported(map: string, told: (share: number) => void): Prom
   const found: Schemas["Sample"][] = [];
   let after: string | null = null;
   do {
-    const page: Schemas["SamplePage"] = await get("/samples", { map_id: map, after, limit: 1000 });
+    const page: Schemas["SamplePage"] = await samplePage({ map_id: map, after, limit: 1000 });
     found.push(...page.samples.filter((one) => one.truth?.map_id === map && suffixOf(one.media_type) && !one.content_encoding));
     after = page.next;
   } while (after);
@@ -19,8 +20,8 @@ export async function exported(map: string, told: (share: number) => void): Prom
   const files: MapFile[] = [];
   for (const [i, sample] of found.entries()) {
     const name = `${sample.sample_id}${suffixOf(sample.media_type)}`;
-    const body = await send("GET", `/samples/${sample.sample_id}/body`);
-    files.push({ path: name, file: new File([await body.blob()], name) });
+    const body = await sampleBody(sample.sample_id);
+    files.push({ path: name, file: new File([body], name) });
     const pose = sample.truth!.T_map_sensor;
     rows.push([name, ...(pose ? [...pose.position, ...pose.quaternion] : Array<string>(7).fill(""))].join(","));
     told((i + 1) / found.length);

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import type { Schemas } from "../api/client";
+import { chance } from "../ui/text";
 import { Verdict } from "../ui/Verdict";
 import { HintText } from "./HintText";
 import { Places } from "./Places";
@@ -17,6 +18,7 @@ export interface AnswerPanelProps {
 
 export function AnswerPanel({ answer, least, guide, chosen, choose }: AnswerPanelProps) {
   const findings = answer.findings ?? []; // an answer that was kept by an older service has none
+  const isBelow = answer.reasons.length === 1 && answer.reasons[0] === "low_probability" && answer.probability < least;
   return (
     <section class="answer" aria-label="Answer">
       <p>
@@ -25,6 +27,8 @@ export function AnswerPanel({ answer, least, guide, chosen, choose }: AnswerPane
       {whyOf(answer, least).map((text) => (
         <p key={text}>{text}</p>
       ))}
+      {answer.verdict === "localized" ? null : <h3>What would make it localized</h3>}
+      {isBelow ? <p>A least probability below its {chance(answer.probability)}, if your robots can bear more wrong answers.</p> : null}
       {findings.length ? (
         <ul class="findings" aria-label="Findings">
           {findings.map((one) => (

@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import type { Schemas } from "../api/client";
 import { chance, metres, percent } from "../ui/text";
+import { ellipseOf } from "./ellipse";
 import { headingOf } from "./handPose";
 import { type Place, placesOf } from "./shares";
 
@@ -52,8 +53,10 @@ function PlaceText({ place, answer }: { place: Place; answer: Schemas["Answer"] 
   );
 }
 
-/** How sure the pose is, one standard deviation. */
+/** How sure the pose is: one standard deviation, and the half axes of the ellipse in the picture. */
 function sigmasOf(covariance: number[]): string {
   const [x, y, z, , , yaw] = [0, 1, 2, 3, 4, 5].map((i) => Math.sqrt(Math.max(0, covariance[7 * i]!)));
-  return `± ${Math.hypot(x!, y!).toFixed(3)} m, height ± ${z!.toFixed(3)} m, heading ± ${(yaw! * DEGREES).toFixed(2)}°`;
+  const { major_m, minor_m } = ellipseOf(covariance);
+  const ellipse = `95 % ellipse ${major_m.toFixed(3)} by ${minor_m.toFixed(3)} m`;
+  return `± ${Math.hypot(x!, y!).toFixed(3)} m, height ± ${z!.toFixed(3)} m, heading ± ${(yaw! * DEGREES).toFixed(2)}°, ${ellipse}`;
 }

@@ -1,10 +1,10 @@
 import { key } from "../access/session";
-import type { Query } from "../api/client";
+import type { LocalizeQuery } from "../api/scans";
 import { CopyAs } from "./CopyAs";
 import type { Asked } from "./scanFile";
 
 /** The same query for other programs. A file that was taken apart here is read by the command line alone. */
-export function Programs({ map, asked, options }: { map: string; asked: Asked; options: Query }) {
+export function Programs({ map, asked, options }: { map: string; asked: Asked; options: LocalizeQuery }) {
   if (asked.isConverted) {
     return (
       <p class="hint">

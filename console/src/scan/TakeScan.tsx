@@ -1,7 +1,7 @@
 // Where the scan comes from: a file, or a query that the service kept.
 
 import { mayBuild } from "../access/session";
-import { get, type Schemas } from "../api/client";
+import { samplePage } from "../api/scans";
 import { go, route } from "../router";
 import { age } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
@@ -30,7 +30,7 @@ export function TakeScan({ map, name, take }: TakeScanProps) {
 
 function KeptQueries({ map }: { map: string }) {
   const page = useLoaded(
-    (signal) => get<Schemas["SamplePage"]>("/samples", { map_id: map, limit: LISTED }, signal),
+    (signal) => samplePage({ map_id: map, limit: LISTED }, signal),
     [map],
   );
   const samples = page.value?.samples ?? [];

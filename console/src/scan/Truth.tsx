@@ -1,7 +1,7 @@
 // Where a kept scan was really taken, as whoever looks at it says: tests of later versions use it.
 
 import { useSignal } from "@preact/signals";
-import { change, type Schemas } from "../api/client";
+import { tellTruth } from "../api/scans";
 import type { Pose } from "../map3d/marks";
 import { ErrorText } from "../ui/ErrorText";
 
@@ -18,7 +18,7 @@ export function Truth({ sample, map, place, hand }: TruthProps) {
   const tell = async (T_map_sensor: Pose | null, text: string) => {
     problem.value = null;
     try {
-      await change<Schemas["Sample"]>("PUT", `/samples/${sample}/truth`, { json: { map_id: map, T_map_sensor } });
+      await tellTruth(sample, map, T_map_sensor);
       told.value = text;
     } catch (error) {
       problem.value = error;

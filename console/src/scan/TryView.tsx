@@ -3,7 +3,8 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { mayBuild } from "../access/session";
-import { get, type Query, type Schemas } from "../api/client";
+import { mapDetails, versionDetails } from "../api/maps";
+import type { LocalizeQuery } from "../api/scans";
 import { MapCanvas } from "../map3d/MapCanvas";
 import type { HandleMode } from "../map3d/poseHandle";
 import type { MapScene } from "../map3d/scene";
@@ -14,6 +15,7 @@ import { Check } from "../ui/Check";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
 import { AnswerPanel } from "./AnswerPanel";
+import { Examples } from "./Examples";
 import { gravityOf, type HandPose, handPoseAt, handPoseOf, poseOf, priorOf } from "./handPose";
 import { HandPanel } from "./HandPanel";
 import { LeastField } from "./LeastField";
@@ -29,13 +31,13 @@ import { usePlaceMarks } from "./usePlaceMarks";
 import { VersionChoice } from "./VersionChoice";
 
 export function TryView({ map }: { map: string }) {
-  const details = useLoaded((signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal), [map]);
+  const details = useLoaded((signal) => mapDetails(map, signal), [map]);
   const active = details.value?.active_version ?? "";
   const version = route.value.query.get("version") || active;
   const sampleId = route.value.query.get("sample") ?? "";
   const ofMap = useLoaded(
     async (signal) =>
-      version ? leastOf(manifestOf(await get<Schemas["VersionDetails"]>(`/maps/${map}/versions/${version}`, {}, signal))) : null,
+      version ? leastOf(manifestOf(await versionDetails(map, version, signal))) : null,
     [map, version],
   );
   const least = useSignal(route.value.query.get("least") ?? "");
@@ -55,13 +57,13 @@ export function TryView({ map }: { map: string }) {
 
   const settled = hand.settled.value;
   const isNear = settled !== null && isPrior.value;
-  const options: Query = {
-    min_probability: least.value,
-    prior: isNear ? priorOf(settled) : "",
-    gravity: isNear && isTiltKnown.value ? gravityOf(settled) : "",
-    version: route.value.query.get("version"),
+  const options: LocalizeQuery = {
+    min_probability: least.value || undefined,
+    prior: isNear ? priorOf(settled) : undefined,
+    gravity: isNear && isTiltKnown.value ? gravityOf(settled) : undefined,
+    version: route.value.query.get("version") ?? undefined,
   };
-  const { asked, take } = useAsked(sampleId, problem);
+  const { asked, take, give } = useAsked(sampleId, problem);
   const { answer, chosen, isAsking } = useAnswer(map, asked.value, options, problem);
   const place = answer.value?.hypotheses[chosen.value]?.T_map_sensor ?? null;
   const byHand = settled && poseOf(settled);
@@ -117,6 +119,7 @@ export function TryView({ map }: { map: string }) {
       <aside class="panel" aria-label="Scan and answer">
         <h2>Try a scan in {map}</h2>
         <TakeScan map={map} name={asked.value?.name ?? ""} take={take} />
+        <Examples map={map} version={version} spot={hand.pose.value?.position ?? null} take={give} problem={problem} />
         {isAsking.value ? <p role="status">Asking …</p> : null}
         {problem.value ? <ErrorText error={problem.value} /> : null}
         {answer.value ? (

@@ -1,13 +1,13 @@
 // The version that answers: a kept query can be asked again of another one.
 
-import { get, type Schemas } from "../api/client";
+import { versionPage } from "../api/maps";
 import { go, route } from "../router";
 import { age, short } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 
 export function VersionChoice({ map, active }: { map: string; active: string }) {
   const page = useLoaded(
-    (signal) => get<Schemas["VersionPage"]>(`/maps/${map}/versions`, { limit: 1000 }, signal),
+    (signal) => versionPage(map, signal),
     [map],
   );
   if ((page.value?.versions.length ?? 0) < 2) return null;

@@ -1,13 +1,14 @@
 // The same query for other programs: curl, Python, C++. Each sends the bytes of the file as they are.
 
-import { addressOf, type Query } from "../api/client";
+import { addressOf } from "../api/client";
+import type { LocalizeQuery } from "../api/scans";
 
 export interface CopiedQuery {
   map: string;
   file: string;
   type: string;
   encoding: string; // of the content: gzip, zstd or none
-  options: Query;
+  options: LocalizeQuery;
   isSignedIn: boolean; // without a key no header may be sent: an empty one is refused
 }
 
@@ -63,7 +64,7 @@ ${cppOptions(options)}  const firstfix::Localization fix = client.localize_body(
 }`;
 }
 
-function cppOptions({ prior, gravity, min_probability, version }: Query): string {
+function cppOptions({ prior, gravity, min_probability, version }: LocalizeQuery): string {
   const lines = [];
   if (prior) {
     const [x, y, z, radius, ...heading] = String(prior).split(",");

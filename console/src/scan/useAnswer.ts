@@ -2,7 +2,8 @@
 
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { type Query, type Schemas, send } from "../api/client";
+import type { Schemas } from "../api/client";
+import { localize, type LocalizeQuery } from "../api/scans";
 import type { Asked } from "./scanFile";
 
 export interface AnswerState {
@@ -12,7 +13,7 @@ export interface AnswerState {
 }
 
 /** The answer is always one about `query`: it goes when another scan comes, and when the scan cannot be answered. */
-export function useAnswer(map: string, query: Asked | null, options: Query, problem: Signal<unknown>): AnswerState {
+export function useAnswer(map: string, query: Asked | null, options: LocalizeQuery, problem: Signal<unknown>): AnswerState {
   const answer = useSignal<Schemas["Answer"] | null>(null);
   const chosen = useSignal(0);
   const isAsking = useSignal(false);
@@ -24,12 +25,8 @@ export function useAnswer(map: string, query: Asked | null, options: Query, prob
     if (!query) return;
     const stop = new AbortController();
     problem.value = null;
-    // A query with such an id is not kept: it was kept already, or a person only tries it.
-    const headers: Record<string, string> = { "Content-Type": query.type, "X-Request-Id": `replay-console-${Date.now()}` };
-    if (query.encoding) headers["Content-Encoding"] = query.encoding;
-    send("POST", "/localize", { query: { map, ...options }, body: query.body, headers, signal: stop.signal })
-      .then(async (found) => {
-        const said = (await found.json()) as Schemas["Answer"];
+    localize(query, { map, ...options }, stop.signal)
+      .then((said) => {
         if (stop.signal.aborted) return;
         answer.value = said;
         chosen.value = 0;

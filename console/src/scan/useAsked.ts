@@ -2,15 +2,15 @@
 
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { get, type Schemas, send } from "../api/client";
+import { sample as readSample, sampleBody } from "../api/scans";
 import { age } from "../ui/text";
 import { type Asked, scanOf } from "./scanFile";
 
-/** The scan, and a call that takes a file in its place. */
+/** The scan, and calls that take a file, or another scan, in its place. */
 export function useAsked(
   sampleId: string,
   problem: Signal<unknown>,
-): { asked: Signal<Asked | null>; take: (file: File | undefined) => void } {
+): { asked: Signal<Asked | null>; take: (file: File | undefined) => void; give: (scan: Asked) => void } {
   const asked = useSignal<Asked | null>(null);
   const latest = useRef<File | null>(null);
   useEffect(() => {
@@ -18,8 +18,8 @@ export function useAsked(
     const stop = new AbortController();
     asked.value = null;
     Promise.all([
-      get<Schemas["Sample"]>(`/samples/${sampleId}`, {}, stop.signal),
-      send("GET", `/samples/${sampleId}/body`, { signal: stop.signal }).then((found) => found.blob()),
+      readSample(sampleId, stop.signal),
+      sampleBody(sampleId, stop.signal),
     ])
       .then(([sample, body]) => {
         const name = `Kept query of ${age(sample.time)}`;
@@ -42,5 +42,10 @@ export function useAsked(
       if (latest.current === file) problem.value = error;
     }
   };
-  return { asked, take };
+  const give = (scan: Asked) => {
+    latest.current = null; // a file that is still being read comes too late
+    problem.value = null;
+    asked.value = scan;
+  };
+  return { asked, take, give };
 }

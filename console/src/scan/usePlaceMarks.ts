@@ -5,9 +5,10 @@ import type { RefObject } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { ArrowHelper, Group, type Object3D, Quaternion, Vector3 } from "three";
 import type { Schemas } from "../api/client";
-import { dotsMark, onTop, type Pose, poseMark } from "../map3d/marks";
+import { dotsMark, onTop, type Pose, poseMark, ringMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
 import { colourOf } from "../ui/verdict";
+import { type Ellipse, ellipseOf } from "./ellipse";
 import { placesOf } from "./shares";
 
 const OTHER = 0x9aa5b1;
@@ -33,6 +34,7 @@ export function usePlaceMarks(
       if (!isChosen && !areOthersShown) continue;
       const pose = answer!.hypotheses[place.number]!.T_map_sensor;
       const at = here.local(pose.position);
+      if (isChosen && answer!.covariance) group.add(ellipseMark(at, ellipseOf(answer!.covariance), colourOf(answer!.verdict)));
       if (isChosen) group.add(poseMark(at, pose, colourOf(answer!.verdict), CHOSEN_SIZE));
       else if (place.probability < LEAST_SHOWN) group.add(onTop(dotsMark(new Float32Array(at.toArray()), OTHER, 4)));
       else group.add(poseMark(at, pose, OTHER, 0.6 + 0.6 * place.probability));
@@ -42,6 +44,15 @@ export function usePlaceMarks(
     here.redraw();
   }, [answer, chosen, areOthersShown, isReady]);
   return group;
+}
+
+/** The 95 % ellipse of a position, level. */
+function ellipseMark(at: Vector3, { major_m, minor_m, angle_rad }: Ellipse, colour: number): Object3D {
+  const ring = ringMark(1, colour);
+  ring.scale.set(major_m, minor_m, 1);
+  ring.rotation.z = angle_rad;
+  ring.position.copy(at);
+  return ring;
 }
 
 /** An arrow from a pose to a goal that is given in its frame, and the sensor there. */

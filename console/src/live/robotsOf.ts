@@ -1,0 +1,59 @@
+// The robots that ask, from the answers that are known, and what about them needs a person.
+
+import type { Fix } from "./seconds";
+
+export const SILENT_S = 60; // without a question from a robot that asked before
+export const LEAST_LOCALIZED = 0.8; // share of a robot's answers
+const FEWEST_ANSWERS = 5; // before a share says something
+
+export interface Robot {
+  name: string; // of the caller
+  last: Fix;
+  lastFix: Fix | null; // the last answer with a pose
+  answers: number;
+  localized: number;
+}
+
+/** Those whose answers are known, the one that asked last first. */
+export function robotsOf(fixes: readonly Fix[]): Robot[] {
+  const found = new Map<string, Robot>();
+  for (const fix of fixes) {
+    const before = found.get(fix.caller);
+    found.set(fix.caller, {
+      name: fix.caller,
+      last: fix,
+      lastFix: fix.answer.T_map_sensor ? fix : (before?.lastFix ?? null),
+      answers: (before?.answers ?? 0) + 1,
+      localized: (before?.localized ?? 0) + (fix.answer.verdict === "localized" ? 1 : 0),
+    });
+  }
+  return [...found.values()].sort((a, b) => b.last.time_s - a.last.time_s);
+}
+
+export interface Alert {
+  id: string; // stands in the address of a link to it
+  text: string;
+  robot: string;
+}
+
+export function alertsOf(robots: readonly Robot[], now_s: number): Alert[] {
+  return robots.flatMap((robot) => {
+    const found: Alert[] = [];
+    const share = robot.localized / robot.answers;
+    if (robot.answers >= FEWEST_ANSWERS && share < LEAST_LOCALIZED) {
+      const text = `${robot.name}: ${robot.localized} of its last ${robot.answers} answers were localized. Look at its kept queries.`;
+      found.push({ id: `localized:${robot.name}`, text, robot: robot.name });
+    }
+    const silent_s = now_s - robot.last.time_s;
+    if (silent_s > SILENT_S) {
+      const text = `${robot.name} has not asked for ${ageText(silent_s)}. See whether it is on and reaches the service.`;
+      found.push({ id: `silent:${robot.name}`, text, robot: robot.name });
+    }
+    return found;
+  });
+}
+
+export function ageText(seconds: number): string {
+  const whole = Math.max(0, Math.floor(seconds));
+  return whole < 120 ? `${whole} s` : `${Math.floor(whole / 60)} min`;
+}
