@@ -208,7 +208,7 @@ def test_a_link_opens_the_same_view(page, house):
     assert difference(first, moved) > 0.05
     link = page.js("location.hash")
     page.open(link)
-    assert difference(moved, page.map_picture()) < 0.03  # the link says centimetres
+    assert difference(moved, page.map_picture()) < 0.02  # the link says millimetres
     page.click("button", "Whole map")
     page.choose("Colour", "Height")
     assert difference(first, page.map_picture()) < 0.01

@@ -35,7 +35,7 @@ export function useMapState(scene: RefObject<MapScene | null>, isReady: number):
     let waiting = 0;
     here.moved = ({ target, eye }) => {
       clearTimeout(waiting);
-      waiting = window.setTimeout(() => note({ view: [...target, ...eye].map((m) => m.toFixed(2)).join(",") }), SETTLED_MS);
+      waiting = window.setTimeout(() => note({ view: [...target, ...eye].map((m) => m.toFixed(3)).join(",") }), SETTLED_MS);
     };
     return () => {
       clearTimeout(waiting);
