@@ -12,6 +12,7 @@ import argparse
 import contextlib
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -26,6 +27,8 @@ from page import Page  # noqa: E402
 from PIL import Image  # noqa: E402
 from service_world import running_service  # noqa: E402
 
+from firstfix.access.api_keys import ApiKeys  # noqa: E402
+from firstfix.access.permissions import Grant  # noqa: E402
 from firstfix.builds.config import PerturbConfig  # noqa: E402
 from firstfix.engine.index import MapIndex  # noqa: E402
 from firstfix.scan.scan import Scan  # noqa: E402
@@ -47,6 +50,7 @@ QUALITY = 72
 Posed = tuple[Scan, Matrix]
 ROBOTS = ("cart-07", "cart-12", "forklift-3")
 SEED = 11
+KEYS_KNOWN_S = 1.0  # the service reads new keys ten times a second
 
 
 class Gallery:
@@ -163,7 +167,7 @@ def with_maps(
     gallery.take("ambiguous", world.origin, admin, tried("house", indoors))
     gallery.take("rejected", world.origin, admin, tried("yard", indoors))
     gallery.take("kept-queries", world.origin, admin, opened("#/samples", "td .verdict"))
-    gallery.take("keys", world.origin, admin, opened("#/keys", "td", "a robot"))
+    gallery.take("keys", world.origin, admin, opened("#/keys", "th", "a robot"))
     gallery.take("changes", world.origin, admin, _changed(world, place, version, folder))
     gallery.take("live", world.origin, admin, _live(world))
     with _builds(world, folder):
@@ -208,14 +212,18 @@ def _changed(
 
 
 def _live(world: ConsoleWorld) -> Callable[[Page], None]:
-    """Three robots ask one after the other."""
+    """Three robots, each with a key of its own, ask one after the other."""
+    keys = ApiKeys(world.service.catalog.store)
+    for name in ROBOTS:
+        world.keys[name] = keys.create(name, Grant.parse(("localize",), ("yard",)))[1]
+    time.sleep(KEYS_KNOWN_S)
 
     def show(page: Page) -> None:
         page.open("#/live?map=yard")
         page.map_picture()
         for number, (file, _) in enumerate(world.scans[:12]):
-            world.ask(file, robot=ROBOTS[number % len(ROBOTS)])
-        page.wait(".fixes tbody tr")
+            world.ask(file, key=ROBOTS[number % len(ROBOTS)])
+        page.until("document.querySelectorAll('.fixes tbody tr').length >= 12")
         page.map_picture()
 
     return show
