@@ -60,7 +60,7 @@ def test_a_map_is_built_from_a_dropped_file(page, world, house_file, tmp_path):
 
     _hand_in(page, house_file)
     page.click(".builds button", "Cancel")
-    page.wait("dialog", "Cancel the build of house")
+    page.wait("dialog", "Cancel the build of cottage")
     assert world.get("/builds", limit=1)["builds"][0]["state"] in ("queued", "running")
     page.click("dialog button", "Cancel the build")
     page.until("!document.querySelector('.builds')")
@@ -78,7 +78,7 @@ def test_a_map_is_built_from_a_dropped_file(page, world, house_file, tmp_path):
     assert not build["activated"], "its storeys look alike"
     page.wait(".builds [role=alert]", "it is published, and not activated")
     page.click(".builds button", "Hide")
-    world.service.catalog.activate("house", build["version"])
+    world.service.catalog.activate("cottage", build["version"])
     page.wait("tr", build["version"][:12])
     # the stages that the cancelled build had made are not made again, the last one always is
     assert "self test" in page.js("[...seen]")
@@ -111,11 +111,11 @@ def _hand_in(page, file) -> None:
     page.wait("svg[role=img]", "beams")  # until then the dialog grows
     page.drop("dialog .drop", file)
     page.wait("dialog .drop", "house.ply")
-    page.fill("Name of the map", "house")
+    page.fill("Name of the map", "cottage")
     if page.has("dialog label.check", "Replace the active version"):  # the provisional one
         page.click("dialog label.check", "Replace the active version")
     page.click("dialog button.primary", "Build")
-    page.wait(".builds li", "house")
+    page.wait(".builds li", "cottage")
 
 
 def test_a_map_is_deleted_after_its_name_was_typed(page, world, coarse_version):
