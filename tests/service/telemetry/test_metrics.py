@@ -208,6 +208,7 @@ def test_no_label_takes_what_callers_make_up(tmp_path: Path):
         results = {
             "firstfix_cache_lookups": {"hit", "miss"},
             "firstfix_version_loads": {"ok", *CODES},
+            "firstfix_version_warm_ups": {"ok", "failed"},
             "firstfix_verified_objects": {"right", "damaged"},
             "firstfix_sightings": {"counted", "repeated", "dropped", "full", "failed", "not_stored"},
             "firstfix_samples": {"kept", "failed", "dropped", "rate_limited", "too_large"},
