@@ -19,7 +19,7 @@ from .tree import changed, commit_of, object_ids, uncommitted
 
 
 class NotOneCommit(Exception):
-    """What would be measured is not what a commit holds."""
+    """The work tree differs from the commit, so a result would not be of the commit."""
 
 
 def run(

@@ -1,4 +1,4 @@
-"""What git says of a checkout: its commit, the object ids of paths, and whether anything is uncommitted."""
+"""Asks git about a checkout: its commit, the object ids of paths, and uncommitted files."""
 
 from __future__ import annotations
 

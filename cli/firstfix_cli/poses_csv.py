@@ -35,13 +35,7 @@ def read_poses_csv(path: Path) -> list[PosedScan]:
         NotFound: no such file.
         MalformedData: a column is missing, a pose is incomplete or invalid, or there is no row.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (FileNotFoundError, IsADirectoryError):
-        raise NotFound(f"{path}: no such file") from None
-    except UnicodeDecodeError:
-        raise MalformedData(f"{path}: not a CSV text file") from None
-    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    reader = csv.DictReader(csv_lines(path), skipinitialspace=True)
     missing = [name for name in ("scan", *POSE_COLUMNS) if name not in (reader.fieldnames or ())]
     if missing:
         raise MalformedData(f"{path}: the first line has no column {', '.join(missing)}")
@@ -54,6 +48,21 @@ def read_poses_csv(path: Path) -> list[PosedScan]:
     if not rows:
         raise MalformedData(f"{path}: the file has no scans")
     return rows
+
+
+def csv_lines(path: Path) -> list[str]:
+    """Returns the lines of a CSV file, without a byte order mark.
+
+    Raises:
+        NotFound: no such file.
+        MalformedData: it is no text.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig").splitlines()
+    except (FileNotFoundError, IsADirectoryError):
+        raise NotFound(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise MalformedData(f"{path}: not a CSV text file") from None
 
 
 def _scan_of(row: dict[str, str]) -> str:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from firstfix.errors import MalformedData, NotFound
+from firstfix.errors import MalformedData
 from firstfix.transform import Matrix, from_quaternion, pose_error
 
-from ..poses_csv import POSE_COLUMNS
+from ..poses_csv import POSE_COLUMNS, csv_lines
 from .scored import Scored
 
 ANSWER_COLUMNS = ("scan", *POSE_COLUMNS)
@@ -113,13 +113,7 @@ def _scored(row: _Row, T_map_true: Matrix | None) -> Scored:
 
 def _rows(path: Path) -> Iterator[_Row]:
     """Rows below the line of names; the first has number 2, as editors count."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (FileNotFoundError, IsADirectoryError):
-        raise NotFound(f"{path}: no such file") from None
-    except UnicodeDecodeError:
-        raise MalformedData(f"{path}: not a CSV text file") from None
-    reader = csv.reader(text.splitlines(), skipinitialspace=True)
+    reader = csv.reader(csv_lines(path), skipinitialspace=True)
     names = [name.strip() for name in next(reader, [])]
     if missing := [name for name in ANSWER_COLUMNS if name not in names]:
         raise MalformedData(f"{path}: the first line has no column {', '.join(missing)}")

@@ -11,9 +11,7 @@ from .metrics import RISKS, SUCCESS
 def lines_of(report: Mapping[str, Any]) -> list[str]:
     """Returns the lines of ``metrics.report_of``."""
     success = ", ".join(
-        f"{_percent(report[f'success_{m:g}m_{deg:g}deg'])} within {m:g} m, {deg:g} deg"
-        for m, deg in SUCCESS
-        for m, deg in SUCCESS
+        f"{_percent(report[f'success_{m:g}m_{deg:g}deg'])} within {m:g} m, {deg:g} deg" for m, deg in SUCCESS
     )
     coverage = ", ".join(f"{_percent(report[f'coverage_at_risk_{r:g}'])} at a risk of {r:.0%}" for r in RISKS)
     return [
