@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
 
 from firstfix.errors import MalformedData, NotFound, TooLarge
 from firstfix.formats.text_table import parse_rows
-from firstfix.transform import Matrix, from_quaternion, make_transform, quaternion_of
+from firstfix.transform import Matrix, make_transform
 from firstfix_builder.read_map.file_errors import naming
 from firstfix_builder.read_map.rigid import rigid_from_quaternions
 
@@ -118,14 +119,6 @@ def _content(path: Path) -> bytes:
 
 def _between(T_begin: Matrix, T_end: Matrix, share: float) -> Matrix:
     """Interpolates two poses: the translation linearly, the rotation along the shortest turn."""
-    q_begin, q_end = quaternion_of(T_begin), quaternion_of(T_end)
-    cosine = float(q_begin @ q_end)
-    if cosine < 0:
-        q_end, cosine = -q_end, -cosine
-    angle = float(np.arccos(min(cosine, 1.0)))
-    if angle < 1e-6:
-        quaternion = (1 - share) * q_begin + share * q_end
-    else:
-        quaternion = (np.sin((1 - share) * angle) * q_begin + np.sin(share * angle) * q_end) / np.sin(angle)
-    rotation = from_quaternion(np.zeros(3), quaternion)[:3, :3]
+    ends = Rotation.from_matrix(np.array([T_begin[:3, :3], T_end[:3, :3]]))
+    rotation = Slerp([0.0, 1.0], ends)(share).as_matrix()
     return make_transform(rotation, (1 - share) * T_begin[:3, 3] + share * T_end[:3, 3])
