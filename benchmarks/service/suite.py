@@ -14,6 +14,7 @@ from typing import Any
 
 from ..common.programs import free_port, replica
 from ..common.worlds import WORLDS
+from .consoles import QUICK, ConsoleCourse, consoles
 from .loading import cold_load, hot_swap
 from .queried_version import QueriedVersion, make_queried_version
 from .replica_memory import replica_memory
@@ -29,6 +30,7 @@ PARTS = (
     "hot_swap",
     "replicas",
     "replica_memory",
+    "consoles",
 )
 
 
@@ -64,6 +66,8 @@ def measure(queried: QueriedVersion, parts: Iterable[str], *, quick: bool = Fals
                 )
             elif part == "replica_memory":
                 figures[part] = replica_memory(queried, bodies, directory)
+            elif part == "consoles":
+                figures[part] = consoles(queried, bodies, directory, QUICK if quick else ConsoleCourse())
             else:
                 raise ValueError(f"no part {part!r}; there are {', '.join(PARTS)}")
         print(part, figures[part], flush=True)

@@ -10,13 +10,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 HERE = Path(__file__).resolve().parent
 sys.path += [str(HERE.parents[1]), str(HERE.parent), str(HERE.parent / "service")]
@@ -25,13 +22,12 @@ from browser import HOST, Browser, running_browser  # noqa: E402
 from page import CANVAS, Page  # noqa: E402
 from service_world import running_service  # noqa: E402
 
+from benchmarks.common.large_cloud import version_with_cloud  # noqa: E402
 from benchmarks.common.memory import descendants, pss_of_family  # noqa: E402
 from firstfix.catalog.manifest import Manifest  # noqa: E402
-from firstfix_builder.index.cloud_octree import CloudOctree  # noqa: E402
 from waiting import let_pass  # noqa: E402
 
 MAP = "campus"
-SEED = 7
 MIB = 1 << 20
 LOOK_S = 0.5
 FRAMES = 12  # with software each takes seconds
@@ -94,24 +90,6 @@ def main() -> None:
             with browser.page(origin) as page:
                 print(json.dumps(measured(browser, page, chosen.layers), indent=2))
                 page.map_picture()
-
-
-def version_with_cloud(version: Path, folder: Path, count: int, templates: int) -> None:
-    """A version's files, with the cloud of a building with many floors and walls."""
-    folder.mkdir(parents=True)
-    for path in version.iterdir():
-        if path.is_file() and path.name not in ("cloud.json", "cloud.bin"):  # no sightings of a store
-            os.link(path, folder / path.name)
-    rng = np.random.default_rng(SEED)
-    points = np.empty((count, 3), np.float32)
-    for first in range(0, count, 1 << 20):
-        part = points[first : first + (1 << 20)]
-        part[:] = rng.uniform([0, 0, 0], [200, 120, 16], part.shape)
-        flat, step_m = rng.integers(0, 3, len(part)), np.array([5.0, 6.0, 4.0])
-        rows = np.arange(len(part))
-        part[rows, flat] = np.round(part[rows, flat] / step_m[flat]) * step_m[flat]
-    marks = rng.uniform([0, 0, 1], [200, 120, 15], (templates, 3))
-    CloudOctree.of(points, marks={"templates": marks}).save(folder)
 
 
 def measured(browser: Browser, page: Page, layers: str) -> dict[str, Any]:

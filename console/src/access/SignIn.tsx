@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
-import { useEffect } from "preact/hooks";
+import { useLayoutEffect } from "preact/hooks";
 import { callerOfPage } from "../api/access";
 import { Problem } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
@@ -11,7 +11,7 @@ import { caller, key, refusal, signIn } from "./session";
 export function Gate({ children }: { children: ComponentChildren }) {
   const problem = useSignal<unknown>(null);
   const wanted = useSignal(false);
-  useEffect(() => {
+  useLayoutEffect(() => {
     let current = true;
     callerOfPage()
       .then((found) => {

@@ -1,6 +1,6 @@
 // What a view loads: it begins again when what it depends on changes, and a late answer never replaces a newer one.
 
-import { useEffect, useState } from "preact/hooks";
+import { useLayoutEffect, useState } from "preact/hooks";
 
 export interface Loaded<T> {
   value: T | null;
@@ -12,7 +12,8 @@ export function useLoaded<T>(load: (signal: AbortSignal) => Promise<T>, inputs: 
   const [value, setValue] = useState<T | null>(null);
   const [error, setError] = useState<unknown>(null);
   const [round, setRound] = useState(0);
-  useEffect(() => {
+  // not after the next picture: on a slow machine that is a tenth of a second later
+  useLayoutEffect(() => {
     const stop = new AbortController();
     setError(null);
     load(stop.signal)
