@@ -2,25 +2,18 @@
 
 import { useSignal } from "@preact/signals";
 import { mayBuild } from "../access/session";
-import { change, get, Problem, type Schemas } from "../api/client";
+import type { Schemas } from "../api/client";
+import { mapDetails, placeOf, removePlace, setPlace } from "../api/maps";
 import { MapProblem } from "../maps/MapProblem";
 import { Confirm } from "../ui/Confirm";
 import { useLoaded } from "../ui/useLoaded";
 import { PlaceForm } from "./PlaceForm";
 import { placeText } from "./place";
 
-type Place = Schemas["GeoreferenceRecord"];
-
 export function EarthView({ map }: { map: string }) {
-  const path = `/maps/${map}/georeference`;
   const found = useLoaded(async (signal) => {
-    await get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal); // a map that is not there is another error
-    try {
-      return { place: await get<Place>(path, {}, signal) };
-    } catch (error) {
-      if (error instanceof Problem && error.code === "not_found") return { place: null };
-      throw error;
-    }
+    await mapDetails(map, signal); // a map that is not there is an error
+    return { place: await placeOf(map, signal) };
   }, [map]);
   const wanted = useSignal<Schemas["GeoreferenceBody"] | null>(null);
   const isRemoving = useSignal(false);
@@ -47,7 +40,7 @@ export function EarthView({ map }: { map: string }) {
           action="Set it"
           keep="Leave it"
           act={async () => {
-            await change("PUT", path, { json: wanted.value });
+            await setPlace(map, wanted.value!);
             found.again();
           }}
           close={() => (wanted.value = null)}
@@ -65,7 +58,7 @@ export function EarthView({ map }: { map: string }) {
           action="Remove"
           keep="Keep it"
           act={async () => {
-            await change("DELETE", path);
+            await removePlace(map);
             found.again();
           }}
           close={() => (isRemoving.value = false)}

@@ -1,14 +1,14 @@
 // What the queries have shown to be changed, in words: the largest areas, and how many queries were counted.
 
-import type { Schemas } from "../api/client";
+import type { MapChanges } from "../api/maps";
 import { count, metres } from "../ui/text";
 
-type Area = Schemas["ChangedArea"];
+type Area = MapChanges["areas"][number];
 const LISTED = 8;
 
 export interface ChangesPanelProps {
-  found: Schemas["MapChanges"];
-  look: (position: [number, number, number]) => void;
+  found: MapChanges;
+  look: (position: readonly number[]) => void;
 }
 
 export function ChangesPanel({ found, look }: ChangesPanelProps) {
@@ -40,10 +40,10 @@ export function ChangesPanel({ found, look }: ChangesPanelProps) {
   );
 }
 
-function numberOf({ areas }: Schemas["MapChanges"], kind: Area["kind"]): number {
+function numberOf({ areas }: MapChanges, kind: Area["kind"]): number {
   return areas.filter((one) => one.kind === kind).length;
 }
 
-function middleOf({ box }: Area): [number, number, number] {
-  return box.low.map((low, axis) => (low + box.high[axis]!) / 2) as [number, number, number];
+function middleOf({ box }: Area): number[] {
+  return box.low.map((low, axis) => (low + box.high[axis]!) / 2);
 }

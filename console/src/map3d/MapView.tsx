@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { mayBuild } from "../access/session";
-import { get, type Schemas } from "../api/client";
+import { mapChanges, mapDetails } from "../api/maps";
 import { MapProblem } from "../maps/MapProblem";
 import { addressed, go, link, route } from "../router";
 import { Empty } from "../ui/Empty";
@@ -34,10 +34,7 @@ const MOST_AREAS = 1000;
 
 export function MapView({ map }: { map: string }) {
   const asked = route.value.query;
-  const details = useLoaded(
-    (signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal),
-    [map],
-  );
+  const details = useLoaded((signal) => mapDetails(map, signal), [map]);
   const version = asked.get("version") || details.value?.active_version || "";
   const scene = useRef<MapScene | null>(null);
   const cloud = useRef<Cloud | null>(null);
@@ -54,7 +51,7 @@ export function MapView({ map }: { map: string }) {
   const changes = useLoaded(
     async (signal) =>
       isCompared && version
-        ? await get<Schemas["MapChanges"]>(`/maps/${map}/changes`, { version, cells: true, limit: MOST_AREAS }, signal)
+        ? await mapChanges(map, { version, cells: true, limit: MOST_AREAS }, signal)
         : null,
     [map, version, isCompared],
   );

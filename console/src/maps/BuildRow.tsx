@@ -2,8 +2,8 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { change, type Schemas } from "../api/client";
-import { follow } from "../api/events";
+import { cancelBuild, followBuild } from "../api/builds";
+import type { Schemas } from "../api/client";
 import { link } from "../router";
 import { Confirm } from "../ui/Confirm";
 import { ErrorText } from "../ui/ErrorText";
@@ -25,16 +25,12 @@ export function BuildRow({ build, done, again }: BuildRowProps) {
   useEffect(() => {
     if (!isGoing(build)) return;
     const stop = new AbortController();
-    void follow(
-      `/builds/${build.build_id}/events`,
-      () => ({}),
-      (event) => {
-        now.value = event.data as Build;
-        if (now.value.provisional_version || event.name === "end") done();
-        if (event.name === "end") stop.abort();
-      },
-      stop.signal,
-    );
+    const take = (told: Build, isEnd: boolean) => {
+      now.value = told;
+      if (told.provisional_version || isEnd) done();
+      if (isEnd) stop.abort();
+    };
+    void followBuild(build.build_id, take, stop.signal);
     return () => stop.abort();
   }, [build.build_id]);
   const { map_id: map, state } = now.value;
@@ -58,7 +54,7 @@ export function BuildRow({ build, done, again }: BuildRowProps) {
           title={`Cancel the build of ${map}`}
           action="Cancel the build"
           keep="Let it go on"
-          act={() => change("DELETE", `/builds/${build.build_id}`)}
+          act={() => cancelBuild(build.build_id)}
           close={() => (isAsked.value = false)}
         >
           <p>

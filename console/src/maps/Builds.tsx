@@ -2,13 +2,15 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { get, type Schemas } from "../api/client";
+import { lastBuilds } from "../api/builds";
+import type { Schemas } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
 import { BuildRow } from "./BuildRow";
 import { hidden, isGoing, isHeldBack } from "./buildRecords";
 
 type Build = Schemas["Build"];
 const LOOK_MS = 3000;
+const READ = 20;
 const SHOWN = 10;
 
 export interface BuildsProps {
@@ -23,7 +25,7 @@ export function Builds({ done, again }: BuildsProps) {
     let going = true;
     const look = async () => {
       try {
-        const found = (await get<Schemas["BuildPage"]>("/builds", { limit: 20 })).builds;
+        const found = (await lastBuilds(READ)).builds;
         const under = builds.value.filter(isGoing).map((one) => one.build_id);
         builds.value = found;
         // its row is gone now, perhaps before the end came over its stream

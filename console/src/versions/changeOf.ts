@@ -1,12 +1,12 @@
 // What can be done with the versions of a map, and what it means for the robots.
 
+import { activateVersion, retireVersion, rollBack } from "../api/maps";
 import { short } from "../ui/text";
 
 export type Change = { kind: "activate" | "retire"; version: string } | { kind: "rollback" };
 
 export interface ChangeCall {
-  method: string;
-  path: string;
+  act: () => Promise<unknown>;
   title: string;
   action: string;
   keep: string;
@@ -20,8 +20,7 @@ export function callOf(map: string, change: Change, active: string): ChangeCall 
   const now = active ? short(active) : "none";
   if (change.kind === "rollback") {
     return {
-      method: "POST",
-      path: "/rollback",
+      act: () => rollBack(map),
       title: `Roll back ${map}`,
       action: "Roll back",
       keep: `Stay with ${now}`,
@@ -34,8 +33,7 @@ export function callOf(map: string, change: Change, active: string): ChangeCall 
   const name = short(change.version);
   if (change.kind === "activate") {
     return {
-      method: "POST",
-      path: `/versions/${change.version}/activate`,
+      act: () => activateVersion(map, change.version),
       title: `Activate ${name}`,
       action: "Activate",
       keep: `Stay with ${now}`,
@@ -46,8 +44,7 @@ export function callOf(map: string, change: Change, active: string): ChangeCall 
     };
   }
   return {
-    method: "DELETE",
-    path: `/versions/${change.version}`,
+    act: () => retireVersion(map, change.version),
     title: `Retire ${name}`,
     action: "Retire",
     keep: "Keep it",
