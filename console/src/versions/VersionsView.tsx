@@ -75,10 +75,7 @@ export function VersionsView({ map }: { map: string }) {
       ) : null}
       {call ? (
         <Confirm
-          title={call.title}
-          action={call.action}
-          keep={call.keep}
-          typed={call.typed ? { name: "the version", text: call.typed } : undefined}
+          {...call}
           act={async () => {
             await call.act();
             told.value = call.told;
