@@ -184,9 +184,10 @@ def test_what_has_changed_is_laid_over_a_map(page, world, small_version, small_w
     target, eye = (5.0, 3.5, 1.2), (5.0, -4.0, 9.0)
     page.open(f"#/maps/yard-later?colour=plain&view={view_of(target, eye)}")
     unmarked = page.map_picture()
-    page.click("label.check", "Changes since the map was made")
     page.wait("[aria-label=Changes] li", "gone: 1")
     page.wait("[aria-label=Changes] li", "new: 0")
+    assert pixels_of(unmarked, GONE, 30) == 0, "they are listed before they are drawn"
+    page.click("label.check", "Changes since the map was made")
     wait_until(lambda: pixels_of(page.map_picture(), GONE, 30) > 0)
     gone = reddened(unmarked, page.map_picture())
     height, width = gone.shape
@@ -195,8 +196,20 @@ def test_what_has_changed_is_laid_over_a_map(page, world, small_version, small_w
     around[y - 150 : y + 150, x - 180 : x + 180] = True  # the cabin is 3 m long, and its cells a little more
     assert gone[y - 60 : y + 60, x - 60 : x + 60].mean() > 0.8
     assert gone[~around].mean() < 0.001
-    page.click("[aria-label=Changes] button", "5.")
-    wait_until(lambda: difference(unmarked, page.map_picture()) > 0.05)
+    (area,) = world.get("/maps/yard-later/changes")["areas"]
+    page.open("#/maps/yard-later?colour=plain&layers=")
+    whole = page.map_picture()
+    row = "[aria-label='Changed areas'] li"
+    page.wait(row, f"gone, {area['box']['high'][0] - area['box']['low'][0]:.1f} ")
+    page.wait(row, f"{area['sightings']} queries from {area['spots']} spots saw it: first ")
+    page.click(f"{row} button", "5.")
+    page.until("location.hash.includes('layers=changes') && location.hash.includes('view=')")
+    wait_until(lambda: pixels_of(page.map_picture(), GONE, 30) > 0)
+    assert difference(whole, page.map_picture()) > 0.05, "the camera has gone there"
+    view = [
+        float(m) for m in page.js("new URLSearchParams(location.hash.split('?')[1]).get('view')").split(",")
+    ]
+    assert view[:2] == pytest.approx(target[:2], abs=0.5)
 
 
 def _at_rest(page) -> tuple[Picture, str]:

@@ -49,10 +49,7 @@ export function MapView({ map }: { map: string }) {
   const spot = useSignal<SpotCell | null>(null);
   const isCompared = layers.value.includes("changes");
   const changes = useLoaded(
-    async (signal) =>
-      isCompared && version
-        ? await mapChanges(map, { version, cells: true, limit: MOST_AREAS }, signal)
-        : null,
+    async (signal) => (version ? await mapChanges(map, { version, cells: isCompared, limit: MOST_AREAS }, signal) : null),
     [map, version, isCompared],
   );
   const isHeated = layers.value.includes("localizability");
@@ -84,9 +81,14 @@ export function MapView({ map }: { map: string }) {
 
   useEffect(() => {
     const here = scene.current;
-    if (!here || !changes.value) return;
+    if (!here || !changes.value || !isCompared) return;
     return laid(here, changeMarks(here, changes.value));
-  }, [isReady.value, changes.value]);
+  }, [isReady.value, changes.value, isCompared]);
+
+  const lookAtChange = (position: readonly number[], away: number) => {
+    if (!isCompared) layers.value = [...layers.value, "changes"];
+    scene.current?.lookAt(position, away);
+  };
 
   const clicked = (position: [number, number, number]) => {
     if (measuring.value) measure.current?.add(position);
@@ -129,12 +131,10 @@ export function MapView({ map }: { map: string }) {
           above={() => scene.current?.lookFromAbove()}
         />
         {isHeated ? <HeatLegend /> : null}
-        {changes.value ? (
-          <ChangesPanel found={changes.value} look={(position) => scene.current?.lookAt(position)} />
-        ) : null}
         {isTested && grid.value ? (
           <SpotPanel grid={grid.value} chosen={spot.value} choose={(one) => (spot.value = one)} />
         ) : null}
+        {changes.value ? <ChangesPanel found={changes.value} look={lookAtChange} /> : null}
         {changes.error ? <ErrorText error={changes.error} again={changes.again} /> : null}
         <MapVersions
           map={map}
