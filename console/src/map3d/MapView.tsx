@@ -4,6 +4,7 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { mayBuild } from "../access/session";
 import { mapChanges, mapDetails } from "../api/maps";
+import { MapBuilds } from "../maps/MapBuilds";
 import { MapProblem } from "../maps/MapProblem";
 import { addressed, go, link, route } from "../router";
 import { Empty } from "../ui/Empty";
@@ -95,12 +96,20 @@ export function MapView({ map }: { map: string }) {
     else if (isTested) spot.value = grid.value?.at(position) ?? null;
   };
 
-  if (details.error) return <MapProblem map={map} error={details.error} again={details.again} />;
+  const builds = <MapBuilds map={map} active={details.value?.active_version ?? null} done={details.again} />;
+  if (details.error) {
+    return (
+      <MapProblem map={map} error={details.error} again={details.again}>
+        {builds}
+      </MapProblem>
+    );
+  }
   if (!details.value) return <p role="status">Opening {map} …</p>;
   if (!version) {
     return (
       <Empty title={`${map} has no active version`}>
         <p>All its versions are retired. Build it anew, or activate one.</p>
+        {builds}
         <a href={link(["maps", map, "versions"])}>Its versions</a>
       </Empty>
     );
@@ -116,6 +125,7 @@ export function MapView({ map }: { map: string }) {
       />
       <aside class="panel" aria-label="Layers and tools">
         <h1>{map}</h1>
+        {builds}
         <Quality
           map={map}
           version={version}
@@ -137,6 +147,7 @@ export function MapView({ map }: { map: string }) {
         {changes.value ? <ChangesPanel found={changes.value} look={lookAtChange} /> : null}
         {changes.error ? <ErrorText error={changes.error} again={changes.again} /> : null}
         <MapVersions
+          key={details.value.active_version}
           map={map}
           version={version}
           show={(one) => go(["maps", map], { ...Object.fromEntries(addressed()), version: one })}

@@ -10,24 +10,27 @@ import { ErrorText } from "../ui/ErrorText";
 import { Progress } from "../ui/Progress";
 import { age, duration } from "../ui/text";
 import { begunAt, hide, isGoing, isHeldBack, timesOf } from "./buildRecords";
+import { remedyOf } from "./remedy";
 
 type Build = Schemas["Build"];
 
 export interface BuildRowProps {
   build: Build;
+  isNamed: boolean; // whether the row says which map it is
   done: () => void;
   again: () => void;
 }
 
-export function BuildRow({ build, done, again }: BuildRowProps) {
+export function BuildRow({ build, isNamed, done, again }: BuildRowProps) {
   const now = useSignal(build);
   const isAsked = useSignal(false);
   useEffect(() => {
     if (!isGoing(build)) return;
     const stop = new AbortController();
     const take = (told: Build, isEnd: boolean) => {
+      const isServed = told.provisional_version !== now.value.provisional_version;
       now.value = told;
-      if (told.provisional_version || isEnd) done();
+      if (isServed || isEnd) done();
       if (isEnd) stop.abort();
     };
     void followBuild(build.build_id, take, stop.signal);
@@ -36,7 +39,11 @@ export function BuildRow({ build, done, again }: BuildRowProps) {
   const { map_id: map, state } = now.value;
   return (
     <li>
-      <strong>{map}</strong>
+      {isNamed ? (
+        <strong>
+          <a href={link(["maps", map])}>{map}</a>
+        </strong>
+      ) : null}
       {state === "failed" ? (
         <Failed build={now.value} again={again} />
       ) : isHeldBack(now.value) ? (
@@ -90,7 +97,7 @@ function Failed({ build, again }: { build: Build; again: () => void }) {
       <div class="failed">
         <ErrorText error={new Error(build.error?.detail ?? "The build failed.")} />
         <small>
-          {stage ? `Failed at: ${stage}. ` : ""}
+          {remedyOf(build.error?.code ?? "")} {stage ? `Failed at: ${stage}. ` : ""}
           {begun ? `Handed in ${age(begun)}.` : ""}
         </small>
       </div>
