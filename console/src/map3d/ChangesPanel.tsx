@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import type { MapChanges } from "../api/maps";
-import { age, count, metres } from "../ui/text";
+import { age, count } from "../ui/text";
 
 type Area = MapChanges["areas"][number];
 const LISTED = 8; // at first
@@ -40,7 +40,7 @@ export function ChangesPanel({ found, look }: ChangesPanelProps) {
         {listed.map((one) => (
           <li key={`${one.kind} ${one.box.low.join()}`} class={CLASSES[one.kind]}>
             <button onClick={() => look(middleOf(one), Math.max(LEAST_AWAY_M, AWAY * Math.hypot(...extentOf(one))))}>
-              {middleOf(one).slice(0, 2).map(metres).join(", ")}
+              {middleOf(one).map((m) => m.toFixed(1)).join(", ")} m
             </button>{" "}
             {one.kind}, {extentOf(one).map((m) => m.toFixed(1)).join(" × ")} m. {seenText(one)}
           </li>
