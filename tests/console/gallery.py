@@ -3,7 +3,8 @@
     python tests/console/gallery.py docs/images/console [STATE ...]
 
 It builds its maps (a minute the first time), runs its own services, and leaves one picture a state: a large
-and a small screen in the light colours above those in the dark ones.
+and a small screen in the light colours above those in the dark ones. axe-core checks each of the four; with
+exit code 1 some state is not accessible, and it is said what and where.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ REPO = HERE.parents[1]
 sys.path += [str(REPO), str(HERE.parent), str(HERE.parent / "service")]
 
 import numpy as np  # noqa: E402
+from accessible import violations  # noqa: E402
 from browser import HOST, Browser, running_browser  # noqa: E402
 from console_world import ConsoleWorld, house, running_console, scans_without_cabin  # noqa: E402
 from page import Page  # noqa: E402
@@ -59,12 +61,14 @@ class Gallery:
     Attributes:
         images: folder of the pictures.
         wanted: names of the states; none: all of them.
+        violations: what axe-core has found, "state, size, colours: rule: element".
     """
 
     def __init__(self, browser: Browser, images: Path, wanted: list[str]) -> None:
         self._browser = browser
         self._images = images
         self._wanted = wanted
+        self.violations: list[str] = []
 
     def take(self, state: str, origin: str, key: str | None, show: Callable[[Page], None]) -> None:
         """Brings a page into a state in each size and colour, and keeps the four pictures as one."""
@@ -81,6 +85,8 @@ class Gallery:
                         page.keep_key(key)
                     show(page)
                     pictures.append(Image.fromarray(page.picture()))
+                    seen = f"{state}, {size[0]} x {size[1]}, {scheme}"
+                    self.violations += [f"{seen}: {one}" for one in violations(page)]
             rows.append(_beside(pictures))
         whole = Image.new("RGB", (rows[0].width, sum(row.height for row in rows)), "#808080")
         for number, row in enumerate(rows):
@@ -159,6 +165,8 @@ def with_maps(
     gallery.take("maps", world.origin, admin, opened("", "a", "yard"))
     gallery.take("map", world.origin, admin, mapped("#/maps/yard"))
     gallery.take("versions", world.origin, admin, opened("#/maps/yard/versions", "td", "%"))
+    gallery.take("activate", world.origin, admin, _asked("tr button", "Activate"))
+    gallery.take("retire", world.origin, admin, _asked("tr button", "Retire"))
     gallery.take("earth", world.origin, admin, opened("#/maps/yard/earth", "button", "Set the place"))
     sure = next(file for file, _ in world.scans if world.ask(file)["verdict"] == "localized")
     indoors = folder / "indoors.ffscan"
@@ -172,10 +180,22 @@ def with_maps(
     gallery.take("live", world.origin, admin, _live(world))
     with _builds(world, folder):
         gallery.take("building", world.origin, admin, opened("", ".builds progress"))
+        gallery.take("map-building", world.origin, admin, opened("#/maps/office", ".builds progress"))
     gallery.take("failed", world.origin, admin, opened("", ".builds [role=alert]"))
     for number in range(6):
         world.service.catalog.publish(f"hall-{number + 1}", version.directory, version.manifest)
     gallery.take("many-maps", world.origin, admin, opened("", "a", "hall-6"))
+
+
+def _asked(*button: str) -> Callable[[Page], None]:
+    """A question about a version."""
+
+    def show(page: Page) -> None:
+        page.open("#/maps/yard/versions")
+        page.click(*button)
+        page.wait("dialog")
+
+    return show
 
 
 def _scans_of(place: SmallWorld, version: BuildResult, count: int, occluders: int) -> list[Posed]:
@@ -205,8 +225,9 @@ def _changed(
 
     def show(page: Page) -> None:
         page.open("#/maps/yard?layers=changes")
-        page.wait("[aria-label=Changes] li")
+        page.wait("[aria-label='Changed areas'] li")
         page.map_picture()
+        page.js("find('[aria-label=Changes]', '').scrollIntoView({ block: 'end' })")
 
     return show
 
@@ -266,6 +287,8 @@ def main() -> None:
             with running_console(folder / "console", HOST, (coarse, good), scans) as world:
                 world.service.catalog.publish("house", alike.directory, alike.manifest)
                 with_maps(gallery, world, place, good, alike, folder)
+    if gallery.violations:
+        sys.exit("\n".join(gallery.violations))
 
 
 if __name__ == "__main__":

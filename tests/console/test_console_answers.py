@@ -424,6 +424,59 @@ def test_the_console_is_used_with_the_keyboard_alone(page):
     assert page.js("document.activeElement === find('button', 'Build a map')")
 
 
+def test_a_scan_is_tried_and_a_version_activated_and_rolled_back_with_the_keyboard(
+    page, world, coarse_version, small_version
+):
+    publish = world.service.catalog.publish
+    old, new = (publish("by-keys", one.directory, one.manifest) for one in (coarse_version, small_version))
+    page.open()
+    page.wait("a", "by-keys")
+    _tab_to(page, "th a", "by-keys")
+    page.press("Enter")
+    page.map_picture()
+    _tab_to(page, "input", "Where a robot finds itself")
+    page.press("Space")
+    page.wait("[aria-label='Colours of the places']", "half")
+    _tab_to(page, ".bar a", "Try")
+    page.press("Enter")
+    page.map_picture()
+    page.wait("button", "Try an example scan")
+    _tab_to(page, "button", "Try an example scan")
+    page.press("Enter")
+    page.wait(".answer .verdict", "localized")
+
+    _tab_to(page, ".bar a", "Versions")
+    page.press("Enter")
+    row = f"tr:has([aria-label='Compare {old[:12]}']) button"
+    page.wait(row, "Activate")
+    _tab_to(page, row, "Activate")
+    page.press("Enter")
+    page.wait("dialog", "in place of")
+    for _ in range(7):
+        page.press("Tab")
+        assert page.js(
+            "document.activeElement === document.body || !!document.activeElement.closest('dialog')"
+        )
+    _tab_to(page, "dialog button", "Stay with")
+    page.press("Enter")
+    page.until("!document.querySelector('dialog')")
+    assert page.js(f"document.activeElement === find({json.dumps(row)}, 'Activate')"), "the focus is back"
+    assert world.get("/maps/by-keys")["active_version"] == new
+    page.press("Enter")
+    page.wait("dialog", "in place of")
+    _tab_to(page, "dialog button", "Activate")
+    page.press("Enter")
+    page.wait("[role=status]", "Activated")
+    assert world.get("/maps/by-keys")["active_version"] == old
+    _tab_to(page, "header button", "Roll back")
+    page.press("Enter")
+    page.wait("dialog", "The version that was active before")
+    _tab_to(page, "dialog button", "Roll back")
+    page.press("Enter")
+    page.wait("[role=status]", "Rolled back")
+    assert world.get("/maps/by-keys")["active_version"] == new
+
+
 def _tab_to(page, selector: str, words: str = "") -> None:
     for _ in range(60):
         page.press("Tab")

@@ -24,6 +24,7 @@ from pictures import (
 from firstfix.builds.options import reported_stages
 from firstfix.engine.index import MapIndex
 from firstfix.wire.scan import encode_scan
+from firstfix_client import Client
 from waiting import let_pass, wait_until
 
 pytestmark = pytest.mark.slow
@@ -134,6 +135,49 @@ def test_a_map_is_deleted_after_its_name_was_typed(page, world, coarse_version):
     assert [one["map_id"] for one in world.get("/maps")["maps"] if one["map_id"] == "old-hall"] == []
 
 
+def test_a_build_stands_on_the_page_of_its_map(page, world, house_file):
+    page.expected += ["404"]  # there is no version yet
+    with Client(world.service.url, api_key=world.keys["admin"]) as client:
+        build_id = client.build_map(house_file, "annex", config={"sensor": "vlp-16"}).build_id
+    page.open("#/maps/annex")
+    page.wait(".empty", "its first build has not ended")
+    page.wait(".empty .builds progress")
+    page.click(".empty .builds button", "Cancel")
+    page.click("dialog button", "Let it go on")
+    page.until("!document.querySelector('dialog')")
+    assert page.js("document.activeElement === find('.builds button', 'Cancel')")
+    page.click(".empty .builds button", "Cancel")
+    page.click("dialog button", "Cancel the build")
+    wait_until(lambda: world.get(f"/builds/{build_id}")["state"] == "cancelled")
+    page.until("!document.querySelector('.builds')")
+
+
+def test_a_failed_build_says_on_a_phone_why_and_what_helps(page, world, coarse_version, tmp_path):
+    world.service.catalog.publish("works", coarse_version.directory, coarse_version.manifest)
+    broken = tmp_path / "broken.ply"
+    broken.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1000000\n")
+    with Client(world.service.url, api_key=world.keys["admin"]) as client:
+        build_id = client.build_map(broken, "works", config={"sensor": "vlp-16"}).build_id
+    wait_until(lambda: world.get(f"/builds/{build_id}")["state"] == "failed")
+    reason = world.get(f"/builds/{build_id}")["error"]["detail"]
+    page.size(390, 844, phone=True)
+    for view in ("", "maps/works"):
+        page.open(f"#/{view}")
+        page.wait(".builds [role=alert]", reason)
+        page.wait(".builds .failed small", "firstfix check FILE reads the file without a build")
+        page.wait(".builds .failed small", "Failed at: ")
+        left, right = page.js(
+            "{ const all = [...document.querySelectorAll('.builds *')].map((e) => e.getBoundingClientRect());"
+            " [Math.min(...all.map((b) => b.left)), Math.max(...all.map((b) => b.right))]; }"
+        )
+        assert left >= 0
+        assert right <= 390
+    page.click(".builds button", "Try again")
+    page.wait("dialog [role=alert]", "There is a map works")
+    page.press("Escape")
+    page.until("!document.querySelector('dialog')")
+
+
 # A map in 3D
 
 
@@ -184,9 +228,10 @@ def test_what_has_changed_is_laid_over_a_map(page, world, small_version, small_w
     target, eye = (5.0, 3.5, 1.2), (5.0, -4.0, 9.0)
     page.open(f"#/maps/yard-later?colour=plain&view={view_of(target, eye)}")
     unmarked = page.map_picture()
-    page.click("label.check", "Changes since the map was made")
     page.wait("[aria-label=Changes] li", "gone: 1")
     page.wait("[aria-label=Changes] li", "new: 0")
+    assert pixels_of(unmarked, GONE, 30) == 0, "they are listed before they are drawn"
+    page.click("label.check", "Changes since the map was made")
     wait_until(lambda: pixels_of(page.map_picture(), GONE, 30) > 0)
     gone = reddened(unmarked, page.map_picture())
     height, width = gone.shape
@@ -195,8 +240,20 @@ def test_what_has_changed_is_laid_over_a_map(page, world, small_version, small_w
     around[y - 150 : y + 150, x - 180 : x + 180] = True  # the cabin is 3 m long, and its cells a little more
     assert gone[y - 60 : y + 60, x - 60 : x + 60].mean() > 0.8
     assert gone[~around].mean() < 0.001
-    page.click("[aria-label=Changes] button", "5.")
-    wait_until(lambda: difference(unmarked, page.map_picture()) > 0.05)
+    (area,) = world.get("/maps/yard-later/changes")["areas"]
+    page.open("#/maps/yard-later?colour=plain&layers=")
+    whole = page.map_picture()
+    row = "[aria-label='Changed areas'] li"
+    page.wait(row, f"gone, {area['box']['high'][0] - area['box']['low'][0]:.1f} ")
+    page.wait(row, f"{area['sightings']} queries from {area['spots']} spots saw it: first ")
+    page.click(f"{row} button", "5.")
+    page.until("location.hash.includes('layers=changes') && location.hash.includes('view=')")
+    wait_until(lambda: pixels_of(page.map_picture(), GONE, 30) > 0)
+    assert difference(whole, page.map_picture()) > 0.05, "the camera has gone there"
+    view = [
+        float(m) for m in page.js("new URLSearchParams(location.hash.split('?')[1]).get('view')").split(",")
+    ]
+    assert view[:2] == pytest.approx(target[:2], abs=0.5)
 
 
 def _at_rest(page) -> tuple[Picture, str]:

@@ -345,6 +345,19 @@ def test_a_service_that_is_open_to_everyone_says_so(browser, tmp_path):
             assert not page.problems
 
 
+# What hides from people who do not see or hear, or have no mouse
+
+
+def test_what_is_not_accessible_is_found(page):
+    """So that a page without findings says something."""
+    page.open()
+    page.wait("a", "yard")
+    assert violations(page) == []
+    page.js("document.querySelector('main').append(document.createElement('button'))")
+    assert any(one.startswith("button-name: <button>") for one in violations(page))
+    page.js("document.querySelector('main > button:last-child').remove()")
+
+
 # A phone
 
 

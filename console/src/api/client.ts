@@ -6,7 +6,6 @@ import { patiently } from "./patience";
 import type { components, paths } from "./schema";
 
 export type Schemas = components["schemas"];
-export type Query = Record<string, string | number | boolean | null | undefined>;
 
 /** An answer of the service that is not a success, with the service's own text. */
 export class Problem extends Error {
@@ -19,19 +18,10 @@ export class Problem extends Error {
   }
 }
 
-export interface CallOptions {
-  query?: Query;
-  json?: unknown;
-  body?: BodyInit;
-  headers?: Record<string, string>;
-  signal?: AbortSignal;
-  isRead?: boolean; // it changes nothing, so it may be sent again; as GET and HEAD
-}
-
 // The page lies one level below the service: at "console/".
 const ROOT = new URL("..", document.baseURI);
 
-export function addressOf(path: string, query: Query = {}): URL {
+export function addressOf(path: string, query: Record<string, string | number | boolean | null | undefined> = {}): URL {
   const url = new URL(path.replace(/^\//, ""), ROOT);
   for (const [name, value] of Object.entries(query)) {
     if (value !== undefined && value !== null && value !== "") url.searchParams.set(name, String(value));
@@ -39,18 +29,37 @@ export function addressOf(path: string, query: Query = {}): URL {
   return url;
 }
 
+function isGiven(parameter: [string, unknown]): parameter is [string, string | number | boolean] {
+  return ["string", "number", "boolean"].includes(typeof parameter[1]);
+}
+
+/** The calls of openapi.json, each with its own types. */
+export const api = createClient<paths>({
+  baseUrl: String(ROOT),
+  querySerializer: (query) => addressOf("", Object.fromEntries(Object.entries(query).filter(isGiven))).search.slice(1),
+  fetch: (request) => send(request, request.method === "GET" || request.method === "HEAD"),
+});
+
+/** For a POST that changes nothing: it may be sent again. */
+export function asRead(request: Request): Promise<Response> {
+  return send(request, true);
+}
+
+/** The content of an answer. One that is no success has failed before, in the service's words. */
+export async function said<T>(call: Promise<{ data?: T }>): Promise<T> {
+  const { data } = await call;
+  if (data === undefined) throw new Problem(0, "unknown", "The service gave an empty answer.");
+  return data;
+}
+
 /** Sends a request, and returns the answer if it is a success. A read waits if the service asks for it. */
-export async function send(method: string, path: string, options: CallOptions = {}): Promise<Response> {
-  const headers = new Headers(options.headers);
+async function send(request: Request, isRead: boolean): Promise<Response> {
+  const { method, headers, signal } = request;
+  const content = await request.blob();
   const given = key.value;
   if (given) headers.set("Authorization", `Bearer ${given}`);
-  let body = options.body;
-  if (options.json !== undefined) {
-    headers.set("Content-Type", "application/json");
-    body = JSON.stringify(options.json);
-  }
-  const { signal, isRead = method === "GET" || method === "HEAD" } = options;
-  const ask = () => fetch(addressOf(path, options.query), { method, headers, body, signal, credentials: "omit" });
+  const body = content.size ? content : undefined;
+  const ask = () => fetch(new URL(request.url), { method, headers, body, signal, credentials: "omit" });
   let response: Response;
   try {
     response = await (isRead ? patiently(ask, signal) : ask());
@@ -62,37 +71,6 @@ export async function send(method: string, path: string, options: CallOptions = 
   const problem = await problemOf(response);
   if (problem.status === 401) refused(given, problem);
   throw problem;
-}
-
-export async function get<T>(path: string, query: Query = {}, signal?: AbortSignal): Promise<T> {
-  return (await send("GET", path, { query, signal })).json() as Promise<T>;
-}
-
-export async function change<T>(method: string, path: string, options: CallOptions = {}): Promise<T> {
-  const response = await send(method, path, options);
-  return (response.status === 204 ? undefined : await response.json()) as T;
-}
-
-function isGiven(parameter: [string, unknown]): parameter is [string, string | number | boolean] {
-  return ["string", "number", "boolean"].includes(typeof parameter[1]);
-}
-
-/** The calls of openapi.json, each with its own types. They are sent as all others are. */
-export const api = createClient<paths>({
-  baseUrl: String(ROOT),
-  querySerializer: (query) => addressOf("", Object.fromEntries(Object.entries(query).filter(isGiven))).search.slice(1),
-  fetch: async (request) => {
-    const body = await request.blob();
-    const { method, headers, signal } = request;
-    return send(method, request.url, { headers: Object.fromEntries(headers), body: body.size ? body : undefined, signal });
-  },
-});
-
-/** The content of an answer. One that is no success has failed before, in the service's words. */
-export async function said<T>(call: Promise<{ data?: T }>): Promise<T> {
-  const { data } = await call;
-  if (data === undefined) throw new Problem(0, "unknown", "The service gave an empty answer.");
-  return data;
 }
 
 async function problemOf(response: Response): Promise<Problem> {

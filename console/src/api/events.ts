@@ -1,7 +1,8 @@
 // Server-sent events over fetch: the browser's own EventSource cannot send the caller's key.
 
-import { type Query, send } from "./client";
 import { againAndAgain } from "./patience";
+
+type Stream = NonNullable<Response["body"]>;
 
 export interface ServerEvent {
   name: string;
@@ -9,10 +10,9 @@ export interface ServerEvent {
   data: unknown;
 }
 
-/** Reads a stream of events until it ends or is aborted. */
-export async function* events(path: string, query: Query, signal: AbortSignal): AsyncGenerator<ServerEvent> {
-  const response = await send("GET", path, { query, signal });
-  const reader = response.body!.pipeThrough(new TextDecoderStream()).getReader();
+/** Reads a stream of events until it ends. */
+async function* events(stream: Stream): AsyncGenerator<ServerEvent> {
+  const reader = stream.pipeThrough(new TextDecoderStream()).getReader();
   let waiting = "";
   for (;;) {
     const { done, value } = await reader.read();
@@ -39,14 +39,15 @@ function parse(block: string): ServerEvent | null {
 
 /** Calls `take` with every event, and opens the stream again when it breaks, until aborted or refused for good. */
 export function follow(
-  path: string,
-  query: () => Query,
+  open: () => Promise<Stream | null>,
   take: (event: ServerEvent) => void,
   signal: AbortSignal,
   failed: (error: unknown) => void = () => {},
 ): Promise<void> {
   const read = async () => {
-    for await (const event of events(path, query(), signal)) take(event);
+    const stream = await open();
+    if (!stream) return;
+    for await (const event of events(stream)) take(event);
   };
   return againAndAgain(read, signal, failed);
 }

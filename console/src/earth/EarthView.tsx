@@ -2,28 +2,19 @@
 
 import { useSignal } from "@preact/signals";
 import { mayBuild } from "../access/session";
-import { change, get, Problem, type Schemas } from "../api/client";
+import { mapDetails, placeOf } from "../api/maps";
 import { MapProblem } from "../maps/MapProblem";
-import { Confirm } from "../ui/Confirm";
 import { useLoaded } from "../ui/useLoaded";
-import { PlaceForm } from "./PlaceForm";
+import { ConfirmPlace, type PlaceChange, removingOf, settingOf } from "./ConfirmPlace";
 import { placeText } from "./place";
-
-type Place = Schemas["GeoreferenceRecord"];
+import { PlaceForm } from "./PlaceForm";
 
 export function EarthView({ map }: { map: string }) {
-  const path = `/maps/${map}/georeference`;
   const found = useLoaded(async (signal) => {
-    await get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal); // a map that is not there is another error
-    try {
-      return { place: await get<Place>(path, {}, signal) };
-    } catch (error) {
-      if (error instanceof Problem && error.code === "not_found") return { place: null };
-      throw error;
-    }
+    await mapDetails(map, signal); // a map that is not there is an error
+    return { place: await placeOf(map, signal) };
   }, [map]);
-  const wanted = useSignal<Schemas["GeoreferenceBody"] | null>(null);
-  const isRemoving = useSignal(false);
+  const asked = useSignal<PlaceChange | null>(null);
   if (found.error) return <MapProblem map={map} error={found.error} again={found.again} />;
   if (!found.value) return <p role="status">Reading where {map} lies …</p>;
   const { place } = found.value;
@@ -37,42 +28,15 @@ export function EarthView({ map }: { map: string }) {
       </p>
       {mayBuild.value ? (
         <>
-          <PlaceForm key={JSON.stringify(place)} place={place} give={(body) => (wanted.value = body)} />
-          {place ? <button onClick={() => (isRemoving.value = true)}>Remove the place</button> : null}
+          <PlaceForm
+            key={JSON.stringify(place)}
+            place={place}
+            give={(body) => (asked.value = settingOf(map, body, place !== null))}
+          />
+          {place ? <button onClick={() => (asked.value = removingOf(map))}>Remove the place</button> : null}
         </>
       ) : null}
-      {wanted.value ? (
-        <Confirm
-          title={`Set where ${map} lies`}
-          action="Set it"
-          keep="Leave it"
-          act={async () => {
-            await change("PUT", path, { json: wanted.value });
-            found.again();
-          }}
-          close={() => (wanted.value = null)}
-        >
-          <p>
-            {place
-              ? "From now on all geographic poses in this map are other ones, for every version. The numbers above bring the present place back."
-              : "From now on answers in this map can be given as geographic poses, for every version."}
-          </p>
-        </Confirm>
-      ) : null}
-      {isRemoving.value ? (
-        <Confirm
-          title={`Remove where ${map} lies`}
-          action="Remove"
-          keep="Keep it"
-          act={async () => {
-            await change("DELETE", path);
-            found.again();
-          }}
-          close={() => (isRemoving.value = false)}
-        >
-          <p>Who asks for geographic poses in this map gets an error (406) from now on. Poses in the map stay as they are.</p>
-        </Confirm>
-      ) : null}
+      {asked.value ? <ConfirmPlace change={asked.value} done={found.again} close={() => (asked.value = null)} /> : null}
     </main>
   );
 }

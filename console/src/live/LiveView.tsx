@@ -6,6 +6,7 @@ import { Group } from "three";
 import { Problem } from "../api/client";
 import { follow } from "../api/events";
 import { mapPage } from "../api/maps";
+import { answerEvents } from "../api/scans";
 import { MapCanvas } from "../map3d/MapCanvas";
 import { dotsMark, poseMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
@@ -54,8 +55,7 @@ export function LiveView() {
     fixes.value = [];
     let last = 0;
     void follow(
-      "/answers/events",
-      () => ({ map_id: map, after: last }),
+      () => answerEvents({ map_id: map, after: last }, stop.signal),
       (event) => {
         isConnected.value = true;
         trouble.value = "";

@@ -1,49 +1,78 @@
-// What the queries have shown to be changed, in words: the largest areas, and how many queries were counted.
+// What the queries have shown to be changed: each area with who saw it and since when. A row moves the camera there.
 
-import type { Schemas } from "../api/client";
-import { count, metres } from "../ui/text";
+import { useSignal } from "@preact/signals";
+import type { MapChanges } from "../api/maps";
+import { age, count } from "../ui/text";
 
-type Area = Schemas["ChangedArea"];
-const LISTED = 8;
+type Area = MapChanges["areas"][number];
+const LISTED = 8; // at first
+const LEAST_AWAY_M = 15;
+const AWAY = 2.5; // of an area's diagonal
+const CLASSES: Record<Area["kind"], string> = { gone: "contradicts", new: "agrees" }; // of the key's colours
 
 export interface ChangesPanelProps {
-  found: Schemas["MapChanges"];
-  look: (position: [number, number, number]) => void;
+  found: MapChanges;
+  /** Looks at a position from so many metres away. */
+  look: (position: readonly number[], away: number) => void;
 }
 
 export function ChangesPanel({ found, look }: ChangesPanelProps) {
-  if (!found.areas.length) {
-    return (
-      <p class="hint" role="status">
-        {found.sightings
-          ? `Nothing has changed as far as ${count(found.sightings)} queries show.`
-          : "No query was counted yet. Sure answers of robots show what has changed."}
-      </p>
-    );
-  }
+  const isWhole = useSignal(false);
+  const { areas, areas_found, sightings } = found;
+  const listed = isWhole.value ? areas : areas.slice(0, LISTED);
   return (
     <section aria-label="Changes">
-      <h3>Changes that {count(found.sightings)} queries show</h3>
-      <ul class="key">
-        <li class="contradicts">gone: {count(numberOf(found, "gone"))}</li>
-        <li class="agrees">new: {count(numberOf(found, "new"))}</li>
-      </ul>
-      <ul class="spots">
-        {found.areas.slice(0, LISTED).map((one) => (
-          <li key={`${one.kind} ${one.box.low.join()}`}>
-            <button onClick={() => look(middleOf(one))}>{middleOf(one).slice(0, 2).map(metres).join(", ")}</button>{" "}
-            {one.kind}, {one.spots} spots
+      <h3>Changes since the map was made</h3>
+      <p class="hint" role="status">
+        {!sightings
+          ? "No query was counted yet. Sure answers of robots show what has changed."
+          : areas.length
+            ? `As ${count(sightings)} queries show, the largest first.`
+            : `Nothing has changed as far as ${count(sightings)} queries show.`}
+      </p>
+      {areas.length ? (
+        <ul class="key" aria-label="Kinds of changes">
+          <li class="contradicts">gone: {count(numberOf(areas, "gone"))}</li>
+          <li class="agrees">new: {count(numberOf(areas, "new"))}</li>
+        </ul>
+      ) : null}
+      <ul class="key spots" aria-label="Changed areas">
+        {listed.map((one) => (
+          <li key={`${one.kind} ${one.box.low.join()}`} class={CLASSES[one.kind]}>
+            <button onClick={() => look(middleOf(one), Math.max(LEAST_AWAY_M, AWAY * Math.hypot(...extentOf(one))))}>
+              {middleOf(one).map((m) => m.toFixed(1)).join(", ")} m
+            </button>{" "}
+            {one.kind}, {extentOf(one).map((m) => m.toFixed(1)).join(" × ")} m. {seenText(one)}
           </li>
         ))}
       </ul>
+      {areas.length > listed.length ? (
+        <button onClick={() => (isWhole.value = true)}>All {count(areas.length)} changes</button>
+      ) : null}
+      {areas_found > areas.length ? <p class="hint">{count(areas_found - areas.length)} smaller ones are not listed.</p> : null}
     </section>
   );
 }
 
-function numberOf({ areas }: Schemas["MapChanges"], kind: Area["kind"]): number {
+/** Who saw it: queries, since robots are not told apart, and the spots where they stood. */
+function seenText({ sightings, spots, against, first_seen, last_seen }: Area): string {
+  const seen = `${numbered(sightings, "query", "queries")} from ${numbered(spots, "spot", "spots")} saw it`;
+  const denied = against ? `, ${count(against)} did not` : "";
+  return `${seen}${denied}: first ${age(first_seen)}, last ${age(last_seen)}`;
+}
+
+function numbered(n: number, one: string, more: string): string {
+  return `${count(n)} ${n === 1 ? one : more}`;
+}
+
+function numberOf(areas: Area[], kind: Area["kind"]): number {
   return areas.filter((one) => one.kind === kind).length;
 }
 
-function middleOf({ box }: Area): [number, number, number] {
-  return box.low.map((low, axis) => (low + box.high[axis]!) / 2) as [number, number, number];
+function middleOf({ box }: Area): number[] {
+  return box.low.map((low, axis) => (low + box.high[axis]!) / 2);
+}
+
+function extentOf({ box }: Area): number[] {
+  return box.high.map((high, axis) => high - box.low[axis]!);
 }

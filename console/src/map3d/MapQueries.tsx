@@ -1,4 +1,4 @@
-import { get, type Schemas } from "../api/client";
+import { samplePage } from "../api/scans";
 import { link } from "../router";
 import { answerOf } from "../samples/place";
 import { ErrorText } from "../ui/ErrorText";
@@ -10,10 +10,7 @@ const LISTED = 4;
 
 /** The last queries of the map that were kept, each with the way to try it again. */
 export function MapQueries({ map }: { map: string }) {
-  const page = useLoaded(
-    (signal) => get<Schemas["SamplePage"]>("/samples", { map_id: map, limit: LISTED }, signal),
-    [map],
-  );
+  const page = useLoaded((signal) => samplePage({ map_id: map, limit: LISTED }, signal), [map]);
   if (page.error) return <ErrorText error={page.error} again={page.again} />;
   const samples = page.value?.samples ?? [];
   return (

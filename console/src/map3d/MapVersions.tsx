@@ -1,10 +1,11 @@
-import { get, type Schemas } from "../api/client";
+import { versionPage } from "../api/maps";
 import { link } from "../router";
 import { ErrorText } from "../ui/ErrorText";
 import { age, short } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 
 const LISTED = 4;
+const NEWEST = 100; // that are read: the active one may be an older one
 
 export interface MapVersionsProps {
   map: string;
@@ -14,10 +15,7 @@ export interface MapVersionsProps {
 
 /** The newest versions of the map; each can be looked at. */
 export function MapVersions({ map, version, show }: MapVersionsProps) {
-  const page = useLoaded(
-    (signal) => get<Schemas["VersionPage"]>(`/maps/${map}/versions`, { limit: 100 }, signal),
-    [map],
-  );
+  const page = useLoaded((signal) => versionPage(map, signal, NEWEST), [map]);
   if (page.error) return <ErrorText error={page.error} again={page.again} />;
   const all = page.value?.versions ?? [];
   const listed = all.filter((one, i) => i < LISTED || one.active || one.version === version);

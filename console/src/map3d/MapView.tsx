@@ -3,7 +3,8 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { mayBuild } from "../access/session";
-import { get, type Schemas } from "../api/client";
+import { mapChanges, mapDetails } from "../api/maps";
+import { MapBuilds } from "../maps/MapBuilds";
 import { MapProblem } from "../maps/MapProblem";
 import { addressed, go, link, route } from "../router";
 import { Empty } from "../ui/Empty";
@@ -34,10 +35,7 @@ const MOST_AREAS = 1000;
 
 export function MapView({ map }: { map: string }) {
   const asked = route.value.query;
-  const details = useLoaded(
-    (signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal),
-    [map],
-  );
+  const details = useLoaded((signal) => mapDetails(map, signal), [map]);
   const version = asked.get("version") || details.value?.active_version || "";
   const scene = useRef<MapScene | null>(null);
   const cloud = useRef<Cloud | null>(null);
@@ -52,10 +50,7 @@ export function MapView({ map }: { map: string }) {
   const spot = useSignal<SpotCell | null>(null);
   const isCompared = layers.value.includes("changes");
   const changes = useLoaded(
-    async (signal) =>
-      isCompared && version
-        ? await get<Schemas["MapChanges"]>(`/maps/${map}/changes`, { version, cells: true, limit: MOST_AREAS }, signal)
-        : null,
+    async (signal) => (version ? await mapChanges(map, { version, cells: isCompared, limit: MOST_AREAS }, signal) : null),
     [map, version, isCompared],
   );
   const isHeated = layers.value.includes("localizability");
@@ -87,21 +82,34 @@ export function MapView({ map }: { map: string }) {
 
   useEffect(() => {
     const here = scene.current;
-    if (!here || !changes.value) return;
+    if (!here || !changes.value || !isCompared) return;
     return laid(here, changeMarks(here, changes.value));
-  }, [isReady.value, changes.value]);
+  }, [isReady.value, changes.value, isCompared]);
+
+  const lookAtChange = (position: readonly number[], away: number) => {
+    if (!isCompared) layers.value = [...layers.value, "changes"];
+    scene.current?.lookAt(position, away);
+  };
 
   const clicked = (position: [number, number, number]) => {
     if (measuring.value) measure.current?.add(position);
     else if (isTested) spot.value = grid.value?.at(position) ?? null;
   };
 
-  if (details.error) return <MapProblem map={map} error={details.error} again={details.again} />;
+  const builds = <MapBuilds map={map} active={details.value?.active_version ?? null} done={details.again} />;
+  if (details.error) {
+    return (
+      <MapProblem map={map} error={details.error} again={details.again}>
+        {builds}
+      </MapProblem>
+    );
+  }
   if (!details.value) return <p role="status">Opening {map} …</p>;
   if (!version) {
     return (
       <Empty title={`${map} has no active version`}>
         <p>All its versions are retired. Build it anew, or activate one.</p>
+        {builds}
         <a href={link(["maps", map, "versions"])}>Its versions</a>
       </Empty>
     );
@@ -117,6 +125,7 @@ export function MapView({ map }: { map: string }) {
       />
       <aside class="panel" aria-label="Layers and tools">
         <h1>{map}</h1>
+        {builds}
         <Quality
           map={map}
           version={version}
@@ -132,14 +141,13 @@ export function MapView({ map }: { map: string }) {
           above={() => scene.current?.lookFromAbove()}
         />
         {isHeated ? <HeatLegend /> : null}
-        {changes.value ? (
-          <ChangesPanel found={changes.value} look={(position) => scene.current?.lookAt(position)} />
-        ) : null}
         {isTested && grid.value ? (
           <SpotPanel grid={grid.value} chosen={spot.value} choose={(one) => (spot.value = one)} />
         ) : null}
+        {changes.value ? <ChangesPanel found={changes.value} look={lookAtChange} /> : null}
         {changes.error ? <ErrorText error={changes.error} again={changes.again} /> : null}
         <MapVersions
+          key={details.value.active_version}
           map={map}
           version={version}
           show={(one) => go(["maps", map], { ...Object.fromEntries(addressed()), version: one })}

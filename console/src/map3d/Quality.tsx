@@ -1,13 +1,13 @@
 // Is this version good? What its self-test says, what it was made of, and where to look next.
 
-import { get, type Schemas } from "../api/client";
+import { versionDetails, versionReport } from "../api/maps";
 import { bytesOf, extentOf, judged, type Manifest, manifestOf } from "../maps/manifest";
 import { MapFindings } from "../maps/MapFindings";
 import { link } from "../router";
 import { ErrorText } from "../ui/ErrorText";
 import { count, percent, size } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
-import { localizedShare, type SpotCell } from "./spots";
+import { cellsOf, localizedShare, type SpotCell } from "./spots";
 
 export interface QualityProps {
   map: string;
@@ -16,14 +16,13 @@ export interface QualityProps {
 }
 
 export function Quality({ map, version, showHeat }: QualityProps) {
-  const path = `/maps/${map}/versions/${version}`;
-  const details = useLoaded((signal) => get<Schemas["VersionDetails"]>(path, {}, signal), [path]);
-  const report = useLoaded((signal) => get<Schemas["VersionReport"]>(`${path}/report`, {}, signal), [path]);
+  const details = useLoaded((signal) => versionDetails(map, version, signal), [map, version]);
+  const report = useLoaded((signal) => versionReport(map, version, signal), [map, version]);
   if (details.error) return <ErrorText error={details.error} again={details.again} />;
   if (!details.value) return <p role="status">Reading the self-test …</p>;
   const manifest = manifestOf(details.value);
   const { grade, text } = judged(manifest);
-  const cells = (report.value?.self_test.localizability ?? []) as SpotCell[];
+  const cells = report.value ? cellsOf(report.value) : [];
   return (
     <section aria-label="Is it good?">
       <p class="is-it-good">

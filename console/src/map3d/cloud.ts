@@ -1,17 +1,6 @@
 // The cloud of a version: which nodes there are, and their points.
 
-import { get, send } from "../api/client";
-
-export interface CloudIndex {
-  low_m: [number, number, number];
-  edge_m: number;
-  points: number;
-  point_bytes: number;
-  normals: boolean;
-  bounds_m: [[number, number, number], [number, number, number]];
-  marks: Record<string, [number, number]>;
-  nodes: [number, number, number, number, number, number][];
-}
+import { type CloudIndex, cloudIndex, cloudPoints } from "../api/maps";
 
 export interface CloudNode {
   key: string;
@@ -25,16 +14,16 @@ export interface CloudNode {
 
 /** The octree as the viewer walks it. */
 export interface Cloud {
-  index: CloudIndex;
+  map: string;
+  version: string;
+  index: Omit<CloudIndex, "low_m" | "nodes"> & { low_m: [number, number, number] };
   root: CloudNode;
-  path: string;
 }
 
 export async function openCloud(map: string, version: string, signal: AbortSignal): Promise<Cloud> {
-  const path = `/maps/${map}/versions/${version}/cloud`;
-  const index = await get<CloudIndex>(path, {}, signal);
+  const { nodes, low_m, ...index } = await cloudIndex(map, version, signal);
   const found = new Map<string, CloudNode>();
-  for (const [level, x, y, z, first, count] of index.nodes) {
+  for (const [level = 0, x = 0, y = 0, z = 0, first = 0, count = 0] of nodes) {
     const edge = index.edge_m / 2 ** level;
     const node: CloudNode = {
       key: `${level}/${x}/${y}/${z}`,
@@ -50,7 +39,8 @@ export async function openCloud(map: string, version: string, signal: AbortSigna
   }
   const root = found.get("0/0/0/0");
   if (!root) throw new Error("the cloud has no points");
-  return { index, root, path };
+  const [x = 0, y = 0, z = 0] = low_m;
+  return { map, version, index: { ...index, low_m: [x, y, z] }, root };
 }
 
 const MOST_AT_ONCE = 500_000; // points that the service gives in one answer
@@ -60,9 +50,8 @@ export async function points(cloud: Cloud, first: number, count: number, signal?
   const found = new Uint8Array(count * cloud.index.point_bytes);
   for (let read = 0; read < count; read += MOST_AT_ONCE) {
     const part = Math.min(MOST_AT_ONCE, count - read);
-    const query = { first: first + read, count: part };
-    const answer = await send("GET", `${cloud.path}/points`, { query, signal });
-    found.set(new Uint8Array(await answer.arrayBuffer()), read * cloud.index.point_bytes);
+    const answer = await cloudPoints(cloud.map, cloud.version, first + read, part, signal);
+    found.set(new Uint8Array(answer), read * cloud.index.point_bytes);
   }
   return found.buffer;
 }
@@ -78,7 +67,7 @@ export async function pointsOfRun(cloud: Cloud, run: CloudNode[], signal?: Abort
 
 /** Positions of a mark, metres from the root's low corner: (x, y, z) one after the other. */
 export async function mark(cloud: Cloud, name: string, signal?: AbortSignal): Promise<Float32Array> {
-  const [first, count] = cloud.index.marks[name] ?? [0, 0];
+  const [first = 0, count = 0] = cloud.index.marks[name] ?? [];
   const packed = new Uint16Array(await points(cloud, first, count, signal));
   const found = new Float32Array(count * 3);
   const scale = cloud.index.edge_m / 65535;

@@ -1,7 +1,8 @@
 // The marks of each layer, from what the service knows about the version.
 
 import { Group, type Object3D } from "three";
-import { get, type Schemas } from "../api/client";
+import type { MapChanges } from "../api/maps";
+import { samplePage } from "../api/scans";
 import { answerOf, placeIn } from "../samples/place";
 import { token } from "../ui/token";
 import { colourOf } from "../ui/verdict";
@@ -38,7 +39,7 @@ export async function layerOf(
 }
 
 /** The cells of all areas that have changed. */
-export function changeMarks(scene: MapScene, found: Schemas["MapChanges"]): Object3D {
+export function changeMarks(scene: MapScene, found: MapChanges): Object3D {
   const group = new Group();
   for (const area of found.areas) {
     const corners = (area.cell_list ?? []).map((cell) => scene.local(cell.map((n) => n * found.cell_m)));
@@ -49,7 +50,7 @@ export function changeMarks(scene: MapScene, found: Schemas["MapChanges"]): Obje
 
 /** A dot where each kept query was taken, as far as anybody knows, in the colour of its verdict. */
 async function sampleMarks(map: string, scene: MapScene, signal: AbortSignal): Promise<Object3D | null> {
-  const { samples } = await get<Schemas["SamplePage"]>("/samples", { map_id: map, limit: MOST_SAMPLES }, signal);
+  const { samples } = await samplePage({ map_id: map, limit: MOST_SAMPLES }, signal);
   const group = new Group();
   for (const one of samples) {
     const place = placeIn(one, map);

@@ -1,7 +1,8 @@
 // The grid of a version's self-test: how scans did in each cell, and which place each was taken for.
 // Its cells are counted in the version's levelled frame, so two versions need not have the same.
 
-import { get, type Schemas } from "../api/client";
+import type { Schemas } from "../api/client";
+import { versionDetails, versionReport } from "../api/maps";
 
 /** One cell of the self-test's grid. */
 export interface SpotCell {
@@ -77,6 +78,11 @@ export function localizedShare({ localized, scans }: SpotCell): number {
   return scans ? localized / scans : 0;
 }
 
+/** The self-test is open in the API, as its manifest is. */
+export function cellsOf({ self_test }: Schemas["VersionReport"]): SpotCell[] {
+  return (self_test.localizability ?? []) as SpotCell[];
+}
+
 export async function spotGrid(
   map: string,
   version: string,
@@ -84,9 +90,9 @@ export async function spotGrid(
   signal?: AbortSignal,
 ): Promise<SpotGrid> {
   const [details, report] = await Promise.all([
-    get<Schemas["VersionDetails"]>(`/maps/${map}/versions/${version}`, {}, signal),
-    get<Schemas["VersionReport"]>(`/maps/${map}/versions/${version}/report`, {}, signal),
+    versionDetails(map, version, signal),
+    versionReport(map, version, signal),
   ]);
   const engine = details.manifest.engine as { T_map_level: number[] };
-  return new SpotGrid((report.self_test.localizability ?? []) as SpotCell[], engine.T_map_level, templates);
+  return new SpotGrid(cellsOf(report), engine.T_map_level, templates);
 }

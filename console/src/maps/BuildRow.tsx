@@ -2,45 +2,48 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { change, type Schemas } from "../api/client";
-import { follow } from "../api/events";
+import { cancelBuild, followBuild } from "../api/builds";
+import type { Schemas } from "../api/client";
 import { link } from "../router";
 import { Confirm } from "../ui/Confirm";
 import { ErrorText } from "../ui/ErrorText";
 import { Progress } from "../ui/Progress";
 import { age, duration } from "../ui/text";
 import { begunAt, hide, isGoing, isHeldBack, timesOf } from "./buildRecords";
+import { remedyOf } from "./remedy";
 
 type Build = Schemas["Build"];
 
 export interface BuildRowProps {
   build: Build;
+  isNamed: boolean; // whether the row says which map it is
   done: () => void;
   again: () => void;
 }
 
-export function BuildRow({ build, done, again }: BuildRowProps) {
+export function BuildRow({ build, isNamed, done, again }: BuildRowProps) {
   const now = useSignal(build);
   const isAsked = useSignal(false);
   useEffect(() => {
     if (!isGoing(build)) return;
     const stop = new AbortController();
-    void follow(
-      `/builds/${build.build_id}/events`,
-      () => ({}),
-      (event) => {
-        now.value = event.data as Build;
-        if (now.value.provisional_version || event.name === "end") done();
-        if (event.name === "end") stop.abort();
-      },
-      stop.signal,
-    );
+    const take = (told: Build, isEnd: boolean) => {
+      const isServed = told.provisional_version !== now.value.provisional_version;
+      now.value = told;
+      if (isServed || isEnd) done();
+      if (isEnd) stop.abort();
+    };
+    void followBuild(build.build_id, take, stop.signal);
     return () => stop.abort();
   }, [build.build_id]);
   const { map_id: map, state } = now.value;
   return (
     <li>
-      <strong>{map}</strong>
+      {isNamed ? (
+        <strong>
+          <a href={link(["maps", map])}>{map}</a>
+        </strong>
+      ) : null}
       {state === "failed" ? (
         <Failed build={now.value} again={again} />
       ) : isHeldBack(now.value) ? (
@@ -58,7 +61,7 @@ export function BuildRow({ build, done, again }: BuildRowProps) {
           title={`Cancel the build of ${map}`}
           action="Cancel the build"
           keep="Let it go on"
-          act={() => change("DELETE", `/builds/${build.build_id}`)}
+          act={() => cancelBuild(build.build_id)}
           close={() => (isAsked.value = false)}
         >
           <p>
@@ -94,7 +97,7 @@ function Failed({ build, again }: { build: Build; again: () => void }) {
       <div class="failed">
         <ErrorText error={new Error(build.error?.detail ?? "The build failed.")} />
         <small>
-          {stage ? `Failed at: ${stage}. ` : ""}
+          {remedyOf(build.error?.code ?? "")} {stage ? `Failed at: ${stage}. ` : ""}
           {begun ? `Handed in ${age(begun)}.` : ""}
         </small>
       </div>

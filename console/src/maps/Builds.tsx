@@ -2,28 +2,31 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { get, type Schemas } from "../api/client";
+import { lastBuilds } from "../api/builds";
+import type { Schemas } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
 import { BuildRow } from "./BuildRow";
 import { hidden, isGoing, isHeldBack } from "./buildRecords";
 
 type Build = Schemas["Build"];
 const LOOK_MS = 3000;
+const READ = 20;
 const SHOWN = 10;
 
 export interface BuildsProps {
+  map?: string; // alone; undefined: of all
   done: () => void;
   again: (map: string) => void; // begins another build of the map
 }
 
-export function Builds({ done, again }: BuildsProps) {
+export function Builds({ map, done, again }: BuildsProps) {
   const builds = useSignal<Build[]>([]);
   const problem = useSignal<unknown>(null);
   useEffect(() => {
     let going = true;
     const look = async () => {
       try {
-        const found = (await get<Schemas["BuildPage"]>("/builds", { limit: 20 })).builds;
+        const found = (await lastBuilds(READ, map)).builds;
         const under = builds.value.filter(isGoing).map((one) => one.build_id);
         builds.value = found;
         // its row is gone now, perhaps before the end came over its stream
@@ -38,7 +41,7 @@ export function Builds({ done, again }: BuildsProps) {
     return () => {
       going = false;
     };
-  }, []);
+  }, [map]);
   const shown = builds.value.filter(
     (one) => !hidden.value.includes(one.build_id) && (isGoing(one) || one.state === "failed" || isHeldBack(one)),
   );
@@ -49,7 +52,13 @@ export function Builds({ done, again }: BuildsProps) {
       <h2>Builds</h2>
       <ul class="builds">
         {shown.slice(0, SHOWN).map((one) => (
-          <BuildRow key={one.build_id} build={one} done={done} again={() => again(one.map_id)} />
+          <BuildRow
+            key={one.build_id}
+            build={one}
+            isNamed={map === undefined}
+            done={done}
+            again={() => again(one.map_id)}
+          />
         ))}
       </ul>
     </section>

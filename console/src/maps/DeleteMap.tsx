@@ -1,11 +1,11 @@
 // Deleting a map, after its name was typed.
 
-import { change } from "../api/client";
+import { deleteMap } from "../api/maps";
 import { Confirm } from "../ui/Confirm";
 
 export function DeleteMap({ map, close, done }: { map: string; close: () => void; done: () => void }) {
   const remove = async () => {
-    await change("DELETE", `/maps/${map}`);
+    await deleteMap(map);
     done();
   };
   return (

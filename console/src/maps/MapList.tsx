@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { mayBuild } from "../access/session";
-import { get, type Schemas } from "../api/client";
+import { mapPage } from "../api/maps";
 import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
 import { usePolled } from "../ui/usePolled";
@@ -18,7 +18,7 @@ const LOOK_MS = 5000;
 const PICTURES = 30; // of the first maps: each is a request
 
 export function MapList() {
-  const maps = usePolled((signal) => get<Schemas["MapPage"]>("/maps", { limit: 1000 }, signal), [], LOOK_MS);
+  const maps = usePolled(mapPage, [], LOOK_MS);
   const counts = useAnswerCounts();
   const manifests = useSignal(new Map<string, Manifest>());
   const building = useSignal<string | null>(null); // the map that gets a new version; "": a new map

@@ -2,7 +2,8 @@
 
 import { useEffect } from "preact/hooks";
 import { mayAdminister, mayBuild } from "../access/session";
-import { get, type Schemas } from "../api/client";
+import type { Schemas } from "../api/client";
+import { mapDetails, versionPage } from "../api/maps";
 import { link } from "../router";
 import { ErrorText } from "../ui/ErrorText";
 import { age, count, percent, short, size } from "../ui/text";
@@ -10,6 +11,8 @@ import { useLoaded } from "../ui/useLoaded";
 import { countedText, type MapCounts } from "./answerCounts";
 import { bytesOf, type Manifest, manifestOf } from "./manifest";
 import { Preview } from "./Preview";
+
+const NEWEST = 100; // versions, among which the active one is looked for
 
 export interface MapRowProps {
   one: Schemas["MapSummary"];
@@ -21,11 +24,8 @@ export interface MapRowProps {
 
 export function MapRow({ one, counts, hasPicture, read, remove }: MapRowProps) {
   const { map_id: map, active_version: version } = one;
-  const versions = useLoaded(
-    (signal) => get<Schemas["VersionPage"]>(`/maps/${map}/versions`, { limit: 100 }, signal),
-    [map, version],
-  );
-  const details = useLoaded((signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal), [map, version]);
+  const versions = useLoaded((signal) => versionPage(map, signal, NEWEST), [map, version]);
+  const details = useLoaded((signal) => mapDetails(map, signal), [map, version]);
   useEffect(() => {
     if (details.value) read(manifestOf(details.value));
   }, [details.value]);

@@ -1,5 +1,5 @@
 import { useEffect, useState } from "preact/hooks";
-import { send } from "../api/client";
+import { versionPreview } from "../api/maps";
 
 /** The picture of a version, as its build made it. */
 export function Preview({ map, version }: { map: string; version: string }) {
@@ -7,9 +7,8 @@ export function Preview({ map, version }: { map: string; version: string }) {
   useEffect(() => {
     const stop = new AbortController();
     let made = "";
-    send("GET", `/maps/${map}/versions/${version}/preview`, { signal: stop.signal })
-      .then(async (found) => {
-        const picture = await found.blob();
+    versionPreview(map, version, stop.signal)
+      .then((picture) => {
         if (stop.signal.aborted) return;
         made = URL.createObjectURL(picture);
         setAddress(made);

@@ -1,7 +1,7 @@
 // The sensor of the robots: a preset, or a file that describes another one; and how high it is mounted.
 
 import { type Signal, useSignal } from "@preact/signals";
-import { get, type Schemas } from "../api/client";
+import { sensorList } from "../api/builds";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
 import { SensorPicture } from "./SensorPicture";
@@ -12,7 +12,7 @@ const OWN = "own";
 export type SensorConfig = string | Record<string, unknown> | null;
 
 export function SensorFields({ sensor }: { sensor: Signal<SensorConfig> }) {
-  const presets = useLoaded((signal) => get<Schemas["Sensor"][]>("/sensors", {}, signal), []);
+  const presets = useLoaded(sensorList, []);
   const choice = useSignal("");
   const own = useSignal<Record<string, unknown> | null>(null);
   const height = useSignal("");

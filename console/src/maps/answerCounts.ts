@@ -1,7 +1,8 @@
 // How many queries of each map were answered lately: of the replica that gives the page.
 
 import { mayBuild } from "../access/session";
-import { get, type Schemas } from "../api/client";
+import type { Schemas } from "../api/client";
+import { answerCounts } from "../api/scans";
 import { count, percent } from "../ui/text";
 import { usePolled } from "../ui/usePolled";
 
@@ -11,7 +12,7 @@ const LOOK_MS = 5000;
 /** By map. A map that was not asked is not in it, and none is for callers that may not see answers. */
 export function useAnswerCounts(): Map<string, MapCounts> {
   const { value } = usePolled(
-    async (signal) => (mayBuild.value ? await get<Schemas["AnswerCountsList"]>("/answers/counts", {}, signal) : null),
+    async (signal) => (mayBuild.value ? await answerCounts(signal) : null),
     [mayBuild.value],
     LOOK_MS,
   );

@@ -1,18 +1,16 @@
 // Hands in the files of a map with the config of its build.
 
-import { change, type Schemas } from "../api/client";
+import { beginBuild, type BuildOptions } from "../api/builds";
 import type { MapFile } from "./files";
 import { upload } from "./upload";
 import { zipped } from "./zip";
-
-type Config = Partial<Schemas["BuildConfig"]>;
 
 /** `told` hears what is done, and how much of it. */
 export async function handIn(
   map: string,
   files: MapFile[],
   trajectory: File | null,
-  config: Config,
+  config: BuildOptions,
   told: (label: string, share: number) => void,
   signal: AbortSignal,
 ): Promise<void> {
@@ -21,8 +19,5 @@ export async function handIn(
   const source = files.length === 1 ? files[0]!.file : await zipped(files, reading, signal);
   const id = await upload(source, (share) => told("Uploading", share), signal);
   const poses = trajectory && (await upload(trajectory, () => {}, signal));
-  await change("POST", "/maps", {
-    json: { map_id: map, source: { upload: id }, trajectory: poses ? { upload: poses } : null, config },
-    headers: { "Idempotency-Key": `console-${id}` },
-  });
+  await beginBuild(map, id, poses, config);
 }

@@ -1,7 +1,7 @@
 // The scan laid over the map at a pose, in the colours of what the map says about each point.
 
 import { Color, type Group } from "three";
-import { send } from "../api/client";
+import { overlayPoints } from "../api/scans";
 import { colouredDots, type Pose } from "../map3d/marks";
 import type { MapScene } from "../map3d/scene";
 
@@ -24,16 +24,7 @@ export async function drawOverlay(
   scan: { type: string; encoding: string; body: Blob },
   signal: AbortSignal,
 ): Promise<OverlayShares> {
-  const headers: Record<string, string> = { "Content-Type": scan.type };
-  if (scan.encoding) headers["Content-Encoding"] = scan.encoding;
-  const answer = await send("POST", `/maps/${map}/versions/${version}/overlay`, {
-    query: { T_map_sensor: [...pose.position, ...pose.quaternion].join(",") },
-    body: scan.body,
-    isRead: true,
-    headers,
-    signal,
-  });
-  const data = new DataView(await answer.arrayBuffer());
+  const data = new DataView(await overlayPoints(map, version, pose, scan, signal));
   const count = data.byteLength / POINT_BYTES;
   const positions = new Float32Array(count * 3);
   const colours = new Float32Array(count * 3);

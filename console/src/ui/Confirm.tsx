@@ -5,7 +5,8 @@ import type { ComponentChildren } from "preact";
 import { Dialog } from "./Dialog";
 import { ErrorText } from "./ErrorText";
 
-export interface ConfirmProps {
+/** What is asked, and what is done then. */
+export interface Question {
   title: string;
   /** What the button says: "Retire". */
   action: string;
@@ -14,6 +15,9 @@ export interface ConfirmProps {
   /** What must be typed before the button works, and how it is called. */
   typed?: { name: string; text: string };
   act: () => Promise<unknown>;
+}
+
+export interface ConfirmProps extends Question {
   close: () => void;
   /** What happens. */
   children: ComponentChildren;

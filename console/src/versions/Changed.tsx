@@ -1,4 +1,4 @@
-import { get, type Schemas } from "../api/client";
+import { versionDetails } from "../api/maps";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
 import { changesOf } from "./changes";
@@ -6,15 +6,12 @@ import { changesOf } from "./changes";
 /** Every setting and figure that differs between two versions. */
 export function Changed({ map, versions }: { map: string; versions: [string, string] }) {
   const details = useLoaded(
-    (signal) =>
-      Promise.all(
-        versions.map((one) => get<Schemas["VersionDetails"]>(`/maps/${map}/versions/${one}`, {}, signal)),
-      ),
+    (signal) => Promise.all(versions.map((one) => versionDetails(map, one, signal))),
     [map, ...versions],
   );
   if (details.error) return <ErrorText error={details.error} again={details.again} />;
   if (!details.value) return null;
-  const [before, after] = details.value.map((one) => one.manifest as unknown as Record<string, unknown>);
+  const [before, after] = details.value.map((one) => one.manifest);
   const changes = changesOf(before!, after!);
   return (
     <>

@@ -1,6 +1,7 @@
 // Two versions side by side: their self-tests, and where one localizes better than the other.
 
-import { get, type Schemas } from "../api/client";
+import type { Schemas } from "../api/client";
+import { versionReport } from "../api/maps";
 import { ErrorText } from "../ui/ErrorText";
 import { count, percent, short } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
@@ -11,8 +12,7 @@ type Report = Schemas["VersionReport"];
 
 export function Comparison({ map, versions }: { map: string; versions: [string, string] }) {
   const reports = useLoaded(
-    (signal) =>
-      Promise.all(versions.map((one) => get<Report>(`/maps/${map}/versions/${one}/report`, {}, signal))),
+    (signal) => Promise.all(versions.map((one) => versionReport(map, one, signal))),
     [map, ...versions],
   );
   if (reports.error) return <ErrorText error={reports.error} again={reports.again} />;

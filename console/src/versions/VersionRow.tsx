@@ -1,7 +1,8 @@
 // One version in the list: what it is, how good it is, and what can be done with it.
 
 import { mayAdminister, mayBuild } from "../access/session";
-import { get, type Schemas } from "../api/client";
+import type { Schemas } from "../api/client";
+import { versionDetails } from "../api/maps";
 import { manifestOf } from "../maps/manifest";
 import { link } from "../router";
 import { age, percent, short } from "../ui/text";
@@ -19,10 +20,7 @@ export interface VersionRowProps {
 }
 
 export function VersionRow({ map, one, isCompared, compare, ask }: VersionRowProps) {
-  const details = useLoaded(
-    (signal) => get<Schemas["VersionDetails"]>(`/maps/${map}/versions/${one.version}`, {}, signal),
-    [map, one.version],
-  );
+  const details = useLoaded((signal) => versionDetails(map, one.version, signal), [map, one.version]);
   const { self_test: test, sensor } = manifestOf(details.value);
   return (
     <tr>

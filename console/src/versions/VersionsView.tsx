@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { mayBuild } from "../access/session";
-import { change, get, type Schemas } from "../api/client";
+import { versionPage } from "../api/maps";
 import { useAnswerCounts } from "../maps/answerCounts";
 import { MapProblem } from "../maps/MapProblem";
 import { link, note, route } from "../router";
@@ -15,10 +15,7 @@ import { VersionRow } from "./VersionRow";
 const LISTED = 20; // at first: the figures of each are read one by one
 
 export function VersionsView({ map }: { map: string }) {
-  const page = useLoaded(
-    (signal) => get<Schemas["VersionPage"]>(`/maps/${map}/versions`, { limit: 1000 }, signal),
-    [map],
-  );
+  const page = useLoaded((signal) => versionPage(map, signal), [map]);
   const compared = useSignal<string[]>(route.value.query.get("compare")?.split(",") ?? []);
   const isWhole = useSignal(false);
   const counts = useAnswerCounts().get(map);
@@ -78,12 +75,9 @@ export function VersionsView({ map }: { map: string }) {
       ) : null}
       {call ? (
         <Confirm
-          title={call.title}
-          action={call.action}
-          keep={call.keep}
-          typed={call.typed ? { name: "the version", text: call.typed } : undefined}
+          {...call}
           act={async () => {
-            await change(call.method, `/maps/${map}${call.path}`);
+            await call.act();
             told.value = call.told;
             page.again();
           }}

@@ -97,6 +97,25 @@ class VersionReport(BaseModel):
     pictures: list[str] = Field(description="names of the pictures of this version")
 
 
+class CloudIndex(BaseModel):
+    """The octree that holds the points of a version, for viewers."""
+
+    low_m: tuple[float, float, float] = Field(description="low corner of the root, in map coordinates")
+    edge_m: float = Field(description="edge of the root, metres")
+    points: int = Field(description="number of points in all nodes")
+    point_bytes: int
+    normals: bool = Field(description="whether the points have normals")
+    bounds_m: tuple[tuple[float, float, float], tuple[float, float, float]] = Field(
+        description="lowest and highest coordinates of the points"
+    )
+    marks: dict[str, tuple[int, int]] = Field(
+        description="`[first, count]` of what is no point of the map, packed as points of the root"
+    )
+    nodes: list[tuple[int, int, int, int, int, int]] = Field(
+        description="`[level, x, y, z, first, count]`, parents before children"
+    )
+
+
 class Activation(BaseModel):
     """Active version of a map after a change."""
 

@@ -14,6 +14,7 @@ from ....thread_pools import LISTS
 from ...answer_room import AnswerPlaceDep
 from ...edge import needs
 from ...parts import CatalogDep
+from ...schema.api_models import CloudIndex
 from ...schema.bodies import binary_answer
 from ...schema.parameters import MapId, Version
 from ..versions import FOREVER
@@ -27,7 +28,7 @@ MAX_INDEX_BYTES = 64 << 20
 @router.get(
     "",
     response_class=Response,
-    responses={200: {"content": {"application/json": {"schema": {"type": "object"}}}}},
+    responses={200: {"model": CloudIndex}},
 )
 @needs(Scope.LOCALIZE, "localize")
 @LISTS.route

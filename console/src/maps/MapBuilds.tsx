@@ -1,0 +1,24 @@
+import { useSignal } from "@preact/signals";
+import { mayBuild } from "../access/session";
+import type { Schemas } from "../api/client";
+import { BuildForm } from "./BuildForm";
+import { Builds } from "./Builds";
+
+export interface MapBuildsProps {
+  map: string;
+  active: string | null; // its active version
+  done: () => void;
+}
+
+/** The builds of one map, on its own page. */
+export function MapBuilds({ map, active, done }: MapBuildsProps) {
+  const isTriedAgain = useSignal(false);
+  if (!mayBuild.value) return null;
+  const maps: Schemas["MapSummary"][] = active ? [{ map_id: map, active_version: active }] : [];
+  return (
+    <>
+      <Builds map={map} done={done} again={() => (isTriedAgain.value = true)} />
+      {isTriedAgain.value ? <BuildForm named={map} maps={maps} close={() => (isTriedAgain.value = false)} /> : null}
+    </>
+  );
+}
