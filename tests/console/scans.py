@@ -43,3 +43,23 @@ def said_chance(text: str) -> float:
     found = re.search(r"([\d.]+) %", text)
     assert found, text
     return float(found[1]) / 100
+
+
+def places_of(page: Page) -> list[dict[str, str]]:
+    """The table of places as it is read: each row by the names of its columns."""
+    page.wait(".places tbody tr")
+    rows: list[list[str]] = page.js(
+        "[...document.querySelectorAll('.places tr')]"
+        ".map((row) => [...row.cells].map((cell) => cell.innerText.trim()))"
+    )
+    return [dict(zip(rows[0], row, strict=True)) for row in rows[1:]]
+
+
+def change_answers(page: Page, changed: str) -> None:
+    """Changes answers on their way to the page: ``changed`` is an object, in JavaScript, of ``said``."""
+    page.call(
+        "Page.addScriptToEvaluateOnNewDocument",
+        source="globalThis.ask = globalThis.fetch; globalThis.fetch = async (url, given) => {"
+        " const answer = await ask(url, given); if (url.pathname !== '/localize') return answer;"
+        f" const said = await answer.json(); return Response.json({changed}); }}",
+    )

@@ -23,8 +23,10 @@ from pictures import (
     LOCALIZED,
     difference,
     pixels_of,
+    place_in,
 )
-from scans import localized_scan, said_chance, scan_colours, try_scan
+from scans import change_answers, localized_scan, places_of, said_chance, scan_colours, try_scan
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from firstfix.catalog.query_samples import QuerySamples, new_sample_id
@@ -146,16 +148,16 @@ def test_a_dropped_scan_is_laid_over_its_map(page, world):
     page.click("label.check", "Search only around it")
     page.fill("Within (m)", "1")
     page.press("Enter")
-    page.until("!find('.verdict', 'localized') && !!find('.hypotheses button', '')")
-    fits = page.js("[...document.querySelectorAll('.hypotheses small')].map((e) => parseFloat(e.innerText))")
-    page.click(f".hypotheses li:nth-child({1 + int(np.argmin(fits))}) button")
-    page.wait(f".hypotheses li:nth-child({1 + int(np.argmin(fits))}) button[aria-pressed=true]")
+    page.until("!find('.verdict', 'localized') && !!find('.places input', '')")
+    fits = [said_chance(place["On the map"]) for place in places_of(page)]
+    page.click(f".places tbody tr:nth-child({1 + int(np.argmin(fits))})")
+    page.wait(f".places tbody tr:nth-child({1 + int(np.argmin(fits))}) input:checked")
 
     def lies_wrong() -> bool:
         agrees, contradicts = scan_colours(page)
         return contradicts > agrees
 
-    wait_until(lies_wrong)  # the overlay of this place comes after the mark of its button
+    wait_until(lies_wrong)  # the overlay of this place comes after the mark of its row
 
 
 def test_a_fresh_map_offers_a_scan_to_click_at_once(page):
@@ -166,21 +168,102 @@ def test_a_fresh_map_offers_a_scan_to_click_at_once(page):
     page.wait(".drop", "Simulated at")
     spot = [float(m) for m in re.findall(r"-?\d+\.\d+", page.text(".drop span"))]
     page.wait(".answer .verdict", "localized")
-    page.wait(".hypotheses small", "95 % ellipse")
-    found = [float(m) for m in re.findall(r"(-?\d+\.\d+) m", page.text(".hypotheses button"))]
-    assert np.linalg.norm(np.subtract(found[:3], spot)) < 0.3
+    page.wait(".answer .hint", "95 % ellipse")
+    best = places_of(page)[0]
+    found = [float(best[f"{axis} (m)"].split()[0]) for axis in "xyz"]
+    assert np.linalg.norm(np.subtract(found, spot)) < 0.3
 
 
 def test_the_other_places_of_a_scan_are_looked_at(page, world):
     file = next(file for file, _ in world.scans if len(world.ask(file)["hypotheses"]) > 1)
     try_scan(page, file)
-    page.wait(".hypotheses button[aria-pressed=true]")
+    page.wait(".places tr:first-child input:checked")
     first, colours = page.map_picture(), scan_colours(page)
-    page.click(".hypotheses li:nth-child(2) button")
-    page.wait(".hypotheses li:nth-child(2) button[aria-pressed=true]")
+    page.click(".places tbody tr:nth-child(2) td", "%")
+    page.wait(".places tbody tr:nth-child(2) input:checked")
     wait_until(lambda: difference(first, page.map_picture()) > 0.02)
-    page.click(".hypotheses li:first-child button")
+    page.js("find('input', 'Place 2').focus()")
+    page.press("ArrowUp")
+    page.wait(".places tbody tr:first-child input:checked")
     wait_until(lambda: scan_colours(page) == colours)
+    page.press("ArrowDown")
+    page.wait(".places tbody tr:nth-child(2) input:checked")
+
+
+def test_places_stand_side_by_side_with_the_deviations_of_the_one_that_has_them(page, world):
+    file, answer = _sure_of_one_of_many(world)
+    best = answer["hypotheses"][0]["T_map_sensor"]
+    sigmas = np.sqrt(np.diag(np.reshape(answer["covariance"], (6, 6))))
+    try_scan(page, file)
+    page.wait(".verdict", "localized")
+    first, *others = places_of(page)
+    for axis, m, sigma_m in zip("xyz", best["position"], sigmas, strict=False):
+        told = [float(number) for number in first[f"{axis} (m)"].replace("±", "").split()]
+        assert told == pytest.approx([m, sigma_m], abs=0.006)
+    heading_deg = Rotation.from_quat(best["quaternion"]).as_euler("ZYX", degrees=True)[0]
+    told = [float(number) for number in first["Heading (°)"].replace("±", "").split()]
+    assert told == pytest.approx([heading_deg, np.degrees(sigmas[5])], abs=0.06)
+    assert others
+    assert not any("±" in text for place in others for text in place.values())
+    page.wait(".answer .hint", "95 % ellipse of place 1,")
+
+
+def _sure_of_one_of_many(world):
+    """A scan that is localized although its answer has other places, and the answer."""
+    for file, _ in world.scans:
+        answer = world.ask(file)
+        if answer["verdict"] == "localized" and len(answer["hypotheses"]) > 1:
+            return file, answer
+    raise AssertionError("no scan is localized with other places in its answer")
+
+
+def test_the_ellipse_stays_at_the_place_whose_covariance_it_is(page, world):
+    """The ellipse of a good answer is as small as a pixel, so a large one is put into it on its way."""
+    file, answer = _sure_of_one_of_many(world)
+    x, y, z = answer["hypotheses"][0]["T_map_sensor"]["position"]
+    other = [x + 8.0, y, z]
+    places = "const [best, ...others] = said.hypotheses; others[0].T_map_sensor.position = "
+    change_answers(
+        page,
+        f"(() => {{ {places}{other}; const large = said.covariance.map((_, i) => (i % 7 ? 0 : 1));"
+        " const covariance = globalThis.isSure ? large : null;"
+        " return { ...said, hypotheses: [best, others[0]], covariance }; })()",
+    )
+    pictures = []
+    for is_sure in ("false", "true"):
+        try_scan(page, file)
+        page.wait(".key", "on the map")
+        page.js(f"globalThis.isSure = {is_sure}")
+        page.drop(".panel .drop", file)
+        page.until(f"!!find('.answer .hint', '95 % ellipse') === {is_sure}")
+        page.click(".places tbody tr:nth-child(2)")
+        page.wait(".places tbody tr:nth-child(2) input:checked")
+        page.wait(".key", "on the map")
+        pictures.append(page.map_picture())
+    without, drawn = pictures
+    ring = {name: _seen_ring(at, other, drawn.shape) for name, at in (("best", [x, y, z]), ("other", other))}
+    changed = {name: (drawn[seen] != without[seen]).any(axis=1).mean() for name, seen in ring.items()}
+    assert changed["best"] > 0.5
+    assert changed["other"] < 0.1
+
+
+def _seen_ring(middle, looked_at, shape):
+    """(rows, columns) of the pixels of a 95 % ellipse of 1 m deviation, while the camera looks at a place."""
+    eye = np.add(looked_at, [0.0, -0.7 * 25, 0.8 * 25])
+    angles = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    radius_m = np.sqrt(5.991)
+    seen = [
+        place_in(
+            np.add(middle, [radius_m * np.cos(a), radius_m * np.sin(a), 0]),
+            looked_at,
+            eye,
+            shape[1],
+            shape[0],
+        )
+        for a in angles
+    ]
+    columns, rows = np.floor(seen).astype(int).T
+    return rows, columns
 
 
 def test_the_least_probability_decides(page, world):
@@ -448,6 +531,8 @@ def test_a_phone_shows_a_view_without_scrolling_sideways(page, world, view):
     if view == "maps/yard/try":
         page.drop(".panel .drop", localized_scan(world)[0])
         page.wait(".verdict", "localized")
+        page.click(".places tbody tr:last-child")
+        page.wait(".places tbody tr:last-child input:checked")
     page.until("document.documentElement.scrollWidth <= 390 && document.body.scrollWidth <= 390")
 
 

@@ -116,7 +116,7 @@ export function TryView({ map }: { map: string }) {
       ) : (
         <div class="map-canvas" />
       )}
-      <aside class="panel" aria-label="Scan and answer">
+      <aside class="panel wide" aria-label="Scan and answer">
         <h2>Try a scan in {map}</h2>
         <TakeScan map={map} name={asked.value?.name ?? ""} take={take} />
         <Examples map={map} version={version} spot={hand.pose.value?.position ?? null} take={give} problem={problem} />

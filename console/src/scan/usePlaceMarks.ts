@@ -34,10 +34,12 @@ export function usePlaceMarks(
       if (!isChosen && !areOthersShown) continue;
       const pose = answer!.hypotheses[place.number]!.T_map_sensor;
       const at = here.local(pose.position);
-      if (isChosen && answer!.covariance) group.add(ellipseMark(at, ellipseOf(answer!.covariance), colourOf(answer!.verdict)));
-      if (isChosen) group.add(poseMark(at, pose, colourOf(answer!.verdict), CHOSEN_SIZE));
-      else if (place.probability < LEAST_SHOWN) group.add(onTop(dotsMark(new Float32Array(at.toArray()), OTHER, 4)));
-      else group.add(poseMark(at, pose, OTHER, 0.6 + 0.6 * place.probability));
+      const tint = isChosen ? colourOf(answer!.verdict) : OTHER;
+      // the covariance of an answer is that of its first hypothesis, and says nothing of another one
+      if (place.number === 0 && answer!.covariance) group.add(ellipseMark(at, ellipseOf(answer!.covariance), tint));
+      if (isChosen) group.add(poseMark(at, pose, tint, CHOSEN_SIZE));
+      else if (place.probability < LEAST_SHOWN) group.add(onTop(dotsMark(new Float32Array(at.toArray()), tint, 4)));
+      else group.add(poseMark(at, pose, tint, 0.6 + 0.6 * place.probability));
     }
     const from = answer?.hypotheses[chosen]?.T_map_sensor;
     if (answer?.hint && from && answer.hint.distance_m > 0) group.add(...move(here, from, answer.hint.T_sensor_goal));
