@@ -21,6 +21,7 @@ from console_world import MARKUP
 from page import CANVAS
 from pictures import (
     LOCALIZED,
+    PLOT_ALL,
     difference,
     pixels_of,
     place_in,
@@ -398,7 +399,7 @@ def test_an_answer_appears_as_it_is_given(page, world):
     told = said_chance(page.text(".fixes tbody tr"))
     assert told == pytest.approx(answer["probability"], abs=6e-4)
     wait_until(lambda: pixels_of(page.map_picture(), LOCALIZED, 30) > 20)
-    page.js("document.querySelector('.uplot canvas').width > 0")
+    wait_until(lambda: pixels_of(page.picture(".plot"), PLOT_ALL, 30) > 20)
 
 
 def test_a_robot_that_is_seldom_localized_has_an_alert_with_a_link(page, world, tmp_path):

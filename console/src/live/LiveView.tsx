@@ -14,6 +14,7 @@ import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
 import { chance } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
+import { token } from "../ui/token";
 import { colourOf } from "../ui/verdict";
 import { Verdict } from "../ui/Verdict";
 import { Plots } from "./Plots";
@@ -93,7 +94,7 @@ export function LiveView() {
     const places = fixes.value.flatMap(({ answer }) =>
       answer.T_map_sensor ? here.local(answer.T_map_sensor.position).toArray() : [],
     );
-    if (places.length) marks.current.add(dotsMark(new Float32Array(places), 0x4db6e0, 5));
+    if (places.length) marks.current.add(dotsMark(new Float32Array(places), token("mark-fix"), 5));
     for (const { lastFix: fix } of robotsOf(fixes.value)) {
       if (!fix) continue;
       const pose = fix.answer.T_map_sensor!;
