@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from page import CANVAS
 from pictures import AGREES, CONTRADICTS, pixels_of
 
 from firstfix.transform import Matrix
@@ -63,3 +64,13 @@ def change_answers(page: Page, changed: str) -> None:
         " const answer = await ask(url, given); if (url.pathname !== '/localize') return answer;"
         f" const said = await answer.json(); return Response.json({changed}); }}",
     )
+
+
+def click_the_map(page: Page) -> None:
+    """Clicks a point of the cloud near the middle of the picture, which begins a pose by hand."""
+    x, y, width, height = page.box(f"{CANVAS} canvas")
+    for dx, dy in ((0, 0), (40, 30), (-60, 40), (30, -60)):  # one of them is on a point
+        page.click_at(x + width / 2 + dx, y + height / 2 + dy)
+        if page.has("[aria-label='A pose by hand']"):
+            return
+    raise AssertionError("no click was on a point of the map")

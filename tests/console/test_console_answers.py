@@ -26,7 +26,14 @@ from pictures import (
     pixels_of,
     place_in,
 )
-from scans import change_answers, localized_scan, places_of, said_chance, scan_colours, try_scan
+from scans import (
+    change_answers,
+    localized_scan,
+    places_of,
+    said_chance,
+    scan_colours,
+    try_scan,
+)
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -173,6 +180,63 @@ def test_a_fresh_map_offers_a_scan_to_click_at_once(page):
     best = places_of(page)[0]
     found = [float(best[f"{axis} (m)"].split()[0]) for axis in "xyz"]
     assert np.linalg.norm(np.subtract(found, spot)) < 0.3
+
+
+def test_a_link_to_a_simulated_scan_restores_it_and_the_pose_by_hand(page):
+    page.open("#/maps/yard/try")
+    page.map_picture()
+    page.click("button", "Try an example scan")
+    page.wait(".answer .verdict", "localized")
+    page.click("button", "Place by hand")
+    page.fill("x (m)", "1.25")
+    page.press("Enter")
+    page.click("label.check", "Lay the scan at the pose by hand")
+    page.click("label.check", "Search only around it")
+    page.fill("Within (m)", "30")
+    page.press("Enter")
+    page.wait(".answer .tag", "searched only within 30 m of the pose by hand")
+    wait_until(lambda: page.asked.count("POST /localize") == 3)
+    page.until("!find('[role=status]', 'Asking')")
+    name, places, laid = page.text(".drop span"), places_of(page), _laid_points(page)
+    page.until("location.hash.includes('spot=') && location.hash.includes('hand_use=prior')")
+
+    page.open(page.js("location.hash"))  # as from a message
+    page.wait(".answer .tag", "searched only within 30 m of the pose by hand")
+    assert page.text(".drop span") == name
+    wait_until(lambda: places_of(page) == places)
+    assert page.js("find('input', 'x (m)').valueAsNumber") == 1.25
+    assert page.js("find('input', 'Lay the scan at the pose by hand').checked")
+    assert _laid_points(page) == pytest.approx(laid, rel=0.02, abs=5)  # the link has millimetres
+
+    page.click("button", "Remove")
+    page.until("!location.hash.includes('hand')")
+
+
+def _laid_points(page) -> list[int]:
+    """Points of the scan on the map, through it and not in it, where it is laid."""
+    page.wait(".key", "not in the map")
+    return [int(number) for number in re.findall(r"\d+", page.text(".key"))]
+
+
+def test_a_link_to_a_kept_query_restores_the_place_that_was_chosen(page, world):
+    file, _ = _sure_of_one_of_many(world)
+    world.ask(file)
+    several = [one for one in _kept(world) if len(one["answer"]["hypotheses"]) > 1]
+    wait_until(lambda: several or several.extend(_kept(world)))
+    page.open(f"#/maps/yard/try?sample={several[0]['sample_id']}")
+    page.wait(".places tr:first-child input:checked")
+    page.click(".places tbody tr:nth-child(2)")
+    page.until("location.hash.includes('place=')")
+    page.open(page.js("location.hash"))
+    page.wait(".places tbody tr:nth-child(2) input:checked")
+    page.wait("[aria-label=Truth]", "Where was it really taken?")
+
+    page.drop(
+        ".panel .drop", file
+    )  # another scan: what was chosen of the query goes, and nobody judges it by mistake
+    page.wait(".drop", file.name)
+    page.wait(".places tr:first-child input:checked")
+    page.until("!/place=|sample=/.test(location.hash) && !find('[aria-label=Truth]', '')")
 
 
 def test_the_other_places_of_a_scan_are_looked_at(page, world):

@@ -11,9 +11,16 @@ import browser as browsers
 import numpy as np
 import pytest
 from accessible import violations
-from page import CANVAS
 from pictures import AGREES, HINT, difference, pixels_of
-from scans import change_answers, localized_scan, places_of, said_chance, scan_colours, try_scan
+from scans import (
+    change_answers,
+    click_the_map,
+    localized_scan,
+    places_of,
+    said_chance,
+    scan_colours,
+    try_scan,
+)
 from service_world import running_service
 
 from firstfix.scan.scan import Scan
@@ -114,11 +121,7 @@ def test_a_pose_by_hand_guides_the_search_only_if_somebody_says_so(page, world):
     try_scan(page, localized_scan(world)[0])
     scan_colours(page)
     asked = page.asked.count("POST /localize")
-    x, y, width, height = page.box(f"{CANVAS} canvas")
-    for dx, dy in ((0, 0), (40, 30), (-60, 40), (30, -60)):  # one of them is on a point of the cloud
-        page.click_at(x + width / 2 + dx, y + height / 2 + dy)
-        if page.has("section", "Within") or page.has("[aria-label='A pose by hand']"):
-            break
+    click_the_map(page)
     page.wait("[aria-label='A pose by hand'] label.check", "Search only around it")
     let_pass(1.0)
     assert page.asked.count("POST /localize") == asked
