@@ -28,6 +28,7 @@ from pictures import (
 )
 from scans import (
     change_answers,
+    click_the_map,
     localized_scan,
     places_of,
     said_chance,
@@ -182,6 +183,20 @@ def test_a_fresh_map_offers_a_scan_to_click_at_once(page):
     assert np.linalg.norm(np.subtract(found, spot)) < 0.3
 
 
+def test_a_scan_is_simulated_at_the_spot_that_was_clicked(page):
+    page.open("#/maps/yard/try")
+    page.map_picture()
+    assert not page.has("button", "Simulate one at the clicked spot")
+    click_the_map(page)
+    page.click("button", "Simulate one at the clicked spot")
+    page.wait(".drop", "Simulated at")
+    page.wait(".answer .verdict", "localized")
+    clicked = page.js("['x (m)', 'y (m)'].map((name) => find('input', name).valueAsNumber)")
+    best = places_of(page)[0]
+    found = [float(best[f"{axis} (m)"].split()[0]) for axis in "xy"]
+    assert np.linalg.norm(np.subtract(found, clicked)) < 0.3
+
+
 def test_a_link_to_a_simulated_scan_restores_it_and_the_pose_by_hand(page):
     page.open("#/maps/yard/try")
     page.map_picture()
@@ -237,6 +252,22 @@ def test_a_link_to_a_kept_query_restores_the_place_that_was_chosen(page, world):
     page.wait(".drop", file.name)
     page.wait(".places tr:first-child input:checked")
     page.until("!/place=|sample=/.test(location.hash) && !find('[aria-label=Truth]', '')")
+
+
+def test_the_page_says_what_would_make_an_answer_localized(page, world):
+    unsure = (one for one, _ in world.scans if world.ask(one)["reasons"] == ["low_probability"])
+    file = next(unsure)
+    answer = world.ask(file)
+    try_scan(page, file)
+    page.wait("h3", "What would make it localized")
+    assert answer["findings"]
+    for one in answer["findings"]:
+        page.wait(".findings li", one["text"])
+        page.wait(".findings small", one["remedy"])
+    page.wait(".answer p", "A least probability below its")
+    _ask_for(page, round(answer["probability"] - 0.01, 2))  # as it says
+    page.wait(".verdict", "localized")
+    page.until("!find('h3', 'What would make it localized')")
 
 
 def test_the_other_places_of_a_scan_are_looked_at(page, world):
