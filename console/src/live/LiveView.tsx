@@ -3,8 +3,6 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Group } from "three";
-import { Problem } from "../api/client";
-import { follow } from "../api/events";
 import { mapPage } from "../api/maps";
 import { MapCanvas } from "../map3d/MapCanvas";
 import { dotsMark, poseMark } from "../map3d/marks";
@@ -20,72 +18,25 @@ import { Verdict } from "../ui/Verdict";
 import { Plots } from "./Plots";
 import { Robots } from "./Robots";
 import { robotsOf } from "./robotsOf";
-import { type Fix, type Second, seconds } from "./seconds";
+import { type Second, seconds } from "./seconds";
+import { useFixes } from "./useFixes";
 
-const KEPT = 500;
 const SHOWN_ROWS = 30;
-
-interface Watching {
-  replica: string;
-  all_replicas: boolean;
-}
-
-/** Whether both tell of one answer: after a break it may come once more, with another number. */
-function isSame(a: Fix, b: Fix): boolean {
-  return a.time_s === b.time_s && a.replica === b.replica && a.caller === b.caller;
-}
 
 export function LiveView() {
   const maps = useLoaded(mapPage, []);
   const map = route.value.query.get("map") || maps.value?.maps[0]?.map_id || "";
   const version = maps.value?.maps.find((one) => one.map_id === map)?.active_version ?? "";
-  const fixes = useSignal<Fix[]>([]);
+  const { fixes, source, isConnected, trouble, problem } = useFixes(map);
   const now = useSignal(Date.now() / 1000);
-  const isConnected = useSignal(false);
-  const source = useSignal<Watching | null>(null);
-  const problem = useSignal<unknown>(null);
-  const trouble = useSignal("");
   const scene = useRef<MapScene | null>(null);
   const marks = useRef(new Group());
   const isReady = useSignal(0);
 
   useEffect(() => {
-    if (!map) return;
-    const stop = new AbortController();
-    fixes.value = [];
-    let last = 0;
-    void follow(
-      "/answers/events",
-      () => ({ map_id: map, after: last }),
-      (event) => {
-        isConnected.value = true;
-        trouble.value = "";
-        if (event.name === "watching") {
-          const { replica, all_replicas } = event.data as Watching;
-          // another replica, or the same one started again, counts from one
-          if (replica !== source.value?.replica) last = 0;
-          source.value = { replica, all_replicas };
-          return;
-        }
-        const fix = event.data as Fix;
-        last = fix.number;
-        if (!fixes.value.some((one) => isSame(one, fix))) fixes.value = [...fixes.value, fix].slice(-KEPT);
-      },
-      stop.signal,
-      (error) => {
-        isConnected.value = false;
-        last = 0;
-        if (error instanceof Problem && error.status === 403) problem.value = error;
-        trouble.value = error instanceof Problem ? error.message : "";
-      },
-    );
-    isConnected.value = true;
     const clock = setInterval(() => (now.value = Date.now() / 1000), 1000);
-    return () => {
-      stop.abort();
-      clearInterval(clock);
-    };
-  }, [map]);
+    return () => clearInterval(clock);
+  }, []);
 
   useEffect(() => {
     const here = scene.current;
