@@ -21,7 +21,7 @@ from console_world import MARKUP
 from page import CANVAS
 from pictures import (
     LOCALIZED,
-    PLOT_ALL,
+    PLOT_LOCALIZED,
     difference,
     pixels_of,
     place_in,
@@ -42,6 +42,7 @@ from firstfix.catalog.query_samples import QuerySamples, new_sample_id
 from firstfix.scan.scan import Scan
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.main import app
+from firstfix_client import Client
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -494,7 +495,7 @@ def test_an_answer_appears_as_it_is_given(page, world):
     told = said_chance(page.text(".fixes tbody tr"))
     assert told == pytest.approx(answer["probability"], abs=6e-4)
     wait_until(lambda: pixels_of(page.map_picture(), LOCALIZED, 30) > 20)
-    wait_until(lambda: pixels_of(page.picture(".plot"), PLOT_ALL, 30) > 20)
+    wait_until(lambda: pixels_of(page.picture(".plot"), PLOT_LOCALIZED, 60) > 10)
 
 
 def test_a_robot_that_is_seldom_localized_has_an_alert_with_a_link(page, world, tmp_path):
@@ -513,6 +514,81 @@ def test_a_robot_that_is_seldom_localized_has_an_alert_with_a_link(page, world, 
     page.wait(".alerts a[aria-current=true]", "answers were localized")
     page.open("#/live?map=yard&alert=silent%3Anobody")
     page.wait(".alerts li", "silent:nobody, is over")
+
+
+def test_answers_that_somebody_judged_wrong_have_alerts_until_they_are_judged_right(page, world, tmp_path):
+    file, _, answer = localized_scan(world)
+    right = answer["T_map_sensor"]
+    x, y, z = right["position"]
+    off = {**right, "position": [x + 12.0, y, z]}
+    elsewhere = tmp_path / "elsewhere.ffscan"
+    points_m = np.random.default_rng(1).uniform(-6, 6, (4000, 3))
+    elsewhere.write_bytes(encode_scan(Scan.from_points(points_m)))
+    page.open("#/live?map=yard")
+    page.wait("[role=status]", "Connected")
+    localized, rejected = _newly_kept(world, file), _newly_kept(world, elsewhere)
+    try:
+        _judge(world, localized, off)
+        page.wait(".alerts li", "is 12.0 m and 0° off the place that was told")  # without a reload
+        _judge(world, rejected, right)
+        page.wait(".alerts li", "was rejected, and its scan was taken in this map")
+        page.click(".alerts a", "False: an answer of just now")
+        page.wait(".alerts a[aria-current=true]", "False: an answer")
+        address = page.js("location.hash")
+        assert localized in address
+        page.open(address)  # as from a message
+        page.wait(".alerts a[aria-current=true]", "False: an answer")
+        page.js("find('.alerts li', 'False: an answer').querySelector('a:last-child').focus()")
+        page.press("Enter")
+        page.wait("[aria-label=Truth]", "Where was it really taken?")
+        assert localized in page.js("location.hash")
+
+        _judge(world, localized, right)
+        page.open(address)
+        page.wait(".alerts li", f"false:{localized}, is over")
+        page.wait(".alerts li", "Disputed: an answer")
+    finally:
+        for sample_id in (localized, rejected):
+            world.service.http.delete(f"/samples/{sample_id}", headers=world.headers("admin"))
+
+
+def _newly_kept(world, file) -> str:
+    """The id of the query that the service keeps when it is asked about a scan now."""
+    before = {one["sample_id"] for one in _kept(world)}
+    world.ask(file)
+    new: list[str] = []
+    wait_until(lambda: new or new.extend({one["sample_id"] for one in _kept(world)} - before))
+    (sample_id,) = new
+    return sample_id
+
+
+def _judge(world, sample_id, T_map_sensor) -> None:
+    truth = {"map_id": "yard", "T_map_sensor": T_map_sensor}
+    url = f"/samples/{sample_id}/truth"
+    assert world.service.http.put(url, json=truth, headers=world.headers("admin")).is_success
+
+
+def test_a_build_of_the_map_that_failed_has_an_alert_with_a_link(page, world, tmp_path):
+    broken = tmp_path / "broken.ply"
+    broken.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1000000\n")
+    page.open("#/live?map=yard")
+    page.wait("[role=status]", "Connected")
+    with Client(world.service.url, api_key=world.keys["admin"]) as client:
+        build_id = client.build_map(broken, "yard", config={"sensor": "vlp-16"}).build_id
+    try:
+        page.click(".alerts a", "The build of just now failed: ")
+        page.wait(".alerts a[aria-current=true]", world.get(f"/builds/{build_id}")["error"]["detail"])
+        assert build_id in page.js("location.hash")
+        page.js("find('.alerts li', 'The build').querySelector('a:last-child').focus()")
+        page.press("Enter")
+        page.wait(".builds li", "yard")
+        page.click(".builds button", "Hide")  # it was read
+        page.open(f"#/live?map=yard&alert=build%3A{build_id}")
+        page.wait(".alerts li", f"build:{build_id}, is over")
+    finally:
+        store = world.service.catalog.store
+        for key in store.list(f"builds/{build_id}"):
+            store.delete(key)
 
 
 # Good manners

@@ -15,9 +15,11 @@ import { useLoaded } from "../ui/useLoaded";
 import { token } from "../ui/token";
 import { colourOf } from "../ui/verdict";
 import { Verdict } from "../ui/Verdict";
+import { Alerts } from "./Alerts";
+import "./live.css";
 import { Plots } from "./Plots";
 import { Robots } from "./Robots";
-import { robotsOf } from "./robotsOf";
+import { alertsOf, robotsOf } from "./robotsOf";
 import { type Second, seconds } from "./seconds";
 import { useFixes } from "./useFixes";
 
@@ -62,6 +64,7 @@ export function LiveView() {
     );
   }
   if (problem.value) return <ErrorText error={problem.value} />;
+  const robots = robotsOf(fixes.value);
   const history: Second[] = seconds(fixes.value, now.value);
   return (
     <main class="live">
@@ -84,9 +87,9 @@ export function LiveView() {
           </span>
         ) : null}
       </header>
+      <Alerts map={map} ofRobots={alertsOf(robots, now.value)} now_s={now.value} />
       <Robots
-        map={map}
-        robots={robotsOf(fixes.value)}
+        robots={robots}
         now_s={now.value}
         look={(position) => scene.current?.lookAt(position)}
       />
