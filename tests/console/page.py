@@ -39,6 +39,7 @@ _KEYS = {
     "ArrowRight": ("ArrowRight", 39, ""),
     "ArrowLeft": ("ArrowLeft", 37, ""),
     "ArrowUp": ("ArrowUp", 38, ""),
+    "ArrowDown": ("ArrowDown", 40, ""),
 }
 _SHIFT = 8
 Picture = NDArray[np.uint8]  # (h, w, 3)

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from page import CANVAS
 from pictures import AGREES, CONTRADICTS, pixels_of
 
 from firstfix.transform import Matrix
@@ -43,3 +44,33 @@ def said_chance(text: str) -> float:
     found = re.search(r"([\d.]+) %", text)
     assert found, text
     return float(found[1]) / 100
+
+
+def places_of(page: Page) -> list[dict[str, str]]:
+    """The table of places as it is read: each row by the names of its columns."""
+    page.wait(".places tbody tr")
+    rows: list[list[str]] = page.js(
+        "[...document.querySelectorAll('.places tr')]"
+        ".map((row) => [...row.cells].map((cell) => cell.innerText.trim()))"
+    )
+    return [dict(zip(rows[0], row, strict=True)) for row in rows[1:]]
+
+
+def change_answers(page: Page, changed: str) -> None:
+    """Changes answers on their way to the page: ``changed`` is an object, in JavaScript, of ``said``."""
+    page.call(
+        "Page.addScriptToEvaluateOnNewDocument",
+        source="globalThis.ask = globalThis.fetch; globalThis.fetch = async (url, given) => {"
+        " const answer = await ask(url, given); if (url.pathname !== '/localize') return answer;"
+        f" const said = await answer.json(); return Response.json({changed}); }}",
+    )
+
+
+def click_the_map(page: Page) -> None:
+    """Clicks a point of the cloud near the middle of the picture, which begins a pose by hand."""
+    x, y, width, height = page.box(f"{CANVAS} canvas")
+    for dx, dy in ((0, 0), (40, 30), (-60, 40), (30, -60)):  # one of them is on a point
+        page.click_at(x + width / 2 + dx, y + height / 2 + dy)
+        if page.has("[aria-label='A pose by hand']"):
+            return
+    raise AssertionError("no click was on a point of the map")

@@ -21,16 +21,28 @@ from console_world import MARKUP
 from page import CANVAS
 from pictures import (
     LOCALIZED,
+    PLOT_LOCALIZED,
     difference,
     pixels_of,
+    place_in,
 )
-from scans import localized_scan, said_chance, scan_colours, try_scan
+from scans import (
+    change_answers,
+    click_the_map,
+    localized_scan,
+    places_of,
+    said_chance,
+    scan_colours,
+    try_scan,
+)
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from firstfix.catalog.query_samples import QuerySamples, new_sample_id
 from firstfix.scan.scan import Scan
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.main import app
+from firstfix_client import Client
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -146,16 +158,16 @@ def test_a_dropped_scan_is_laid_over_its_map(page, world):
     page.click("label.check", "Search only around it")
     page.fill("Within (m)", "1")
     page.press("Enter")
-    page.until("!find('.verdict', 'localized') && !!find('.hypotheses button', '')")
-    fits = page.js("[...document.querySelectorAll('.hypotheses small')].map((e) => parseFloat(e.innerText))")
-    page.click(f".hypotheses li:nth-child({1 + int(np.argmin(fits))}) button")
-    page.wait(f".hypotheses li:nth-child({1 + int(np.argmin(fits))}) button[aria-pressed=true]")
+    page.until("!find('.verdict', 'localized') && !!find('.places input', '')")
+    fits = [said_chance(place["On the map"]) for place in places_of(page)]
+    page.click(f".places tbody tr:nth-child({1 + int(np.argmin(fits))})")
+    page.wait(f".places tbody tr:nth-child({1 + int(np.argmin(fits))}) input:checked")
 
     def lies_wrong() -> bool:
         agrees, contradicts = scan_colours(page)
         return contradicts > agrees
 
-    wait_until(lies_wrong)  # the overlay of this place comes after the mark of its button
+    wait_until(lies_wrong)  # the overlay of this place comes after the mark of its row
 
 
 def test_a_fresh_map_offers_a_scan_to_click_at_once(page):
@@ -166,21 +178,189 @@ def test_a_fresh_map_offers_a_scan_to_click_at_once(page):
     page.wait(".drop", "Simulated at")
     spot = [float(m) for m in re.findall(r"-?\d+\.\d+", page.text(".drop span"))]
     page.wait(".answer .verdict", "localized")
-    page.wait(".hypotheses small", "95 % ellipse")
-    found = [float(m) for m in re.findall(r"(-?\d+\.\d+) m", page.text(".hypotheses button"))]
-    assert np.linalg.norm(np.subtract(found[:3], spot)) < 0.3
+    page.wait(".answer .hint", "95 % ellipse")
+    best = places_of(page)[0]
+    found = [float(best[f"{axis} (m)"].split()[0]) for axis in "xyz"]
+    assert np.linalg.norm(np.subtract(found, spot)) < 0.3
+
+
+def test_a_scan_is_simulated_at_the_spot_that_was_clicked(page):
+    page.open("#/maps/yard/try")
+    page.map_picture()
+    assert not page.has("button", "Simulate one at the clicked spot")
+    click_the_map(page)
+    page.click("button", "Simulate one at the clicked spot")
+    page.wait(".drop", "Simulated at")
+    page.wait(".answer .verdict", "localized")
+    clicked = page.js("['x (m)', 'y (m)'].map((name) => find('input', name).valueAsNumber)")
+    best = places_of(page)[0]
+    found = [float(best[f"{axis} (m)"].split()[0]) for axis in "xy"]
+    assert np.linalg.norm(np.subtract(found, clicked)) < 0.3
+
+
+def test_a_link_to_a_simulated_scan_restores_it_and_the_pose_by_hand(page):
+    page.open("#/maps/yard/try")
+    page.map_picture()
+    page.click("button", "Try an example scan")
+    page.wait(".answer .verdict", "localized")
+    page.click("button", "Place by hand")
+    page.fill("x (m)", "1.25")
+    page.press("Enter")
+    page.click("label.check", "Lay the scan at the pose by hand")
+    page.click("label.check", "Search only around it")
+    page.fill("Within (m)", "30")
+    page.press("Enter")
+    page.wait(".answer .tag", "searched only within 30 m of the pose by hand")
+    wait_until(lambda: page.asked.count("POST /localize") == 3)
+    page.until("!find('[role=status]', 'Asking')")
+    name, places, laid = page.text(".drop span"), places_of(page), _laid_points(page)
+    page.until("location.hash.includes('spot=') && location.hash.includes('hand_use=prior')")
+
+    page.open(page.js("location.hash"))  # as from a message
+    page.wait(".answer .tag", "searched only within 30 m of the pose by hand")
+    assert page.text(".drop span") == name
+    wait_until(lambda: places_of(page) == places)
+    assert page.js("find('input', 'x (m)').valueAsNumber") == 1.25
+    assert page.js("find('input', 'Lay the scan at the pose by hand').checked")
+    assert _laid_points(page) == pytest.approx(laid, rel=0.02, abs=5)  # the link has millimetres
+
+    page.click("button", "Remove")
+    page.until("!location.hash.includes('hand')")
+
+
+def _laid_points(page) -> list[int]:
+    """Points of the scan on the map, through it and not in it, where it is laid."""
+    page.wait(".key", "not in the map")
+    return [int(number) for number in re.findall(r"\d+", page.text(".key"))]
+
+
+def test_a_link_to_a_kept_query_restores_the_place_that_was_chosen(page, world):
+    file, _ = _sure_of_one_of_many(world)
+    world.ask(file)
+    several = [one for one in _kept(world) if len(one["answer"]["hypotheses"]) > 1]
+    wait_until(lambda: several or several.extend(_kept(world)))
+    page.open(f"#/maps/yard/try?sample={several[0]['sample_id']}")
+    page.wait(".places tr:first-child input:checked")
+    page.click(".places tbody tr:nth-child(2)")
+    page.until("location.hash.includes('place=')")
+    page.open(page.js("location.hash"))
+    page.wait(".places tbody tr:nth-child(2) input:checked")
+    page.wait("[aria-label=Truth]", "Where was it really taken?")
+
+    page.drop(
+        ".panel .drop", file
+    )  # another scan: what was chosen of the query goes, and nobody judges it by mistake
+    page.wait(".drop", file.name)
+    page.wait(".places tr:first-child input:checked")
+    page.until("!/place=|sample=/.test(location.hash) && !find('[aria-label=Truth]', '')")
+
+
+def test_the_page_says_what_would_make_an_answer_localized(page, world):
+    unsure = (one for one, _ in world.scans if world.ask(one)["reasons"] == ["low_probability"])
+    file = next(unsure)
+    answer = world.ask(file)
+    try_scan(page, file)
+    page.wait("h3", "What would make it localized")
+    assert answer["findings"]
+    for one in answer["findings"]:
+        page.wait(".findings li", one["text"])
+        page.wait(".findings small", one["remedy"])
+    page.wait(".answer p", "A least probability below its")
+    _ask_for(page, round(answer["probability"] - 0.01, 2))  # as it says
+    page.wait(".verdict", "localized")
+    page.until("!find('h3', 'What would make it localized')")
 
 
 def test_the_other_places_of_a_scan_are_looked_at(page, world):
     file = next(file for file, _ in world.scans if len(world.ask(file)["hypotheses"]) > 1)
     try_scan(page, file)
-    page.wait(".hypotheses button[aria-pressed=true]")
+    page.wait(".places tr:first-child input:checked")
     first, colours = page.map_picture(), scan_colours(page)
-    page.click(".hypotheses li:nth-child(2) button")
-    page.wait(".hypotheses li:nth-child(2) button[aria-pressed=true]")
+    page.click(".places tbody tr:nth-child(2) td", "%")
+    page.wait(".places tbody tr:nth-child(2) input:checked")
     wait_until(lambda: difference(first, page.map_picture()) > 0.02)
-    page.click(".hypotheses li:first-child button")
+    page.js("find('input', 'Place 2').focus()")
+    page.press("ArrowUp")
+    page.wait(".places tbody tr:first-child input:checked")
     wait_until(lambda: scan_colours(page) == colours)
+    page.press("ArrowDown")
+    page.wait(".places tbody tr:nth-child(2) input:checked")
+
+
+def test_places_stand_side_by_side_with_the_deviations_of_the_one_that_has_them(page, world):
+    file, answer = _sure_of_one_of_many(world)
+    best = answer["hypotheses"][0]["T_map_sensor"]
+    sigmas = np.sqrt(np.diag(np.reshape(answer["covariance"], (6, 6))))
+    try_scan(page, file)
+    page.wait(".verdict", "localized")
+    first, *others = places_of(page)
+    for axis, m, sigma_m in zip("xyz", best["position"], sigmas, strict=False):
+        told = [float(number) for number in first[f"{axis} (m)"].replace("±", "").split()]
+        assert told == pytest.approx([m, sigma_m], abs=0.006)
+    heading_deg = Rotation.from_quat(best["quaternion"]).as_euler("ZYX", degrees=True)[0]
+    told = [float(number) for number in first["Heading (°)"].replace("±", "").split()]
+    assert told == pytest.approx([heading_deg, np.degrees(sigmas[5])], abs=0.06)
+    assert others
+    assert not any("±" in text for place in others for text in place.values())
+    page.wait(".answer .hint", "95 % ellipse of place 1,")
+
+
+def _sure_of_one_of_many(world):
+    """A scan that is localized although its answer has other places, and the answer."""
+    for file, _ in world.scans:
+        answer = world.ask(file)
+        if answer["verdict"] == "localized" and len(answer["hypotheses"]) > 1:
+            return file, answer
+    raise AssertionError("no scan is localized with other places in its answer")
+
+
+def test_the_ellipse_stays_at_the_place_whose_covariance_it_is(page, world):
+    """The ellipse of a good answer is as small as a pixel, so a large one is put into it on its way."""
+    file, answer = _sure_of_one_of_many(world)
+    x, y, z = answer["hypotheses"][0]["T_map_sensor"]["position"]
+    other = [x + 8.0, y, z]
+    places = "const [best, ...others] = said.hypotheses; others[0].T_map_sensor.position = "
+    change_answers(
+        page,
+        f"(() => {{ {places}{other}; const large = said.covariance.map((_, i) => (i % 7 ? 0 : 1));"
+        " const covariance = globalThis.isSure ? large : null;"
+        " return { ...said, hypotheses: [best, others[0]], covariance }; })()",
+    )
+    pictures = []
+    for is_sure in ("false", "true"):
+        try_scan(page, file)
+        page.wait(".key", "on the map")
+        page.js(f"globalThis.isSure = {is_sure}")
+        page.drop(".panel .drop", file)
+        page.until(f"!!find('.answer .hint', '95 % ellipse') === {is_sure}")
+        page.click(".places tbody tr:nth-child(2)")
+        page.wait(".places tbody tr:nth-child(2) input:checked")
+        page.wait(".key", "on the map")
+        pictures.append(page.map_picture())
+    without, drawn = pictures
+    ring = {name: _seen_ring(at, other, drawn.shape) for name, at in (("best", [x, y, z]), ("other", other))}
+    changed = {name: (drawn[seen] != without[seen]).any(axis=1).mean() for name, seen in ring.items()}
+    assert changed["best"] > 0.5
+    assert changed["other"] < 0.1
+
+
+def _seen_ring(middle, looked_at, shape):
+    """(rows, columns) of the pixels of a 95 % ellipse of 1 m deviation, while the camera looks at a place."""
+    eye = np.add(looked_at, [0.0, -0.7 * 25, 0.8 * 25])
+    angles = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    radius_m = np.sqrt(5.991)
+    seen = [
+        place_in(
+            np.add(middle, [radius_m * np.cos(a), radius_m * np.sin(a), 0]),
+            looked_at,
+            eye,
+            shape[1],
+            shape[0],
+        )
+        for a in angles
+    ]
+    columns, rows = np.floor(seen).astype(int).T
+    return rows, columns
 
 
 def test_the_least_probability_decides(page, world):
@@ -315,7 +495,7 @@ def test_an_answer_appears_as_it_is_given(page, world):
     told = said_chance(page.text(".fixes tbody tr"))
     assert told == pytest.approx(answer["probability"], abs=6e-4)
     wait_until(lambda: pixels_of(page.map_picture(), LOCALIZED, 30) > 20)
-    page.js("document.querySelector('.uplot canvas').width > 0")
+    wait_until(lambda: pixels_of(page.picture(".plot"), PLOT_LOCALIZED, 60) > 10)
 
 
 def test_a_robot_that_is_seldom_localized_has_an_alert_with_a_link(page, world, tmp_path):
@@ -334,6 +514,81 @@ def test_a_robot_that_is_seldom_localized_has_an_alert_with_a_link(page, world, 
     page.wait(".alerts a[aria-current=true]", "answers were localized")
     page.open("#/live?map=yard&alert=silent%3Anobody")
     page.wait(".alerts li", "silent:nobody, is over")
+
+
+def test_answers_that_somebody_judged_wrong_have_alerts_until_they_are_judged_right(page, world, tmp_path):
+    file, _, answer = localized_scan(world)
+    right = answer["T_map_sensor"]
+    x, y, z = right["position"]
+    off = {**right, "position": [x + 12.0, y, z]}
+    elsewhere = tmp_path / "elsewhere.ffscan"
+    points_m = np.random.default_rng(1).uniform(-6, 6, (4000, 3))
+    elsewhere.write_bytes(encode_scan(Scan.from_points(points_m)))
+    page.open("#/live?map=yard")
+    page.wait("[role=status]", "Connected")
+    localized, rejected = _newly_kept(world, file), _newly_kept(world, elsewhere)
+    try:
+        _judge(world, localized, off)
+        page.wait(".alerts li", "is 12.0 m and 0° off the place that was told")  # without a reload
+        _judge(world, rejected, right)
+        page.wait(".alerts li", "was rejected, and its scan was taken in this map")
+        page.click(".alerts a", "False: an answer of just now")
+        page.wait(".alerts a[aria-current=true]", "False: an answer")
+        address = page.js("location.hash")
+        assert localized in address
+        page.open(address)  # as from a message
+        page.wait(".alerts a[aria-current=true]", "False: an answer")
+        page.js("find('.alerts li', 'False: an answer').querySelector('a:last-child').focus()")
+        page.press("Enter")
+        page.wait("[aria-label=Truth]", "Where was it really taken?")
+        assert localized in page.js("location.hash")
+
+        _judge(world, localized, right)
+        page.open(address)
+        page.wait(".alerts li", f"false:{localized}, is over")
+        page.wait(".alerts li", "Disputed: an answer")
+    finally:
+        for sample_id in (localized, rejected):
+            world.service.http.delete(f"/samples/{sample_id}", headers=world.headers("admin"))
+
+
+def _newly_kept(world, file) -> str:
+    """The id of the query that the service keeps when it is asked about a scan now."""
+    before = {one["sample_id"] for one in _kept(world)}
+    world.ask(file)
+    new: list[str] = []
+    wait_until(lambda: new or new.extend({one["sample_id"] for one in _kept(world)} - before))
+    (sample_id,) = new
+    return sample_id
+
+
+def _judge(world, sample_id, T_map_sensor) -> None:
+    truth = {"map_id": "yard", "T_map_sensor": T_map_sensor}
+    url = f"/samples/{sample_id}/truth"
+    assert world.service.http.put(url, json=truth, headers=world.headers("admin")).is_success
+
+
+def test_a_build_of_the_map_that_failed_has_an_alert_with_a_link(page, world, tmp_path):
+    broken = tmp_path / "broken.ply"
+    broken.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1000000\n")
+    page.open("#/live?map=yard")
+    page.wait("[role=status]", "Connected")
+    with Client(world.service.url, api_key=world.keys["admin"]) as client:
+        build_id = client.build_map(broken, "yard", config={"sensor": "vlp-16"}).build_id
+    try:
+        page.click(".alerts a", "The build of just now failed: ")
+        page.wait(".alerts a[aria-current=true]", world.get(f"/builds/{build_id}")["error"]["detail"])
+        assert build_id in page.js("location.hash")
+        page.js("find('.alerts li', 'The build').querySelector('a:last-child').focus()")
+        page.press("Enter")
+        page.wait(".builds li", "yard")
+        page.click(".builds button", "Hide")  # it was read
+        page.open(f"#/live?map=yard&alert=build%3A{build_id}")
+        page.wait(".alerts li", f"build:{build_id}, is over")
+    finally:
+        store = world.service.catalog.store
+        for key in store.list(f"builds/{build_id}"):
+            store.delete(key)
 
 
 # Good manners
@@ -501,6 +756,8 @@ def test_a_phone_shows_a_view_without_scrolling_sideways(page, world, view):
     if view == "maps/yard/try":
         page.drop(".panel .drop", localized_scan(world)[0])
         page.wait(".verdict", "localized")
+        page.click(".places tbody tr:last-child")
+        page.wait(".places tbody tr:last-child input:checked")
     page.until("document.documentElement.scrollWidth <= 390 && document.body.scrollWidth <= 390")
 
 

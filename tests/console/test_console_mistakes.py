@@ -11,9 +11,16 @@ import browser as browsers
 import numpy as np
 import pytest
 from accessible import violations
-from page import CANVAS
 from pictures import AGREES, HINT, difference, pixels_of
-from scans import localized_scan, said_chance, scan_colours, try_scan
+from scans import (
+    change_answers,
+    click_the_map,
+    localized_scan,
+    places_of,
+    said_chance,
+    scan_colours,
+    try_scan,
+)
 from service_world import running_service
 
 from firstfix.scan.scan import Scan
@@ -70,18 +77,15 @@ def test_a_scan_that_has_no_place_is_not_laid_over_the_map(page, world, tmp_path
 def test_the_places_add_up_and_are_in_the_order_of_what_is_printed(page, world, many_places):
     file, number = many_places
     try_scan(page, file)
-    page.wait(".hypotheses button")
+    page.wait(".places tbody tr")
     if number > 8:
         page.click("button", f"All {number} places")
-    page.until(f"document.querySelectorAll('.hypotheses li').length === {number}")
-    texts = page.js("[...document.querySelectorAll('.hypotheses button')].map((e) => e.innerText)")
+    page.until(f"document.querySelectorAll('.places tbody tr').length === {number}")
+    texts = [place["Probability"] for place in places_of(page)]
     shares = [0.0 if text.startswith("under") else said_chance(text) for text in texts]
     assert shares == sorted(shares, reverse=True)
     assert sum(shares) < 1.001 + 0.0005 * number
-    assert all("heading" in text for text in texts)
-
-    try_scan(page, localized_scan(world)[0])
-    page.wait(".hypotheses small", "± ")
+    assert all(-180 <= float(place["Heading (°)"].split()[0]) <= 180 for place in places_of(page))
 
 
 def test_other_places_are_hidden_from_the_map(page, many_places):
@@ -102,13 +106,7 @@ def test_an_answer_says_where_to_take_the_next_scan(page, world):
         "separation": 0.5,
         "tells_apart": [0, 1],
     }
-    page.call(
-        "Page.addScriptToEvaluateOnNewDocument",
-        source="globalThis.ask = globalThis.fetch; globalThis.fetch = async (url, given) => {"
-        " const said = await ask(url, given); if (url.pathname !== '/localize') return said;"
-        f" const hint = globalThis.told ? {json.dumps(hint)} : null;"
-        " return Response.json({ ...(await said.json()), hint }); }",
-    )
+    change_answers(page, f"{{ ...said, hint: globalThis.told ? {json.dumps(hint)} : null }}")
     file = localized_scan(world)[0]
     try_scan(page, file)
     scan_colours(page)
@@ -123,11 +121,7 @@ def test_a_pose_by_hand_guides_the_search_only_if_somebody_says_so(page, world):
     try_scan(page, localized_scan(world)[0])
     scan_colours(page)
     asked = page.asked.count("POST /localize")
-    x, y, width, height = page.box(f"{CANVAS} canvas")
-    for dx, dy in ((0, 0), (40, 30), (-60, 40), (30, -60)):  # one of them is on a point of the cloud
-        page.click_at(x + width / 2 + dx, y + height / 2 + dy)
-        if page.has("section", "Within") or page.has("[aria-label='A pose by hand']"):
-            break
+    click_the_map(page)
     page.wait("[aria-label='A pose by hand'] label.check", "Search only around it")
     let_pass(1.0)
     assert page.asked.count("POST /localize") == asked

@@ -1,4 +1,4 @@
-"""The console's colours, sizes of type and spaces come from one set of tokens, in its style sheet."""
+"""The console's colours, sizes of type and spaces come from one set of tokens, in its main style sheet."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ import re
 from pathlib import Path
 
 SOURCES = Path(__file__).resolve().parents[2] / "console" / "src"
-TOKEN_READERS = ("map3d", "maps", "versions", "ui", "samples", "access")
+TOKEN_READERS = ("map3d", "maps", "versions", "ui", "samples", "access", "scan", "live", "earth", "api")
 # "#fff", "rgb(", "0x12ab34": what is a colour in a style sheet or for three.js
 COLOUR = re.compile(r"#[0-9a-fA-F]{3,8}\b|\b(?:rgba?|hsla?|oklch|light-dark)\(|\b0x[0-9a-fA-F]{6}\b")
 NAMED = re.compile(r":[^;{}]*\b(?:white|black|red|green|blue|gr[ae]y|orange|yellow)\b(?![-(])")
 
 
 def sheet() -> tuple[str, str]:
-    """The tokens' rule, and all others."""
-    text = re.sub(r"/\*.*?\*/", "", (SOURCES / "style.css").read_text(), flags=re.DOTALL)
+    """The tokens' rule, and all others: those of views too."""
+    sheets = (SOURCES / "style.css", *sorted(SOURCES.rglob("*/*.css")))
+    text = "\n".join(re.sub(r"/\*.*?\*/", "", one.read_text(), flags=re.DOTALL) for one in sheets)
     tokens, rest = text.split("}", 1)
     assert tokens.startswith(":root {")
     return tokens, rest
@@ -58,7 +59,9 @@ def test_every_token_that_is_used_is_there_and_every_one_is_used():
     defined = set(re.findall(r"(--[a-z0-9-]+):", tokens)) | set(re.findall(r"(--[a-z0-9-]+):", rest))
     named = set(re.findall(r"var\((--[a-z0-9-]+)\)", tokens + rest))
     sources = "\n".join(path.read_text() for path in SOURCES.rglob("*.ts*"))
-    in_sources = {f"--{name}" for name in re.findall(r"[\"`]((?:picture|points|mark|heat)-[a-z]+)", sources)}
+    in_sources = {
+        f"--{name}" for name in re.findall(r"[\"`]((?:picture|points|mark|heat|plot)-[a-z]+)", sources)
+    }
     in_sources |= {f"--heat-{end}" for end in ("none", "half", "all")}
     in_sources |= {f"--mark-{verdict}" for verdict in ("localized", "ambiguous", "rejected")}
     assert named | in_sources <= defined

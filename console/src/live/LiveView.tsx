@@ -3,10 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Group } from "three";
-import { Problem } from "../api/client";
-import { follow } from "../api/events";
 import { mapPage } from "../api/maps";
-import { answerEvents } from "../api/scans";
 import { MapCanvas } from "../map3d/MapCanvas";
 import { dotsMark, poseMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
@@ -15,76 +12,33 @@ import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
 import { chance } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
+import { token } from "../ui/token";
 import { colourOf } from "../ui/verdict";
 import { Verdict } from "../ui/Verdict";
+import { Alerts } from "./Alerts";
+import "./live.css";
 import { Plots } from "./Plots";
 import { Robots } from "./Robots";
-import { robotsOf } from "./robotsOf";
-import { type Fix, type Second, seconds } from "./seconds";
+import { alertsOf, robotsOf } from "./robotsOf";
+import { type Second, seconds } from "./seconds";
+import { useFixes } from "./useFixes";
 
-const KEPT = 500;
 const SHOWN_ROWS = 30;
-
-interface Watching {
-  replica: string;
-  all_replicas: boolean;
-}
-
-/** Whether both tell of one answer: after a break it may come once more, with another number. */
-function isSame(a: Fix, b: Fix): boolean {
-  return a.time_s === b.time_s && a.replica === b.replica && a.caller === b.caller;
-}
 
 export function LiveView() {
   const maps = useLoaded(mapPage, []);
   const map = route.value.query.get("map") || maps.value?.maps[0]?.map_id || "";
   const version = maps.value?.maps.find((one) => one.map_id === map)?.active_version ?? "";
-  const fixes = useSignal<Fix[]>([]);
+  const { fixes, source, isConnected, trouble, problem } = useFixes(map);
   const now = useSignal(Date.now() / 1000);
-  const isConnected = useSignal(false);
-  const source = useSignal<Watching | null>(null);
-  const problem = useSignal<unknown>(null);
-  const trouble = useSignal("");
   const scene = useRef<MapScene | null>(null);
   const marks = useRef(new Group());
   const isReady = useSignal(0);
 
   useEffect(() => {
-    if (!map) return;
-    const stop = new AbortController();
-    fixes.value = [];
-    let last = 0;
-    void follow(
-      () => answerEvents({ map_id: map, after: last }, stop.signal),
-      (event) => {
-        isConnected.value = true;
-        trouble.value = "";
-        if (event.name === "watching") {
-          const { replica, all_replicas } = event.data as Watching;
-          // another replica, or the same one started again, counts from one
-          if (replica !== source.value?.replica) last = 0;
-          source.value = { replica, all_replicas };
-          return;
-        }
-        const fix = event.data as Fix;
-        last = fix.number;
-        if (!fixes.value.some((one) => isSame(one, fix))) fixes.value = [...fixes.value, fix].slice(-KEPT);
-      },
-      stop.signal,
-      (error) => {
-        isConnected.value = false;
-        last = 0;
-        if (error instanceof Problem && error.status === 403) problem.value = error;
-        trouble.value = error instanceof Problem ? error.message : "";
-      },
-    );
-    isConnected.value = true;
     const clock = setInterval(() => (now.value = Date.now() / 1000), 1000);
-    return () => {
-      stop.abort();
-      clearInterval(clock);
-    };
-  }, [map]);
+    return () => clearInterval(clock);
+  }, []);
 
   useEffect(() => {
     const here = scene.current;
@@ -93,7 +47,7 @@ export function LiveView() {
     const places = fixes.value.flatMap(({ answer }) =>
       answer.T_map_sensor ? here.local(answer.T_map_sensor.position).toArray() : [],
     );
-    if (places.length) marks.current.add(dotsMark(new Float32Array(places), 0x4db6e0, 5));
+    if (places.length) marks.current.add(dotsMark(new Float32Array(places), token("mark-fix"), 5));
     for (const { lastFix: fix } of robotsOf(fixes.value)) {
       if (!fix) continue;
       const pose = fix.answer.T_map_sensor!;
@@ -110,6 +64,7 @@ export function LiveView() {
     );
   }
   if (problem.value) return <ErrorText error={problem.value} />;
+  const robots = robotsOf(fixes.value);
   const history: Second[] = seconds(fixes.value, now.value);
   return (
     <main class="live">
@@ -132,9 +87,9 @@ export function LiveView() {
           </span>
         ) : null}
       </header>
+      <Alerts map={map} ofRobots={alertsOf(robots, now.value)} now_s={now.value} />
       <Robots
-        map={map}
-        robots={robotsOf(fixes.value)}
+        robots={robots}
         now_s={now.value}
         look={(position) => scene.current?.lookAt(position)}
       />

@@ -3,6 +3,7 @@
 import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
+import { tokenText } from "../ui/token";
 import type { Second } from "./seconds";
 
 const HEIGHT = 110;
@@ -30,7 +31,7 @@ function Plot({ title, names, data }: { title: string; names: string[]; data: uP
   const plot = useRef<uPlot | null>(null);
   useEffect(() => {
     const holder = element.current!;
-    const colours = ["#2f8fc4", "#34a853"]; // seen on light and on dark ground
+    const colours = [tokenText("plot-all"), tokenText("plot-some")];
     plot.current = new uPlot(
       {
         width: Math.max(holder.clientWidth, 200),
@@ -38,7 +39,7 @@ function Plot({ title, names, data }: { title: string; names: string[]; data: uP
         title,
         cursor: { show: false },
         legend: { show: false },
-        axes: [{ show: false }, { size: 56, stroke: () => getComputedStyle(holder).color, grid: { stroke: "#80808040" } }],
+        axes: [{ show: false }, { size: 56, stroke: () => getComputedStyle(holder).color, grid: { stroke: tokenText("plot-grid") } }],
         scales: { y: { range: (_, __, high) => [0, Math.max(high ?? 0, 1)] } },
         series: [{}, ...names.map((label, i) => ({ label, stroke: colours[i], width: 1.5, spanGaps: false }))],
       },

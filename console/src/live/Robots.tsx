@@ -1,59 +1,38 @@
-// Each robot with its last fix, and what about it needs a person. Each alert has a link of its own.
+// Each robot with its last fix.
 
-import { link, route } from "../router";
+import { route } from "../router";
 import { chance, percent } from "../ui/text";
 import { Verdict } from "../ui/Verdict";
-import "./live.css";
-import { ageText, alertsOf, type Robot } from "./robotsOf";
+import { ageText, type Robot } from "./robotsOf";
 
 export interface RobotsProps {
-  map: string;
   robots: Robot[];
   now_s: number;
   look: (position: readonly number[]) => void;
 }
 
-export function Robots({ map, robots, now_s, look }: RobotsProps) {
+export function Robots({ robots, now_s, look }: RobotsProps) {
   if (!robots.length) return null;
-  const alerts = alertsOf(robots, now_s);
   const shown = route.value.query.get("alert") ?? "";
-  const isOver = shown !== "" && !alerts.some((one) => one.id === shown);
   return (
-    <>
-      {alerts.length || isOver ? (
-        <section class="alerts" aria-label="Alerts">
-          <h2>Needs you now</h2>
-          <ul>
-            {alerts.map((one) => (
-              <li key={one.id}>
-                <a href={link(["live"], { map, alert: one.id })} aria-current={one.id === shown ? "true" : undefined}>
-                  {one.text}
-                </a>
-              </li>
-            ))}
-            {isOver ? <li>The alert of this link, {shown}, is over.</li> : null}
-          </ul>
-        </section>
-      ) : null}
-      <table class="robots cards">
-        <thead>
-          <tr>
-            <th>Robot</th>
-            <th>Last asked</th>
-            <th>Verdict</th>
-            <th class="number">Localized</th>
-            <th>Last fix</th>
-            <th class="number">Probability</th>
-            <th class="number">ms</th>
-          </tr>
-        </thead>
-        <tbody>
-          {robots.map((one) => (
-            <Row key={one.name} robot={one} now_s={now_s} isShown={shown.endsWith(`:${one.name}`)} look={look} />
-          ))}
-        </tbody>
-      </table>
-    </>
+    <table class="robots cards">
+      <thead>
+        <tr>
+          <th>Robot</th>
+          <th>Last asked</th>
+          <th>Verdict</th>
+          <th class="number">Localized</th>
+          <th>Last fix</th>
+          <th class="number">Probability</th>
+          <th class="number">ms</th>
+        </tr>
+      </thead>
+      <tbody>
+        {robots.map((one) => (
+          <Row key={one.name} robot={one} now_s={now_s} isShown={shown.endsWith(`:${one.name}`)} look={look} />
+        ))}
+      </tbody>
+    </table>
   );
 }
 

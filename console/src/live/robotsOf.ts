@@ -33,7 +33,7 @@ export function robotsOf(fixes: readonly Fix[]): Robot[] {
 export interface Alert {
   id: string; // stands in the address of a link to it
   text: string;
-  robot: string;
+  look?: string; // address of where it is dealt with
 }
 
 export function alertsOf(robots: readonly Robot[], now_s: number): Alert[] {
@@ -42,12 +42,12 @@ export function alertsOf(robots: readonly Robot[], now_s: number): Alert[] {
     const share = robot.localized / robot.answers;
     if (robot.answers >= FEWEST_ANSWERS && share < LEAST_LOCALIZED) {
       const text = `${robot.name}: ${robot.localized} of its last ${robot.answers} answers were localized. Look at its kept queries.`;
-      found.push({ id: `localized:${robot.name}`, text, robot: robot.name });
+      found.push({ id: `localized:${robot.name}`, text });
     }
     const silent_s = now_s - robot.last.time_s;
     if (silent_s > SILENT_S) {
       const text = `${robot.name} has not asked for ${ageText(silent_s)}. See whether it is on and reaches the service.`;
-      found.push({ id: `silent:${robot.name}`, text, robot: robot.name });
+      found.push({ id: `silent:${robot.name}`, text });
     }
     return found;
   });

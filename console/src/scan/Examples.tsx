@@ -2,21 +2,24 @@
 
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { route } from "../router";
 import type { Asked } from "./scanFile";
 import { simulatedScan } from "./simulated";
+import { spotOf, spotText } from "./tryState";
 
 export interface ExamplesProps {
   map: string;
   version: string;
-  spot: readonly number[] | null; // that was clicked
+  clicked: readonly number[] | null; // spot of the map
+  asked: Asked | null; // the scan that is tried now
   take: (asked: Asked) => void;
   problem: Signal<unknown>;
 }
 
-export function Examples({ map, version, spot, take, problem }: ExamplesProps) {
+export function Examples({ map, version, clicked, asked, take, problem }: ExamplesProps) {
   const isWorking = useSignal(false);
   const running = useRef<AbortController | null>(null);
-  useEffect(() => () => running.current?.abort(), [map, version]);
+  useEffect(() => () => running.current?.abort(), [map, version, asked]); // a scan that came meanwhile stays
   const simulate = async (at: readonly number[] | null) => {
     running.current?.abort();
     const stop = new AbortController();
@@ -32,13 +35,19 @@ export function Examples({ map, version, spot, take, problem }: ExamplesProps) {
       if (running.current === stop) isWorking.value = false;
     }
   };
+  useEffect(() => {
+    // a link to a simulated scan: it is simulated again
+    const { query } = route.value;
+    const spot = query.has("sample") ? null : spotOf(query.get("spot"));
+    if (version && spot && spotText(spot) !== (asked?.spot && spotText(asked.spot))) void simulate(spot);
+  }, [route.value, version]);
   return (
     <section class="examples" aria-label="Example scans">
       <div class="row">
         <button disabled={!version} onClick={() => simulate(null)}>
           Try an example scan
         </button>
-        {spot ? <button onClick={() => simulate(spot)}>Simulate one at the clicked spot</button> : null}
+        {clicked ? <button onClick={() => simulate(clicked)}>Simulate one at the clicked spot</button> : null}
       </div>
       <small>
         {isWorking.value ? "Simulating …" : "Simulated in the browser from the map's points. Click the map to choose a spot."}

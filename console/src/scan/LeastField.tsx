@@ -1,14 +1,9 @@
 // The probability from which on an answer is localized: the map's own, unless somebody gives another one.
 
 import type { Signal } from "@preact/signals";
-import { note } from "../router";
 
 /** `least`: as it was given; "": the map's own. */
 export function LeastField({ least, ofMap }: { least: Signal<string>; ofMap: number }) {
-  const set = (given: string) => {
-    least.value = given;
-    note({ least: given });
-  };
   return (
     <div class="field">
       <label>
@@ -21,12 +16,12 @@ export function LeastField({ least, ofMap }: { least: Signal<string>; ofMap: num
           value={least.value || ofMap}
           onChange={(event) => {
             const { valueAsNumber: given, validity } = event.currentTarget;
-            if (Number.isFinite(given) && !validity.rangeOverflow && !validity.rangeUnderflow) set(String(given));
+            if (Number.isFinite(given) && !validity.rangeOverflow && !validity.rangeUnderflow) least.value = String(given);
             else event.currentTarget.value = least.value || String(ofMap);
           }}
         />
       </label>
-      {least.value ? <button onClick={() => set("")}>As the map has it</button> : null}
+      {least.value ? <button onClick={() => (least.value = "")}>As the map has it</button> : null}
     </div>
   );
 }

@@ -1,14 +1,14 @@
-// Every place that the answer considered, the likeliest first.
+// Every place that the answer considered, side by side, the likeliest first.
 
 import { useSignal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
 import type { Schemas } from "../api/client";
-import { chance, metres, percent } from "../ui/text";
-import { ellipseOf } from "./ellipse";
+import { chance, percent } from "../ui/text";
+import { deviationsOf, ellipseOf } from "./ellipse";
 import { headingOf } from "./handPose";
 import { type Place, placesOf } from "./shares";
 
 const LISTED = 8;
-const DEGREES = 180 / Math.PI;
 
 export interface PlacesProps {
   answer: Schemas["Answer"];
@@ -19,19 +19,40 @@ export interface PlacesProps {
 export function Places({ answer, chosen, choose }: PlacesProps) {
   const isWhole = useSignal(false);
   const places = placesOf(answer);
-  const listed = isWhole.value ? places : places.slice(0, LISTED);
+  // a place that a link chose is listed, however unlikely it is
+  const fewest = Math.max(LISTED, 1 + places.findIndex((one) => one.number === chosen));
+  const listed = isWhole.value ? places : places.slice(0, fewest);
+  const rank = 1 + places.findIndex((one) => one.number === 0);
   return (
     <>
       <h3>Places</h3>
-      <ol class="hypotheses">
-        {listed.map((place) => (
-          <li key={place.number}>
-            <button aria-pressed={place.number === chosen} onClick={() => choose(place.number)}>
-              <PlaceText place={place} answer={answer} />
-            </button>
-          </li>
-        ))}
-      </ol>
+      <div class="places">
+        <table>
+          <thead>
+            <tr>
+              <th>Place</th>
+              {["Probability", "x (m)", "y (m)", "z (m)", "Heading (°)", "On the map", "Through it"].map((name) => (
+                <th key={name} class="number">
+                  {name}
+                </th>
+              ))}
+            </tr>
+          </thead>
+          <tbody>
+            {listed.map((place, i) => (
+              <PlaceRow
+                key={place.number}
+                rank={i + 1}
+                place={place}
+                answer={answer}
+                isChosen={place.number === chosen}
+                choose={() => choose(place.number)}
+              />
+            ))}
+          </tbody>
+        </table>
+      </div>
+      {answer.covariance ? <Ellipse covariance={answer.covariance} rank={rank} /> : null}
       {places.length > listed.length ? (
         <button onClick={() => (isWhole.value = true)}>All {places.length} places</button>
       ) : null}
@@ -39,24 +60,54 @@ export function Places({ answer, chosen, choose }: PlacesProps) {
   );
 }
 
-function PlaceText({ place, answer }: { place: Place; answer: Schemas["Answer"] }) {
+interface PlaceRowProps {
+  rank: number; // from 1
+  place: Place;
+  answer: Schemas["Answer"];
+  isChosen: boolean;
+  choose: () => void;
+}
+
+/** The arrow keys go from row to row, as in each group of radio buttons; a click anywhere in a row chooses it. */
+function PlaceRow({ rank, place, answer, isChosen, choose }: PlaceRowProps) {
   const one = answer.hypotheses[place.number]!;
+  const [x, y, z] = one.T_map_sensor.position as [number, number, number];
+  // the covariance of an answer is that of its first hypothesis
+  const sigma = place.number === 0 && answer.covariance ? deviationsOf(answer.covariance) : null;
   return (
-    <>
-      <strong>{chance(place.probability)}</strong> at {one.T_map_sensor.position.map(metres).join(", ")}, heading{" "}
-      {headingOf(one.T_map_sensor.quaternion).toFixed(1)}°
-      <small>
-        {percent(one.inlier_ratio)} on the map, {percent(one.free_space_violation, 1)} through it
-        {place.number === 0 && answer.covariance ? `, ${sigmasOf(answer.covariance)}` : ""}
-      </small>
-    </>
+    <tr onClick={choose}>
+      <th scope="row">
+        <label class="check">
+          <input type="radio" name="place" aria-label={`Place ${rank}`} checked={isChosen} onChange={choose} />
+          {rank}
+        </label>
+      </th>
+      <td class="number">{chance(place.probability)}</td>
+      <Figure deviation={sigma?.x_m.toFixed(3)}>{x.toFixed(2)}</Figure>
+      <Figure deviation={sigma?.y_m.toFixed(3)}>{y.toFixed(2)}</Figure>
+      <Figure deviation={sigma?.z_m.toFixed(3)}>{z.toFixed(2)}</Figure>
+      <Figure deviation={sigma?.heading_deg.toFixed(2)}>{headingOf(one.T_map_sensor.quaternion).toFixed(1)}</Figure>
+      <td class="number">{percent(one.inlier_ratio)}</td>
+      <td class="number">{percent(one.free_space_violation, 1)}</td>
+    </tr>
   );
 }
 
-/** How sure the pose is: one standard deviation, and the half axes of the ellipse in the picture. */
-function sigmasOf(covariance: number[]): string {
-  const [x, y, z, , , yaw] = [0, 1, 2, 3, 4, 5].map((i) => Math.sqrt(Math.max(0, covariance[7 * i]!)));
+/** A number with its standard deviation below it, where that is known. */
+function Figure({ deviation, children }: { deviation: string | undefined; children: ComponentChildren }) {
+  return (
+    <td class="number">
+      {children}
+      {deviation === undefined ? null : <small>± {deviation}</small>}
+    </td>
+  );
+}
+
+function Ellipse({ covariance, rank }: { covariance: number[]; rank: number }) {
   const { major_m, minor_m } = ellipseOf(covariance);
-  const ellipse = `95 % ellipse ${major_m.toFixed(3)} by ${minor_m.toFixed(3)} m`;
-  return `± ${Math.hypot(x!, y!).toFixed(3)} m, height ± ${z!.toFixed(3)} m, heading ± ${(yaw! * DEGREES).toFixed(2)}°, ${ellipse}`;
+  return (
+    <p class="hint">
+      ±: one standard deviation. The ring is the 95 % ellipse of place {rank}, {major_m.toFixed(3)} by {minor_m.toFixed(3)} m.
+    </p>
+  );
 }

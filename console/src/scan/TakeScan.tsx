@@ -2,7 +2,7 @@
 
 import { mayBuild } from "../access/session";
 import { samplePage } from "../api/scans";
-import { go, route } from "../router";
+import { addressed, go, route } from "../router";
 import { age } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 import { READABLE } from "./scanFile";
@@ -36,7 +36,8 @@ function KeptQueries({ map }: { map: string }) {
   const samples = page.value?.samples ?? [];
   if (!samples.length) return null;
   const choose = (sample: string) => {
-    const query = new URLSearchParams(route.value.query);
+    const query = addressed();
+    for (const name of ["spot", "place"]) query.delete(name); // of the scan before
     sample ? query.set("sample", sample) : query.delete("sample");
     go(route.value.path, Object.fromEntries(query));
   };

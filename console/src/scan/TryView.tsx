@@ -6,7 +6,6 @@ import { mayBuild } from "../access/session";
 import { mapDetails, versionDetails } from "../api/maps";
 import type { LocalizeQuery } from "../api/scans";
 import { MapCanvas } from "../map3d/MapCanvas";
-import type { HandleMode } from "../map3d/poseHandle";
 import type { MapScene } from "../map3d/scene";
 import { leastOf, manifestOf } from "../maps/manifest";
 import { MapProblem } from "../maps/MapProblem";
@@ -28,6 +27,7 @@ import { useAsked } from "./useAsked";
 import { useHandle } from "./useHandle";
 import { useOverlay } from "./useOverlay";
 import { usePlaceMarks } from "./usePlaceMarks";
+import { useTryState } from "./useTryState";
 import { VersionChoice } from "./VersionChoice";
 
 export function TryView({ map }: { map: string }) {
@@ -40,16 +40,8 @@ export function TryView({ map }: { map: string }) {
       version ? leastOf(manifestOf(await versionDetails(map, version, signal))) : null,
     [map, version],
   );
-  const least = useSignal(route.value.query.get("least") ?? "");
-  const hand = {
-    pose: useSignal<HandPose | null>(null),
-    settled: useSignal<HandPose | null>(null),
-    mode: useSignal<HandleMode>("translate"),
-  };
-  const isPrior = useSignal(false);
+  const { least, hand, isPrior, isTiltKnown, isLaidByHand } = useTryState();
   const areOthersShown = useSignal(true);
-  const isTiltKnown = useSignal(false);
-  const isLaidByHand = useSignal(false);
   const problem = useSignal<unknown>(null);
   const scene = useRef<MapScene | null>(null);
   const isReady = useSignal(0);
@@ -116,10 +108,10 @@ export function TryView({ map }: { map: string }) {
       ) : (
         <div class="map-canvas" />
       )}
-      <aside class="panel" aria-label="Scan and answer">
+      <aside class="panel wide" aria-label="Scan and answer">
         <h2>Try a scan in {map}</h2>
         <TakeScan map={map} name={asked.value?.name ?? ""} take={take} />
-        <Examples map={map} version={version} spot={hand.pose.value?.position ?? null} take={give} problem={problem} />
+        <Examples map={map} version={version} clicked={hand.pose.value?.position ?? null} asked={asked.value} take={give} problem={problem} />
         {isAsking.value ? <p role="status">Asking …</p> : null}
         {problem.value ? <ErrorText error={problem.value} /> : null}
         {answer.value ? (
@@ -141,7 +133,7 @@ export function TryView({ map }: { map: string }) {
         {ofMap.value === null ? null : <LeastField least={least} ofMap={ofMap.value} />}
         <HandPanel hand={hand} isPrior={isPrior} isTiltKnown={isTiltKnown} begin={begin} />
         {byHand && asked.value ? <Check value={isLaidByHand}>Lay the scan at the pose by hand</Check> : null}
-        {asked.value ? <Programs map={map} asked={asked.value} options={options} /> : null}
+        {asked.value && !asked.value.spot ? <Programs map={map} asked={asked.value} options={options} /> : null}
       </aside>
     </div>
   );

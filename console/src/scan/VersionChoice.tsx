@@ -1,7 +1,7 @@
 // The version that answers: a kept query can be asked again of another one.
 
 import { versionPage } from "../api/maps";
-import { go, route } from "../router";
+import { addressed, go, route } from "../router";
 import { age, short } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 
@@ -13,7 +13,8 @@ export function VersionChoice({ map, active }: { map: string; active: string }) 
   if ((page.value?.versions.length ?? 0) < 2) return null;
   const query = route.value.query;
   const choose = (version: string) => {
-    const changed = new URLSearchParams(query);
+    const changed = addressed();
+    changed.delete("place"); // each version numbers its own
     version ? changed.set("version", version) : changed.delete("version");
     go(route.value.path, Object.fromEntries(changed));
   };

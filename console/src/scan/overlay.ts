@@ -4,6 +4,7 @@ import { Color, type Group } from "three";
 import { overlayPoints } from "../api/scans";
 import { colouredDots, type Pose } from "../map3d/marks";
 import type { MapScene } from "../map3d/scene";
+import { token } from "../ui/token";
 
 export interface OverlayShares {
   agrees: number;
@@ -11,8 +12,8 @@ export interface OverlayShares {
   unexplained: number;
 }
 
-// agrees, contradicts, unexplained: the colours of the key beside the picture
-const COLOURS = [0x33c759, 0xff3b30, 0xffcc00].map((hex) => new Color(hex).toArray());
+// by the class of a point: the colours of the key beside the picture
+const COLOURS = ["mark-agrees", "mark-contradicts", "mark-unexplained"];
 const POINT_BYTES = 16; // x, y, z as float32 from the pose, along the map's axes; then the class
 
 export async function drawOverlay(
@@ -29,6 +30,7 @@ export async function drawOverlay(
   const positions = new Float32Array(count * 3);
   const colours = new Float32Array(count * 3);
   const shares = [0, 0, 0];
+  const tints = COLOURS.map((name) => new Color(token(name)).toArray());
   const middle = scene.local(pose.position).toArray();
   for (let i = 0; i < count; i++) {
     for (let axis = 0; axis < 3; axis++) {
@@ -36,7 +38,7 @@ export async function drawOverlay(
     }
     const kind = data.getUint32(POINT_BYTES * i + 12, true);
     shares[kind]! += 1;
-    colours.set(COLOURS[kind]!, 3 * i);
+    colours.set(tints[kind]!, 3 * i);
   }
   if (!signal.aborted && count) {
     group.add(colouredDots(positions, colours, 4));

@@ -13,6 +13,7 @@ export interface Asked {
   encoding: string;
   body: Blob;
   isConverted: boolean; // the body is not the file's: programs cannot send the file as it is
+  spot?: readonly number[]; // of the map, at which it was simulated; else there is none
 }
 
 const READERS: Record<string, (body: ArrayBuffer) => Points> = {

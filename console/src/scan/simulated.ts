@@ -24,12 +24,13 @@ export async function simulatedScan(
   signal: AbortSignal,
 ): Promise<Asked> {
   const cloud = await openCloud(map, version, signal);
-  const at = await spotOf(cloud, spot, signal);
+  // whole millimetres, as a link has them: the same scan comes of it
+  const at = (await spotOf(cloud, spot, signal)).map((m) => Math.round(m * 1000) / 1000);
   const found = await pointsAround(cloud, at, USUAL.max_range_m, signal);
   const seen = nearestOfEachRay(found, at, USUAL);
   if (!seen.length) throw new Error("Nothing of the map is within 60 m of this spot. Click nearer to its points.");
   const name = `Simulated at ${at.map((m) => m.toFixed(2)).join(", ")} m`;
-  return { name, type: XYZ, encoding: "", body: new Blob([seen]), isConverted: true };
+  return { name, type: XYZ, encoding: "", body: new Blob([seen]), isConverted: true, spot: spot ?? at };
 }
 
 /** A spot where a sensor of this map may stand. One that was clicked lies on a surface: it gets the height of the place next to it. */

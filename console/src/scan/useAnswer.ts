@@ -4,7 +4,9 @@ import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import type { Schemas } from "../api/client";
 import { localize, type LocalizeQuery } from "../api/scans";
+import { note, route } from "../router";
 import type { Asked } from "./scanFile";
+import { placeOf } from "./tryState";
 
 export interface AnswerState {
   answer: Signal<Schemas["Answer"] | null>;
@@ -18,6 +20,11 @@ export function useAnswer(map: string, query: Asked | null, options: LocalizeQue
   const chosen = useSignal(0);
   const isAsking = useSignal(false);
   const answered = useRef<Asked | null>(null);
+  const fromLink = useRef(0); // the place that a link chose, until the first answer
+  useEffect(() => {
+    fromLink.current = placeOf(route.value.query.get("place"));
+    if (answer.value) chosen.value = answer.value.hypotheses[fromLink.current] ? fromLink.current : 0;
+  }, [route.value]);
   useEffect(() => {
     if (answered.current !== query) answer.value = null;
     answered.current = query;
@@ -29,7 +36,8 @@ export function useAnswer(map: string, query: Asked | null, options: LocalizeQue
       .then((said) => {
         if (stop.signal.aborted) return;
         answer.value = said;
-        chosen.value = 0;
+        chosen.value = said.hypotheses[fromLink.current] ? fromLink.current : 0;
+        fromLink.current = 0;
       })
       .catch((error: unknown) => {
         if (stop.signal.aborted) return;
@@ -41,5 +49,8 @@ export function useAnswer(map: string, query: Asked | null, options: LocalizeQue
       });
     return () => stop.abort();
   }, [query, ...Object.values(options)]);
+  useEffect(() => {
+    if (answer.value) note({ place: chosen.value ? String(chosen.value) : "" });
+  }, [answer.value, chosen.value]);
   return { answer, chosen, isAsking };
 }

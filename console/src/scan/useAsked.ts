@@ -3,8 +3,10 @@
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { sample as readSample, sampleBody } from "../api/scans";
+import { addressed, go, note, route } from "../router";
 import { age } from "../ui/text";
 import { type Asked, scanOf } from "./scanFile";
+import { spotText } from "./tryState";
 
 /** The scan, and calls that take a file, or another scan, in its place. */
 export function useAsked(
@@ -33,6 +35,7 @@ export function useAsked(
   const take = async (file: File | undefined) => {
     if (!file) return;
     latest.current = file;
+    tell("");
     asked.value = null; // with it goes the answer about the scan before
     problem.value = null;
     try {
@@ -44,8 +47,17 @@ export function useAsked(
   };
   const give = (scan: Asked) => {
     latest.current = null; // a file that is still being read comes too late
+    tell(scan.spot ? spotText(scan.spot) : "");
     problem.value = null;
     asked.value = scan;
   };
   return { asked, take, give };
+}
+
+/** Puts the spot of a simulated scan into the address; "": a file cannot be in it. A kept query that was there goes. */
+function tell(spot: string): void {
+  const query = addressed();
+  if (!query.has("sample")) return note({ spot });
+  for (const name of ["sample", "place", "spot"]) query.delete(name);
+  go(route.value.path, { ...Object.fromEntries(query), ...(spot ? { spot } : {}) });
 }

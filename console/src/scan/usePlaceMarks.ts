@@ -7,12 +7,11 @@ import { ArrowHelper, Group, type Object3D, Quaternion, Vector3 } from "three";
 import type { Schemas } from "../api/client";
 import { dotsMark, onTop, type Pose, poseMark, ringMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
+import { token } from "../ui/token";
 import { colourOf } from "../ui/verdict";
 import { type Ellipse, ellipseOf } from "./ellipse";
 import { placesOf } from "./shares";
 
-const OTHER = 0x9aa5b1;
-const HINT = 0x4db6e0;
 const LEAST_SHOWN = 0.01; // less likely places are dots
 const CHOSEN_SIZE = 2;
 
@@ -34,10 +33,12 @@ export function usePlaceMarks(
       if (!isChosen && !areOthersShown) continue;
       const pose = answer!.hypotheses[place.number]!.T_map_sensor;
       const at = here.local(pose.position);
-      if (isChosen && answer!.covariance) group.add(ellipseMark(at, ellipseOf(answer!.covariance), colourOf(answer!.verdict)));
-      if (isChosen) group.add(poseMark(at, pose, colourOf(answer!.verdict), CHOSEN_SIZE));
-      else if (place.probability < LEAST_SHOWN) group.add(onTop(dotsMark(new Float32Array(at.toArray()), OTHER, 4)));
-      else group.add(poseMark(at, pose, OTHER, 0.6 + 0.6 * place.probability));
+      const tint = isChosen ? colourOf(answer!.verdict) : token("mark-other");
+      // the covariance of an answer is that of its first hypothesis, and says nothing of another one
+      if (place.number === 0 && answer!.covariance) group.add(ellipseMark(at, ellipseOf(answer!.covariance), tint));
+      if (isChosen) group.add(poseMark(at, pose, tint, CHOSEN_SIZE));
+      else if (place.probability < LEAST_SHOWN) group.add(onTop(dotsMark(new Float32Array(at.toArray()), tint, 4)));
+      else group.add(poseMark(at, pose, tint, 0.6 + 0.6 * place.probability));
     }
     const from = answer?.hypotheses[chosen]?.T_map_sensor;
     if (answer?.hint && from && answer.hint.distance_m > 0) group.add(...move(here, from, answer.hint.T_sensor_goal));
@@ -61,6 +62,7 @@ function move(scene: MapScene, from: Pose, goal: Pose): Object3D[] {
   const way = new Vector3().fromArray(goal.position).applyQuaternion(turn);
   const [start, length] = [scene.local(from.position), way.length()];
   const there = { position: goal.position, quaternion: turn.multiply(new Quaternion().fromArray(goal.quaternion)).toArray() };
-  const arrow = new ArrowHelper(way.clone().normalize(), start, length, HINT, 0.5, 0.35);
-  return [onTop(arrow), poseMark(start.clone().add(way), there, HINT)];
+  const tint = token("mark-hint");
+  const arrow = new ArrowHelper(way.clone().normalize(), start, length, tint, 0.5, 0.35);
+  return [onTop(arrow), poseMark(start.clone().add(way), there, tint)];
 }

@@ -1,0 +1,34 @@
+// What about a map needs a person: answers that somebody judged wrong, and builds that failed.
+
+import type { Schemas } from "../api/client";
+import { begunAt } from "../maps/buildRecords";
+import { link } from "../router";
+import { judgementOf } from "../samples/judgement";
+import { answerOf, type Sample } from "../samples/place";
+import { age } from "../ui/text";
+import type { Alert } from "./robotsOf";
+
+const DAY_S = 86_400; // older answers are no alert any more
+
+/** Of the kept queries of the last day. */
+export function answerAlerts(samples: readonly Sample[], map: string, now_s: number): Alert[] {
+  return samples.flatMap((sample) => {
+    const judgement = judgementOf(sample, answerOf(sample), map);
+    if (!judgement || now_s - Date.parse(sample.time) / 1000 > DAY_S) return [];
+    const text = `${judgement.kind === "false" ? "False" : "Disputed"}: an answer of ${age(sample.time, now_s * 1000)} ${judgement.text}.`;
+    return [{ id: `${judgement.kind}:${sample.sample_id}`, text, look: link(["maps", map, "try"], { sample: sample.sample_id }) }];
+  });
+}
+
+/** Of the builds that failed since the last one that succeeded. `builds`: the newest first. */
+export function buildAlerts(builds: readonly Schemas["Build"][], hidden: readonly string[], now_s: number): Alert[] {
+  const good = builds.findIndex((one) => one.state === "succeeded");
+  const since = good < 0 ? builds : builds.slice(0, good);
+  return since.flatMap((build) => {
+    if (build.state !== "failed" || hidden.includes(build.build_id)) return [];
+    const begun = begunAt(build.build_id);
+    const when = begun ? ` of ${age(begun, now_s * 1000)}` : "";
+    const why = build.error?.detail ? `: ${build.error.detail}` : "";
+    return [{ id: `build:${build.build_id}`, text: `The build${when} failed${why}`, look: link([]) }];
+  });
+}

@@ -1,0 +1,29 @@
+// Looks now and then for what about a map needs a person.
+
+import { mayBuild } from "../access/session";
+import { lastBuilds } from "../api/builds";
+import { samplePage } from "../api/scans";
+import { hidden } from "../maps/buildRecords";
+import { usePolled } from "../ui/usePolled";
+import { answerAlerts, buildAlerts } from "./mapAlerts";
+import type { Alert } from "./robotsOf";
+
+const LOOK_MS = 5000;
+const LAST_SAMPLES = 200;
+const LAST_BUILDS = 20;
+
+/** null: not known yet. */
+export function useMapAlerts(map: string, now_s: number): { alerts: Alert[] | null; error: unknown } {
+  const isAsked = map !== "" && mayBuild.value;
+  const { value, error } = usePolled(
+    async (signal) => {
+      if (!isAsked) return null;
+      const [page, builds] = await Promise.all([samplePage({ map_id: map, limit: LAST_SAMPLES }, signal), lastBuilds(LAST_BUILDS, map)]);
+      return { map, samples: page.samples, builds: builds.builds };
+    },
+    [map, isAsked],
+    LOOK_MS,
+  );
+  if (value?.map !== map) return { alerts: null, error };
+  return { alerts: [...answerAlerts(value.samples, map, now_s), ...buildAlerts(value.builds, hidden.value, now_s)], error };
+}
