@@ -23,6 +23,7 @@ SHOWN_POINTS = 1_500_000  # console/src/map3d/levels.ts
 MOST_TOGETHER = 100_000  # console/src/map3d/loads.ts
 LOOK_S = 1.0  # between two nodes
 START_PAGE_S = 5.0  # console/src/maps/MapList.tsx and answerCounts.ts
+ALERTS_S = 15.0  # console/src/live/useMapAlerts.ts
 OPENED_WITHIN_S = 600.0  # on a slow machine too
 
 
@@ -53,6 +54,13 @@ class Console:
             await self._get("/maps", {"limit": 1000})
             await self._get("/answers/counts", {})
             await asyncio.sleep(START_PAGE_S)
+
+    async def read_alerts(self) -> None:
+        """Reads time after time of what Live makes alerts."""
+        while True:
+            await self._get("/samples", {"map_id": self._map_id, "limit": 200})
+            await self._get("/builds", {"map_id": self._map_id, "limit": 20})
+            await asyncio.sleep(ALERTS_S)
 
     async def look(self) -> None:
         """Opens the cloud and looks around in it."""
@@ -94,6 +102,7 @@ async def open_all(consoles: list[Console]) -> None:
     async with asyncio.TaskGroup() as group:
         for one in consoles:
             group.create_task(one.read_start_page())
+            group.create_task(one.read_alerts())
             group.create_task(one.watch())
             group.create_task(one.look())
 

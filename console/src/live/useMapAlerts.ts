@@ -8,7 +8,7 @@ import { usePolled } from "../ui/usePolled";
 import { answerAlerts, buildAlerts } from "./mapAlerts";
 import type { Alert } from "./robotsOf";
 
-const LOOK_MS = 5000;
+const LOOK_MS = 15_000; // a person judges, a build ends: nobody needs it sooner
 const LAST_SAMPLES = 200;
 const LAST_BUILDS = 20;
 
