@@ -12,6 +12,7 @@
 #
 # A machine with a package index of its own gives it with --build-arg PIP_INDEX_URL=..., one with a registry of npm's packages of
 # its own --build-arg NPM_CONFIG_REGISTRY=..., and one that pins its base image --build-arg BASE=debian:bookworm-slim@sha256:...
+# FIRSTFIX_MODULES=avx2 compiles the core for these processors alone: for a try, as others then cannot start the image.
 ARG BASE=debian:bookworm-slim
 FROM $BASE AS python
 RUN apt-get update \
@@ -34,14 +35,17 @@ ARG NPM_CONFIG_REGISTRY
 COPY scripts/console.sh /src/scripts/
 COPY docs/openapi.json /src/docs/
 COPY console /src/console
-RUN PYTHON=/opt/tools/bin/python /src/scripts/console.sh
+# The sources are checked by `make console`, before they are committed.
+RUN STEPS="types build" PYTHON=/opt/tools/bin/python /src/scripts/console.sh
 
 # The one stage with a compiler.
 FROM tools AS wheel
 RUN apt-get install -y --no-install-recommends g++ python3-dev
 COPY . /src
 COPY --from=console /src/service/firstfix_service/console_files /src/service/firstfix_service/console_files
-RUN /opt/tools/bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir /wheel /src
+ARG FIRSTFIX_MODULES
+RUN /opt/tools/bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir /wheel \
+    --config-settings=cmake.define.FIRSTFIX_MODULES="$FIRSTFIX_MODULES" /src
 
 # Without bytecode: slim.py leaves that of what is used.
 FROM tools AS service-packages

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from firstfix import native
 from needs import needs
 from waiting import wait_until
 
@@ -24,6 +25,8 @@ NEEDS_DOCKER = needs("Docker with compose", "apt-get install docker.io docker-co
 ENVIRONMENT = {**os.environ, "DOCKER_BUILDKIT": "0"}
 REGISTRIES = [name for name in ("PIP_INDEX_URL", "NPM_CONFIG_REGISTRY") if name in os.environ]
 BUILD_ARGS = ["--network", "host", *(part for name in REGISTRIES for part in ("--build-arg", name))]
+# The containers have this machine's processor, and load this module alone. `make setup` compiled all of them.
+BUILD_ARGS += ["--build-arg", f"FIRSTFIX_MODULES={native.variant}"]
 
 
 def docker(*arguments: str, check: bool = True) -> str:

@@ -125,8 +125,18 @@ def session(
     T = np.stack([B @ pose for B, pose in zip(bends, T, strict=True)])
     T_world_session = np.eye(4) if at_home else _anywhere(rng)
     T_session_world = inverse(T_world_session)
-    cells = np.unique(np.floor(cloud / step_m).astype(np.int64), axis=0, return_index=True)[1]
-    return Session(transform_points(T_session_world, cloud[cells]), T_session_world @ T, T_world_session)
+    thinned = cloud[_first_in_cell(cloud, step_m)]
+    return Session(transform_points(T_session_world, thinned), T_session_world @ T, T_world_session)
+
+
+def _first_in_cell(cloud: NDArray[np.float64], cell_m: float) -> NDArray[np.intp]:
+    """The first point's row of each cell, by x, then y, then z.
+
+    A cell is one number here: sorting millions of rows of three takes ten times as long.
+    """
+    cells = np.floor(cloud / cell_m).astype(np.int64)
+    cells -= cells.min(axis=0)
+    return np.unique(np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1)), return_index=True)[1]
 
 
 def _bend(x: float, ends: tuple[float, float], bend_deg: float) -> NDArray[np.float64]:
