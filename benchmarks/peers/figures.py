@@ -50,7 +50,8 @@ def figures_of(rows: Sequence[AnswerRow], preparation: Preparation, peak_bytes: 
 
     ``success_*`` and ``false_accepts``: of accepted poses. ``right_first``: within 0.2 m and 1 degree,
     accepted or not. ``coverage_at_risk_0`` and ``area_under_risk_coverage``: by the peer's own confidence.
-    Times are those of all queries; one that was ended (``timed_out``) took the limit. ``*_cpu_s``: processor time.
+    Times are those of all queries; one that was ended (``timed_out``) took the limit. ``*_cpu_s``: processor
+    time.
 
     Args:
         peak_bytes: of memory while it was asked.
