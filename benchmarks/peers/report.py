@@ -94,9 +94,10 @@ def _against_ours(figures: Mapping[str, Any], peer: str, key: str, more: bool) -
     """How a peer is better than both of ours; None: it is not."""
     common = [rows for of_set in figures.values() if peer in (rows := measured(of_set))]
     own = [together([rows[name] for rows in common])[key] for name in OURS if name in common[0]]
-    theirs = together([rows[peer] for rows in common])[key]
-    if theirs is None or not own or None in own:
-        return None
+    figures_of_peer = together([rows[peer] for rows in common])
+    theirs = figures_of_peer[key]
+    if theirs is None or not own or None in own or not figures_of_peer["right_first"]:
+        return None  # who finds nothing is cheap, and never wrong
     best = max(own) if more else min(own)
     return f"{peer} {theirs} against {best}" if (theirs > best if more else theirs < best) else None
 

@@ -62,7 +62,8 @@ def peers_risk_picture(peers: Result) -> str:
     """Risk against coverage of each peer over the scans of all sets, by its own confidence."""
     lines: dict[str, Points] = {}
     for name, cases in peer_cases(peers).items():
-        lines |= _risk_line(f"{name} ({len(cases)})", cases)
+        shown = f"{name} ({len(cases)})"
+        lines |= _risk_line(shown, cases) or {shown: []}  # each keeps its colour of the other picture
     return _risk_chart("Risk against coverage, each by its own confidence", lines)
 
 
