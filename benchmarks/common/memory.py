@@ -66,3 +66,18 @@ def _pss_bytes(pid: int, kind: str = "Pss:") -> int:
     except OSError:
         pass
     return 0
+
+
+def peak_bytes_of_family(pid: int) -> int:
+    """Bytes of resident memory that a process and those that it started had at most, each at its own time."""
+    return sum(map(_peak_bytes, [pid, *descendants(pid)]))
+
+
+def _peak_bytes(pid: int) -> int:
+    try:
+        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    except OSError:  # it has ended
+        pass
+    return 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from firstfix.builds.config import BuildConfig
 from firstfix_builder.pipeline import build_version
 
 from .load import Body
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
 
 SENSOR = {
     "name": "bench-16",
@@ -25,6 +29,14 @@ SEED = 4
 
 def make_small_map(folder: Path) -> Path:
     """The folder of its version, some 3 MB."""
+    folder.mkdir(parents=True)
+    mesh = folder / "yard.ply"
+    make_small_mesh().export(mesh)
+    return build_version(mesh, BuildConfig.parse(CONFIG), folder / "work").directory
+
+
+def make_small_mesh() -> Trimesh:
+    """The yard: floor, four walls and boxes."""
     import trimesh
 
     rng = np.random.default_rng(SEED)
@@ -35,10 +47,7 @@ def make_small_map(folder: Path) -> Path:
         size = rng.uniform(0.4, 1.8, 3)
         boxes.append((tuple(size), (*rng.uniform([-7, -5], [7, 5]), size[2] / 2)))
     parts = [trimesh.creation.box(size, trimesh.transformations.translation_matrix(at)) for size, at in boxes]
-    folder.mkdir(parents=True)
-    mesh = folder / "yard.ply"
-    trimesh.util.concatenate(parts).export(mesh)
-    return build_version(mesh, BuildConfig.parse(CONFIG), folder / "work").directory
+    return trimesh.util.concatenate(parts)
 
 
 def query_of(version: Path) -> Body:

@@ -1,8 +1,8 @@
 """3D-BBS (Aoki et al., ICRA 2024, its own C++ on the CPU), then GICP.
 
 It has the true direction of gravity, which its search needs. The parameters are those of its own
-``test.yaml`` (levels: 1 m outdoors, 0.5 m indoors), but the score, which is 0.9 there: a scan that sees
-things the map lacks may not reach that.
+``test.yaml`` (levels: 1 m outdoors, 0.5 m indoors). Its confidence is the share of points in occupied voxels;
+0.9 is accepted, as there. It searches down to 0.8: a scan that sees things the map lacks may not reach more.
 """
 
 from __future__ import annotations
@@ -20,14 +20,16 @@ from firstfix.scan.reduction import voxel_means
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, make_transform
 
+from .answer import Answer
 from .icp import Gicp
 from .peer_input import PeerInput
+from .sent import points_bytes
 
 SOURCE = Path(__file__).with_name("bbs_driver.cpp")
 LIBRARY, HEADER = Path("lib", "libcpu_bbs3d.so"), Path("include", "cpu_bbs3d", "bbs3d.hpp")
 EIGEN = Path("/usr/include/eigen3")
 DOUBLINGS = 6
-SCORE = 0.8
+SEARCHED_SHARE, ACCEPTED_SHARE = 0.8, 0.9
 LIMIT_S = 40.0
 MAP_VOXEL_M = 0.1
 SCAN_VOXEL_M = 2.0
@@ -69,6 +71,8 @@ def build_driver(prefix: Path, work: Path) -> Path:
 
 
 class Bbs:
+    sent_bytes = staticmethod(points_bytes)
+
     def __init__(self, given: PeerInput) -> None:
         assert given.bbs_driver is not None
         points = given.map_points()
@@ -76,7 +80,14 @@ class Bbs:
         thinned = given.work / "bbs_map.f64"
         voxel_means(points, MAP_VOXEL_M).astype("<f8").tofile(thinned)
         limit_ms, threads = str(round(1e3 * LIMIT_S)), str(os.cpu_count() or 1)
-        arguments = [str(thinned), str(given.bbs_level_m), str(DOUBLINGS), str(SCORE), limit_ms, threads]
+        arguments = [
+            str(thinned),
+            str(given.bbs_level_m),
+            str(DOUBLINGS),
+            str(SEARCHED_SHARE),
+            limit_ms,
+            threads,
+        ]
         self._driver = subprocess.Popen(
             [str(given.bbs_driver), *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
@@ -87,11 +98,14 @@ class Bbs:
             raise RuntimeError("bbs_driver did not start: see above")
         self._gicp = Gicp(points, GICP_REACH_M)
 
-    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Matrix | None:
+    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Answer:
         points = self._given.cropped(scan)
         T_level_sensor = make_transform(levelling_rotation(-gravity), np.zeros(3))
-        T_map_level = self._search(points @ T_level_sensor[:3, :3].T)
-        return None if T_map_level is None else self._gicp.refine(points, T_map_level @ T_level_sensor)
+        share, T_map_level = self._search(points @ T_level_sensor[:3, :3].T)
+        if share == 0:
+            return Answer()
+        T_map_sensor = self._gicp.refine(points, T_map_level @ T_level_sensor)
+        return Answer(T_map_sensor, share, share >= ACCEPTED_SHARE)
 
     def close(self) -> None:
         """Ends the driver, which reads until its input ends."""
@@ -99,12 +113,13 @@ class Bbs:
         self._from.close()
         self._driver.wait()
 
-    def _search(self, points: NDArray[np.float64]) -> Matrix | None:
+    def _search(self, points: NDArray[np.float64]) -> tuple[float, Matrix]:
+        """The share of points in occupied voxels, 0 if nothing was found, and T_map_level."""
         thinned = voxel_means(points, SCAN_VOXEL_M)
         self._to.write(np.uint64(len(thinned)).tobytes() + thinned.astype("<f8").tobytes())
         self._to.flush()
         reply = self._from.read(REPLY_BYTES)
         if len(reply) < REPLY_BYTES:
             raise RuntimeError("bbs_driver ended: see above")
-        localized, *pose = np.frombuffer(reply, "<f8")
-        return np.reshape(pose, (4, 4)) if localized else None
+        share, *pose = np.frombuffer(reply, "<f8")
+        return float(share), np.reshape(pose, (4, 4))

@@ -4,8 +4,8 @@
 //
 // MAP holds float64 x, y, z of each point. LEVEL_M is the edge of the finest voxels, LEVELS the number of doublings.
 // SCORE is the least share of a scan's points that must lie in occupied voxels. In: uint64 number of points, then
-// float64 x, y, z each. Out: "ready" after the voxel maps are built; then for each scan 17 float64: 1 if it was
-// localized, else 0, and the pose T_map_level row by row. All numbers are little-endian.
+// float64 x, y, z each. Out: "ready" after the voxel maps are built; then for each scan 17 float64: the share of its
+// points that lie in occupied voxels, 0 if it was not localized, and the pose T_map_level row by row. All numbers are little-endian.
 
 #include <cpu_bbs3d/bbs3d.hpp>
 
@@ -45,10 +45,10 @@ void serve(cpu::BBS3D& bbs) {
   while (std::cin.read(reinterpret_cast<char*>(&count), sizeof count)) {
     bbs.set_src_points(read_points(std::cin, count));
     bbs.localize();
-    const double localized = bbs.has_localized() ? 1.0 : 0.0;
+    const double share = bbs.has_localized() ? bbs.get_best_score_percentage() : 0.0;
     RowMajor pose = RowMajor::Identity();
     if (bbs.has_localized()) pose = bbs.get_global_pose();
-    std::cout.write(reinterpret_cast<const char*>(&localized), sizeof localized);
+    std::cout.write(reinterpret_cast<const char*>(&share), sizeof share);
     std::cout.write(reinterpret_cast<const char*>(pose.data()), sizeof(double) * 16);
     std::cout.flush();
   }

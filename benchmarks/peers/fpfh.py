@@ -1,4 +1,7 @@
-"""FPFH features, RANSAC over their matches, then ICP: Open3D's tutorial on global registration."""
+"""FPFH features, RANSAC over their matches, then ICP: Open3D's tutorial on global registration.
+
+Its confidence is the fitness of RANSAC. The tutorial names no threshold, so each answer is accepted.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +10,19 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from firstfix.scan.scan import Scan
-from firstfix.transform import Matrix
 
+from .answer import Answer
 from .icp import Icp, cloud_of
 from .peer_input import PeerInput
+from .sent import points_bytes
 
 ITERATIONS, CONFIDENCE = 1_000_000, 0.999
 EDGES_ALIKE = 0.9
 
 
 class Fpfh:
+    sent_bytes = staticmethod(points_bytes)
+
     def __init__(self, given: PeerInput) -> None:
         o3d.utility.random.seed(0)
         self._given, self._voxel_m = given, given.fpfh_voxel_m
@@ -24,7 +30,7 @@ class Fpfh:
         self._map, self._features = self._described(points)
         self._icp = Icp(points, 1.5 * self._voxel_m)
 
-    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Matrix | None:
+    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Answer:
         points = self._given.cropped(scan)
         cloud, features = self._described(points)
         registration, reach_m = o3d.pipelines.registration, 1.5 * self._voxel_m
@@ -43,7 +49,7 @@ class Fpfh:
             ],
             registration.RANSACConvergenceCriteria(ITERATIONS, CONFIDENCE),
         )
-        return self._icp.refine(points, found.transformation)
+        return Answer(self._icp.refine(points, found.transformation), found.fitness, True)
 
     def _described(
         self, points: NDArray[np.float64]

@@ -1,6 +1,8 @@
-"""firstfix itself, in process: an answer counts only when it says ``localized``."""
+"""firstfix itself, in process: its answer is accepted when it says ``localized``."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,21 +11,40 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.scan.scan import Scan
-from firstfix.transform import Matrix
 
+from .answer import Answer
 from .peer_input import PeerInput
+from .sent import encoded_bytes
 
 
 class Ours:
-    def __init__(self, given: PeerInput) -> None:
-        self._localizer = Localizer(MapIndex.load(given.version))
+    sent_bytes = staticmethod(encoded_bytes)
 
-    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Matrix | None:
-        return self._localizer.localize(scan).T_map_sensor
+    def __init__(self, given: PeerInput) -> None:
+        self._localizer = Localizer(MapIndex.load(self._version(given)))
+
+    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Answer:
+        return self._answer(scan, LocalizeOptions())
+
+    def _version(self, given: PeerInput) -> Path:
+        return given.version
+
+    def _answer(self, scan: Scan, options: LocalizeOptions) -> Answer:
+        found = self._localizer.localize(scan, options)
+        if not found.hypotheses:
+            return Answer()
+        return Answer(found.hypotheses[0].T_map_sensor, found.probability, found.T_map_sensor is not None)
 
 
 class OursWithGravity(Ours):
     """With the direction of gravity, as 3D-BBS has it."""
 
-    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Matrix | None:
-        return self._localizer.localize(scan, LocalizeOptions(gravity=gravity)).T_map_sensor
+    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Answer:
+        return self._answer(scan, LocalizeOptions(gravity=gravity))
+
+
+class PaperMethod(Ours):
+    """The method of the paper that firstfix began with: one word of the build's config."""
+
+    def _version(self, given: PeerInput) -> Path:
+        return given.paper_version

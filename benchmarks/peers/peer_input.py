@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from firstfix.builds.config import BuildConfig
 from firstfix.scan.scan import Scan
+from firstfix.transform import Matrix, from_quaternion
 from firstfix_builder.read_map import read_map
 
 from ..common.datasets import Dataset
@@ -24,6 +25,7 @@ class PeerInput:
     Attributes:
         work: folder with the map's points; peers may write to it.
         version: folder of firstfix's version of the map.
+        paper_version: the same by the method of the paper.
         fpfh_voxel_m, kiss_voxel_m: for feature matching.
         bbs_level_m: edge of the finest voxels of 3D-BBS.
         near_m: closer points are the carrier's own.
@@ -33,6 +35,7 @@ class PeerInput:
     dataset: Dataset
     work: Path
     version: Path
+    paper_version: Path
     fpfh_voxel_m: float
     kiss_voxel_m: float
     bbs_level_m: float
@@ -48,6 +51,13 @@ class PeerInput:
     def map_points(self) -> NDArray[np.float64]:
         """(m, 3) in the map frame."""
         return np.load(self.work / MAP_FILE)
+
+    def mapping_poses(self) -> list[Matrix]:
+        """T_map_sensor of each pose of the mapping run, in its order."""
+        assert self.dataset.trajectory is not None
+        rows = self.dataset.trajectory.rows(self.dataset.path)
+        poses = [[float(v) for v in pose] for _, pose in rows]
+        return [from_quaternion(pose[:3], pose[3:]) for pose in poses]
 
     def cropped(self, scan: Scan) -> NDArray[np.float64]:
         """(n, 3) points that are neither the carrier's nor beyond the sensor's range."""

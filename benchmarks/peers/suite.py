@@ -2,15 +2,16 @@
 
     python -m benchmarks.run peers [--quick] [--sets street,hall] [--scans N] [--bbs PREFIX] [--json FILE]
 
-KISS-Matcher and 3D-BBS are asked if they are installed; 3D-BBS as its README says, at PREFIX. Leaves
-``report.md`` in ``build/bench/peers``.
+KISS-Matcher, MapClosures and 3D-BBS are asked if they are installed; 3D-BBS as its README says, at PREFIX or
+at the environment's BBS3D_PREFIX. Leaves ``report.md`` in ``build/bench/peers``. The quick suite asks in a
+small simulated yard.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-import time
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -21,11 +22,9 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.builds.config import BuildConfig
 from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
-from firstfix_builder.pipeline import build_version
 from firstfix_cli.evaluate import random_yaws, turned
 from firstfix_cli.pose_gravity import gravity_at
 from firstfix_cli.poses_csv import read_poses_csv
@@ -33,25 +32,33 @@ from firstfix_cli.poses_csv import read_poses_csv
 from ..common.by_dataset import measure_each
 from ..common.datasets import DATASETS, GARAGE, HALL, STREET, YARD, Dataset
 from . import bbs
-from .figures import figures_of
+from .bbs2d import Bbs2d
+from .build import Built, build
+from .figures import answer_row, figures_of
 from .fpfh import Fpfh
 from .kiss import Kiss
-from .ours import Ours, OursWithGravity
+from .map_closures import MapClosuresPeer
+from .ours import Ours, OursWithGravity, PaperMethod
 from .peer_input import PeerInput
-from .report import report
+from .quick_place import QUICK, make_quick_place
+from .report import OURS, report
 from .scan_context import ScanContextPeer
-from .trial import LIMIT_S, Found, Peer, Trial
+from .trial import LIMIT_S, Peer, Preparation, Trial
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "peers"
 SEED = 1  # of the scans that are asked, and of the yaw that each is turned by
 SCANS, QUICK_SCANS = 6, 3
-OURS, WITH_GRAVITY = "firstfix", "firstfix, gravity given"
+PAPER = "the paper's method, built on firstfix's mesh"
+PREFIX = "BBS3D_PREFIX"
 PEERS: dict[str, type[Peer]] = {
-    OURS: Ours,
-    WITH_GRAVITY: OursWithGravity,
+    OURS[0]: Ours,
+    OURS[1]: OursWithGravity,
+    PAPER: PaperMethod,
     "Scan Context + our registration": ScanContextPeer,
     "FPFH + RANSAC + ICP": Fpfh,
     "KISS-Matcher + ICP": Kiss,
+    "MapClosures + ICP": MapClosuresPeer,
+    "BBS 2-D (hdl) + ICP, gravity given": Bbs2d,
     "3D-BBS (CPU) + GICP, gravity given": bbs.Bbs,
 }
 
@@ -74,6 +81,7 @@ SCALES = {
     HALL.name: Scale(0.5, 0.5, 0.5, 0.5),
     YARD.name: Scale(0.5, 1.0, 1.0, 0.5),
     GARAGE.name: Scale(0.5, 0.5, 0.5, 1.0),
+    QUICK: Scale(0.5, 0.5, 0.5, 0.3),
 }
 
 
@@ -88,63 +96,67 @@ class Query:
 
 
 def run(quick: bool, sets: Sequence[str] = (), scans: int = SCANS, bbs: Path | None = None) -> dict[str, Any]:
-    """The quick suite asks three scans of the hall.
+    """Measures, and writes the report.
 
     Args:
         sets: names of the data sets; empty: all that have a scale.
         scans: queries of each data set at most.
         bbs: where 3D-BBS is installed.
     """
-    asked = (HALL,) if quick else [dataset for dataset in DATASETS if dataset.name in SCALES]
-    count = QUICK_SCANS if quick else scans
-    by_dataset = measure_each(asked, sets, lambda dataset, folder: measure(dataset, count, bbs, folder))
+    prefix = bbs or (Path(os.environ[PREFIX]) if os.environ.get(PREFIX) else None)
+    if quick:
+        with tempfile.TemporaryDirectory(prefix="firstfix-bench-") as folder:
+            asked = [make_quick_place(Path(folder))]
+            by_dataset = measure_each(
+                asked, (), lambda dataset, work: measure(dataset, QUICK_SCANS, prefix, work)
+            )
+    else:
+        asked = [dataset for dataset in DATASETS if dataset.name in SCALES]
+        by_dataset = measure_each(asked, sets, lambda dataset, work: measure(dataset, scans, prefix, work))
     WORK.mkdir(parents=True, exist_ok=True)
     (WORK / "report.md").write_text(report(by_dataset))
     return {"machine": {"cpus": os.cpu_count()}, "seed": SEED, "limit_s": LIMIT_S, **by_dataset}
 
 
 def measure(dataset: Dataset, count: int, bbs_prefix: Path | None, work: Path) -> dict[str, Any]:
-    """Builds our version of a map from nothing, then asks every peer.
+    """Builds our version of a map from nothing, that of the paper's method on its mesh, then asks every peer.
 
     Args:
         count: of the scans, at most.
         work: an empty folder.
     """
-    trajectory = dataset.write_trajectory(work / "trajectory.csv")
-    began = time.monotonic()
-    built = build_version(
-        dataset.map_path, BuildConfig.parse(dataset.config), work / "build", trajectory=trajectory
-    )
-    build_s = time.monotonic() - began
-    figures = compare(dataset, built.directory, queries_of(dataset, count, work), bbs_prefix, work)
-    for name in (OURS, WITH_GRAVITY):
-        figures[name]["preparation_s"] = round(build_s, 2)
-    return figures
+    ours, paper = (build(dataset, engine, work) for engine in ({}, {"method": "paper"}))
+    return compare(dataset, ours, paper, queries_of(dataset, count, work), bbs_prefix, work)
 
 
 def compare(
-    dataset: Dataset, version: Path, queries: Sequence[Query], bbs_prefix: Path | None, work: Path
+    dataset: Dataset, ours: Built, paper: Built, queries: Sequence[Query], bbs_prefix: Path | None, work: Path
 ) -> dict[str, Any]:
     """Asks every peer the same queries, one peer after the other.
 
     Args:
-        version: folder of our version of the map.
+        ours, paper: versions of the map by firstfix's default method and by the paper's.
     """
     scale = SCALES[dataset.name]
     no_bbs = bbs.why_not(bbs_prefix)
     driver = None if no_bbs or bbs_prefix is None else bbs.build_driver(bbs_prefix, work)
-    given = PeerInput(dataset, work, version, **vars(scale), bbs_driver=driver)
+    given = PeerInput(dataset, work, ours.folder, paper.folder, **vars(scale), bbs_driver=driver)
     given.write_map_points()
     skipped = {
         bbs.Bbs: no_bbs,
         Kiss: None if find_spec("kiss_matcher") else "kiss-matcher is not installed",
+        MapClosuresPeer: None if find_spec("map_closures") else "map-closures is not installed",
         ScanContextPeer: None if dataset.mapping_file else "the data set has no scans of the mapping run",
     }
     figures: dict[str, Any] = {"asked": [query.name for query in queries]}
     print(dataset.name, "asked:", *figures["asked"], file=sys.stderr, flush=True)
     for name, make in PEERS.items():
         why_not = skipped.get(make)
-        figures[name] = f"skipped: {why_not}" if why_not else _trial(make, given, queries)
+        built = {PAPER: paper}.get(name, ours if name in OURS else None)
+        if why_not:
+            figures[name] = f"skipped: {why_not}"
+        else:
+            figures[name] = _trial(make, given, queries, built.preparation if built else None)
         print(dataset.name, name, figures[name], file=sys.stderr, flush=True)
     return figures
 
@@ -164,11 +176,21 @@ def queries_of(dataset: Dataset, count: int, work: Path) -> list[Query]:
     return queries
 
 
-def _trial(make: type[Peer], given: PeerInput, queries: Sequence[Query]) -> dict[str, Any]:
-    found: list[Found] = []
+def _trial(
+    make: type[Peer], given: PeerInput, queries: Sequence[Query], built: Preparation | None
+) -> dict[str, Any]:
+    """Figures of one peer.
+
+    Args:
+        built: what the peer's map took, if that is not what it does when it is made.
+    """
     with Trial(make, given) as trial:
-        preparation_s = trial.preparation_s
-        for query in queries:
-            found.append(trial.ask(query.scan, query.gravity))
-    figures = figures_of([query.T_map_sensor for query in queries], found)
-    return {**figures, "preparation_s": round(preparation_s, 2)}
+        rows = [
+            answer_row(
+                query.T_map_sensor,
+                trial.ask(query.scan, query.gravity),
+                make.sent_bytes(given, query.scan),
+            )
+            for query in queries
+        ]
+        return figures_of(rows, built or trial.preparation, trial.peak_bytes)

@@ -11,6 +11,7 @@ Points = Sequence[tuple[float, float]]
 WIDTH, HEIGHT = 640, 400
 LEFT, RIGHT, TOP, BOTTOM = 64, 620, 40, 344
 COLOURS = ("#0063a6", "#c8500a", "#2a7d2a", "#8a2be2", "#a8005c", "#5c5c00", "#008080", "#444444")
+COLOURS += ("#7a4a12", "#5577ff", "#d43c3c")
 DASHES = ("", "7 3", "2 3", "9 3 2 3")  # told apart in black and white, too
 STEPS = (1, 2, 5)
 

@@ -13,6 +13,7 @@ PACKAGES = (
     "faiss-cpu",
     "open3d-cpu",
     "kiss-matcher",
+    "map-closures",
     "rosbags",
     "cyclonedds",
     "eclipse-zenoh",

@@ -24,7 +24,7 @@ TITLES = {
 }
 PLOTS = {
     "real": ("success.svg", "risk.svg", "reliability.svg"),
-    "peers": ("peers.svg",),
+    "peers": ("peers.svg", "peers_risk.svg"),
     "scale": ("size.svg",),
 }
 TABLES: dict[str, Callable[[Result], list[str]]] = {
@@ -60,7 +60,9 @@ def benchmark_page(results: Results) -> str:
 
 def readme_parts(results: Results) -> dict[str, str]:
     """Returns the tables of the README by the name of their marker."""
-    makers: dict[str, Callable[[Result], list[str]]] = {**TABLES, "real": tables.real_summary}
+    short: dict[str, Callable[[Result], list[str]]]
+    short = {"real": tables.real_summary, "peers": tables.peers_summary}
+    makers = {**TABLES, **short}
     return {
         name: _part(name, results, makers[name]) for name in ("real", "robust", "service", "scale", "peers")
     }

@@ -22,10 +22,11 @@ def pictures(results: Mapping[str, Result]) -> dict[str, str]:
     found = {}
     if real := results.get("real"):
         found["success.svg"] = success_picture(real)
-        found["risk.svg"] = risk_picture(real, results.get("peers"))
+        found["risk.svg"] = risk_picture(real)
         found["reliability.svg"] = reliability_picture(real)
     if peers := results.get("peers"):
         found["peers.svg"] = peers_picture(peers)
+        found["peers_risk.svg"] = peers_risk_picture(peers)
     if scale := results.get("scale"):
         found["size.svg"] = size_picture(scale)
     return found
@@ -48,19 +49,22 @@ def success_picture(real: Result) -> str:
     return chart("Success against error threshold", x, Axis("share localized within it", 0.0, 1.0), lines, {})
 
 
-def risk_picture(real: Result, peers: Result | None) -> str:
-    """Risk against coverage of all variants. Peers, which tell no confidence, are points."""
+def risk_picture(real: Result) -> str:
+    """Risk against coverage of all variants."""
     lines: dict[str, Points] = {}
     for gravity in GRAVITIES:
-        curve = risk_coverage(real_cases(real, lambda row, gravity=gravity: row["gravity"] == gravity))
-        if curve is not None:
-            lines[f"firstfix, gravity {gravity}"] = list(
-                zip(curve.coverage.tolist(), curve.risk.tolist(), strict=True)
-            )
-    dots = {name: [_operating_point(cases)] for name, cases in (peer_cases(peers) if peers else {}).items()}
-    worst = max(risk for points in [*lines.values(), *dots.values()] for _, risk in points)
-    y = Axis("risk: share of these that is wrong", 0.0, max(0.05, float(np.ceil(worst * 20) / 20)))
-    return chart("Risk against coverage", Axis("coverage: share of the cases", 0.0, 1.0), y, lines, dots)
+        cases = real_cases(real, lambda row, gravity=gravity: row["gravity"] == gravity)
+        lines |= _risk_line(f"firstfix, gravity {gravity}", cases)
+    return _risk_chart("Risk against coverage", lines)
+
+
+def peers_risk_picture(peers: Result) -> str:
+    """Risk against coverage of each peer over the scans of all sets, by its own confidence."""
+    lines: dict[str, Points] = {}
+    for name, cases in peer_cases(peers).items():
+        shown = f"{name} ({len(cases)})"
+        lines |= _risk_line(shown, cases) or {shown: []}  # each keeps its colour of the other picture
+    return _risk_chart("Risk against coverage, each by its own confidence", lines)
 
 
 def reliability_picture(real: Result) -> str:
@@ -93,8 +97,15 @@ def size_picture(scale: Result) -> str:
     return chart("Time against map size", x, Axis("ms", 1.0, 1000.0, log=True), lines, {})
 
 
-def _operating_point(cases: list[Scored]) -> tuple[float, float]:
-    """Coverage and risk of the poses that a system gives."""
-    given = [case for case in cases if case.has_pose]
-    wrong = sum(not case.is_right for case in given)
-    return len(given) / len(cases), wrong / len(given) if given else 0.0
+def _risk_line(name: str, cases: list[Scored]) -> dict[str, Points]:
+    """The curve by its name; nothing where no pose comes with a confidence."""
+    curve = risk_coverage(cases)
+    if curve is None:
+        return {}
+    return {name: list(zip(curve.coverage.tolist(), curve.risk.tolist(), strict=True))}
+
+
+def _risk_chart(title: str, lines: dict[str, Points]) -> str:
+    worst = max((risk for points in lines.values() for _, risk in points), default=0.0)
+    y = Axis("risk: share of these that is wrong", 0.0, max(0.05, float(np.ceil(worst * 20) / 20)))
+    return chart(title, Axis("coverage: share of the cases", 0.0, 1.0), y, lines, {})

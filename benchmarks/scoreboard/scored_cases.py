@@ -9,6 +9,8 @@ import numpy as np
 
 from firstfix_cli.score.scored import Scored
 
+from ..peers.figures import scored_answer
+from ..peers.report import measured
 from .result import Result
 
 Row = Mapping[str, Any]
@@ -51,17 +53,9 @@ def scored_row(row: Row) -> Scored:
 
 
 def peer_cases(result: Result) -> dict[str, list[Scored]]:
-    """Returns the answers of each peer to the scans of all sets: a pose that is given is accepted."""
+    """Returns the answers of each peer to the scans of all sets."""
     found: dict[str, list[Scored]] = {}
     for of_set in result.figures.values():
-        if isinstance(of_set, dict) and "asked" in of_set:
-            for peer, figures in of_set.items():
-                if isinstance(figures, dict):
-                    found.setdefault(peer, []).extend(_peer_case(*answer) for answer in figures["answers"])
+        for peer, figures in measured(of_set).items():
+            found.setdefault(peer, []).extend(map(scored_answer, figures["answers"]))
     return found
-
-
-def _peer_case(error_m: float | None, error_deg: float | None, seconds: float) -> Scored:
-    if error_m is None or error_deg is None:
-        return Scored(True, time_s=seconds)
-    return Scored(True, error_m, error_deg, True, True, None, seconds)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from firstfix_cli.score.metrics import report_of
@@ -12,7 +12,7 @@ from ..ablation.report import HEAD as ABLATION_HEAD
 from ..ablation.report import report as ablation_report
 from ..common.datasets import DATASETS
 from ..common.markdown import table
-from ..peers.report import COLUMNS
+from ..peers.report import COLUMNS, all_sets, measured, ranked, table_of, wins
 from .result import Result
 from .scored_cases import AS_IT_IS, GRAVITIES, real_cases, references
 
@@ -23,6 +23,19 @@ PLACES = {  # what the sets are, and the sensor
     "garage": "garage, 90 x 24 m, stop scans",
     "street_128beam": "shopping street, 128 beams",
     "turning": "room, Mid-360 turning on the spot",
+}
+PEERS = {
+    key: COLUMNS[key]
+    for key in (
+        "success_0.2m_1deg",
+        "success_1m_5deg",
+        "right_first",
+        "false_accepts",
+        "median_cpu_s",
+        "preparation_cpu_s",
+        "peak_mb",
+        "median_sent_bytes",
+    )
 }
 ROBUST = {
     "answers": "answers",
@@ -118,20 +131,32 @@ def real_builds(result: Result) -> list[str]:
 
 
 def peers_table(result: Result) -> list[str]:
-    """A row for each set and peer, the best of a set first."""
-    rows: list[Sequence[Any]] = []
-    for name, found in result.figures.items():
-        if not isinstance(found, dict):
-            continue
-        measured = {peer: row for peer, row in found.items() if isinstance(row, dict)}
-        ranked = sorted(
-            measured, key=lambda peer: (-measured[peer]["success_0.2m_1deg"], measured[peer]["median_s"])
-        )
-        rows += [
-            (f"{name} ({measured[peer]['n']})", peer, *(measured[peer][key] for key in COLUMNS))
-            for peer in ranked
-        ]
-    return table(("set", "system", *COLUMNS.values()), rows)
+    """Where a peer wins; a row for each peer over all sets, the best first; then each set in short."""
+    figures = result.figures
+    return [*wins(figures), "", *table_of(all_sets(figures)), "", *_peers_by_set(figures)]
+
+
+def peers_summary(result: Result) -> list[str]:
+    """Where a peer wins, and a row for each peer over all sets, in short."""
+    rows = all_sets(result.figures)
+    lines = [(f"{peer} ({rows[peer]['n']})", *(rows[peer][key] for key in PEERS)) for peer in ranked(rows)]
+    return [*wins(result.figures), "", *table(("system (scans)", *PEERS.values()), lines)]
+
+
+def _peers_by_set(figures: Mapping[str, Any]) -> list[str]:
+    """A row for each peer, a column for each set: success, false accepts, processor time."""
+    of_sets = {name: rows for name, found in figures.items() if (rows := measured(found))}
+    head = ["system", *(f"{name} ({len(figures[name]['asked'])})" for name in of_sets)]
+    rows = []
+    for peer in ranked(all_sets(figures)):
+        cells = []
+        for found in of_sets.values():
+            row = found.get(peer)
+            shown = row and (row["success_0.2m_1deg"], row["success_1m_5deg"], row["false_accepts"])
+            cells.append(shown and f"{' / '.join(map(str, shown))}, {row['median_cpu_s']} s")
+        rows.append((peer, *cells))
+    note = "By set: success within 0.2 m, 1 deg / 1 m, 5 deg / false accepts, processor time (median)."
+    return [note, "", *table(head, rows)]
 
 
 def robust_table(result: Result) -> list[str]:

@@ -5,17 +5,21 @@ from __future__ import annotations
 import sys
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.common.datasets import Dataset, PoseTable
 from benchmarks.peers import bbs
-from benchmarks.peers.figures import figures_of
+from benchmarks.peers.answer import Answer
+from benchmarks.peers.bbs2d import RESOLUTION_M, GridPyramid
+from benchmarks.peers.figures import answer_row, figures_of
 from benchmarks.peers.peer_input import PeerInput
-from benchmarks.peers.report import report
-from benchmarks.peers.suite import queries_of
-from benchmarks.peers.trial import LIMIT_S, Found
+from benchmarks.peers.quick_place import QUICK
+from benchmarks.peers.report import COLUMNS, OURS, all_sets, report, table_of, wins
+from benchmarks.peers.suite import PEERS, queries_of, run
+from benchmarks.peers.trial import LIMIT_S, Found, Preparation
 from benchmarks.run import main
 from firstfix.scan.scan import Scan
 from firstfix.transform import from_quaternion, inverse, make_transform, pose_error, transform_points
@@ -28,33 +32,96 @@ def moved(x_m: float) -> np.ndarray:
     return make_transform(np.eye(3), [x_m, 0, 0])
 
 
-def test_a_wrong_answer_is_not_the_same_as_none():
-    found = [
-        Found(moved(0.1), 1.0),
-        Found(moved(0.7), 2.0),
-        Found(moved(5.0), 3.0),
-        Found(None, 4.0),
-        Found(None, LIMIT_S),
-    ]
-    figures = figures_of([HERE] * 5, found)
-    assert (figures["success_0.2m_1deg"], figures["success_1m_5deg"]) == (0.2, 0.4)
-    assert (figures["wrong"], figures["no_answer"], figures["timed_out"]) == (1, 2, 1)
-    assert figures["wrong_0.2m"] == 2
-    assert figures["median_error_m"] == pytest.approx(0.7)
-    assert figures["median_s"] == 3.0
+def figures(*answers: Answer, seconds: float = 1.0) -> dict[str, Any]:
+    """Of answers to scans whose true pose is HERE."""
+    rows = [answer_row(HERE, Found(answer, seconds, 0.5 * seconds), 1000) for answer in answers]
+    return figures_of(rows, Preparation(0.5, 0.25, 3_000_000), 5_000_000)
+
+
+def test_a_wrong_answer_is_not_the_same_as_none_nor_as_one_that_is_not_vouched_for():
+    found = figures(
+        Answer(moved(0.1), 9.0, True),
+        Answer(moved(0.15), 2.0, False),
+        Answer(moved(0.7), 8.0, True),
+        Answer(moved(1.5), 3.0, True),
+        Answer(moved(5.0), 1.0, False),
+        Answer(),
+    )
+    assert [found[key] for key in list(COLUMNS)[:3]] == [0.1667, 0.3333, 0.5]
+    assert found["right_first"] == 0.3333
+    assert (found["accepted"], found["false_accepts"], found["no_pose"]) == (3, 1, 1)
+    assert found["coverage_at_risk_0"] == 0.3333  # the third surest is wrong
+    assert found["median_error_m"] == pytest.approx(0.7)
+    assert (found["median_s"], found["median_cpu_s"], found["timed_out"]) == (1.0, 0.5, 0)
+    assert (found["preparation_peak_mb"], found["peak_mb"], found["median_sent_bytes"]) == (3, 5, 1000)
 
 
 def test_a_peer_without_any_answer_has_no_error():
-    assert figures_of([HERE], [Found(None, 1.0)])["median_error_m"] is None
+    none = figures(Answer(), seconds=LIMIT_S)
+    assert none["median_error_m"] is None
+    assert none["timed_out"] == 1
 
 
 def test_the_report_says_what_was_asked_and_what_was_skipped():
-    row = {**figures_of([HERE], [Found(HERE, 1.0)]), "preparation_s": 0.5}
-    text = report({"hall": {"asked": ["a.pcd"], "one": row, "other": "skipped: gone"}, "yard": "skipped"})
+    one = figures(Answer(HERE, 1.0, True))
+    text = report({"hall": {"asked": ["a.pcd"], "one": one, "other": "skipped: gone"}, "yard": "skipped"})
     assert "1 scans: a.pcd" in text
-    assert "| one | 1.0 | 1.0 | 0 | 0 | 0 | 0 | 0.0 | 1.0 | 1.0 | 0.5 |" in text
-    assert "| other | skipped: gone |" in text
+    assert text.count("| one (1) | 1.0 | 1.0 | 1.0 | 1.0 | 1 | 0 | 0 | 1.0 | 0.0 |") == 2
+    assert "* other: skipped: gone" in text
     assert "### yard\n\nskipped" in text
+
+
+def test_where_a_peer_wins_is_said_first_and_of_the_sets_that_both_were_asked_in():
+    right, missed = Answer(HERE, 1.0, True), Answer()
+    cheap = figures(missed, seconds=0.01)
+    hall = {"asked": ["a"], OURS[0]: figures(missed), "one": figures(right), "two": cheap}
+    street = {"asked": ["b"], OURS[0]: figures(right), "two": cheap}
+    lines = wins({"hall": hall, "street": street})
+    assert lines[2] == "* success within 0.2 m and 1 deg: one 1.0 against 0.0"
+    assert not [line for line in lines if "two" in line]  # it finds nothing
+    assert wins({"street": street}) == ["No other system wins anywhere."]
+    rows = all_sets({"hall": hall, "street": street, "seed": 1})
+    assert {peer: row["n"] for peer, row in rows.items()} == {OURS[0]: 2, "one": 1, "two": 2}
+    assert rows["two"]["preparation_s"] == 1.0
+    assert table_of(rows)[2].startswith("| one (1) | 1.0 |")
+
+
+def test_branch_and_bound_finds_what_a_full_search_finds():
+    rng = np.random.default_rng(3)
+    walls = rng.uniform(0, 40, (400, 2))
+    walls[::2, 0], walls[1::2, 1] = np.round(walls[::2, 0] / 13) * 13, np.round(walls[1::2, 1] / 9) * 9
+    grid = GridPyramid(np.repeat(walls, 5, axis=0), 20.0)
+    occupied = set(map(tuple, np.floor(walls / RESOLUTION_M).astype(int)))
+    near = walls[np.linalg.norm(walls - [21.0, 17.0], axis=1) < 12] - [21.0, 17.0]
+    turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    x_m, y_m, yaw_rad, share = grid.search(near @ turn)
+    assert np.hypot(x_m - 21.0, y_m - 17.0) < 0.75
+    assert abs(yaw_rad - 0.7) < 0.03
+
+    def share_at(x: float, y: float, yaw: float) -> float:
+        to_map = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        cells = np.floor(near @ turn @ to_map.T / RESOLUTION_M).astype(int)
+        cells += np.floor(np.array([x, y]) / RESOLUTION_M).astype(int)
+        return float(np.mean([tuple(cell) in occupied for cell in cells]))
+
+    assert share == pytest.approx(share_at(x_m + 0.01, y_m + 0.01, yaw_rad))
+    for x, y in rng.uniform(0, 40, (300, 2)):
+        assert share_at(x, y, yaw_rad) <= share
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_the_quick_suite_asks_every_peer_that_is_there():
+    found = run(quick=True)[QUICK]
+    assert found.keys() == {"asked", *PEERS}
+    assert len(found["asked"]) == 3
+    for peer in ("Scan Context + our registration", "FPFH + RANSAC + ICP"):
+        assert len(found[peer]["answers"]) == 3
+    for peer in (*OURS, "BBS 2-D (hdl) + ICP, gravity given"):
+        assert found[peer]["right_first"] == 1.0
+        assert found[peer]["false_accepts"] == 0
+        assert found[peer]["preparation_cpu_s"] > 0
+        assert found[peer]["median_sent_bytes"] > 1000
 
 
 def test_queries_are_drawn_by_a_seed_and_turned(tmp_path: Path):
@@ -97,7 +164,7 @@ def test_options_that_make_no_sense_are_refused(arguments, message, monkeypatch,
     assert message in capsys.readouterr().err
 
 
-# What bbs_driver.cpp reads and writes; it says that it found the place half a metre aside.
+# What bbs_driver.cpp reads and writes; it found nine tenths of the scan half a metre aside.
 STAND_IN = """#!{python}
 import sys
 import numpy as np
@@ -109,7 +176,7 @@ while head := sys.stdin.buffer.read(8):
     pose = np.eye(4)
     pose[:3, 3] = {at}
     levelled = abs(np.percentile(points[:, 2], 2) + 1.0) < 0.3
-    sys.stdout.buffer.write(np.array([float(levelled), *pose.ravel()], "<f8").tobytes()); sys.stdout.flush()
+    sys.stdout.buffer.write(np.array([0.9 * levelled, *pose.ravel()], "<f8").tobytes()); sys.stdout.flush()
 """
 
 
@@ -128,13 +195,14 @@ def test_a_levelled_scan_goes_to_the_driver_and_its_pose_is_refined(tmp_path: Pa
     driver.write_text(STAND_IN.format(python=sys.executable, at=[1.4, 1.8, 1.0]))
     driver.chmod(0o755)
     dataset = Dataset("place", ".", "", "{}", *TABLES, "vlp-16", root=tmp_path)
-    given = PeerInput(dataset, tmp_path, tmp_path, 0.5, 0.5, 0.5, 0.1, driver)
+    given = PeerInput(dataset, tmp_path, tmp_path, tmp_path, 0.5, 0.5, 0.5, 0.1, driver)
     np.save(tmp_path / "map.npy", points)
     scan = Scan.from_points(transform_points(inverse(true), points[::5]))
     with closing(bbs.Bbs(given)) as peer:
         found = peer(scan, true[:3, :3].T @ [0.0, 0.0, -1.0])
-        assert found is not None
-        off_m, off_deg = pose_error(true, found)
+        assert (found.confidence, found.is_accepted) == (0.9, True)
+        assert found.T_map_sensor is not None
+        off_m, off_deg = pose_error(true, found.T_map_sensor)
         assert off_m < 0.05
         assert off_deg < 0.5
-        assert peer(scan, np.array([1.0, 0.0, 0.0])) is None  # on its side: the driver finds nothing
+        assert peer(scan, np.array([1.0, 0.0, 0.0])) == Answer()  # on its side: the driver finds nothing

@@ -54,8 +54,14 @@ def result(suite: str, figures: Any, cases: Cases | None = None) -> Result:
 
 
 def peer(success: float, seconds: float) -> dict[str, Any]:
-    known = {"n": 2, "success_0.2m_1deg": success, "median_s": seconds}
-    return {**dict.fromkeys(COLUMNS, 0), **known, "answers": [[0.1, 0.5, seconds], [None, None, seconds]]}
+    known = {"n": 2, "success_0.2m_1deg": success, "median_cpu_s": seconds}
+    rows = [[0.1, 0.5, 7.0, int(success > 0), seconds, seconds, 900]]
+    rows.append(
+        [0.1, 0.5, 3.0, 1, seconds, seconds, 900]
+        if success == 1
+        else [None, None, None, 0, seconds, seconds, 900]
+    )
+    return {**dict.fromkeys(COLUMNS, 0), **known, "answers": rows}
 
 
 PEERS = {
@@ -92,7 +98,11 @@ def test_a_changed_number_changes_the_page():
 
 def test_the_peer_that_wins_stands_first():
     table = readme_parts({"peers": result("peers", PEERS)})["peers"]
-    assert table.index("| other |") < table.index("| firstfix |")
+    assert table.startswith("**Where another system wins:**")
+    assert "success within 0.2 m and 1 deg: other 1.0 against 0.5" in table
+    assert table.index("| other (2) |") < table.index("| firstfix (2) |")
+    page = benchmark_page({"peers": result("peers", PEERS)})
+    assert "| other | 1.0 / 0 / 0, 3.0 s |" in page
     assert "gone" not in table
 
 
@@ -105,7 +115,7 @@ def test_pictures_are_well_formed_and_show_their_data(names):
     )
     expected = {
         "real": {"success.svg", "risk.svg", "reliability.svg"},
-        "peers": {"peers.svg"},
+        "peers": {"peers.svg", "peers_risk.svg"},
         "scale": {"size.svg"},
     }
     assert set(found) == set().union(*(expected[name] for name in names))
