@@ -317,40 +317,42 @@ def test_a_map_that_is_left_is_not_watched_any_more(page):
 # Versions
 
 
-def test_versions_are_compared_activated_rolled_back_and_retired(page, world):
-    old, new = (version[:12] for version in world.versions)
-    page.open("#/maps/yard/versions")
+def test_versions_are_compared_activated_rolled_back_and_retired(page, world, coarse_version, small_version):
+    publish = world.service.catalog.publish
+    versions = [publish("compared", one.directory, one.manifest) for one in (coarse_version, small_version)]
+    old, new = (version[:12] for version in versions)
+    page.open("#/maps/compared/versions")
     page.wait("tr .tag", "active")
     page.click("input[type=checkbox]", f"Compare {old}")
     page.click("input[type=checkbox]", f"Compare {new}")
     page.wait("[aria-label=Comparison] td", "643")
     page.wait("[role=status]", "places that both self-tests have")
     assert page.js("[...document.querySelectorAll('td strong')].map((e) => e.innerText)") == [
-        f"{100 * world.get(f'/maps/yard/versions/{one}')['manifest']['self_test']['localized']:.0f} %"
-        for one in reversed(world.versions)
+        f"{100 * world.get(f'/maps/compared/versions/{one}')['manifest']['self_test']['localized']:.0f} %"
+        for one in reversed(versions)
     ]
     page.click(f"tr:has([aria-label='Compare {old}']) button", "Activate")
     page.wait(
-        "dialog", f"{old} answers all robots that ask yard, from their next query on, in place of {new}"
+        "dialog", f"{old} answers all robots that ask compared, from their next query on, in place of {new}"
     )
     page.press("Escape")
     page.until("!document.querySelector('dialog')")
-    assert world.get("/maps/yard")["active_version"] == world.versions[1]
+    assert world.get("/maps/compared")["active_version"] == versions[1]
     page.click(f"tr:has([aria-label='Compare {old}']) button", "Activate")
     page.click("dialog button", "Activate")
     page.wait(f"tr:has([aria-label='Compare {old}']) .tag", "active")
-    assert world.get("/maps/yard")["active_version"] == world.versions[0]
+    assert world.get("/maps/compared")["active_version"] == versions[0]
     page.click("header button", "Roll back")
     page.wait("dialog", f"The version that was active before {old}")
-    assert world.get("/maps/yard")["active_version"] == world.versions[0]
+    assert world.get("/maps/compared")["active_version"] == versions[0]
     page.click("dialog button", "Roll back")
     page.wait(f"tr:has([aria-label='Compare {new}']) .tag", "active")
-    assert world.get("/maps/yard")["active_version"] == world.versions[1]
+    assert world.get("/maps/compared")["active_version"] == versions[1]
     page.click(f"tr:has([aria-label='Compare {old}']) button", "Retire")
     page.wait("dialog", "removes its files for good")
     assert page.js("find('dialog button', 'Retire').disabled")
     page.fill("Type the version", old)
     page.click("dialog button", "Retire")
     page.until(f"!find('tr', '{old}')")
-    assert [one["version"] for one in world.get("/maps/yard/versions")["versions"]] == [world.versions[1]]
+    assert [one["version"] for one in world.get("/maps/compared/versions")["versions"]] == [versions[1]]
     page.until("!find('th', 'Compare') && !find('.hint', 'Choose two versions')")
