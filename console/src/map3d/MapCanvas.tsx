@@ -51,7 +51,7 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
     }
     scene.drawn = () => {
       shown.value = scene.points.shown;
-      isBusy.value = scene.points.isBusy;
+      isBusy.value = scene.isBusy;
       orientation.value = scene.orientation;
       isByHeight.value = scene.material.isByHeight;
     };

@@ -58,9 +58,9 @@ export class DrawnPoints {
   }
 
   /** Shows what the camera wants and is there. */
-  show(camera: PerspectiveCamera, pixelsPerTangent: number): void {
+  show(camera: PerspectiveCamera, pixelsPerTangent: number, mostPoints: number): void {
     this.material.pixelsPerTangent = pixelsPerTangent;
-    this.wanted = this.chosen(camera, pixelsPerTangent);
+    this.wanted = this.chosen(camera, pixelsPerTangent, mostPoints);
     this.round += 1;
     this.shown = 0;
     for (const { object } of this.loaded.values()) object.visible = false;
@@ -86,22 +86,19 @@ export class DrawnPoints {
     this.material.dispose();
   }
 
-  private chosen(camera: PerspectiveCamera, pixelsPerTangent: number): CloudNode[] {
+  private chosen(camera: PerspectiveCamera, pixelsPerTangent: number, mostPoints: number): CloudNode[] {
     camera.updateMatrixWorld();
     const whole = new Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse);
     const frustum = new Frustum().setFromProjectionMatrix(whole);
     const box = new Box3();
     const [lowest, highest] = this.material.slice;
-    return choose(this.cloud.root, {
-      at: camera.position.toArray(),
-      pixelsPerTangent,
-      sees: (low, edge) => {
-        if (low[2] > highest || low[2] + edge < lowest) return false;
-        box.min.set(...low);
-        box.max.set(low[0] + edge, low[1] + edge, low[2] + edge);
-        return frustum.intersectsBox(box);
-      },
-    });
+    const sees = (low: [number, number, number], edge: number) => {
+      if (low[2] > highest || low[2] + edge < lowest) return false;
+      box.min.set(...low);
+      box.max.set(low[0] + edge, low[1] + edge, low[2] + edge);
+      return frustum.intersectsBox(box);
+    };
+    return choose(this.cloud.root, { at: camera.position.toArray(), pixelsPerTangent, sees }, mostPoints);
   }
 
   private add(node: CloudNode, data: ArrayBuffer): void {

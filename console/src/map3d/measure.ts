@@ -3,7 +3,8 @@
 import { Group, Vector3 } from "three";
 import { token } from "../ui/token";
 import { dotsMark, pathMark } from "./marks";
-import { clear, type MapScene } from "./scene";
+import { clear } from "./clear";
+import type { MapScene } from "./scene";
 
 export class Measure {
   private readonly group = new Group();

@@ -4,7 +4,8 @@ import { Group, Object3D, Vector3 } from "three";
 import { TransformControls } from "three/addons/controls/TransformControls.js";
 import { token } from "../ui/token";
 import { type Pose, poseMark, ringMark } from "./marks";
-import { clear, type MapScene } from "./scene";
+import { clear } from "./clear";
+import type { MapScene } from "./scene";
 
 export type HandleMode = "translate" | "rotate";
 const LEVEL: Pose = { position: [0, 0, 0], quaternion: [0, 0, 0, 1] };

@@ -1,15 +1,17 @@
 // The picture of one map: a camera over the cloud, and what is laid over it. All positions that come in are of the
 // map's frame; within, they are counted from the cloud's low corner, so that single precision is fine enough.
 
-import { AmbientLight, Group, type Object3D, PerspectiveCamera, type Points, Scene, Vector3, WebGLRenderer } from "three";
+import { AmbientLight, Group, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { MapControls } from "three/addons/controls/MapControls.js";
 import { token } from "../ui/token";
 import type { Box } from "./bulk";
 import { type KeyAction, KEYS, listen } from "./cameraKeys";
+import { clear } from "./clear";
 import type { Cloud } from "./cloud";
 import { DrawnPoints } from "./drawnPoints";
 import { EyeDome } from "./eyeDome";
 import { framed, fromAbove, type View } from "./framed";
+import { Frames } from "./frames";
 import type { PointMaterial } from "./material";
 import { type Orientation, orientationOf } from "./orientation";
 import { nearestOf, pointAt } from "./pick";
@@ -33,7 +35,7 @@ export class MapScene {
   private readonly controls: MapControls;
   private readonly sized = new ResizeObserver(() => this.resize());
   private readonly unlisten: () => void;
-  private frame = 0;
+  private readonly frames = new Frames((mostPoints) => this.draw(mostPoints));
 
   /** `bulk` is the part of the map that is framed. */
   constructor(
@@ -54,8 +56,10 @@ export class MapScene {
     Object.assign(this.controls, { enableDamping: false, maxPolarAngle: Math.PI * 0.85, keyPanSpeed: KEY_PAN_PX });
     this.controls.listenToKeyEvents(this.canvas);
     this.unlisten = listen(this.canvas, (action) => this.act(action));
+    this.controls.addEventListener("start", () => this.frames.hold(true));
+    this.controls.addEventListener("end", () => this.frames.hold(false));
     this.controls.addEventListener("change", () => {
-      this.redraw();
+      this.frames.moved();
       this.moved(this.view);
     });
     this.cloudScene.add(this.points.group);
@@ -115,6 +119,11 @@ export class MapScene {
     return this.points.material;
   }
 
+  /** Whether the picture of this view will show more points. */
+  get isBusy(): boolean {
+    return this.points.isBusy || this.frames.isReduced;
+  }
+
   get canvas(): HTMLCanvasElement {
     return this.renderer.domElement;
   }
@@ -125,7 +134,7 @@ export class MapScene {
   }
 
   redraw(): void {
-    if (!this.frame) this.frame = requestAnimationFrame(() => this.draw());
+    this.frames.redraw();
   }
 
   /** The point of the cloud that is drawn nearest to a place of the window, within some pixels. */
@@ -142,7 +151,7 @@ export class MapScene {
   dispose(): void {
     this.unlisten();
     this.sized.disconnect();
-    cancelAnimationFrame(this.frame);
+    this.frames.dispose();
     this.controls.dispose();
     this.points.dispose();
     this.eyeDome.dispose();
@@ -181,20 +190,11 @@ export class MapScene {
     this.redraw();
   }
 
-  private draw(): void {
-    this.frame = 0;
-    this.points.show(this.camera, this.canvas.height / (2 * Math.tan((this.camera.fov * Math.PI) / 360)));
+  private draw(mostPoints: number): number {
+    this.points.show(this.camera, this.canvas.height / (2 * Math.tan((this.camera.fov * Math.PI) / 360)), mostPoints);
     this.eyeDome.render(this.cloudScene, this.overScene, this.camera);
     this.points.load();
     this.drawn();
+    return this.points.shown;
   }
-}
-
-/** Removes and frees all that a group holds. */
-export function clear(group: Object3D): void {
-  group.traverse((one) => {
-    const held = one as Partial<Points>;
-    held.geometry?.dispose();
-  });
-  group.clear();
 }

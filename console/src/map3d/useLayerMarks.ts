@@ -8,7 +8,8 @@ import { note } from "../router";
 import type { Cloud } from "./cloud";
 import type { LayerName } from "./Layers";
 import { layerOf } from "./layerMarks";
-import { clear, type MapScene } from "./scene";
+import { clear } from "./clear";
+import type { MapScene } from "./scene";
 import type { SpotGrid } from "./spots";
 
 export function useLayerMarks(

@@ -5,7 +5,8 @@ import type { RefObject } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { Group, Matrix4, Quaternion, Vector3 } from "three";
 import type { Pose } from "../map3d/marks";
-import { clear, type MapScene } from "../map3d/scene";
+import { clear } from "../map3d/clear";
+import type { MapScene } from "../map3d/scene";
 import { drawOverlay, type OverlayShares } from "./overlay";
 import type { Asked } from "./scanFile";
 

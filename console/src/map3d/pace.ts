@@ -1,0 +1,44 @@
+// How many points a frame draws: all at rest, and while the camera moves as many as the machine draws fast enough.
+
+export const FEWEST_POINTS = 40_000;
+const SLOW_MS = 66; // a frame that took longer: fewer points
+const QUICK_MS = 25; // one that took less: more of them
+const GROWTH = 1.3;
+
+export class Pace {
+  private readonly whole: number;
+  private most: number;
+  private last: { begin_ms: number; points: number } | null = null; // frame of the movement under way
+
+  /** `whole`: the most points of a picture at rest. */
+  constructor(whole: number) {
+    this.whole = whole;
+    this.most = whole;
+  }
+
+  /** Whether a movement is drawn with fewer points than a picture at rest. */
+  get isReduced(): boolean {
+    return this.most < this.whole;
+  }
+
+  /** The most points of a frame that begins now. */
+  begin(now_ms: number, isMoving: boolean): number {
+    if (!isMoving) {
+      this.last = null;
+      return this.whole;
+    }
+    if (this.last) this.learn(now_ms - this.last.begin_ms, this.last.points);
+    this.last = { begin_ms: now_ms, points: 0 };
+    return this.most;
+  }
+
+  /** Notes how many points the frame drew. */
+  drew(points: number): void {
+    if (this.last) this.last.points = points;
+  }
+
+  private learn(took_ms: number, points: number): void {
+    if (took_ms > SLOW_MS) this.most = Math.max(FEWEST_POINTS, Math.min(this.most, (points * SLOW_MS) / took_ms));
+    else if (took_ms < QUICK_MS) this.most = Math.min(this.whole, this.most * GROWTH);
+  }
+}

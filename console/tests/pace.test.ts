@@ -1,0 +1,50 @@
+// A slow machine draws fewer points while the camera moves, a quick one all of them, and each of them all at rest.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { FEWEST_POINTS, Pace } from "../src/map3d/pace.ts";
+
+const WHOLE = 1_500_000;
+
+/** The most points of each frame of a movement, on a machine that draws so many points in a millisecond. */
+function movement(pace: Pace, pointsEachMs: number, frames: number, least_ms = 16): number[] {
+  const most: number[] = [];
+  for (let i = 0, now_ms = 5000; i < frames; i++) {
+    const points = pace.begin(now_ms, true);
+    pace.drew(points);
+    most.push(points);
+    now_ms += Math.max(least_ms, points / pointsEachMs);
+  }
+  return most;
+}
+
+test("a quick machine draws all points in each frame", () => {
+  assert.deepEqual(new Set(movement(new Pace(WHOLE), 1e6, 50)), new Set([WHOLE]));
+});
+
+test("a slow machine draws fewer from the second frame on, until frames come fast enough", () => {
+  const pace = new Pace(WHOLE);
+  const [first, ...others] = movement(pace, 3000, 20);
+  assert.equal(first, WHOLE);
+  for (const most of others) assert.ok(most / 3000 <= 67 && most > FEWEST_POINTS, String(most));
+  assert.ok(pace.isReduced);
+});
+
+test("the next movement begins with what the last one learned, and a picture at rest is whole", () => {
+  const pace = new Pace(WHOLE);
+  const last = movement(pace, 3000, 20).at(-1);
+  assert.equal(pace.begin(90_000, false), WHOLE);
+  pace.drew(WHOLE);
+  assert.equal(pace.begin(99_000, true), last, "the rest before it was no slow frame");
+});
+
+test("however slow the machine, a movement shows the map", () => {
+  assert.equal(movement(new Pace(WHOLE), 1, 10).at(-1), FEWEST_POINTS);
+});
+
+test("points come back when frames become quick again", () => {
+  const pace = new Pace(WHOLE);
+  movement(pace, 3000, 10);
+  assert.equal(movement(pace, 1e6, 30).at(-1), WHOLE);
+  assert.ok(!pace.isReduced);
+});
