@@ -214,6 +214,7 @@ def test_the_list_of_maps_says_what_happens_and_what_needs_a_person(page, world,
     page.wait(".needs li", "lost 6 of 6 queries of the last hour were not localized")
     page.click(".needs [href='#/samples?map=lost']", "Look")
     page.until("location.hash === '#/samples?map=lost'")
+    page.map_picture()  # its points are read
     assert world.service.http.delete("/maps/lost", headers=world.headers("admin")).is_success
 
 
