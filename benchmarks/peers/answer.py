@@ -1,4 +1,4 @@
-"""What a peer says of one scan."""
+"""The answer of a peer to one scan: pose, confidence, and whether it is accepted."""
 
 from __future__ import annotations
 

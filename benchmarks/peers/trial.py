@@ -58,7 +58,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Preparation:
-    """What a peer took to get ready for a map.
+    """Cost of getting a peer ready for a map.
 
     Attributes:
         peak_bytes: of memory, until it was ready.

@@ -131,13 +131,13 @@ def real_builds(result: Result) -> list[str]:
 
 
 def peers_table(result: Result) -> list[str]:
-    """Where a peer wins; a row for each peer over all sets, the best first; then each set in short."""
+    """Lists the wins of peers, a row for each peer over all sets, the best first, and each set in short."""
     figures = result.figures
     return [*wins(figures), "", *table_of(all_sets(figures)), "", *_peers_by_set(figures)]
 
 
 def peers_summary(result: Result) -> list[str]:
-    """Where a peer wins, and a row for each peer over all sets, in short."""
+    """Lists the wins of peers, and a row for each peer over all sets, in short."""
     rows = all_sets(result.figures)
     lines = [(f"{peer} ({rows[peer]['n']})", *(rows[peer][key] for key in PEERS)) for peer in ranked(rows)]
     return [*wins(result.figures), "", *table(("system (scans)", *PEERS.values()), lines)]
