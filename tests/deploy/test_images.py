@@ -32,14 +32,23 @@ def image(engine: None) -> str:
 
 @pytest.fixture(scope="module")
 def container(image: str) -> Iterator[str]:
-    """A service as the compose file confines it."""
+    """A service as the compose file confines it, healthy."""
     name = docker(
         *("run", "--detach", "--init", "--read-only", "--tmpfs", "/tmp", "--cap-drop", "ALL"),
         *("--security-opt", "no-new-privileges:true", "--network", "none"),
         *("-e", "FIRSTFIX_AUTH=off", "-e", "FIRSTFIX_ZENOH=true", "-e", "FIRSTFIX_WORKERS=1", image),
     )
-    yield name
-    docker("rm", "--force", "--volumes", name)
+
+    def is_healthy() -> bool:
+        state = inspected(name)["State"]
+        assert state["Running"], docker("logs", name)
+        return bool(state["Health"]["Status"] == "healthy")
+
+    try:
+        wait_until(is_healthy, 1200)
+        yield name
+    finally:
+        docker("rm", "--force", "--volumes", name)
 
 
 def inspected(thing: str) -> dict:
@@ -80,12 +89,7 @@ def test_its_labels_say_what_it_is(image: str):
 
 
 def test_it_becomes_healthy_without_root_and_with_a_read_only_root(container: str):
-    def is_healthy() -> bool:
-        state = inspected(container)["State"]
-        assert state["Running"], docker("logs", container)
-        return bool(state["Health"]["Status"] == "healthy")
-
-    wait_until(is_healthy, 1200)
+    assert inspected(container)["State"]["Health"]["Status"] == "healthy"
     assert python(container, "import os; print(os.getuid(), os.getgid())") == "10001 10001"
     ready = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:8080/readyz').status)"
     assert python(container, ready) == "200"
