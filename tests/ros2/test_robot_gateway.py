@@ -235,6 +235,62 @@ def test_map_to_odom_ends_when_another_publishes_it(by_another: bool):
     assert len(bench.of(Output.TF)) == (1 if by_another else 2)
 
 
+@pytest.mark.parametrize("late_ms", [0, 400])
+def test_odometry_that_is_heard_after_the_answer_completes_the_fix(late_ms: int):
+    bench = Bench(localized, mounted=True, repeat_s=0.0)
+    assert bench.cloud()
+    bench.gateway.tick()
+    assert not bench.of(Output.TF)
+    assert Input.TF in bench.gateway.needs
+    bench.gateway.take(Input.TF, tf("odom", "base_link", ODOM_BASE, 7 * S + late_ms * 10**6))
+    bench.gateway.tick()
+    ((sent,),) = [message.transforms for message in bench.of(Output.TF)]
+    t = sent.transform.translation
+    expected = POSE @ inverse(BASE_LIDAR) @ inverse(ODOM_BASE)
+    np.testing.assert_allclose([t.x, t.y, t.z], expected[:3, 3], atol=1e-12)
+    assert not bench.gateway.wanted
+    bench.now_s += 2
+    bench.gateway.tick()
+    assert {"missing_tf"}.isdisjoint(v.key for v in bench.of(Output.STATUS)[-1].status[0].values)
+
+
+def test_a_gap_in_the_odometry_is_closed_by_its_next_sample():
+    bench = Bench(localized, mounted=True)
+    bench.gateway.take(Input.TF, tf("odom", "base_link", ODOM_BASE, 6 * S))
+    assert bench.cloud()
+    bench.gateway.tick()
+    assert not bench.of(Output.TF)
+    bench.gateway.take(Input.TF, tf("odom", "base_link", ODOM_BASE, 8 * S))
+    bench.gateway.tick()
+    assert len(bench.of(Output.TF)) == 1
+
+
+def test_odometry_that_begins_long_after_the_fix_calls_for_one_new_search():
+    bench = Bench(localized, mounted=True)
+    assert bench.cloud()
+    bench.gateway.take(Input.TF, tf("odom", "base_link", ODOM_BASE, 20 * S))
+    bench.gateway.tick()
+    assert bench.gateway.wanted
+    assert "odometry has begun after the last fix" in "".join(bench.told)
+    bench.now_s += 2
+    assert bench.cloud(stamp_ns=20 * S)
+    bench.gateway.tick()
+    assert not bench.gateway.wanted
+    assert len(bench.of(Output.TF)) == 1
+
+
+def test_odometry_of_another_clock_does_not_make_it_search_for_ever():
+    bench = Bench(localized, mounted=True)
+    for seconds in range(10):
+        bench.cloud(stamp_ns=(7 + seconds) * S)
+        bench.gateway.take(Input.TF, tf("odom", "base_link", ODOM_BASE, (1000 + seconds) * S))
+        bench.gateway.tick()
+        bench.now_s += 1
+    assert len(bench.queries) == 2
+    assert not bench.gateway.wanted
+    assert not bench.of(Output.TF)
+
+
 def test_map_to_odom_can_be_left_to_others():
     bench = Bench(localized, mounted=True, publishes_tf=False)
     bench.gateway.take(Input.TF, tf("odom", "base_link", ODOM_BASE))

@@ -22,7 +22,8 @@ from .watch import is_near
 class FirstFix:
     """The wanted fix of one robot.
 
-    ``give`` and ``forget`` are called by the thread that asks, ``tick`` by the one that ticks.
+    ``give`` and ``forget`` are called by the thread that asks, ``tick`` and ``complete`` by the one that
+    ticks.
 
     Args:
         robot: its namespace.
@@ -87,6 +88,10 @@ class FirstFix:
         if published:
             self._send(fix)
         self._handover.begin(fix, localizers, published=published)
+
+    def complete(self, fix: Fix) -> None:
+        """Takes the last given fix again, now with its odometry."""
+        self._handover.complete(fix)
 
     def forget(self) -> None:
         """Ends the handover: a new fix is searched for."""

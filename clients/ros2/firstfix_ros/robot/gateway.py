@@ -21,6 +21,7 @@ from .answerer import Answerer
 from .check import Checker
 from .config import GatewayConfig
 from .first_fix import FirstFix
+from .late_odometry import LateOdometry
 from .map_to_odom import MapToOdom
 from .query import Fix, Query
 from .senses import Senses
@@ -70,6 +71,7 @@ class RobotGateway:
         watch = self._watch
         self._checker = None if watch is None else Checker(ask, self._senses, config, watch)
         self._map_to_odom = MapToOdom(config, self._senses)
+        self._late_odometry = LateOdometry(config, self._senses)
         self._first_fix = FirstFix(name, config, self._senses, publish, subscribers, log_line, clock, wall_ns)
         self._cloud: bytes | None = None
         self._status = Status(health=Health.UNKNOWN if config.watch_s else None)
@@ -107,6 +109,8 @@ class RobotGateway:
             needs |= {Input.TF, Input.OWN_POSE}
         elif self._map_to_odom.is_known:
             needs |= {Input.TF}
+        elif self._late_odometry.is_awaited:
+            needs |= {Input.TF, Input.TF_STATIC}
         return frozenset(needs)
 
     def relocalize(self) -> str:
@@ -121,6 +125,7 @@ class RobotGateway:
             asked: somebody called for it, so that its fix is a new one in any case.
         """
         self._first_fix.forget()
+        self._late_odometry.end()
         with self._changed:
             self._wanted, self._cloud, self._searches = True, None, self._searches + 1
             self._is_asked = asked
@@ -177,10 +182,21 @@ class RobotGateway:
                 "a localizer has come, and the last fix is too old for it: searching for a new one"
             )
             self._search(asked=False)
+        self._look_for_odometry()
         self._report()
         body = self._map_to_odom.message()
         if body is not None:
             self._publish(Output.TF, body)
+
+    def _look_for_odometry(self) -> None:
+        """Completes the last wanted fix by odometry that is heard only now, or searches anew."""
+        late = self._late_odometry.look()
+        if late.completed is not None:
+            self._map_to_odom.set(late.completed)
+            self._first_fix.complete(late.completed)
+        elif late.search:
+            self._log_line("odometry has begun after the last fix: searching for a new one")
+            self._search(asked=False)
 
     def _report(self) -> None:
         """Tells and publishes the status when it has changed, and publishes it once a second."""
@@ -292,6 +308,7 @@ class RobotGateway:
                 if watch is not None:
                     watch.reset()
                 self._map_to_odom.set(fix)
+                self._late_odometry.begin(fix)
                 self._first_fix.give(fix, answer, asked=self._is_asked)
             pose = encode_pose(fix.T_map_frame, fix.covariance, header)
             self._publish(Output.POSE, pose)

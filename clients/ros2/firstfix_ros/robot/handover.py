@@ -107,6 +107,12 @@ class Handover:
             self._localizers, self._is_awaited = localizers or 0, not published
             self._listens_until_s = None
 
+    def complete(self, fix: Fix) -> None:
+        """Takes the odometry of the fix that is handed over."""
+        with self._lock:
+            if self._carried is not None and self._carried.fix.stamp == fix.stamp:
+                self._carried = CarriedFix(fix, self._senses, self._clock)
+
     def end(self) -> None:
         """Forgets the fix: a new one is searched for."""
         with self._lock:
