@@ -17,6 +17,7 @@ from .hostile import suite as hostile
 from .paper import suite as paper
 from .peers import suite as peers
 from .real import suite as real
+from .rebuilds import suite as rebuilds
 from .robust import suite as robust
 from .scale import suite as scale
 from .service import suite as service
@@ -29,6 +30,7 @@ SUITES = {
     "paper": paper.run,
     "peers": peers.run,
     "real": real.run,
+    "rebuilds": rebuilds.run,
     "robust": robust.run,
     "scale": scale.run,
     "service": service.run,

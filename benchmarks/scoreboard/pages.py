@@ -18,6 +18,7 @@ TITLES = {
     "robust": "Simulated worlds: everything that goes wrong with a scan",
     "service": "The service",
     "scale": "Scale",
+    "rebuilds": "A build after a part of the map has changed",
     "ablation": "Each part taken out alone",
     "paper": "The paper's tables",
     "ros": "ROS distributions and middlewares",
@@ -32,6 +33,7 @@ TABLES: dict[str, Callable[[Result], list[str]]] = {
     "robust": tables.robust_table,
     "service": tables.service_table,
     "scale": tables.scale_table,
+    "rebuilds": tables.rebuilds_table,
     "ablation": tables.ablation_table,
 }
 

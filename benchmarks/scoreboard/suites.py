@@ -29,6 +29,12 @@ ASKED = (  # what turns, asks and judges the scans
     "clients/python/firstfix_client/steps",
     "core/firstfix/wire",
 )
+BUILDS = (  # what else decides the work of a build
+    "builder/firstfix_builder/build_stages.py",
+    "builder/firstfix_builder/execution",
+    "builder/firstfix_builder/read_map",
+    "builder/firstfix_builder/stage_files.py",
+)
 SERVICE = ("service/firstfix_service", "clients/python/firstfix_client", "core/firstfix/wire")
 
 
@@ -69,6 +75,7 @@ SUITES = {
         _of_run("paper", (*ANSWERS, "worlds")),
         _of_run("service", (*ANSWERS, *SERVICE)),
         _of_run("scale", (*ANSWERS, "worlds")),
+        _of_run("rebuilds", (*ANSWERS, *BUILDS, "benchmarks/beside/run_build.py", "worlds")),
         _of_run("ablation", (*ANSWERS, *ASKED, "worlds")),
         Suite(
             "ros",

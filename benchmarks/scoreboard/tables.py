@@ -194,6 +194,17 @@ def scale_table(result: Result) -> list[str]:
     return table(head, rows)
 
 
+def rebuilds_table(result: Result) -> list[str]:
+    """A row for each stage of each change: processor seconds."""
+    rows: list[Sequence[Any]] = []
+    for name, change in result.figures["changes"].items():
+        full, rebuild = change["full_cpu_s"], change["rebuild_cpu_s"]
+        rows += [(name, stage, full[stage], rebuild.get(stage, 0.0), None) for stage in full]
+        total, again = (f"{sum(times.values()):.1f}" for times in (full, rebuild))
+        rows.append((name, "all", total, again, change["ratio"]))
+    return table(("change", "stage", "from nothing, s", "after the change, s", "ratio"), rows)
+
+
 def service_table(result: Result) -> list[str]:
     """A row for each transport, encoding and number of clients."""
     rows = result.figures["throughput"]

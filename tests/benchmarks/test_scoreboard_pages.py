@@ -71,7 +71,7 @@ PEERS = {
 
 def test_a_suite_without_a_result_says_so():
     page = benchmark_page({})
-    assert page.count("Not run on this code") == 8
+    assert page.count("Not run on this code") == 9
     assert plot_files({}) == {}
     parts = readme_parts({})
     assert parts["peers"] == "Not run on this code: `make scoreboard ARGS=peers`.\n"
@@ -104,6 +104,17 @@ def test_the_peer_that_wins_stands_first():
     page = benchmark_page({"peers": result("peers", PEERS)})
     assert "| other | 1.0 / 0 / 0, 3.0 s |" in page
     assert "gone" not in table
+
+
+def test_a_rebuild_is_shown_by_stage_and_as_a_ratio():
+    change = {
+        "full_cpu_s": {"read_map": 4.0, "self_test": 6.0},
+        "rebuild_cpu_s": {"read_map": 2.0},
+        "ratio": 0.2,
+    }
+    page = benchmark_page({"rebuilds": result("rebuilds", {"changes": {"one aisle": change}})})
+    assert "| one aisle | self_test | 6.0 | 0.0 | - |" in page
+    assert "| one aisle | all | 10.0 | 2.0 | 0.2 |" in page
 
 
 @pytest.mark.parametrize("names", [("real",), ("real", "peers"), ("scale",)], ids="+".join)
