@@ -10,7 +10,7 @@ _PARTS = (slice(0, 3), slice(3, 6))  # of the information: turns, shifts
 
 
 def principal_axes(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit axes (2, 3, 3) of turns and of shifts, column by column, along which (6, 6) information is apart."""
+    """Principal axes (2, 3, 3) of (6, 6) information, column by column: of turns, then of shifts."""
     return np.linalg.eigh(np.stack([information[part, part] for part in _PARTS]))[1]
 
 
@@ -42,6 +42,8 @@ def faced_information(
     return root @ information @ root
 
 
-def _variance(squares: NDArray[np.float64] | float, weights: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Variances of distances from the sums of their weighted squares and of their weights."""
+def _variance(
+    squares: NDArray[np.float64] | float, weights: NDArray[np.float64] | float
+) -> NDArray[np.float64]:
+    """Variances of distances, from the sums of their weighted squares and of their weights."""
     return squares / np.maximum(weights, 1.0) + _NOISE_M**2
