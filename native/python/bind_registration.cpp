@@ -9,6 +9,7 @@
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/align_moving.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
+#include "firstfix/registration/facing.hpp"
 #include "firstfix/registration/nearest_points.hpp"
 #include "firstfix/registration/surface_grid.hpp"
 #include "grid.hpp"
@@ -138,6 +139,19 @@ auto agreement_of_all(const Grid& grid, const Grid& coarse, Points points, Point
   return std::make_tuple(array_of(std::move(beside_surface), {poses}), array_of(std::move(same_plane), {poses}));
 }
 
+// (4, 2, 3): what all tell of each direction, what those that face it tell, the weights of these, their squared distances.
+auto told_by(const Grid& grid, Points points, In<double, nb::shape<4, 4>> T_level_sensor, In<double, nb::shape<2, 3, 3>> axes,
+             float reach_m) {
+  require(reach_m > 1e-6F && reach_m < 1e6F, "a parameter is not positive, or too large");
+  const PoseMatrix T = pose_of(T_level_sensor);
+  const Told told = without_gil([&] { return told_of(grid.view, vectors_of(points), T, axes.data(), reach_m); });
+  std::vector<double> by_direction;
+  for (const auto& sums : {told.told, told.faced_told, told.faced_weights, told.faced_squares}) {
+    by_direction.insert(by_direction.end(), sums.begin(), sums.end());
+  }
+  return std::make_tuple(array_of(std::move(by_direction), {4, 2, 3}), told.weights, told.squares);
+}
+
 }  // namespace
 
 void bind_registration(nb::module_& module) {
@@ -158,6 +172,8 @@ void bind_registration(nb::module_& module) {
              nb::arg("reach_m"), nb::arg("half_angle"), nb::arg("inlier_distance_m"));
   module.def("agreement", &agreement_of_all, nb::arg("grid"), nb::arg("coarse"), nb::arg("points"), nb::arg("normals"),
              nb::arg("oriented"), nb::arg("T_level_sensor"), nb::arg("inlier_distance_m"));
+  module.def("told", &told_by, nb::arg("grid"), nb::arg("points"), nb::arg("T_level_sensor"), nb::arg("axes"),
+             nb::arg("reach_m"));
   module.def(
       "distinct_poses",
       [](Poses T, double within_m, double within_rad, std::size_t most) {

@@ -6,6 +6,7 @@
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/align_moving.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
+#include "firstfix/registration/facing.hpp"
 #include "firstfix/registration/nearest_points.hpp"
 #include "firstfix/verification/free_space.hpp"
 #include "hostile.hpp"
@@ -63,6 +64,8 @@ void align_once(Hostile& random) {
     const Agreement agreement = agreement_at(finder, coarse.grid, scan, T, 0.15F);
     expect(agreement.beside_surface >= 0 && agreement.beside_surface <= 1, "share beside a surface within 0 and 1");
     expect(agreement.same_plane >= 0 && agreement.same_plane <= 1, "chance of one plane within 0 and 1");
+    const Told told = told_of(tables.grid, vectors_of(points), T, information.data(), 0.5F);
+    expect(!is_clean || wrong_tables != 0 || (told.weights >= 0 && told.squares >= 0), "weights of what surfaces tell");
     // damaged tables alone never make a pose that is no number
     expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(information.data(), 36)), "finite pose and information");
   }

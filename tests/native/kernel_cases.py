@@ -197,6 +197,9 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "agreement": lambda native: native.agreement(
         _grid(native), _grid(native, 1.5), *_aligned(), np.array([np.eye(4), T_MAP_SENSOR]), 0.13
     ),
+    "told": lambda native: native.told(
+        _grid(native), FEW, T_MAP_SENSOR, np.stack([R_LEVEL_SENSOR, np.eye(3)]), 0.4
+    ),
     "align_moving": lambda native: native.align_moving(
         _grid(native), *_aligned(), TIMES[::5], np.eye(4)[None], np.ones(6), 5, 0.4, 0.5, 0.13
     ),

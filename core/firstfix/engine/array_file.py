@@ -50,7 +50,7 @@ def map_arrays(path: Path) -> dict[str, NDArray[Any]]:
         ValueError: the file has another format, is cut off or has an array that is not aligned.
         OSError: the file cannot be read.
     """
-    data = np.memmap(path, np.uint8, "r")
+    data = np.asarray(np.memmap(path, np.uint8, "r"))  # views of a plain array are made quicker
     size = int.from_bytes(data[:8].tobytes(), "little")
     if size > min(_MOST_HEADER_BYTES, len(data) - 8):
         raise ValueError(f"{path.name} has no header")

@@ -119,7 +119,7 @@ def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> Match
         number,
         [candidate.support for candidate in ranked],
     )
-    return replace(features, margin=one.spots * features.margin)
+    return features if one.spots == 1 else replace(features, margin=one.spots * features.margin)
 
 
 _BESIDE = np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
@@ -368,7 +368,11 @@ class HypothesisSearch:
                     for scan in self._prepared.scans
                 ]
             )
-            self._free_space[pose] = replace(shares, seen_free=self._seen_free(candidate.registration))
+            self._free_space[pose] = FreeSpaceShares(
+                shares.free_space_violation,
+                shares.removed_surface,
+                self._seen_free(candidate.registration),
+            )
         return replace(candidate, free_space=self._free_space[pose])
 
     def _seen_free(self, registration: Registration) -> float | None:

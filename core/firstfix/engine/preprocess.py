@@ -51,8 +51,7 @@ def timed_view(timed: TimedPoints, nearest_m: NDArray[np.float32]) -> TimedPoint
     known = np.flatnonzero(count)
     column_s = np.interp(np.arange(COLUMNS), known, mean_s[known]) if len(known) else mean_s
     seen = np.flatnonzero(np.isfinite(nearest_m))
-    returns = directions()[seen] * nearest_m[seen, None]
-    return TimedPoints(returns, column_s[seen % COLUMNS].astype(np.float32))
+    return TimedPoints(_returns_at(nearest_m, seen), column_s[seen % COLUMNS].astype(np.float32))
 
 
 def deskewed(sequence: ScanSequence, twist: NDArray[np.float64] | None) -> ScanSequence:
@@ -212,6 +211,13 @@ def preprocess(
     return PreparedQuery(tuple(scans), dense, sparse)
 
 
+def _returns_at(nearest_m: NDArray[np.float32], cells: NDArray[np.integer]) -> NDArray[np.float32]:
+    """The returns (k, 3) of a range view in the given cells, each in the middle of its direction."""
+    returns = directions().take(cells, axis=0)
+    returns *= nearest_m.take(cells)[:, None]
+    return returns
+
+
 @dataclass(frozen=True)
 class _Returns:
     """Returns of one scan within range, from any encoding, in the sensor frame.
@@ -252,7 +258,7 @@ class _Returns:
         near = (nearest_m > config.min_range_m) & (nearest_m < config.max_range_m)
         nearest_m = np.where(near, nearest_m, np.float32(np.inf))
         # the nearest return of every direction fills cells of the descriptor that the voxels leave empty
-        seen = np.concatenate([timed.points, directions()[near] * nearest_m[near, None]])
+        seen = np.concatenate([timed.points, _returns_at(nearest_m, np.flatnonzero(near))])
         voxels = timed.by_voxel_hash(config.voxel_m, ranking.dense_points)
         viewed = None if timed.time_s is None else timed_view(timed, nearest_m)
         return cls(seen, voxels, RangeView.of_nearest(nearest_m), viewed)

@@ -41,7 +41,7 @@ def estimate_up(normals: NDArray[np.floating]) -> NDArray[np.float64]:
     """
     candidates = directions_about_z(MAX_TILT_DEG)
     normals = at_most(normals, _VOTERS)
-    voted = candidates[int(np.argmax(votes(normals, candidates) * _tilt_prior(candidates)))]
+    voted = candidates[int(np.argmax(votes(normals, candidates) * _tilt_prior(MAX_TILT_DEG)))]
     return refined_up(normals, voted)
 
 
@@ -157,8 +157,12 @@ def directions_about_z(within_deg: float) -> NDArray[np.float64]:
     return np.array(directions)
 
 
-def _tilt_prior(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weak preference for an upright sensor, which decides if the surfaces do not."""
-    tilt_deg = np.degrees(np.arccos(np.clip(directions[:, 2], -1, 1)))
+@cache
+def _tilt_prior(within_deg: float) -> NDArray[np.float64]:
+    """Weak preference for an upright sensor, which decides if the surfaces do not.
+
+    (d,) of the ``directions_about_z``.
+    """
+    tilt_deg = np.degrees(np.arccos(np.clip(directions_about_z(within_deg)[:, 2], -1, 1)))
     prior: NDArray[np.float64] = 1 - 0.15 * tilt_deg / MAX_TILT_DEG
     return prior

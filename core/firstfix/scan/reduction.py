@@ -147,7 +147,12 @@ class TimedPoints:
 
     def at(self, rows: NDArray[np.integer] | NDArray[np.bool_]) -> TimedPoints:
         """The given rows."""
-        return TimedPoints(self.points[rows], None if self.time_s is None else self.time_s[rows])
+        if rows.dtype == np.bool_:
+            rows = np.flatnonzero(rows)
+        # of some thousand rows, take copies a point at once, indexing number by number
+        return TimedPoints(
+            self.points.take(rows, axis=0), None if self.time_s is None else self.time_s.take(rows)
+        )
 
     def within_range(self, min_range_m: float, max_range_m: float) -> TimedPoints:
         """Points whose distance from the sensor lies between two limits (``reduction.within_range``)."""

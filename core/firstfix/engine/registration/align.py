@@ -18,7 +18,7 @@ from ... import native
 from ...transform import Matrix
 from ..config import RegistrationConfig
 from ..ranking import RANKING, RankingConfig
-from .facing import faced_information
+from .facing import faced_information, principal_axes
 from .surface import Surface
 from .surface_grid import SurfaceGrid
 
@@ -218,14 +218,10 @@ class MapSurface:
         Args:
             scan: as it was aligned, not deskewed.
         """
-        T, still = registration.T_level_sensor, scan.deskewed(registration.twist)
-        arms = still.points @ T[:3, :3].T.astype(np.float32)
-        points = arms + (T[:3, 3] - self.fine.corner).astype(np.float32)
-        row = self.fine.nearest(points)
-        planes = self.fine.planes[row[row >= 0]]
-        normals, points, arms = planes[:, :3], points[row >= 0], arms[row >= 0]
-        off_m = planes[:, 3] - np.sum(points * normals, axis=1)
-        return faced_information(registration.information, arms, normals, off_m, self.config.fine_distance_m)
+        axes, still = principal_axes(registration.information), scan.deskewed(registration.twist)
+        reach_m = self.config.fine_distance_m
+        sums = native.told(self.fine.tables, still.points, registration.T_level_sensor, axes, reach_m)
+        return faced_information(registration.information, axes, *sums)
 
     def agreements(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Agreement]:
         """Agreement of the scan with the map at each of (k, 4, 4) poses."""

@@ -55,10 +55,15 @@ class Surface:
         normals, oriented = native.surface_normals(single, toward, two_faces)
         return cls(single, normals, oriented.view(np.bool_))
 
-    def at(self, rows: NDArray[np.integer] | slice) -> Surface:
+    def at(self, rows: NDArray[np.integer] | NDArray[np.bool_] | slice) -> Surface:
         """Surface of the given rows."""
-        time_s = None if self.time_s is None else self.time_s[rows]
-        return Surface(self.points[rows], self.normals[rows], self.oriented[rows], time_s)
+        if isinstance(rows, slice) or rows.dtype == np.bool_:
+            time_s = None if self.time_s is None else self.time_s[rows]
+            return Surface(self.points[rows], self.normals[rows], self.oriented[rows], time_s)
+        # take copies a point at once, indexing number by number
+        time_s = None if self.time_s is None else self.time_s.take(rows)
+        points, normals = self.points.take(rows, axis=0), self.normals.take(rows, axis=0)
+        return Surface(points, normals, self.oriented.take(rows), time_s)
 
     def at_most(self, count: int, voxel_m: float) -> Surface:
         """Surface of at most ``count`` of the points (``rows_by_voxel_hash``)."""

@@ -60,8 +60,8 @@ class Templates:
         """
 
         def read(name: str) -> NDArray[Any]:
-            array: NDArray[Any] = np.load(directory / f"{PREFIX}{name}.npy", mmap_mode="r")
-            return array
+            # views of a plain array are made quicker than those of a memmap
+            return np.asarray(np.load(directory / f"{PREFIX}{name}.npy", mmap_mode="r"))
 
         templates = cls(
             read("position_m"), read("height_m"), {name: read(name) for name in descriptor.arrays}

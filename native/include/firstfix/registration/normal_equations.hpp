@@ -31,37 +31,75 @@ struct PairJacobian {
   }
 };
 
+// Pairs that wait to be summed. A sum stays in its register for all of them, and takes them in the order of the scan.
+struct HeldPairs {
+  static constexpr std::size_t kMost = 16;  // of eight pairs each
+
+  Float8 by[6][kMost], weight[kMost], off_m[kMost];
+  std::size_t count = 0;
+
+  void hold(const Pairs8& pairs, const Float8& weight_of_pairs) {
+    const PairJacobian jacobian(pairs);
+    for (int k = 0; k < 6; ++k) by[k][count] = jacobian.by[k];
+    weight[count] = weight_of_pairs;
+    off_m[count] = pairs.off_m;
+    ++count;
+  }
+};
+
 struct NormalEquations {
   double hessian[36]{}, gradient[6]{};
   double squares = 0, weights = 1;  // weighted squared distances, and the weights
 
   static NormalEquations of(PairFinder& finder, const PoseMatrix& T_level_sensor, float reach_m, float half_angle) {
     const PairWeight weight_of(reach_m, half_angle);
-    Float8 products[21]{}, pull[6]{}, squared{}, weighted{};
+    Sums sums;
+    HeldPairs held;
     finder.each8(T_level_sensor, [&](const Pairs8& pairs) {
-      const Float8 weight = weight_of(pairs);
-      const PairJacobian jacobian(pairs);
-      int k = 0;
-      for (int row = 0; row < 6; ++row) {
-        const Float8 along = weight * jacobian.by[row];
-        for (int column = row; column < 6; ++column) products[k++] += along * jacobian.by[column];
-        pull[row] += along * pairs.off_m;
-      }
-      squared += weight * pairs.off_m * pairs.off_m;
-      weighted += weight;
+      held.hold(pairs, weight_of(pairs));
+      if (held.count == HeldPairs::kMost) sums.take(held);
     });
+    sums.take(held);
     NormalEquations equations;
     int k = 0;
     for (int row = 0; row < 6; ++row) {
       for (int column = row; column < 6; ++column) {
-        equations.hessian[6 * row + column] = equations.hessian[6 * column + row] = sum(products[k++]);
+        equations.hessian[6 * row + column] = equations.hessian[6 * column + row] = sum(sums.products[k++]);
       }
-      equations.gradient[row] = sum(pull[row]);
+      equations.gradient[row] = sum(sums.pull[row]);
     }
-    equations.squares = sum(squared);
-    equations.weights = sum(weighted);
+    equations.squares = sum(sums.squared);
+    equations.weights = sum(sums.weighted);
     return equations;
   }
+
+ private:
+  struct Sums {
+    Float8 products[21]{}, pull[6]{}, squared{}, weighted{};  // products: row by row, from the diagonal on
+
+    void take(HeldPairs& held) {
+      take_row<0>(held, products);
+      for (std::size_t i = 0; i < held.count; ++i) {
+        squared += held.weight[i] * held.off_m[i] * held.off_m[i];
+        weighted += held.weight[i];
+      }
+      held.count = 0;
+    }
+
+    template <int row>
+    void take_row(const HeldPairs& held, Float8* of_row) {
+      Float8 total[6 - row], pulled = pull[row];
+      for (int k = 0; k < 6 - row; ++k) total[k] = of_row[k];
+      for (std::size_t i = 0; i < held.count; ++i) {
+        const Float8 along = held.weight[i] * held.by[row][i];
+        for (int k = 0; k < 6 - row; ++k) total[k] += along * held.by[row + k][i];
+        pulled += along * held.off_m[i];
+      }
+      for (int k = 0; k < 6 - row; ++k) of_row[k] = total[k];
+      pull[row] = pulled;
+      if constexpr (row < 5) take_row<row + 1>(held, of_row + 6 - row);
+    }
+  };
 };
 
 }  // namespace firstfix

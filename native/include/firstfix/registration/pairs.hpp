@@ -41,16 +41,17 @@ class PairFinder {
   template <class Use>
   void each8(const PoseMatrix& T_level_sensor, Use use) {
     const auto [R, t] = FloatPose(T_level_sensor, grid_.corner_m);
+    Placed placed;
     for (std::size_t first = 0; first < padded(scan_.count); first += kBlock) {
       const std::size_t end = std::min(first + kBlock, padded(scan_.count));
-      look_up(R, t, first, end);
-      turn(R, first, end);
-      for (std::size_t i = first; i < end; i += kLanes) use(pairs(R, t, i));
+      look_up(R, t, first, end, placed);
+      turn(first, end, placed);
+      for (std::size_t i = first; i < end; i += kLanes) use(pairs(t, i, placed.at[(i - first) / kLanes]));
     }
   }
 
  private:
-  static constexpr std::size_t kBlock = 512;  // points whose new cells are looked up together
+  static constexpr std::size_t kBlock = 256;  // points whose new cells are looked up together
 
   const SurfaceGrid& grid_;
   const ScanSurface& scan_;
@@ -64,6 +65,17 @@ class PairFinder {
     Float8 along[3];
   };
 
+  // Eight points along the map's axes. All steps of a block use them: so much of it stays in the nearest cache.
+  struct Placed8 {
+    Vector8 arm, seen;  // from the sensor to the point, and the scan's normal
+    Float8 cosine;      // between the normal and that of the point's plane
+    Int8 away;          // whether they surely face different ways
+  };
+
+  struct Placed {
+    Placed8 at[kBlock / kLanes];
+  };
+
   static Vector8 load(const float* const* axes) { return {{load8(axes[0]), load8(axes[1]), load8(axes[2])}}; }
 
   static Float8 dot(const Vector8& a, const Vector8& b) {
@@ -74,16 +86,22 @@ class PairFinder {
     return x * row[0] + y * row[1] + z * row[2];
   }
 
-  // Reads the planes of the points that are in another cell than before.
-  void look_up(const float* R, const float* t, std::size_t first, std::size_t end) {
+  static Vector8 turned(const float* R, const Float8& x, const Float8& y, const Float8& z) {
+    return {{along(R, x, y, z), along(R + 3, x, y, z), along(R + 6, x, y, z)}};
+  }
+
+  // Places the points, and reads the planes of those that are in another cell than before.
+  void look_up(const float* R, const float* t, std::size_t first, std::size_t end, Placed& placed) {
     const float per_m = 1 / grid_.cell_m;
     std::int32_t moved[kBlock], x_of[kBlock], y_of[kBlock], z_of[kBlock];
     std::size_t count = 0;
     for (std::size_t i = first; i < end; i += kLanes) {
-      const Float8 x = load8(&scan_.x[i]), y = load8(&scan_.y[i]), z = load8(&scan_.z[i]);
-      const Int8 cx = cells((along(R, x, y, z) + t[0]) * per_m, grid_.last(0));
-      const Int8 cy = cells((along(R + 3, x, y, z) + t[1]) * per_m, grid_.last(1));
-      const Int8 cz = cells((along(R + 6, x, y, z) + t[2]) * per_m, grid_.last(2));
+      Placed8& here = placed.at[(i - first) / kLanes];
+      here.arm = turned(R, load8(&scan_.x[i]), load8(&scan_.y[i]), load8(&scan_.z[i]));
+      here.seen = turned(R, load8(&scan_.nx[i]), load8(&scan_.ny[i]), load8(&scan_.nz[i]));
+      const Int8 cx = cells((here.arm.along[0] + t[0]) * per_m, grid_.last(0));
+      const Int8 cy = cells((here.arm.along[1] + t[1]) * per_m, grid_.last(1));
+      const Int8 cz = cells((here.arm.along[2] + t[2]) * per_m, grid_.last(2));
       const Int8 changed = (cx != load8(&cell_x_[i])) | (cy != load8(&cell_y_[i])) | (cz != load8(&cell_z_[i]));
       if (!any(changed)) continue;
       store8(cx, &cell_x_[i]), store8(cy, &cell_y_[i]), store8(cz, &cell_z_[i]);
@@ -93,6 +111,7 @@ class PairFinder {
         count += static_cast<std::size_t>((changed[lane] != 0) & (i + lane < scan_.count));
       }
     }
+    if (count == 0) return;
     std::int32_t row[kBlock];
     grid_.nearest(x_of, y_of, z_of, count, row);
     take_planes(moved, row, count);
@@ -103,10 +122,15 @@ class PairFinder {
     return __builtin_convertvector(from_zero < last ? from_zero : all8(last), Int8);
   }
 
-  // No branch waits for a plane that comes from far memory: so many of them come at once.
+  // All planes are asked for before the first is read: many of them come from far memory at once.
   void take_planes(const std::int32_t* points, const std::int32_t* row, std::size_t count) {
     Plane planes[kBlock];
     std::uint8_t oriented[kBlock];
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::int32_t some = std::max(row[k], 0);
+      __builtin_prefetch(&grid_.planes[some]);
+      __builtin_prefetch(&grid_.oriented[some]);
+    }
     for (std::size_t k = 0; k < count; ++k) {
       const std::int32_t some = std::max(row[k], 0);
       planes[k] = grid_.planes[some];
@@ -130,12 +154,15 @@ class PairFinder {
   }
 
   // Reads the other faces for the points that face away from their own. A point keeps it as long as its plane.
-  void turn(const float* R, std::size_t first, std::size_t end) {
+  void turn(std::size_t first, std::size_t end, Placed& placed) {
     std::int32_t points[kBlock], behind[kBlock];
     std::size_t count = 0;
     for (std::size_t i = first; i < end; i += kLanes) {
+      Placed8& here = placed.at[(i - first) / kLanes];
       const float* const normals[3] = {&nx_[i], &ny_[i], &nz_[i]};
-      const Int8 asking = faces_away(dot(view(R, i), load(normals)), i) & ~load8(&turned_[i]);
+      here.cosine = dot(here.seen, load(normals));
+      here.away = faces_away(here.cosine, i);
+      const Int8 asking = here.away & ~load8(&turned_[i]);
       if (!any(asking)) continue;
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
         points[count] = static_cast<std::int32_t>(i + lane);
@@ -156,34 +183,30 @@ class PairFinder {
     }
   }
 
-  // The scan's normals along the map's axes.
-  Vector8 view(const float* R, std::size_t i) const {
-    const Float8 u = load8(&scan_.nx[i]), v = load8(&scan_.ny[i]), w = load8(&scan_.nz[i]);
-    return {{along(R, u, v, w), along(R + 3, u, v, w), along(R + 6, u, v, w)}};
-  }
-
   // Whether the normals of eight points surely face another way than those of their planes, by the cosines between them.
   Int8 faces_away(const Float8& cosine, std::size_t i) const {
     return (cosine < kOtherFace) & load8(&oriented_[i]) & load8(&scan_.oriented[i]);
   }
 
-  Pairs8 pairs(const float* R, const float* t, std::size_t i) const {
-    const Float8 x = load8(&scan_.x[i]), y = load8(&scan_.y[i]), z = load8(&scan_.z[i]);
-    const Float8 arm[3] = {along(R, x, y, z), along(R + 3, x, y, z), along(R + 6, x, y, z)};
-    const Vector8 seen = view(R, i);
+  Pairs8 pairs(const float* t, std::size_t i, const Placed8& here) const {
+    const Vector8& arm = here.arm;
     const float* const near[3] = {&nx_[i], &ny_[i], &nz_[i]};
-    const float* const behind[3] = {&behind_nx_[i], &behind_ny_[i], &behind_nz_[i]};
     Vector8 normal = load(near);
-    Float8 cosine = dot(seen, normal);
-    const Float8 behind_m = load8(&behind_off_[i]);
-    const Int8 turned = faces_away(cosine, i) & (behind_m < kNoSurfaceM);
-    for (int axis = 0; axis < 3; ++axis) normal.along[axis] = turned ? load8(behind[axis]) : normal.along[axis];
-    const Float8 plane_m = turned ? behind_m : load8(&off_[i]);
-    cosine = dot(seen, normal);
-    const Int8 nowhere = faces_away(cosine, i);
-    const Float8 off_m = plane_m - dot({{arm[0] + t[0], arm[1] + t[1], arm[2] + t[2]}}, normal);
+    Float8 plane_m = load8(&off_[i]), cosine = here.cosine;
+    Int8 nowhere = here.away;
+    if (any(here.away)) {
+      const float* const behind[3] = {&behind_nx_[i], &behind_ny_[i], &behind_nz_[i]};
+      const Float8 behind_m = load8(&behind_off_[i]);
+      const Int8 turned = here.away & (behind_m < kNoSurfaceM);
+      for (int axis = 0; axis < 3; ++axis) normal.along[axis] = turned ? load8(behind[axis]) : normal.along[axis];
+      plane_m = turned ? behind_m : plane_m;
+      cosine = dot(here.seen, normal);
+      nowhere = faces_away(cosine, i);
+    }
+    const Vector8 at{{arm.along[0] + t[0], arm.along[1] + t[1], arm.along[2] + t[2]}};
+    const Float8 off_m = plane_m - dot(at, normal);
     const Float8(&n)[3] = normal.along;
-    return {{arm[0], arm[1], arm[2]}, {n[0], n[1], n[2]}, nowhere ? all8(kNoSurfaceM) : off_m, cosine};
+    return {{arm.along[0], arm.along[1], arm.along[2]}, {n[0], n[1], n[2]}, nowhere ? all8(kNoSurfaceM) : off_m, cosine};
   }
 };
 

@@ -36,21 +36,27 @@ struct SurfaceGrid {
   float last(int axis) const { return static_cast<float>((shape[axis] << (side_bits + block_bits)) - 1); }
 
   // The surface points near cells, -1 where there is none. The cells lie between 0 and `last` on every axis. Each table is
-  // read for all cells before the next one: the reads do not wait for each other.
+  // read for all cells before the next one, whose entries are asked for at once: they come from far memory all together.
   void nearest(const std::int32_t* x, const std::int32_t* y, const std::int32_t* z, std::size_t count,
                std::int32_t* row) const {
     const int group_bits = side_bits + block_bits;
+    const auto in_group = [&](std::size_t i) {
+      return block + (kept(row[i], groups) << 3 * side_bits) +
+             within(x[i] >> block_bits, y[i] >> block_bits, z[i] >> block_bits, side_bits);
+    };
+    const auto in_block = [&](std::size_t i) {
+      return point + (kept(row[i], blocks) << 3 * block_bits) + within(x[i], y[i], z[i], block_bits);
+    };
     for (std::size_t i = 0; i < count; ++i) {
       const std::int64_t column = static_cast<std::int64_t>(x[i] >> group_bits) * shape[1] + (y[i] >> group_bits);
       row[i] = group[column * shape[2] + (z[i] >> group_bits)];
+      __builtin_prefetch(in_group(i));
     }
     for (std::size_t i = 0; i < count; ++i) {
-      row[i] = block[(kept(row[i], groups) << 3 * side_bits) +
-                     within(x[i] >> block_bits, y[i] >> block_bits, z[i] >> block_bits, side_bits)];
+      row[i] = *in_group(i);
+      __builtin_prefetch(in_block(i));
     }
-    for (std::size_t i = 0; i < count; ++i) {
-      row[i] = point[(kept(row[i], blocks) << 3 * block_bits) + within(x[i], y[i], z[i], block_bits)];
-    }
+    for (std::size_t i = 0; i < count; ++i) row[i] = *in_block(i);
     for (std::size_t i = 0; i < count; ++i) row[i] = static_cast<std::uint32_t>(row[i]) < rows ? row[i] : -1;
   }
 

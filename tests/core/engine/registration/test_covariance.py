@@ -10,9 +10,10 @@ from firstfix.answer.free_direction import Motion, free_directions
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.covariance import pose_covariance
-from firstfix.engine.registration.facing import faced_information
+from firstfix.engine.registration.facing import faced_information, principal_axes
 from firstfix.engine.registration.surface import Surface
 from firstfix.transform import make_transform, rotation_z
+from reference.facing import told
 
 CONFIG = RegistrationConfig(
     map_voxel_m=0.1, coarse_voxel_m=0.5, fine_distance_m=0.4, inlier_distance_m=0.13, fine_iterations=60
@@ -35,7 +36,12 @@ def plane(normal: list[float], at_m: float, half_m: tuple[float, float], seed: i
 def information(*planes: np.ndarray, sigma_m: float = 0.02) -> np.ndarray:
     arms, normals = np.split(np.concatenate(planes), 2, axis=1)
     J = np.column_stack([np.cross(arms, normals), normals]) / sigma_m
-    return faced_information(J.T @ J, arms, normals, np.zeros(len(arms)), 0.4)
+    return faced_by(J.T @ J, arms, normals)
+
+
+def faced_by(whole: np.ndarray, arms: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    axes = principal_axes(whole)
+    return faced_information(whole, axes, *told(arms, normals, np.zeros(len(arms)), axes, 0.4))
 
 
 FLOOR = plane([0, 0, 1], -1.0, (20.0, 1.5), 1)
@@ -86,7 +92,7 @@ def test_information_of_surfaces_that_truly_face_is_kept():
     arms, normals = np.split(np.concatenate([FLOOR, *WALLS, *ENDS]), 2, axis=1)
     J = np.column_stack([np.cross(arms, normals), normals])
     whole = J.T @ J
-    faced = faced_information(whole, arms, normals, np.zeros(len(arms)), 0.4)
+    faced = faced_by(whole, arms, normals)
     assert np.linalg.eigvalsh(whole - faced).min() > -1e-6 * np.trace(whole)  # never more than there is
     np.testing.assert_allclose(np.diag(faced), np.diag(whole), rtol=0.1)
 
