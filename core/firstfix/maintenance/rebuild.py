@@ -16,7 +16,8 @@ from .pending_deletions import is_deletion_pending
 def rebuild(catalog: Catalog, map_id: str) -> str:
     """Record a build that repeats the one of the map's active version, whatever its format.
 
-    The build workers of the store find it there.
+    The build workers of the store find it there. Patches are not repeated: a version of another format cannot
+    be read, and the queries that confirmed them may be gone.
 
     Returns:
         Id of the new build.
@@ -39,7 +40,7 @@ def rebuild(catalog: Catalog, map_id: str) -> str:
         raise NotFound(f"the active version of map {map_id} was built without a record: submit the map again")
     request = catalog.build_request(made_by)
     _check_files(catalog.store, map_id, request)
-    for name in ("traceparent", "owner"):  # of the old request and its caller
+    for name in ("traceparent", "owner", "patch"):  # of the old request, its caller and its time
         request.pop(name, None)
     build_id = new_build_id()
     catalog.put_build(build_id, request)
