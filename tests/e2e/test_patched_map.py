@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import datetime, timedelta, timezone
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from changed_hall import free_poses, surface_points
+from changed_hall import surface_points
+from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.builds.options import BuildOptions
 from firstfix.catalog.catalog import Catalog
@@ -58,15 +60,16 @@ class Place:
         self.simulator = Simulator(world.vertices, world.triangles)
         self._rng = np.random.default_rng(5)
         points, _ = surface_points(world.vertices[world.triangles], 0.1)
-        seen = (np.abs(points) < [8.05, 6.05, 4.0]).all(axis=1) & (points[:, 2] > -0.05)  # as a mapping run does
+        seen = (np.abs(points) < [8.05, 6.05, 4.0]).all(axis=1) & (
+            points[:, 2] > -0.05
+        )  # as a mapping run does
         np.save(folder / "cloud.npy", points[seen])
         self._sha256 = put_source(self.catalog.store, "yard", folder / "cloud.npy")
-        leaves = 8 * 15  # vertices of the box that leaves: it becomes the one that comes
-        assert np.allclose(world.vertices[leaves : leaves + 8].min(axis=0)[2], 0.0)
         moved = world.vertices.copy()
-        low, high = moved[leaves : leaves + 8].min(axis=0), moved[leaves : leaves + 8].max(axis=0)
-        unit = (moved[leaves : leaves + 8] - low) / (high - low)
-        moved[leaves : leaves + 8] = NEW[0] + unit * (NEW[1] - NEW[0])
+        leaves = slice(8 * 15, 8 * 16)  # vertices of the box that leaves: it becomes the one that comes
+        low, high = moved[leaves].min(axis=0), moved[leaves].max(axis=0)
+        assert np.allclose([low, high], GONE, atol=0.01)
+        moved[leaves] = NEW[0] + (moved[leaves] - low) / (high - low) * (NEW[1] - NEW[0])
         self.now = Simulator(moved, world.triangles)
 
     def build(self, build_id: str, **changes: Any) -> dict[str, Any]:
@@ -76,7 +79,7 @@ class Place:
             "source": {"key": f"maps/yard/sources/{self._sha256}"},
             "file_name": "cloud.npy",
             "trajectory": None,
-            "config": {**CONFIG, "patch": "activate"},
+            "config": CONFIG,
             **changes,
         }
         self.catalog.put_build(build_id, request)
@@ -85,6 +88,10 @@ class Place:
         )
         run_build(options, partial(build_here, options, None))
         return self.catalog.build_status(build_id)
+
+    def patch(self, build_id: str, base: str, mode: str = "activate") -> dict[str, Any]:
+        """Runs the build of a patch. Returns its status."""
+        return self.build(build_id, patch={"base": base, "mode": mode})
 
     def localizer(self, version: str) -> Localizer:
         folder = self.catalog.fetch_version("yard", version, self.folder / "cache")
@@ -102,30 +109,28 @@ class Place:
         self, localizer: Localizer, version: str, callers: Sequence[str], days: Sequence[int], count: int
     ) -> list[float]:
         """Queries in the yard as it is now, kept. Returns their errors in metres."""
-        poses = free_poses(self.now, (7.0, 5.0), len(callers) * len(days) * count, self._rng)
         errors_m = []
-        for caller in callers:
-            for day in days:
-                for minute in range(count):
-                    T = poses.pop()
-                    T[:2, 3] = T[:2, 3] * [2.0, 2.0] - [7.0, 5.0]
-                    T[2, 3] = 0.8
-                    if not self.now.is_free(T[None, :3, 3], 0.4)[0]:
-                        continue
-                    points = self.scan(self.now, T)
-                    answer = localizer.localize(Scan.from_points(points), LocalizeOptions())
-                    if answer.T_map_sensor is not None:
-                        errors_m.append(float(np.linalg.norm((answer.T_map_sensor - T)[:3, 3])))
-                    self.keep(caller, MONDAY + timedelta(days=day, minutes=10 * minute), answer, points, version)
+        for caller, day, minute in product(callers, days, range(count)):
+            T = np.eye(4)
+            while True:
+                T[:3, 3] = [*self._rng.uniform([-7.0, -5.0], [7.0, 5.0]), 0.8]
+                if self.now.is_free(T[None, :3, 3], 0.4)[0]:
+                    break
+            points = self.scan(self.now, T)
+            answer = localizer.localize(Scan.from_points(points), LocalizeOptions())
+            if answer.T_map_sensor is not None:
+                errors_m.append(float(np.linalg.norm((answer.T_map_sensor - T)[:3, 3])))
+            time = MONDAY + timedelta(days=day, minutes=10 * minute)
+            self.keep(caller, time, answer, points.tobytes(), version)
         return errors_m
 
-    def keep(self, caller: str, time: datetime, answer: Any, points: NDArray[np.float32], version: str) -> None:
-        body = points.tobytes()
+    def keep(self, caller: str, time: datetime, answer: Localization, body: bytes, version: str) -> None:
         told = {**answer.to_mapping(), "map_id": "yard", "map_version": version}
         sample_id = new_sample_id(f"{self._rng.integers(2**32):08x}", time)
+        media_type = "application/vnd.firstfix.xyz"
         sample = QuerySample(
-            sample_id, time.isoformat(), "http", "r", "", "yard", "application/vnd.firstfix.xyz", "", {}, told,
-            len(body), robot=robot_of(caller),
+            sample_id, time.isoformat(), "http", "r", "", "yard", media_type, "", {}, told, len(body),
+            robot=robot_of(caller),
         )  # fmt: skip
         self.samples.put(sample, body)
 
@@ -147,29 +152,48 @@ def points_in(index: MapIndex, box: NDArray[np.float64]) -> int:
 
 def test_a_changed_world_becomes_a_patched_map(place: Place) -> None:
     base = str(place.build("b1")["version"])
+    assert place.catalog.active_version("yard") == base
     before = place.localizer(base)
-    alone = place.build("b2", patch={"base": base})
-    assert alone["state"] == "failed"
-    assert "nothing to patch" in alone["error"]["detail"]
+    nothing = place.patch("b2", base)
+    assert nothing["state"] == "failed"
+    assert "nothing to patch" in nothing["error"]["detail"]
 
     place.ask(before, base, ["key:ann"], range(4), 6)
-    lonely = place.build("b3", patch={"base": base})
+    lonely = place.patch("b3", base)
     assert lonely["state"] == "failed"
     assert "of 1 robots" in lonely["error"]["detail"]
+    assert place.catalog.active_version("yard") == base
 
     place.ask(before, base, ["address:10.0.0.7"], range(4), 2)  # anybody: it counts for nothing
-    place.ask(before, base, ["key:bob"], range(4), 6)
-    status = place.build("b4", patch={"base": base})
-    print(status)
+    errors_m = place.ask(before, base, ["key:bob"], range(4), 6)
+    assert len(errors_m) >= 10
+    assert max(errors_m) < 0.1
+    status = place.patch("b4", base)
     assert status["state"] == "succeeded", status
-    print(place.catalog.manifest("yard", status["version"]).source["patch"])
-    assert status["activated"]
     patched = str(status["version"])
+    assert status["activated"], status["findings"]
     assert place.catalog.active_version("yard") == patched != base
     assert [one["code"] for one in status["findings"]] == ["map_patched"]
     record = place.catalog.manifest("yard", patched).source["patch"]
-    print(record)
+    assert (record["base"], record["robots"]) == (base, 2)
+    assert record["compared"]["places"] >= 10
+    areas = {one["kind"]: np.array([one["low_m"], one["high_m"]]) for one in record["areas"]}
+    assert np.abs(areas["gone"] - GONE).max() < 0.6
+    assert np.abs(areas["new"] - NEW).max() < 0.6
+
     after = place.localizer(patched)
-    print(points_in(before.index, GONE), points_in(after.index, GONE), points_in(before.index, NEW), points_in(after.index, NEW))
+    assert points_in(before.index, GONE) > 200
+    assert points_in(after.index, GONE) < 0.1 * points_in(before.index, GONE)
+    assert points_in(before.index, NEW) == 0
+    assert points_in(after.index, NEW) > 100
+    errors_m = place.ask(after, patched, ["key:cat"], [5], 6)
+    assert max(errors_m) < 0.1
+
     assert place.catalog.roll_back("yard") == base
-    print(place.catalog.log("yard"))
+    assert place.localizer(base).index.surface.fine.planes.shape == before.index.surface.fine.planes.shape
+    proposed = place.patch("b5", base, mode="propose")
+    assert (proposed["version"], proposed["activated"]) == (patched, False)
+    assert [one["code"] for one in proposed["findings"]] == ["map_patched", "patch_proposed"]
+    assert place.catalog.active_version("yard") == base
+    place.catalog.activate("yard", patched)  # a person clicks
+    assert place.catalog.active_version("yard") == patched

@@ -105,7 +105,8 @@ def run_build(
                     catalog.store.probe()
                     fetch = SourceFetch(options, catalog.store, map_id)
                     sources = fetch.of_request(request, partial(tick, FETCH_SOURCE))
-                    if patch := json_object(request, "patch"):
+                    patch = json_object(request, "patch")
+                    if patch:
                         samples = QuerySamples(Store.open(options.samples_store or options.store))
                         folder = work / "sources" / "patch"
                         collected = collect_patch_source(
@@ -132,7 +133,7 @@ def run_build(
                         raise BuildCancelled("cancelled before it was published")
                     tick(PUBLISH, 0.0)
                     activate = ActivateConfig.model_validate(config.get("activate") or {})
-                    mode: PatchMode = "activate" if config.get("patch") == "activate" else "propose"
+                    mode: PatchMode = "activate" if patch.get("mode") == "activate" else "propose"
                     held = catalog.reason_to_hold(map_id, built.manifest, activate, mode)
                     version = catalog.publish(
                         map_id,

@@ -23,7 +23,7 @@ from .observation import Seen
 NEAREST_M = 0.2  # from a point of the cloud to the mapped point whose state it shares
 PASSES_A_HIT = 3  # so many times as often seen through as met
 TOGETHER_M = 0.2  # returns of two robots so near to each other are of one thing
-SAME_POINT_M = 0.02
+SAME_POINT_M = 0.002
 _AROUND = np.array(list(np.ndindex(3, 3, 3))) - 1
 
 

@@ -65,11 +65,11 @@ class LeftOut:
 
     Attributes:
         replayed: scans that were told before.
-        astray: scans that do not fit the unchanged map around their pose.
+        doubtful: scans that do not fit the unchanged map around their pose.
     """
 
     replayed: int
-    astray: int
+    doubtful: int
 
 
 def seen_by(index: MapIndex, observations: Sequence[Observation]) -> tuple[list[Seen], LeftOut]:

@@ -149,7 +149,7 @@ def _record(
         "queries": len(seen),
         "robots": len({one.observation.robot for one in seen}),
         "replayed": left_out.replayed,
-        "astray": left_out.astray,
+        "doubtful": left_out.doubtful,
     }
 
 
@@ -159,6 +159,6 @@ def _nothing(seen: list[Seen], left_out: LeftOut, rule: PatchRule) -> str:
     days = len({int(one.observation.time_s // 86400) for one in seen})
     return (
         f"nothing to patch: no change is confirmed by {len(seen)} kept queries of {robots} robots on {days} "
-        f"days ({left_out.replayed} replayed, {left_out.astray} at a doubtful pose). It takes {rule.robots} "
-        f"robots, {rule.days} days, and nobody who saw otherwise since"
+        f"days ({left_out.replayed} more replayed, {left_out.doubtful} at a doubtful pose). It takes "
+        f"{rule.robots} robots, {rule.days} days, and nobody who saw otherwise since"
     )

@@ -204,6 +204,8 @@ def parse_request(record: dict[str, Any]) -> dict[str, Any]:
                 text_of(named, field)
     if (patch := record.get("patch")) is not None:
         check_version(text_of(patch, "base"))
+        if text_of(patch, "mode") not in ("propose", "activate"):
+            raise ValueError("mode of the patch is neither propose nor activate")
     if not isinstance(record.get("config") or {}, dict):
         raise TypeError("config is not an object")
     for name in ("file_name", "owner"):

@@ -28,6 +28,17 @@ def rebuild(catalog: Catalog, map_id: str) -> str:
         InvalidOption: the map id is invalid.
         StoreError: the store failed.
     """
+    _, request = active_request(catalog, map_id)
+    request.pop("patch", None)
+    return record_again(catalog, map_id, request)
+
+
+def active_request(catalog: Catalog, map_id: str) -> tuple[str, dict[str, Any]]:
+    """The active version of a map, and the request of the build that made it, without its caller.
+
+    Raises:
+        NotFound: as ``rebuild``.
+    """
     state = catalog.state(map_id)
     if state.active is None:
         raise NotFound(f"map {map_id} has no active version")
@@ -40,9 +51,21 @@ def rebuild(catalog: Catalog, map_id: str) -> str:
         raise NotFound(f"the active version of map {map_id} was built without a record: submit the map again")
     request = catalog.build_request(made_by)
     _check_files(catalog.store, map_id, request)
-    for name in ("traceparent", "owner", "patch"):  # of the old request, its caller and its time
+    for name in ("traceparent", "owner"):  # of the old request and its caller
         request.pop(name, None)
-    build_id = new_build_id()
+    return state.active, request
+
+
+def record_again(catalog: Catalog, map_id: str, request: Mapping[str, Any], build_id: str = "") -> str:
+    """Record a build with the sources of an earlier request. Returns its id.
+
+    Args:
+        build_id: empty: a new one.
+
+    Raises:
+        NotFound: a source is gone.
+    """
+    build_id = build_id or new_build_id()
     catalog.put_build(build_id, request)
     # As for a submitted map. If a source has just been removed, the build fails and this error says why.
     _check_files(catalog.store, map_id, request, own_copy_for=build_id)

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from changed_hall import SENSOR, Hall, free_poses, standing, with_error
-from firstfix.engine.index import MapIndex
 from firstfix.scan.scan import Scan
-from firstfix_builder.patch.confirm import Change, confirmed_changes
+from firstfix_builder.patch.confirm import Change, PatchRule, confirmed_changes
 from firstfix_builder.patch.observation import Observation, seen_by
 from firstfix_builder.simulation.boxes import Boxes
 from firstfix_builder.simulation.rays import Rays
@@ -96,6 +95,13 @@ def days(*numbers: float, hour: float = 9.0) -> list[float]:
     return [MONDAY_S + number * DAY_S + hour * HOUR_S for number in numbers]
 
 
-def changes_in(observations: Sequence[Observation], index: MapIndex | None = None) -> list[Change]:
+def changes_in(observations: Sequence[Observation]) -> list[Change]:
     """The changes that a fleet's observations confirm."""
-    return confirmed_changes(seen_by(index or MAPPED.index, observations)[0])
+    return confirmed_changes(seen_by(MAPPED.index, observations)[0])
+
+
+def is_refused(observations: Sequence[Observation], **loosened: float) -> bool:
+    """Returns whether no change is confirmed by the rule, though one is if these bars are lower."""
+    seen, _ = seen_by(MAPPED.index, observations)
+    assert confirmed_changes(seen, PatchRule(**loosened)), "the poison is none"  # type: ignore[arg-type]
+    return not confirmed_changes(seen)
