@@ -14,7 +14,7 @@ from firstfix.catalog.sources import put_source, source_key
 
 @pytest.fixture
 def recorder(tmp_path: Path) -> Iterator[Service]:
-    with running_service(tmp_path, zenoh=False, build_queue="store") as service:
+    with running_service(tmp_path, zenoh=False, run_builds=False) as service:
         yield service
 
 
