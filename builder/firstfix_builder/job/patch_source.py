@@ -14,28 +14,22 @@ from __future__ import annotations
 import json
 import logging
 import shutil
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from firstfix.answer.localization import Localization, Verdict
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
-from firstfix.engine.changes.cells import spot_of
+from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.sightings.sightings import Sightings
+from firstfix.engine.changes.areas import Area, find_areas, newest_first
 from firstfix.errors import BuildFailed, NotFound, UnreadableRecord
+
+from .kept_queries import chosen_queries
 
 _log = logging.getLogger(__name__)
 PATCH_SOURCE_FILE, BASE = "patch.json", "base"
-MIN_PROBABILITY = 0.99  # as for the counts of changes: a wrong pose would contradict the whole map around it
-MOST_READ = 2000  # records of kept queries, the newest
-MOST_QUERIES, MOST_OF_ROBOT = 400, 100  # so that no robot crowds out the others
 MOST_BYTES = 1 << 30
-HOUR_S = 3600.0
 
 
 @dataclass(frozen=True)
@@ -112,8 +106,11 @@ def collect_patch_source(
     shutil.rmtree(folder, ignore_errors=True)
     (folder / "queries").mkdir(parents=True)
     kept, size = [], 0
-    for number, (sample, time_s) in enumerate(_chosen(samples, map_id, base)):
-        on_progress(min(number / MOST_QUERIES, 0.9))
+    areas = _areas_of(catalog, map_id, base)
+    chosen = chosen_queries(samples, map_id, base, areas, lambda done: on_progress(done / 2))
+    for number, one in enumerate(chosen):
+        on_progress((1 + number / len(chosen)) / 2)
+        sample = one.sample
         size += sample.body_bytes
         if size > MOST_BYTES:
             break
@@ -124,7 +121,9 @@ def collect_patch_source(
         name = f"queries/{sample.sample_id}"
         (folder / name).write_bytes(body)
         answer = {key: sample.answer.get(key) for key in ("T_map_sensor", "twist")}
-        kept.append(KeptQuery(name, sample.robot, time_s, sample.media_type, sample.content_encoding, answer))
+        kept.append(
+            KeptQuery(name, sample.robot, one.time_s, sample.media_type, sample.content_encoding, answer)
+        )
     if not kept:
         raise BuildFailed(
             f"nothing to patch: no kept query of a robot with a key of its own was localized in version "
@@ -133,7 +132,6 @@ def collect_patch_source(
     fetched = catalog.fetch_version(map_id, base, folder / "fetched")
     _link_all(fetched, folder / BASE)
     named = {role: _linked(path, folder / role) for role, path in files.items()}
-    kept.sort(key=lambda one: (one.time_s, one.file))
     source = PatchSource(named["source"], named.get("trajectory"), base, tuple(kept))
     source.save(folder)
     shutil.rmtree(folder / "fetched", ignore_errors=True)
@@ -141,36 +139,11 @@ def collect_patch_source(
     return folder
 
 
-def _chosen(samples: QuerySamples, map_id: str, base: str) -> Iterator[tuple[QuerySample, float]]:
-    """The queries that count, the newest first: of each robot one in an hour from each place of 1 m."""
-    of_robot: Counter[str] = Counter()
-    told = set()
-    for sample_id in list(reversed(samples.ids()))[:MOST_READ]:
-        sample = samples.find(sample_id)
-        if sample is None or not sample.robot or of_robot[sample.robot] >= MOST_OF_ROBOT:
-            continue
-        try:
-            answer = Localization.from_mapping(sample.answer)
-            time_s = datetime.fromisoformat(sample.time).timestamp()
-        except (ValueError, KeyError, TypeError):
-            continue  # of another release
-        T_map_sensor = answer.T_map_sensor
-        if (
-            (answer.map_id, answer.map_version) != (map_id, base)
-            or answer.verdict is not Verdict.LOCALIZED
-            or answer.probability < MIN_PROBABILITY
-            or T_map_sensor is None
-            or not np.isfinite(T_map_sensor).all()
-        ):
-            continue
-        told_by = sample.robot, spot_of(T_map_sensor[:3, 3]), int(time_s // HOUR_S)
-        if told_by in told:
-            continue
-        told.add(told_by)
-        of_robot[sample.robot] += 1
-        yield sample, time_s
-        if of_robot.total() >= MOST_QUERIES:
-            return
+def _areas_of(catalog: Catalog, map_id: str, version: str) -> list[Area]:
+    """The areas that the counts of the version's queries show: where a patch has something to look at."""
+    record = Sightings(catalog.store).read(catalog.folder_of(map_id, version))
+    days = [record.days[name].tally for name in sorted(record.days, reverse=True)]
+    return find_areas(newest_first(days))
 
 
 def _linked(path: Path, folder: Path) -> str:

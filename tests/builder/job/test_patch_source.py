@@ -12,12 +12,15 @@ import pytest
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.engine.changes.areas import Area
 from firstfix.errors import BuildFailed
 from firstfix.store.store import Store
-from firstfix_builder.job import patch_source
+from firstfix_builder.job import kept_queries
+from firstfix_builder.job.kept_queries import chosen_queries
 from firstfix_builder.job.patch_source import PatchSource, collect_patch_source, is_patch_source
 from firstfix_builder.patch.kept_scans import read_observations
 
+DAY_S = 86400.0
 NOON = datetime(2026, 3, 2, 12, tzinfo=timezone.utc)
 
 
@@ -92,13 +95,35 @@ def test_other_queries_say_nothing(kept: Kept, robot: str, answer: dict[str, Any
 
 
 def test_a_robot_cannot_crowd_out_the_others(kept: Kept, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(patch_source, "MOST_OF_ROBOT", 3)
+    monkeypatch.setattr(kept_queries, "MOST_QUERIES", 6)
     kept.keep("bob", 0.0)
     for number in range(8):
         kept.keep("ann", 100.0 + number, x=0.1 * number)  # in one place of 1 m, and in one hour
         kept.keep("ann", 200.0 + number, x=10.0 * number)
     robots = [one.robot for one in kept.collect().queries]
     assert robots == ["bob", "ann", "ann", "ann"]
+
+
+def test_all_days_have_equal_parts(kept: Kept, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(kept_queries, "MOST_QUERIES", 12)
+    for number in range(40):
+        kept.keep("ann", 5 * DAY_S + number, x=10.0 * number)
+    for day in range(5):
+        kept.keep("ann", day * DAY_S)
+    days = [int((one.time_s - NOON.timestamp()) // DAY_S) for one in kept.collect().queries]
+    assert days == [0, 1, 2, 3, 4, 5]
+
+
+def test_queries_near_what_seems_changed_come_first(kept: Kept, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(kept_queries, "MOST_QUERIES", 6)
+    for number in range(20):
+        kept.keep("ann", 60.0 * number, x=10.0 * number)
+    cells = np.array([[200, 0, 2], [201, 0, 2], [202, 0, 2]])  # at x = 100 to 101.5 m
+    area = Area("gone", cells, np.ones(3), np.full(3, 9), np.ones((3, 2), np.int64))
+    near, any_place = (chosen_queries(kept.samples, "hall", kept.version, areas) for areas in ([area], []))
+    assert [one.position_m[0] for one in near] == pytest.approx([90, 100, 110])
+    assert len(any_place) == 3
+    assert {one.position_m[0] for one in any_place} != {90, 100, 110}
 
 
 def test_a_body_that_is_no_scan_is_left_out(kept: Kept):
