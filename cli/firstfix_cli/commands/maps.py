@@ -149,7 +149,7 @@ def patch(
     store: Store = None,
     as_json: AsJson = False,
 ) -> None:
-    """Lay into a map what kept queries of several robots have seen for days.
+    """Lay into a map what several robots have seen for days.
 
     A service or a worker builds the patched version. rollback takes it back.
     """
