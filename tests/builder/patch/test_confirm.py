@@ -14,6 +14,7 @@ from firstfix.transform import make_transform, rotation_z
 from firstfix_builder.patch.observation import Observation, seen_by
 from firstfix_builder.simulation.boxes import Boxes
 
+pytestmark = pytest.mark.slow
 TWO = ("ann", "bob")
 
 
