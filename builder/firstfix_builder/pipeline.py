@@ -31,7 +31,8 @@ from .execution.local_executor import LocalExecutor, die_with_parent
 from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
 from .execution.stage_runner import Progress
 from .job.build_job import BuildResult
-from .sessions.stages import SESSIONS_FILE, SessionStages
+from .patch.stages import PATCH_FILE, PatchStages, patch_record
+from .sessions.stages import SESSIONS_FILE
 from .stage_files import findings_of, link
 from .viewpoints.workload import Workload
 
@@ -59,8 +60,8 @@ def build_version(
     """Runs every stage that the cache under ``work`` does not hold yet.
 
     Args:
-        source: a map file or folder, as ``read_map`` takes it, or a folder of sessions with a
-            ``sessions.yaml``.
+        source: a map file or folder, as ``read_map`` takes it, a folder of sessions with a
+            ``sessions.yaml``, or the folder of a patch (``job.patch_source``).
         trajectory: poses of the mapping run, if they are not in the source.
         shared: finished stages of other machines.
         publish_provisional: called with the provisional version when it is ready; None: none is made.
@@ -80,8 +81,8 @@ def build_version(
         cache = StageCache(work, shared=shared)
         chunks = ChunkCache(cache, executor, shared)
         workload = Workload(options.max_templates)
-        build = SessionStages(cache, chunks, progress, cancelled, config, threads, workload=workload)
-        read = build.read_map(source, trajectory)
+        build = PatchStages(cache, chunks, progress, cancelled, config, threads, workload=workload)
+        read = build.read_source(source, trajectory)
         if publish_provisional is not None:
             early = _provisional(build, read, work)
             if early is not None:
@@ -89,7 +90,8 @@ def build_version(
         mesh, viewpoints, index = build.index_map(read)
         drawn = build.draw_cloud(read, index)
         tested = build.self_test(read, mesh, viewpoints, index)
-        return _collect(config, read, [index, drawn, tested], work / "version")
+        compared = build.compare_patch(source, read, mesh, index, tested)
+        return _collect(config, read, [index, drawn, tested], work / "version", compared=compared)
 
 
 def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuildResult | None:
@@ -158,8 +160,8 @@ def read_source(
         cache = StageCache(work, shared=shared)
         chunks = ChunkCache(cache, executor)
         workload = Workload(options.max_templates)
-        build = SessionStages(cache, chunks, progress, cancelled, config, threads, workload=workload)
-        build.read_map(source, trajectory)
+        build = PatchStages(cache, chunks, progress, cancelled, config, threads, workload=workload)
+        build.read_source(source, trajectory)
 
 
 @contextmanager
@@ -189,12 +191,15 @@ def _collect(
     directory: Path,
     *,
     provisional: bool = False,
+    compared: StageResult | None = None,
 ) -> BuildResult:
     """The version's folder with its manifest, of the files of all parts. They are linked where that works."""
     shutil.rmtree(directory, ignore_errors=True)
     directory.mkdir(parents=True)
     for path in sorted(path for part in parts for path in part.directory.iterdir()):
         link(path, directory / path.name)
+    if compared is not None:
+        link(read.directory / PATCH_FILE, directory / PATCH_FILE)
     points = np.load(directory / MAP_FILE, mmap_mode="r")
     clusters = Clusters.load(directory)
     manifest = Manifest.for_directory(
@@ -203,7 +208,7 @@ def _collect(
         config=config.to_mapping(),
         sensor=config.sensor_model.to_mapping(),
         origin=np.load(read.directory / "T_map_level.npy")[:3, 3],
-        source=_source_record(read),
+        source=_source_record(read, compared),
         counts={
             "templates": len(clusters.member),
             "clusters": len(clusters),
@@ -217,10 +222,13 @@ def _collect(
     return BuildResult(directory, manifest)
 
 
-def _source_record(read: StageResult) -> dict[str, Any]:
-    """Record of the source: its digest and findings, and the transform of each session with its evidence."""
+def _source_record(read: StageResult, compared: StageResult | None) -> dict[str, Any]:
+    """Record of the source: its digest and findings, the transform of each session, and the patch."""
     sessions = read.directory / SESSIONS_FILE
     found: dict[str, Any] = {"sha256": read.digest, "findings": findings_of(read)}
     if sessions.exists():
         found["sessions"] = json.loads(sessions.read_text())
+    patch = patch_record(read, compared)
+    if patch is not None:
+        found["patch"] = patch
     return found

@@ -12,6 +12,7 @@ from firstfix.errors import InvalidOption, NotFound
 from .arguments import client_of
 
 if TYPE_CHECKING:
+    from firstfix.builds.config import PatchMode
     from firstfix.catalog.catalog import Catalog
     from firstfix_client import Client
 
@@ -35,6 +36,9 @@ class MapAdmin(Protocol):
 
     def roll_back(self, map_id: str) -> str:
         """Makes the previously active version active again, and returns it."""
+
+    def patch(self, map_id: str, mode: PatchMode | None) -> str:
+        """Records a build that patches the map, and returns its id."""
 
     def retire(self, map_id: str, version: str, *, force: bool) -> None:
         """Takes a version out of service."""
@@ -84,6 +88,9 @@ class _ServiceMaps:
     def roll_back(self, map_id: str) -> str:
         return self._client.roll_back(map_id)
 
+    def patch(self, map_id: str, mode: PatchMode | None) -> str:
+        return self._client.patch(map_id, mode)
+
     def retire(self, map_id: str, version: str, *, force: bool) -> None:
         self._client.retire(map_id, version, force=force)
 
@@ -119,6 +126,11 @@ class _StoreMaps:
 
     def roll_back(self, map_id: str) -> str:
         return self._catalog.roll_back(map_id)
+
+    def patch(self, map_id: str, mode: PatchMode | None) -> str:
+        from firstfix.maintenance.patch import request_patch
+
+        return request_patch(self._catalog, map_id, mode)
 
     def retire(self, map_id: str, version: str, *, force: bool) -> None:
         self._catalog.retire(map_id, version, force=force)

@@ -251,6 +251,11 @@ def test_maps_are_built_again_and_stores_copied(versions, tmp_path, capsys):
     assert ended(["maps", "rebuild", "hall", "--store", tmp_path / "store"]) == 0
     (build_id,) = set(catalog.build_ids()) - {"b1"}
     assert build_id in capsys.readouterr().out
+    assert ended(["maps", "patch", "hall", "--store", tmp_path / "store"]) == 2
+    assert "patches of map hall are off" in capsys.readouterr().err
+    assert ended(["maps", "patch", "hall", "--mode", "propose", "--store", tmp_path / "store", "--json"]) == 0
+    asked = json.loads(capsys.readouterr().out)
+    assert catalog.build_request(asked["build_id"])["patch"]["mode"] == "propose"
     assert ended(["copy-store", tmp_path / "store", tmp_path / "copy", "--json"]) == 0
     copied = json.loads(capsys.readouterr().out)
     assert copied["damaged"] == []

@@ -151,6 +151,12 @@ def test_a_proxy_without_upstream_is_asked_again_only_for_what_repeats(server):
     assert len(server.requests) == QUICK.attempts + 1
 
 
+def test_a_patch_is_asked_for_once(server):
+    server.answers = [ok(b'{"build_id": "b7", "state": "queued"}', 202)]
+    assert Client(server.url, retry=QUICK).patch("hall", "propose") == "b7"
+    assert server.requests[0][:3] == ("POST", "/maps/hall/patch", {"mode": "propose"})
+
+
 def test_nobody_there_is_said_so():
     port = free_port()
     with pytest.raises(ServiceUnreachable, match=str(port)):

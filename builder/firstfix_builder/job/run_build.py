@@ -12,7 +12,7 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from firstfix.builds.config import ActivateConfig
+from firstfix.builds.config import ActivateConfig, PatchMode
 from firstfix.builds.options import (
     FETCH_SOURCE,
     PUBLISH,
@@ -23,6 +23,7 @@ from firstfix.builds.options import (
 )
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.query_samples import QuerySamples
 from firstfix.catalog.version_findings import findings_of
 from firstfix.errors import (
     BuildCancelled,
@@ -37,6 +38,7 @@ from firstfix.store.store import Store
 from ..execution.build_trace import BuildTrace
 from .build_job import BuildJob, BuildResult, BuildVersion, error_record, full_disk_named
 from .fetch_source import SourceFetch, json_object
+from .patch_source import collect_patch_source
 from .reporter import BuildReporter
 
 _EXIT_OF_STATE = {
@@ -103,6 +105,20 @@ def run_build(
                     catalog.store.probe()
                     fetch = SourceFetch(options, catalog.store, map_id)
                     sources = fetch.of_request(request, partial(tick, FETCH_SOURCE))
+                    patch = json_object(request, "patch")
+                    if patch:
+                        samples = QuerySamples(Store.open(options.samples_store or options.store))
+                        folder = work / "sources" / "patch"
+                        collected = collect_patch_source(
+                            catalog,
+                            samples,
+                            map_id,
+                            str(patch["base"]),
+                            sources,
+                            folder,
+                            partial(tick, FETCH_SOURCE),
+                        )
+                        sources = {"source": collected}
                     job = BuildJob(
                         sources["source"],
                         sources.get("trajectory"),
@@ -117,7 +133,8 @@ def run_build(
                         raise BuildCancelled("cancelled before it was published")
                     tick(PUBLISH, 0.0)
                     activate = ActivateConfig.model_validate(config.get("activate") or {})
-                    held = catalog.reason_to_hold(map_id, built.manifest, activate)
+                    mode: PatchMode = "activate" if patch.get("mode") == "activate" else "propose"
+                    held = catalog.reason_to_hold(map_id, built.manifest, activate, mode)
                     version = catalog.publish(
                         map_id,
                         built.directory,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +20,7 @@ app = typer.Typer(
         "firstfix maps show hall --url http://localhost:8080",
         "firstfix maps changes hall --picture changes.png",
         "firstfix maps activate hall 3f2a91c0 --store s3://maps/firstfix",
+        "firstfix maps patch hall --mode propose",
         "firstfix maps verify --store s3://maps/firstfix",
     ),
     no_args_is_help=True,
@@ -127,6 +129,36 @@ def rollback(map_id: MapArgument, url: Url = None, store: Store = None, as_json:
     with map_admin(url, store) as admin:
         chosen = admin.roll_back(map_id)
     _print_state(map_id, chosen, "active", as_json)
+
+
+class Mode(str, Enum):
+    """What becomes of a patched version."""
+
+    propose = "propose"
+    activate = "activate"
+
+
+@app.command()
+def patch(
+    map_id: MapArgument,
+    mode: Annotated[
+        Mode | None,
+        typer.Option(help="Whether the patched version waits [default: patch of the map's build config]."),
+    ] = None,
+    url: Url = None,
+    store: Store = None,
+    as_json: AsJson = False,
+) -> None:
+    """Lay into a map what several robots have seen for days.
+
+    A service or a worker builds the patched version. rollback takes it back.
+    """
+    from ..map_admin import map_admin
+
+    with map_admin(url, store) as admin:
+        build_id = admin.patch(map_id, None if mode is None else mode.value)
+    said = {"map_id": map_id, "build_id": build_id}
+    typer.echo(json.dumps(said) if as_json else f"{map_id}: build {build_id} is queued")
 
 
 @app.command()

@@ -50,6 +50,10 @@ class AsyncMapCalls(AsyncCalls):
         """Makes the previously active version active again, and returns it."""
         return await self._http.run(self._steps.maps.roll_back(map_id))
 
+    async def patch(self, map_id: str, mode: str | None = None) -> str:
+        """Asks for a patch of the active version by what kept queries have seen. Returns the build's id."""
+        return await self._http.run(self._steps.maps.patch(map_id, mode))
+
     async def retire(self, map_id: str, version: str, *, force: bool = False) -> None:
         """Takes a version out of service."""
         await self._http.run(self._steps.maps.retire(map_id, version, force))

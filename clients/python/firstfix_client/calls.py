@@ -109,6 +109,19 @@ class MapCalls(HttpCalls):
         """
         return self._http.run(self._http.steps.maps.roll_back(map_id))
 
+    def patch(self, map_id: str, mode: str | None = None) -> str:
+        """Asks for a patch of the active version by what kept queries have seen. Returns the build's id.
+
+        Args:
+            mode: ``propose``: the patched version waits until somebody activates it; ``activate``: it is
+                activated, unless it is worse; None: as the map's build config says.
+
+        Raises:
+            NotFound: no such map, or its sources are gone.
+            Conflict: patches of the map are off and no mode is given, or its version is provisional.
+        """
+        return self._http.run(self._http.steps.maps.patch(map_id, mode))
+
     def retire(self, map_id: str, version: str, *, force: bool = False) -> None:
         """Takes a version out of service.
 

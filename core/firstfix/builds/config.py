@@ -189,6 +189,9 @@ class ActivateConfig(Stage):
     max_loss: float = Field(0.1, ge=0, le=1)
 
 
+PatchMode = Literal["off", "propose", "activate"]
+
+
 class EngineOverrides(Stage):
     """Parts of the engine's config that are set by hand. None: derived from the map and the sensor.
 
@@ -216,6 +219,9 @@ class BuildConfig(Stage):
         level: rotate a tilted map so that z points up in the index.
         provisional: a map without a full version gets a provisional one first: coarse, untested, and served
             until the full one takes its place. This option does not change the full version.
+        patch: what becomes of patches of this map by kept queries: "off": none is made; "propose": the
+            patched version waits until somebody activates it; "activate": it is activated, unless it is
+            worse.
     """
 
     sensor: str | dict[str, Any] = "os1-64"
@@ -231,6 +237,12 @@ class BuildConfig(Stage):
     learn_keys: LearnKeysConfig = LearnKeysConfig()
     self_test: SelfTestConfig = Field(default_factory=SelfTestConfig)
     activate: ActivateConfig = ActivateConfig()
+    patch: PatchMode = "off"
+
+    @field_validator("patch", mode="before")
+    @classmethod
+    def _yaml_off(cls, value: Any) -> Any:
+        return "off" if value is False else value  # YAML reads the bare word as false
 
     @field_validator("sensor")
     @classmethod
@@ -275,8 +287,8 @@ class BuildConfig(Stage):
             raise InvalidOption(f"{path}: {error}") from None
 
     def to_mapping(self) -> dict[str, Any]:
-        """JSON-ready form of what decides the version: all but ``provisional`` and ``activate``."""
-        return json.loads(self.model_dump_json(exclude={"provisional", "activate"}))
+        """JSON-ready form of what decides the version: without ``provisional``, ``activate``, ``patch``."""
+        return json.loads(self.model_dump_json(exclude={"provisional", "activate", "patch"}))
 
 
 def _sensor(value: str | dict[str, Any]) -> SensorModel:

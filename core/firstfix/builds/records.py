@@ -192,7 +192,7 @@ def parse_request(record: dict[str, Any]) -> dict[str, Any]:
     """Parse the request of a build.
 
     Raises:
-        ValueError, TypeError, KeyError: it is not the request of a build.
+        ValueError, TypeError, KeyError, InvalidOption: it is not the request of a build.
     """
     map_id = text_of(record, "map_id", "")
     if map_id and not is_name(map_id):
@@ -202,6 +202,10 @@ def parse_request(record: dict[str, Any]) -> dict[str, Any]:
         if named is not None:
             for field in named:
                 text_of(named, field)
+    if (patch := record.get("patch")) is not None:
+        check_version(text_of(patch, "base"))
+        if text_of(patch, "mode") not in ("propose", "activate"):
+            raise ValueError("mode of the patch is neither propose nor activate")
     if not isinstance(record.get("config") or {}, dict):
         raise TypeError("config is not an object")
     for name in ("file_name", "owner"):

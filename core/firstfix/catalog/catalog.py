@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from ..builds.config import ActivateConfig
+from ..builds.config import ActivateConfig, PatchMode
 from ..builds.records import BuildRecords
 from ..errors import CorruptVersion, InvalidOption, NotFound, StoreError, VersionError
 from ..findings.finding import Finding
@@ -186,10 +186,15 @@ class Catalog(BuildRecords):
 
     # Writing
 
-    def reason_to_hold(self, map_id: str, manifest: Manifest, config: ActivateConfig) -> Finding | None:
+    def reason_to_hold(
+        self, map_id: str, manifest: Manifest, config: ActivateConfig, patch: PatchMode = "propose"
+    ) -> Finding | None:
         """Finding because of which a version is to be published and not activated; None: there is none.
 
         It is compared with the active version. That one has no reason: a repetition changes nothing.
+
+        Args:
+            patch: what becomes of the version if it is patched.
         """
         version = self.active_version(map_id)
         if version == manifest.digest:
@@ -200,7 +205,7 @@ class Catalog(BuildRecords):
                 NotFound, VersionError
             ):  # retired meanwhile, or it cannot be served: nothing to lose
                 active = self.manifest(map_id, version)
-        return reason_to_hold(map_id, manifest, active, config)
+        return reason_to_hold(map_id, manifest, active, config, patch)
 
     def publish(
         self,

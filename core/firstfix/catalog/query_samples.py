@@ -4,7 +4,8 @@
     samples/<sample_id>.json    request and answer; written last: without it there is no sample
 
 Ids begin with the time, so that they sort by age. Earlier releases refuse a record with another field, and
-replace its truth alone. So the checksum is within the answer and covers all but the truth, which has its own.
+replace its truth alone. So the checksum and the robot are within the answer, and the checksum covers all but
+the truth, which has its own.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from ..store.store import Store
 
 FOLDER = "samples"
 REPLAY = "replay-"  # prefix of the request id of a replayed query, which is not sampled again
-_BODY_SHA256 = "body_sha256"
+_BODY_SHA256, _ROBOT = "body_sha256", "robot"
 _ID = re.compile(r"(\d{8}t\d{12})-[0-9a-f]{8}")
 _TIME_FORM = "%Y%m%dt%H%M%S%f"
 
@@ -52,6 +53,7 @@ class QuerySample:
         truth: where the scan was taken, as people have told since: ``map_id`` and ``T_map_sensor``, in the
             form of the answer; empty if nobody has.
         body_sha256: of the body, as hex; empty in samples of earlier releases.
+        robot: ``robot_of`` the caller; empty if nobody can tell it apart, and in samples of earlier releases.
     """
 
     sample_id: str
@@ -68,6 +70,7 @@ class QuerySample:
     service_version: str = field(default="")
     truth: Mapping[str, Any] = field(default_factory=dict)
     body_sha256: str = ""
+    robot: str = ""
 
     def is_about(self, map_id: str) -> bool:
         """Returns whether the map is in the request or the answer."""
@@ -186,7 +189,8 @@ def _to_json(sample: QuerySample) -> bytes:
     """Content of the object of a sample's record."""
     values = asdict(sample)
     truth = values.pop("truth")
-    values["answer"][_BODY_SHA256] = values.pop(_BODY_SHA256)
+    for name in (_BODY_SHA256, _ROBOT):
+        values["answer"][name] = values.pop(name)
     values["answer"][CHECKSUM] = checksum_of(values)
     values["truth"] = with_checksum(truth) if truth else {}
     return json.dumps(values, sort_keys=True, allow_nan=False).encode("ascii")
@@ -203,7 +207,8 @@ def parse_sample(record: dict[str, Any]) -> QuerySample:
     covered = {name: value for name, value in values.items() if name != "truth"}
     if checksum is not None and checksum != checksum_of(covered):
         raise ValueError("its checksum is wrong")
-    values[_BODY_SHA256] = values["answer"].pop(_BODY_SHA256, "")
+    for name in (_BODY_SHA256, _ROBOT):
+        values[name] = values["answer"].pop(name, "")
     sample = QuerySample(**values)
     for one in fields(QuerySample):
         if one.name not in ("options", "answer", "body_bytes", "truth"):
@@ -215,6 +220,17 @@ def parse_sample(record: dict[str, Any]) -> QuerySample:
     texts_of(record["answer"], "reasons")
     float(record["answer"]["probability"])
     return sample
+
+
+def robot_of(caller: str) -> str:
+    """Pseudonym of a robot: a hash of the caller's name, which is ``key:<key id>`` or ``jwt:<subject>``.
+
+    A robot is a credential. Callers without one, who are told apart by their address alone, have no
+    pseudonym: whoever has many addresses would be many robots.
+    """
+    if not caller.startswith(("key:", "jwt:")):
+        return ""
+    return hashlib.sha256(f"robot {caller}".encode()).hexdigest()[:16]
 
 
 def new_sample_id(random_hex: str, now: datetime) -> str:

@@ -119,3 +119,35 @@ SELF_TEST_WORSE = _kind(
     "published, and not activated.",
     "Compare the two versions. To serve it all the same: firstfix maps activate {map_id} {version}.",
 )
+MAP_PATCHED = _kind(
+    "map_patched",
+    Severity.INFO,
+    "The map was patched by what queries saw",
+    "By {queries:,.0f} queries of {robots:,.0f} robots, {areas:,.0f} places of the map have changed: "
+    "{added:,.0f} points were added and {removed:,.0f} removed.",
+    "Compare it with version {base}. To take it back: firstfix maps rollback MAP.",
+)
+PATCH_PROPOSED = _kind(
+    "patch_proposed",
+    Severity.INFO,
+    "A patched version waits for somebody to activate it",
+    "The patched version is published, and not activated. At {places:,.0f} unchanged places {before:,.0f} "
+    "scans were localized before, and {after:,.0f} with it.",
+    "Look at it, then: firstfix maps activate {map_id} {version}.",
+)
+PATCH_WORSE = _kind(
+    "patch_worse",
+    Severity.WARNING,
+    "The patched version is worse at places that have not changed",
+    "At {places:,.0f} unchanged places {before:,.0f} scans were localized before and {after:,.0f} with the "
+    "patch, {wrong_before:,.0f} and {wrong_after:,.0f} wrongly: it is published, and not activated.",
+    "Compare the two versions. To serve it all the same: firstfix maps activate {map_id} {version}.",
+)
+PATCH_OUTDATED = _kind(
+    "patch_outdated",
+    Severity.WARNING,
+    "Another version was activated while a patch was made",
+    "The patch was made for version {base}, and another one is active: it is published, and not activated.",
+    "Ask for a patch of the active version. To serve this one all the same: firstfix maps activate {map_id} "
+    "{version}.",
+)

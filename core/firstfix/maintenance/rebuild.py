@@ -16,7 +16,8 @@ from .pending_deletions import is_deletion_pending
 def rebuild(catalog: Catalog, map_id: str) -> str:
     """Record a build that repeats the one of the map's active version, whatever its format.
 
-    The build workers of the store find it there.
+    The build workers of the store find it there. Patches are not repeated: a version of another format cannot
+    be read, and the queries that confirmed them may be gone.
 
     Returns:
         Id of the new build.
@@ -26,6 +27,17 @@ def rebuild(catalog: Catalog, map_id: str) -> str:
             record, or its sources are gone.
         InvalidOption: the map id is invalid.
         StoreError: the store failed.
+    """
+    _, request = active_request(catalog, map_id)
+    request.pop("patch", None)
+    return record_again(catalog, map_id, request)
+
+
+def active_request(catalog: Catalog, map_id: str) -> tuple[str, dict[str, Any]]:
+    """The active version of a map, and the request of the build that made it, without its caller.
+
+    Raises:
+        NotFound: as ``rebuild``.
     """
     state = catalog.state(map_id)
     if state.active is None:
@@ -41,7 +53,19 @@ def rebuild(catalog: Catalog, map_id: str) -> str:
     _check_files(catalog.store, map_id, request)
     for name in ("traceparent", "owner"):  # of the old request and its caller
         request.pop(name, None)
-    build_id = new_build_id()
+    return state.active, request
+
+
+def record_again(catalog: Catalog, map_id: str, request: Mapping[str, Any], build_id: str = "") -> str:
+    """Record a build with the sources of an earlier request. Returns its id.
+
+    Args:
+        build_id: empty: a new one.
+
+    Raises:
+        NotFound: a source is gone.
+    """
+    build_id = build_id or new_build_id()
     catalog.put_build(build_id, request)
     # As for a submitted map. If a source has just been removed, the build fails and this error says why.
     _check_files(catalog.store, map_id, request, own_copy_for=build_id)

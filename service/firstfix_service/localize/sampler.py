@@ -20,7 +20,7 @@ import structlog
 import firstfix
 from firstfix.access.permissions import Scope
 from firstfix.answer.localization import Verdict
-from firstfix.catalog.query_samples import REPLAY, QuerySample, QuerySamples, new_sample_id
+from firstfix.catalog.query_samples import REPLAY, QuerySample, QuerySamples, new_sample_id, robot_of
 from firstfix.errors import FirstfixError
 from firstfix.formats.point_cloud import Body
 
@@ -127,6 +127,7 @@ class QuerySampler:
             answer=json.loads(answer.json),
             body_bytes=len(body),
             service_version=firstfix.__version__,
+            robot=robot_of(query.caller.name),
         )
         self._waiting.put((sample, bytes(body)))
 

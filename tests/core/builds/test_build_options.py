@@ -57,6 +57,7 @@ ALL = BuildOptions(
     max_memory_bytes=1 << 30,
     max_templates=9,
     max_source_bytes=10,
+    samples_store="s3://samples",
     source_urls=("https://a/", "https://b/"),
     source_roots=(Path("/maps"), Path("/more maps")),
     share_stages=True,

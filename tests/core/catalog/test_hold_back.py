@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from firstfix.builds.config import ActivateConfig
+from firstfix.builds.config import ActivateConfig, PatchMode
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
@@ -91,3 +92,49 @@ def test_a_person_may_activate_it(maker: Maker):
     (version,) = maker.catalog.versions("hall")
     maker.catalog.activate("hall", version.version)
     assert maker.active == version.version
+
+
+COMPARED = {"places": 40, "localized_before": 36, "localized_after": 36, "lost": 0, "won": 0} | {
+    "wrong_before": 0,
+    "wrong_after": 0,
+}
+
+
+@pytest.mark.parametrize(
+    ("told", "mode", "held"),
+    [
+        ({}, "activate", None),
+        ({}, "propose", "patch_proposed"),
+        ({"localized_after": 33, "lost": 4, "won": 1}, "activate", None),
+        ({"localized_after": 31, "lost": 5, "won": 0}, "activate", "patch_worse"),
+        ({"localized_after": 31, "lost": 5, "won": 0}, "propose", "patch_worse"),
+        ({"localized_after": 38, "lost": 0, "won": 2, "wrong_after": 1}, "activate", "patch_worse"),
+        ({"places": 0, "localized_before": 0, "localized_after": 0}, "activate", None),
+    ],
+)
+def test_a_patch_must_not_be_worse_where_nothing_has_changed(
+    maker: Maker, told: dict[str, int], mode: PatchMode, held: str | None
+):
+    maker.build(0.9)
+    record = {"base": maker.active, "compared": {**COMPARED, **told}}
+    patched = replace(maker.manifest(0.9, "patched"), source={"patch": record})
+    found = maker.catalog.reason_to_hold("hall", patched, BY_DEFAULT, mode)
+    assert (None if found is None else found.code) == held
+
+
+def test_a_patch_of_a_version_that_is_no_longer_active_waits(maker: Maker):
+    maker.build(0.9)
+    record = {"base": "0" * 64, "compared": COMPARED}
+    patched = replace(maker.manifest(0.9, "patched"), source={"patch": record})
+    found = maker.catalog.reason_to_hold("hall", patched, BY_DEFAULT, "activate")
+    assert found is not None
+    assert found.code == "patch_outdated"
+
+
+def test_a_patch_with_a_bad_self_test_is_not_activated_either(maker: Maker):
+    maker.build(0.9)
+    record = {"base": maker.active, "compared": COMPARED}
+    patched = replace(maker.manifest(0.7, "patched"), source={"patch": record})
+    found = maker.catalog.reason_to_hold("hall", patched, BY_DEFAULT, "activate")
+    assert found is not None
+    assert found.code == "self_test_worse"

@@ -78,6 +78,7 @@ def test_a_rejected_query_is_kept_as_it_came(service: Service, transport: str):
     assert sample.body_bytes == len(body)
     assert {**reply.json, "timings_ms": 0} == {**sample.answer, "timings_ms": 0}
     assert len(sample.request_id) == 32
+    assert sample.robot == "", "nobody can tell who asked"
     age = datetime.now(timezone.utc) - datetime.fromisoformat(sample.time)
     assert timedelta(0) <= age < timedelta(minutes=1)
 
@@ -370,6 +371,7 @@ def test_only_who_may_read_kept_queries_asks_again_without_a_trace(tmp_path: Pat
         wait_until(lambda: kept_by(service).ids())
     kept = kept_by(service)
     assert [kept.get(one).request_id for one in kept.ids()] == ["replay-me"], "the robot's, and no other"
+    assert [len(kept.get(one).robot) for one in kept.ids()] == [16], "it has a key of its own"
 
 
 def test_a_query_that_cannot_be_asked_again_says_why(

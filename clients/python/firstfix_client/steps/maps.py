@@ -66,6 +66,12 @@ class MapSteps:
         answer = yield from self._http.call("POST", "maps", map_id, "rollback", repeatable=False)
         return answer.parsed(lambda data: str(data["active_version"]))
 
+    def patch(self, map_id: str, mode: str | None) -> Steps[str]:
+        """Asks for a patch of the active version. Returns the build's id."""
+        params = {} if mode is None else {"mode": mode}
+        answer = yield from self._http.call("POST", "maps", map_id, "patch", params=params, repeatable=False)
+        return answer.parsed(lambda data: str(data["build_id"]))
+
     def retire(self, map_id: str, version: str, force: bool) -> Steps[None]:
         """Takes a version out of service."""
         params = {"force": "true"} if force else {}

@@ -127,7 +127,7 @@ def find_areas(tally: Tally, min_share: float = MIN_SHARE) -> list[Area]:
             continue
         rows = np.flatnonzero(changed | votes.changed_beside(changed, min_share))
         cells = cells_of_keys(votes.cell[rows])
-        group = _groups(cells)
+        group = groups_of(cells)
         for number in range(int(group.max()) + 1):
             inside = group == number
             part = rows[inside]
@@ -137,7 +137,7 @@ def find_areas(tally: Tally, min_share: float = MIN_SHARE) -> list[Area]:
     return sorted(found, key=lambda area: (-len(area.cells), area.kind, area.cells[0].tolist()))
 
 
-def _groups(cells: NDArray[np.int64]) -> NDArray[np.int32]:
+def groups_of(cells: NDArray[np.int64]) -> NDArray[np.int32]:
     """(n,) number of the group of each of (n, 3) cells. Cells that touch, even at a corner, are together."""
     pairs = cKDTree(cells).query_pairs(1, p=np.inf, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (len(cells), len(cells)))

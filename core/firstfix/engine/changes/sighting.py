@@ -51,6 +51,59 @@ class Sighting:
     free: NDArray[np.int64]
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """A scan against the map at a pose, point by point, in the sensor frame at the scan's stamp.
+
+    Attributes:
+        mapped: (m, 3) float32 mapped points that the scan looks at, metres.
+        gone, met: (m,) those that it saw through, and those whose surface it met.
+        returns: (n, 3) float32 returns of the scan, metres.
+        new: (n,) those that the map does not explain.
+    """
+
+    mapped: NDArray[np.float32]
+    gone: NDArray[np.bool_]
+    met: NDArray[np.bool_]
+    returns: NDArray[np.float32]
+    new: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls,
+        index: MapIndex,
+        scan: Scan | CompactScan,
+        T_map_sensor: Matrix,
+        twist: NDArray[np.float64] | None = None,
+    ) -> Comparison:
+        """Compares a scan that was localized. The arguments are those of ``sighting_of``."""
+        timed = scan if twist is None or scan.time_s is None else _at_stamp(scan, twist)
+        returns, columns = _returns_of(timed, index)
+        T_level_sensor = np.ascontiguousarray(inverse(index.T_map_level) @ T_map_sensor, np.float64)
+        view, surface = index.view, index.surface
+        reach_m = min(view.reach_m, REACH_M)
+        mapped, gone, met = native.compare_points(
+            view.near.tables,
+            view.far.tables,
+            min(FINE_POINTS_M, reach_m),
+            reach_m,
+            T_level_sensor,
+            returns,
+            columns,
+        )
+        new = native.unexplained_returns(
+            returns,
+            mapped,
+            surface.fine.tables,
+            surface.coarse.tables,
+            T_level_sensor,
+            _AROUND_M,
+            _BELOW_M,
+            REACH_M,
+        )
+        return cls(mapped, gone, met, returns, new)
+
+
 def sighting_of(
     index: MapIndex, scan: Scan | CompactScan, T_map_sensor: Matrix, twist: NDArray[np.float64] | None = None
 ) -> Sighting:
@@ -60,31 +113,19 @@ def sighting_of(
         T_map_sensor: (4, 4) its pose in the map's own frame.
         twist: (6,) motion of the sensor during the scan, if it was solved or given.
     """
-    timed = scan if twist is None or scan.time_s is None else _at_stamp(scan, twist)
-    returns, columns = _returns_of(timed, index)
-    T_level_sensor = np.ascontiguousarray(inverse(index.T_map_level) @ T_map_sensor, np.float64)
-    view, surface = index.view, index.surface
-    reach_m = min(view.reach_m, REACH_M)
-    mapped, gone, met = native.compare_points(
-        view.near.tables,
-        view.far.tables,
-        min(FINE_POINTS_M, reach_m),
-        reach_m,
-        T_level_sensor,
-        returns,
-        columns,
+    return sighting_in(Comparison.of(index, scan, T_map_sensor, twist), T_map_sensor)
+
+
+def sighting_in(compared: Comparison, T_map_sensor: Matrix) -> Sighting:
+    """The sighting of a scan that was compared with the map at this pose."""
+    return _by_cells(
+        Block.around(T_map_sensor),
+        compared.mapped,
+        compared.gone,
+        compared.met,
+        compared.returns,
+        compared.new,
     )
-    new = native.unexplained_returns(
-        returns,
-        mapped,
-        surface.fine.tables,
-        surface.coarse.tables,
-        T_level_sensor,
-        _AROUND_M,
-        _BELOW_M,
-        REACH_M,
-    )
-    return _by_cells(Block.around(T_map_sensor), mapped, gone, met, returns, new)
 
 
 def _by_cells(

@@ -1,0 +1,168 @@
+"""Source of a patch: a folder with the map's files, the version to patch, and kept queries of robots.
+
+Its files:
+
+patch.json         ``PatchSource``
+source/...         file of the map
+trajectory/...     poses of the mapping run, if the map has them
+base/...           files of the version to patch
+queries/<id>       bodies of the queries, as they came
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.sightings.sightings import Sightings
+from firstfix.engine.changes.areas import Area, find_areas, newest_first
+from firstfix.errors import BuildFailed, NotFound, UnreadableRecord
+
+from .kept_queries import chosen_queries
+
+_log = logging.getLogger(__name__)
+PATCH_SOURCE_FILE, BASE = "patch.json", "base"
+MOST_BYTES = 1 << 30
+
+
+@dataclass(frozen=True)
+class KeptQuery:
+    """A localized query of a robot, without its body.
+
+    Attributes:
+        file: path of the body below the folder.
+        robot: pseudonym of its credential.
+        time_s: seconds since 1970.
+        answer: ``T_map_sensor`` and ``twist``, in the form of ``Localization.to_mapping``.
+    """
+
+    file: str
+    robot: str
+    time_s: float
+    media_type: str
+    content_encoding: str
+    answer: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class PatchSource:
+    """Content of ``patch.json``. Paths are relative to its folder.
+
+    Attributes:
+        source: file of the map.
+        trajectory: poses of its mapping run, or None.
+        base: digest of the version to patch; its files are below ``BASE``.
+        queries: that it has answered, the oldest first.
+    """
+
+    source: str
+    trajectory: str | None
+    base: str
+    queries: tuple[KeptQuery, ...]
+
+    def save(self, folder: Path) -> None:
+        """Writes ``patch.json``."""
+        (folder / PATCH_SOURCE_FILE).write_text(json.dumps(asdict(self), sort_keys=True))
+
+    @classmethod
+    def load(cls, folder: Path) -> PatchSource:
+        """Reads what ``save`` wrote."""
+        found = json.loads((folder / PATCH_SOURCE_FILE).read_text())
+        return cls(**{**found, "queries": tuple(KeptQuery(**one) for one in found["queries"])})
+
+
+def is_patch_source(source: Path) -> bool:
+    """Returns whether a source is such a folder."""
+    return source.is_dir() and (source / PATCH_SOURCE_FILE).is_file()
+
+
+def collect_patch_source(
+    catalog: Catalog,
+    samples: QuerySamples,
+    map_id: str,
+    base: str,
+    files: Mapping[str, Path],
+    folder: Path,
+    on_progress: Callable[[float], None] = lambda done: None,
+) -> Path:
+    """Makes the folder. Returns it.
+
+    Args:
+        base: version to patch.
+        files: of the base's build, by role: ``source``, and ``trajectory`` if it had one.
+        on_progress: called with the share that is done, 0..1.
+
+    Raises:
+        BuildFailed: no kept query counts.
+        NotFound, VersionError, StoreError: the version or the queries cannot be read.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "queries").mkdir(parents=True)
+    kept, size = [], 0
+    areas = _areas_of(catalog, map_id, base)
+    chosen = chosen_queries(samples, map_id, base, areas, lambda done: on_progress(done / 2))
+    for number, one in enumerate(chosen):
+        on_progress((1 + number / len(chosen)) / 2)
+        sample = one.sample
+        size += sample.body_bytes
+        if size > MOST_BYTES:
+            break
+        try:
+            body = samples.body(sample.sample_id)
+        except (NotFound, UnreadableRecord):
+            continue  # removed meanwhile, or damaged
+        name = f"queries/{sample.sample_id}"
+        (folder / name).write_bytes(body)
+        answer = {key: sample.answer.get(key) for key in ("T_map_sensor", "twist")}
+        kept.append(
+            KeptQuery(name, sample.robot, one.time_s, sample.media_type, sample.content_encoding, answer)
+        )
+    if not kept:
+        raise BuildFailed(
+            f"nothing to patch: no kept query of a robot with a key of its own was localized in version "
+            f"{base[:12]} (FIRSTFIX_SAMPLES_SHARE_LOCALIZED)"
+        )
+    fetched = catalog.fetch_version(map_id, base, folder / "fetched")
+    _link_all(fetched, folder / BASE)
+    named = {role: _linked(path, folder / role) for role, path in files.items()}
+    source = PatchSource(named["source"], named.get("trajectory"), base, tuple(kept))
+    source.save(folder)
+    shutil.rmtree(folder / "fetched", ignore_errors=True)
+    _log.info("%d kept queries of %d robots count", len(kept), len({one.robot for one in kept}))
+    return folder
+
+
+def _areas_of(catalog: Catalog, map_id: str, version: str) -> list[Area]:
+    """The areas that the counts of the version's queries show: where a patch has something to look at."""
+    record = Sightings(catalog.store).read(catalog.folder_of(map_id, version))
+    days = [record.days[name].tally for name in sorted(record.days, reverse=True)]
+    return find_areas(newest_first(days))
+
+
+def _linked(path: Path, folder: Path) -> str:
+    """Puts a file into a folder. Returns its path below that folder's parent."""
+    folder.mkdir()
+    _link(path, folder / path.name)
+    return f"{folder.name}/{path.name}"
+
+
+def _link_all(folder: Path, into: Path) -> None:
+    for path in folder.rglob("*"):
+        if path.is_file():
+            target = into / path.relative_to(folder)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            _link(path, target)
+
+
+def _link(path: Path, target: Path) -> None:
+    try:
+        target.hardlink_to(path)
+    except OSError:  # another file system
+        shutil.copyfile(path, target)

@@ -1,0 +1,46 @@
+"""Robots of kept queries: pseudonyms of credentials."""
+
+from __future__ import annotations
+
+import json
+
+from firstfix.catalog.query_samples import QuerySample, QuerySamples, robot_of
+from firstfix.store.store import Store
+
+ANSWER = {"verdict": "localized", "reasons": [], "probability": 0.99}
+SAMPLE_ID = "20260101t000000000000-0000000a"
+
+
+def kept(robot: str) -> tuple[Store, QuerySamples]:
+    store = Store.open("memory://")
+    samples = QuerySamples(store)
+    samples.put(
+        QuerySample(SAMPLE_ID, "2026-01-01", "http", "r", "", "hall", "x/y", "", {}, ANSWER, 4, robot=robot),
+        b"body",
+    )
+    return store, samples
+
+
+def test_a_robot_is_a_credential():
+    assert robot_of("key:k1") != robot_of("key:k2")
+    assert robot_of("key:k1") == robot_of("key:k1")
+    assert "k1" not in robot_of("key:k1")
+    assert robot_of("jwt:somebody@example.org")
+    assert robot_of("address:10.0.0.7") == robot_of("anybody") == robot_of("") == ""
+
+
+def test_the_robot_of_a_query_is_kept_and_no_part_of_its_answer():
+    _, samples = kept(robot_of("key:k1"))
+    sample = samples.get(SAMPLE_ID)
+    assert sample.robot == robot_of("key:k1")
+    assert sample.answer == ANSWER
+    samples.set_truth(SAMPLE_ID, {"map_id": "hall"})
+    assert samples.get(SAMPLE_ID).robot == robot_of("key:k1")
+
+
+def test_a_query_of_an_earlier_release_has_no_robot():
+    store, samples = kept("")
+    record = json.loads(store.get(f"samples/{SAMPLE_ID}.json"))
+    record["answer"] = ANSWER
+    store.put(f"samples/{SAMPLE_ID}.json", json.dumps(record).encode())
+    assert samples.get(SAMPLE_ID).robot == ""
