@@ -339,7 +339,7 @@ def _search(searches: Sequence[MapSearch]) -> None:
             search.take(step)
 
 
-GLANCED = 40  # templates that are registered, of all maps together
+GLANCED = 24  # templates that are registered, of all maps together
 LEAST_GLANCED = 3  # of each
 
 
