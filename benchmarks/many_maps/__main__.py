@@ -14,14 +14,16 @@ import structlog
 
 from ..common.programs import BUCKET, missing, s3_server
 from ..common.small_map import make_small_map, query_of
+from .any_map import any_map
 from .catalogs import environment, grow_catalog
 from .one_replica import memory_of_loaded, one_replica
 from .sharing import movement, shares, takeover
 
-PARTS = ("replica", "shares", "movement", "takeover")
+PARTS = ("replica", "shares", "movement", "takeover", "any_map")
 SIZES = (100, 1_000, 10_000)
 LOADED = 400
 SHARED_MAPS = 2_000
+FLOORS = 200
 CACHES = (0.1, 0.3, 0.6)  # of all maps, for each of four replicas
 
 
@@ -33,6 +35,13 @@ def main() -> None:
     )
     parser.add_argument("--idle", type=float, default=20.0, metavar="S", help="seconds that nobody asks for")
     parser.add_argument("--queries", type=int, default=20_000, help="of the Zipf load")
+    parser.add_argument(
+        "--floors",
+        type=int,
+        default=FLOORS,
+        metavar="N",
+        help="of any_map, simulated; other maps are made up",
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
         "--version", type=Path, metavar="DIR", help="version of every map; default: built here"
@@ -50,6 +59,8 @@ def main() -> None:
             elif part == "shares":
                 maps = min(sizes[-1], SHARED_MAPS)
                 figures[part] = shares(Path(folder), maps, chosen.queries, CACHES, chosen.seed)
+            elif part == "any_map":
+                figures[part] = any_map(Path(folder), chosen.floors, sizes[-1], chosen.seed)
             elif part == "takeover":
                 maps = min(sizes[-1], SHARED_MAPS)
                 figures[part] = [takeover(Path(folder), maps, copies) for copies in (1, 2)]

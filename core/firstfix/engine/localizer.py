@@ -15,6 +15,7 @@ from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
 from ..transform import inverse
+from .config import PreprocessConfig
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
 from .diagnosis.diagnose import AskedQuery, diagnosed
 from .diagnosis.place_findings import reasons_found
@@ -23,7 +24,7 @@ from .hypotheses import RegisteredCandidate, features_of
 from .index import MapIndex
 from .map_search import MapSearch, Step, Stopwatch
 from .preprocess import PreparedQuery, deskewed, preprocess
-from .ranking import Calibration, MatchFeatures
+from .ranking import Calibration, MatchFeatures, RankingConfig
 from .registration.covariance import pose_covariance
 
 
@@ -202,6 +203,7 @@ def localize_among(
     deadline: float | None = None,
     *,
     explains: bool = True,
+    likely_one: bool = False,
 ) -> Localization:
     """Localizes a scan in several maps, whose candidates compete on equal terms.
 
@@ -209,6 +211,8 @@ def localize_among(
         maps: by id. The answer's ``map_id`` names the map whose frame the pose is in.
         deadline: as for ``Localizer.localize``.
         explains: as for ``Localizer``.
+        likely_one: the maps were chosen because each resembles the scan, and at most one of them is right. If
+            one explains the scan clearly, the others are only looked at.
 
     Raises:
         InvalidOption: a prior or a version was given for more than one map, or a map cannot keep
@@ -231,9 +235,8 @@ def localize_among(
         answer = answer_unregistered(found)
         return replace(answer, findings=reasons_found(answer), timings_ms=watch.ms)
     sequence = ScanSequence.single(scan) if isinstance(scan, (Scan, CompactScan)) else scan
-    queries = {map_id: each.prepare(sequence, options, watch, map_id) for map_id, each in maps.items()}
-    prepared = {map_id: query for map_id, query in queries.items() if query is not None}
-    answer = _answer_of(maps, prepared, options, watch) if prepared else _TOO_FEW
+    prepared = _prepared(maps, sequence, options, watch)
+    answer = _answer_of(maps, prepared, options, watch, likely_one) if prepared else _TOO_FEW
     with watch.stage("diagnose"):
         map_id = answer.hypotheses[0].map_id if answer.hypotheses else next(iter(prepared or maps))
         query = _asked(sequence, options, maps[map_id], prepared.get(map_id), map_id, watch, began)
@@ -244,15 +247,38 @@ def localize_among(
 _TOO_FEW = Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,))
 
 
+def _prepared(
+    maps: Mapping[str, SearchesMap], sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch
+) -> dict[str, PreparedQuery]:
+    """The query as each map needs it, without maps for which too few points are left.
+
+    Maps of equal parameters share it.
+    """
+    made: dict[tuple[PreprocessConfig, RankingConfig], PreparedQuery | None] = {}
+    prepared = {}
+    for map_id, each in maps.items():
+        key = each.index.config.preprocess, each.index.config.ranking
+        if key in made:
+            threshold_of(each.index, options, map_id)  # a map may refuse the option
+        else:
+            made[key] = each.prepare(sequence, options, watch, map_id)
+        query = made[key]
+        if query is not None:
+            prepared[map_id] = query
+    return prepared
+
+
 def _answer_of(
     maps: Mapping[str, SearchesMap],
     prepared: Mapping[str, PreparedQuery],
     options: LocalizeOptions,
     watch: Stopwatch,
+    likely_one: bool,
 ) -> Localization:
     """Searches the maps for which the query could be prepared, and judges what was found."""
     searches = [maps[map_id].search(query, options, watch, map_id) for map_id, query in prepared.items()]
-    _search(searches)
+    if not (likely_one and _one_explains_scan(searches)):
+        _search(searches)
     for search in searches:
         if search.registered:
             search.try_aliases(threshold_of(search.registered[0].index, options))
@@ -311,6 +337,25 @@ def _search(searches: Sequence[MapSearch]) -> None:
             return
         for search in searches:
             search.take(step)
+
+
+GLANCED = 24  # templates that are registered, of all maps together
+LEAST_GLANCED = 3  # of each
+
+
+def _one_explains_scan(searches: Sequence[MapSearch]) -> bool:
+    """Looks at all maps, and takes the first step in the best one. Returns whether its place is accepted.
+
+    The places of the others compete with it in the answer.
+    """
+    for search in searches:
+        search.glance(max(LEAST_GLANCED, GLANCED // len(searches)))
+    found = [search for search in searches if search.registered]
+    if not found:
+        return False
+    best = max(found, key=lambda search: search.registered[0].support)
+    best.take(Step.NARROW)
+    return best.is_accepted
 
 
 def _explain_scan(registered: Sequence[RegisteredCandidate]) -> bool:

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -109,6 +110,20 @@ class MapSearch:
         elif search.widened > 1 and self._options.max_candidates is None:
             is_last = step is Step.EXHAUSTIVE
             self._by_screening(search.exhaustive if is_last else search.wide, tilted=is_last)
+
+    def glance(self, count: int) -> None:
+        """Registers the best few templates by descriptor, to see whether the scan may be of this map at all.
+
+        The first step then adds to them.
+        """
+        index = self._index
+        with self._watch.stage("describe"):
+            described = [one.described_by(index.cascade.descriptor) for one in self._prepared.scans]
+        with self._watch.stage("search"):
+            few = replace(self._options, max_candidates=min(count, self._options.max_candidates or count))
+            candidates = find_candidates(index, described, self._prepared.scans, few)
+        with self._watch.stage("register"):
+            self.registered = self._hypotheses.run(candidates)
 
     def try_aliases(self, min_probability: float | None) -> None:
         """Lets the known aliases of the best pose compete, if it would be accepted and there is time for it.

@@ -20,6 +20,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
+from firstfix.engine.map_choice.sought_scan import SoughtScan
 from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded, WorkerLost
 
 from ..query_workers.base import QueryWorker, QueryWorkerDied
@@ -30,7 +31,7 @@ T = TypeVar("T")
 MAX_RETRY_AFTER_S = 60.0
 ATTEMPTS = 2  # of a query whose process dies
 UP_WITHIN_S = 30.0  # for any worker process to come up, before those that wait are refused
-AskWorker = Callable[[Query], Awaitable[EncodedAnswer]]
+AskWorker = Callable[[Query], Awaitable[EncodedAnswer | SoughtScan]]
 
 
 class Closeable(Protocol):
@@ -244,7 +245,7 @@ class QueryGate:
         self._running.add(task)
         task.add_done_callback(partial(self._ended, job))
 
-    async def _ask(self, job: Job, query: Query) -> EncodedAnswer:
+    async def _ask(self, job: Job, query: Query) -> EncodedAnswer | SoughtScan:
         for _ in range(ATTEMPTS):
             if job.worker is None:
                 job.worker = await self._another_worker()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
+import math
 import threading
 import time
 from collections import deque
@@ -10,15 +12,17 @@ from collections.abc import Awaitable, Callable, Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import orjson
 
 from firstfix.answer.localization import Verdict
 from firstfix.catalog.query_samples import REPLAY
-from firstfix.errors import FirstfixError, WorkerLost
+from firstfix.engine.map_choice.sought_scan import SoughtScan
+from firstfix.errors import FirstfixError, NotFound, WorkerLost
 from firstfix.formats.point_cloud import Body
 
+from ..maps.coarse_maps import CoarseMaps
 from ..maps.map_cache import MapCache
 from ..maps.served_maps import Leases
 from ..problems import problem_of
@@ -26,7 +30,7 @@ from ..query_workers.query import EncodedAnswer, Query
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests, RequestScope, current_request, note
 from ..telemetry.tracing import started_ns
-from ..thread_pools import COPIES
+from ..thread_pools import CHOICES, COPIES
 from ..webhooks.event import AnswerEvent
 from ..webhooks.sender import WebhookSender
 from .answer_counts import AnswerCounts
@@ -35,6 +39,7 @@ from .sampler import QuerySampler, is_replay
 
 _OK = 200
 MOST_ANSWERS = 500
+LOADS_SHARE = 0.5  # of the time until the deadline, for loads of chosen maps
 
 
 @dataclass(frozen=True)
@@ -261,8 +266,9 @@ def _exemplar(scope: RequestScope) -> dict[str, str] | None:
 class LocalizeUseCase:
     """Answers queries from the served maps."""
 
-    def __init__(self, maps: MapCache, gate: QueryGate, recorder: QueryRecorder) -> None:
+    def __init__(self, maps: MapCache, coarse: CoarseMaps, gate: QueryGate, recorder: QueryRecorder) -> None:
         self._maps = maps
+        self._coarse = coarse
         self._gate = gate
         self._recorder = recorder
 
@@ -283,6 +289,8 @@ class LocalizeUseCase:
     ) -> EncodedAnswer:
         """Returns the answer to a query. Where there are several maps, their places compete.
 
+        Of a query without maps, a worker first describes the scan, and the maps that resemble it are chosen.
+
         Args:
             body: as it came, with its content encoding.
             check: of the body, once the query has a place.
@@ -293,28 +301,72 @@ class LocalizeUseCase:
             VersionError, StoreError: the version cannot be served.
             Overloaded, DeadlineExceeded, WorkerLost: as ``QueryGate.run``.
             CorruptVersion: also if a file of the version was damaged after it was loaded.
+            Overloaded: also while the templates of many maps are still being read.
         """
         queued = time.monotonic()
-
-        def prepare() -> Future[Leases]:
-            return self._maps.served.lease(query.map_ids, query.options.version)
+        if not query.map_ids:
+            query, check = await self._with_maps(query, body, check), None
+        chosen_s = time.monotonic() - queued
 
         async def work(ask: AskWorker, leases: Leases, waited_s: float) -> EncodedAnswer:
-            map_s = time.monotonic() - queued - waited_s
+            map_s = time.monotonic() - queued - chosen_s - waited_s
             waits_ms = {"queue": waited_s * 1e3, "map": map_s * 1e3}
+            if query.chosen:
+                waits_ms = {"choose": chosen_s * 1e3, **waits_ms}
             try:
-                return await ask(replace(query, body=body, versions=leases.served, waits_ms=waits_ms))
+                answer = await ask(replace(query, body=body, versions=leases.served, waits_ms=waits_ms))
+                assert isinstance(answer, EncodedAnswer)
+                return answer
             except Exception as error:
                 # A file that was damaged under the running service fails in many ways, up to SIGBUS.
                 if isinstance(error, WorkerLost) or not isinstance(error, FirstfixError):
                     await COPIES.run(self._maps.check_files, leases.served)
                 raise
 
+        prepare = partial(self._lease, query)
         answer = await self._gate.run(
             query.asker, prepare, work, size_bytes=len(body), deadline=query.deadline, check=check
         )
         self._recorder.record(query, body, answer, queued)
         return answer
+
+    async def _with_maps(
+        self, query: Query, body: Body, check: Callable[[], Awaitable[None]] | None
+    ) -> Query:
+        """Returns the query with the maps that resemble its scan most, of those that its caller sees."""
+        forms = self._coarse.forms
+
+        async def work(ask: AskWorker, nothing: Leases, waited_s: float) -> SoughtScan:
+            if not forms:
+                return SoughtScan({})
+            sought = await ask(replace(query, body=body, forms=forms))
+            assert isinstance(sought, SoughtScan)
+            return sought
+
+        def prepare() -> Future[Leases]:
+            ready: Future[Leases] = Future()
+            ready.set_result(Leases([]))
+            return ready
+
+        sought = await self._gate.run(
+            query.asker, prepare, work, size_bytes=len(body), deadline=query.deadline, check=check
+        )
+        visible = list(filter(query.caller.sees, self._maps.served.ids))
+        if not visible:
+            raise NotFound("no map is served any more")
+        # A scan that resembles none has too few points, or a descriptor of its own: any map tells it.
+        chosen = await CHOICES.run(self._coarse.choose, sought, visible) or tuple(visible[:1])
+        return replace(query, map_ids=chosen, chosen=True)
+
+    def _lease(self, query: Query) -> Future[Leases]:
+        """The versions of the query's maps. Of chosen maps, those that come in time are enough."""
+        if not query.chosen:
+            return self._maps.served.lease(query.map_ids, query.options.version)
+        some = self._maps.served.lease_some(query.map_ids)
+        if query.deadline != math.inf and not some.future.done():
+            left_s = max(0.0, query.deadline - time.monotonic())
+            asyncio.get_running_loop().call_later(LOADS_SHARE * left_s, some.settle)
+        return some.future
 
     def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
         """Counts the end of one query in the metrics, the log and the trace."""

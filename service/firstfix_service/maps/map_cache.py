@@ -52,6 +52,7 @@ class MapCache:
     Args:
         pinned: maps whose serving version is loaded at the start and never evicted.
         placement: the maps to prefetch; None: any map, while there is room.
+        on_read: called with the active versions of the maps that a poll has read; None: there is none.
     """
 
     def __init__(
@@ -68,8 +69,10 @@ class MapCache:
         placement: Placement | None = None,
         poll_interval_s: float = 2.0,
         sweep_interval_s: float = SWEEP_INTERVAL_S,
+        on_read: Callable[[Mapping[str, str | None]], None] = lambda active: None,
     ) -> None:
         self._catalog = catalog
+        self._on_read = on_read
         self._workers = workers
         self._metrics = metrics
         self._pinned = frozenset(pinned)
@@ -149,6 +152,7 @@ class MapCache:
                 _log.warning(f"a map has no active version{_of_damage(left)}", map_id=map_id)
             self._forget(map_id)
         self.served.add(seen)
+        self._on_read({**dict.fromkeys(gone), **{map_id: states[map_id].active for map_id in seen}})
         if self.placement is not None:
             self.placement.add_maps(seen)
         self._follow_and_prefetch({map_id: states[map_id] for map_id in seen & self._pinned})

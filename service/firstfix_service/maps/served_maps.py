@@ -80,6 +80,16 @@ class ServedMaps:
         gathered.add_done_callback(lambda _: self._loaded.end_overcommit())
         return gathered
 
+    def lease_some(self, map_ids: Sequence[str]) -> SomeLeases:
+        """Returns the active versions of those of the maps that can be served.
+
+        The future raises the first error if no map can be served.
+        """
+        self._loaded.begin_overcommit()
+        some = SomeLeases([self._lease(map_id, None) for map_id in map_ids])
+        some.future.add_done_callback(lambda _: self._loaded.end_overcommit())
+        return some
+
     def _lease(self, map_id: str, version: str | None) -> Future[Lease]:
         lease = self._loaded.lease((map_id, version or self.version(map_id) or ""))
         (self._misses if lease is None else self._hits).inc()
@@ -143,6 +153,49 @@ class Leases:
         """Closes all leases."""
         for lease in self._leases:
             lease.close()
+
+
+class SomeLeases:
+    """Leases of those of several maps that can be served. Thread-safe.
+
+    Attributes:
+        future: of the leases, done when all loads have ended.
+    """
+
+    def __init__(self, futures: Sequence[Future[Lease]]) -> None:
+        self.future: Future[Leases] = Future()
+        self._futures = futures
+        self._lock = threading.Lock()
+        self._left = len(futures)
+        self._taken: set[Future[Lease]] | None = None
+        for future in futures:
+            future.add_done_callback(self._ended)
+
+    def settle(self) -> None:
+        """Goes on with the versions that are in memory now, if there are any. The others are given back."""
+        with self._lock:
+            if self._taken is not None:
+                return
+            there = [one for one in self._futures if one.done() and one.exception() is None]
+            if not there and self._left:
+                return
+            self._taken = set(there)
+        if there:
+            self.future.set_result(Leases([one.result() for one in there]))
+        else:
+            error = self._futures[0].exception()
+            assert error is not None
+            self.future.set_exception(error)
+
+    def _ended(self, future: Future[Lease]) -> None:
+        with self._lock:
+            self._left -= 1
+            is_last, taken = not self._left, self._taken
+        if taken is not None:
+            if future not in taken and future.exception() is None:
+                future.result().close()
+        elif is_last:
+            self.settle()
 
 
 def _gathered(futures: Sequence[Future[Lease]]) -> Future[Leases]:

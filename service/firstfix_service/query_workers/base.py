@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from firstfix.engine.localizer import Localizer
+from firstfix.engine.map_choice.sought_scan import SoughtScan
 
 from .query import EncodedAnswer, Query, ServedVersion
 from .sightings.counter import Sighted, SightingCounter
@@ -29,8 +30,8 @@ class QueryWorker(Protocol):
     def is_alive(self) -> bool:
         """False if it takes no more queries."""
 
-    async def answer(self, query: Query) -> EncodedAnswer:
-        """Returns the answer to a query, whose versions are loaded if they are not.
+    async def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
+        """Returns the answer to a query, whose versions are loaded if they are not, or its description.
 
         Raises:
             QueryWorkerDied: it ended before it answered.
@@ -126,7 +127,7 @@ class QueryWorkerThreads:
         """Unloads a version."""
         self._localizers.drop(version)
 
-    async def answer(self, query: Query) -> EncodedAnswer:
+    async def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
         """Returns the answer to a query."""
         context = contextvars.copy_context()  # for what is logged on the way
         loop = asyncio.get_running_loop()

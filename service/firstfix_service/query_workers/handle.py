@@ -14,6 +14,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
+from firstfix.engine.map_choice.sought_scan import SoughtScan
 from firstfix.errors import DeadlineExceeded, FirstfixError, TooLarge
 
 from .base import QueryWorkerDied
@@ -82,8 +83,8 @@ class QueryWorkerHandle:
         """
         self._request(HELLO, None)
 
-    async def answer(self, query: Query) -> EncodedAnswer:
-        """Returns the process's answer to a query.
+    async def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
+        """Returns the process's answer to a query, or its description.
 
         Raises:
             QueryWorkerDied: the process ended before it answered.
@@ -107,7 +108,7 @@ class QueryWorkerHandle:
             raise
         finally:
             self._query_lock.release()
-        answer: EncodedAnswer = _unwrap(reply)
+        answer: EncodedAnswer | SoughtScan = _unwrap(reply)
         return answer
 
     def load(self, version: ServedVersion) -> int:

@@ -27,7 +27,8 @@ from firstfix.wire.content_encoding import decompressor_of
 
 from ..auth.principal import Principal
 
-MAX_MAPS = 16  # that one query searches
+MAX_MAPS = 16  # that one query searches in full
+CHOSEN_MAPS = 8  # of all that a caller sees, if a query names none and they are more than MAX_MAPS
 SEVERAL_MAPS = "*"  # all searches of more than one map take turns as one
 JSON = "application/json"
 PARAMETERS = {
@@ -218,12 +219,15 @@ class Query:
     """A query whose head was checked.
 
     Attributes:
-        map_ids: maps to search, each once. Where there are several, their places compete.
+        map_ids: maps to search, each once. Where there are several, their places compete. Empty: they are
+            still to be chosen from all that the caller sees.
         options: as the caller gave them.
         deadline: of ``time.monotonic``, one clock for all processes of a machine; infinite: none.
         form: how the caller wants the answer.
         body: as it came, with its content encoding. The last three are filled in by ``LocalizeUseCase``.
         waits_ms: milliseconds that the query waited before, by stage. They become part of its timings.
+        forms: of descriptors in which a worker describes the scan, instead of an answer.
+        chosen: the maps were chosen by the service.
     """
 
     map_ids: tuple[str, ...]
@@ -236,6 +240,8 @@ class Query:
     body: Body = b""
     versions: tuple[ServedVersion, ...] = ()
     waits_ms: Mapping[str, float] = field(default_factory=dict)
+    forms: tuple[str, ...] = ()
+    chosen: bool = False
 
     @classmethod
     def read(
@@ -251,7 +257,8 @@ class Query:
         Args:
             caller: has the scope ``localize``, and its rate limit allows the query: the transport checked
                 both.
-            served: returns the served maps, which are searched if none is named.
+            served: returns the served maps. If none is named, all that the caller sees are searched, or
+                those that resemble the scan most, if they are more than MAX_MAPS.
             arrived: ``time.monotonic`` when the query came. Its deadline counts from then.
 
         Raises:
@@ -270,10 +277,14 @@ class Query:
         map_ids = tuple(dict.fromkeys(given.map_ids)) or tuple(filter(caller.sees, served()))
         if not map_ids:
             raise NotFound("no map is served yet")
-        if len(map_ids) > MAX_MAPS:
-            raise InvalidOption(f"one query searches up to {MAX_MAPS} maps, not {len(map_ids)}: name some")
+        if len(map_ids) > MAX_MAPS and given.map_ids:
+            raise InvalidOption(
+                f"one query names up to {MAX_MAPS} maps, not {len(map_ids)}: name fewer, or none"
+            )
         if len(map_ids) > 1 and (options.prior is not None or options.version is not None):
             raise InvalidOption("a prior and a version belong to one map: name it")
+        if len(map_ids) > MAX_MAPS:
+            map_ids = ()
         return cls(map_ids, options, body_format, options.deadline_from(arrived), form, caller, given)
 
     @property

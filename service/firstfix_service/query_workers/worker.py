@@ -32,6 +32,7 @@ import orjson
 from firstfix.answer.localization import Localization
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer, localize_among
+from firstfix.engine.map_choice.sought_scan import SoughtScan, describe_sought
 from firstfix.engine.map_search import Stopwatch
 from firstfix.errors import FirstfixError, VersionError
 from firstfix.formats.point_cloud import Body
@@ -52,6 +53,16 @@ Offer = Callable[[ServedVersion, Localizer, object, Localization], None]
 def load_localizer(directory: Path) -> Localizer:
     """Returns the localizer of a version's folder."""
     return Localizer(MapIndex.load(directory))
+
+
+def describe_query(query: Query, max_decoded_bytes: int) -> SoughtScan:
+    """Returns the description by which the maps of a query are chosen.
+
+    Raises:
+        InputError: the body or an option cannot be used.
+    """
+    plain = query.body_format.decompress(query.body, max_decoded_bytes)
+    return describe_sought(query.body_format.decode(plain), query.options, query.forms)
 
 
 def answer_query(
@@ -76,7 +87,7 @@ def answer_query(
         answer = localizers[0].localize(scan, query.options, query.deadline)
     else:
         maps = dict(zip(by_map, localizers, strict=True))
-        answer = localize_among(maps, scan, query.options, query.deadline)
+        answer = localize_among(maps, scan, query.options, query.deadline, likely_one=query.chosen)
         # If no map is sure: the map of the best hypothesis, if there is one.
         answered = by_map[answer.hypotheses[0].map_id] if answer.hypotheses else query.versions[0]
     answer = answer.of_version(answered.map_id, answered.version, provisional=answered.provisional)
@@ -223,8 +234,10 @@ class Localizers:
         if self._sightings is not None:
             self._sightings.unload(version)
 
-    def answer(self, query: Query) -> EncodedAnswer:
-        """Returns the answer to a query. Loads its versions if they are not loaded."""
+    def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
+        """Returns the answer to a query, or its description. Loads its versions if they are not loaded."""
+        if query.forms:
+            return describe_query(query, self._max_decoded_bytes)
         offer = None if self._sightings is None else self._sightings.offer
         localizers = [self._localizer(version) for version in query.versions]
         return answer_query(query, localizers, self._max_decoded_bytes, offer)

@@ -42,6 +42,7 @@ from ..localize.use_case import LocalizeUseCase, QueryRecorder, RecentAnswers
 from ..maintenance.cleanup import abandoned_objects_removal
 from ..maintenance.clock import clock_comparison
 from ..maintenance.verification import store_verification
+from ..maps.coarse_maps import CoarseMaps
 from ..maps.georeference_cache import GEOREFERENCE_TTL_S, GeoreferenceCache
 from ..maps.map_cache import MAX_VERSIONS, MapCache
 from ..maps.map_poller import MapPoller
@@ -99,6 +100,7 @@ async def compose(
     await START.run(_remove_abandoned_uploads, settings.work_dir / "uploads")
     gate = QueryGate(settings.workers, settings.queue_size, settings.max_inflight_bytes)
     workers = _workers(settings, metrics, load, gate)
+    coarse = CoarseMaps(catalog, settings.cache_dir / "coarse", metrics)
     maps = MapCache(
         catalog,
         settings.cache_dir,
@@ -110,7 +112,10 @@ async def compose(
         pinned=settings.pinned_maps,
         placement=placement,
         poll_interval_s=settings.poll_interval_s,
+        on_read=coarse.follow,
     )
+    close_within(stack, coarse.close, CLOSE_WITHIN_S, "the coarse index")
+    coarse.start()
     close_within(stack, maps.close, CLOSE_WITHIN_S, "loads of maps")
     stack.push_async_callback(START.run, workers.close)  # closed before the maps: it ends the loads under way
     sightings = SightingsKeeper(catalog, workers, metrics)
@@ -131,7 +136,7 @@ async def compose(
     recent = RecentAnswers(replica)
     counts, webhooks = AnswerCounts(), await _start_webhooks(settings, metrics, stack)
     recorder = QueryRecorder(metrics, requests, recent, counts, sampler, webhooks)
-    use_case = LocalizeUseCase(maps, gate, recorder)
+    use_case = LocalizeUseCase(maps, coarse, gate, recorder)
     health = HealthCheck(maps, gate, metrics)
     builds = start_builds(settings, catalog, metrics, stack)
     if not settings.read_only:

@@ -89,6 +89,10 @@ class Metrics:
             "firstfix_maps_behind",
             "Maps that answer from an older version because the active one was refused",
         )
+        self.coarse_maps = gauge(
+            "firstfix_coarse_maps",
+            "Maps in the coarse index, which chooses those that a query without a map searches",
+        )
         self.maps_held = gauge(
             "firstfix_maps_held", "Maps that this replica holds; 0 without FIRSTFIX_HOLDERS"
         )

@@ -15,6 +15,7 @@ __all__ = [
     "AUTH",
     "BUILDS",
     "CHANGES",
+    "CHOICES",
     "COPIES",
     "KEYS",
     "LISTS",
@@ -40,12 +41,13 @@ SIGNATURES = ThreadPool("signatures", 2)  # hashes the bodies of signed queries
 LOOKS = ThreadPool("looks", 2)  # lays scans over maps, for people who look at answers
 METRICS = ThreadPool("metrics", 2)  # puts the metrics together, which asks many parts for their state
 CHANGES = ThreadPool("changes", 4, TURN_WITHIN_S)  # activates versions, sets georeferences
+CHOICES = ThreadPool("choices", 2)  # chooses the maps of queries that name none
 COPIES = ThreadPool("copies", 4)  # copies map files to the disk and to the store, and hashes them
 MAINTENANCE = ThreadPool(
     "maintenance", 4
 )  # removes abandoned objects, stages and garbage; looks for unfinished builds
 
-_OF_REQUESTS = (KEYS, AUTH, READS, LISTS, LOOKS, CHANGES, COPIES, MAINTENANCE)
+_OF_REQUESTS = (KEYS, AUTH, READS, LISTS, LOOKS, CHANGES, CHOICES, COPIES, MAINTENANCE)
 _AGAIN_S = 0.5  # a request may go on to other work
 
 

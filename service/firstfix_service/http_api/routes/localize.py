@@ -56,7 +56,8 @@ def _openapi() -> dict[str, Any]:
     """The operation's parameters: the core parses the options, so FastAPI cannot derive them."""
     names = [MAP_PARAMETER, *LocalizeOptions.__dataclass_fields__, *PARAMETERS]
     texts = {
-        MAP_PARAMETER: "id of the map, or several ids separated by commas; without it all maps are searched",
+        MAP_PARAMETER: "id of the map, or several ids separated by commas; without it all maps that "
+        "the caller may see are searched: up to 16 in full, of more the eight that resemble the scan most",
         **_OPTION_TEXT,
         **PARAMETERS,
     }
