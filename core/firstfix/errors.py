@@ -26,6 +26,7 @@
     |  `- IncompatibleVersion     made by a format this reader does not know
     |- BuildError                 a build ended without a version
     |  |- BuildFailed             a stage could not do its work
+    |  |  `- NothingToPatch       no change of the map is confirmed
     |  |- BuildAttemptsExceeded   its worker died too often
     |  |- BuildTimedOut           it took too long
     |  |- BuildStalled            it made no progress for too long
@@ -211,6 +212,12 @@ class BuildFailed(BuildError):
     """A stage could not do its work."""
 
     code = "build_failed"
+
+
+class NothingToPatch(BuildFailed):
+    """No change of the map is confirmed: it stays as it is."""
+
+    code = "nothing_to_patch"
 
 
 class BuildAttemptsExceeded(BuildError):

@@ -46,6 +46,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.IncompatibleVersion: 503,
     errors.BuildError: 500,
     errors.BuildFailed: 500,
+    errors.NothingToPatch: 409,
     errors.BuildAttemptsExceeded: 500,
     errors.BuildTimedOut: 500,
     errors.BuildStalled: 500,

@@ -23,7 +23,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.query_samples import QuerySamples
 from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.engine.changes.areas import Area, find_areas, newest_first
-from firstfix.errors import BuildFailed, NotFound, UnreadableRecord
+from firstfix.errors import NotFound, NothingToPatch, UnreadableRecord
 
 from .kept_queries import chosen_queries
 
@@ -100,7 +100,7 @@ def collect_patch_source(
         on_progress: called with the share that is done, 0..1.
 
     Raises:
-        BuildFailed: no kept query counts.
+        NothingToPatch: no kept query counts.
         NotFound, VersionError, StoreError: the version or the queries cannot be read.
     """
     shutil.rmtree(folder, ignore_errors=True)
@@ -125,7 +125,7 @@ def collect_patch_source(
             KeptQuery(name, sample.robot, one.time_s, sample.media_type, sample.content_encoding, answer)
         )
     if not kept:
-        raise BuildFailed(
+        raise NothingToPatch(
             f"nothing to patch: no kept query of a robot with a key of its own was localized in version "
             f"{base[:12]} (FIRSTFIX_SAMPLES_SHARE_LOCALIZED)"
         )

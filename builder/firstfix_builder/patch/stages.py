@@ -12,7 +12,7 @@ import numpy as np
 from firstfix.engine.index import CALIBRATION_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.ranking import Calibration
-from firstfix.errors import BuildFailed
+from firstfix.errors import BuildFailed, NothingToPatch
 
 from ..execution.build_trace import within_a_stage
 from ..execution.stage_cache import StageResult
@@ -94,7 +94,8 @@ def _lay(source: Path, told: PatchSource, read: StageResult, voxel_m: float, out
     """Writes the map with the confirmed changes.
 
     Raises:
-        BuildFailed: nothing is confirmed, or too much has changed for a patch.
+        NothingToPatch: nothing is confirmed.
+        BuildFailed: too much has changed for a patch, or the source is not that of the version.
     """
     if not (read.directory / "points.npy").exists():
         raise BuildFailed("the map's source is a mesh, and only clouds can be patched: map the place again")
@@ -105,14 +106,16 @@ def _lay(source: Path, told: PatchSource, read: StageResult, voxel_m: float, out
     seen, left_out = seen_by(index, read_observations(source, told))
     changes = confirmed_changes(seen, rule)
     if not changes:
-        raise BuildFailed(_nothing(seen, left_out, rule))
+        raise NothingToPatch(_nothing(seen, left_out, rule))
     cloud = np.load(read.directory / "points.npy")
     earlier = source / BASE / PATCH_FILE
     before = MapPatch.load(earlier) if earlier.exists() else MapPatch()
     current = before.lay(cloud)
     patch = patch_of(changes, seen, index, current, robots=rule.robots, voxel_m=voxel_m)
     if not len(patch.added) and not len(patch.removed):
-        raise BuildFailed("nothing to patch: the robots do not agree about any point of the changed places")
+        raise NothingToPatch(
+            "nothing to patch: the robots do not agree about any point of the changed places"
+        )
     if len(patch.added) + len(patch.removed) > MOST_OF_CLOUD * len(current):
         raise BuildFailed("over a tenth of the map has changed, which is no patch: map the place again")
     whole = before.then(patch)

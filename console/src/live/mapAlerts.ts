@@ -1,7 +1,7 @@
 // What about a map needs a person: answers that somebody judged wrong, and builds that failed.
 
 import type { Schemas } from "../api/client";
-import { begunAt } from "../maps/buildRecords";
+import { begunAt, hasFailed } from "../maps/buildRecords";
 import { link } from "../router";
 import { judgementOf } from "../samples/judgement";
 import { answerOf, type Sample } from "../samples/place";
@@ -25,7 +25,7 @@ export function buildAlerts(builds: readonly Schemas["Build"][], hidden: readonl
   const good = builds.findIndex((one) => one.state === "succeeded");
   const since = good < 0 ? builds : builds.slice(0, good);
   return since.flatMap((build) => {
-    if (build.state !== "failed" || hidden.includes(build.build_id)) return [];
+    if (!hasFailed(build) || hidden.includes(build.build_id)) return [];
     const begun = begunAt(build.build_id);
     const when = begun ? ` of ${age(begun, now_s * 1000)}` : "";
     const why = build.error?.detail ? `: ${build.error.detail}` : "";

@@ -6,7 +6,7 @@ import { lastBuilds } from "../api/builds";
 import type { Schemas } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
 import { BuildRow } from "./BuildRow";
-import { hidden, isGoing, isHeldBack } from "./buildRecords";
+import { hasFailed, hidden, isGoing, isHeldBack } from "./buildRecords";
 
 type Build = Schemas["Build"];
 const LOOK_MS = 3000;
@@ -43,7 +43,7 @@ export function Builds({ map, done, again }: BuildsProps) {
     };
   }, [map]);
   const shown = builds.value.filter(
-    (one) => !hidden.value.includes(one.build_id) && (isGoing(one) || one.state === "failed" || isHeldBack(one)),
+    (one) => !hidden.value.includes(one.build_id) && (isGoing(one) || hasFailed(one) || isHeldBack(one)),
   );
   if (problem.value) return <ErrorText error={problem.value} />;
   if (!shown.length) return null;

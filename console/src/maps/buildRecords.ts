@@ -37,6 +37,11 @@ export function isHeldBack({ state, activated }: Schemas["Build"]): boolean {
   return state === "succeeded" && activated === false;
 }
 
+/** Whether it failed for a reason that needs a person. A patch of a map of which nothing is confirmed needs none. */
+export function hasFailed({ state, error }: Schemas["Build"]): boolean {
+  return state === "failed" && error?.code !== "nothing_to_patch";
+}
+
 /** When the build was handed in, ISO 8601: its id begins with it. "": the id is of another kind. */
 export function begunAt(build: string): string {
   const found = /^(\d{4})(\d\d)(\d\d)t(\d\d)(\d\d)(\d\d)/i.exec(build);

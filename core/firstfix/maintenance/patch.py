@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
+from datetime import datetime, timezone
 from typing import Any
 
 from ..builds.config import BuildConfig, PatchMode
 from ..catalog.catalog import Catalog
-from ..errors import Conflict
+from ..catalog.log.map_state import Event
+from ..catalog.sightings.sightings import Sightings
+from ..engine.changes.areas import find_areas, newest_first
+from ..errors import Conflict, NotFound, UnreadableRecord
 from .rebuild import active_request, record_again
+
+FEWEST_DAYS = 3  # on which the version's queries have looked for changes: a patch needs as many
 
 
 def patch_request(catalog: Catalog, map_id: str, mode: PatchMode | None = None) -> dict[str, Any]:
@@ -40,3 +47,79 @@ def request_patch(catalog: Catalog, map_id: str, mode: PatchMode | None = None) 
         NotFound, Conflict: as ``patch_request``.
     """
     return record_again(catalog, map_id, patch_request(catalog, map_id, mode))
+
+
+def request_due_patches(catalog: Catalog, now: datetime) -> list[str]:
+    """Record a patch of each map whose config allows it, whose hour has come, and that seems to have changed.
+
+    Each map has an hour of the day (UTC). The build's id is made of the map, the version and this hour, so
+    that several callers record one build a day. Call it more often than once an hour.
+
+    Args:
+        now: by the store's clock.
+
+    Returns:
+        Ids of the new builds.
+
+    Raises:
+        StoreError: the store failed.
+    """
+    hour = now.astimezone(timezone.utc).replace(minute=0, second=0, microsecond=0)
+    due = []
+    for map_id in catalog.folder_names():
+        if hour_of(map_id) != hour.hour:
+            continue
+        try:
+            request = patch_request(catalog, map_id)
+            version = request["patch"]["base"]
+            if not is_patch_waiting(catalog, map_id, version) and seems_changed(catalog, map_id, version):
+                name = f"{hour:%Y%m%dt%H%M%S}-{_digest(map_id, version)[:8]}"
+                due.append(record_again(catalog, map_id, request, name))
+        except (Conflict, NotFound, UnreadableRecord):
+            continue  # it wants no patch or cannot have one, or another replica was first
+    return due
+
+
+def hour_of(map_id: str) -> int:
+    """The hour of the day, 0..23, in which patches of a map are made: the maps share the day."""
+    return int(_digest(map_id), 16) % 24
+
+
+def is_patch_waiting(catalog: Catalog, map_id: str, version: str) -> bool:
+    """Returns whether a patch of the active version is there and not active: it waits, or was rolled back.
+
+    Raises:
+        UnreadableRecord: the request of a build is damaged.
+    """
+    state = catalog.state(map_id)
+    made_by = [
+        entry.build_id
+        for entry in state.entries
+        if entry.event is Event.PUBLISHED and entry.version in state.published and entry.version != version
+    ]
+    return any(_base_of(catalog, build_id) == version for build_id in made_by if build_id)
+
+
+def _base_of(catalog: Catalog, build_id: str) -> str | None:
+    """The version that a build has patched; None: it was no patch, or its record is gone."""
+    try:
+        patch = catalog.build_request(build_id).get("patch")
+    except NotFound:
+        return None
+    return str(patch.get("base")) if isinstance(patch, dict) else None
+
+
+def seems_changed(catalog: Catalog, map_id: str, version: str) -> bool:
+    """Returns whether the queries of a version have seen changes, on enough days for a patch.
+
+    Raises:
+        NotFound: no such version.
+    """
+    days = Sightings(catalog.store).read(catalog.folder_of(map_id, version)).days
+    if len(days) < FEWEST_DAYS:
+        return False
+    return bool(find_areas(newest_first([days[name].tally for name in sorted(days, reverse=True)])))
+
+
+def _digest(*parts: str) -> str:
+    return hashlib.sha256(" ".join(parts).encode()).hexdigest()

@@ -27,6 +27,7 @@ from firstfix.errors import (
     BuildTimedOut,
     FirstfixError,
     NotFound,
+    NothingToPatch,
     OutOfSpace,
     StoreError,
 )
@@ -253,7 +254,7 @@ class BuildRunner:
         if status["state"] in FINAL_STATES:
             if status["state"] != "succeeded":  # its process may have published until it ended
                 end_build(self._catalog, build_id, status)
-            self._count(build_id, status["state"])
+            self._count(build_id, status)
         elif self._catalog.is_cancel_requested(build_id):
             self._end(build_id, status, "cancelled")
         else:
@@ -289,9 +290,12 @@ class BuildRunner:
         )
         end_build(self._catalog, build_id, ended)
         self._put_backs.pop(build_id, None)
-        self._count(build_id, state)
+        self._count(build_id, ended)
 
-    def _count(self, build_id: str, state: str) -> None:
+    def _count(self, build_id: str, ended: Mapping[str, Any]) -> None:
+        code = (ended.get("error") or {}).get("code")
+        # a patch that finds nothing needs nobody: alerts look at builds that failed
+        state = code if code == NothingToPatch.code else ended["state"]
         count_build(self._catalog, self._metrics, build_id, state)
         _log.info("build ended", build_id=build_id, state=state)
 

@@ -41,6 +41,7 @@ from ..localize.sampler import QuerySampler, SamplePolicy
 from ..localize.use_case import LocalizeUseCase, QueryRecorder, RecentAnswers
 from ..maintenance.cleanup import abandoned_objects_removal
 from ..maintenance.clock import clock_comparison
+from ..maintenance.patches import map_patches
 from ..maintenance.verification import store_verification
 from ..maps.coarse_maps import CoarseMaps
 from ..maps.georeference_cache import GEOREFERENCE_TTL_S, GeoreferenceCache
@@ -142,6 +143,7 @@ async def compose(
     if not settings.read_only:
         abandoned_objects_removal(catalog).start(stack)
         clock_comparison(store, metrics).start(stack)
+        map_patches(catalog, None if builds is None else builds.submit).start(stack)
         sightings_maintenance(sightings).start(stack)
         if settings.verify_bytes_per_s:
             store_verification(settings, store, metrics).start(stack)

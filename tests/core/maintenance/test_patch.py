@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from firstfix.builds.config import BuildConfig
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.catalog.sources import put_source, source_key
+from firstfix.engine.changes.cells import keys_of
+from firstfix.engine.changes.sighting import Sighting
+from firstfix.engine.changes.tally import Tally
 from firstfix.errors import Conflict, NotFound
-from firstfix.maintenance.patch import request_patch
+from firstfix.maintenance.patch import hour_of, request_due_patches, request_patch
 from firstfix.maintenance.rebuild import rebuild
 from firstfix.store.store import Store
 
@@ -78,3 +84,58 @@ def test_the_word_off_of_yaml_is_understood(tmp_path: Path):
         (tmp_path / "config.yaml").write_text(text)
         assert BuildConfig.from_file(tmp_path / "config.yaml").patch == mode
     assert "patch" not in BuildConfig(patch="activate").to_mapping(), "it does not change the version"
+
+
+PLACE = np.sort(keys_of(np.array([[x, 4, 2] for x in range(4)])))
+NOTHING = np.empty(0, np.int64)
+HOUR = datetime(2026, 3, 4, hour_of("hall"), 5, tzinfo=timezone.utc)
+
+
+def see_changes(catalog: Catalog, version: str, days: int) -> None:
+    """Counts of queries that have seen a place where something is gone, on so many days."""
+    for day in range(days):
+        spots = [Sighting((7 * n, day, 1), NOTHING, PLACE, NOTHING, NOTHING) for n in range(9)]
+        tally = Tally.sum([Tally.of(spot) for spot in spots])
+        Sightings(catalog.store).put(catalog.folder_of("hall", version), tally, HOUR - timedelta(days=day))
+
+
+def test_a_map_that_seems_changed_is_patched_once_a_day_whoever_asks(catalog: Catalog, tmp_path: Path):
+    version = built(catalog, tmp_path, "activate")
+    see_changes(catalog, version, 3)
+    assert request_due_patches(catalog, HOUR - timedelta(hours=1)) == [], "not its hour"
+    (build_id,) = request_due_patches(catalog, HOUR)
+    assert catalog.build_request(build_id)["patch"] == {"base": version, "mode": "activate"}
+    assert build_id.startswith(f"{HOUR:%Y%m%dt%H}")
+    assert request_due_patches(catalog, HOUR + timedelta(minutes=30)) == [], "another replica in this hour"
+    assert len(request_due_patches(catalog, HOUR + timedelta(days=1))) == 1
+
+
+def test_a_map_is_not_patched_by_itself_without_its_config_or_without_three_days(
+    catalog: Catalog, tmp_path: Path
+):
+    version = built(catalog, tmp_path, "propose")
+    assert request_due_patches(catalog, HOUR) == []
+    see_changes(catalog, version, 2)
+    assert request_due_patches(catalog, HOUR) == []
+    other = Catalog(Store.open("memory://"))
+    (tmp_path / "off").mkdir()
+    see_changes(other, built(other, tmp_path / "off", "off"), 3)
+    assert request_due_patches(other, HOUR) == []
+
+
+def test_a_patch_that_waits_or_was_rolled_back_is_not_made_again(catalog: Catalog, tmp_path: Path):
+    version = built(catalog, tmp_path, "propose")
+    see_changes(catalog, version, 3)
+    (build_id,) = request_due_patches(catalog, HOUR)
+    folder = tmp_path / "patched"
+    folder.mkdir()
+    manifest = Manifest.for_directory(folder)
+    catalog.publish("hall", folder, manifest, build_id=build_id, activate=False)
+    tomorrow = HOUR + timedelta(days=1)
+    assert request_due_patches(catalog, tomorrow) == [], "it waits for a person"
+    catalog.activate("hall", manifest.digest)
+    catalog.activate("hall", version)  # as a rollback does
+    assert catalog.active_version("hall") == version
+    assert request_due_patches(catalog, tomorrow) == [], "a person did not want it"
+    catalog.retire("hall", manifest.digest)
+    assert len(request_due_patches(catalog, tomorrow)) == 1

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from ...bit_exact.sample import rows_by_chance
 from ...descriptor import Described, rows_of
 from ..config import DescriptorConfig, SearchConfig
 from ..retrieval.key_search import build_key_search
@@ -126,8 +127,7 @@ class _Block:
 
     def _principal(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Mean and principal axes of the keys: (d,) and (d, numbers)."""
-        step = -(-len(self) // LEARNED_FROM)
-        keys = self._descriptor.keys(rows_of(self._described, slice(None, None, step)))
+        keys = self._descriptor.keys(rows_of(self._described, rows_by_chance(len(self), LEARNED_FROM)))
         mean: NDArray[np.float32] = keys.mean(axis=0, dtype=np.float32)
         scatter = (keys - mean).T.astype(np.float64) @ (keys - mean)
         axes = np.linalg.eigh(scatter)[1][:, -NUMBERS:]
