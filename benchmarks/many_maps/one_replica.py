@@ -12,6 +12,7 @@ from typing import Any
 import httpx
 
 from firstfix_client import ZenohClient
+from firstfix_service.query_workers.query import MAX_MAPS
 
 from ..common.load import Body
 from ..common.memory import pss_of_family
@@ -50,6 +51,8 @@ def one_replica(
         before = _Counted(http)
         figures["requests_until_ready"] = before.requests
         figures["cpu_s_until_ready"] = round(before.cpu_s, 2)
+        figures["index_s"] = round(_until_indexed(http, maps), 2)
+        figures["requests_until_indexed"] = _Counted(http).requests
         time.sleep(SETTLE_S)
         figures["pss_mb"] = round(pss_of_family(one.pid) / 1e6)
         before = _Counted(http)
@@ -107,6 +110,14 @@ def _until_shown(http: httpx.Client, maps: int) -> float:
     """Seconds until there is a token for each map."""
     begin = time.perf_counter()
     while f"\nfirstfix_zenoh_maps {maps:.1f}\n" not in http.get("/metrics").text:
+        time.sleep(0.1)
+    return time.perf_counter() - begin
+
+
+def _until_indexed(http: httpx.Client, maps: int) -> float:
+    """Seconds until the coarse index has all maps. Of few maps there is none."""
+    begin = time.perf_counter()
+    while maps > MAX_MAPS and f"\nfirstfix_coarse_maps {maps:.1f}\n" not in http.get("/metrics").text:
         time.sleep(0.1)
     return time.perf_counter() - begin
 

@@ -142,13 +142,20 @@ class Catalog(BuildRecords):
         return self._objects.fetch(self.folder_of(map_id, version), directory)
 
     def read_file(self, map_id: str, version: str, name: str, *, max_bytes: int) -> bytes:
-        """Read one file of a version, verified by its sha256.
+        """Read one file of a version, verified by its sha256: with one request, once the version is known.
+
+        A version that was just retired may still be read.
 
         Raises:
             NotFound: the version has no such file; or see ``manifest``.
             TooLarge: the file has more than ``max_bytes``.
             CorruptVersion: see ``manifest``; or the file is missing or differs.
         """
+        state = self.known_state(map_id)
+        if check_version(version) in state.published:
+            with suppress(NotFound, CorruptVersion):  # it may have been retired, and published again, since
+                folder = _folder(map_id, version, state)
+                return self._objects.read_file(folder, name, max_bytes=max_bytes)
         return self._objects.read_file(self.folder_of(map_id, version), name, max_bytes=max_bytes)
 
     def read_part(self, map_id: str, version: str, name: str, start: int, length: int) -> bytes:
