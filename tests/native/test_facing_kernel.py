@@ -1,4 +1,4 @@
-"""What surfaces tell of principal directions: the kernel against NumPy."""
+"""Sums of the information of surfaces along principal directions: the kernel against NumPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What surfaces tell of principal directions, in NumPy."""
+"""Sums of the information of surfaces along principal directions, in NumPy."""
 
 from __future__ import annotations
 

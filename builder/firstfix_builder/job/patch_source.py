@@ -22,7 +22,7 @@ from typing import Any
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.query_samples import QuerySamples
 from firstfix.catalog.sightings.sightings import Sightings
-from firstfix.engine.changes.areas import Area, find_areas, newest_first
+from firstfix.engine.changes.areas import Area, find_areas
 from firstfix.errors import NotFound, NothingToPatch, UnreadableRecord
 
 from .kept_queries import chosen_queries
@@ -142,8 +142,7 @@ def collect_patch_source(
 def _areas_of(catalog: Catalog, map_id: str, version: str) -> list[Area]:
     """The areas that the counts of the version's queries show: where a patch has something to look at."""
     record = Sightings(catalog.store).read(catalog.folder_of(map_id, version))
-    days = [record.days[name].tally for name in sorted(record.days, reverse=True)]
-    return find_areas(newest_first(days))
+    return find_areas(record.newest_first())
 
 
 def _linked(path: Path, folder: Path) -> str:

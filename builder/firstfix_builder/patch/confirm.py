@@ -101,7 +101,7 @@ class _Votes:
 
 @dataclass(frozen=True)
 class _Judged:
-    """What the sightings of a cell say: it has changed, or, without a time, robots disagree."""
+    """Judgement of one cell: it has changed, or, without a time, robots disagree."""
 
     since_s: float | None = None
     robots: frozenset[int] = frozenset()

@@ -132,7 +132,7 @@ def rollback(map_id: MapArgument, url: Url = None, store: Store = None, as_json:
 
 
 class Mode(str, Enum):
-    """What becomes of a patched version."""
+    """Whether a patched version is activated or waits."""
 
     propose = "propose"
     activate = "activate"

@@ -10,7 +10,7 @@ from ..builds.config import BuildConfig, PatchMode
 from ..catalog.catalog import Catalog
 from ..catalog.log.map_state import Event
 from ..catalog.sightings.sightings import Sightings
-from ..engine.changes.areas import find_areas, newest_first
+from ..engine.changes.areas import find_areas
 from ..errors import Conflict, NotFound, UnreadableRecord
 from .rebuild import active_request, record_again
 
@@ -115,10 +115,8 @@ def seems_changed(catalog: Catalog, map_id: str, version: str) -> bool:
     Raises:
         NotFound: no such version.
     """
-    days = Sightings(catalog.store).read(catalog.folder_of(map_id, version)).days
-    if len(days) < FEWEST_DAYS:
-        return False
-    return bool(find_areas(newest_first([days[name].tally for name in sorted(days, reverse=True)])))
+    record = Sightings(catalog.store).read(catalog.folder_of(map_id, version))
+    return len(record.days) >= FEWEST_DAYS and bool(find_areas(record.newest_first()))
 
 
 def _digest(*parts: str) -> str:

@@ -12,7 +12,7 @@ from .senses import Senses
 
 @dataclass(frozen=True)
 class Late:
-    """What late odometry leads to.
+    """Result of a look for late odometry. Empty: nothing is to be done.
 
     Attributes:
         completed: the fix with the pose of its frame by odometry.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.changes.areas import KINDS as COLUMNS
-from ...engine.changes.areas import Area, find_areas, newest_first
+from ...engine.changes.areas import Area, find_areas
 from ...engine.changes.cells import CELL_M, cells_of_keys, keys_of
 from ...engine.changes.tally import KINDS, Tally
 from .record import SightingsRecord
@@ -27,8 +27,7 @@ def changes_of(
         with_cells: list the cells of each area.
         with_grid: list the counts of all cells.
     """
-    days = [record.days[name] for name in sorted(record.days, reverse=True)]
-    tally = newest_first([day.tally for day in days])
+    days, tally = record.days.values(), record.newest_first()
     areas = find_areas(tally)
     found: dict[str, Any] = {
         "cell_m": CELL_M,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...engine.changes.areas import newest_first
 from ...engine.changes.cells import CELL_M, SLOTS, SPOT_M
 from ...engine.changes.tally import Tally
 from ...store.json_record import record_json, text_of, texts_of, whole_number_of
@@ -62,6 +63,10 @@ class SightingsRecord:
             for day, found in other.days.items():
                 days[day] = days[day].plus(found) if day in days else found
         return SightingsRecord(days, tuple(parts))
+
+    def newest_first(self) -> Tally:
+        """Sum of all days, in which each cell has only as many old sightings as it needs."""
+        return newest_first([self.days[name].tally for name in sorted(self.days, reverse=True)])
 
     def since(self, day: str, max_rows: int = MAX_ROWS) -> SightingsRecord:
         """The days from this one on; of too many rows the newest days."""
