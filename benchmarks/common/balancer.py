@@ -10,7 +10,9 @@ from pathlib import Path
 
 import httpx
 
-from .programs import START_S, free_port, program, wait_for_port
+from firstfix_cli.free_port import free_port
+
+from .programs import START_S, program, wait_for_port
 
 SHIPPED = Path(__file__).parents[2] / "deploy" / "compose" / "haproxy.cfg"
 BACKENDS = ("queries", "rest")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import secrets
 import shutil
 import signal
@@ -13,10 +12,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
+
+from firstfix_cli.free_port import free_port
 
 START_S = 300.0
 BUCKET = "maps"
@@ -26,15 +27,6 @@ def missing(*programs: str) -> str | None:
     """Returns a message that names missing programs, or None if all are installed."""
     absent = [name for name in programs if shutil.which(name) is None]
     return f"no {', '.join(absent)} here (`make test-servers`)" if absent else None
-
-
-def free_port() -> int:
-    """A port of loopback that nobody listens on, of those that the kernel gives to nobody who connects."""
-    while True:
-        with socket.socket() as probe, suppress(OSError):
-            port = random.SystemRandom().randrange(10_000, 20_000)
-            probe.bind(("127.0.0.1", port))
-            return port
 
 
 @contextmanager

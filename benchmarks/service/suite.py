@@ -12,7 +12,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from ..common.programs import free_port, replica
+from firstfix_cli.free_port import free_port
+
+from ..common.programs import replica
 from ..common.worlds import WORLDS
 from .consoles import QUICK, ConsoleCourse, consoles
 from .loading import cold_load, hot_swap

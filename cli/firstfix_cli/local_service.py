@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
 import sys
 import time
@@ -15,6 +14,8 @@ from pathlib import Path
 import httpx
 
 from firstfix.errors import FirstfixError
+
+from .free_port import free_port, port_is_free
 
 START_S = 300.0  # on a busy machine; usually five
 
@@ -48,7 +49,8 @@ def local_service(directory: Path, store: Path, port: int = 0) -> Iterator[Local
         FirstfixError: it does not start; the log says why.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    port, zenoh, log = _free_port(port), f"tcp/127.0.0.1:{_free_port()}", directory / "service.log"
+    port = port if port and port_is_free(port) else free_port()
+    zenoh, log = f"tcp/127.0.0.1:{free_port()}", directory / "service.log"
     config = directory / "zenoh.json5"
     settings = {"listen": {"endpoints": [zenoh]}, "scouting": {"multicast": {"enabled": False}}}
     config.write_text(json.dumps(settings))
@@ -79,15 +81,3 @@ def _wait(service: LocalService) -> None:
             pass
         time.sleep(0.1)
     raise FirstfixError(f"the service did not start, see {service.log}")
-
-
-def _free_port(wanted: int = 0) -> int:
-    """The wanted port if it is free, else another."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", wanted))
-        except OSError:
-            probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port

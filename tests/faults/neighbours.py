@@ -28,13 +28,14 @@ import httpx
 import numpy as np
 
 from benchmarks.common.load import Body
-from benchmarks.common.programs import Replica, free_port
+from benchmarks.common.programs import Replica
 from benchmarks.common.small_map import make_small_map, query_of
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import ALL_MAPS, Grant
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
+from tests.claimed import free_port
 
 from .flooders import FLOODS, HEAVY_POINTS, LARGEST_POINTS, XYZ, random_returns
 

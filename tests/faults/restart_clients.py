@@ -23,11 +23,12 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common.programs import Replica, free_port
+from benchmarks.common.programs import Replica
 from firstfix.answer.localization import Localization
 from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
 from firstfix_client import AsyncClient, Client, ZenohClient
+from tests.claimed import free_port
 
 ROBOTS = 4
 Ask = Callable[[Scan, str], Localization]

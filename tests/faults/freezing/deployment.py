@@ -16,9 +16,10 @@ from unittest.mock import patch
 
 import httpx
 
-from benchmarks.common.programs import BUCKET, free_port
+from benchmarks.common.programs import BUCKET
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
+from tests.claimed import free_port
 from tests.faults.nats_server import nats_server_program
 
 from .http_reader import http_reader
