@@ -16,6 +16,7 @@ from firstfix.answer.localization import Verdict
 from firstfix.catalog.manifest import FILE_NAME, Manifest
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
+from firstfix_service.query_workers.query import CHOSEN_MAPS
 from firstfix_service.query_workers.worker import load_localizer
 from small_world import COARSE_CONFIG, SmallWorld
 from waiting import wait_until
@@ -93,12 +94,24 @@ def test_the_right_map_is_named(service: Service, small_scans, small_version):
         assert answer["hypotheses"][0]["map_id"] == "yard"
         assert answer["verdict"] != "localized" or answer["map_id"] == "yard"
         assert "choose;dur=" in response.headers["Server-Timing"]
+        last = answer["findings"][-1]
+        assert (last["code"], last["severity"]) == ("maps_left_out", "info")
+        assert last["numbers"] == {"searched": CHOSEN_MAPS, "maps": MIRRORED + 1}
+        assert f"{CHOSEN_MAPS} of {MIRRORED + 1} maps" in last["text"]
+
+
+def test_where_all_maps_are_searched_nothing_is_left_out(service: Service, small_scans):
+    body, all_maps = body_of(small_scans[0][0]), key_of(service, "localize")
+    few = key_of(service, "localize", maps=("yard", "m1?"))
+    for answer in (ask(service, few, body), ask(service, all_maps, body, map="yard,m00")):
+        assert "maps_left_out" not in {one["code"] for one in answer.json()["findings"]}
 
 
 def test_nobody_learns_of_maps_of_others(service: Service, small_scans):
     key = key_of(service, "localize", maps=("m*",))
     answer = ask(service, key, body_of(small_scans[0][0])).json()
     assert {one["map_id"] for one in answer["hypotheses"]} <= {f"m{k:02}" for k in range(MIRRORED)}
+    assert answer["findings"][-1]["numbers"]["maps"] == MIRRORED
     one = key_of(service, "localize", maps=("yard",))
     assert ask(service, one, body_of(small_scans[0][0])).json()["map_id"] in ("yard", "")
 

@@ -192,6 +192,13 @@ NO_CANDIDATE = _kind(
     "No place of the map is within the prior.",
     "Widen the prior, or leave it out.",
 )
+MAPS_LEFT_OUT = _kind(
+    "maps_left_out",
+    "No map was named, and not all were searched",
+    "No map was named: {searched:.0f} of {maps:.0f} maps were searched, those that resemble the scan most.",
+    "Name the map of the robot, or up to 16 that it may be in.",
+    Severity.INFO,
+)
 NOT_REGISTERED = _kind(
     "not_registered",
     "The query had no points",

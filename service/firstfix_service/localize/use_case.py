@@ -311,7 +311,7 @@ class LocalizeUseCase:
         async def work(ask: AskWorker, leases: Leases, waited_s: float) -> EncodedAnswer:
             map_s = time.monotonic() - queued - chosen_s - waited_s
             waits_ms = {"queue": waited_s * 1e3, "map": map_s * 1e3}
-            if query.chosen:
+            if query.chosen_of:
                 waits_ms = {"choose": chosen_s * 1e3, **waits_ms}
             try:
                 answer = await ask(replace(query, body=body, versions=leases.served, waits_ms=waits_ms))
@@ -356,11 +356,11 @@ class LocalizeUseCase:
             raise NotFound("no map is served any more")
         # A scan that resembles none has too few points, or a descriptor of its own: any map tells it.
         chosen = await CHOICES.run(self._coarse.choose, sought, visible) or tuple(visible[:1])
-        return replace(query, map_ids=chosen, chosen=True)
+        return replace(query, map_ids=chosen, chosen_of=len(visible))
 
     def _lease(self, query: Query) -> Future[Leases]:
         """The versions of the query's maps. Of chosen maps, those that come in time are enough."""
-        if not query.chosen:
+        if not query.chosen_of:
             return self._maps.served.lease(query.map_ids, query.options.version)
         some = self._maps.served.lease_some(query.map_ids)
         if query.deadline != math.inf and not some.future.done():

@@ -227,7 +227,8 @@ class Query:
         body: as it came, with its content encoding. The last three are filled in by ``LocalizeUseCase``.
         waits_ms: milliseconds that the query waited before, by stage. They become part of its timings.
         forms: of descriptors in which a worker describes the scan, instead of an answer.
-        chosen: the maps were chosen by the service.
+        chosen_of: number of the maps that the service chose ``map_ids`` from; 0: the caller named them, or
+            all that it sees are searched.
     """
 
     map_ids: tuple[str, ...]
@@ -241,7 +242,7 @@ class Query:
     versions: tuple[ServedVersion, ...] = ()
     waits_ms: Mapping[str, float] = field(default_factory=dict)
     forms: tuple[str, ...] = ()
-    chosen: bool = False
+    chosen_of: int = 0
 
     @classmethod
     def read(

@@ -35,6 +35,7 @@ from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.engine.map_choice.sought_scan import SoughtScan, describe_sought
 from firstfix.engine.map_search import Stopwatch
 from firstfix.errors import FirstfixError, VersionError
+from firstfix.findings.scan_kinds import MAPS_LEFT_OUT
 from firstfix.formats.point_cloud import Body
 from firstfix.ros.cdr import MessageReader as CdrReader
 from firstfix.ros.header import Stamp, read_stamp
@@ -87,10 +88,13 @@ def answer_query(
         answer = localizers[0].localize(scan, query.options, query.deadline)
     else:
         maps = dict(zip(by_map, localizers, strict=True))
-        answer = localize_among(maps, scan, query.options, query.deadline, likely_one=query.chosen)
+        answer = localize_among(maps, scan, query.options, query.deadline, likely_one=query.chosen_of > 0)
         # If no map is sure: the map of the best hypothesis, if there is one.
         answered = by_map[answer.hypotheses[0].map_id] if answer.hypotheses else query.versions[0]
     answer = answer.of_version(answered.map_id, answered.version, provisional=answered.provisional)
+    if query.chosen_of > len(localizers):
+        left_out = MAPS_LEFT_OUT.found({"searched": len(localizers), "maps": query.chosen_of})
+        answer = replace(answer, findings=(*answer.findings, left_out))
     answer = replace(answer, timings_ms={**query.waits_ms, **watch.ms, **answer.timings_ms})
     if offer is not None:
         offer(answered, localizers[query.versions.index(answered)], scan, answer)
