@@ -6,6 +6,7 @@ Only four files have its tests: each worker of pytest that has one starts a brow
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
 
 import pytest
@@ -123,17 +124,18 @@ def test_the_scale_is_that_of_the_picture(page):
 
 
 @pytest.fixture(scope="module")
-def mended(world, small_world, cloud_version, tmp_path_factory) -> tuple[str, str]:
+def mended(world, small_world, cloud_version, tmp_path_factory) -> Iterator[tuple[str, str]]:
     """The map "mended" and a patch of it that waits: the versions before and after, built by the service."""
+    config = {**CONFIG, "self_test": {**CONFIG["self_test"], "queries": 20, "outside": 2, "mirrored": 2}}
     start = datetime.now(timezone.utc) - timedelta(days=5)
     folder = tmp_path_factory.mktemp("mended")
     yard = ChangedYard(small_world, folder, world.service.settings.store, "mended", start)
     built = cloud_version.directory.parent / "stages"
     shutil.copytree(built, world.service.settings.work_dir / "stages", dirs_exist_ok=True)
     with Client(world.service.url, api_key=world.keys["admin"]) as client:
-        client.wait_for_build(client.build_map(folder / "cloud.npy", "mended", config=CONFIG).build_id)
+        client.wait_for_build(client.build_map(folder / "cloud.npy", "mended", config=config).build_id)
         base = world.get("/maps/mended")["active_version"]
-        yard.ask(yard.localizer(base), base, ["key:ann", "key:bob"], range(4), 6)
+        yard.ask(yard.localizer(base), base, ["key:ann", "key:bob"], range(4), 4)
         told = world.service.http.post(
             "/maps/mended/patch", params={"mode": "propose"}, headers=world.headers("admin")
         )
@@ -141,7 +143,11 @@ def mended(world, small_world, cloud_version, tmp_path_factory) -> tuple[str, st
         client.wait_for_build(told.json()["build_id"])
     build = world.get(f"/builds/{told.json()['build_id']}")
     assert (build["state"], build["activated"]) == ("succeeded", False), build
-    return base, build["version"]
+    yield base, build["version"]
+    # the start page of other tests has no build that waits
+    assert world.service.http.delete("/maps/mended", headers=world.headers("admin")).is_success
+    for key in world.service.catalog.store.list(f"builds/{build['build_id']}/"):
+        world.service.catalog.store.delete(key)
 
 
 def _sides(page) -> tuple[Picture, Picture]:
