@@ -30,6 +30,7 @@ pytest_plugins = [
     "patient_clients",
     "once_a_run",
     "small_world",
+    "changed_yard",
     "real_hall",
     "cloud_servers",
     "toxiproxy",

@@ -13,6 +13,7 @@ import { later } from "./ui/Later";
 const EarthView = later(async () => (await import("./earth/EarthView")).EarthView);
 const LiveView = later(async () => (await import("./live/LiveView")).LiveView);
 const MapView = later(async () => (await import("./map3d/MapView")).MapView);
+const PatchView = later(async () => (await import("./patch/PatchView")).PatchView);
 const SamplesView = later(async () => (await import("./samples/SamplesView")).SamplesView);
 const TryView = later(async () => (await import("./scan/TryView")).TryView);
 const VersionsView = later(async () => (await import("./versions/VersionsView")).VersionsView);
@@ -26,6 +27,7 @@ function View() {
   if (first === "maps" && map && !part) return <MapView key={map} map={map} />;
   if (first === "maps" && map && part === "try") return <TryView key={map} map={map} />;
   if (first === "maps" && map && part === "versions") return <VersionsView key={map} map={map} />;
+  if (first === "maps" && map && part === "patch") return <PatchView key={`${map} ${route.value.query.get("version")}`} map={map} />;
   if (first === "maps" && map && part === "earth") return <EarthView key={map} map={map} />;
   return (
     <Empty title="There is nothing here">

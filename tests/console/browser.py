@@ -37,6 +37,9 @@ _ARGUMENTS = (
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--ignore-gpu-blocklist",
+    # without a graphics card, the processor paints and composes the page sooner than software GL does
+    "--disable-gpu-rasterization",
+    "--disable-gpu-compositing",
     "--force-color-profile=srgb",
     "--hide-scrollbars",
     "--remote-debugging-port=0",

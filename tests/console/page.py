@@ -126,7 +126,7 @@ class Page:
         """Picture of an element, as it is seen."""
         x, y, width, height = self.box(selector)
         clip = {"x": x, "y": y, "width": width, "height": height, "scale": 1}
-        png = self.call("Page.captureScreenshot", format="png", clip=clip)["data"]
+        png = self.call("Page.captureScreenshot", format="png", clip=clip, optimizeForSpeed=True)["data"]
         return np.array(Image.open(io.BytesIO(base64.b64decode(png))).convert("RGB"))
 
     # What a person does.

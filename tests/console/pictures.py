@@ -14,6 +14,7 @@ LOCALIZED = (52, 168, 83)  # the mark of a pose
 HINT = (77, 182, 224)  # the way to the next scan
 PLOT_LOCALIZED = (52, 168, 83)  # the line of those queries
 GONE = (255, 59, 48)  # cells whose mapped surfaces have left
+ADDED = (52, 199, 89)  # points that a patch added
 GROUND = (16, 22, 27)  # of the 3D picture
 _HALF_ANGLE_DEG = 27.5  # of the view from top to bottom
 

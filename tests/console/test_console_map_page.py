@@ -5,10 +5,16 @@ Only four files have its tests: each worker of pytest that has one starts a brow
 
 from __future__ import annotations
 
-import pytest
-from page import CANVAS
-from pictures import difference, drawn_pixels, pixels_of
+import shutil
+from collections.abc import Iterator
+from datetime import datetime, timedelta, timezone
 
+import pytest
+from page import CANVAS, Picture
+from pictures import ADDED, GONE, difference, drawn_pixels, pixels_of
+
+from changed_yard import CONFIG, ChangedYard
+from firstfix_client import Client
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow
@@ -112,3 +118,104 @@ def test_the_scale_is_that_of_the_picture(page):
     drawn = (abs(row - (16, 22, 27)).max(axis=1) > 12).nonzero()[0]
     assert (drawn[-1] - drawn[0]) * length_m / bar_px == pytest.approx(16.0, rel=0.12)
     assert page.js(f"document.querySelector('{CANVAS} .axes').getAttribute('aria-label')").startswith("Axes")
+
+
+# A patch
+
+
+@pytest.fixture(scope="module")
+def mended(world, small_world, cloud_version, tmp_path_factory) -> Iterator[tuple[str, str]]:
+    """The map "mended" and a patch of it that waits: the versions before and after, built by the service."""
+    config = {**CONFIG, "self_test": {**CONFIG["self_test"], "queries": 20, "outside": 2, "mirrored": 2}}
+    start = datetime.now(timezone.utc) - timedelta(days=5)
+    folder = tmp_path_factory.mktemp("mended")
+    yard = ChangedYard(small_world, folder, world.service.settings.store, "mended", start)
+    built = cloud_version.directory.parent / "stages"
+    shutil.copytree(built, world.service.settings.work_dir / "stages", dirs_exist_ok=True)
+    with Client(world.service.url, api_key=world.keys["admin"]) as client:
+        client.wait_for_build(client.build_map(folder / "cloud.npy", "mended", config=config).build_id)
+        base = world.get("/maps/mended")["active_version"]
+        yard.ask(yard.localizer(base), base, ["key:ann", "key:bob"], range(4), 4)
+        told = world.service.http.post(
+            "/maps/mended/patch", params={"mode": "propose"}, headers=world.headers("admin")
+        )
+        assert told.status_code == 202, told.text
+        client.wait_for_build(told.json()["build_id"])
+    build = world.get(f"/builds/{told.json()['build_id']}")
+    assert (build["state"], build["activated"]) == ("succeeded", False), build
+    yield base, build["version"]
+    # the start page of other tests has no build that waits
+    assert world.service.http.delete("/maps/mended", headers=world.headers("admin")).is_success
+    for key in world.service.catalog.store.list(f"builds/{build['build_id']}/"):
+        world.service.catalog.store.delete(key)
+
+
+def _sides(page) -> tuple[Picture, Picture]:
+    """The pictures of the map before and after the patch, once all their points are there."""
+    page.until(
+        "document.querySelectorAll('.sides .map-canvas[aria-busy=false]').length === 2", "both pictures"
+    )
+    page.js("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn())))")
+    before, after = (page.picture(f".sides figure:nth-of-type({number}) canvas") for number in (1, 2))
+    legends = 100  # pixels: axes and scale have colours of their own
+    return before[:-legends], after[:-legends]
+
+
+def _marks(page) -> tuple[int, int, int, int]:
+    """Pixels of removed points before and after the patch, and of added points before and after it."""
+    before, after = _sides(page)
+    return tuple(pixels_of(side, colour, 30) for colour in (GONE, ADDED) for side in (before, after))
+
+
+def test_a_patch_shows_each_area_before_and_after(page, world, mended):
+    _, patched = mended
+    record = world.get(f"/maps/mended/versions/{patched}")["manifest"]["source"]["patch"]
+    assert {one["kind"] for one in record["areas"]} == {"gone", "new"}
+    page.open("#/maps/mended")
+    page.click("[aria-label='Versions of the map'] a", "Before and after")
+    points = {"gone": 0, "new": 0}
+    for number, area in enumerate(record["areas"], 1):
+        row = f"[aria-label='Changed areas'] li:nth-child({number})"
+        page.wait(row, f"{area['robots']} robots saw it, on {area['days']} days")
+        page.click(f"{row} button", area["kind"])
+        page.wait(f"{row} [aria-pressed=true]")
+        page.until(f"location.hash.includes('area={number}')")
+        is_new = area["kind"] == "new"
+        own = 3 if is_new else 0
+        legend = f"[aria-label='Colours of the points'] li.{area['kind']}"
+        page.wait(legend, "added: " if is_new else "removed: ")
+        points[area["kind"]] += int(page.text(legend).split()[1].replace(",", ""))
+        wait_until(lambda own=own: _marks(page)[own] > 30, what=f"the points of area {number}")
+        assert _marks(page)[1:3] == (0, 0), "a point is marked where it is, and not where it is missing"
+    assert points == {"gone": record["removed_points"], "new": record["added_points"]}
+
+    compared = record["compared"]
+    page.wait("[aria-label='Where nothing has changed']", f"the same {compared['places']} scans")
+    row = f"Localized{compared['localized_before']}{compared['localized_after']}"
+    page.wait("[aria-label='Where nothing has changed'] tr", row)
+    page.wait("[aria-label='Who saw it'] div", f"Robots that asked them{record['robots']}")
+    page.until("location.hash.includes('view=')")
+    sides, link = _sides(page), page.js("location.hash")
+    page.open(link)
+    page.wait("[aria-label='Changed areas'] li:nth-child(2) [aria-pressed=true]")
+    wait_until(lambda: max(map(difference, sides, _sides(page))) < 0.02, what="the view of the link")
+
+
+def test_a_patch_that_waits_is_activated_and_rolled_back(page, world, mended):
+    base, patched = mended
+    page.open("#/live?map=mended")
+    page.wait(".alerts li", "A patch of ")
+    page.open()
+    page.wait(".builds [role=alert]", "The patched version is published, and not activated")
+    page.click(".builds a", "Before and after")
+    page.wait("aside .tag", "waits for somebody")
+    page.click("aside button", "Activate")
+    page.wait("dialog", f"{patched[:12]} answers all robots that ask mended")
+    page.click("dialog button", "Activate")
+    page.wait("aside .tag", "active")
+    assert world.get("/maps/mended")["active_version"] == patched
+    page.click("aside button", "Roll back")
+    page.wait("dialog", f"The version that was active before {patched[:12]}")
+    page.click("dialog button", "Roll back")
+    page.wait("aside .tag", "waits for somebody")
+    assert world.get("/maps/mended")["active_version"] == base

@@ -2,87 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from datetime import datetime, timedelta, timezone
 from functools import partial
-from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from changed_hall import surface_points
-from firstfix.answer.localization import Localization
-from firstfix.answer.options import LocalizeOptions
+from changed_yard import GONE, NEW, ChangedYard
 from firstfix.builds.options import BuildOptions
-from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id, robot_of
-from firstfix.catalog.sources import put_source
 from firstfix.engine.index import MapIndex
-from firstfix.engine.localizer import Localizer
-from firstfix.scan.scan import Scan
-from firstfix.sensor import SensorModel
-from firstfix.store.store import Store
 from firstfix_builder.job.run_build import run_build
-from firstfix_builder.simulation.rays import Rays
-from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.worker import build_here
-from small_world import SENSOR, SmallWorld
+from small_world import SmallWorld, begun_as
+
+if TYPE_CHECKING:
+    from firstfix_builder.job.build_job import BuildResult
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-CONFIG = {
-    "sensor": SENSOR,
-    "provisional": False,
-    "viewpoints": {"spacing_m": 1.4},
-    "learn_keys": {"scans": 0},
-    "self_test": {
-        "queries": 32,
-        "outside": 8,
-        "mirrored": 8,
-        "perturb": {"occluders": 1, "strangers": 0, "unmapped": 0, "vanished": 0},
-    },
-}
-GONE = np.array([[-2.42, -2.95, 0.0], [-0.52, -0.9, 1.66]])  # corners of a box that leaves,
-NEW = np.array([[2.4, -5.0, 0.0], [3.8, -3.8, 1.5]])  # and of one that comes
-MONDAY = datetime(2026, 3, 2, 9, tzinfo=timezone.utc)
 
 
-class Place:
+class Place(ChangedYard):
     """A store with the map of the yard, and the yard as it is now."""
 
     def __init__(self, world: SmallWorld, folder: Path) -> None:
-        self.url = f"file://{folder}/store"
-        self.folder = folder
-        self.catalog = Catalog(Store.open(self.url))
-        self.samples = QuerySamples(self.catalog.store)
-        self.simulator = Simulator(world.vertices, world.triangles)
-        self._rng = np.random.default_rng(5)
-        points, _ = surface_points(world.vertices[world.triangles], 0.1)
-        seen = (np.abs(points) < [8.05, 6.05, 4.0]).all(axis=1) & (
-            points[:, 2] > -0.05
-        )  # as a mapping run does
-        np.save(folder / "cloud.npy", points[seen])
-        self._sha256 = put_source(self.catalog.store, "yard", folder / "cloud.npy")
-        moved = world.vertices.copy()
-        leaves = slice(8 * 15, 8 * 16)  # vertices of the box that leaves: it becomes the one that comes
-        low, high = moved[leaves].min(axis=0), moved[leaves].max(axis=0)
-        assert np.allclose([low, high], GONE, atol=0.01)
-        moved[leaves] = NEW[0] + (moved[leaves] - low) / (high - low) * (NEW[1] - NEW[0])
-        self.now = Simulator(moved, world.triangles)
+        super().__init__(world, folder, f"file://{folder}/store", "yard")
 
     def build(self, build_id: str, **changes: Any) -> dict[str, Any]:
         """Runs a build of the yard as the service does. Returns its status."""
-        request = {
-            "map_id": "yard",
-            "source": {"key": f"maps/yard/sources/{self._sha256}"},
-            "file_name": "cloud.npy",
-            "trajectory": None,
-            "config": CONFIG,
-            **changes,
-        }
-        self.catalog.put_build(build_id, request)
+        self.catalog.put_build(build_id, {**self.request, **changes})
         options = BuildOptions(
             store=self.url, build_id=build_id, work=self.folder / "work", sandbox="off", log_level="critical"
         )
@@ -93,51 +42,14 @@ class Place:
         """Runs the build of a patch. Returns its status."""
         return self.build(build_id, patch={"base": base, "mode": mode})
 
-    def localizer(self, version: str) -> Localizer:
-        folder = self.catalog.fetch_version("yard", version, self.folder / "cache")
-        return Localizer(MapIndex.load(folder), explains=False)
-
-    def scan(self, simulator: Simulator, T: NDArray[np.float64]) -> NDArray[np.float32]:
-        sensor = SensorModel.from_mapping(SENSOR)
-        rays = Rays.of_sensor(sensor)
-        ranges = next(simulator.ranges(T[None], sensor, rays))[0]
-        ranges = ranges + self._rng.normal(0, 0.02, len(ranges)).astype(np.float32)
-        seen = np.isfinite(ranges)
-        return np.ascontiguousarray(rays.directions[seen] * ranges[seen, None], np.float32)
-
-    def ask(
-        self, localizer: Localizer, version: str, callers: Sequence[str], days: Sequence[int], count: int
-    ) -> list[float]:
-        """Queries in the yard as it is now, kept. Returns their errors in metres."""
-        errors_m = []
-        for caller, day, minute in product(callers, days, range(count)):
-            T = np.eye(4)
-            while True:
-                T[:3, 3] = [*self._rng.uniform([-7.0, -5.0], [7.0, 5.0]), 0.8]
-                if self.now.is_free(T[None, :3, 3], 0.4)[0]:
-                    break
-            points = self.scan(self.now, T)
-            answer = localizer.localize(Scan.from_points(points), LocalizeOptions())
-            if answer.T_map_sensor is not None:
-                errors_m.append(float(np.linalg.norm((answer.T_map_sensor - T)[:3, 3])))
-            time = MONDAY + timedelta(days=day, minutes=10 * minute)
-            self.keep(caller, time, answer, points.tobytes(), version)
-        return errors_m
-
-    def keep(self, caller: str, time: datetime, answer: Localization, body: bytes, version: str) -> None:
-        told = {**answer.to_mapping(), "map_id": "yard", "map_version": version}
-        sample_id = new_sample_id(f"{self._rng.integers(2**32):08x}", time)
-        media_type = "application/vnd.firstfix.xyz"
-        sample = QuerySample(
-            sample_id, time.isoformat(), "http", "r", "", "yard", media_type, "", {}, told, len(body),
-            robot=robot_of(caller),
-        )  # fmt: skip
-        self.samples.put(sample, body)
-
 
 @pytest.fixture(scope="module")
-def place(small_world: SmallWorld, tmp_path_factory: pytest.TempPathFactory) -> Place:
-    return Place(small_world, tmp_path_factory.mktemp("patched"))
+def place(
+    small_world: SmallWorld, cloud_version: BuildResult, tmp_path_factory: pytest.TempPathFactory
+) -> Place:
+    folder = tmp_path_factory.mktemp("patched")
+    begun_as(cloud_version, folder / "work")
+    return Place(small_world, folder)
 
 
 def points_in(index: MapIndex, box: NDArray[np.float64]) -> int:

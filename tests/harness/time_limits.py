@@ -21,6 +21,7 @@ BACKSTOP_S = 60.0
 LONGER: dict[str, tuple[int, str]] = {
     "small_version": (600, "builds a version of a map"),
     "coarse_version": (600, "the same"),
+    "cloud_version": (600, "the same"),
     "hall_directory": (900, "builds a version of a real hall"),
     "optimised": (1500, "compiles the C++ client"),
     "sanitised": (1500, "compiles it once more, with sanitizers"),

@@ -6,7 +6,19 @@ import re
 from pathlib import Path
 
 SOURCES = Path(__file__).resolve().parents[2] / "console" / "src"
-TOKEN_READERS = ("map3d", "maps", "versions", "ui", "samples", "access", "scan", "live", "earth", "api")
+TOKEN_READERS = (
+    "map3d",
+    "maps",
+    "versions",
+    "ui",
+    "samples",
+    "access",
+    "scan",
+    "live",
+    "earth",
+    "patch",
+    "api",
+)
 # "#fff", "rgb(", "0x12ab34": what is a colour in a style sheet or for three.js
 COLOUR = re.compile(r"#[0-9a-fA-F]{3,8}\b|\b(?:rgba?|hsla?|oklch|light-dark)\(|\b0x[0-9a-fA-F]{6}\b")
 NAMED = re.compile(r":[^;{}]*\b(?:white|black|red|green|blue|gr[ae]y|orange|yellow)\b(?![-(])")

@@ -1,7 +1,8 @@
-// What about a map needs a person: answers that somebody judged wrong, and builds that failed.
+// What about a map needs a person: answers that somebody judged wrong, builds that failed, and a patch that waits.
 
 import type { Schemas } from "../api/client";
-import { begunAt, hasFailed } from "../maps/buildRecords";
+import { begunAt, hasFailed, isHeldBack, patchOf } from "../maps/buildRecords";
+import { patchAddress } from "../patch/PatchLink";
 import { link } from "../router";
 import { judgementOf } from "../samples/judgement";
 import { answerOf, type Sample } from "../samples/place";
@@ -31,4 +32,20 @@ export function buildAlerts(builds: readonly Schemas["Build"][], hidden: readonl
     const why = build.error?.detail ? `: ${build.error.detail}` : "";
     return [{ id: `build:${build.build_id}`, text: `The build${when} failed${why}`, look: link([]) }];
   });
+}
+
+/** The newest build that succeeded, if it is a patch that was not activated and not put out of sight. */
+export function waitingPatch(builds: readonly Schemas["Build"][], hidden: readonly string[]): Schemas["Build"] | null {
+  const newest = builds.find((one) => one.state === "succeeded");
+  return newest && isHeldBack(newest) && patchOf(newest) && !hidden.includes(newest.build_id) ? newest : null;
+}
+
+/** `active`: the version that the map serves. */
+export function patchAlerts(build: Schemas["Build"] | null, active: string | null, now_s: number): Alert[] {
+  const version = build && patchOf(build);
+  if (!version || version === active) return [];
+  const begun = begunAt(build.build_id);
+  const when = begun ? ` of ${age(begun, now_s * 1000)}` : "";
+  const text = `A patch${when} waits for somebody to activate it.`;
+  return [{ id: `patch:${build.build_id}`, text, look: patchAddress(build.map_id, version) }];
 }

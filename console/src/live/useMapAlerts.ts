@@ -2,10 +2,11 @@
 
 import { mayBuild } from "../access/session";
 import { lastBuilds } from "../api/builds";
+import { mapDetails } from "../api/maps";
 import { samplePage } from "../api/scans";
 import { hidden } from "../maps/buildRecords";
 import { usePolled } from "../ui/usePolled";
-import { answerAlerts, buildAlerts } from "./mapAlerts";
+import { answerAlerts, buildAlerts, patchAlerts, waitingPatch } from "./mapAlerts";
 import type { Alert } from "./robotsOf";
 
 const LOOK_MS = 15_000; // a person judges, a build ends: nobody needs it sooner
@@ -19,11 +20,14 @@ export function useMapAlerts(map: string, now_s: number): { alerts: Alert[] | nu
     async (signal) => {
       if (!isAsked) return null;
       const [page, builds] = await Promise.all([samplePage({ map_id: map, limit: LAST_SAMPLES }, signal), lastBuilds(LAST_BUILDS, map)]);
-      return { map, samples: page.samples, builds: builds.builds };
+      const patch = waitingPatch(builds.builds, hidden.value);
+      const active = patch && (await mapDetails(map, signal)).active_version;
+      return { map, samples: page.samples, builds: builds.builds, patch, active };
     },
     [map, isAsked],
     LOOK_MS,
   );
   if (value?.map !== map) return { alerts: null, error };
-  return { alerts: [...answerAlerts(value.samples, map, now_s), ...buildAlerts(value.builds, hidden.value, now_s)], error };
+  const ofBuilds = [...buildAlerts(value.builds, hidden.value, now_s), ...patchAlerts(value.patch, value.active, now_s)];
+  return { alerts: [...answerAlerts(value.samples, map, now_s), ...ofBuilds], error };
 }

@@ -1,4 +1,5 @@
 import { versionPage } from "../api/maps";
+import { PatchLink } from "../patch/PatchLink";
 import { link } from "../router";
 import { ErrorText } from "../ui/ErrorText";
 import { age, short } from "../ui/text";
@@ -29,7 +30,7 @@ export function MapVersions({ map, version, show }: MapVersionsProps) {
               <code>{short(one.version)}</code>
             </button>{" "}
             {age(one.published_time)} {one.active ? <span class="tag on">active</span> : null}{" "}
-            {one.provisional ? <span class="tag">provisional</span> : null}
+            {one.provisional ? <span class="tag">provisional</span> : null} <PatchLink map={map} version={one.version} />
           </li>
         ))}
       </ul>

@@ -21,6 +21,7 @@ export function listen(canvas: HTMLCanvasElement, act: (action: KeyAction) => vo
   };
   const elsewhere = (event: KeyboardEvent) => {
     const isFree = event.target === document.body || (event.target as Element).id === "view";
+    if (canvas !== document.querySelector(".map-canvas canvas")) return; // of two pictures, the first has them
     if (isFree && (ACTIONS[event.key] || event.key.startsWith("Arrow"))) canvas.dispatchEvent(new KeyboardEvent("keydown", event));
   };
   canvas.addEventListener("keydown", own);

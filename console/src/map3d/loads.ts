@@ -77,6 +77,16 @@ export class Loads<T extends Wanted, Data> {
   }
 }
 
+/** Nodes that are all wanted, in requests of nodes that stand one after the other in the file. */
+export function runsOf<T extends Wanted>(wanted: readonly T[]): T[][] {
+  const byFirst = new Map(wanted.map((one) => [one.first, one]));
+  const runs: T[][] = [];
+  for (const one of [...wanted].sort((a, b) => a.first - b.first)) {
+    if (byFirst.has(one.first)) runs.push(takenRun(byFirst, one));
+  }
+  return runs;
+}
+
 /** Takes a node, and those that follow it in the file, out of the nodes by their first point. */
 function takenRun<T extends Wanted>(byFirst: Map<number, T>, from: T): T[] {
   const run: T[] = [];

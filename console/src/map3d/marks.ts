@@ -2,6 +2,8 @@
 
 import {
   ArrowHelper,
+  Box3,
+  Box3Helper,
   BoxGeometry,
   BufferGeometry,
   Color,
@@ -27,6 +29,8 @@ import { token } from "../ui/token";
 
 const RING_PARTS = 96;
 const DOT_PX = 7;
+const PROJECTION = "#include <project_vertex>";
+const NEARER = 0.99; // of the distance to the eye
 
 export interface Pose {
   position: number[];
@@ -90,6 +94,18 @@ export function dotsMark(positions: Float32Array, colour: number, sizePx = 3): P
   );
 }
 
+/** Dots that stand for points of the cloud: drawn a little nearer to the eye, so that those points do not hide them. */
+export function dotsOver(positions: Float32Array, colour: number, sizePx: number): Points<BufferGeometry, PointsMaterial> {
+  const dots = dotsMark(positions, colour, sizePx);
+  dots.material.onBeforeCompile = (shader) => {
+    shader.vertexShader = shader.vertexShader.replace(
+      PROJECTION,
+      `${PROJECTION}\n gl_Position = projectionMatrix * vec4(${NEARER.toFixed(2)} * mvPosition.xyz, 1.0);`,
+    );
+  };
+  return dots;
+}
+
 /** Dots with a colour each: (r, g, b) of 0..1, as three.js counts light (linear), one after the other. */
 export function colouredDots(positions: Float32Array, colours: Float32Array, sizePx = 3): Points {
   const geometry = geometryOf(positions);
@@ -121,6 +137,11 @@ export function cellsMark(corners: Vector3[], edge: number, colour: number): Ins
     mesh.setMatrixAt(i, new Matrix4().makeTranslation(middle));
   });
   return mesh;
+}
+
+/** The edges of a box between its lowest and highest corner, never hidden by the cloud. */
+export function outlineMark(low: Vector3, high: Vector3, colour: number): Object3D {
+  return onTop(new Box3Helper(new Box3(low, high), colour));
 }
 
 /** Geometry of (x, y, z) positions that are counted from the cloud's low corner. */

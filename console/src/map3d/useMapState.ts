@@ -4,12 +4,10 @@ import { type Signal, useSignal } from "@preact/signals";
 import type { RefObject } from "preact";
 import { useEffect } from "preact/hooks";
 import { note, route } from "../router";
-import type { View } from "./framed";
+import { NotedView, viewOf } from "./addressedView";
 import { LAYER_NAMES, type LayerName } from "./Layers";
 import { type Colouring, COLOURINGS } from "./material";
 import type { MapScene } from "./scene";
-
-const SETTLED_MS = 300; // after the last movement the camera is noted
 
 export interface MapState {
   colouring: Signal<Colouring>;
@@ -32,13 +30,10 @@ export function useMapState(scene: RefObject<MapScene | null>, isReady: number):
     if (!here) return;
     const view = viewOf(asked);
     if (view) here.view = view;
-    let waiting = 0;
-    here.moved = ({ target, eye }) => {
-      clearTimeout(waiting);
-      waiting = window.setTimeout(() => note({ view: [...target, ...eye].map((m) => m.toFixed(3)).join(",") }), SETTLED_MS);
-    };
+    const noted = new NotedView();
+    here.moved = (moved) => noted.moved(moved);
     return () => {
-      clearTimeout(waiting);
+      noted.end();
       here.moved = () => {};
     };
   }, [isReady, route.value]);
@@ -55,11 +50,4 @@ function colouringOf(query: URLSearchParams): Colouring {
 function layersOf(query: URLSearchParams): LayerName[] {
   const asked = query.get("layers");
   return asked === null ? ["trajectory"] : LAYER_NAMES.filter((one) => asked.split(",").includes(one));
-}
-
-function viewOf(query: URLSearchParams): View | null {
-  const numbers = query.get("view")?.split(",").map(Number) ?? [];
-  if (numbers.length !== 6 || !numbers.every(Number.isFinite)) return null;
-  const [x, y, z, ex, ey, ez] = numbers as [number, number, number, number, number, number];
-  return { target: [x, y, z], eye: [ex, ey, ez] };
 }

@@ -4,12 +4,13 @@ import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { cancelBuild, followBuild } from "../api/builds";
 import type { Schemas } from "../api/client";
+import { patchAddress } from "../patch/PatchLink";
 import { link } from "../router";
 import { Confirm } from "../ui/Confirm";
 import { ErrorText } from "../ui/ErrorText";
 import { Progress } from "../ui/Progress";
 import { age, duration } from "../ui/text";
-import { begunAt, hide, isGoing, isHeldBack, timesOf } from "./buildRecords";
+import { begunAt, hide, isGoing, isHeldBack, patchOf, timesOf } from "./buildRecords";
 import { remedyOf } from "./remedy";
 
 type Build = Schemas["Build"];
@@ -108,6 +109,7 @@ function Failed({ build, again }: { build: Build; again: () => void }) {
 }
 
 function HeldBack({ build }: { build: Build }) {
+  const patch = patchOf(build);
   return (
     <>
       <div class="failed">
@@ -117,6 +119,7 @@ function HeldBack({ build }: { build: Build }) {
           </p>
         ))}
       </div>
+      {patch ? <a href={patchAddress(build.map_id, patch)}>Before and after</a> : null}
       <a href={link(["maps", build.map_id, "versions"])}>Versions</a>
       <button onClick={() => hide(build.build_id)}>Hide</button>
     </>

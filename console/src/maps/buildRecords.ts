@@ -37,6 +37,11 @@ export function isHeldBack({ state, activated }: Schemas["Build"]): boolean {
   return state === "succeeded" && activated === false;
 }
 
+/** The version that a build made of another one by laying a patch over it; null: it made none. */
+export function patchOf({ findings, version }: Schemas["Build"]): string | null {
+  return findings.some(({ code }) => code === "map_patched") ? (version ?? null) : null;
+}
+
 /** Whether it failed for a reason that needs a person. A patch of a map of which nothing is confirmed needs none. */
 export function hasFailed({ state, error }: Schemas["Build"]): boolean {
   return state === "failed" && error?.code !== "nothing_to_patch";

@@ -9,6 +9,37 @@ export interface Manifest {
   provisional?: boolean;
   sensor?: { name?: string; mount_height_m?: number; max_range_m?: number };
   self_test?: SelfTest;
+  source?: { patch?: Patch };
+}
+
+/** What a build that patched a map tells of it. */
+export interface Patch {
+  base: string; // the version that it was laid over
+  areas: PatchedArea[];
+  queries: number; // that counted
+  robots: number; // that asked them
+  replayed: number; // queries that were told before, and did not count
+  doubtful: number; // queries at a doubtful pose, which did not count
+  compared: ComparedVersions;
+}
+
+export interface PatchedArea {
+  kind: "gone" | "new";
+  low_m: number[]; // lowest corner, in the map's frame
+  high_m: number[];
+  robots: number; // that saw it
+  days: number; // on which it was seen
+}
+
+/** Answers of the base and of the patched version to the same scans, at places that have not changed. */
+interface ComparedVersions {
+  places: number;
+  localized_before: number;
+  localized_after: number;
+  lost: number;
+  won: number;
+  wrong_before: number;
+  wrong_after: number;
 }
 
 interface SelfTest {

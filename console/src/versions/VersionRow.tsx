@@ -4,6 +4,7 @@ import { mayAdminister, mayBuild } from "../access/session";
 import type { Schemas } from "../api/client";
 import { versionDetails } from "../api/maps";
 import { manifestOf } from "../maps/manifest";
+import { patchAddress } from "../patch/PatchLink";
 import { link } from "../router";
 import { age, percent, short } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
@@ -21,7 +22,7 @@ export interface VersionRowProps {
 
 export function VersionRow({ map, one, isCompared, compare, ask }: VersionRowProps) {
   const details = useLoaded((signal) => versionDetails(map, one.version, signal), [map, one.version]);
-  const { self_test: test, sensor } = manifestOf(details.value);
+  const { self_test: test, sensor, source } = manifestOf(details.value);
   return (
     <tr>
       {compare ? (
@@ -47,6 +48,7 @@ export function VersionRow({ map, one, isCompared, compare, ask }: VersionRowPro
       <td data-name="State">
         {one.active ? <span class="tag on">active</span> : null}
         {one.provisional ? <span class="tag">provisional</span> : null}
+        {source?.patch ? <a href={patchAddress(map, one.version)}>Before and after</a> : null}
       </td>
       <td class="actions">
         {mayBuild.value && !one.active ? (
