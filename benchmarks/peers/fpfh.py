@@ -14,6 +14,7 @@ from firstfix.scan.scan import Scan
 from .answer import Answer
 from .icp import Icp, cloud_of
 from .peer_input import PeerInput
+from .prior import Prior
 from .sent import points_bytes
 
 ITERATIONS, CONFIDENCE = 1_000_000, 0.999
@@ -30,7 +31,7 @@ class Fpfh:
         self._map, self._features = self._described(points)
         self._icp = Icp(points, 1.5 * self._voxel_m)
 
-    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Answer:
+    def __call__(self, scan: Scan, prior: Prior) -> Answer:
         points = self._given.cropped(scan)
         cloud, features = self._described(points)
         registration, reach_m = o3d.pipelines.registration, 1.5 * self._voxel_m
