@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.common.datasets import Dataset, PoseTable
-from benchmarks.peers.kiss import Kiss, KissCropped
+from benchmarks.peers.kiss import CROPPED_VOXEL_M, Kiss, KissCropped
 from benchmarks.peers.peer_input import MAPPING_STEP_M, PeerInput
 from benchmarks.peers.prior import POSITION_OFF_M, Prior, coarse_positions
 from benchmarks.peers.scan_context import ScanContextPeer
@@ -31,7 +31,7 @@ def given(folder: Path, points: np.ndarray) -> PeerInput:
     tables = {"truth": PoseTable("eval.csv")}, PoseTable("trajectory.csv")
     np.save(folder / "map.npy", points)
     dataset = Dataset("place", ".", "", "{}", *tables, "vlp-16", root=folder)
-    return PeerInput(dataset, folder, folder, folder, 0.5, 0.5, 0.5, 0.1)
+    return PeerInput(dataset, folder, folder, folder, 0.5, 2.0, 0.5, 0.1)
 
 
 def towers(seed: int) -> np.ndarray:
@@ -59,7 +59,8 @@ def test_kiss_matcher_gets_the_whole_map_or_what_the_scan_may_reach(make, tmp_pa
     asked: dict[str, np.ndarray] = {}
 
     class StandIn:
-        def __init__(self, voxel_m: float) -> None: ...
+        def __init__(self, voxel_m: float) -> None:
+            asked["voxel_m"] = np.array(voxel_m)
 
         def estimate(self, scan: np.ndarray, searched: np.ndarray) -> Any:
             asked["map"] = searched
@@ -75,7 +76,9 @@ def test_kiss_matcher_gets_the_whole_map_or_what_the_scan_may_reach(make, tmp_pa
     assert (found.confidence, found.is_accepted) == (5.0, True)
     if make is Kiss:
         assert len(asked["map"]) == len(points)
+        assert asked["voxel_m"] == 2.0
         return
+    assert asked["voxel_m"] == CROPPED_VOXEL_M
     away_m = np.linalg.norm(points - true[:3, 3], axis=1)
     reached = points[away_m < np.percentile(away_m[away_m < 25], 90)]
     assert set(map(tuple, reached.astype(np.float32))) <= set(map(tuple, asked["map"]))
