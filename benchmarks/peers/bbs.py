@@ -23,6 +23,7 @@ from firstfix.transform import Matrix, make_transform
 from .answer import Answer
 from .icp import Gicp
 from .peer_input import PeerInput
+from .prior import Prior
 from .sent import points_bytes
 
 SOURCE = Path(__file__).with_name("bbs_driver.cpp")
@@ -98,9 +99,9 @@ class Bbs:
             raise RuntimeError("bbs_driver did not start: see above")
         self._gicp = Gicp(points, GICP_REACH_M)
 
-    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Answer:
+    def __call__(self, scan: Scan, prior: Prior) -> Answer:
         points = self._given.cropped(scan)
-        T_level_sensor = make_transform(levelling_rotation(-gravity), np.zeros(3))
+        T_level_sensor = make_transform(levelling_rotation(-prior.gravity), np.zeros(3))
         share, T_map_level = self._search(points @ T_level_sensor[:3, :3].T)
         if share == 0:
             return Answer()

@@ -21,6 +21,7 @@ from firstfix.transform import make_transform, rotation_z
 from .answer import Answer
 from .icp import Icp
 from .peer_input import PeerInput
+from .prior import Prior
 from .sent import points_bytes
 
 RESOLUTION_M, LEVELS, FULL_CELL_POINTS = 0.5, 6, 5
@@ -44,9 +45,9 @@ class Bbs2d:
         self._grid = GridPyramid(at_height(voxel_means(points, MAP_VOXEL_M), self._height_m), reach_m)
         self._icp = Icp(points, ICP_REACH_M)
 
-    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Answer:
+    def __call__(self, scan: Scan, prior: Prior) -> Answer:
         points = self._given.cropped(scan)
-        T_level_sensor = make_transform(levelling_rotation(-gravity), np.zeros(3))
+        T_level_sensor = make_transform(levelling_rotation(-prior.gravity), np.zeros(3))
         slice_xy = at_height(voxel_means(points @ T_level_sensor[:3, :3].T, QUERY_VOXEL_M), 0.0)
         if len(slice_xy) < LEAST_POINTS:
             return Answer()

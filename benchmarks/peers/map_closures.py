@@ -21,6 +21,7 @@ from firstfix.transform import Matrix, inverse, transform_points
 from .answer import Answer
 from .icp import Icp
 from .peer_input import PeerInput
+from .prior import Prior
 from .sent import points_bytes
 
 MAX_RANGE_M = 100.0  # of its pipeline
@@ -44,7 +45,7 @@ class MapClosuresPeer:
         self._asked = 0
         self._icp = Icp(points, ICP_REACH_M)
 
-    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Answer:
+    def __call__(self, scan: Scan, prior: Prior) -> Answer:
         points = self._given.cropped(scan)
         known = len(self._T_map_local)
         # A query is remembered, too: the package has no other way to ask.

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
@@ -14,6 +11,7 @@ from firstfix.scan.scan import Scan
 
 from .answer import Answer
 from .peer_input import PeerInput
+from .prior import Prior
 from .sent import encoded_bytes
 
 
@@ -23,7 +21,7 @@ class Ours:
     def __init__(self, given: PeerInput) -> None:
         self._localizer = Localizer(MapIndex.load(self._version(given)))
 
-    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Answer:
+    def __call__(self, scan: Scan, prior: Prior) -> Answer:
         return self._answer(scan, LocalizeOptions())
 
     def _version(self, given: PeerInput) -> Path:
@@ -39,8 +37,8 @@ class Ours:
 class OursWithGravity(Ours):
     """With the direction of gravity, as 3D-BBS has it."""
 
-    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Answer:
-        return self._answer(scan, LocalizeOptions(gravity=gravity))
+    def __call__(self, scan: Scan, prior: Prior) -> Answer:
+        return self._answer(scan, LocalizeOptions(gravity=prior.gravity))
 
 
 class PaperMethod(Ours):

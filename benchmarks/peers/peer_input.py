@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,12 +11,13 @@ from numpy.typing import NDArray
 
 from firstfix.builds.config import BuildConfig
 from firstfix.scan.scan import Scan
-from firstfix.transform import Matrix, from_quaternion
+from firstfix.transform import Matrix, from_quaternion, inverse, transform_points
 from firstfix_builder.read_map import read_map
 
 from ..common.datasets import Dataset
 
 MAP_FILE = "map.npy"
+MAPPING_STEP_M = 2.0
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,26 @@ class PeerInput:
         rows = self.dataset.trajectory.rows(self.dataset.path)
         poses = [[float(v) for v in pose] for _, pose in rows]
         return [from_quaternion(pose[:3], pose[3:]) for pose in poses]
+
+    def mapping_clouds(self, range_m: float) -> Iterator[tuple[NDArray[np.float64], Matrix]]:
+        """Yields (n, 3) points in the sensor frame and T_map_sensor, along the mapping run.
+
+        Without scans of the run: the map's points round its poses, one for every MAPPING_STEP_M.
+
+        Args:
+            range_m: of those.
+        """
+        if self.dataset.mapping_file:
+            yield from self.dataset.mapping_scans()
+            return
+        points, taken = self.map_points(), list[NDArray[np.float64]]()
+        for T_map_sensor in self.mapping_poses():
+            at = T_map_sensor[:3, 3]
+            if taken and np.linalg.norm(at - taken, axis=1).min() < MAPPING_STEP_M:
+                continue
+            taken.append(at)
+            near = points[np.linalg.norm(points - at, axis=1) < range_m]
+            yield transform_points(inverse(T_map_sensor), near), T_map_sensor
 
     def cropped(self, scan: Scan) -> NDArray[np.float64]:
         """(n, 3) points that are neither the carrier's nor beyond the sensor's range."""

@@ -38,8 +38,12 @@ CONTESTS = {  # figure: what it is called, whether the larger one wins
     "right_first": ("right first, accepted or not", True),
     "false_accepts": ("false accepts", False),
     "coverage_at_risk_0": ("coverage at no risk", True),
+    "median_s": ("seconds of a scan, median", False),
+    "p95_s": ("seconds of a scan, p95", False),
     "median_cpu_s": ("processor seconds of a scan", False),
+    "preparation_s": ("seconds to prepare the map", False),
     "preparation_cpu_s": ("processor seconds to prepare the map", False),
+    "preparation_peak_mb": ("memory to prepare the map, MB", False),
     "peak_mb": ("memory of answers, MB", False),
     "median_sent_bytes": ("bytes sent", False),
 }

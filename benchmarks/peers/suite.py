@@ -20,7 +20,6 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
@@ -36,10 +35,12 @@ from .bbs2d import Bbs2d
 from .build import Built, build
 from .figures import answer_row, figures_of
 from .fpfh import Fpfh
-from .kiss import Kiss
+from .hdl_fpfh import HdlFpfh
+from .kiss import Kiss, KissCropped
 from .map_closures import MapClosuresPeer
 from .ours import Ours, OursWithGravity, PaperMethod
 from .peer_input import PeerInput
+from .prior import Prior, coarse_positions
 from .quick_place import QUICK, make_quick_place
 from .report import OURS, report
 from .scan_context import ScanContextPeer
@@ -54,9 +55,11 @@ PEERS: dict[str, type[Peer]] = {
     OURS[0]: Ours,
     OURS[1]: OursWithGravity,
     PAPER: PaperMethod,
-    "Scan Context + our registration": ScanContextPeer,
-    "FPFH + RANSAC + ICP": Fpfh,
+    "Scan Context + our registration, gravity given": ScanContextPeer,
+    "FPFH + RANSAC (Open3D) + ICP": Fpfh,
+    "FPFH + RANSAC (hdl) + ICP": HdlFpfh,
     "KISS-Matcher + ICP": Kiss,
+    "KISS-Matcher + ICP, map cropped at a given position": KissCropped,
     "MapClosures + ICP": MapClosuresPeer,
     "BBS 2-D (hdl) + ICP, gravity given": Bbs2d,
     "3D-BBS (CPU) + GICP, gravity given": bbs.Bbs,
@@ -87,12 +90,12 @@ SCALES = {
 
 @dataclass(frozen=True)
 class Query:
-    """A held-out scan, its true pose, and the direction of gravity there."""
+    """A held-out scan, its true pose, and what peers may be told of it."""
 
     name: str
     scan: Scan
     T_map_sensor: Matrix
-    gravity: NDArray[np.float64]
+    prior: Prior
 
 
 def run(quick: bool, sets: Sequence[str] = (), scans: int = SCANS, bbs: Path | None = None) -> dict[str, Any]:
@@ -142,11 +145,12 @@ def compare(
     driver = None if no_bbs or bbs_prefix is None else bbs.build_driver(bbs_prefix, work)
     given = PeerInput(dataset, work, ours.folder, paper.folder, **vars(scale), bbs_driver=driver)
     given.write_map_points()
+    no_kiss = None if find_spec("kiss_matcher") else "kiss-matcher is not installed"
     skipped = {
         bbs.Bbs: no_bbs,
-        Kiss: None if find_spec("kiss_matcher") else "kiss-matcher is not installed",
+        Kiss: no_kiss,
+        KissCropped: no_kiss,
         MapClosuresPeer: None if find_spec("map_closures") else "map-closures is not installed",
-        ScanContextPeer: None if dataset.mapping_file else "the data set has no scans of the mapping run",
     }
     figures: dict[str, Any] = {"asked": [query.name for query in queries]}
     print(dataset.name, "asked:", *figures["asked"], file=sys.stderr, flush=True)
@@ -164,7 +168,7 @@ def compare(
 def queries_of(dataset: Dataset, count: int, work: Path) -> list[Query]:
     """``count`` held-out scans at most, drawn by a seed, each turned by a random yaw."""
     rows = read_poses_csv(dataset.write_queries(work / "poses.csv"))
-    yaws = random_yaws(len(rows), SEED)
+    yaws, off_m = random_yaws(len(rows), SEED), coarse_positions(len(rows), SEED)
     rng = np.random.default_rng([SEED, crc32(dataset.name.encode())])
     queries = []
     for k in sorted(rng.permutation(len(rows))[:count]):
@@ -172,7 +176,8 @@ def queries_of(dataset: Dataset, count: int, work: Path) -> list[Query]:
         gravity = gravity_at(T_map_sensor, np.zeros(2))
         assert T_map_sensor is not None
         assert gravity is not None
-        queries.append(Query(rows[k].path.name, scan, T_map_sensor, gravity))
+        prior = Prior(gravity, T_map_sensor[:2, 3] + off_m[k])
+        queries.append(Query(rows[k].path.name, scan, T_map_sensor, prior))
     return queries
 
 
@@ -188,7 +193,7 @@ def _trial(
         rows = [
             answer_row(
                 query.T_map_sensor,
-                trial.ask(query.scan, query.gravity),
+                trial.ask(query.scan, query.prior),
                 make.sent_bytes(given, query.scan),
             )
             for query in queries

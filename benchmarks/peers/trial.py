@@ -10,15 +10,13 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from firstfix.scan.scan import Scan
 
 from ..common.memory import descendants, peak_bytes_of_family
 from ..common.processor_time import cpu_s_of_family
 from .answer import Answer
 from .peer_input import PeerInput
+from .prior import Prior
 
 LIMIT_S = 60.0
 
@@ -28,12 +26,8 @@ class Peer(Protocol):
 
     def __init__(self, given: PeerInput) -> None: ...
 
-    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Answer:
-        """Returns the best pose.
-
-        Args:
-            gravity: (3,) unit vector in the sensor frame, pointing down.
-        """
+    def __call__(self, scan: Scan, prior: Prior) -> Answer:
+        """Returns the best pose."""
         ...
 
     @staticmethod
@@ -98,14 +92,14 @@ class Trial:
         self._process.join()
         self._pipe.close()
 
-    def ask(self, scan: Scan, gravity: NDArray[np.float64]) -> Found:
+    def ask(self, scan: Scan, prior: Prior) -> Found:
         """Asks the peer for a pose.
 
         Raises:
             RuntimeError: the peer raised, which is the suite's fault; native code that crashes is its own.
         """
         before_s = cpu_s_of_family(self._pid)
-        self._pipe.send((scan, gravity))
+        self._pipe.send((scan, prior))
         try:
             if self._pipe.poll(LIMIT_S):
                 found: Found = self._pipe.recv()
@@ -137,9 +131,9 @@ def _serve(pipe: Connection, make: type[Peer], given: PeerInput) -> None:
     peer = make(given)
     pipe.send((time.perf_counter() - began, _cpu_s() - began_cpu_s))
     while True:
-        scan, gravity = pipe.recv()
+        scan, prior = pipe.recv()
         began, began_cpu_s = time.perf_counter(), _cpu_s()
-        answer = peer(scan, gravity)
+        answer = peer(scan, prior)
         pipe.send(Found(answer, time.perf_counter() - began, _cpu_s() - began_cpu_s))
 
 

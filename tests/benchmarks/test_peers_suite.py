@@ -16,6 +16,7 @@ from benchmarks.peers.answer import Answer
 from benchmarks.peers.bbs2d import RESOLUTION_M, GridPyramid
 from benchmarks.peers.figures import answer_row, figures_of
 from benchmarks.peers.peer_input import PeerInput
+from benchmarks.peers.prior import POSITION_OFF_M, Prior
 from benchmarks.peers.quick_place import QUICK
 from benchmarks.peers.report import COLUMNS, OURS, all_sets, report, table_of, wins
 from benchmarks.peers.suite import PEERS, queries_of, run
@@ -115,7 +116,7 @@ def test_the_quick_suite_asks_every_peer_that_is_there():
     found = run(quick=True)[QUICK]
     assert found.keys() == {"asked", *PEERS}
     assert len(found["asked"]) == 3
-    for peer in ("Scan Context + our registration", "FPFH + RANSAC + ICP"):
+    for peer in ("Scan Context + our registration, gravity given", "FPFH + RANSAC (Open3D) + ICP"):
         assert len(found[peer]["answers"]) == 3
     for peer in (*OURS, "BBS 2-D (hdl) + ICP, gravity given"):
         assert found[peer]["right_first"] == 1.0
@@ -139,7 +140,8 @@ def test_queries_are_drawn_by_a_seed_and_turned(tmp_path: Path):
         true = from_quaternion([float(query.name[0]), 0, 0], [0.1, 0, 0, 0.99498744])
         seen = transform_points(query.T_map_sensor, query.scan.points)
         np.testing.assert_allclose(seen, transform_points(true, points), atol=1e-3)  # files have 0.1 mm
-        np.testing.assert_allclose(query.T_map_sensor[:3, :3] @ query.gravity, [0, 0, -1], atol=1e-6)
+        np.testing.assert_allclose(query.T_map_sensor[:3, :3] @ query.prior.gravity, [0, 0, -1], atol=1e-6)
+        assert 0 < np.linalg.norm(query.prior.position - query.T_map_sensor[:2, 3]) <= POSITION_OFF_M
 
 
 @pytest.mark.parametrize("prefix", [None, "empty"])
@@ -199,10 +201,11 @@ def test_a_levelled_scan_goes_to_the_driver_and_its_pose_is_refined(tmp_path: Pa
     np.save(tmp_path / "map.npy", points)
     scan = Scan.from_points(transform_points(inverse(true), points[::5]))
     with closing(bbs.Bbs(given)) as peer:
-        found = peer(scan, true[:3, :3].T @ [0.0, 0.0, -1.0])
+        found = peer(scan, Prior(true[:3, :3].T @ [0.0, 0.0, -1.0], np.zeros(2)))
         assert (found.confidence, found.is_accepted) == (0.9, True)
         assert found.T_map_sensor is not None
         off_m, off_deg = pose_error(true, found.T_map_sensor)
         assert off_m < 0.05
         assert off_deg < 0.5
-        assert peer(scan, np.array([1.0, 0.0, 0.0])) == Answer()  # on its side: the driver finds nothing
+        on_its_side = Prior(np.array([1.0, 0.0, 0.0]), np.zeros(2))
+        assert peer(scan, on_its_side) == Answer()  # the driver finds nothing
