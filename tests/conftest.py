@@ -28,6 +28,7 @@ pytest_plugins = [
     "harness.skips",
     "frequent_snapshots",
     "patient_clients",
+    "one_tls_context",
     "once_a_run",
     "small_world",
     "changed_yard",

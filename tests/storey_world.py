@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +14,10 @@ from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform, rotation_z
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import SENSOR, SmallWorld
+
+if TYPE_CHECKING:
+    from firstfix_builder.job.build_job import BuildResult
+    from once_a_run import OnceARun
 
 ROOMS_X = (0.0, 9.0, 22.0)  # of their middles: 9 m apart, and 13 m
 SENSOR_Z = 0.8
@@ -33,6 +40,15 @@ def storey() -> SmallWorld:
     for x in ROOMS_X:
         boxes += [((x + dx, dy, z), size) for (dx, dy, z), size in _room()]
     return mesh_of(boxes)
+
+
+def storey_version(once_a_run: OnceARun) -> BuildResult:
+    """Returns the storey's version, to be read only."""
+
+    def write(folder: Path) -> Path:
+        return storey().write(folder / "storey.ply")
+
+    return once_a_run.version("storey", write, CONFIG)
 
 
 def _room() -> list[Box]:

@@ -9,22 +9,26 @@ from collections.abc import Callable
 
 LIMIT_S = 240.0  # less than a test has: who waits in vain says for what
 STEP_S = 0.02
+# From one look to the next, in processor time of a look: who waits leaves the processor to others.
+PAUSE, LONGEST_PAUSE_S = 4, 0.5
 
 
 def wait_until(condition: Callable[[], object], limit_s: float = LIMIT_S, what: str = "") -> None:
     """Returns as soon as the condition holds; after ``limit_s`` the test fails and tells what is missing."""
-    end = time.monotonic() + limit_s
+    end, begin_s = time.monotonic() + limit_s, time.thread_time()
     while not condition():
         assert time.monotonic() < end, _in_vain(condition, limit_s, what)
-        time.sleep(STEP_S)
+        time.sleep(_pause_s(begin_s))
+        begin_s = time.thread_time()
 
 
 async def wait_until_async(condition: Callable[[], object], limit_s: float = LIMIT_S, what: str = "") -> None:
     """``wait_until`` for what goes on in the running event loop."""
-    end = time.monotonic() + limit_s
+    end, begin_s = time.monotonic() + limit_s, time.thread_time()
     while not condition():
         assert time.monotonic() < end, _in_vain(condition, limit_s, what)
-        await asyncio.sleep(STEP_S)
+        await asyncio.sleep(_pause_s(begin_s))
+        begin_s = time.thread_time()
 
 
 def let_pass(seconds: float) -> None:
@@ -33,6 +37,11 @@ def let_pass(seconds: float) -> None:
     A test that calls it holds however late it returns. What must happen has ``wait_until``.
     """
     time.sleep(seconds)
+
+
+def _pause_s(begin_s: float) -> float:
+    """Returns the pause after a look that began at a time of this thread's processor clock."""
+    return min(max(STEP_S, PAUSE * (time.thread_time() - begin_s)), LONGEST_PAUSE_S)
 
 
 def _in_vain(condition: Callable[[], object], limit_s: float, what: str) -> str:

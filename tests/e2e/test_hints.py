@@ -5,22 +5,18 @@ import pytest
 
 from firstfix.answer.hint import Hint
 from firstfix.answer.localization import Localization, Verdict
-from firstfix.builds.config import BuildConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import pose_error
-from firstfix_builder.pipeline import build_version
-from storey_world import CONFIG, ROOMS_X, pose, scan_at, storey
+from storey_world import ROOMS_X, pose, scan_at, storey, storey_version
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def localizer(tmp_path_factory):
-    root = tmp_path_factory.mktemp("storey")
-    built = build_version(storey().write(root / "storey.ply"), BuildConfig.parse(CONFIG), root / "build")
-    return Localizer(MapIndex.load(built.directory))
+def localizer(once_a_run):
+    return Localizer(MapIndex.load(storey_version(once_a_run).directory))
 
 
 @pytest.mark.parametrize("room_x", ROOMS_X)

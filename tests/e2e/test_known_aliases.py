@@ -10,7 +10,6 @@ import pytest
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
-from firstfix.builds.config import BuildConfig
 from firstfix.engine import map_search
 from firstfix.engine.array_file import map_arrays, save_arrays
 from firstfix.engine.index import MapIndex
@@ -18,8 +17,7 @@ from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.engine.retrieval.alias_table import FILE
 from firstfix.errors import CorruptVersion
 from firstfix.transform import pose_error
-from firstfix_builder.pipeline import build_version
-from storey_world import CONFIG, ROOMS_X, pose, scan_at, storey
+from storey_world import ROOMS_X, pose, scan_at, storey, storey_version
 
 pytestmark = pytest.mark.slow
 
@@ -27,11 +25,8 @@ HERE, WRONG = pose(ROOMS_X[0], 0.3, 40), pose(ROOMS_X[1], 0.3, 40)
 
 
 @pytest.fixture(scope="module")
-def version(tmp_path_factory):
-    root = tmp_path_factory.mktemp("storey")
-    return build_version(
-        storey().write(root / "storey.ply"), BuildConfig.parse(CONFIG), root / "build"
-    ).directory
+def version(once_a_run):
+    return storey_version(once_a_run).directory
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,8 @@ def mirrored(small_world, tmp_path_factory):
     """Localizer in the mirrored yard: it looks alike, but no rotation fits."""
     folder = tmp_path_factory.mktemp("mirrored")
     world = SmallWorld(small_world.vertices * [1, -1, 1], small_world.triangles[:, ::-1])
-    version = build_version(world.write(folder / "m.ply"), BuildConfig.parse(CONFIG), folder / "work")
+    config = BuildConfig.parse({**CONFIG, "self_test": {"queries": 12, "outside": 6}})
+    version = build_version(world.write(folder / "m.ply"), config, folder / "work")
     return Localizer(MapIndex.load(version.directory))
 
 

@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from firstfix.answer.localization import Verdict
-from firstfix.builds.config import BuildConfig
 from firstfix.catalog.catalog import Catalog
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix.transform import inverse, make_transform, quaternion_of, rotation_z
-from firstfix_builder.pipeline import build_version
 from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client, ScanSequence
-from storey_world import CONFIG, ROOMS_X, pose, scan_at, storey
+from storey_world import ROOMS_X, pose, scan_at, storey, storey_version
 from waiting import LIMIT_S
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # an example may build a map
@@ -34,10 +32,10 @@ PosedScan = tuple[Scan, NDArray[np.float64]]
 
 
 @pytest.fixture(scope="module")
-def service(small_version, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
+def service(small_version, once_a_run, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
     """A service with the yard as ``ground`` and as ``mezzanine``, and a storey of offices."""
     root = tmp_path_factory.mktemp("examples")
-    offices = build_version(storey().write(root / "offices.ply"), BuildConfig.parse(CONFIG), root / "build")
+    offices = storey_version(once_a_run)
     catalog = Catalog(Store.open(str(root / "store")))
     for map_id, built in (("ground", small_version), ("mezzanine", small_version), ("offices", offices)):
         catalog.publish(map_id, built.directory, built.manifest)

@@ -18,7 +18,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -31,6 +30,7 @@ import httpx
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
+from tests.waiting import wait_until
 
 from .kill_deployment import Deployment, Member
 from .tiny_worker import STAGES
@@ -298,10 +298,7 @@ def _forget(world: World, left: Sequence[str]) -> None:
 
 
 def wait(condition: Callable[[], object], what: str, limit_s: float = LIMIT_S) -> None:
-    end = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end, f"waited {limit_s:g} s in vain: {what}"
-        time.sleep(0.05)
+    wait_until(condition, limit_s, what)
 
 
 @contextmanager

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 REAPER = Path(__file__).with_name("reaper.py")
 
-# They need the Docker engine, which one process has at a time: in one worker, no other waits for it.
+# They need the Docker engine, which one process has at a time: in one worker, no other waits for it. Together
+# they take longer than all else, so they begin first.
 OF_THE_ENGINE = {
     "tests/deploy/test_images.py",
     "tests/deploy/test_smoke.py",
@@ -71,6 +72,12 @@ class DeadWorkers:
     def pytest_xdist_make_scheduler(self, config: pytest.Config, log: object) -> FilesOfTheDead | None:
         """Takes the place of xdist's scheduler of files."""
         return FilesOfTheDead(config, log) if config.getvalue("dist") == "loadfile" else None
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Puts the engine's files first, in whatever order the others are."""
+    items.sort(key=lambda item: item.nodeid.partition("::")[0] not in OF_THE_ENGINE)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -7,11 +7,12 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import psutil
 import pytest
 
-from harness.dead_workers import OF_THE_ENGINE
+from harness.dead_workers import OF_THE_ENGINE, pytest_collection_modifyitems
 from waiting import LIMIT_S, wait_until
 
 TESTS = Path(__file__).parents[1]
@@ -117,6 +118,14 @@ def test_the_engine_is_asked_for_by_one_worker():
         if "build_images(" in path.read_text() and path != Path(__file__)
     ]
     assert set(asking) == OF_THE_ENGINE
+
+
+def test_the_engine_s_tests_begin_first():
+    one, two = sorted(OF_THE_ENGINE)[:2]
+    names = ["tests/core/test_a.py::test_x", f"{one}::test_y", "tests/b.py::test_z", f"{two}::test_y"]
+    items = [SimpleNamespace(nodeid=name) for name in names]
+    pytest_collection_modifyitems(items)
+    assert [item.nodeid for item in items] == [names[1], names[3], names[0], names[2]]
 
 
 def test_a_worker_that_is_killed_holds_up_nobody_and_leaves_nothing(folder: Path):

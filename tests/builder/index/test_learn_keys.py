@@ -14,7 +14,9 @@ from small_world import COARSE_CONFIG, CONFIG, begun_as
 
 pytestmark = pytest.mark.slow
 
-NARROW = {**CONFIG, "engine": {"search": {"clusters": 30}}, "learn_keys": {"scans": 300}}
+# What it answers is looked at here, not how surely: a calibration of few queries does.
+FEW = {"queries": 4, "outside": 2}
+NARROW = {**CONFIG, "engine": {"search": {"clusters": 30}}, "learn_keys": {"scans": 300}, "self_test": FEW}
 
 
 def test_what_is_learned_lies_where_places_differ_and_perturbations_do_not():

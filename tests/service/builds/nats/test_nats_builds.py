@@ -21,7 +21,7 @@ from firstfix.catalog.sources import put_source
 from firstfix_service.builds.nats.address import NatsAddress
 from firstfix_service.builds.nats.builds import NatsBuilds
 from firstfix_service.settings import Settings
-from small_world import CONFIG
+from small_world import COARSE_CONFIG
 from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 from tests.faults.tiny_worker import STAGES
 from waiting import wait_until
@@ -129,7 +129,7 @@ def test_a_real_build_goes_on_at_another_worker(world: NatsWorld, small_map: Pat
     first = world.start_worker("w1", command=command)
     key = f"maps/yard/sources/{put_source(world.catalog.store, 'yard', small_map)}"
     request = {"map_id": "yard", "source": {"key": key}, "file_name": "yard.ply"}
-    world.catalog.put_build("b1", {**request, "config": {**CONFIG, "provisional": False}})
+    world.catalog.put_build("b1", {**request, "config": {**COARSE_CONFIG, "provisional": False}})
     wait_until(lambda: "fit_engine" in stages_shared(world))
     first.kill()
     world.start_worker("w2", command=command)
