@@ -16,7 +16,7 @@ def main() -> None:
     parser.add_argument("--case", action="append", choices=[case.name for case in CASES])
     parser.add_argument("--queries", type=int, help="of each case, in place of the full suite's numbers")
     parser.add_argument("--processes", type=int, default=os.cpu_count(), help="worlds at a time")
-    parser.add_argument("--resume", action="store_true", help="skip worlds that this program has measured so")
+    parser.add_argument("--anew", action="store_true", help="also what this program has measured so before")
     parser.add_argument("--report", action="store_true", help="measure nothing: report the parts there are")
     arguments = parser.parse_args()
     everywhere = [world for world in WORLDS if not world.large]
@@ -25,7 +25,8 @@ def main() -> None:
     count = arguments.queries
     sizes = FULL if count is None else Sizes(count, count, count)
     if not arguments.report:
-        measure_in_processes(worlds, cases, sizes, WORK, everywhere, arguments.processes, arguments.resume)
+        resume = not arguments.anew
+        measure_in_processes(worlds, cases, sizes, WORK, everywhere, arguments.processes, resume)
     summarize(WORLDS, WORK)
     print((WORK / "report.md").read_text())
 

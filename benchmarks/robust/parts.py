@@ -1,11 +1,11 @@
-"""A world's part of the suite on disk: its outcomes, and what they were measured with."""
+"""A world's part of the suite on disk: its outcomes so far, and what they were measured with."""
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,25 +28,50 @@ class Part:
     """Outcomes of one world, with the conditions of the run.
 
     Attributes:
+        outcomes: of ``cases``, in their order.
         templates: sensor to number of templates.
         conditions: of the run: another run with the same ones has the same outcomes.
+        cases: names of those that were measured.
         seconds: that it took, builds included.
     """
 
     world: str
-    outcomes: tuple[Outcome, ...]
-    templates: dict[str, int]
-    conditions: dict[str, Any]
-    seconds: float
+    outcomes: tuple[Outcome, ...] = ()
+    templates: Mapping[str, int] = field(default_factory=dict)
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+    cases: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all cases of the run were measured."""
+        return list(self.cases) == self.conditions["cases"]
+
+    def with_case(
+        self, case: str, outcomes: Sequence[Outcome], templates: Mapping[str, int], seconds: float
+    ) -> Part:
+        """Returns the part with one more case."""
+        return replace(
+            self,
+            outcomes=(*self.outcomes, *outcomes),
+            templates={**self.templates, **templates},
+            cases=(*self.cases, case),
+            seconds=self.seconds + seconds,
+        )
 
     def save(self, folder: Path) -> None:
-        """Writes ``WORLD/outcomes.csv`` and then ``WORLD/part.json`` below the folder."""
+        """Writes ``WORLD/outcomes.csv`` and then ``WORLD/part.json`` below the folder.
+
+        Whoever is killed meanwhile leaves the part as it was before.
+        """
         own = folder / self.world
         own.mkdir(parents=True, exist_ok=True)
-        (own / "part.json").unlink(missing_ok=True)
-        write_outcomes(own / "outcomes.csv", self.outcomes)
-        about = {"templates": self.templates, "conditions": self.conditions, "seconds": round(self.seconds)}
-        (own / "part.json").write_text(json.dumps(about, indent=1) + "\n")
+        write_outcomes(own / "new.csv", self.outcomes)
+        (own / "new.csv").replace(own / "outcomes.csv")
+        names = ("templates", "conditions", "cases", "seconds")
+        about = {name: getattr(self, name) for name in names}
+        (own / "new.json").write_text(json.dumps(about, indent=1) + "\n")
+        (own / "new.json").replace(own / "part.json")
 
     @classmethod
     def load(cls, folder: Path, world: str) -> Part | None:
@@ -54,8 +79,10 @@ class Part:
         about = folder / world / "part.json"
         if not about.exists():
             return None
-        outcomes = read_outcomes(folder / world / "outcomes.csv")
-        return cls(world, outcomes, **json.loads(about.read_text()))
+        kept = json.loads(about.read_text())
+        cases = tuple(kept.pop("cases"))
+        rows = read_outcomes(folder / world / "outcomes.csv")  # perhaps with those of a case that is not told
+        return cls(world, tuple(row for row in rows if row.case in cases), cases=cases, **kept)
 
 
 def write_outcomes(path: Path, outcomes: Sequence[Outcome]) -> None:

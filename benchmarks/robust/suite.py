@@ -3,7 +3,8 @@
     python -m benchmarks.run robust [--quick] [--json FILE]
     python -m benchmarks.robust --world factory --case "all at once" --queries 50
 
-Leaves ``report.md``, ``figures.json``, ``outcomes.csv`` (one row a query) and each world's part of them in
+A run goes on where one of the same program was interrupted, case by case. Leaves ``report.md``,
+``figures.json``, ``outcomes.csv`` (one row a query) and each world's part of them in
 ``build/bench/robust`` (the quick suite: in ``quick`` below it).
 """
 
@@ -23,6 +24,7 @@ from zlib import crc32
 
 import numpy as np
 
+from firstfix.store.sha256 import sha256_of
 from firstfix_builder.execution.source_hash import source_hash
 from firstfix_builder.execution.stage_cache import StageCache
 
@@ -38,10 +40,11 @@ from .versions import Versions
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "robust"
 SEED = 4
+SUITE_SOURCE = {path.name: sha256_of(path) for path in sorted(Path(__file__).parent.glob("*.py"))}
 
 
 def run(quick: bool) -> dict[str, Any]:
-    """All worlds but the large ones. The quick suite is the warehouse alone."""
+    """All worlds but the large ones. The quick suite is the warehouse alone, and anew each time."""
     if quick:
         return measure(WORLDS[:1], CASES, QUICK, WORK / "quick", others=WORLDS[:4])
     worlds = [world for world in WORLDS if not world.large]
@@ -63,7 +66,7 @@ def measure(
     """
     for world in worlds:
         if world.missing is None:
-            measure_world(world, cases, sizes, work, others)
+            measure_world(world, cases, sizes, work, others, resume=False)
     return summarize(worlds, work)
 
 
@@ -74,43 +77,54 @@ def measure_in_processes(
     work: Path,
     others: Sequence[BenchWorld],
     processes: int,
-    resume: bool = False,
+    resume: bool = True,
 ) -> None:
     """Runs the cases, as many worlds at a time as there are processes. The worlds are those of ``WORLDS``.
 
     Args:
-        resume: skip worlds whose part was made under the same conditions.
+        resume: as of ``measure_world``.
     """
     tasks = [world.name for world in worlds if world.missing is None]
-    if resume:
-        wanted = _conditions(cases, sizes, others)
-        parts = {name: Part.load(work / "parts", name) for name in tasks}
-        tasks = [name for name, part in parts.items() if part is None or part.conditions != wanted]
     names = [world.name for world in others]
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
         # the smallest worlds are listed first, and are best left to the end
-        running = [pool.submit(_measure_named, name, cases, sizes, work, names) for name in reversed(tasks)]
+        running = [
+            pool.submit(_measure_named, name, cases, sizes, work, names, resume) for name in reversed(tasks)
+        ]
         for one in running:
             one.result()
 
 
 def measure_world(
-    world: BenchWorld, cases: Sequence[Case], sizes: Sizes, work: Path, others: Sequence[BenchWorld]
+    world: BenchWorld,
+    cases: Sequence[Case],
+    sizes: Sizes,
+    work: Path,
+    others: Sequence[BenchWorld],
+    resume: bool,
 ) -> Part:
-    """Every query's outcome, case by case, kept as the world's part."""
+    """Every query's outcome, kept as the world's part after each case.
+
+    Args:
+        resume: leave out cases that were measured under the same conditions.
+    """
+    wanted = _conditions(cases, sizes, others)
+    kept = Part.load(work / "parts", world.name) if resume else None
+    part = kept if kept is not None and kept.conditions == wanted else Part(world.name, conditions=wanted)
+    if part.is_whole:
+        return part
     began, cache = time.perf_counter(), StageCache(work)
     files = world.make(cache)
     abroad = [o.make(cache).map for o in others if o.missing is None and o.place != world.place]
     versions = Versions(world, files, work / world.name)
-    outcomes: list[Outcome] = []
-    for case in cases:
+    for case in cases[len(part.cases) :]:
         found = list(_outcomes(world, case, sizes.of(case), files, abroad, versions))
         if found:
             print(world.name, case.name, figures_of(found), file=sys.stderr, flush=True)
-        outcomes += found
-    seconds = time.perf_counter() - began
-    part = Part(world.name, tuple(outcomes), versions.templates, _conditions(cases, sizes, others), seconds)
-    part.save(work / "parts")
+        now = time.perf_counter()
+        part = part.with_case(case.name, found, versions.templates, round(now - began, 1))
+        part.save(work / "parts")
+        began = now
     return part
 
 
@@ -137,9 +151,11 @@ def summarize(worlds: Sequence[BenchWorld], work: Path) -> dict[str, Any]:
     return figures
 
 
-def _measure_named(name: str, cases: Sequence[Case], sizes: Sizes, work: Path, others: Sequence[str]) -> None:
+def _measure_named(
+    name: str, cases: Sequence[Case], sizes: Sizes, work: Path, others: Sequence[str], resume: bool
+) -> None:
     by_name = {world.name: world for world in WORLDS}
-    measure_world(by_name[name], cases, sizes, work, [by_name[other] for other in others])
+    measure_world(by_name[name], cases, sizes, work, [by_name[other] for other in others], resume)
 
 
 def _outcomes(
@@ -167,6 +183,7 @@ def _conditions(cases: Sequence[Case], sizes: Sizes, others: Sequence[BenchWorld
     return {
         "program": source_hash(),
         "worlds": WORLDS_SOURCE,
+        "suite": SUITE_SOURCE,
         "cases": [case.name for case in cases],
         "sizes": vars(sizes),
         "others": [world.name for world in others],

@@ -1,6 +1,7 @@
 """The robust suite on the small world, and its figures on answers whose worth is known."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.common.nees import nees_by_class
 from benchmarks.common.worlds import WORLDS, BenchWorld, Scenery, WorldFiles
+from benchmarks.robust import suite
 from benchmarks.robust.cases import ALL, ANY, CASES, CLEAN, OTHER, SENSORS, Case, Sizes
 from benchmarks.robust.figures import LOOK_ALIKES, bars_of, calibration_error, figures_of
 from benchmarks.robust.outcome import Outcome, Standing, ask, nees, standing_of
-from benchmarks.robust.parts import Part, read_outcomes
+from benchmarks.robust.parts import Part, read_outcomes, write_outcomes
 from benchmarks.robust.sensors import asking_sensors, template_sensor
-from benchmarks.robust.suite import measure
+from benchmarks.robust.suite import measure, measure_world
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine.false_accept_bound import upper_bound
@@ -185,7 +187,8 @@ def test_the_bound_is_clopper_and_pearsons():
 
 
 def test_a_part_is_read_as_it_was_kept(tmp_path):
-    part = Part("w", (RIGHT, replace(NOT_OURS, standing=Standing.OUTSHONE)), {"t": 3}, {"cases": ["c"]}, 2)
+    outcomes = (RIGHT, replace(NOT_OURS, standing=Standing.OUTSHONE))
+    part = Part("w", outcomes, {"t": 3}, {"cases": ["c"]}, ("c",), 2.0)
     part.save(tmp_path)
     found = Part.load(tmp_path, "w")
     assert found is not None
@@ -205,6 +208,53 @@ def test_sensors_are_drawn_for_each_world_alone():
     assert sum(shares.values()) == 100
     assert len(list(asking_sensors(case, WORLDS[0], 5))) == 5
     assert list(asking_sensors(Case("d", CLEAN), WORLDS[0], 7)) == [(None, 7)]
+
+
+def test_an_interrupted_run_goes_on_after_its_last_case(small_map, small_version, tmp_path, monkeypatch):
+    begun_as(small_version, tmp_path / "yard" / SENSOR["name"])
+    yard = BenchWorld("yard", "yard", CONFIG, lambda cache: WorldFiles(Scenery(small_map)))
+    measure_here = partial(measure_world, yard, SOME[:3], Sizes(2, 2, 2), tmp_path, ())
+    asked = []
+
+    def interrupted_at(*names: str) -> None:
+        def outcomes(world, case, *rest):
+            if case.name in names:
+                raise KeyboardInterrupt
+            asked.append(case.name)
+            yield from ask_all(world, case, *rest)
+
+        monkeypatch.setattr(suite, "_outcomes", outcomes)
+
+    ask_all = suite._outcomes
+    interrupted_at("all at once")
+    with pytest.raises(KeyboardInterrupt):
+        measure_here(resume=True)
+    interrupted_at()
+    part = measure_here(resume=True)
+    assert part.is_whole
+    assert asked == [case.name for case in SOME[:3]]
+    assert [row.case for row in part.outcomes] == ["clean"] * 2 + ["all at once"] * 2 + ["vlp-16 asks"] * 2
+    assert repr(Part.load(tmp_path / "parts", "yard")) == repr(measure_here(resume=True))
+    assert len(asked) == 3  # a whole part is left as it is
+    measure_here(resume=False)
+    assert len(asked) == 6
+
+
+def test_a_part_of_other_code_is_measured_anew(small_map, small_version, tmp_path, monkeypatch):
+    begun_as(small_version, tmp_path / "yard" / SENSOR["name"])
+    yard = BenchWorld("yard", "yard", CONFIG, lambda cache: WorldFiles(Scenery(small_map)))
+    first = measure_world(yard, SOME[:1], Sizes(1, 1, 1), tmp_path, (), resume=True)
+    monkeypatch.setattr(suite, "SUITE_SOURCE", {"cases.py": "another"})
+    again = measure_world(yard, SOME[:1], Sizes(1, 1, 1), tmp_path, (), resume=True)
+    assert again.conditions != first.conditions
+    assert len(again.outcomes) == len(first.outcomes)
+
+
+def test_a_part_that_was_being_written_is_as_before(tmp_path):
+    part = Part("w", conditions={"cases": ["c", "d"]}).with_case("c", (RIGHT,), {"t": 3}, 2.0)
+    part.save(tmp_path)
+    write_outcomes(tmp_path / "w" / "outcomes.csv", (RIGHT, replace(RIGHT, case="d")))  # and then killed
+    assert repr(Part.load(tmp_path, "w")) == repr(part)
 
 
 def test_calibration_error_is_zero_for_an_honest_forecaster_and_the_gap_for_another():
