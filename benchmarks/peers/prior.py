@@ -1,4 +1,4 @@
-"""What a peer may be told of a scan's pose. Each says in its name what it takes of it."""
+"""Knowledge of a scan's pose that a peer may be given. Each says in its name which part it takes."""
 
 from __future__ import annotations
 

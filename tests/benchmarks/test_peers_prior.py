@@ -1,4 +1,4 @@
-"""What peers are told beside a scan, and what they do with it."""
+"""Knowledge that peers are given beside a scan, and their use of it."""
 
 from __future__ import annotations
 
