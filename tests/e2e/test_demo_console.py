@@ -36,7 +36,8 @@ def test_the_demo_ends_with_the_consoles_address(tmp_path: Path, monkeypatch: py
     port = free_port()
     with local_service(tmp_path / "service", tmp_path / "store", port) as service:
         address = f"http://127.0.0.1:{port}/console/"
-        assert "listening" in service.log.read_text()
+        # It may answer before it has said so.
+        wait_until(lambda: "listening" in service.log.read_text(), what="it says where it listens")
         assert address in service.log.read_text()
         for value in ("", "0"):
             monkeypatch.setenv("OPEN", value)
