@@ -79,8 +79,7 @@ if [ "$profile" != minimal ]; then
   robots_end chaos
   check_restarts
 else
-  # Another version for little: all but the self-test is there already. It is activated whatever that says of so few scans.
-  build=$(hand_in "${quick/60/50}, \"learn_keys\": {\"scans\": 300}, \"activate\": {\"max_loss\": 1}")
+  build=$(hand_in "$quick, \"learn_keys\": {\"scans\": 200}")
   second=$(wait_for_build "$build")
 fi
 [ "$second" != "$first" ]

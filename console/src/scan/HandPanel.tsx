@@ -2,6 +2,7 @@
 
 import type { Signal } from "@preact/signals";
 import { Check } from "../ui/Check";
+import { NumberField } from "../ui/NumberField";
 import type { HandPose } from "./handPose";
 import type { HandState } from "./useHandle";
 
@@ -12,6 +13,9 @@ export interface HandPanelProps {
   /** Begins with the place that is shown, or the middle of the picture. */
   begin: () => void;
 }
+
+const LEAST_RADIUS_M = 0.1;
+const LEAST_YAW_DEG = 1;
 
 type Angle = "roll_deg" | "pitch_deg" | "yaw_deg";
 const ANGLES: [Angle, string][] = [
@@ -58,10 +62,10 @@ export function HandPanel({ hand, isPrior, isTiltKnown, begin }: HandPanelProps)
       </div>
       <div class="numbers">
         {["x (m)", "y (m)", "z (m)"].map((name, axis) => (
-          <NumberField key={name} name={name} value={pose.position[axis]!} step={0.1} set={(m) => moved(axis, m)} />
+          <NumberField key={name} name={name} value={shown(pose.position[axis]!)} step={0.1} set={(m) => moved(axis, m)} />
         ))}
         {ANGLES.map(([field, name]) => (
-          <NumberField key={name} name={name} value={pose[field]} step={1} set={(degrees) => set({ [field]: degrees })} />
+          <NumberField key={name} name={name} value={shown(pose[field])} step={1} set={(degrees) => set({ [field]: degrees })} />
         ))}
       </div>
       <Check value={isPrior}>Search only around it</Check>
@@ -70,18 +74,18 @@ export function HandPanel({ hand, isPrior, isTiltKnown, begin }: HandPanelProps)
           <div class="numbers">
             <NumberField
               name="Within (m)"
-              value={pose.radius_m}
+              value={shown(pose.radius_m)}
               step={0.5}
-              least={0.1}
-              set={(m) => set({ radius_m: m })}
+              least={LEAST_RADIUS_M}
+              set={(m) => set({ radius_m: Math.max(LEAST_RADIUS_M, m) })}
             />
             <NumberField
               name="Heading ± (°)"
-              value={pose.yaw_range_deg}
+              value={shown(pose.yaw_range_deg)}
               step={5}
-              least={1}
+              least={LEAST_YAW_DEG}
               most={180}
-              set={(degrees) => set({ yaw_range_deg: degrees })}
+              set={(degrees) => set({ yaw_range_deg: Math.min(180, Math.max(LEAST_YAW_DEG, degrees)) })}
             />
           </div>
           <Check value={isTiltKnown}>Its roll and pitch are known, too</Check>
@@ -91,30 +95,7 @@ export function HandPanel({ hand, isPrior, isTiltKnown, begin }: HandPanelProps)
   );
 }
 
-interface NumberFieldProps {
-  name: string;
-  value: number;
-  step: number;
-  least?: number;
-  most?: number;
-  set: (value: number) => void;
-}
-
-function NumberField({ name, value, step, least, most, set }: NumberFieldProps) {
-  return (
-    <label>
-      {name}
-      <input
-        type="number"
-        step={step}
-        min={least}
-        max={most}
-        value={Number(value.toFixed(2))}
-        onChange={(event) => {
-          const given = event.currentTarget.valueAsNumber;
-          if (Number.isFinite(given)) set(Math.min(most ?? Infinity, Math.max(least ?? -Infinity, given)));
-        }}
-      />
-    </label>
-  );
+/** A number as it is shown: what was dragged has many digits. */
+function shown(value: number): number {
+  return Number(value.toFixed(2));
 }
