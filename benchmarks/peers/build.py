@@ -31,12 +31,13 @@ class Built:
     preparation: Preparation
 
 
-def build(dataset: Dataset, engine: dict[str, Any], work: Path) -> Built:
+def build(dataset: Dataset, engine: dict[str, Any], work: Path, name: str) -> Built:
     """Builds a data set's map; stages that ``work`` has from an earlier build are taken from it.
 
     Args:
         engine: that section of the build's config; empty: the default.
         work: an existing folder.
+        name: of the version's folder in ``work``, which no other build there has.
 
     Raises:
         RuntimeError: the build failed, see above.
@@ -45,7 +46,7 @@ def build(dataset: Dataset, engine: dict[str, Any], work: Path) -> Built:
     ours, theirs = context.Pipe()
     began, began_cpu_s = time.monotonic(), _cpu_s_of_ended_children()
     with PeakMemory() as memory:
-        process = context.Process(target=_build, args=(theirs, dataset, engine, work))
+        process = context.Process(target=_build, args=(theirs, dataset, engine, work, name))
         process.start()
         theirs.close()
         process.join()
@@ -55,10 +56,11 @@ def build(dataset: Dataset, engine: dict[str, Any], work: Path) -> Built:
     return Built(ours.recv(), Preparation(*took))
 
 
-def _build(pipe: Connection, dataset: Dataset, engine: dict[str, Any], work: Path) -> None:
+def _build(pipe: Connection, dataset: Dataset, engine: dict[str, Any], work: Path, name: str) -> None:
     trajectory = dataset.write_trajectory(work / "trajectory.csv")
     config = BuildConfig.parse({**dataset.config, **({"engine": engine} if engine else {})})
-    pipe.send(build_version(dataset.map_path, config, work / "build", trajectory=trajectory).directory)
+    built = build_version(dataset.map_path, config, work / "build", trajectory=trajectory)
+    pipe.send(built.directory.rename(work / name))  # the next build puts its version in the same place
 
 
 def _cpu_s_of_ended_children() -> float:

@@ -83,19 +83,24 @@ def table_of(rows: Rows) -> list[str]:
 
 
 def wins(figures: Mapping[str, Any]) -> list[str]:
-    """Returns a line for each figure in which a peer beats firstfix over the sets that both were asked in."""
+    """Returns a line for each figure in which peers beat firstfix over the sets that both were asked in.
+
+    A line names the best of these peers, and says how many others there are: the table has their figures.
+    """
     names = [peer for of_set in figures.values() for peer in measured(of_set)]
     peers = [peer for peer in dict.fromkeys(names) if peer not in OURS]
     lines = []
     for key, (name, more) in CONTESTS.items():
-        better = [text for peer in peers if (text := _against_ours(figures, peer, key, more))]
+        better = {peer: found for peer in peers if (found := _against_ours(figures, peer, key, more))}
         if better:
-            lines.append(f"* {name}: {'; '.join(better)}")
+            best = (max if more else min)(better, key=lambda peer: better[peer][0])
+            others = f" (and {len(better) - 1} more)" if len(better) > 1 else ""
+            lines.append(f"* {name}: {best} {better[best][0]} against {better[best][1]}{others}")
     return ["**Where another system wins:**", "", *lines] if lines else ["No other system wins anywhere."]
 
 
-def _against_ours(figures: Mapping[str, Any], peer: str, key: str, more: bool) -> str | None:
-    """How a peer is better than both of ours; None: it is not."""
+def _against_ours(figures: Mapping[str, Any], peer: str, key: str, more: bool) -> tuple[float, float] | None:
+    """A peer's figure and the better one of ours, if the peer's is better still; else None."""
     common = [rows for of_set in figures.values() if peer in (rows := measured(of_set))]
     own = [together([rows[name] for rows in common])[key] for name in OURS if name in common[0]]
     figures_of_peer = together([rows[peer] for rows in common])
@@ -103,7 +108,7 @@ def _against_ours(figures: Mapping[str, Any], peer: str, key: str, more: bool) -
     if theirs is None or not own or None in own or not figures_of_peer["right_first"]:
         return None  # who finds nothing is cheap, and never wrong
     best = max(own) if more else min(own)
-    return f"{peer} {theirs} against {best}" if (theirs > best if more else theirs < best) else None
+    return (theirs, best) if (theirs > best if more else theirs < best) else None
 
 
 def _section(rows: Figures) -> list[str]:

@@ -128,7 +128,8 @@ def measure(dataset: Dataset, count: int, bbs_prefix: Path | None, work: Path) -
         count: of the scans, at most.
         work: an empty folder.
     """
-    ours, paper = (build(dataset, engine, work) for engine in ({}, {"method": "paper"}))
+    ours = build(dataset, {}, work, "ours")
+    paper = build(dataset, {"method": "paper"}, work, "paper")
     return compare(dataset, ours, paper, queries_of(dataset, count, work), bbs_prefix, work)
 
 

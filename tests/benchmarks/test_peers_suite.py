@@ -80,6 +80,8 @@ def test_where_a_peer_wins_is_said_first_and_of_the_sets_that_both_were_asked_in
     lines = wins({"hall": hall, "street": street})
     assert lines[2] == "* success within 0.2 m and 1 deg: one 1.0 against 0.0"
     assert not [line for line in lines if "two" in line]  # it finds nothing
+    both = wins({"hall": {**hall, "three": figures(right)}, "street": street})
+    assert both[2] == "* success within 0.2 m and 1 deg: one 1.0 against 0.0 (and 1 more)"
     assert wins({"street": street}) == ["No other system wins anywhere."]
     rows = all_sets({"hall": hall, "street": street, "seed": 1})
     assert {peer: row["n"] for peer, row in rows.items()} == {OURS[0]: 2, "one": 1, "two": 2}

@@ -209,7 +209,9 @@ def test_a_link_to_a_simulated_scan_restores_it_and_the_pose_by_hand(page):
     page.click("label.check", "Lay the scan at the pose by hand")
     page.click("label.check", "Search only around it")
     page.fill("Within (m)", "30")
-    page.js("find('button', 'Turn').click()")  # what is drawn meanwhile leaves the text, as when an answer comes
+    page.js(
+        "find('button', 'Turn').click()"
+    )  # what is drawn meanwhile leaves the text, as when an answer comes
     page.press("Enter")
     page.wait(".answer .tag", "searched only within 30 m of the pose by hand")
     wait_until(lambda: page.asked.count("POST /localize") == 3)
