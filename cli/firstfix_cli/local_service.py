@@ -15,7 +15,7 @@ import httpx
 
 from firstfix.errors import FirstfixError
 
-from .free_port import free_port, port_is_free
+from .free_port import free_port
 
 START_S = 300.0  # on a busy machine; usually five
 
@@ -49,8 +49,7 @@ def local_service(directory: Path, store: Path, port: int = 0) -> Iterator[Local
         FirstfixError: it does not start; the log says why.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    port = port if port and port_is_free(port) else free_port()
-    zenoh, log = f"tcp/127.0.0.1:{free_port()}", directory / "service.log"
+    port, zenoh, log = free_port(port), f"tcp/127.0.0.1:{free_port()}", directory / "service.log"
     config = directory / "zenoh.json5"
     settings = {"listen": {"endpoints": [zenoh]}, "scouting": {"multicast": {"enabled": False}}}
     config.write_text(json.dumps(settings))

@@ -5,8 +5,8 @@ import type { ComponentChildren } from "preact";
 import { mayBuild } from "../access/session";
 import type { Patch, PatchedArea } from "../maps/manifest";
 import { link } from "../router";
-import { Confirm } from "../ui/Confirm";
 import { count, short } from "../ui/text";
+import { ConfirmChange } from "../versions/ConfirmChange";
 import { type Change, callOf } from "../versions/changeOf";
 
 export interface PatchPanelProps {
@@ -85,17 +85,14 @@ export function PatchPanel({ map, version, active, patch, shown, choose, counts,
       </section>
       <Unchanged patch={patch} />
       {call ? (
-        <Confirm
-          {...call}
-          act={async () => {
-            await call.act();
-            told.value = call.told;
+        <ConfirmChange
+          call={call}
+          done={(text) => {
+            told.value = text;
             again();
           }}
           close={() => (asked.value = null)}
-        >
-          <p>{call.text}</p>
-        </Confirm>
+        />
       ) : null}
     </aside>
   );

@@ -30,6 +30,7 @@ export function NumberField({ name, value, step, least, most, set }: NumberField
           if (Number.isFinite(given)) set(given);
           written.value = null;
         }}
+        onBlur={() => (written.value = null)} // also if it was written back, which is no change
       />
     </label>
   );

@@ -6,8 +6,8 @@ import { versionPage } from "../api/maps";
 import { useAnswerCounts } from "../maps/answerCounts";
 import { MapProblem } from "../maps/MapProblem";
 import { link, note, route } from "../router";
-import { Confirm } from "../ui/Confirm";
 import { useLoaded } from "../ui/useLoaded";
+import { ConfirmChange } from "./ConfirmChange";
 import { type Change, callOf } from "./changeOf";
 import { Comparison } from "./Comparison";
 import { VersionRow } from "./VersionRow";
@@ -74,18 +74,16 @@ export function VersionsView({ map }: { map: string }) {
         <button onClick={() => (isWhole.value = true)}>All {all.length} versions</button>
       ) : null}
       {call ? (
-        <Confirm
-          {...call}
-          act={async () => {
-            await call.act();
-            told.value = call.told;
+        <ConfirmChange
+          call={call}
+          done={(text) => {
+            told.value = text;
             page.again();
           }}
           close={() => (asked.value = null)}
         >
-          <p>{call.text}</p>
           {call.isFelt && counts ? <p>In the last hour this replica answered {counts.hour.answered} queries of it.</p> : null}
-        </Confirm>
+        </ConfirmChange>
       ) : null}
       {chosen.length === 2 ? (
         <Comparison map={map} versions={chosen as [string, string]} />
