@@ -2,8 +2,8 @@
 .PHONY: setup native console demo test test-fast lint docs bench scoreboard faults lock test-servers clean
 .DEFAULT_GOAL := help
 bin := .venv/bin
-# Three files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
-PYTEST_ARGS ?= -n 3 --dist loadfile --no-loadscope-reorder
+# Four files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
+PYTEST_ARGS ?= -n 4 --dist loadfile --no-loadscope-reorder
 # A run that takes longer (seconds) is ended, with the stacks of what hangs. On 2 cores it takes some 45 minutes.
 TEST_LIMIT_S ?= 10800
 run_tests := PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python tests/harness/reaper.py --limit-s $(TEST_LIMIT_S) $(bin)/python -m pytest
@@ -39,7 +39,7 @@ test: setup test-servers lint  ## lint, then every test
 test-fast: setup  ## the quick tests, for the edit loop
 	@$(run_tests) -n 4 --dist loadfile -m "not slow" $(FAST)
 
-test-servers: setup  ## an S3 server for the storage tests, where Go is there to build it
+test-servers: .venv/.ready  ## an S3 server for the storage tests, where Go is there to build it
 	@scripts/test-servers.sh
 
 bench: setup  ## the suites of benchmarks/ (ARGS="real --quick")

@@ -64,5 +64,6 @@ write_stub() {
 }
 
 mkdir -p build
+say "building the compiled core"
 take_wheel || build_modules
 write_stub

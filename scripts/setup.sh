@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes .venv, ready to run, test and build firstfix, from the hash-pinned locks, and builds the compiled core. `make setup`
-# calls this when .venv/.ready is older than the locks, pyproject.toml or this script; running it twice is harmless.
+# Makes .venv, ready to run, test and build firstfix, from the hash-pinned locks. `make setup`, which builds the compiled core
+# besides, calls this when .venv/.ready is older than the locks, pyproject.toml or this script; running it twice is harmless.
 #
 #   PYTHON=python3.12 make setup     # another interpreter than the first suitable one on the PATH
 set -euo pipefail
@@ -102,8 +102,5 @@ install_with_uv || install_with_pip
 .venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 # The import hook of an editable install would come before PYTHONPATH. Its path file alone does not.
 sed -i '/^import /d' .venv/lib/python3.*/site-packages/_editable_skbc_firstfix.pth
-say "building the compiled core"
-scripts/native.sh
 touch .venv/.ready
-touch build/.native
-say "ready: .venv/bin/firstfix"
+say "the packages are there"

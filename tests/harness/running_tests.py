@@ -7,12 +7,13 @@ import os
 import signal
 import threading
 import time
+from contextlib import suppress
 
 import psutil
 import pytest
 
 SILENT_S = 60.0
-_STACKS_S = 2.0  # for workers to print them
+_STACKS_S = 2.0  # for a worker to print them
 
 
 class RunningTests:
@@ -63,8 +64,9 @@ class RunningTests:
         self._tell("asked to end")
         if self._has_workers:
             for reaper in psutil.Process().children():
-                reaper.send_signal(signal.SIGUSR2)
-            time.sleep(_STACKS_S)
+                with suppress(psutil.NoSuchProcess):  # that of a worker which has just ended
+                    reaper.send_signal(signal.SIGUSR2)
+                time.sleep(_STACKS_S)  # one after the other: printed piece by piece, they would mix
         else:
             faulthandler.dump_traceback(self._out, all_threads=True)
         pytest.exit("asked to end", returncode=pytest.ExitCode.INTERRUPTED)  # others have no summary

@@ -163,8 +163,10 @@ def test_a_run_ends_at_its_limit_with_names_and_stacks(folder: Path, options: li
     (folder / "test_a.py").write_text(hanging(mark))
     run = start(folder, *options)
     assert run.stdout is not None
-    while "test_a.py::test_hangs, for" not in run.stdout.readline():  # the controller knows of it
-        pass
+    lines = iter(run.stdout.readline, "")
+    assert any("test_a.py::test_hangs, for" in line for line in lines), "the controller knows of it"
+    # It knows before the worker is in the test itself, whose stack is to be seen.
+    wait_until(lambda: (folder / "begun").exists())
     run.send_signal(signal.SIGTERM)  # as at the limit
     said = run.stdout.read()
     run.wait(LIMIT_S)
