@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict
-from scipy.optimize import minimize
 
 from ..answer.quality import AlignmentQuality
 from ..errors import REBUILD, IncompatibleVersion
@@ -365,6 +364,10 @@ class Calibration:
             right: (n,) whether that pose, or one that ties with it, was right.
             weight: (n,) number of real cases that each stands for.
         """
+        from scipy.optimize import (
+            minimize,
+        )  # imported late: it takes a worker half its start, and no query fits
+
         truth, counts = np.asarray(right, np.float64), np.asarray(weight, np.float64)
         prior = cls().weights
         spread = SPREAD * np.array([SPREAD_BIAS, *prior[1:]])
