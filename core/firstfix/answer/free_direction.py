@@ -61,6 +61,8 @@ def free_directions(covariance: NDArray[np.float64]) -> tuple[FreeDirection, ...
     parts = (Motion.TRANSLATION, slice(0, 3), FREE_M), (Motion.ROTATION, slice(3, 6), FREE_RAD)
     found = []
     for motion, part, limit in parts:
+        if covariance[part, part].trace() < limit**2:  # no variance is above their sum
+            continue
         variances, vectors = np.linalg.eigh(covariance[part, part])
         for variance, direction in zip(variances[::-1].tolist(), vectors.T[::-1], strict=True):
             if variance > limit**2:

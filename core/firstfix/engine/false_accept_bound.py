@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import betaincinv
 
 from ..errors import InvalidOption
 
@@ -127,6 +126,8 @@ class FalseAcceptBound:
 
 def upper_bound(accepted: int, negatives: int, confidence: float = CONFIDENCE) -> float:
     """One-sided upper confidence bound of a share (Clopper and Pearson, 1934), rounded up to six digits."""
+    from scipy.special import betaincinv  # imported late: a query reads bounds, and makes none
+
     if accepted >= negatives:
         return 1.0
     exact = float(betaincinv(accepted + 1, negatives - accepted, confidence))

@@ -314,7 +314,8 @@ class HypothesisSearch:
         risen_m = np.array([one.start_z_m - one.registration.T_level_sensor[2, 3] for one in candidates])
         slid = np.abs(risen_m) > self._ranking.slid_m
         number = len(_BESIDE) + int(slid.any())
-        starts = np.array([[one.registration.T_level_sensor] * number for one in candidates])
+        starts = np.array([one.registration.T_level_sensor for one in candidates])[:, None]
+        starts = starts.repeat(number, axis=1)  # (k, starts of each, 4, 4)
         starts[:, : len(_BESIDE), :2, 3] += self._ranking.neighbour_m * _BESIDE
         starts[slid, -1, 2, 3] += risen_m[slid]
         aligned = surface.align(self._prepared.sparse, starts.reshape(-1, 4, 4))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -132,10 +133,12 @@ class MapIndex:
     aliases: AliasTable | None = None
     seen_free: SeenFree | None = None
 
-    @property
+    @cached_property
     def T_map_level(self) -> Matrix:
-        """(4, 4) from the index's frame, whose z is up, to the map's."""
-        return np.asarray(self.config.T_map_level, np.float64).reshape(4, 4)
+        """(4, 4) from the index's frame, whose z is up, to the map's; read-only."""
+        T = np.array(self.config.T_map_level, np.float64).reshape(4, 4)
+        T.setflags(write=False)
+        return T
 
     @classmethod
     def load(cls, directory: Path, calibration: Calibration | None = None) -> MapIndex:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
 from math import exp, log
 from operator import mul
 from typing import Any
@@ -21,7 +22,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict
-from scipy.optimize import minimize
 
 from ..answer.quality import AlignmentQuality
 from ..errors import REBUILD, IncompatibleVersion
@@ -330,7 +330,11 @@ class Calibration:
     @property
     def weights(self) -> NDArray[np.float64]:
         """(6,) weights of the model, bias first."""
-        return np.array([getattr(self, name) for name in WEIGHTS])
+        return np.array(self._model)
+
+    @cached_property
+    def _model(self) -> tuple[float, ...]:
+        return tuple(getattr(self, name) for name in WEIGHTS)
 
     def with_ties_as_in(self, other: Calibration) -> Calibration:
         """This calibration, with the other one's weights for poses that tie."""
@@ -338,8 +342,7 @@ class Calibration:
 
     def probability(self, features: MatchFeatures) -> float:
         """Probability, 0..1, that the pose or one that ties with it is right."""
-        tie = features.tied > 1 and self.among_tied
-        bias, *weights = self.among_tied if tie else (getattr(self, name) for name in WEIGHTS)
+        bias, *weights = (features.tied > 1 and self.among_tied) or self._model
         # plain floats: a query asks a dozen times, and of five numbers an array takes longer than the sum
         log_odds = bias + sum(map(mul, features.inputs, weights))
         return 1 / (1 + exp(-min(max(log_odds, -50.0), 50.0)))
@@ -365,6 +368,10 @@ class Calibration:
             right: (n,) whether that pose, or one that ties with it, was right.
             weight: (n,) number of real cases that each stands for.
         """
+        from scipy.optimize import (
+            minimize,
+        )  # imported late: it takes a worker half its start, and no query fits
+
         truth, counts = np.asarray(right, np.float64), np.asarray(weight, np.float64)
         prior = cls().weights
         spread = SPREAD * np.array([SPREAD_BIAS, *prior[1:]])

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bit_exact.sample import rows_by_chance
 from ..scan.scan import Scan
 from .index import MapIndex
 from .verification.point_tiles import PointTiles
@@ -23,11 +24,10 @@ _MOST_ROWS = 1000  # of directions from the lowest to the highest
 
 
 def own_scans(index: MapIndex, count: int = VIEWPOINTS) -> Iterator[Scan]:
-    """Yields scans at ``count`` templates spread over the map, or at all of a smaller map."""
-    templates = index.cascade.templates
-    few = min(count, len(templates))
-    for row in (np.arange(few) * 2 + 1) * len(templates) // (2 * few):  # the middles of equal parts
-        yield seen_from(index, np.asarray(templates.position_m[row], np.float64))
+    """Yields scans at ``count`` templates (``rows_by_chance``) of the map, or at all of a smaller map."""
+    position_m = index.cascade.templates.position_m
+    for row in rows_by_chance(len(position_m), count):
+        yield seen_from(index, np.asarray(position_m[row], np.float64))
 
 
 def seen_from(index: MapIndex, position_m: NDArray[np.float64]) -> Scan:

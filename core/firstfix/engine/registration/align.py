@@ -101,6 +101,8 @@ class Registrations:
     @classmethod
     def together(cls, parts: Sequence[Registrations]) -> Registrations:
         """Registrations of all parts, in order. None of them has a twist."""
+        if len(parts) == 1:
+            return parts[0]
         names = [field.name for field in fields(cls) if field.name != "twist"]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 

@@ -43,7 +43,7 @@ def pose_covariance(
     in_map = to_map @ in_level @ to_map.T
     covariance: NDArray[np.float64] = (in_map + in_map.T) / 2  # equal to the last bit on both sides
     floor_m = config.map_voxel_m * _FLOOR_OF_VOXEL
-    covariance[np.diag_indices(6)] += np.repeat([floor_m**2, np.radians(_FLOOR_DEG) ** 2], 3)
+    covariance.flat[::7] += np.repeat([floor_m**2, np.radians(_FLOOR_DEG) ** 2], 3)
     return covariance
 
 

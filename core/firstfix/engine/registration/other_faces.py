@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from .surface import Surface
 
@@ -18,6 +17,8 @@ def other_faces(surface: Surface, reach_m: float) -> NDArray[np.int32]:
 
     Points whose normals may point away from the viewer have no other face, and are none.
     """
+    from scipy.spatial import cKDTree  # imported late: a query reads the grids, and makes none
+
     way = _ways(surface)
     found = np.full(len(surface), -1, np.int32)
     order = np.argsort(surface.points[:, 0], kind="stable").astype(np.int32)

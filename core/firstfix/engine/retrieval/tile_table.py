@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,8 +44,11 @@ def runs_around(
         centre: (2 or more,) metres.
         reach_m: distance along x and y.
     """
-    size = np.array(begin.shape) - (0, 1)
-    first = np.floor((centre[:2] - reach_m) / TILE_M) - low
-    last = np.floor((centre[:2] + reach_m) / TILE_M) - low + 1
-    (left, bottom), (right, top) = (np.clip(edge, 0, size).astype(np.int64) for edge in (first, last))
-    return [slice(begin[x, bottom], begin[x, top]) for x in range(left, right)]
+    columns, ends = begin.shape
+    bounds = []  # of the columns, then of the rows in each; of two numbers an array takes longer than the sum
+    for at_m, lowest, size in zip(centre[:2].tolist(), low.tolist(), (columns, ends - 1), strict=True):
+        first = math.floor((at_m - reach_m) / TILE_M) - lowest
+        last = math.floor((at_m + reach_m) / TILE_M) - lowest + 1
+        bounds.append([min(max(edge, 0), size) for edge in (first, last)])
+    (left, right), rows = bounds
+    return [slice(*run) for run in begin[left:right, rows].tolist()]

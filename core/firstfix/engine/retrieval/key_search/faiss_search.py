@@ -36,6 +36,7 @@ class FaissSearch:
         """
         self._indexes, self._shards = indexes, shards
         self._inverted = isinstance(indexes[0], faiss.IndexIVF)
+        self._count = sum(index.ntotal for index in indexes)
 
     @classmethod
     def build(
@@ -57,7 +58,7 @@ class FaissSearch:
         return cls(indexes, shards)
 
     def __len__(self) -> int:
-        return sum(index.ntotal for index in self._indexes)
+        return self._count
 
     def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
         """Rows of at most ``count`` keys near a (d,) key, nearest first."""

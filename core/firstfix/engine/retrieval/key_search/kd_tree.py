@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ...config import SearchConfig
 from .keys_file import load_keys, nearest_of, save_keys
@@ -16,6 +15,8 @@ class KdTree:
     """KD tree of SciPy. Exact; with the dimension of the keys its time grows to that of ``Exhaustive``."""
 
     def __init__(self, keys: NDArray[np.float32]) -> None:
+        from scipy.spatial import cKDTree  # imported late: the default engine does without it
+
         self._tree = cKDTree(keys)
 
     @classmethod

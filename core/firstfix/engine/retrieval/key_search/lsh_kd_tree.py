@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ...config import LshConfig, SearchConfig
 from .keys_file import load_keys, nearest_of, save_keys
@@ -82,6 +81,8 @@ class _Bucket:
     """Keys of one hash, with their KD tree."""
 
     def __init__(self, keys: NDArray[np.float32], rows: NDArray[np.int64]) -> None:
+        from scipy.spatial import cKDTree  # imported late: the default engine does without it
+
         self._rows, self._tree = rows, cKDTree(keys[rows])
 
     def nearest(self, key: NDArray[np.float32], count: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
