@@ -12,7 +12,7 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from firstfix.builds.config import ActivateConfig, BuildConfig, PatchMode
+from firstfix.builds.config import ActivateConfig, PatchMode, SelfTestConfig
 from firstfix.builds.options import (
     FETCH_SOURCE,
     PUBLISH,
@@ -131,7 +131,7 @@ def run_build(
                         collect_confirmed(
                             samples,
                             map_id,
-                            BuildConfig.parse(config).self_test.confirmed,
+                            SelfTestConfig.model_validate(config.get("self_test") or {}).confirmed,
                             work / "sources" / "confirmed",
                         ),
                     )
