@@ -391,18 +391,29 @@ class BuildStages(StageRunner):
         return self._stage("draw_cloud", {"map": read.digest, "index": index.digest}, {}, produce)
 
     def self_test(
-        self, read: StageResult, mesh: StageResult, viewpoints: StageResult, index: StageResult
+        self,
+        read: StageResult,
+        mesh: StageResult,
+        viewpoints: StageResult,
+        index: StageResult,
+        confirmed: Path | None = None,
     ) -> StageResult:
-        """The calibration, the version's measured success, and what was left out of floor and cloud."""
+        """The calibration, the version's measured success, and what was left out of floor and cloud.
+
+        Args:
+            confirmed: folder of ``decode_confirmed``.
+        """
 
         def produce(out: Path) -> None:
             points = np.load(index.directory / MAP_FILE)
+            told = HeldOut() if confirmed is None else HeldOut.load(confirmed)
+            told = told.moved(inverse(np.load(read.directory / "T_map_level.npy")))
             found, calibration, bound, places = run_self_test(
                 Localizer(MapIndex.load(index.directory, Calibration()), explains=False),
                 simulator_of(mesh),
                 self.config.sensor_model,
                 self.config.self_test,
-                RealScans.of(HeldOut.load(read.directory), points),
+                RealScans.of(HeldOut.load(read.directory), points, told),
                 self.threads,
                 self._ticks("self_test"),
                 self.cancelled,
@@ -421,6 +432,8 @@ class BuildStages(StageRunner):
         }
         inputs = {"map": read, "mesh": mesh, "viewpoints": viewpoints, "index": index}
         digests = {name: result.digest for name, result in inputs.items()}
+        if confirmed is not None:
+            digests["confirmed"] = content_hash(confirmed)
         return self._stage("self_test", digests, chosen, produce)
 
     def assume_prior(self, index: StageResult) -> StageResult:

@@ -32,12 +32,14 @@ from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
 from .execution.stage_runner import Progress
 from .job.build_job import BuildResult
 from .patch.stages import PATCH_FILE, PatchStages, patch_record
+from .self_test.confirmed_scans import decode_confirmed
 from .sessions.stages import SESSIONS_FILE
 from .stage_files import findings_of, link
 from .viewpoints.workload import Workload
 
 _log = logging.getLogger(__name__)
 _ALONE = BuildOptions()
+CONFIRMED = "confirmed"  # folder below the work folder
 # Of a provisional version: coarse, untested, made in seconds, served until the full one is there.
 COARSER = 1.5  # cells of the surface, against those that follow the points' spacing
 BLOCK_CELLS = 128  # edge of a block of the surface: small ones, so that all processors work
@@ -51,6 +53,7 @@ def build_version(
     work: Path,
     *,
     trajectory: Path | None = None,
+    confirmed: Path | None = None,
     progress: Progress = lambda stage, fraction: None,
     cancelled: Callable[[], bool] = lambda: False,
     shared: StagesElsewhere | None = None,
@@ -63,6 +66,7 @@ def build_version(
         source: a map file or folder, as ``read_map`` takes it, a folder of sessions with a
             ``sessions.yaml``, or the folder of a patch (``job.patch_source``).
         trajectory: poses of the mapping run, if they are not in the source.
+        confirmed: folder of confirmed queries (``job.confirmed_queries``), which the self-test asks too.
         shared: finished stages of other machines.
         publish_provisional: called with the provisional version when it is ready; None: none is made.
         options: of these ``executor`` and ``store`` say where chunks are run, and ``max_templates`` counts.
@@ -89,7 +93,8 @@ def build_version(
                 publish_provisional(early)
         mesh, viewpoints, index = build.index_map(read)
         drawn = build.draw_cloud(read, index)
-        tested = build.self_test(read, mesh, viewpoints, index)
+        with _decoded(confirmed, work) as scans:
+            tested = build.self_test(read, mesh, viewpoints, index, scans)
         compared = build.compare_patch(source, read, mesh, index, tested)
         return _collect(config, read, [index, drawn, tested], work / "version", compared=compared)
 
@@ -146,12 +151,13 @@ def read_source(
     work: Path,
     *,
     trajectory: Path | None = None,
+    confirmed: Path | None = None,
     progress: Progress = lambda stage, fraction: None,
     cancelled: Callable[[], bool] = lambda: False,
     shared: StagesElsewhere | None = None,
     options: BuildOptions = _ALONE,
 ) -> None:
-    """Runs the first stage alone, and raises as ``build_version`` does.
+    """Runs the first stage alone and decodes what is confirmed; raises as ``build_version`` does.
 
     ``build_version`` with the same arguments then finds its result and parses no file of the source.
     """
@@ -162,6 +168,21 @@ def read_source(
         workload = Workload(options.max_templates)
         build = PatchStages(cache, chunks, progress, cancelled, config, threads, workload=workload)
         build.read_source(source, trajectory)
+        if confirmed is not None:
+            decode_confirmed(confirmed, work / CONFIRMED)
+
+
+@contextmanager
+def _decoded(confirmed: Path | None, work: Path) -> Iterator[Path | None]:
+    """Folder with the scans of confirmed queries, which is removed at the end: they are sensor data."""
+    if confirmed is None:
+        yield None
+        return
+    try:
+        decode_confirmed(confirmed, work / CONFIRMED)
+        yield work / CONFIRMED
+    finally:
+        shutil.rmtree(work / CONFIRMED, ignore_errors=True)
 
 
 @contextmanager

@@ -50,6 +50,7 @@ def build_here(options: BuildOptions, sandbox: SandboxedBuild | None, job: Build
         BuildConfig.parse(job.config),
         job.work / "build",
         trajectory=job.trajectory,
+        confirmed=job.confirmed,
         progress=job.progress,
         cancelled=job.cancelled,
         shared=SharedStages(Store.open(options.store)) if options.share_stages else None,

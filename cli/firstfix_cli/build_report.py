@@ -80,6 +80,13 @@ def _threshold_lines(threshold: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def _days(told: Mapping[str, Any]) -> str:
+    """Returns the days between which queries were confirmed."""
+    if not told["told_from"]:
+        return "on unknown days"
+    return f"{told['told_from'][:10]} to {told['told_to'][:10]}"
+
+
 def _real_lines(real: Mapping[str, Any]) -> list[str]:
     """Returns what the real scans of the source showed, and which of them were left out."""
     lines = []
@@ -90,10 +97,16 @@ def _real_lines(real: Mapping[str, Any]) -> list[str]:
             f"    {_median(real['median_error_m'])}, {real['localized']:.0%} answered localized, "
             f"{real['false_accepts']} false among them",
         ]
+        told = real.get("confirmed", {})
+        if told.get("asked"):
+            lines.append(
+                f"    {told['asked']} of them queries of {told['robots']} robots, confirmed by "
+                f"{told['told_by']} callers, {_days(told)}"
+            )
         if real["disagree"]:
             about = ", ".join(real["disagree"])
             lines.append(f"    real and simulated scans disagree ({about}): believe the real ones")
     if real.get("left_out"):
-        lines.append(f"  {len(real['left_out'])} real scans left out:")
+        lines.append("  real scans left out:")
         lines += [f"    {name}: {reason}" for name, reason in real["left_out"].items()]
     return lines

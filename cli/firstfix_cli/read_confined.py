@@ -29,7 +29,7 @@ def read_confined(job: BuildJob, options: BuildOptions) -> None:
     """
     from firstfix_builder.sandbox.sandboxed_build import SandboxedBuild
 
-    sources = [path for path in (job.source, job.trajectory) if path is not None]
+    sources = [path for path in (job.source, job.trajectory, job.confirmed) if path is not None]
     readable = [one for path in sources for one in _with_targets(path)]
     SandboxedBuild(options, sources=readable).read_source(job)
 

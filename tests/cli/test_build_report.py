@@ -48,12 +48,20 @@ def test_real_and_simulated_success_stand_side_by_side():
         "false_accepts": 1,
         "disagree": ["localized"],
         "left_out": {"x.pcd": "it has no pose"},
+        "confirmed": {
+            "asked": 4,
+            "robots": 2,
+            "told_by": 1,
+            "told_from": "2026-03-02T09:00:00+00:00",
+            "told_to": "2026-03-04T09:00:00+00:00",
+        },
     }
     assert self_test_lines({**TESTED, "real": real})[2:] == [
         "  9 real scans, each as heavy as 3 simulated ones: 50% within 0.2m",
         "    median error 0.300 m, 40% answered localized, 1 false among them",
+        "    4 of them queries of 2 robots, confirmed by 1 callers, 2026-03-02 to 2026-03-04",
         "    real and simulated scans disagree (localized): believe the real ones",
-        "  1 real scans left out:",
+        "  real scans left out:",
         "    x.pcd: it has no pose",
     ]
     assert self_test_lines({**TESTED, "real": {}}) == self_test_lines(TESTED)

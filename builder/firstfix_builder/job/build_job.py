@@ -37,6 +37,7 @@ class BuildJob:
         progress: called with a stage's name and its completed share, 0..1.
         cancelled: returns whether the build is cancelled.
         publish_provisional: called with the provisional version when it is ready; None: none is made.
+        confirmed: folder of confirmed queries (``confirmed_queries``), or None.
     """
 
     source: Path
@@ -46,6 +47,7 @@ class BuildJob:
     progress: Callable[[str, float], None]
     cancelled: Callable[[], bool]
     publish_provisional: Callable[[BuildResult], None] | None = None
+    confirmed: Path | None = None
 
 
 BuildVersion: TypeAlias = Callable[[BuildJob], BuildResult]

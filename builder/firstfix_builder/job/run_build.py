@@ -12,7 +12,7 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from firstfix.builds.config import ActivateConfig, PatchMode
+from firstfix.builds.config import ActivateConfig, PatchMode, SelfTestConfig
 from firstfix.builds.options import (
     FETCH_SOURCE,
     PUBLISH,
@@ -37,6 +37,7 @@ from firstfix.store.store import Store
 
 from ..execution.build_trace import BuildTrace
 from .build_job import BuildJob, BuildResult, BuildVersion, error_record, full_disk_named
+from .confirmed_queries import collect_confirmed
 from .fetch_source import SourceFetch, json_object
 from .patch_source import collect_patch_source
 from .reporter import BuildReporter
@@ -105,9 +106,9 @@ def run_build(
                     catalog.store.probe()
                     fetch = SourceFetch(options, catalog.store, map_id)
                     sources = fetch.of_request(request, partial(tick, FETCH_SOURCE))
+                    samples = QuerySamples(Store.open(options.samples_store or options.store))
                     patch = json_object(request, "patch")
                     if patch:
-                        samples = QuerySamples(Store.open(options.samples_store or options.store))
                         folder = work / "sources" / "patch"
                         collected = collect_patch_source(
                             catalog,
@@ -127,6 +128,12 @@ def run_build(
                         tick,
                         reporter.is_cancelled,
                         publish_provisional if is_early else None,
+                        collect_confirmed(
+                            samples,
+                            map_id,
+                            SelfTestConfig.model_validate(config.get("self_test") or {}).confirmed,
+                            work / "sources" / "confirmed",
+                        ),
                     )
                     built = build_version(job)
                     if reporter.is_cancelled():

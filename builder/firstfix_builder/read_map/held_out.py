@@ -1,6 +1,7 @@
 """Held-out scans of a map: real scans with their poses, which are not among the map's points.
 
-A map's folder brings them in a folder of their own:
+Confirmed queries of robots are such scans (``self_test.confirmed_scans``). Besides, a map's folder brings
+them in a folder of their own:
 
     held_out/poses.csv    columns scan (path from this folder) and tx,ty,tz,qx,qy,qz,qw (T_map_sensor)
     held_out/...          the scans, as ``firstfix localize`` reads them
@@ -12,12 +13,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.errors import InputError, NotFound
+from firstfix.scan.compact import CompactScan
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
@@ -26,16 +29,37 @@ from .posed_scans import POSES, pose_of, read_posed_scan, read_poses, why_not_re
 
 FOLDER = "held_out"
 MAX_SCANS, SEED = 40, 11  # the self-test asks: of more, these are drawn by chance
-_SCANS_FILE, _LEFT_OUT_FILE = "held_out.npz", "held_out.json"
+_SCANS_FILE, _RECORD_FILE = "held_out.npz", "held_out.json"
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Who has said where a scan was taken, and what it was asked with.
+
+    Attributes:
+        robot: pseudonym of the credential that asked; empty if it had none.
+        told_by, told_at: who has told the place, and when (UTC, ISO 8601); empty if nobody can tell.
+        options: about the scan, as ``LocalizeOptions.to_strings`` writes them.
+    """
+
+    robot: str
+    told_by: str
+    told_at: str
+    options: Mapping[str, str]
 
 
 @dataclass(frozen=True)
 class HeldOutScan:
-    """A real scan and where it was taken: T_map_sensor as it is read, T_level_sensor in the self-test."""
+    """A real scan and where it was taken: T_map_sensor as it is read, T_level_sensor in the self-test.
+
+    Attributes:
+        confirmation: of a robot's query; None: the map's source brings the scan.
+    """
 
     name: str
-    scan: Scan
+    scan: Scan | CompactScan
     T_sensor: Matrix
+    confirmation: Confirmation | None = None
 
 
 @dataclass(frozen=True)
@@ -62,9 +86,10 @@ class HeldOut:
         )
 
     def save(self, directory: Path) -> None:
-        """Writes a stage's files. Times of points that are not known are NaN."""
+        """Writes a stage's files. Times of points that are not known are NaN; a whole scan has no ranges."""
         scans = [one.scan for one in self.scans]
         times = [np.full(len(s.points), np.nan, np.float32) if s.time_s is None else s.time_s for s in scans]
+        ranges = [s.nearest_m if isinstance(s, CompactScan) else np.empty(0, np.float32) for s in scans]
         np.savez(
             directory / _SCANS_FILE,
             names=np.array([one.name for one in self.scans], dtype=np.str_),
@@ -72,25 +97,48 @@ class HeldOut:
             ends=np.cumsum([len(scan.points) for scan in scans], dtype=np.int64),
             points=np.concatenate([np.empty((0, 3), np.float32), *(scan.points for scan in scans)]),
             time_s=np.concatenate([np.empty(0, np.float32), *times]),
+            range_ends=np.cumsum([len(some) for some in ranges], dtype=np.int64),
+            nearest_m=np.concatenate([np.empty(0, np.float32), *ranges]),
         )
-        (directory / _LEFT_OUT_FILE).write_text(json.dumps(self.reasons, sort_keys=True))
+        confirmed = [None if one.confirmation is None else asdict(one.confirmation) for one in self.scans]
+        record = {"left_out": self.reasons, "confirmed": confirmed}
+        (directory / _RECORD_FILE).write_text(json.dumps(record, sort_keys=True))
 
     @classmethod
     def load(cls, directory: Path) -> HeldOut:
         """Reads what ``save`` wrote; nothing if it wrote nothing."""
         if not (directory / _SCANS_FILE).exists():
             return cls()
+        record = json.loads((directory / _RECORD_FILE).read_text())
         with np.load(directory / _SCANS_FILE) as file:
             stored = {name: file[name] for name in file.files}
         parts = zip(
+            stored["names"].tolist(),
             np.split(stored["points"], stored["ends"][:-1]),
             np.split(stored["time_s"], stored["ends"][:-1]),
-            strict=True,
+            np.split(stored["nearest_m"], stored["range_ends"][:-1]),
+            stored["T_sensor"],
+            record["confirmed"],
+            strict=False,  # of no scans, too, split makes one part
         )
-        scans = [Scan.from_points(xyz, time_s=None if np.isnan(at).any() else at) for xyz, at in parts]
-        named = zip(stored["names"].tolist(), scans, stored["T_sensor"], strict=False)
-        left_out = json.loads((directory / _LEFT_OUT_FILE).read_text())
-        return cls(tuple(HeldOutScan(name, scan, T) for name, scan, T in named), left_out)
+        scans = [
+            HeldOutScan(
+                name,
+                _scan_of(points, None if np.isnan(at).any() else at, ranges),
+                T,
+                None if told is None else Confirmation(**told),
+            )
+            for name, points, at, ranges, T, told in parts
+        ]
+        return cls(tuple(scans), record["left_out"])
+
+
+def _scan_of(
+    points: NDArray[np.float32], time_s: NDArray[np.float32] | None, nearest_m: NDArray[np.float32]
+) -> Scan | CompactScan:
+    if len(nearest_m):
+        return CompactScan(points, nearest_m, time_s=time_s)
+    return Scan.from_points(points, time_s=time_s)
 
 
 def read_held_out(source: Path, axis: str, scale: float = 1.0) -> HeldOut | None:

@@ -175,6 +175,7 @@ def run_job(
                 BuildConfig.parse(job["config"]),
                 work,
                 trajectory=None if job["trajectory"] is None else Path(job["trajectory"]),
+                confirmed=None if job["confirmed"] is None else Path(job["confirmed"]),
                 progress=progress,
                 cancelled=outside.is_cancelled,
                 shared=outside if options.share_stages else None,

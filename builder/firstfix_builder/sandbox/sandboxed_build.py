@@ -143,6 +143,7 @@ class SandboxedBuild:
             "environment": options.environment(),
             "source": str(job.source.absolute()),
             "trajectory": None if job.trajectory is None else str(job.trajectory.absolute()),
+            "confirmed": None if job.confirmed is None else str(job.confirmed.absolute()),
             "config": job.config,
             "read_only": read_only,
         }

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import fisher_exact
 
+from firstfix.answer.options import LocalizeOptions
 from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.transform import transform_points
 
@@ -29,7 +30,7 @@ class RealScans:
     """The real scans that the self-test asks.
 
     Attributes:
-        scans: with T_level_sensor.
+        scans: with T_level_sensor; held-out ones first, then confirmed ones.
         left_out: reasons against all others, by name.
     """
 
@@ -37,17 +38,22 @@ class RealScans:
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, held_out: HeldOut, map_points: NDArray[np.floating]) -> RealScans:
-        """Selects the held-out scans whose poses fit the map.
+    def of(
+        cls, held_out: HeldOut, map_points: NDArray[np.floating], confirmed: HeldOut | None = None
+    ) -> RealScans:
+        """Selects the scans whose poses fit the map.
 
         Args:
-            held_out: with poses in the level frame.
+            held_out: by the map's source, with poses in the level frame.
             map_points: (n, 3) in the same frame.
+            confirmed: by robots' queries, in the same frame.
         """
-        if not held_out.scans:
-            return cls((), held_out.reasons)
-        tree, fit, left_out = cKDTree(map_points), [], held_out.reasons
-        for one in held_out.scans:
+        confirmed = confirmed or HeldOut()
+        scans, left_out = (*held_out.scans, *confirmed.scans), {**held_out.reasons, **confirmed.reasons}
+        if not scans:
+            return cls((), left_out)
+        tree, fit = cKDTree(map_points), []
+        for one in scans:
             points = one.scan.points[rows_by_chance(len(one.scan.points), COMPARED_POINTS)]
             away_m = tree.query(transform_points(one.T_sensor, points))[0]
             residual_m = float(np.median(away_m)) if len(away_m) else np.inf
@@ -59,6 +65,23 @@ class RealScans:
                     f"(limit {MAX_RESIDUAL_M} m)"
                 )
         return cls(tuple(fit), left_out)
+
+    def options_of(self, number: int, usual: LocalizeOptions) -> LocalizeOptions:
+        """Options that a scan is asked with: a robot's query with its own, others as usual."""
+        told = self.scans[number].confirmation
+        return usual if told is None else LocalizeOptions.from_strings(told.options)
+
+    def confirmations(self) -> dict[str, Any]:
+        """How many of the scans are confirmed queries, of how many robots, told by how many, and when."""
+        told = [one.confirmation for one in self.scans if one.confirmation is not None]
+        at = sorted(one.told_at for one in told if one.told_at)
+        return {
+            "asked": len(told),
+            "robots": len({one.robot for one in told}),
+            "told_by": len({one.told_by for one in told}),
+            "told_from": at[0] if at else None,
+            "told_to": at[-1] if at else None,
+        }
 
     def weight(self, simulated: int) -> float:
         """Weight of each, a simulated one has 1. Together they weigh no more than the simulated ones."""

@@ -55,7 +55,7 @@ class SelfTest:
         real: the same of the real scans that were asked too: their number ``asked``, the ``weight`` of each
             among the calibration's cases, ``success``, ``localized``, ``median_error_m`` and
             ``false_accepts``; ``disagree``, which of these differ from those of the simulated scans by more
-            than chance; and ``left_out``, with reasons.
+            than chance; ``left_out``, with reasons; and ``confirmed``, ``RealScans.confirmations``.
     """
 
     queries: int
@@ -131,7 +131,7 @@ def run_self_test(
         if cancelled():
             raise BuildCancelled("cancelled during the self-test")
         one = real.scans[number]
-        answer = localizer.localize(one.scan, asked_with)
+        answer = localizer.localize(one.scan, real.options_of(number, asked_with))
         query = real.query(number, len(queries))
         ticked()
         return replace(Outcome.here(query, answer, one.T_sensor, T_map_level), is_real=True)
@@ -253,6 +253,7 @@ def _of_real(
             (len(outcomes), found.queries),
         ),
         "left_out": dict(sorted(real.left_out.items())),
+        "confirmed": real.confirmations(),
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -171,10 +172,12 @@ def _build_here(
     from firstfix.builds.config import BuildConfig
     from firstfix.builds.shared_stages import collect_stages
     from firstfix.catalog.catalog import Catalog
+    from firstfix.catalog.query_samples import QuerySamples
     from firstfix.store.store import Store
     from firstfix_builder.execution.build_trace import BuildTrace
     from firstfix_builder.execution.dask_executor import check_reachable
     from firstfix_builder.job.build_job import BuildJob
+    from firstfix_builder.job.confirmed_queries import collect_confirmed
     from firstfix_builder.pipeline import build_version
 
     from ..read_confined import read_confined
@@ -190,15 +193,20 @@ def _build_here(
             trace.tick(stage)
             show(stage, fraction)
 
-        read_confined(BuildJob(source, trajectory, given, options.work, progress, lambda: False), options)
+        samples, kept = QuerySamples(opened), options.work / "confirmed"
+        confirmed = collect_confirmed(samples, map_id, settings.self_test.confirmed, kept)
+        job = BuildJob(source, trajectory, given, options.work, progress, lambda: False, confirmed=confirmed)
+        read_confined(job, options)
         built = build_version(
             source,
             settings,
             options.work / "build",
             trajectory=trajectory,
+            confirmed=confirmed,
             progress=progress,
             options=options,
         )
+        shutil.rmtree(kept, ignore_errors=True)
         progress(PUBLISH, 0.0)
         catalog = Catalog(opened)
         held = catalog.reason_to_hold(map_id, built.manifest, settings.activate)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from firstfix.catalog.query_samples import QuerySample, QuerySamples
 
 app = typer.Typer(
-    help="List, show, fetch and remove kept queries. FIRSTFIX_SAMPLES_SHARE makes a service keep some.",
+    help="List, show, fetch, confirm and remove kept queries. FIRSTFIX_SAMPLES_SHARE keeps some.",
     epilog=examples(
         "firstfix samples ls --url http://localhost:8080 --map hall",
+        "firstfix samples confirm 20260302t090000000000-0000000a --url http://localhost:8080",
         "firstfix samples fetch --store s3://maps/firstfix -o samples",
     ),
     no_args_is_help=True,
@@ -90,6 +91,37 @@ def fetch(
         typer.echo(path)
 
 
+@app.command()
+def confirm(
+    sample_ids: Annotated[list[str], typer.Argument(metavar="SAMPLE...", help="Ids of kept queries.")],
+    url: Url = None,
+    pose: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z,QX,QY,QZ,QW",
+            help="T_map_sensor where the scan was taken [default: that of the answer].",
+        ),
+    ] = None,
+    undo: Annotated[bool, typer.Option("--undo", help="Forget what was said.")] = False,
+) -> None:
+    """Say that the answers were right, or where a scan was taken.
+
+    The self-test of the map's next build asks these scans, too.
+    """
+    from firstfix.errors import InvalidOption
+
+    from ..export.viewer_client import ViewerClient
+
+    if pose is not None and (undo or len(sample_ids) > 1):
+        raise InvalidOption("--pose is of one kept query, and not for --undo")
+    told = None if pose is None else _pose(pose)
+    client = ViewerClient.at(url)
+    with client:
+        for sample_id in sample_ids:
+            client.set_truth(sample_id, {} if undo else _truth_of(client.sample(sample_id), told))
+            typer.echo(f"{sample_id}  {'forgotten' if undo else 'confirmed'}")
+
+
 @app.command("rm")
 def remove(
     store: SamplesStore,
@@ -108,6 +140,29 @@ def remove(
     for one in doomed:
         kept.delete(one)
     typer.echo(f"{len(doomed)} removed")
+
+
+def _truth_of(sample: QuerySample, pose: dict[str, Any] | None) -> dict[str, Any]:
+    """The truth of a query: the pose in its map, by default that of its answer."""
+    from firstfix.errors import InvalidOption
+
+    map_id = sample.answer.get("map_id") or sample.map_id
+    at = pose or sample.answer.get("T_map_sensor")
+    if at is None:
+        raise InvalidOption(f"{sample.sample_id} was answered without a pose: give --pose")
+    return {"map_id": map_id, "T_map_sensor": at}
+
+
+def _pose(text: str) -> dict[str, Any]:
+    from firstfix.errors import InvalidOption
+
+    try:
+        x, y, z, *quaternion = (float(part) for part in text.split(","))
+    except ValueError:
+        quaternion = []
+    if len(quaternion) != 4:
+        raise InvalidOption(f"--pose is seven numbers X,Y,Z,QX,QY,QZ,QW, not {text[:80]!r}")
+    return {"position": [x, y, z], "quaternion": quaternion}
 
 
 def _samples(store: str) -> QuerySamples:

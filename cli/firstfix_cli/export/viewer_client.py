@@ -47,10 +47,27 @@ class ViewerClient(Client):
         for record in self._http.items(
             self._http.steps.sender.pages("samples", dict, "samples", params=params)
         ):
-            try:
-                yield QuerySample(**{**record, "truth": record["truth"] or {}})
-            except (TypeError, KeyError) as error:
-                raise FirstfixError(f"the service sent a kept query that cannot be read: {error!r}") from None
+            yield _sample_of(record)
+
+    def sample(self, sample_id: str) -> QuerySample:
+        """Returns one kept query.
+
+        Raises:
+            NotFound: no such sample.
+        """
+        return _sample_of(
+            self._http.run(self._http.steps.sender.call("GET", "samples", sample_id)).parsed(dict)
+        )
+
+    def set_truth(self, sample_id: str, truth: Mapping[str, Any]) -> None:
+        """Notes where the scan of a kept query was taken; empty: it is not known.
+
+        Raises:
+            NotFound: no such sample.
+        """
+        path = ("samples", sample_id, "truth")
+        sender = self._http.steps.sender
+        self._http.run(sender.call("PUT", *path, json=dict(truth)) if truth else sender.call("DELETE", *path))
 
     def sample_body(self, sample_id: str) -> bytes:
         """Returns the body of a kept query as it came.
@@ -59,3 +76,10 @@ class ViewerClient(Client):
             NotFound: no such sample.
         """
         return self._http.run(self._http.steps.sender.call("GET", "samples", sample_id, "body")).body
+
+
+def _sample_of(record: Mapping[str, Any]) -> QuerySample:
+    try:
+        return QuerySample(**{**record, "truth": record["truth"] or {}})
+    except (TypeError, KeyError) as error:
+        raise FirstfixError(f"the service sent a kept query that cannot be read: {error!r}") from None

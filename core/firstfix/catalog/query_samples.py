@@ -4,8 +4,9 @@
     samples/<sample_id>.json    request and answer; written last: without it there is no sample
 
 Ids begin with the time, so that they sort by age. Earlier releases refuse a record with another field, and
-replace its truth alone. So the checksum and the robot are within the answer, and the checksum covers all but
-the truth, which has its own.
+replace its truth alone. So the checksum, the robot, and who has told the truth are within the answer. The
+checksum covers all but the truth, which has its own: who has told is kept with it, and counts for no other
+truth.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
-from datetime import datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from typing import Any
 
 from ..errors import InvalidOption, NotFound, UnreadableRecord
@@ -35,7 +36,8 @@ from ..store.store import Store
 
 FOLDER = "samples"
 REPLAY = "replay-"  # prefix of the request id of a replayed query, which is not sampled again
-_BODY_SHA256, _ROBOT = "body_sha256", "robot"
+_BODY_SHA256, _ROBOT, _TOLD = "body_sha256", "robot", "told"
+TOLD_BY, TOLD_AT = "told_by", "told_at"
 _ID = re.compile(r"(\d{8}t\d{12})-[0-9a-f]{8}")
 _TIME_FORM = "%Y%m%dt%H%M%S%f"
 
@@ -51,7 +53,8 @@ class QuerySample:
         options: as in the request, in the form of ``LocalizeOptions.from_strings``.
         answer: ``Localization.to_mapping``.
         truth: where the scan was taken, as people have told since: ``map_id`` and ``T_map_sensor``, in the
-            form of the answer; empty if nobody has.
+            form of the answer; ``told_by``, the caller's name, and ``told_at``, UTC, ISO 8601, which truths
+            of earlier releases lack. Empty if nobody has told.
         body_sha256: of the body, as hex; empty in samples of earlier releases.
         robot: ``robot_of`` the caller; empty if nobody can tell it apart, and in samples of earlier releases.
     """
@@ -139,13 +142,33 @@ class QuerySamples:
             raise UnreadableRecord(f"the body of sample {sample_id} is damaged", RecordKind.SAMPLE.value)
         return body
 
-    def set_truth(self, sample_id: str, truth: Mapping[str, Any]) -> QuerySample:
+    def ids_told_first(self) -> list[str]:
+        """Ids of all samples. Those whose record is much newer than the body come first: a truth was told.
+
+        Whoever looks for truths among very many samples so finds them without reading all.
+        """
+        times: dict[str, dict[str, float]] = {}
+        for item in self._store.scan(FOLDER):
+            name, _, ending = item.key.rpartition("/")[2].rpartition(".")
+            if _ID.fullmatch(name):
+                times.setdefault(name, {})[ending] = item.last_modified.timestamp()
+        newer_s = {
+            name: at["json"] - at.get("body", at["json"]) for name, at in times.items() if "json" in at
+        }
+        return sorted(newer_s, key=lambda name: (-newer_s[name], name))
+
+    def set_truth(self, sample_id: str, truth: Mapping[str, Any], told_by: str = "") -> QuerySample:
         """Note where the scan of a sample was taken; empty: it is not known. The last word is valid.
+
+        Args:
+            told_by: name of who says so, as a caller is named; empty: nobody in particular.
 
         Raises:
             NotFound, UnreadableRecord: see ``get``.
         """
-        sample = replace(self.get(sample_id), truth=truth)
+        now = datetime.now(timezone.utc).isoformat(timespec="seconds")
+        told = {**truth, TOLD_BY: told_by, TOLD_AT: now} if truth else {}
+        sample = replace(self.get(sample_id), truth=told)
         self._put_record(sample)
         if not self._store.exists(_key(sample_id, "body")):  # removed meanwhile: it must not come back
             self._store.delete(_key(sample_id, "json"))
@@ -189,8 +212,11 @@ def _to_json(sample: QuerySample) -> bytes:
     """Content of the object of a sample's record."""
     values = asdict(sample)
     truth = values.pop("truth")
+    told = {name: truth.pop(name) for name in (TOLD_BY, TOLD_AT) if name in truth}
     for name in (_BODY_SHA256, _ROBOT):
         values["answer"][name] = values.pop(name)
+    if told:
+        values["answer"][_TOLD] = {**told, "truth": checksum_of(truth)}
     values["answer"][CHECKSUM] = checksum_of(values)
     values["truth"] = with_checksum(truth) if truth else {}
     return json.dumps(values, sort_keys=True, allow_nan=False).encode("ascii")
@@ -209,6 +235,9 @@ def parse_sample(record: dict[str, Any]) -> QuerySample:
         raise ValueError("its checksum is wrong")
     for name in (_BODY_SHA256, _ROBOT):
         values[name] = values["answer"].pop(name, "")
+    told = values["answer"].pop(_TOLD, {})
+    if values["truth"] and told and told["truth"] == checksum_of(values["truth"]):
+        values["truth"] |= {name: text_of(told, name) for name in (TOLD_BY, TOLD_AT)}
     sample = QuerySample(**values)
     for one in fields(QuerySample):
         if one.name not in ("options", "answer", "body_bytes", "truth"):

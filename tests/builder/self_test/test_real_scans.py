@@ -1,5 +1,6 @@
 """Real scans in the self-test: which fit the map, how they weigh, and a build that is given some."""
 
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from firstfix.builds.config import BuildConfig, PerturbConfig
+from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
 from firstfix.scan.scan import Scan
-from firstfix.transform import make_transform
+from firstfix.store.store import Store
+from firstfix.transform import make_transform, pose_to_mapping
+from firstfix_builder.job.confirmed_queries import collect_confirmed
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.read_map.held_out import HeldOut, HeldOutScan
 from firstfix_builder.self_test.real_scans import MAX_WEIGHT, RealScans, disagreeing
@@ -91,6 +95,40 @@ def test_a_build_asks_the_real_scans_and_leaves_out_bad_ones(small_world: SmallW
     assert "does not fit the map" in real["left_out"]["7.npy"]
     assert real["success"]["1m"] > 0.5, "the map and its sensor are coarse"
     assert real["false_accepts"] == 0
-    names = "asked weight success localized median_error_m false_accepts disagree left_out"
+    names = "asked weight success localized median_error_m false_accepts disagree left_out confirmed"
     assert set(real) == set(names.split())
     built.manifest.verify_directory(built.directory)
+
+
+@pytest.mark.slow
+def test_a_build_asks_confirmed_queries_and_keeps_no_scan_of_them(
+    small_world: SmallWorld, small_map: Path, coarse_work: Path, tmp_path: Path
+):
+    samples = QuerySamples(Store.open("memory://"))
+    simulator = Simulator(small_world.vertices, small_world.triangles)
+    config = BuildConfig.parse(COARSE_CONFIG)
+    places = np.array([[x, y, 0.8] for x in (-6.0, -2.0, 2.0, 6.0) for y in (-4.0, 0.0, 4.0)])
+    gentle = PerturbConfig(occluders=0, strangers=0, unmapped=0, vanished=0)
+    asked = perturbed_scans(simulator, config.sensor_model, places, 1.0, 4, gentle, np.random.default_rng(8))
+    now = datetime.now(timezone.utc)
+    ids = []
+    for number, (scan, T) in enumerate(asked):
+        body, time = scan.points.tobytes(), now - timedelta(hours=number)
+        answer = {"verdict": "ambiguous", "reasons": [], "probability": 0.4}
+        ids.append(new_sample_id(f"{number:08x}", time))
+        sample = QuerySample(
+            ids[-1], time.isoformat(), "http", "r", "", "yard", "application/vnd.firstfix.xyz", "", {},
+            answer, len(body), robot="ann",
+        )  # fmt: skip
+        samples.put(sample, body)
+        wrong = T if number else make_transform(np.eye(3), [0, 0, 9.0]) @ T
+        samples.set_truth(ids[-1], {"map_id": "yard", "T_map_sensor": pose_to_mapping(wrong)}, "key:eve")
+    confirmed = collect_confirmed(samples, "yard", 40, tmp_path / "confirmed")
+    built = build_version(small_map, config, coarse_work, confirmed=confirmed)
+    real = built.manifest.self_test["real"]
+    assert real["asked"] == real["confirmed"]["asked"] == 3
+    assert (real["confirmed"]["robots"], real["confirmed"]["told_by"]) == (1, 1)
+    assert real["left_out"].keys() == {ids[0]}
+    assert "does not fit the map" in real["left_out"][ids[0]]
+    assert real["success"]["1m"] > 0.5, "the map and its sensor are coarse"
+    assert not list(coarse_work.rglob("held_out.npz")), "scans of robots stay in no stage"

@@ -48,6 +48,13 @@ class Truth(BaseModel):
     T_map_sensor: Pose | None = Field(description="null: the scan was not taken in this map")
 
 
+class ToldTruth(Truth):
+    """Place where a scan was taken, and who has told."""
+
+    told_by: str = Field("", description="name of the caller; empty: nobody can tell, or an earlier release")
+    told_at: str = Field("", description="UTC, ISO 8601; empty: it was told to an earlier release")
+
+
 class Sample(BaseModel):
     """A kept query."""
 
@@ -63,7 +70,7 @@ class Sample(BaseModel):
     answer: dict[str, Any] = Field(description="see `POST /localize`")
     body_bytes: int
     service_version: str
-    truth: Truth | None = Field(description="null: nobody has told")
+    truth: ToldTruth | None = Field(description="null: nobody has told")
 
     @classmethod
     def of(cls, sample: QuerySample) -> Sample:
@@ -154,7 +161,10 @@ def get_sample_body(
 @router.put("/{sample_id}/truth", openapi_extra=json_body(Truth))
 @needs(Scope.BUILD)
 async def put_truth(sample_id: SampleId, request: Request, samples: SamplesDep, caller: CallerDep) -> Sample:
-    """Notes where the scan was taken, for tests of later versions."""
+    """Notes where the scan was taken. The self-test of the map's next build asks the scan.
+
+    `firstfix samples confirm` says so of queries whose answers were right.
+    """
     truth = await read_model(request, Truth)
     caller.check_map(check_map_id(truth.map_id))
     if truth.T_map_sensor is not None:
@@ -189,7 +199,8 @@ def _printable(media_type: str) -> str:
 
 def _set_truth(samples: QuerySamples, caller: Principal, sample_id: str, truth: dict[str, Any]) -> Sample:
     _shown(samples, caller, sample_id)
-    return Sample.of(samples.set_truth(sample_id, truth))
+    name = "" if caller.name.startswith("address:") else caller.name  # an address is nobody in particular
+    return Sample.of(samples.set_truth(sample_id, truth, name))
 
 
 def _shown(samples: QuerySamples, caller: Principal, sample_id: str) -> QuerySample:

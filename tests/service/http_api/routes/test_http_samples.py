@@ -41,6 +41,12 @@ def allowed(service: Service, *scopes: str, **more: Any) -> dict[str, str]:
     return headers
 
 
+def told(answer: Any) -> dict[str, Any]:
+    """The truth in an answer, without who has told it and when."""
+    truth = answer.json()["truth"]
+    return {name: truth[name] for name in ("map_id", "T_map_sensor")}
+
+
 def found(service: Service, **params: Any) -> list[str]:
     return [one["sample_id"] for one in service.http.get("/samples", params=params).json()["samples"]]
 
@@ -88,11 +94,12 @@ def test_the_truth_is_kept_with_the_query(service: Service):
     sample_id = keep(service, 1)
     assert service.http.get(f"/samples/{sample_id}").json()["truth"] is None
     truth = {"map_id": "hall", "T_map_sensor": POSE}
-    told = service.http.put(f"/samples/{sample_id}/truth", json=truth)
-    assert told.json()["truth"] == truth
-    assert service.http.get(f"/samples/{sample_id}").json()["truth"] == truth
+    put = service.http.put(f"/samples/{sample_id}/truth", json=truth)
+    assert told(put) == told(service.http.get(f"/samples/{sample_id}")) == truth
+    assert put.json()["truth"]["told_by"] == "", "an address is nobody in particular"
+    assert put.json()["truth"]["told_at"] > "2026"
     outside = {"map_id": "hall", "T_map_sensor": None}
-    assert service.http.put(f"/samples/{sample_id}/truth", json=outside).json()["truth"] == outside
+    assert told(service.http.put(f"/samples/{sample_id}/truth", json=outside)) == outside
     assert service.http.delete(f"/samples/{sample_id}/truth").json()["truth"] is None
     assert service.http.get(f"/samples/{sample_id}/body").content == SCAN_BODY
 
@@ -132,8 +139,13 @@ def test_queries_about_hidden_maps_are_hidden(closed: Service):
     for hidden in (both, anywhere):
         for path in ("", "/body"):
             assert closed.http.get(f"/samples/{hidden}{path}", headers=headers).status_code == 404
-        told = {"map_id": "hall", "T_map_sensor": None}
-        assert closed.http.put(f"/samples/{hidden}/truth", json=told, headers=headers).status_code == 404
+        truth = {"map_id": "hall", "T_map_sensor": None}
+        assert closed.http.put(f"/samples/{hidden}/truth", json=truth, headers=headers).status_code == 404
+        assert (
+            closed.http.put(f"/samples/{mine}/truth", json=truth, headers=headers)
+            .json()["truth"]["told_by"]
+            .startswith("key:")
+        )
     elsewhere = {"map_id": "attic", "T_map_sensor": None}
     assert closed.http.put(f"/samples/{mine}/truth", json=elsewhere, headers=headers).status_code == 403
     assert closed.http.get("/samples", params={"map_id": "attic"}, headers=headers).status_code == 403

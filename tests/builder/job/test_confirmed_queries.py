@@ -1,0 +1,150 @@
+"""Confirmed queries: which are drawn, and what is left out of the self-test."""
+
+from __future__ import annotations
+
+from collections import Counter
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.errors import StoreUnavailable
+from firstfix.store.store import Store
+from firstfix_builder.job.confirmed_queries import ConfirmedQueries, collect_confirmed
+from firstfix_builder.read_map.held_out import HeldOut
+from firstfix_builder.self_test.confirmed_scans import decode_confirmed
+
+TODAY = datetime.now(timezone.utc).replace(minute=0, second=0, microsecond=0)
+BODY = np.ones((60, 3), "<f4").tobytes()
+
+
+class Kept:
+    """Kept queries in a store, each with a truth."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.samples = QuerySamples(Store.open("memory://"))
+
+    def keep(
+        self,
+        robot: str,
+        ago_s: float,
+        x: float = 0.0,
+        body: bytes = BODY,
+        map_id: str = "hall",
+        **options: str,
+    ) -> str:
+        time = TODAY - timedelta(seconds=ago_s)
+        sample_id = new_sample_id(f"{len(self.samples.ids()):08x}", time)
+        answer = {"verdict": "ambiguous", "reasons": [], "probability": 0.4}
+        sample = QuerySample(
+            sample_id, time.isoformat(), "http", "r", "", "hall", "application/vnd.firstfix.xyz", "",
+            options, answer, len(body), robot=robot,
+        )  # fmt: skip
+        self.samples.put(sample, body)
+        pose = {"position": [x, 0.0, 1.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
+        self.samples.set_truth(sample_id, {"map_id": map_id, "T_map_sensor": pose}, "key:eve")
+        return sample_id
+
+    def collect(self, most: int = 40) -> ConfirmedQueries:
+        folder = collect_confirmed(self.samples, "hall", most, self.folder / "confirmed")
+        assert folder is not None
+        return ConfirmedQueries.load(folder)
+
+
+@pytest.fixture
+def kept(tmp_path: Path) -> Kept:
+    return Kept(tmp_path)
+
+
+def test_a_confirmed_query_is_collected_with_who_has_told(kept: Kept):
+    sample_id = kept.keep("ann", 100.0, 4.0, gravity="0,0,-1", prior="1,2,3,5", min_probability="0.5")
+    (query,) = kept.collect().queries
+    assert query.file == f"queries/{sample_id}"
+    assert (query.robot, query.told_by, query.told_at[:2]) == ("ann", "key:eve", "20")
+    assert query.T_map_sensor["position"] == [4.0, 0.0, 1.0]
+    assert query.options == {"gravity": "0,0,-1"}, "a prior would help it"
+    assert (kept.folder / "confirmed" / query.file).read_bytes() == BODY
+
+
+def test_without_confirmed_queries_there_is_no_folder(kept: Kept):
+    elsewhere = kept.keep("ann", 0.0, map_id="attic")
+    undone = kept.keep("ann", 1.0)
+    kept.samples.set_truth(undone, {})
+    outside = kept.keep("ann", 2.0)
+    kept.samples.set_truth(outside, {"map_id": "hall", "T_map_sensor": None})
+    assert kept.samples.get(elsewhere).truth
+    assert collect_confirmed(kept.samples, "hall", 40, kept.folder / "confirmed") is None
+    kept.keep("ann", 3.0)
+    assert collect_confirmed(kept.samples, "hall", 0, kept.folder / "confirmed") is None
+
+
+def test_no_robot_and_no_hour_dominates(kept: Kept):
+    for number in range(60):
+        kept.keep("ann", 3600.0 * (number % 12), x=10.0 * number)
+        kept.keep("bob" if number % 2 else "cat", 30.0, x=10.0 * number)
+    found = kept.collect(40)
+    robots, hours = (
+        Counter(one.robot for one in found.queries),
+        Counter(one.time_s // 3600 for one in found.queries),
+    )
+    assert robots["ann"] == 20, "half, though there are more of it"
+    assert robots["bob"] + robots["cat"] <= 10
+    assert max(hours.values()) == 10, "a quarter"
+    (reason,) = found.left_out.values()
+    assert "not drawn: at most 40 are asked, 20 of one robot, 10 of one hour" in reason
+    assert found == kept.collect(40), "by seeded chance"
+
+
+def test_every_place_gives_one_before_any_gives_two(kept: Kept):
+    for number in range(30):
+        kept.keep("ann", 3600.0 * number, x=0.1 * number)
+    for number in range(4):
+        kept.keep("bob", 3600.0 * number, x=50.0 + 10.0 * number)
+    found = kept.collect(6)
+    x = [one.T_map_sensor["position"][0] for one in found.queries]
+    assert {50.0, 60.0, 70.0} & set(x), "rare places come first"
+    assert sum(one.robot == "bob" for one in found.queries) == 3
+    places = [one // 5 for one in x]
+    assert places == sorted(places), "neighbours in space are neighbours"
+
+
+def test_a_robot_that_stands_still_is_asked_once_an_hour(kept: Kept):
+    for number in range(9):
+        kept.keep("ann", -60.0 * number)
+    assert len(kept.collect().queries) == 1
+
+
+def test_old_ones_do_not_count(kept: Kept):
+    kept.keep("ann", 91 * 86400.0)
+    kept.keep("ann", 89 * 86400.0)
+    found = kept.collect()
+    assert len(found.queries) == 1
+    assert found.left_out == {"1 confirmed queries": "older than 90 days"}
+
+
+def test_a_store_that_fails_stops_no_build(kept: Kept, monkeypatch: pytest.MonkeyPatch):
+    def fail() -> Any:
+        raise StoreUnavailable("no answer")
+
+    monkeypatch.setattr(kept.samples, "ids_told_first", fail)
+    found = kept.collect()
+    assert found.queries == ()
+    assert found.left_out == {"confirmed queries": "they cannot be read: no answer"}
+
+
+def test_bodies_are_decoded_and_bad_ones_left_out(kept: Kept):
+    kept.keep("ann", 0.0, x=20.0, twist="0,0,0,0,0,0", gravity="0,0,-1")
+    bad = kept.keep("bob", 0.0, body=b"12345")
+    kept.collect()
+    decode_confirmed(kept.folder / "confirmed", kept.folder / "decoded")
+    found = HeldOut.load(kept.folder / "decoded")
+    (one,) = found.scans
+    assert found.reasons.keys() == {bad}
+    assert len(one.scan.points) == 60
+    assert one.confirmation is not None
+    assert one.confirmation.options.keys() == {"gravity"}, "a motion is nothing without times"
+    assert one.T_sensor[:3, 3].tolist() == [20.0, 0.0, 1.0]
