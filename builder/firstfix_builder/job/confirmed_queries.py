@@ -33,10 +33,7 @@ CONFIRMED_FILE = "confirmed.json"
 MOST_AGE_DAYS = 90  # a place changes
 MOST_READ = 4000  # records; those with a truth are read first
 MOST_BODY_BYTES = 64 << 20
-MOST_OF_ROBOT, MOST_OF_HOUR = (
-    2,
-    4,
-)  # no robot has more than a half of the queries, no hour more than a quarter
+MOST_OF_ROBOT, MOST_OF_HOUR = 2, 4  # one robot has at most half of the queries, one hour a quarter
 PLACE_M = 5.0
 HOUR_S, DAY_S = 3600.0, 86400.0
 SEED = 17

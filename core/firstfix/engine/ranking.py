@@ -368,9 +368,8 @@ class Calibration:
             right: (n,) whether that pose, or one that ties with it, was right.
             weight: (n,) number of real cases that each stands for.
         """
-        from scipy.optimize import (
-            minimize,
-        )  # imported late: it takes a worker half its start, and no query fits
+        # Imported late: it takes a worker half its start, and no query fits.
+        from scipy.optimize import minimize
 
         truth, counts = np.asarray(right, np.float64), np.asarray(weight, np.float64)
         prior = cls().weights
