@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -157,12 +158,12 @@ def _pose(text: str) -> dict[str, Any]:
     from firstfix.errors import InvalidOption
 
     try:
-        x, y, z, *quaternion = (float(part) for part in text.split(","))
+        numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        quaternion = []
-    if len(quaternion) != 4:
+        numbers = []
+    if len(numbers) != 7 or not all(map(math.isfinite, numbers)):
         raise InvalidOption(f"--pose is seven numbers X,Y,Z,QX,QY,QZ,QW, not {text[:80]!r}")
-    return {"position": [x, y, z], "quaternion": quaternion}
+    return {"position": numbers[:3], "quaternion": numbers[3:]}
 
 
 def _samples(store: str) -> QuerySamples:

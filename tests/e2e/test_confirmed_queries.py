@@ -1,0 +1,117 @@
+"""Kept queries are confirmed by the command line, and asked by the self-test of the next build."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import yaml
+
+from firstfix.transform import quaternion_of
+from firstfix_cli.local_service import local_service
+from firstfix_client import Client
+from small_world import CONFIG, SENSOR
+from waiting import LIMIT_S, wait_until
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]  # two builds by a service
+
+ASKED = 8
+
+
+@dataclass(frozen=True)
+class Robots:
+    """A service that keeps every query, whose map was built by it.
+
+    Attributes:
+        poses: of the scans, each as ``--pose`` takes it.
+    """
+
+    store: Path
+    url: str
+    poses: list[str]
+
+    def run(self, *arguments: object, code: int = 0) -> str:
+        """Runs a command, checks its exit code and returns its output."""
+        command = [sys.executable, "-m", "firstfix_cli.main", *map(str, arguments)]
+        environment = os.environ | {"FIRSTFIX_URL": self.url, "FIRSTFIX_STORE": str(self.store)}
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=3 * LIMIT_S, check=False, env=environment
+        )
+        assert done.returncode == code, done.stderr
+        return done.stdout + done.stderr
+
+    def kept(self) -> list[dict[str, Any]]:
+        """The kept queries, oldest first."""
+        samples: list[dict[str, Any]] = httpx.get(f"{self.url}/samples").json()["samples"]
+        return sorted(samples, key=lambda one: str(one["sample_id"]))
+
+    def report(self) -> dict[str, Any]:
+        """The self-test of the active version."""
+        shown: dict[str, Any] = json.loads(self.run("maps", "show", "yard", "--store", self.store, "--json"))
+        return dict(shown["manifest"]["self_test"])
+
+
+@pytest.fixture(scope="module")
+def robots(small_map, small_scans, tmp_path_factory) -> Iterator[Robots]:
+    root = tmp_path_factory.mktemp("robots")
+    sensor, config = root / "sensor.yaml", root / "build.yaml"
+    sensor.write_text(yaml.safe_dump(SENSOR))
+    config.write_text(yaml.safe_dump({name: CONFIG[name] for name in CONFIG if name != "sensor"}))
+    poses = [",".join(map(str, [*T[:3, 3], *quaternion_of(T)])) for _, T in small_scans[:ASKED]]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(root / "cache"))
+        patch.setenv("FIRSTFIX_SAMPLES_SHARE", "1")
+        patch.setenv("FIRSTFIX_SAMPLES_SHARE_LOCALIZED", "1")
+        with local_service(root / "service", root / "store") as service, Client(service.url) as client:
+            robots = Robots(root / "store", service.url, poses)
+            robots.run("build", small_map, "--map-id", "yard", "--sensor", sensor, "--config", config)
+            for scan, _ in small_scans[:ASKED]:
+                client.localize(scan, map_id="yard")
+            wait_until(lambda: len(robots.kept()) == ASKED)
+            yield robots
+
+
+def test_confirmed_queries_are_asked_by_the_next_build(robots):
+    assert robots.report()["real"] == {}
+    kept = robots.kept()
+    for one, pose in zip(kept, robots.poses, strict=True):
+        if one["answer"]["T_map_sensor"] is None:
+            told = robots.run("samples", "confirm", one["sample_id"], code=2)
+            assert "answered without a pose: give --pose" in told
+            robots.run("samples", "confirm", one["sample_id"], "--pose", pose)
+        else:
+            assert robots.run("samples", "confirm", one["sample_id"]) == f"{one['sample_id']}  confirmed\n"
+    assert {one["answer"]["verdict"] for one in kept} > {"localized"}, "of both kinds"
+    first, second, *_ = (one["sample_id"] for one in kept)
+    robots.run("samples", "confirm", first, "--pose", "0,0,30,0,0,0,1")  # in the air
+    robots.run("samples", "confirm", second, "--undo")
+    assert [one["truth"] is None for one in robots.kept()] == [number == 1 for number in range(ASKED)]
+
+    robots.run("maps", "rebuild", "yard")
+    wait_until(lambda: robots.report()["real"], limit_s=6 * LIMIT_S)
+    real = robots.report()["real"]
+    assert (real["asked"], real["confirmed"]["asked"]) == (ASKED - 2, ASKED - 2)
+    assert real["success"]["0.2m"] > 0, "localized answers were right"
+    assert list(real["left_out"]) == [first]
+    assert "does not fit the map" in real["left_out"][first]
+    assert f"{ASKED - 2} of them queries of" in robots.run("maps", "show", "yard", "--store", robots.store)
+
+
+@pytest.mark.parametrize("pose", ["1,2,3", "a,b,c,d,e,f,g", "1,2,3,0,0,0,0", "nan,0,0,0,0,0,1"])
+def test_a_pose_that_is_none_is_refused_and_nothing_is_said(robots, pose):
+    last = robots.kept()[-1]
+    robots.run("samples", "confirm", last["sample_id"], "--pose", pose, code=2)
+    assert robots.kept()[-1]["truth"] == last["truth"]
+
+
+def test_a_query_that_is_not_there_is_named(robots):
+    told = robots.run("samples", "confirm", "20260302t090000000000-0000000a", code=2)
+    assert "20260302t090000000000-0000000a" in told
