@@ -13,8 +13,9 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import MAX_RADIUS_M, Prior
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.builds.config import PerturbConfig
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.ranking import RANKING, Calibration
+from firstfix.engine.ranking import RANKING
 from firstfix.scan.scan import Scan
 from firstfix.sensor import preset
 from firstfix.transform import Matrix, pose_error, transform_points

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from firstfix.answer.quality import AlignmentQuality
-from firstfix.engine.ranking import RANKING, WEIGHTS, Calibration, MatchFeatures
+from firstfix.engine.calibration import WEIGHTS, Calibration
+from firstfix.engine.ranking import RANKING, MatchFeatures
 from firstfix_builder.self_test.reliability import ABSENT_WEIGHT
 
 from ..robust.figures import calibration_error

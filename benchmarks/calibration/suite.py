@@ -27,9 +27,9 @@ from pathlib import Path
 from typing import Any
 
 from firstfix.builds.config import BuildConfig
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.ranking import Calibration
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.pipeline import build_version
 

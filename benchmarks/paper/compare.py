@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.builds.config import EngineOverrides
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import SearchConfig
 from firstfix.engine.index import MapIndex, MapView
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.ranking import Calibration
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.retrieval.cascade import Cascade, Clusters

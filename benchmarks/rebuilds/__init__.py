@@ -1,1 +1,1 @@
-"""What a build of a map costs after a part of it has changed."""
+"""Cost of a build after a part of the map has changed."""

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from firstfix.builds.config import BuildConfig
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import ENGINE_FILE, EngineConfig
 from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.ranking import Calibration
 from firstfix.engine.retrieval.cascade import Clusters, Templates, save_projection
 from firstfix.transform import inverse, make_transform, transform_points
 

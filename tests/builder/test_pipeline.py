@@ -13,8 +13,8 @@ import trimesh
 from firstfix.builds.config import BuildConfig
 from firstfix.builds.options import STAGES
 from firstfix.builds.shared_stages import SharedStages
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MapIndex
-from firstfix.engine.ranking import Calibration
 from firstfix.errors import BuildCancelled, BuildFailed, InvalidOption, MalformedData
 from firstfix.store.store import Store
 from firstfix_builder.pipeline import build_version

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.engine.changes.areas import groups_of
-from firstfix.engine.changes.cells import CELL_M, cells_of_keys
+from firstfix.engine.changes.cells import box_of, cells_of_keys
 from firstfix.engine.false_accept_bound import upper_bound
 
 from .observation import Seen
@@ -73,7 +73,7 @@ class Change:
     @property
     def box_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lowest and highest corner, (3,) each, in the map's frame."""
-        return self.cells.min(axis=0) * CELL_M, (self.cells.max(axis=0) + 1) * CELL_M
+        return box_of(self.cells)
 
 
 @dataclass(frozen=True)

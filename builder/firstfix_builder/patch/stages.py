@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import CALIBRATION_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.ranking import Calibration
 from firstfix.errors import BuildFailed, NothingToPatch
 
 from ..execution.build_trace import within_a_stage

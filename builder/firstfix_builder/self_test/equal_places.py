@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from firstfix.answer.localization import Localization
-from firstfix.engine.ranking import Calibration, RankingConfig
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.ranking import RankingConfig
 from firstfix.scan.levelling import turned
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel

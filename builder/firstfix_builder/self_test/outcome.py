@@ -8,7 +8,8 @@ import numpy as np
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.quality import AlignmentQuality
-from firstfix.engine.ranking import RANKING, Calibration, MatchFeatures, RankingConfig
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.ranking import RANKING, MatchFeatures, RankingConfig
 from firstfix.transform import Matrix, pose_error
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.false_accept_bound import FalseAcceptBound
-from firstfix.engine.ranking import Calibration, MatchFeatures
+from firstfix.engine.ranking import MatchFeatures
 
 from .threshold import Judged
 

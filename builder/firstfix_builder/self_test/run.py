@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.builds.config import SelfTestConfig
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.ranking import Calibration
 from firstfix.errors import BuildCancelled
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, inverse, make_transform

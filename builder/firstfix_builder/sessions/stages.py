@@ -14,9 +14,9 @@ import numpy as np
 
 from firstfix.builds.config import BuildConfig, LearnKeysConfig, ViewpointConfig
 from firstfix.builds.options import STAGES
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.ranking import Calibration
 from firstfix.errors import BuildFailed, InputError, InvalidOption, MalformedData, NotFound
 from firstfix.transform import inverse, transform_points
 

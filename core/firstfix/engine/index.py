@@ -15,9 +15,9 @@ from .. import native
 from ..errors import CorruptVersion
 from ..scan.reduction import RangeView
 from ..transform import Matrix
+from .calibration import Calibration
 from .config import EngineConfig
 from .false_accept_bound import FalseAcceptBound
-from .ranking import Calibration
 from .registration.align import MapSurface
 from .retrieval.alias_table import AliasTable
 from .retrieval.cascade import Cascade

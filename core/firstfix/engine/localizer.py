@@ -15,6 +15,7 @@ from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
 from ..transform import inverse
+from .calibration import Calibration
 from .config import PreprocessConfig
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
 from .diagnosis.diagnose import AskedQuery, diagnosed
@@ -24,7 +25,7 @@ from .hypotheses import RegisteredCandidate, features_of
 from .index import MapIndex
 from .map_search import MapSearch, Step, Stopwatch
 from .preprocess import PreparedQuery, deskewed, preprocess
-from .ranking import Calibration, MatchFeatures, RankingConfig
+from .ranking import MatchFeatures, RankingConfig
 from .registration.covariance import pose_covariance
 
 

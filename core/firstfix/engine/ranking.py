@@ -1,35 +1,24 @@
-"""Ranking: how strongly a pose is supported, and the probability that the best one is right.
+"""Ranking: how strongly a pose is supported, and the features by which its probability is computed.
 
 All numbers by which registered poses are compared and judged are in ``RankingConfig``, which is stored with
 the version: a calibration is asked with what it was fitted on. Which candidates are registered at all is the
 work of the search (``candidates``, ``map_search``). The kernels' own distances are part of their formulas:
 who changes one changes the manifest's format.
-
-The build's self-test fits the calibration. Poses that tie count as one: two equal storeys of a map make every
-answer there ambiguous, but no answer less likely to contain the true pose. How likely that is, a model of its
-own says (docs/method.md section 7).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
-from functools import cached_property
-from math import exp, log
-from operator import mul
+from dataclasses import dataclass, replace
+from math import log
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from ..answer.quality import AlignmentQuality
 from ..errors import REBUILD, IncompatibleVersion
-
-# Standard deviation of a map's weights around the prior's: SPREAD times the weight, for the bias SPREAD_BIAS.
-SPREAD, SPREAD_BIAS = 0.4, 4.0
-# Fields of ``Calibration``, in the order of ``MatchFeatures.vector``.
-WEIGHTS = ("bias", "alignment_score", "free_space", "beside_surface", "same_plane", "margin")
 
 
 class RankingConfig(BaseModel):
@@ -293,125 +282,3 @@ class MatchFeatures:
             -log(ranking.same_plane_offset + quality.same_plane),
             min(self.margin, ranking.max_margin),
         )
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """Logistic model over ``MatchFeatures.vector``, and the thresholds of the verdict.
-
-    The defaults are the prior, fitted to nine maps at once (docs/method.md section 7).
-
-    Attributes:
-        bias: of the model.
-        alignment_score, free_space, beside_surface, same_plane, margin: its weights. They are never negative:
-            a better fit never makes an answer less likely.
-        min_probability: below it an answer is not ``localized``, unless the query gives its own threshold.
-        min_inlier_ratio: below it a pose does not explain the scan at all.
-        max_free_space_violation: nor does a pose that more of the scan's directions contradict.
-        min_margin: poses tie if their support differs by less: the answer is then ambiguous, however good
-            they are.
-        cases: number of self-test cases it was fitted on; 0: it is the prior.
-        among_tied: weights of the model for poses that tie, bias first; empty: they are the others.
-    """
-
-    bias: float = -20.1
-    alignment_score: float = 1.45
-    free_space: float = 1.74
-    beside_surface: float = 2.5
-    same_plane: float = 1.66
-    margin: float = 21.1
-    min_probability: float = 0.995
-    min_inlier_ratio: float = 0.4
-    max_free_space_violation: float = 0.1
-    min_margin: float = 0.05
-    cases: int = 0
-    among_tied: tuple[float, ...] = ()
-
-    @property
-    def weights(self) -> NDArray[np.float64]:
-        """(6,) weights of the model, bias first."""
-        return np.array(self._model)
-
-    @cached_property
-    def _model(self) -> tuple[float, ...]:
-        return tuple(getattr(self, name) for name in WEIGHTS)
-
-    def with_ties_as_in(self, other: Calibration) -> Calibration:
-        """This calibration, with the other one's weights for poses that tie."""
-        return replace(self, among_tied=tuple(other.weights.tolist()))
-
-    def probability(self, features: MatchFeatures) -> float:
-        """Probability, 0..1, that the pose or one that ties with it is right."""
-        bias, *weights = (features.tied > 1 and self.among_tied) or self._model
-        # plain floats: a query asks a dozen times, and of five numbers an array takes longer than the sum
-        log_odds = bias + sum(map(mul, features.inputs, weights))
-        return 1 / (1 + exp(-min(max(log_odds, -50.0), 50.0)))
-
-    def accepts(self, features: MatchFeatures, min_probability: float | None = None) -> bool:
-        """Returns whether the verdict may be ``localized``.
-
-        Args:
-            min_probability: threshold to use instead of the calibration's own.
-        """
-        needed = self.min_probability if min_probability is None else min_probability
-        quality = features.quality
-        explains = quality.inlier_ratio >= self.min_inlier_ratio
-        explains &= quality.free_space_violation <= self.max_free_space_violation
-        return explains and features.tied == 1 and self.probability(features) >= needed
-
-    @classmethod
-    def fit(cls, features: Sequence[MatchFeatures], right: ArrayLike, weight: ArrayLike) -> Calibration:
-        """Fits the most likely calibration, given the prior and self-test cases. No weight is negative.
-
-        Args:
-            features: (n,) of the best pose of each case.
-            right: (n,) whether that pose, or one that ties with it, was right.
-            weight: (n,) number of real cases that each stands for.
-        """
-        # Imported late: it takes a worker half its start, and no query fits.
-        from scipy.optimize import minimize
-
-        truth, counts = np.asarray(right, np.float64), np.asarray(weight, np.float64)
-        prior = cls().weights
-        spread = SPREAD * np.array([SPREAD_BIAS, *prior[1:]])
-        inputs = np.array([[1.0, *one.vector] for one in features]).reshape(-1, len(prior))
-
-        def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-            log_odds, off = inputs @ weights, (weights - prior) / spread
-            value = counts @ (np.logaddexp(0, log_odds) - truth * log_odds) + off @ off / 2
-            gradient = inputs.T @ (counts * (_logistic(log_odds) - truth)) + off / spread
-            return float(value), gradient
-
-        bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
-        found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
-        rounded: dict[str, Any] = {
-            name: round(float(value), 4) for name, value in zip(WEIGHTS, found, strict=True)
-        }
-        return cls(**rounded, cases=len(truth))
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Values by name, ready for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
-        """Reads what ``to_mapping`` returned, in this release or before there was ``among_tied``.
-
-        Raises:
-            IncompatibleVersion: it was fitted on other features.
-            ValueError: a field is none.
-        """
-        values = {"among_tied": (), **data}
-        different = set(values) ^ {field.name for field in fields(cls)}
-        if different:
-            raise IncompatibleVersion(
-                f"the version was calibrated for another ranking ({', '.join(sorted(different))}): {REBUILD}"
-            )
-        among_tied = tuple(map(float, values["among_tied"]))
-        if among_tied and len(among_tied) != len(WEIGHTS):
-            raise ValueError(f"fields of a calibration: {len(among_tied)} weights for poses that tie")
-        return cls(**{**values, "among_tied": among_tied})
-
-
-def _logistic(x: ArrayLike) -> NDArray[np.float64]:
-    return 1 / (1 + np.exp(-np.clip(np.asarray(x, np.float64), -50, 50)))

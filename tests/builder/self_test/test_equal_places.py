@@ -10,9 +10,10 @@ import pytest
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.builds.config import BuildConfig, SelfTestConfig
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.ranking import RANKING, Calibration
+from firstfix.engine.ranking import RANKING
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, make_transform, rotation_z
 from firstfix_builder.job.build_job import BuildResult

@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 
 from firstfix.answer.quality import AlignmentQuality
-from firstfix.engine.ranking import Calibration, MatchFeatures
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.ranking import MatchFeatures
 from firstfix_builder.self_test.reliability import (
     ABSENT_WEIGHT,
     Case,

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import beta, binom
 
 from firstfix.answer.options import LocalizeOptions
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.false_accept_bound import (
     FILE_NAME,
@@ -18,7 +19,6 @@ from firstfix.engine.false_accept_bound import (
 )
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import threshold_of
-from firstfix.engine.ranking import Calibration
 from firstfix.errors import InvalidOption
 
 INDEX = MapIndex(EngineConfig(), Calibration(), None, None, None)

@@ -6,11 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 
 from firstfix.answer.prior import Prior
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.hypotheses import HypothesisSearch
 from firstfix.engine.index import FreeSpaceShares, MapIndex
-from firstfix.engine.ranking import RANKING, Calibration
+from firstfix.engine.ranking import RANKING
 from firstfix.engine.registration.align import Agreement, Registrations
 from firstfix.transform import make_transform, rotation_z
 

@@ -8,9 +8,10 @@ import pytest
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine import localizer as localizer_module
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.map_search import MapSearch, Step, Stopwatch
-from firstfix.engine.ranking import RANKING, Calibration
+from firstfix.engine.ranking import RANKING
 
 
 class Clock:

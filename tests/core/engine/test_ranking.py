@@ -6,9 +6,10 @@ import pytest
 
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.catalog.manifest import Manifest
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import ENGINE_FILE, EngineConfig
 from firstfix.engine.index import CALIBRATION_FILE, MapIndex
-from firstfix.engine.ranking import RANKING, Calibration, MatchFeatures, RankingConfig
+from firstfix.engine.ranking import RANKING, MatchFeatures, RankingConfig
 from firstfix.errors import CorruptVersion, IncompatibleVersion
 
 TIED = 0.05

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.hypotheses import HypothesisSearch
 from firstfix.engine.index import MapIndex
 from firstfix.engine.preprocess import preprocess
-from firstfix.engine.ranking import Calibration
 from firstfix.scan.condense import condense
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import AnyScan, ScanSequence

@@ -5,11 +5,12 @@ import pytest
 
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
+from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.hypotheses import RegisteredCandidate
 from firstfix.engine.index import FreeSpaceShares, MapIndex
 from firstfix.engine.localizer import judge
-from firstfix.engine.ranking import RANKING, Calibration
+from firstfix.engine.ranking import RANKING
 from firstfix.engine.registration.align import Registration
 from firstfix.transform import make_transform
 

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..false_accept_bound import upper_bound
-from .cells import CELL_M, SLOTS, cells_of_keys
+from .cells import SLOTS, box_of, cells_of_keys
 from .tally import Tally
 
 MIN_SHARE = 0.3  # of the spots that see a cell: more of them say that it has changed
@@ -99,7 +99,7 @@ class Area:
     @property
     def box_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lowest and highest corner, (3,) each, in the map's frame."""
-        return self.cells.min(axis=0) * CELL_M, (self.cells.max(axis=0) + 1) * CELL_M
+        return box_of(self.cells)
 
 
 def newest_first(tallies: Sequence[Tally]) -> Tally:

@@ -38,6 +38,11 @@ def cells_of_keys(keys: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.stack([keys >> 42, (keys >> 21) & mask, keys & mask], axis=1) - _HALF
 
 
+def box_of(cells: NDArray[np.integer]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest corner, (3,) metres each, of the box around (n, 3) cells."""
+    return cells.min(axis=0) * CELL_M, (cells.max(axis=0) + 1) * CELL_M
+
+
 def spot_of(position_m: NDArray[np.floating]) -> Spot:
     """Spot (x, y, z) in which a position (3,) of the map's frame lies."""
     x, y, z = np.floor(np.asarray(position_m, np.float64) / SPOT_M).astype(np.int64).tolist()
