@@ -45,6 +45,7 @@ from .read_map.mapping_scans import MappingScans
 from .read_map.read_map import content_hash
 from .read_map.without_moving import without_moving
 from .self_test.localizability import draw_localizability
+from .self_test.mapped_places import MappedPlaces
 from .self_test.real_scans import RealScans
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
@@ -408,9 +409,10 @@ class BuildStages(StageRunner):
             points = np.load(index.directory / MAP_FILE)
             told = HeldOut() if confirmed is None else HeldOut.load(confirmed)
             told = told.moved(inverse(np.load(read.directory / "T_map_level.npy")))
+            tested, simulator = MapIndex.load(index.directory, Calibration()), simulator_of(mesh)
             found, calibration, bound, places = run_self_test(
-                Localizer(MapIndex.load(index.directory, Calibration()), explains=False),
-                simulator_of(mesh),
+                Localizer(tested, explains=False),
+                simulator,
                 self.config.sensor_model,
                 self.config.self_test,
                 RealScans.of(HeldOut.load(read.directory), points, told),
@@ -422,9 +424,13 @@ class BuildStages(StageRunner):
             _write_json(out / BOUND_FILE, bound.to_mapping())
             floor = floor_of(viewpoints)
             left_out = {"floor": floor and floor.to_mapping(), "moving": moving_of(read)}
-            _write_json(out / "self_test.json", {**found.to_mapping(), **left_out})
+            mapped = MappedPlaces.of(tested, trajectory_of(read), simulator, self.config.sensor_model)
+            grid = found.localizability
+            known = mapped and {"localizability": mapped.told_of(grid), "mapped": mapped.to_mapping(grid)}
+            _write_json(out / "self_test.json", {**found.to_mapping(), **left_out, **(known or {})})
             draw_reliability(found.reliability, out / "reliability.png")
-            draw_localizability(points, places, out / "localizability.png", floor)
+            in_part = mapped.in_part if mapped else ()
+            draw_localizability(points, places, out / "localizability.png", floor, in_part)
 
         chosen = {
             "self_test": self.config.self_test.model_dump(mode="json"),

@@ -51,11 +51,12 @@ def _median(error_m: float | None) -> str:
 
 
 def _left_out_lines(tested: Mapping[str, Any]) -> list[str]:
-    """Returns lines about seen floor without templates, and points of moving things; none without them."""
+    """Returns lines about floor without templates, places mapped in part, and moving things, if any."""
     lines = []
     share = (tested.get("floor") or {}).get("without_template", 0.0)
     if share:
         lines.append(f"{max(share, 0.01):.0%} of the seen floor has no template: not reachable")
+    lines += _in_part_lines(tested.get("mapped") or {})
     moving = tested.get("moving") or {}
     if moving.get("left_out"):
         lines.append(f"{moving['left_out']:.1%} of the points left out: later rays passed through them")
@@ -65,6 +66,20 @@ def _left_out_lines(tested: Mapping[str, Any]) -> list[str]:
         name, reason = next(iter(moving["not_used"].items()))
         lines.append(f"{len(moving['not_used'])} mapping scans not used, such as {name}: {reason}")
     return lines
+
+
+def _in_part_lines(mapped: Mapping[str, Any]) -> list[str]:
+    """Returns how many places were mapped in part, and how scans do there; no line if none were."""
+    if not mapped.get("in_part"):
+        return []
+    here, elsewhere = mapped["localized_in_part"], mapped["localized_elsewhere"]
+    compared = (
+        ""
+        if None in (here, elsewhere)
+        else f": {here:.0%} of scans localized there, {elsewhere:.0%} elsewhere"
+    )
+    count = f"{mapped['in_part']} of {mapped['places']} places"
+    return [f"{count} were mapped in part, from a door or from afar{compared}"]
 
 
 def _threshold_lines(threshold: Mapping[str, Any]) -> list[str]:

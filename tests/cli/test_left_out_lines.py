@@ -31,3 +31,14 @@ def test_floor_without_templates_is_told_and_no_line_says_that_there_is_none():
     assert self_test_lines({"queries": 0, "floor": some}) == ["self-test: none", told]
     for floor in ({"floor": none}, {"floor": None}, {}):  # all has; no trajectory; an older version
         assert self_test_lines({**TESTED, **floor}) == self_test_lines(TESTED)
+
+
+def test_places_mapped_in_part_are_told_with_what_scans_did_there():
+    mapped = {"places": 140, "in_part": 12, "localized_in_part": 0.4, "localized_elsewhere": 0.85}
+    told = "12 of 140 places were mapped in part, from a door or from afar"
+    lines = self_test_lines({**TESTED, "mapped": mapped})
+    assert lines[-1] == f"{told}: 40% of scans localized there, 85% elsewhere"
+    untested = {**mapped, "localized_in_part": None}
+    assert self_test_lines({**TESTED, "mapped": untested})[-1] == told
+    for none in ({**mapped, "in_part": 0}, None):
+        assert self_test_lines({**TESTED, "mapped": none}) == self_test_lines(TESTED)

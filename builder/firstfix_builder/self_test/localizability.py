@@ -54,6 +54,7 @@ def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:
     """Returns the cells of CELL_M in which scans were taken.
 
     Each has the number of its scans, the number that localized, and the cell that the others resembled most.
+    Where the mapping run is known, ``MappedPlaces.told_of`` adds how much of the space there it never saw.
     Cells are counted from the frame's origin.
     """
     cells: dict[tuple[int, int], list[QueriedPlace]] = {}
@@ -74,20 +75,27 @@ def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:
     return grid
 
 
+def cells_of(positions_m: NDArray[np.floating]) -> list[tuple[int, int]]:
+    """Cells of CELL_M in which (n, 3) positions of the index's levelled frame lie."""
+    return [(x, y) for x, y in np.floor(positions_m[:, :2] / CELL_M).astype(int).tolist()]
+
+
 def draw_localizability(
     map_points: NDArray[np.floating],
     places: Sequence[QueriedPlace],
     path: Path,
     floor: SeenFloor | None = None,
+    in_part: Sequence[tuple[int, int]] = (),
 ) -> None:
     """Draws a PNG: each scan of the self-test by its outcome, and lines from unsure ones to similar places.
 
-    Floor without templates is drawn below them.
+    Floor without templates is drawn below them, and cells that were mapped ``in_part`` are hatched.
 
     No date and no tool's name go into the file: equal input gives equal bytes.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
 
     view = TopView.of(map_points)
     figure = Figure(figsize=(9, 9), dpi=120, layout="constrained")
@@ -98,6 +106,11 @@ def draw_localizability(
         x, y = floor.left_out[:, :2].T
         label = f"no template: {floor.without_template:.0%} of the seen floor"
         axes.scatter(x, y, s=6, c="tab:purple", marker="s", lw=0, alpha=0.4, label=label)
+    hatched = {"fill": False, "ec": "tab:blue", "hatch": "///", "lw": 0.3, "alpha": 0.5}
+    for column, row in in_part:
+        axes.add_patch(Rectangle((column * CELL_M, row * CELL_M), CELL_M, CELL_M, **hatched))
+    if in_part:
+        axes.patches[0].set_label(f"mapped in part: {len(in_part)} places")
     for place in places:
         if place.outcome != "localized" and place.rival_m is not None:
             ends = np.stack([place.position_m, place.rival_m])
@@ -116,5 +129,5 @@ def _most(cells: Counter[tuple[int, int]]) -> tuple[int, int]:
 
 
 def _cell(position_m: NDArray[np.floating]) -> tuple[int, int]:
-    x, y = np.floor(position_m[:2] / CELL_M).astype(int).tolist()
-    return x, y
+    (cell,) = cells_of(position_m[None])
+    return cell

@@ -51,7 +51,8 @@ class SelfTest:
         reliability: result of ``reliability.reliability_of`` for all of them.
         false_accept_bound: result of ``reliability.bound_of``, with mirror images and hard negatives.
         threshold: result of ``threshold.choose`` for the config's promise; ``others``: for those of ``TOLD``.
-        localizability: result of ``localizability.grid_of`` for the queries.
+        localizability: result of ``localizability.grid_of`` for the queries; the build adds what
+            ``mapped_places.MappedPlaces`` knows.
         real: the same of the real scans that were asked too: their number ``asked``, the ``weight`` of each
             among the calibration's cases, ``success``, ``localized``, ``median_error_m`` and
             ``false_accepts``; ``disagree``, which of these differ from those of the simulated scans by more

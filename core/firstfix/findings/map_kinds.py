@@ -102,6 +102,14 @@ MAP_FLOOR_LEFT_OUT = _kind(
     "{left_out_share:.0%} of the floor that the mapping run saw has no template: holes or steps cut it off.",
     "Look at the preview. Close gaps by viewpoints.bridge_gap_m, or map the missing floor.",
 )
+MAP_IN_PART = _kind(
+    "map_in_part",
+    Severity.WARNING,
+    "Robots are lost in rooms that the mapping run looked into and did not enter",
+    "Of {places:,.0f} places, {in_part:,.0f} were mapped in part, from a door or from afar: over a quarter "
+    "of the space around them was never seen.",
+    "Drive through them while mapping. The picture of localizability hatches them.",
+)
 SELF_TEST_LOW = _kind(
     "self_test_low",
     Severity.WARNING,

@@ -58,8 +58,20 @@ def test_floor_without_templates_is_drawn(tmp_path):
     assert (tmp_path / "some.png").read_bytes() != (tmp_path / "none.png").read_bytes()
 
 
+def test_places_mapped_in_part_are_hatched(tmp_path):
+    points = np.random.default_rng(0).uniform(0, 40, (500, 3))
+    draw_localizability(points, [], tmp_path / "none.png")
+    for name in ("a.png", "b.png"):
+        draw_localizability(points, [], tmp_path / name, in_part=[(2, 3), (4, 3)])
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert (tmp_path / "a.png").read_bytes() != (tmp_path / "none.png").read_bytes()
+
+
 def test_a_map_without_a_trajectory_does_not_say_what_was_seen(small_version):
-    assert small_version.manifest.self_test["floor"] is None
+    tested = small_version.manifest.self_test
+    assert tested["floor"] is None
+    assert "mapped" not in tested
+    assert not any("never_seen" in cell for cell in tested["localizability"])
 
 
 def test_a_version_carries_grid_and_picture(small_version):
