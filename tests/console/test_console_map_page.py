@@ -60,6 +60,24 @@ def test_the_heat_of_a_map_has_a_legend(page, world):
     page.until("location.hash.includes('layers=localizability')")
 
 
+def test_places_mapped_in_part_are_crossed_in_the_heat(page, world, small_version):
+    page.open("#/maps/yard?layers=localizability")
+    page.wait("[aria-label='Colours of the places']", "half")
+    before = page.map_picture()
+    assert "Crossed" not in page.js("document.querySelector('.legend-of-heat').textContent")
+
+    manifest = small_version.manifest
+    cells = [{**one, "never_seen": 0.61, "in_part": True} for one in manifest.self_test["localizability"]]
+    told = {**manifest.self_test, "localizability": cells}
+    world.service.catalog.publish(
+        "in_part", small_version.directory, type(manifest)(**{**vars(manifest), "self_test": told})
+    )
+    page.open("#/maps/in_part?layers=localizability")
+    page.wait("[aria-label='Colours of the places']", "Crossed: mapped in part")
+    wait_until(lambda: difference(before, page.map_picture()) > 0.0005)
+    assert world.service.http.delete("/maps/in_part", headers=world.headers("admin")).is_success
+
+
 def test_versions_and_kept_queries_of_a_map_are_on_its_page(page, world):
     world.ask(world.scans[0][0])
     older = world.versions[0][:12]

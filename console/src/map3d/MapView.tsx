@@ -140,7 +140,7 @@ export function MapView({ map }: { map: string }) {
           whole={() => scene.current?.lookAtAll()}
           above={() => scene.current?.lookFromAbove()}
         />
-        {isHeated ? <HeatLegend /> : null}
+        {isHeated ? <HeatLegend hasCrosses={grid.value?.cells.some((one) => one.in_part) ?? false} /> : null}
         {isTested && grid.value ? (
           <SpotPanel grid={grid.value} chosen={spot.value} choose={(one) => (spot.value = one)} />
         ) : null}

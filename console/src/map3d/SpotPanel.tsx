@@ -28,6 +28,12 @@ export function SpotPanel({ grid, chosen, choose }: SpotPanelProps) {
           <p>
             {percent(localizedShare(chosen))} of {chosen.scans} scans were localized, {chosen.wrong} wrongly.
           </p>
+          {chosen.in_part ? (
+            <p>
+              Mapped in part, from a door or from afar: {percent(chosen.never_seen ?? 0)} of the space around was never
+              seen. Drive through it while mapping.
+            </p>
+          ) : null}
           {chosen.taken_for ? (
             <p>
               The others look most like <button onClick={() => go(chosen.taken_for!)}>{name(chosen.taken_for)}</button>

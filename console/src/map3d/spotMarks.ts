@@ -2,7 +2,7 @@
 
 import { Color, Group, type Object3D } from "three";
 import { token } from "../ui/token";
-import { pathMark, squareMark } from "./marks";
+import { onTop, pathMark, squareMark } from "./marks";
 import type { MapScene } from "./scene";
 import { localizedShare, SPOT_CELL_M, type SpotCell, type SpotGrid } from "./spots";
 
@@ -14,8 +14,15 @@ export function squares(scene: MapScene, grid: SpotGrid): Object3D {
   const group = new Group();
   for (const one of grid.cells) {
     group.add(squareMark(scene.local(grid.middle(one.cell)), SPOT_CELL_M, heatOf(localizedShare(one)).getHex(), HEAT_OPACITY));
+    if (one.in_part) group.add(...crossed(scene, grid, one));
   }
   return group;
+}
+
+/** The diagonals of a cell that was mapped in part. */
+function crossed(scene: MapScene, grid: SpotGrid, { cell }: SpotCell): Object3D[] {
+  const ends = (rise: number) => [-0.4, 0.4].flatMap((aside) => scene.local(grid.middle(cell, aside, rise * aside)).toArray());
+  return [1, -1].map((rise) => onTop(pathMark(new Float32Array(ends(rise)), token("mark-chosen"))));
 }
 
 /** From none over half to all, as the legend has it. */

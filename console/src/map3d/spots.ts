@@ -11,6 +11,8 @@ export interface SpotCell {
   localized: number;
   wrong: number;
   taken_for: [number, number] | null;
+  never_seen?: number; // share of the space around; none: not known
+  in_part?: boolean; // mapped from a door or from afar
 }
 
 type Triple = [number, number, number];
@@ -43,10 +45,10 @@ export class SpotGrid {
     return this.found.get(keyOf(x, y));
   }
 
-  /** Middle of a cell in the map's frame, as high as the sensor stood there. */
-  middle([i, j]: [number, number]): Triple {
+  /** Middle of a cell in the map's frame, as high as the sensor stood there; or so many cells beside it. */
+  middle([i, j]: [number, number], x = 0, y = 0): Triple {
     const z = this.heights.get(`${i},${j}`) ?? this.height;
-    const level = [(i + 0.5) * SPOT_CELL_M, (j + 0.5) * SPOT_CELL_M, z];
+    const level = [(i + 0.5 + x) * SPOT_CELL_M, (j + 0.5 + y) * SPOT_CELL_M, z];
     const T = this.T_map_level;
     return [0, 1, 2].map(
       (row) => T[4 * row]! * level[0]! + T[4 * row + 1]! * level[1]! + T[4 * row + 2]! * level[2]! + T[4 * row + 3]!,
