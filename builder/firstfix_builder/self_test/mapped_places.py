@@ -17,9 +17,8 @@ from ..simulation.simulate import Simulator
 from .localizability import cells_of
 from .never_seen import never_seen
 
-IN_PART = (
-    0.25  # of the space: where a run drove through a room it missed under 0.1, of other rooms mostly over 0.5
-)
+# Of the space. In a mapped office 1 of 113 scans above it was localized, and half of the 367 below.
+IN_PART = 0.25
 TEMPLATES = 4  # of each cell
 MOST_TOLD = 200  # cells without scans: a manifest stays small
 _SEED = 0
