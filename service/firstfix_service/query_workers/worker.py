@@ -33,7 +33,7 @@ from firstfix.answer.localization import Localization
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.engine.map_choice.sought_scan import SoughtScan, describe_sought
-from firstfix.engine.map_search import Stopwatch
+from firstfix.engine.stopwatch import Stopwatch
 from firstfix.errors import FirstfixError, VersionError
 from firstfix.findings.scan_kinds import MAPS_LEFT_OUT
 from firstfix.formats.point_cloud import Body
