@@ -149,8 +149,10 @@ def peers_summary(result: Result) -> list[str]:
 
 
 def _short(value: Any) -> Any:
-    """A number as a table of many columns shows it: with three digits that count."""
-    return float(f"{value:.3g}") if isinstance(value, float) else value
+    """A number as a table of many columns shows it: with three digits, a larger one without fractions."""
+    if not isinstance(value, float):
+        return value
+    return round(value) if abs(value) >= 100 else float(f"{value:.3g}")
 
 
 def _peers_by_set(figures: Mapping[str, Any]) -> list[str]:
@@ -162,10 +164,8 @@ def _peers_by_set(figures: Mapping[str, Any]) -> list[str]:
         cells = []
         for found in of_sets.values():
             row = found.get(peer)
-            cells.append(
-                row
-                and f"{row['success_0.2m_1deg']:.2f} / {row['false_accepts']}, {row['median_cpu_s']:.2g} s"
-            )
+            shares = row and f"{row['success_0.2m_1deg']:.2f} / {row['false_accepts']}"
+            cells.append(row and f"{shares}, {_short(row['median_cpu_s'])} s")
         rows.append((peer, *cells))
     note = "By set: success within 0.2 m, 1 deg / false accepts, processor time (median)."
     return [note, "", *table(head, rows)]

@@ -102,7 +102,7 @@ def test_the_peer_that_wins_stands_first():
     assert "success within 0.2 m and 1 deg: other 1.0 against 0.5" in table
     assert table.index("| other (2) |") < table.index("| firstfix (2) |")
     page = benchmark_page({"peers": result("peers", PEERS)})
-    assert "| other | 1.00 / 0, 3 s |" in page
+    assert "| other | 1.00 / 0, 3.0 s |" in page
     assert "gone" not in table
 
 

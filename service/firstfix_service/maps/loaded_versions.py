@@ -12,7 +12,8 @@ import structlog
 from ..query_workers.base import QueryWorkers
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
-from .eviction_order import EvictionOrder, Key, LoadedVersion, VersionFiles
+from .eviction_order import EvictionOrder, LoadedVersion
+from .version_files import Key, VersionFiles
 
 _log = structlog.get_logger(__name__)
 MAX_AHEAD = 16  # versions that are loaded before anybody asks, so that a service with many maps starts soon
