@@ -4,7 +4,7 @@
 bin := .venv/bin
 # Four files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
 PYTEST_ARGS ?= -n 4 --dist loadfile --no-loadscope-reorder
-# A run that takes longer (seconds) is ended, with the stacks of what hangs. On 2 cores it takes some 45 minutes.
+# A run that takes longer (seconds) is ended, with the stacks of what hangs. On 2 cores it takes some 36 minutes.
 TEST_LIMIT_S ?= 10800
 run_tests := PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python tests/harness/reaper.py --limit-s $(TEST_LIMIT_S) $(bin)/python -m pytest
 FAST := $(addprefix tests/, core builder service client cli ros2 house)

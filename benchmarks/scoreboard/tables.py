@@ -133,14 +133,26 @@ def real_builds(result: Result) -> list[str]:
 def peers_table(result: Result) -> list[str]:
     """Lists the wins of peers, a row for each peer over all sets, the best first, and each set in short."""
     figures = result.figures
-    return [*wins(figures), "", *table_of(all_sets(figures)), "", *_peers_by_set(figures)]
+    rows = {
+        peer: {key: _short(value) for key, value in row.items()} for peer, row in all_sets(figures).items()
+    }
+    return [*wins(figures), "", *table_of(rows), "", *_peers_by_set(figures)]
 
 
 def peers_summary(result: Result) -> list[str]:
     """Lists the wins of peers, and a row for each peer over all sets, in short."""
     rows = all_sets(result.figures)
-    lines = [(f"{peer} ({rows[peer]['n']})", *(rows[peer][key] for key in PEERS)) for peer in ranked(rows)]
+    lines = [
+        (f"{peer} ({rows[peer]['n']})", *(_short(rows[peer][key]) for key in PEERS)) for peer in ranked(rows)
+    ]
     return [*wins(result.figures), "", *table(("system (scans)", *PEERS.values()), lines)]
+
+
+def _short(value: Any) -> Any:
+    """A number as a table of many columns shows it: with three digits, a larger one without fractions."""
+    if not isinstance(value, float):
+        return value
+    return round(value) if abs(value) >= 100 else float(f"{value:.3g}")
 
 
 def _peers_by_set(figures: Mapping[str, Any]) -> list[str]:
@@ -152,10 +164,10 @@ def _peers_by_set(figures: Mapping[str, Any]) -> list[str]:
         cells = []
         for found in of_sets.values():
             row = found.get(peer)
-            shown = row and (row["success_0.2m_1deg"], row["success_1m_5deg"], row["false_accepts"])
-            cells.append(shown and f"{' / '.join(map(str, shown))}, {row['median_cpu_s']} s")
+            shares = row and f"{row['success_0.2m_1deg']:.2f} / {row['false_accepts']}"
+            cells.append(row and f"{shares}, {_short(row['median_cpu_s'])} s")
         rows.append((peer, *cells))
-    note = "By set: success within 0.2 m, 1 deg / 1 m, 5 deg / false accepts, processor time (median)."
+    note = "By set: success within 0.2 m, 1 deg / false accepts, processor time (median)."
     return [note, "", *table(head, rows)]
 
 
@@ -195,14 +207,15 @@ def scale_table(result: Result) -> list[str]:
 
 
 def rebuilds_table(result: Result) -> list[str]:
-    """A row for each stage of each change: processor seconds."""
-    rows: list[Sequence[Any]] = []
-    for name, change in result.figures["changes"].items():
-        full, rebuild = change["full_cpu_s"], change["rebuild_cpu_s"]
-        rows += [(name, stage, full[stage], rebuild.get(stage, 0.0), None) for stage in full]
-        total, again = (f"{sum(times.values()):.1f}" for times in (full, rebuild))
-        rows.append((name, "all", total, again, change["ratio"]))
-    return table(("change", "stage", "from nothing, s", "after the change, s", "ratio"), rows)
+    """A row for each stage, two columns for each change: processor seconds from nothing, and after it."""
+    changes = result.figures["changes"]
+    sides = [change[side] for change in changes.values() for side in ("full_cpu_s", "rebuild_cpu_s")]
+    head = ["stage", *(f"{name}: {side}" for name in changes for side in ("from nothing, s", "after it, s"))]
+    stages = dict.fromkeys(stage for side in sides for stage in side)
+    rows: list[Sequence[Any]] = [(stage, *(side.get(stage, 0.0) for side in sides)) for stage in stages]
+    rows.append(("all", *(f"{sum(side.values()):.1f}" for side in sides)))
+    rows.append(("ratio", *(one for change in changes.values() for one in (None, change["ratio"]))))
+    return table(head, rows)
 
 
 def service_table(result: Result) -> list[str]:

@@ -10,6 +10,7 @@ an ``ExitCode``.
 from __future__ import annotations
 
 import logging
+import shutil
 from collections.abc import Sequence
 from functools import partial
 
@@ -41,22 +42,25 @@ def build_here(options: BuildOptions, sandbox: SandboxedBuild | None, job: Build
     """
     from firstfix.builds.config import BuildConfig
 
-    from .pipeline import build_version
+    from .pipeline import CONFIRMED, build_version
 
-    if sandbox is not None:
-        sandbox.read_source(job)
-    return build_version(
-        job.source,
-        BuildConfig.parse(job.config),
-        job.work / "build",
-        trajectory=job.trajectory,
-        confirmed=job.confirmed,
-        progress=job.progress,
-        cancelled=job.cancelled,
-        shared=SharedStages(Store.open(options.store)) if options.share_stages else None,
-        publish_provisional=job.publish_provisional,
-        options=options,
-    )
+    try:
+        if sandbox is not None:
+            sandbox.read_source(job)
+        return build_version(
+            job.source,
+            BuildConfig.parse(job.config),
+            job.work / "build",
+            trajectory=job.trajectory,
+            confirmed=job.confirmed,
+            progress=job.progress,
+            cancelled=job.cancelled,
+            shared=SharedStages(Store.open(options.store)) if options.share_stages else None,
+            publish_provisional=job.publish_provisional,
+            options=options,
+        )
+    finally:  # scans of robots, which the sandbox has decoded, however the build ends
+        shutil.rmtree(job.work / "build" / CONFIRMED, ignore_errors=True)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { againAndAgain, MOST_WAIT_S, patiently, pause, secondsToWait, TRIES } from "../src/api/patience.ts";
+import { againAndAgain, MOST_WAIT_S, patiently, pause, RECONNECT_MS, secondsToWait, TRIES } from "../src/api/patience.ts";
 
 function answer(status: number, retryAfter?: string): () => Response {
   return () => new Response("{}", { status, headers: retryAfter ? { "Retry-After": retryAfter } : {} });
@@ -40,6 +40,17 @@ test("a time of day is a wait, too", () => {
   assert.equal(secondsToWait(answer(503, "Mon, 23 Nov 2026 10:00:05 GMT")(), now), 5);
   assert.equal(secondsToWait(answer(503, "Mon, 23 Nov 2026 09:00:00 GMT")(), now), 0);
   assert.equal(secondsToWait(answer(503, "soon")(), now), null);
+});
+
+function broken(): Response {
+  throw new TypeError("Failed to fetch");
+}
+
+test("a connection that breaks is tried once more", async () => {
+  const seen = await asked(broken, answer(200));
+  assert.deepEqual(seen, { status: 200, waits: [RECONNECT_MS / 1000], times: 2 });
+  await assert.rejects(asked(broken), TypeError);
+  await assert.rejects(asked(broken, answer(503, "0"), broken, answer(200)), TypeError);
 });
 
 test("nobody waits for a view that is left", async () => {

@@ -102,7 +102,7 @@ def test_the_peer_that_wins_stands_first():
     assert "success within 0.2 m and 1 deg: other 1.0 against 0.5" in table
     assert table.index("| other (2) |") < table.index("| firstfix (2) |")
     page = benchmark_page({"peers": result("peers", PEERS)})
-    assert "| other | 1.0 / 0 / 0, 3.0 s |" in page
+    assert "| other | 1.00 / 0, 3.0 s |" in page
     assert "gone" not in table
 
 
@@ -112,9 +112,13 @@ def test_a_rebuild_is_shown_by_stage_and_as_a_ratio():
         "rebuild_cpu_s": {"read_map": 2.0},
         "ratio": 0.2,
     }
-    page = benchmark_page({"rebuilds": result("rebuilds", {"changes": {"one aisle": change}})})
-    assert "| one aisle | self_test | 6.0 | 0.0 | - |" in page
-    assert "| one aisle | all | 10.0 | 2.0 | 0.2 |" in page
+    other = {"full_cpu_s": {"read_map": 3.0}, "rebuild_cpu_s": {"read_map": 1.5}, "ratio": 0.5}
+    changes = {"one aisle": change, "a house": other}
+    page = benchmark_page({"rebuilds": result("rebuilds", {"changes": changes})})
+    assert "| stage | one aisle: from nothing, s | one aisle: after it, s | a house: from" in page
+    assert "| self_test | 6.0 | 0.0 | 0.0 | 0.0 |" in page
+    assert "| all | 10.0 | 2.0 | 3.0 | 1.5 |" in page
+    assert "| ratio | - | 0.2 | - | 0.5 |" in page
 
 
 @pytest.mark.parametrize("names", [("real",), ("real", "peers"), ("scale",)], ids="+".join)

@@ -6,10 +6,11 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from websockets.sync.client import ClientConnection, connect
 from waiting import LIMIT_S, wait_until
 
 HOST = "console.test"  # a name without TLS, as robots' networks have it: browsers offer less there
+_WITHOUT_NETLINK = str(Path(__file__).with_name("without_netlink.py"))
 _ARGUMENTS = (
     "--headless=new",
     "--no-sandbox",  # containers seldom allow it
@@ -120,7 +122,14 @@ def running_browser(folder: Path) -> Iterator[Browser]:
     profile.mkdir(parents=True)
     with (folder / "chromium.log").open("wb") as log:
         process = subprocess.Popen(
-            [program, *_ARGUMENTS, f"--user-data-dir={profile}", "about:blank"],
+            [
+                sys.executable,
+                _WITHOUT_NETLINK,
+                program,
+                *_ARGUMENTS,
+                f"--user-data-dir={profile}",
+                "about:blank",
+            ],
             stdout=log,
             stderr=log,
             start_new_session=True,
@@ -136,5 +145,6 @@ def running_browser(folder: Path) -> Iterator[Browser]:
         with connect(f"ws://127.0.0.1:{port}{path}", max_size=None, proxy=None) as socket:
             yield Browser(socket, folder / "downloads", process.pid)
     finally:
-        os.killpg(process.pid, 9)
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, 9)
         process.wait()

@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -61,3 +62,9 @@ def test_no_file_names_a_place_outside(pattern: re.Pattern[str]):
         f"{name}: {match.group(0)}" for name, text in tracked_texts() for match in pattern.finditer(text)
     ]
     assert not found
+
+
+def test_no_two_test_files_share_a_name():
+    """Pytest imports them by their names alone, and only a run of both would show it."""
+    names = Counter(path.name for path in (REPO / "tests").rglob("test_*.py"))
+    assert not [name for name, count in names.items() if count > 1]

@@ -178,7 +178,7 @@ def _build_here(
     from firstfix_builder.execution.dask_executor import check_reachable
     from firstfix_builder.job.build_job import BuildJob
     from firstfix_builder.job.confirmed_queries import collect_confirmed
-    from firstfix_builder.pipeline import build_version
+    from firstfix_builder.pipeline import CONFIRMED, build_version
 
     from ..read_confined import read_confined
 
@@ -196,17 +196,20 @@ def _build_here(
         samples, kept = QuerySamples(opened), options.work / "confirmed"
         confirmed = collect_confirmed(samples, map_id, settings.self_test.confirmed, kept)
         job = BuildJob(source, trajectory, given, options.work, progress, lambda: False, confirmed=confirmed)
-        read_confined(job, options)
-        built = build_version(
-            source,
-            settings,
-            options.work / "build",
-            trajectory=trajectory,
-            confirmed=confirmed,
-            progress=progress,
-            options=options,
-        )
-        shutil.rmtree(kept, ignore_errors=True)
+        try:
+            read_confined(job, options)
+            built = build_version(
+                source,
+                settings,
+                options.work / "build",
+                trajectory=trajectory,
+                confirmed=confirmed,
+                progress=progress,
+                options=options,
+            )
+        finally:  # scans of robots, however the build ends
+            for folder in (kept, options.work / "build" / CONFIRMED):
+                shutil.rmtree(folder, ignore_errors=True)
         progress(PUBLISH, 0.0)
         catalog = Catalog(opened)
         held = catalog.reason_to_hold(map_id, built.manifest, settings.activate)

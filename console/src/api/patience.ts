@@ -2,6 +2,7 @@
 
 export const TRIES = 4; // of one read
 export const MOST_WAIT_S = 30; // in which somebody still waits for a view
+export const RECONNECT_MS = 1000; // browsers drop their waiting requests when the computer changes its network
 const SPREAD = 0.25; // so that refused requests do not come back all at once
 const AGAIN_MS = 2000; // between two tries to open a stream
 const REFUSED_FOR_GOOD = [401, 403, 404];
@@ -32,14 +33,21 @@ export function secondsToWait(response: Response, now = Date.now()): number | nu
   return Number.isNaN(seconds) ? null : Math.max(0, seconds);
 }
 
-/** Sends a read, and again as long as the service asks to wait for a little. Returns the last answer. */
+/**
+ * Sends a read, and again as long as the service asks to wait for a little. Returns the last answer. A connection
+ * that breaks is tried once more.
+ */
 export async function patiently(
   ask: () => Promise<Response>,
   signal?: AbortSignal,
   wait: Pause = pause,
 ): Promise<Response> {
+  let broken = 0;
   for (let tries = 1; ; tries++) {
-    const response = await ask();
+    const response = await ask().catch((error: unknown) => {
+      if (broken++ || signal?.aborted) throw error;
+      return wait(RECONNECT_MS, signal).then(ask);
+    });
     const seconds = secondsToWait(response);
     if (seconds === null || seconds > MOST_WAIT_S || tries === TRIES) return response;
     void response.body?.cancel();

@@ -4,123 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import native
 from ..answer.prior import Prior
-from ..answer.quality import AlignmentQuality
-from ..transform import Matrix
 from .candidates import Candidates
 from .index import FreeSpaceShares, MapIndex
 from .local_search import best_near
 from .preprocess import PreparedQuery, spots_of
-from .ranking import MatchFeatures, RankingConfig
+from .registered_candidate import NOT_MEASURED, RegisteredCandidate, distinct, features_of, ranked
 from .registration.align import Agreement, Registration, Registrations
 from .registration.surface import Surface
-
-NOT_CHECKED = FreeSpaceShares(0.0, 0.0)
-NOT_MEASURED = Agreement(0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class RegisteredCandidate:
-    """A pose in one map to which a candidate was aligned.
-
-    Attributes:
-        index: the map.
-        map_id: its id, where several maps compete.
-        template: row of the template that the candidate came from.
-        registration: the aligned pose, and how well the scan fits there.
-        free_space: shares of directions that pass through the map; 0 until free space is checked.
-        agreement: how the scan agrees with the map there, beyond how much of it does.
-        start_z_m: height, in the level frame, at which the alignment began: the sensor's above the template's
-            floor. nan: not known.
-        spots: number of spots where the query's scans were taken.
-    """
-
-    index: MapIndex
-    map_id: str
-    template: int
-    registration: Registration
-    free_space: FreeSpaceShares = NOT_CHECKED
-    agreement: Agreement = NOT_MEASURED
-    start_z_m: float = math.nan
-    spots: int = 1
-
-    @cached_property  # each of a hundred candidates is compared with all others
-    def quality(self) -> AlignmentQuality:
-        """Fit of the scan to the map at this pose, less for a motion during the scan that is unlikely."""
-        return AlignmentQuality(
-            self.registration.inlier_ratio,
-            self.index.config.ranking.discounted_score(
-                self.registration.alignment_score, self.registration.twist
-            ),
-            self.free_space.free_space_violation,
-            self.free_space.removed_surface,
-            **vars(self.agreement),
-            seen_free=self.free_space.seen_free,
-        )
-
-    @cached_property
-    def support(self) -> float:
-        """Score by which candidates are ranked."""
-        return self.index.config.ranking.support(self.quality)
-
-    def faced(self, scan: Surface) -> RegisteredCandidate:
-        """The candidate with the information that its covariance is made of.
-
-        Args:
-            scan: many points, as they were aligned.
-        """
-        information = self.index.surface.faced_information(scan, self.registration)
-        return replace(self, registration=replace(self.registration, information=information))
-
-    @property
-    def T_map_sensor(self) -> Matrix:
-        """(4, 4) pose in the map's own frame."""
-        return self.index.T_map_level @ self.registration.T_level_sensor
-
-
-def ranked(candidates: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
-    """Candidates of one map by support, best first; of nearly the same pose only the best is kept."""
-    best_first = sorted(candidates, key=lambda candidate: -candidate.support)
-    if not best_first:
-        return []
-    T_level_sensor = np.array([candidate.registration.T_level_sensor for candidate in best_first])
-    rows = distinct(T_level_sensor, best_first[0].index.config.ranking)
-    return [best_first[row] for row in rows.tolist()]
-
-
-def distinct(
-    T_level_sensor: NDArray[np.float64], ranking: RankingConfig, most: int | None = None
-) -> NDArray[np.int64]:
-    """Rows of (k, 4, 4) poses of one map, ``most`` at most, that are not nearly the same as a row before."""
-    most = len(T_level_sensor) if most is None else most
-    return native.distinct_poses(
-        T_level_sensor, ranking.same_pose_m, math.radians(ranking.same_pose_deg), most
-    )
-
-
-def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> MatchFeatures:
-    """Match features of one of the ranked candidates, for the calibration of its own map.
-
-    The evidence of several spots adds up: places that look alike from one rarely do from all. Support is a
-    mean over the scans, so the margin counts once for each spot (docs/method.md section 7).
-    """
-    one = ranked[number]
-    features = one.index.config.ranking.match_features(
-        [candidate.quality for candidate in ranked],
-        one.index.calibration.min_margin,
-        number,
-        [candidate.support for candidate in ranked],
-    )
-    return features if one.spots == 1 else replace(features, margin=one.spots * features.margin)
-
 
 _BESIDE = np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ..answer.prior import Prior
 from ..transform import Matrix
 from .candidates import YAW_SLACK_DEG, Candidates
-from .hypotheses import RegisteredCandidate, distinct, features_of
 from .index import MapIndex
+from .registered_candidate import RegisteredCandidate, distinct, features_of
 from .registration.surface import Surface
 from .retrieval.cascade import Templates
 

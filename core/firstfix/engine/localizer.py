@@ -7,111 +7,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from ..answer.free_direction import free_directions
-from ..answer.localization import Hypothesis, Localization, Reason, Verdict
+from ..answer.localization import Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
 from ..errors import InvalidOption
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
-from ..transform import inverse
-from .calibration import Calibration
 from .config import PreprocessConfig
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
 from .diagnosis.diagnose import AskedQuery, diagnosed
 from .diagnosis.place_findings import reasons_found
 from .hint.find import find_hint
-from .hypotheses import RegisteredCandidate, features_of
 from .index import MapIndex
-from .map_search import MapSearch, Step, Stopwatch
+from .map_search import MapSearch, Step
 from .preprocess import PreparedQuery, deskewed, preprocess
-from .ranking import MatchFeatures, RankingConfig
-from .registration.covariance import pose_covariance
-
-
-def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:
-    """Answer of one map or several, each candidate judged by the calibration of its own map.
-
-    Args:
-        ranked: distinct, best first.
-    """
-    if not ranked:
-        return Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,))
-    best, mounting = ranked[0], options.T_base_sensor
-    calibration, features = best.index.calibration, features_of(ranked)
-    probability = calibration.probability(features)
-    hypotheses = tuple(
-        Hypothesis(candidate.T_map_sensor, candidate.quality, share, candidate.template, candidate.map_id)
-        for candidate, share in zip(ranked, _shares(ranked, features.tied, probability), strict=True)
-    )
-    reason = _why_not_localized(features, calibration, threshold_of(best.index, options))
-    if reason is None and not best.registration.rests:
-        reason = Reason.NOT_CONVERGED
-    if reason is not None:
-        verdict = Verdict.AMBIGUOUS if reason is Reason.SEVERAL_PLACES else Verdict.REJECTED
-        return Localization(verdict, (reason,), probability=probability, hypotheses=hypotheses)
-    config, T_map_level = best.index.config.registration, best.index.T_map_level
-    covariance = pose_covariance(best.registration.information, T_map_level, config)
-    return Localization(
-        Verdict.LOCALIZED,
-        T_map_sensor=best.T_map_sensor,
-        T_map_base=None if mounting is None else best.T_map_sensor @ inverse(mounting),
-        covariance=covariance,
-        probability=probability,
-        hypotheses=hypotheses,
-        map_id=best.map_id,
-        twist=best.registration.twist if options.twist is None else options.twist,
-        degenerate=free_directions(covariance),
-    )
-
-
-def threshold_of(index: MapIndex, options: LocalizeOptions, map_id: str = "") -> float | None:
-    """Threshold on the probability that the caller asks of a map; None: the map's own.
-
-    Raises:
-        InvalidOption: two thresholds are asked for, or no threshold of this map promises what is asked.
-    """
-    if options.max_false_accept is None:
-        return options.min_probability
-    if options.min_probability is not None:
-        raise InvalidOption("min_probability and max_false_accept both set the threshold: give one")
-    return index.false_accept_bound.min_probability(options.max_false_accept, map_id)
-
-
-def _why_not_localized(
-    best: MatchFeatures, calibration: Calibration, min_probability: float | None
-) -> Reason | None:
-    """First reason against the best candidate, or None: it is accepted.
-
-    Places that tie are never localized, so one of them need only be likely, whatever the caller's threshold.
-    """
-    needed = calibration.min_probability if min_probability is None else min_probability
-
-    def would_do(changed: MatchFeatures) -> bool:
-        return calibration.probability(changed) >= needed
-
-    if best.quality.inlier_ratio < calibration.min_inlier_ratio:
-        return Reason.LOW_INLIER_RATIO
-    if best.quality.free_space_violation > calibration.max_free_space_violation:
-        return Reason.FREE_SPACE_VIOLATION
-    if calibration.accepts(best, min_probability):
-        return None
-    if best.tied > 1 and calibration.probability(best) >= best.ranking.likely:
-        return Reason.SEVERAL_PLACES
-    if would_do(best.without_rivals):
-        return Reason.SEVERAL_PLACES
-    if would_do(replace(best, quality=replace(best.quality, free_space_violation=0.0))):
-        return Reason.FREE_SPACE_VIOLATION
-    return Reason.LOW_PROBABILITY
-
-
-def _shares(ranked: Sequence[RegisteredCandidate], tied: int, probability: float) -> list[float]:
-    """Probability of each candidate: equal for those that tie; others get at most the remainder."""
-    others = [
-        candidate.index.calibration.probability(features_of(ranked, number))
-        for number, candidate in enumerate(ranked[tied:], tied)
-    ]
-    return [probability / tied] * tied + [min(other, 1 - probability) for other in others]
+from .ranking import RankingConfig
+from .registered_candidate import RegisteredCandidate, features_of
+from .stopwatch import Stopwatch
+from .verdict import judge, threshold_of
 
 
 class SearchesMap(Protocol):

@@ -64,13 +64,18 @@ class Principal:
             raise Forbidden(f"not allowed for map {map_id[:80]!r}")
 
     @property
+    def has_credential(self) -> bool:
+        """Returns whether more than an address tells the caller apart."""
+        return not self.name.startswith("address:")
+
+    @property
     def repeats_as(self) -> str:
         """Name under which repeated requests of this caller are recognised.
 
         If authentication is off it is the same for all callers, because a robot's address can change between
         two tries.
         """
-        return ANONYMOUS.name if self.name.startswith("address:") else self.name
+        return self.name if self.has_credential else ANONYMOUS.name
 
     def owns(self, owner: str | None) -> bool:
         """Returns whether the caller may use an object: one of its own, or any with the scope ``admin``.

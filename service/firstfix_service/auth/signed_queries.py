@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from firstfix.errors import ClockSkew, RateLimited, Unauthorized
 from firstfix.wire.signature import WINDOW_S, Asked, QuerySignature, SigningKey
 
-from .authenticate import KeyRing
+from .key_ring import KeyRing
 from .principal import Principal
 
 # Of one key, within the time that they are remembered: more than 200 queries a second of one robot.

@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 from typing import Any
 
@@ -21,10 +21,7 @@ from firstfix.builds.records import FINAL_STATES, BuildRecords, new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import (
     BuildAttemptsExceeded,
-    BuildError,
     BuildFailed,
-    BuildStalled,
-    BuildTimedOut,
     FirstfixError,
     NotFound,
     NothingToPatch,
@@ -36,6 +33,7 @@ from firstfix.maintenance.build_end import end_build
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..thread_pools import BUILDS
+from .build_watch import BuildWatch, build_limits
 from .process import STOP_GRACE_S, BuildProcess, WorkFolder, build_options
 
 _log = structlog.get_logger(__name__)
@@ -317,69 +315,3 @@ def count_build(records: BuildRecords, metrics: Metrics, build_id: str, state: s
             name = stage["stage"] if stage["stage"] in STAGE_LABELS else "other"
             cached = "yes" if stage["cached"] else "no"
             metrics.build_stage_seconds.labels(name, cached).observe(float(stage["seconds"]))
-
-
-@dataclass(frozen=True)
-class BuildLimits:
-    """Time limits.
-
-    Attributes:
-        timeout_s: of all attempts of a build together.
-        stall_s: of one attempt whose status does not change.
-    """
-
-    timeout_s: float
-    stall_s: float
-
-
-def build_limits(settings: Settings) -> BuildLimits:
-    """Returns the time limits of builds: of a day, two hours without progress."""
-    return BuildLimits(settings.build_timeout_s, settings.build_timeout_s / 12)
-
-
-class BuildWatch:
-    """Watches the time of one attempt, from its start.
-
-    Args:
-        before_s: time that earlier attempts have run.
-        clock: monotonic time in seconds.
-    """
-
-    def __init__(
-        self, limits: BuildLimits, before_s: float, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._limits = limits
-        self._before_s = before_s
-        self._clock = clock
-        self._started = self._progressed = clock()
-        self._stopped: float | None = None
-        self._seen: object = None
-
-    @property
-    def ran_s(self) -> float:
-        """Time that this attempt has run."""
-        return (self._clock() if self._stopped is None else self._stopped) - self._started
-
-    def stop(self) -> None:
-        """Stops the clock: the attempt has ended."""
-        self._stopped = self._clock()
-
-    def see(self, status: Mapping[str, Any] | None) -> None:
-        """Records the status of the build.
-
-        Args:
-            status: None if it cannot be read now. The time without progress then starts again, because an
-                unreadable status is not the build's fault.
-        """
-        seen = None if status is None else (status.get("stage"), status.get("progress"))
-        if seen is None or seen != self._seen:
-            self._seen = seen
-            self._progressed = self._clock()
-
-    def overdue(self) -> BuildError | None:
-        """Returns the error if a limit is exceeded."""
-        if self._before_s + self.ran_s > self._limits.timeout_s:
-            return BuildTimedOut(f"the build ran for more than {self._limits.timeout_s:g} s")
-        if self._clock() - self._progressed > self._limits.stall_s:
-            return BuildStalled(f"the build made no progress for {self._limits.stall_s:g} s")
-        return None

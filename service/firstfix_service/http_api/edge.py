@@ -20,8 +20,9 @@ from firstfix.access.permissions import Scope
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import NotFound, ReadOnly, Unauthorized
 
-from ..auth.authenticate import Authenticator, Permission, RateLimit
+from ..auth.authenticate import Authenticator, Permission
 from ..auth.principal import Needs, Principal, Rate
+from ..auth.rate_limit import RateLimit
 from ..http_server.connections import Network, address_of
 from ..http_server.streams import DELAY_ANSWER, DelayAnswer
 from ..problems import problem_of

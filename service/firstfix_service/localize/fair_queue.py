@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import Callable, Coroutine, Iterable
 from contextvars import Context
 from dataclasses import dataclass, field
@@ -18,10 +18,8 @@ from typing import Any, TypeVar
 
 from ..query_workers.base import QueryWorker
 from ..query_workers.query import Asker
+from .slow_share import SlowShare
 
-SLOW_S = 0.25  # a query that is expected to take longer is slow
-RECENT_S = 60.0  # who was answered within this time may ask again at any moment
-_MAX_NAMES = 2  # of those who were answered last: one of them is somebody else
 _NEWEST_WEIGHT = 0.1  # in the moving averages
 _PLACES = attrgetter("places")
 MAX_IDLE = 4000  # maps of callers without a query in the gate, whose usual queries are remembered
@@ -159,7 +157,7 @@ class FairQueue:
         self._callers: dict[str, _Caller] = {}
         self._present: dict[str, _Caller] = {}  # those with a query: few of all that are remembered
         self._idle: OrderedDict[Asker, None] = OrderedDict()  # without a query, the longest idle first
-        self._slow = _SlowShare(workers, clock)
+        self._slow = SlowShare(workers, clock)
         self._running = 0
         self._now_s = 0.0  # used time of the caller that had the last turn
         self._usual: UsualQuery | None = None  # of all callers
@@ -320,75 +318,3 @@ def _newest(caller: _Caller) -> Job:
     fullest = _fullest(caller)
     assert fullest is not None
     return next(reversed(fullest.waiting))
-
-
-class _SlowShare:
-    """Slow queries that run, by caller and by map. For use by one event loop.
-
-    A slow query leaves one worker to the other callers, if there are any, and one to the other maps.
-    """
-
-    def __init__(self, workers: int, clock: Callable[[], float]) -> None:
-        self._workers = workers
-        self._callers, self._maps = _Names(clock), _Names(clock)
-
-    def is_slow(self, expected_s: float) -> bool:
-        return self._workers > 1 and expected_s > SLOW_S
-
-    def may_begin(self, asker: Asker) -> bool:
-        return all(
-            names.slow[name] < self._workers - 1 or not names.has_others(name)
-            for names, name in self._both(asker)
-        )
-
-    def entered(self, asker: Asker) -> None:
-        for names, name in self._both(asker):
-            names.present[name] += 1
-
-    def left(self, asker: Asker) -> None:
-        for names, name in self._both(asker):
-            names.present -= Counter((name,))
-
-    def began(self, asker: Asker, is_slow: bool) -> None:
-        for names, name in self._both(asker):
-            names.answered_now(name)
-            if is_slow:
-                names.slow[name] += 1
-
-    def ended(self, asker: Asker, is_slow: bool) -> None:
-        for names, name in self._both(asker):
-            names.answered_now(name)
-            if is_slow:
-                names.slow -= Counter((name,))
-
-    def _both(self, asker: Asker) -> tuple[tuple[_Names, str], tuple[_Names, str]]:
-        return (self._callers, asker.caller), (self._maps, asker.map_id)
-
-
-class _Names:
-    """Callers, or maps.
-
-    Attributes:
-        present: number of queries in the gate.
-        slow: number of slow queries that run.
-    """
-
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self._clock = clock
-        self._answered: OrderedDict[str, float] = OrderedDict()  # when; the latest last
-        self.present: Counter[str] = Counter()
-        self.slow: Counter[str] = Counter()
-
-    def answered_now(self, name: str) -> None:
-        """Notes that a query of this name runs. Names that are never answered may be invented."""
-        self._answered[name] = self._clock()
-        self._answered.move_to_end(name)
-        if len(self._answered) > _MAX_NAMES:
-            self._answered.popitem(last=False)
-
-    def has_others(self, name: str) -> bool:
-        """Returns whether another name has a query in the gate, or was answered lately."""
-        if len(self.present) > (name in self.present):
-            return True
-        since = self._clock() - RECENT_S
-        return any(other != name and then > since for other, then in self._answered.items())

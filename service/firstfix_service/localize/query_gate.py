@@ -11,9 +11,8 @@ from __future__ import annotations
 import asyncio
 import contextvars
 import math
-import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Future
 from contextlib import suppress
@@ -26,6 +25,7 @@ from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded, WorkerL
 from ..query_workers.base import QueryWorker, QueryWorkerDied
 from ..query_workers.query import Asker, EncodedAnswer, Query
 from .fair_queue import FairQueue, Job, State
+from .held_bodies import HeldBodies
 
 T = TypeVar("T")
 MAX_RETRY_AFTER_S = 60.0
@@ -43,62 +43,6 @@ class Closeable(Protocol):
 
 
 C = TypeVar("C", bound=Closeable)
-
-
-class HeldBodies:
-    """Counts the bytes of bodies in memory, of both transports together. Thread-safe.
-
-    One caller has at most half of the limit, so that it leaves room to others. One body alone may have more.
-    """
-
-    def __init__(self, max_bytes: int) -> None:
-        self._max_bytes = max_bytes
-        self._lock = threading.Lock()
-        self._of_caller: Counter[str] = Counter()
-        self.bytes = 0
-
-    def add(self, caller: str, count: int, *, body_bytes: int) -> None:
-        """Counts bytes of a body.
-
-        Args:
-            caller: empty: it is not known yet.
-            body_bytes: of this body so far, these included.
-
-        Raises:
-            Overloaded: the caller, or all callers together, would have too many. They are not counted.
-        """
-        with self._lock:
-            if self.bytes + count > self._max_bytes:
-                raise Overloaded("too many bodies arrive at the same time: try again")
-            self._add_to_share(caller, count, body_bytes)
-            self.bytes += count
-
-    def name_caller(self, caller: str, count: int) -> None:
-        """Counts a whole body, whose caller was not known, for its caller.
-
-        Raises:
-            Overloaded: the caller would have too many. The body still counts, for nobody.
-        """
-        with self._lock:
-            self._add_to_share(caller, count, count)
-            self._take_from_share("", count)
-
-    def give_back(self, caller: str, count: int) -> None:
-        """Ends the count of these bytes."""
-        with self._lock:
-            self._take_from_share(caller, count)
-            self.bytes -= count
-
-    def _take_from_share(self, caller: str, count: int) -> None:
-        self._of_caller[caller] -= count
-        if not self._of_caller[caller]:
-            del self._of_caller[caller]
-
-    def _add_to_share(self, caller: str, count: int, body_bytes: int) -> None:
-        held = self._of_caller[caller] + count
-        if caller and held > body_bytes and held > self._max_bytes // 2:
-            raise Overloaded("too many bodies of this caller arrive at the same time: try again")
-        self._of_caller[caller] = held
 
 
 class QueryGate:

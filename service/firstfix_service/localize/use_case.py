@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import math
-import threading
 import time
-from collections import deque
-from collections.abc import Awaitable, Callable, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Iterable
 from concurrent.futures import Future
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from dataclasses import replace
+from functools import partial
 
-import orjson
-
-from firstfix.answer.localization import Verdict
-from firstfix.catalog.query_samples import REPLAY
 from firstfix.engine.map_choice.sought_scan import SoughtScan
 from firstfix.errors import FirstfixError, NotFound, WorkerLost
 from firstfix.formats.point_cloud import Body
@@ -25,242 +17,12 @@ from firstfix.formats.point_cloud import Body
 from ..maps.coarse_maps import CoarseMaps
 from ..maps.map_cache import MapCache
 from ..maps.served_maps import Leases
-from ..problems import problem_of
 from ..query_workers.query import EncodedAnswer, Query
-from ..telemetry.metrics import Metrics
-from ..telemetry.request_scope import Requests, RequestScope, current_request, note
-from ..telemetry.tracing import started_ns
 from ..thread_pools import CHOICES, COPIES
-from ..webhooks.event import AnswerEvent
-from ..webhooks.sender import WebhookSender
-from .answer_counts import AnswerCounts
 from .query_gate import AskWorker, QueryGate
-from .sampler import QuerySampler, is_replay
+from .query_recorder import QueryRecorder
 
-_OK = 200
-MOST_ANSWERS = 500
 LOADS_SHARE = 0.5  # of the time until the deadline, for loads of chosen maps
-
-
-@dataclass(frozen=True)
-class RecentAnswer:
-    """One answer.
-
-    Attributes:
-        number: of the answer in this process, ascending without gaps, whoever gave it.
-        replica: name of the one that gave it.
-        time_s: when it was given, since the epoch.
-        caller: name of who asked.
-        seconds: from the query's arrival to its answer.
-        map_id: the map of the answer; empty if there is none.
-        json: the answer; of another replica only its main fields.
-    """
-
-    number: int
-    replica: str
-    time_s: float
-    caller: str
-    transport: str
-    seconds: float
-    map_id: str
-    json: bytes
-
-    @cached_property
-    def event(self) -> bytes:
-        """The answer as a server-sent event: made once for all who watch, and only if somebody does."""
-        head = orjson.dumps(
-            {
-                "number": self.number,
-                "replica": self.replica,
-                "time_s": self.time_s,
-                "caller": self.caller,
-                "transport": self.transport,
-                "ms": self.seconds * 1e3,
-            }
-        )
-        return b'event: answer\nid: %d\ndata: %s,"answer":%s}\n\n' % (self.number, head[:-1], self.json)
-
-
-class RecentAnswers:
-    """The last ``MOST_ANSWERS`` answers of this replica, and as many of all others. Thread-safe.
-
-    Others can never displace this replica's own. Nothing here parses JSON.
-
-    Attributes:
-        replica: name of this replica.
-        hears_others: set where other replicas tell of their answers.
-    """
-
-    def __init__(self, replica: str = "") -> None:
-        self.replica = replica
-        self.hears_others = False
-        self._numbers = itertools.count(1)
-        self._own: deque[RecentAnswer] = deque(maxlen=MOST_ANSWERS)
-        self._heard: deque[RecentAnswer] = deque(maxlen=MOST_ANSWERS)
-        self._watchers = 0
-        self._lock = threading.Lock()
-
-    def add(self, caller: str, transport: str, seconds: float, answer: EncodedAnswer) -> None:
-        """Keeps an answer of this replica, and forgets the oldest if there are too many."""
-        now = time.time()
-        with self._lock:
-            number = next(self._numbers)
-            self._own.append(
-                RecentAnswer(
-                    number, self.replica, now, caller, transport, seconds, answer.map_id, answer.json
-                )
-            )
-
-    def hear(
-        self,
-        replica: str,
-        *,
-        time_s: float,
-        caller: str,
-        transport: str,
-        seconds: float,
-        map_id: str,
-        json: bytes,
-    ) -> None:
-        """Keeps an answer of another replica, and forgets the oldest of others if there are too many."""
-        with self._lock:
-            number = next(self._numbers)
-            self._heard.append(
-                RecentAnswer(number, replica, time_s, caller, transport, seconds, map_id, json)
-            )
-
-    def after(self, number: int) -> list[RecentAnswer]:
-        """Returns the kept answers of all replicas with higher numbers, in the order of their numbers."""
-        with self._lock:
-            found = _newer(self._own, number) + _newer(self._heard, number)
-        return sorted(found, key=lambda one: one.number)
-
-    def own_after(self, number: int) -> list[RecentAnswer]:
-        """Returns the kept answers of this replica with higher numbers, oldest first."""
-        with self._lock:
-            return _newer(self._own, number)
-
-    @property
-    def watchers(self) -> int:
-        """The number of watchers."""
-        with self._lock:
-            return self._watchers
-
-    @contextmanager
-    def watched(self) -> Iterator[None]:
-        """Counts a watcher while it lasts: other replicas are heard only for watchers."""
-        with self._lock:
-            self._watchers += 1
-        try:
-            yield
-        finally:
-            with self._lock:
-                self._watchers -= 1
-
-
-class QueryRecorder:
-    """Records the queries of one app. It runs before each answer is sent, so it must be cheap.
-
-    Args:
-        recent: keeps the last answers.
-        counts: counts the answers of each map.
-        sampler: None: no query is stored.
-        webhooks: None: nobody is told of answers.
-    """
-
-    def __init__(
-        self,
-        metrics: Metrics,
-        requests: Requests,
-        recent: RecentAnswers,
-        counts: AnswerCounts,
-        sampler: QuerySampler | None = None,
-        webhooks: WebhookSender | None = None,
-    ) -> None:
-        self._metrics = metrics
-        self._requests = requests
-        self._recent = recent
-        self._counts = counts
-        self._sampler = sampler
-        self._webhooks = webhooks
-        # Finding a series by its labels takes longer than counting in it. There are few series.
-        self._verdicts = cache(metrics.verdicts.labels)
-        self._probability = cache(metrics.probability.labels)
-        self._reasons = cache(metrics.reasons.labels)
-        self._stage_seconds = cache(metrics.stage_seconds.labels)
-        self._localize_seconds = cache(metrics.localize_seconds.labels)
-
-    def record(self, query: Query, body: Body, answer: EncodedAnswer, queued: float) -> None:
-        """Adds the stages of an answered query to its trace, and offers it to the sampler and the webhooks.
-
-        Args:
-            queued: ``time.monotonic`` when the gate got the query. Its timings begin there.
-        """
-        scope = current_request()
-        if scope is not None and scope.span is not None and self._requests.tracing is not None:
-            self._requests.tracing.stages(scope.span, started_ns(queued), answer.timings_ms)
-        note(body_bytes=len(body))
-        if self._sampler is not None:
-            self._sampler.offer(query, body, answer, scope)
-        if self._webhooks is not None and scope is not None and not is_replay(query, scope):
-            event = AnswerEvent(
-                answer,
-                f"/replicas/{self._recent.replica}",
-                query.caller.name,
-                scope.transport,
-                scope.seconds,
-                scope.request_id,
-            )
-            self._webhooks.offer(event)
-
-    def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
-        """Counts one query, answered or failed."""
-        scope = current_request()
-        if isinstance(outcome, EncodedAnswer):
-            self._count_answer(transport, outcome, scope)
-        else:
-            self._count_failure(transport, outcome, scope)
-        if scope is not None:
-            self._localize_seconds(transport).observe(scope.seconds, _exemplar(scope))
-
-    def _count_answer(self, transport: str, answer: EncodedAnswer, scope: RequestScope | None) -> None:
-        verdict = answer.verdict.value
-        self._verdicts(transport, verdict).inc()
-        self._probability(verdict).observe(answer.probability)
-        for reason in answer.reasons:
-            self._reasons(reason.value).inc()
-        exemplar = None if scope is None else _exemplar(scope)
-        for stage, ms in answer.timings_ms.items():
-            self._stage_seconds(stage).observe(ms / 1e3, exemplar)
-        if scope is not None:
-            scope.status = _OK
-            self._recent.add(scope.fields.get("caller", ""), transport, scope.seconds, answer)
-            if answer.map_id and not scope.request_id.startswith(REPLAY):
-                self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED, time.time())
-        note(
-            map_id=answer.map_id,
-            map_version=answer.map_version,
-            verdict=verdict,
-            reasons=[reason.value for reason in answer.reasons],
-            probability=round(answer.probability, 4),
-        )
-
-    def _count_failure(self, transport: str, error: BaseException, scope: RequestScope | None) -> None:
-        problem = problem_of(error)
-        self._metrics.failures.labels(transport, problem.code).inc()
-        note(code=problem.code)
-        if scope is None:
-            return
-        scope.status = problem.status
-        if scope.span is not None:
-            scope.span.record_exception(error)
-
-
-def _exemplar(scope: RequestScope) -> dict[str, str] | None:
-    """The trace id for a metric's exemplar; None where no trace is kept."""
-    if scope.span is None or scope.trace is None or not scope.trace.sampled:
-        return None
-    return {"trace_id": scope.trace.trace_id}
 
 
 class LocalizeUseCase:
@@ -371,7 +133,3 @@ class LocalizeUseCase:
     def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
         """Counts the end of one query in the metrics, the log and the trace."""
         self._recorder.count(transport, outcome)
-
-
-def _newer(kept: deque[RecentAnswer], number: int) -> list[RecentAnswer]:
-    return list(itertools.takewhile(lambda one: one.number > number, reversed(kept)))[::-1]

@@ -3,129 +3,21 @@
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict, deque
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from itertools import chain
 
 import structlog
-
-from firstfix.catalog.versions.folder_lock import FolderLock
 
 from ..query_workers.base import QueryWorkers
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
+from .eviction_order import EvictionOrder, LoadedVersion
+from .version_files import Key, VersionFiles
 
-Key = tuple[str, str]  # map id, version
 _log = structlog.get_logger(__name__)
 MAX_AHEAD = 16  # versions that are loaded before anybody asks, so that a service with many maps starts soon
 ROOM_WITHIN_S = 30.0  # a load waits so long for an unload to end, then it exceeds the limits
-
-
-@dataclass(frozen=True)
-class VersionFiles:
-    """The files of a version on this machine.
-
-    Attributes:
-        folder_lock: keeps a fetched folder on the disk; None for a version in a file store.
-    """
-
-    served: ServedVersion
-    file_bytes: int
-    folder_lock: FolderLock | None
-
-    @property
-    def key(self) -> Key:
-        """Map id and version."""
-        return self.served.map_id, self.served.version
-
-
-@dataclass(eq=False)
-class _Loaded:
-    """A version in memory.
-
-    Attributes:
-        bytes: size of its files and of what the query workers hold in memory besides.
-        leases: number of open leases.
-        is_leaving: it was evicted: there are no new leases, and it is unloaded when the last one is closed.
-    """
-
-    files: VersionFiles
-    bytes: int
-    leases: int = 0
-    is_leaving: bool = False
-
-
-class EvictionOrder:
-    """Versions by key, in the order of eviction. Not thread-safe.
-
-    Every call except ``reclassify`` takes constant time.
-
-    Args:
-        is_protected: whether a version is evicted only after all unprotected ones. It is called when a
-            version is added, and by ``reclassify``.
-    """
-
-    def __init__(self, is_protected: Callable[[Key], bool]) -> None:
-        self._is_protected = is_protected
-        self._unprotected: OrderedDict[Key, _Loaded] = OrderedDict()
-        self._protected: OrderedDict[Key, _Loaded] = OrderedDict()
-        self.bytes = 0
-        self.protected_bytes = 0
-
-    def __len__(self) -> int:
-        return len(self._unprotected) + len(self._protected)
-
-    def __contains__(self, key: Key) -> bool:
-        return key in self._unprotected or key in self._protected
-
-    def __iter__(self) -> Iterator[Key]:
-        """Iterates over the keys; the first one is evicted first."""
-        return chain(self._unprotected, self._protected)
-
-    @property
-    def protected(self) -> int:
-        """Number of protected versions."""
-        return len(self._protected)
-
-    def add(self, key: Key, item: _Loaded) -> None:
-        """Adds a version at the end of its class."""
-        self.bytes += item.bytes
-        if self._is_protected(key):
-            self._protected[key] = item
-            self.protected_bytes += item.bytes
-        else:
-            self._unprotected[key] = item
-
-    def use(self, key: Key) -> _Loaded | None:
-        """Returns a version and moves it to the end of its class; None if it is not here."""
-        for versions in (self._unprotected, self._protected):
-            if key in versions:
-                versions.move_to_end(key)
-                return versions[key]
-        return None
-
-    def pop(self, key: Key) -> _Loaded:
-        """Removes a version and returns it."""
-        if key in self._unprotected:
-            item = self._unprotected.pop(key)
-        else:
-            item = self._protected.pop(key)
-            self.protected_bytes -= item.bytes
-        self.bytes -= item.bytes
-        return item
-
-    def reclassify(self) -> None:
-        """Asks again which versions are protected.
-
-        Within its class each version keeps its place. A version that is no longer protected goes to the end
-        of the unprotected ones.
-        """
-        for key in [key for key in self._protected if not self._is_protected(key)]:
-            self.add(key, self.pop(key))
-        for key in [key for key in self._unprotected if self._is_protected(key)]:
-            self.add(key, self.pop(key))
 
 
 class Lease:
@@ -170,7 +62,7 @@ class LoadedVersions:
         self._on_evict = on_evict
         self._changed = threading.Condition()
         self._loaded: EvictionOrder = EvictionOrder(is_protected)
-        self._leaving: set[_Loaded] = set()
+        self._leaving: set[LoadedVersion] = set()
         self._leaving_bytes = 0
         self._loading: dict[Key, int] = {}  # to bytes
         self._loading_bytes = 0
@@ -235,7 +127,7 @@ class LoadedVersions:
             raise
         with self._changed:
             self._loading_bytes -= self._loading.pop(key)
-            version = _Loaded(files, files.file_bytes + private_bytes)
+            version = LoadedVersion(files, files.file_bytes + private_bytes)
             self._loaded.add(key, version)
             lease = self._lease(version)
             self._evict_for(key)  # it may take more memory than its files
@@ -277,15 +169,15 @@ class LoadedVersions:
         """Waits until the evicted versions are unloaded."""
         self._unloader.shutdown()
 
-    def _lease(self, version: _Loaded) -> Lease:
+    def _lease(self, version: LoadedVersion) -> Lease:
         version.leases += 1
         return Lease(version.files.served, lambda: self._give_back(version), lambda: self._renew(version))
 
-    def _renew(self, version: _Loaded) -> Lease:
+    def _renew(self, version: LoadedVersion) -> Lease:
         with self._changed:
             return self._lease(version)
 
-    def _give_back(self, version: _Loaded) -> None:
+    def _give_back(self, version: LoadedVersion) -> None:
         with self._changed:
             version.leases -= 1
             if version.is_leaving and not version.leases:
@@ -340,7 +232,7 @@ class LoadedVersions:
         if not version.leases:
             self._unloader.submit(self._unload, version)
 
-    def _unload(self, version: _Loaded) -> None:
+    def _unload(self, version: LoadedVersion) -> None:
         served = version.files.served
         try:
             self._workers.drop(served)

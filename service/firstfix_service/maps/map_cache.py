@@ -20,10 +20,11 @@ from ..query_workers.base import QueryWorkers
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
 from .catalog_watch import SWEEP_INTERVAL_S, CatalogWatch, read_states
-from .loaded_versions import Key, Lease, LoadedVersions
+from .loaded_versions import Lease, LoadedVersions
 from .placement import Placement
 from .prefetch import Prefetcher, PrefetchRound
 from .served_maps import ServedMaps
+from .version_files import Key
 from .version_loader import SharedLoads, VersionLoader
 from .warm_up import warm_up
 

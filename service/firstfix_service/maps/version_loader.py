@@ -22,7 +22,8 @@ from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import current_caller
 from ..thread_pools import ThreadPool
-from .loaded_versions import Key, Lease, LoadedVersions, VersionFiles
+from .loaded_versions import Lease, LoadedVersions
+from .version_files import Key, VersionFiles
 
 _log = structlog.get_logger(__name__)
 LOADERS = 8  # loads at the same time: a slow one does not delay the others

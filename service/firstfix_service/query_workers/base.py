@@ -12,9 +12,9 @@ from typing import Protocol
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.map_choice.sought_scan import SoughtScan
 
+from .localizers import Localizers
 from .query import EncodedAnswer, Query, ServedVersion
 from .sightings.counter import Sighted, SightingCounter
-from .worker import Localizers
 
 MAX_BODY_BYTES = 64 << 20
 

@@ -37,8 +37,10 @@ from ..http_api.parts import BuildParts, LocalizeParts, MapParts, Parts, UploadP
 from ..http_server.connections import ConnectionLimits
 from ..localize.answer_counts import AnswerCounts
 from ..localize.query_gate import QueryGate
+from ..localize.query_recorder import QueryRecorder
+from ..localize.recent_answers import RecentAnswers
 from ..localize.sampler import QuerySampler, SamplePolicy
-from ..localize.use_case import LocalizeUseCase, QueryRecorder, RecentAnswers
+from ..localize.use_case import LocalizeUseCase
 from ..maintenance.cleanup import abandoned_objects_removal
 from ..maintenance.clock import clock_comparison
 from ..maintenance.patches import map_patches

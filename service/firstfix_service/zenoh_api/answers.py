@@ -21,7 +21,7 @@ from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, ValidationError
 
 from firstfix.answer.localization import Reason, Verdict
 
-from ..localize.use_case import RecentAnswer, RecentAnswers
+from ..localize.recent_answers import RecentAnswer, RecentAnswers
 
 _log = structlog.get_logger(__name__)
 ANSWERS = "firstfix/@answers"

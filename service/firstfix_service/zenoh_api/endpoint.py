@@ -30,7 +30,7 @@ import zenoh
 from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
 
 from ..auth.authenticate import Authenticator
-from ..localize.query_gate import HeldBodies
+from ..localize.held_bodies import HeldBodies
 from ..localize.use_case import LocalizeUseCase
 from ..settings import Settings
 from ..telemetry.request_scope import Requests, current_caller, note

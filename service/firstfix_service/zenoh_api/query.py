@@ -14,7 +14,8 @@ import structlog
 from .. import problems
 from ..auth.principal import Principal
 from ..problems import problem_of
-from ..query_workers.query import AnswerForm, AsGiven, Query, single_values, split_map_ids
+from ..query_workers.answer_form import AnswerForm
+from ..query_workers.query import AsGiven, Query, single_values, split_map_ids
 from ..telemetry.request_scope import Requests
 from .callers import ZenohCaller
 

@@ -18,7 +18,7 @@ from firstfix.engine.false_accept_bound import (
     upper_bound,
 )
 from firstfix.engine.index import MapIndex
-from firstfix.engine.localizer import threshold_of
+from firstfix.engine.verdict import threshold_of
 from firstfix.errors import InvalidOption
 
 INDEX = MapIndex(EngineConfig(), Calibration(), None, None, None)

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from firstfix.engine.config import PreprocessConfig
-from firstfix.engine.map_search import (
-    TILT_DEG,
-    TILTS,
-    ground_normal,
-    level_hypotheses,
-    tilts,
-)
+from firstfix.engine.level_hypotheses import TILT_DEG, TILTS, ground_normal, level_hypotheses, tilts
 from firstfix.engine.preprocess import PreparedQuery, preprocess
 from firstfix.engine.registration.surface import Surface
 from firstfix.scan.scan import Scan

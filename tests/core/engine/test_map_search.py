@@ -10,8 +10,9 @@ from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine import localizer as localizer_module
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.map_search import MapSearch, Step, Stopwatch
+from firstfix.engine.map_search import MapSearch, Step
 from firstfix.engine.ranking import RANKING
+from firstfix.engine.stopwatch import Stopwatch
 
 
 class Clock:

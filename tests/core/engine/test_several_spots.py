@@ -7,10 +7,10 @@ import pytest
 
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig, PreprocessConfig
-from firstfix.engine.hypotheses import RegisteredCandidate, features_of
 from firstfix.engine.index import MapIndex
 from firstfix.engine.preprocess import preprocess, spots_of
 from firstfix.engine.ranking import RANKING
+from firstfix.engine.registered_candidate import RegisteredCandidate, features_of
 from firstfix.engine.registration.align import Registration
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence

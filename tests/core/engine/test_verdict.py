@@ -7,11 +7,11 @@ from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.hypotheses import RegisteredCandidate
 from firstfix.engine.index import FreeSpaceShares, MapIndex
-from firstfix.engine.localizer import judge
 from firstfix.engine.ranking import RANKING
+from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Registration
+from firstfix.engine.verdict import judge
 from firstfix.transform import make_transform
 
 CALIBRATION = Calibration(min_inlier_ratio=0.5)

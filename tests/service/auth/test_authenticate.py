@@ -21,8 +21,8 @@ from firstfix.errors import Forbidden, StoreUnavailable, Unauthorized
 from firstfix.store.store import Store
 from firstfix_client import Client, ZenohClient
 from firstfix_service.app import create_app
-from firstfix_service.auth import authenticate
-from firstfix_service.auth.authenticate import KeyRing
+from firstfix_service.auth import key_ring
+from firstfix_service.auth.key_ring import KeyRing
 from firstfix_service.http_api.edge import authorize, check_routes, needs
 from firstfix_service.http_api.routes import garbage
 from firstfix_service.settings import Settings
@@ -236,7 +236,7 @@ def test_keys_come_and_go_while_the_service_runs(guarded: Service):
 def test_a_key_expires_without_a_look_at_the_store(guarded: Service, monkeypatch: pytest.MonkeyPatch):
     key = give(guarded, "localize", expires=datetime.now(timezone.utc) + timedelta(hours=1))
     wait_until(lambda: get(guarded, "/maps", key).is_success)
-    monkeypatch.setattr(authenticate, "datetime", LaterClock)
+    monkeypatch.setattr(key_ring, "datetime", LaterClock)
     assert "has expired" in get(guarded, "/maps", key).text
 
 

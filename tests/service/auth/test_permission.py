@@ -17,7 +17,7 @@ from service_world import XYZ, Service, publish, running_service
 from token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
 
 from firstfix.access.api_keys import ApiKeys
-from firstfix_service.auth import authenticate
+from firstfix_service.auth import key_ring
 from firstfix_service.auth.authenticate import Permission
 from firstfix_service.http_api.bodies import request_body
 from waiting import LIMIT_S, wait_until
@@ -72,7 +72,7 @@ def test_an_event_stream_ends_with_its_revoked_key(guarded: Service):
 
 def test_an_event_stream_ends_with_its_expired_key(guarded: Service, monkeypatch: pytest.MonkeyPatch):
     key = give(guarded, "build", expires=datetime.now(timezone.utc) + timedelta(hours=1))
-    seen = seen_of_events(guarded, key, lambda: monkeypatch.setattr(authenticate, "datetime", LaterClock))
+    seen = seen_of_events(guarded, key, lambda: monkeypatch.setattr(key_ring, "datetime", LaterClock))
     assert "event: end" not in seen
 
 

@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from firstfix.errors import RateLimited
-from firstfix_service.auth import authenticate
-from firstfix_service.auth.authenticate import RateLimit
+from firstfix_service.auth import rate_limit
+from firstfix_service.auth.rate_limit import RateLimit
 
 
 class Clock:
@@ -55,7 +55,7 @@ def test_a_rate_below_one_still_lets_one_through():
 
 
 def test_callers_beyond_number_take_no_memory(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(authenticate, "MAX_CALLERS", 100)
+    monkeypatch.setattr(rate_limit, "MAX_CALLERS", 100)
     limit = RateLimit("queries", per_s=1e-6, burst=1.0, clock=Clock())
     limit.take("first")
     for n in range(1000):

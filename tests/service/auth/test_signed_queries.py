@@ -12,7 +12,7 @@ from firstfix.errors import ClockSkew, RateLimited, StoreUnavailable, Unauthoriz
 from firstfix.store.store import Store
 from firstfix.wire.signature import WINDOW_S, Asked, SigningKey
 from firstfix_service.auth import signed_queries
-from firstfix_service.auth.authenticate import KeyRing
+from firstfix_service.auth.key_ring import KeyRing
 from firstfix_service.auth.signed_queries import REMEMBERED_S, SignedQueries
 
 ASKED = Asked.of("firstfix/hall/localize", [], "a/b")

@@ -13,7 +13,7 @@ from service_world import FAKE_WORKER
 
 from firstfix.errors import BuildError, BuildStalled, BuildTimedOut
 from firstfix_service.builds import runner
-from firstfix_service.builds.runner import BuildLimits, BuildWatch
+from firstfix_service.builds.build_watch import BuildLimits, BuildWatch
 from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 from waiting import wait_until
 

@@ -12,7 +12,8 @@ from typing import Any, cast
 import pytest
 
 from firstfix_service.localize import fair_queue
-from firstfix_service.localize.fair_queue import RECENT_S, SLOW_S, FairQueue, Job, State
+from firstfix_service.localize.fair_queue import FairQueue, Job, State
+from firstfix_service.localize.slow_share import RECENT_S, SLOW_S
 from firstfix_service.query_workers.query import Asker
 
 QUICK_S, HEAVY_S = 1 / 16, 2.0  # of binary fractions, whose sums are exact

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from firstfix.errors import Overloaded
-from firstfix_service.localize.query_gate import HeldBodies
+from firstfix_service.localize.held_bodies import HeldBodies
 
 
 def test_one_caller_leaves_half_to_the_others():

@@ -13,8 +13,8 @@ import pytest
 from firstfix.answer.localization import Verdict
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, WorkerLost
 from firstfix_service.localize import query_gate
-from firstfix_service.localize.fair_queue import SLOW_S
 from firstfix_service.localize.query_gate import MAX_RETRY_AFTER_S, AskWorker, QueryGate
+from firstfix_service.localize.slow_share import SLOW_S
 from firstfix_service.query_workers.base import QueryWorkerDied
 from firstfix_service.query_workers.query import Asker, EncodedAnswer, Query
 from waiting import let_pass, wait_until_async

@@ -28,8 +28,9 @@ from firstfix.store.store import Store
 from firstfix_cli.main import run
 from firstfix_service.auth.principal import Principal
 from firstfix_service.localize.sampler import MAX_WAITING, QuerySampler, SamplePolicy
-from firstfix_service.query_workers.query import AnswerForm, AsGiven, Query
-from firstfix_service.query_workers.worker import encoded_answer
+from firstfix_service.query_workers.answer_form import AnswerForm
+from firstfix_service.query_workers.encoded_answer import encoded_answer
+from firstfix_service.query_workers.query import AsGiven, Query
 from firstfix_service.telemetry.metrics import Metrics
 from waiting import wait_until
 

@@ -2,7 +2,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from firstfix_service.maps.loaded_versions import EvictionOrder, Key
+from firstfix_service.maps.eviction_order import EvictionOrder
+from firstfix_service.maps.version_files import Key
 
 
 @dataclass

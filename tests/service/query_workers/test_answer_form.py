@@ -7,7 +7,7 @@ import pytest
 from every_case import every_case
 from firstfix.errors import NotAcceptable
 from firstfix.ros.media_types import POSE
-from firstfix_service.query_workers.query import GEOPOSE, AnswerForm
+from firstfix_service.query_workers.answer_form import GEOPOSE, AnswerForm
 
 
 @every_case(

@@ -15,7 +15,7 @@ from firstfix.answer.quality import AlignmentQuality
 from firstfix.answer.scan_facts import ScanFacts
 from firstfix.findings.finding import Finding, Severity
 from firstfix.transform import make_transform, rotation_z
-from firstfix_service.query_workers.worker import encoded_answer, to_json
+from firstfix_service.query_workers.encoded_answer import encoded_answer, to_json
 
 T = make_transform(rotation_z(0.3), [1.5, -2.0, 0.1])
 PLACE = Hypothesis(T, AlignmentQuality(0.9, 0.8, 0.01), 0.7, np.int64(3), "hall")  # type: ignore[arg-type]

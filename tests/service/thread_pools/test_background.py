@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import threading
 from contextlib import AsyncExitStack
+from types import SimpleNamespace
 
 import pytest
 from structlog.testing import capture_logs
 
 from firstfix.errors import StoreUnavailable
+from firstfix_service.thread_pools import background
 from firstfix_service.thread_pools.background import PeriodicTask, close_within, run_in_background
 from waiting import LIMIT_S
 
@@ -53,7 +55,8 @@ def test_the_first_run_of_a_periodic_task_can_wait(monkeypatch: pytest.MonkeyPat
         with pytest.raises(asyncio.CancelledError):
             await PeriodicTask("count", work, 60.0, first_after_s=300.0).run()
 
-    monkeypatch.setattr("firstfix_service.thread_pools.background.asyncio.sleep", sleep)
+    # the module's own name, not asyncio's function: threads of other tests may sleep meanwhile
+    monkeypatch.setattr(background, "asyncio", SimpleNamespace(sleep=sleep))
     asyncio.run(main())
     assert pauses == [300.0, -1.0, 60.0]
 

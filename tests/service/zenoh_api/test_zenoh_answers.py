@@ -16,7 +16,7 @@ import zenoh
 from access_world import give
 from service_world import Service, client_session, publish, running_service
 
-from firstfix_service.localize.use_case import MOST_ANSWERS
+from firstfix_service.localize.recent_answers import MOST_ANSWERS
 from firstfix_service.zenoh_api.answers import ANSWERS, MAX_BYTES, MOST_RECORDS
 from waiting import LIMIT_S, wait_until
 

@@ -19,9 +19,10 @@ from ...scan.compact import CompactScan
 from ...scan.reduction import at_most
 from ...scan.scan import Dropped, Scan
 from ..config import PreprocessConfig
-from ..hypotheses import features_of
-from ..map_search import MapSearch, Stopwatch
+from ..map_search import MapSearch
 from ..preprocess import PreparedQuery
+from ..registered_candidate import features_of
+from ..stopwatch import Stopwatch
 from .facts import MEASURED, facts_of
 from .input_findings import input_finding
 from .other_forms import BETTER, other_forms

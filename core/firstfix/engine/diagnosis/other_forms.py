@@ -17,7 +17,7 @@ from ...answer.options import LocalizeOptions
 from ...findings import scan_kinds
 from ...findings.finding import Finding
 from ...scan.scan import Scan
-from ..hypotheses import RegisteredCandidate
+from ..registered_candidate import RegisteredCandidate
 
 BETTER = 0.1  # share of the scan that lies on the map, above that of the scan as it was sent
 USUAL_SCALES = {0.3048: "feet", 1 / 1.1: "", 1.1: "", 0.95: "", 1.05: "", 0.1: "decimetres", 0.0254: "inches"}

@@ -13,8 +13,8 @@ from ...answer.hint import Hint
 from ...scan.levelling import levelling_rotation, turned
 from ...scan.reduction import directions
 from ...transform import Matrix, make_transform, rotation_z
-from ..hypotheses import RegisteredCandidate
 from ..preprocess import PreparedQuery
+from ..registered_candidate import RegisteredCandidate
 from .outlook import FieldOfView, Outlook
 from .ways import SHORT_WAY_M, WAYS_M, Floor, free_lengths, goals_at
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from firstfix.errors import InvalidOption, MalformedData
 
-from ...localize.query_gate import HeldBodies
+from ...localize.held_bodies import HeldBodies
 from .request_body import BodyReader
 
 MAX_JSON_BYTES = 1 << 20

@@ -19,7 +19,7 @@ from firstfix.formats.point_cloud import Body
 
 from ...auth.authenticate import CHECK_S, Permission
 from ...http_server.streams import RECEIVE_INTO, Arrived, ReceiveInto, declared_bytes
-from ...localize.query_gate import HeldBodies
+from ...localize.held_bodies import HeldBodies
 
 MIN_BYTES_PER_S = (
     1024  # of an uploaded file; below it, nothing but an attack: the slowest radio links have more

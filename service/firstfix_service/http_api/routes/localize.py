@@ -16,15 +16,8 @@ from firstfix.decode import MEDIA_TYPES
 from firstfix.ros.media_types import POSE
 
 from ...auth.principal import Principal
-from ...query_workers.query import (
-    PARAMETERS,
-    AnswerForm,
-    AsGiven,
-    EncodedAnswer,
-    Query,
-    single_values,
-    split_map_ids,
-)
+from ...query_workers.answer_form import PARAMETERS, AnswerForm
+from ...query_workers.query import AsGiven, EncodedAnswer, Query, single_values, split_map_ids
 from ...thread_pools import READS
 from ..edge import DirectRoute, caller_of, cancel_on_disconnect, needs
 from ..parts import LocalizeParts, part_of

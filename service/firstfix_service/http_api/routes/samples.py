@@ -199,7 +199,7 @@ def _printable(media_type: str) -> str:
 
 def _set_truth(samples: QuerySamples, caller: Principal, sample_id: str, truth: dict[str, Any]) -> Sample:
     _shown(samples, caller, sample_id)
-    name = "" if caller.name.startswith("address:") else caller.name  # an address is nobody in particular
+    name = caller.name if caller.has_credential else ""  # an address is nobody in particular
     return Sample.of(samples.set_truth(sample_id, truth, name))
 
 

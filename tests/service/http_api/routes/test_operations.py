@@ -14,7 +14,7 @@ from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_service.app import create_app
-from firstfix_service.query_workers.query import PARAMETERS
+from firstfix_service.query_workers.answer_form import PARAMETERS
 from firstfix_service.settings import Settings
 from waiting import LIMIT_S, wait_until
 

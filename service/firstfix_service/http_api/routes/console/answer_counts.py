@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field
 from firstfix.access.permissions import Scope
 
 from ....localize.answer_counts import AnswerCounts, MapCounts
-from ....localize.use_case import RecentAnswers
+from ....localize.recent_answers import RecentAnswers
 from ...edge import CallerDep, needs
 from ...parts import part
 

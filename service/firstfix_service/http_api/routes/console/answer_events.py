@@ -13,7 +13,7 @@ from firstfix.access.permissions import Scope
 from firstfix.ids import check_map_id
 
 from ....auth.principal import Principal
-from ....localize.use_case import RecentAnswer, RecentAnswers
+from ....localize.recent_answers import RecentAnswer, RecentAnswers
 from ...edge import CallerDep, PermissionDep, needs
 from ...event_stream import EventStreamsDep
 from ...parts import part

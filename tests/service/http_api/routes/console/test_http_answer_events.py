@@ -18,8 +18,8 @@ from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 from firstfix.answer.localization import Verdict
 from firstfix_service.auth.principal import Principal
 from firstfix_service.http_api.routes.console import answer_events
-from firstfix_service.localize import use_case
-from firstfix_service.localize.use_case import RecentAnswers
+from firstfix_service.localize import recent_answers
+from firstfix_service.localize.recent_answers import RecentAnswers
 from firstfix_service.query_workers.query import EncodedAnswer
 from waiting import LIMIT_S, wait_until
 
@@ -121,7 +121,7 @@ def test_an_event_is_made_once_for_all_watchers(monkeypatch: pytest.MonkeyPatch)
         made.append(value["number"])
         return orjson.dumps(value)
 
-    monkeypatch.setattr(use_case, "orjson", SimpleNamespace(dumps=dumps))
+    monkeypatch.setattr(recent_answers, "orjson", SimpleNamespace(dumps=dumps))
     recent = kept(3)
     assert made == []  # nobody watches
     looks = [asyncio.run(first_look(recent)) for _ in range(10)]

@@ -1,4 +1,4 @@
-"""What a query worker's process takes in at its start."""
+"""A query worker starts without SciPy, whose import would take half of its start."""
 
 from __future__ import annotations
 
