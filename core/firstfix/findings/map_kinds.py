@@ -105,7 +105,7 @@ MAP_FLOOR_LEFT_OUT = _kind(
 MAP_IN_PART = _kind(
     "map_in_part",
     Severity.WARNING,
-    "Robots are lost in rooms that the mapping run looked into and did not enter",
+    "Robots are lost in rooms or side streets that the mapping run looked into and did not enter",
     "Of {places:,.0f} places, {in_part:,.0f} were mapped in part, from a door or from afar: over a quarter "
     "of the space around them was never seen.",
     "Drive through them while mapping. The picture of localizability hatches them.",
