@@ -17,8 +17,8 @@ from ..simulation.simulate import Simulator
 from .localizability import cells_of
 from .never_seen import never_seen
 
-# Of the space. In a mapped office 1 of 113 scans above it was localized, and half of the 367 below. On a street
-# driven through once, its side streets are above: 77 % of the scans localized there, 94 % elsewhere.
+# Of the space. In a mapped office 1 of 113 scans above it was localized, and half of the 367 below. On a
+# street driven through once, its side streets are above: 77 % of the scans localized there, 94 % elsewhere.
 IN_PART = 0.25
 TEMPLATES = 4  # of each cell
 MOST_TOLD = 200  # cells without scans: a manifest stays small
