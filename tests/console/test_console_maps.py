@@ -79,9 +79,9 @@ def test_a_map_is_built_from_a_dropped_file(page, world, house_file, tmp_path):
     (build,) = world.get("/builds", limit=1)["builds"]
     assert not build["activated"], "its storeys look alike"
     page.wait(".builds [role=alert]", "it is published, and not activated")
-    page.click(".builds button", "Hide")
     world.service.catalog.activate("cottage", build["version"])
     page.wait("tr", build["version"][:12])
+    page.until("!find('.builds li', 'cottage')", "nothing left to activate")
     stages = {stage.replace("_", " ") for stage in reported_stages()}
     assert stages & set(page.js("[...seen]")), "no stage was shown while the build ran"
     page.until("!find('tr .tag', 'provisional')")

@@ -15,11 +15,12 @@ const SHOWN = 10;
 
 export interface BuildsProps {
   map?: string; // alone; undefined: of all
+  maps: Schemas["MapSummary"][]; // with their active versions
   done: () => void;
   again: (map: string) => void; // begins another build of the map
 }
 
-export function Builds({ map, done, again }: BuildsProps) {
+export function Builds({ map, maps, done, again }: BuildsProps) {
   const builds = useSignal<Build[]>([]);
   const problem = useSignal<unknown>(null);
   useEffect(() => {
@@ -43,7 +44,7 @@ export function Builds({ map, done, again }: BuildsProps) {
     };
   }, [map]);
   const shown = builds.value.filter(
-    (one) => !hidden.value.includes(one.build_id) && (isGoing(one) || hasFailed(one) || isHeldBack(one)),
+    (one) => !hidden.value.includes(one.build_id) && (isGoing(one) || hasFailed(one) || isHeldBack(one, maps)),
   );
   if (problem.value) return <ErrorText error={problem.value} />;
   if (!shown.length) return null;

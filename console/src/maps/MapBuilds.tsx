@@ -17,7 +17,7 @@ export function MapBuilds({ map, active, done }: MapBuildsProps) {
   const maps: Schemas["MapSummary"][] = active ? [{ map_id: map, active_version: active }] : [];
   return (
     <>
-      <Builds map={map} done={done} again={() => (isTriedAgain.value = true)} />
+      <Builds map={map} maps={maps} done={done} again={() => (isTriedAgain.value = true)} />
       {isTriedAgain.value ? <BuildForm named={map} maps={maps} close={() => (isTriedAgain.value = false)} /> : null}
     </>
   );

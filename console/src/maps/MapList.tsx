@@ -40,7 +40,7 @@ export function MapList() {
       {building.value !== null ? (
         <BuildForm named={building.value} maps={maps.value.maps} close={() => (building.value = null)} />
       ) : null}
-      {mayBuild.value ? <Builds done={maps.again} again={(map) => (building.value = map)} /> : null}
+      {mayBuild.value ? <Builds maps={maps.value.maps} done={maps.again} again={(map) => (building.value = map)} /> : null}
       {maps.value.maps.length ? (
         <table class="cards">
           <thead>

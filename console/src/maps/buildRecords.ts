@@ -32,9 +32,13 @@ export function isGoing({ state }: Schemas["Build"]): boolean {
   return state === "queued" || state === "running";
 }
 
-/** Whether the version was published and not activated, because its self-test says that it is not good. */
-export function isHeldBack({ state, activated }: Schemas["Build"]): boolean {
-  return state === "succeeded" && activated === false;
+/**
+ * Whether the version was published and not activated, because its self-test says that it is not good. One that
+ * somebody has activated since, as `maps` say, is not held back any more.
+ */
+export function isHeldBack(build: Schemas["Build"], maps: readonly Schemas["MapSummary"][] = []): boolean {
+  const isActive = maps.some((one) => one.map_id === build.map_id && one.active_version === build.version);
+  return build.state === "succeeded" && build.activated === false && !isActive;
 }
 
 /** The version that a build made of another one by laying a patch over it; null: it made none. */
