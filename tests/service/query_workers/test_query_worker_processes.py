@@ -124,8 +124,7 @@ def test_it_answers_as_the_localizer_does(workers: Answering, query: Query, smal
 def test_every_process_warms_up_a_version_once(yard: ServedVersion, query: Query):
     answering = Answering(2)
     try:
-        answering.processes.load(yard)
-        wait_until(lambda: len(answering.pids) == 2)
+        wait_until(lambda: len(answering.pids) == 2)  # one that starts later warms up by itself
         answering.processes.load(yard)
         assert answering.processes.warm_up(yard) == 2 * VIEWPOINTS
         assert answering.processes.warm_up(yard) == 0
