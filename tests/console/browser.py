@@ -34,7 +34,8 @@ _ARGUMENTS = (
     "--disable-extensions",
     "--disable-sync",
     "--disable-quic",
-    "--disable-features=Translate,OptimizationHints,MediaRouter",
+    # the popups below the address bar are pages, which every window would load
+    "--disable-features=Translate,OptimizationHints,MediaRouter,WebUIOmniboxPopup,WebUIOmniboxAimPopup",
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
