@@ -34,7 +34,7 @@ def simulator() -> Simulator:
 
 
 def seen_from(places_m: np.ndarray) -> SeenFree:
-    """What a mapping run through the places saw free."""
+    """Casts the rays of a mapping run through the places; returns the space that it saw free."""
     cells, rays = CarvedCells(0.1), Rays.at_any_heading(SENSOR.coarser(RAYS))
     start = 0
     for ranges in simulator().ranges(upright(places_m), SENSOR, rays):
