@@ -1,16 +1,22 @@
-"""The result of a suite as a file: what was run where, its figures, and every case."""
+"""The result of a suite as two files: what was run where, with its figures, and every case.
+
+SUITE.json      ``Result`` without its cases: one line a key
+SUITE.csv.gz    ``Cases``, if the suite leaves them
+"""
 
 from __future__ import annotations
 
 import csv
+import gzip
+import io
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-MOST_BYTES = 400_000  # of a result in the repository
+MOST_BYTES = 400_000  # of each file in the repository
 
 
 class ResultTooLarge(Exception):
@@ -34,10 +40,19 @@ class Cases:
 
     @classmethod
     def read(cls, path: Path) -> Cases:
-        """Reads a CSV file with a line of names."""
-        with path.open(newline="") as file:
-            columns, *rows = csv.reader(file)
+        """Reads a CSV file with a line of names, compressed if its name ends with ``.gz``."""
+        stored = path.read_bytes()
+        text = gzip.decompress(stored) if path.suffix == ".gz" else stored
+        columns, *rows = csv.reader(io.StringIO(text.decode(), newline=""))
         return cls(columns, [[_value(text) for text in row] for row in rows])
+
+    def compressed(self) -> bytes:
+        """The same table in a form that ``read`` takes: the same bytes every time."""
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows(["nan" if value is None else value for value in row] for row in self.rows)
+        return gzip.compress(text.getvalue().encode(), mtime=0)
 
 
 @dataclass(frozen=True)
@@ -76,34 +91,38 @@ class Result:
         path = folder / f"{suite}.json"
         if not path.exists():
             return None
-        found = json.loads(path.read_text())
-        if found["cases"] is not None:
-            found["cases"] = Cases(**found["cases"])
-        return cls(**found)
+        cases = _cases_file(folder, suite)
+        return cls(**json.loads(path.read_text()), cases=Cases.read(cases) if cases.exists() else None)
 
-    def save(self, folder: Path) -> Path:
-        """Writes ``SUITE.json``: one line a key and a case, so that a diff shows what has changed.
+    def save(self, folder: Path) -> int:
+        """Writes the files, in place of older ones, and returns their bytes.
 
         Raises:
-            ResultTooLarge: it has more than MOST_BYTES.
+            ResultTooLarge: one has more than MOST_BYTES. Nothing is written.
         """
-        text = self._text()
-        if len(text) > MOST_BYTES:
-            raise ResultTooLarge(f"{self.suite}: {len(text)} bytes, at most {MOST_BYTES} are kept")
+        about = {name: value for name, value in asdict(replace(self, cases=None)).items() if name != "cases"}
+        text = "{" + ",\n".join(f'"{name}":{_compact(value)}' for name, value in about.items()) + "}\n"
+        files = {folder / f"{self.suite}.json": text.encode()}
+        if self.cases is not None:
+            files[_cases_file(folder, self.suite)] = self.cases.compressed()
+        for path, content in files.items():
+            if len(content) > MOST_BYTES:
+                raise ResultTooLarge(f"{path.name}: {len(content)} bytes, at most {MOST_BYTES} are kept")
+        self.remove(folder, self.suite)
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{self.suite}.json"
-        path.write_text(text)
-        return path
+        for path, content in files.items():
+            path.write_bytes(content)
+        return sum(map(len, files.values()))
 
-    def _text(self) -> str:
-        lines = []
-        for name, value in asdict(self).items():
-            shown = _compact(value)
-            if name == "cases" and value is not None:
-                rows = ",\n".join(map(_compact, value["rows"]))
-                shown = f'{{"columns":{_compact(value["columns"])},"rows":[\n{rows}\n]}}'
-            lines.append(f'"{name}":{shown}')
-        return "{" + ",\n".join(lines) + "}\n"
+    @staticmethod
+    def remove(folder: Path, suite: str) -> None:
+        """Removes the result of a suite, if there is one."""
+        for path in (folder / f"{suite}.json", _cases_file(folder, suite)):
+            path.unlink(missing_ok=True)
+
+
+def _cases_file(folder: Path, suite: str) -> Path:
+    return folder / f"{suite}.csv.gz"
 
 
 def _compact(value: object) -> str:

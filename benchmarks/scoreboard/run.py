@@ -54,7 +54,7 @@ def remove_old(suites: Iterable[Suite], repo: Path, results: Path) -> list[str]:
     for suite in suites:
         found = Result.load(results, suite.name)
         if found is not None and is_old(found, suite, repo):
-            (results / f"{suite.name}.json").unlink()
+            Result.remove(results, suite.name)
             removed.append(suite.name)
     return removed
 
@@ -87,7 +87,7 @@ def _one(suite: Suite, repo: Path, results: Path, quick: bool, say: Callable[[st
     stamp = began.isoformat(timespec="seconds")
     result = Result(suite.name, *before, command, quick, stamp, seconds, on, versions(), figures, cases)
     try:
-        size = result.save(results).stat().st_size
+        size = result.save(results)
     except ResultTooLarge as error:
         return f"failed: {error}"
     skipped = "".join(f"; {line}" for line in skipped_parts(figures))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.scoreboard.result import Cases, Result, ResultTooLarge
@@ -65,8 +67,9 @@ def test_a_result_has_all_that_is_needed_to_judge_it(repo: Path, tmp_path: Path)
     assert all(len(each) == 40 for each in (found.commit, *found.measured.values()))
     assert found.machine["cpus"] >= 1
     assert "numpy" in found.versions
-    written = json.loads((tmp_path / "small.json").read_text())  # as another program reads it
-    assert written["cases"]["rows"] == [["a", 0.25], ["b", None]]
+    assert json.loads((tmp_path / "small.json").read_text())["figures"]["seed"] == 3
+    table = gzip.decompress((tmp_path / "small.csv.gz").read_bytes())  # as another program reads it
+    assert table == b"scan,error_m\na,0.25\nb,nan\n"
 
 
 def test_only_what_has_changed_is_measured_again(repo: Path, tmp_path: Path):
@@ -140,9 +143,9 @@ def test_a_suite_that_ends_badly_gives_no_result(repo: Path, tmp_path: Path):
 
 
 def test_a_result_that_is_too_large_is_not_written(tmp_path: Path):
-    cases = Cases(["scan"], [["x" * 100]] * 5000)
+    cases = Cases(["scan"], [[float(value)] for value in np.random.default_rng(1).random(60_000)])
     result = Result("large", "0" * 40, {}, "", False, "", 1.0, {}, {}, {}, cases)
-    with pytest.raises(ResultTooLarge, match="large: 5"):
+    with pytest.raises(ResultTooLarge, match=r"large.csv.gz: \d+ bytes, at most 400000"):
         result.save(tmp_path)
     assert not (tmp_path / "large.json").exists()
 
