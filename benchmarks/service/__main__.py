@@ -12,7 +12,7 @@ import numpy as np
 from firstfix.scan.scan import Scan
 
 from .queried_version import QueriedVersion
-from .suite import PARTS, measure
+from .suite import FULL, PARTS, QUICK, measure
 
 
 def main() -> None:
@@ -25,7 +25,7 @@ def main() -> None:
     scans = [Scan(points) for points in np.load(chosen.scans).values()]
     templates = len(np.load(chosen.version / "template_position_m.npy", mmap_mode="r"))
     queried = QueriedVersion(chosen.version.name, chosen.version, templates, scans)
-    json.dump(measure(queried, chosen.part or PARTS, quick=chosen.quick), sys.stdout, indent=1)
+    json.dump(measure(queried, chosen.part or PARTS, QUICK if chosen.quick else FULL), sys.stdout, indent=1)
 
 
 if __name__ == "__main__":

@@ -53,9 +53,6 @@ class ConsoleCourse:
     rounds: int = 4
 
 
-QUICK = ConsoleCourse(points=1_000_000, phase_s=12.0, rounds=2)
-
-
 def consoles(
     queried: QueriedVersion, bodies: list[Body], directory: Path, course: ConsoleCourse
 ) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from .queried_version import QueriedVersion
 
 MAP = "bench"
 POLL_S = 0.5
-SWAPS = 6
 
 
 def cold_load(queried: QueriedVersion, body: Body, directory: Path) -> dict[str, float]:
@@ -45,7 +44,7 @@ def hot_swap(
     bodies: list[Body],
     directory: Path,
     clients: int = 2,
-    swaps: int = SWAPS,
+    swaps: int = 6,
     calm_s: float = 2.0,
     pause_s: float = 0.0,
 ) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,23 +14,24 @@ from ..common.programs import replica
 from .queried_version import QueriedVersion
 
 MAP = "bench"
-WORKERS = (1, 2, 4)
 MIB = 1 << 20
 
 
-def replica_memory(queried: QueriedVersion, bodies: list[Body], directory: Path) -> dict[str, Any]:
+def replica_memory(
+    queried: QueriedVersion, bodies: list[Body], directory: Path, workers: Sequence[int]
+) -> dict[str, Any]:
     """MiB by number of workers, when every body was asked for twice."""
     store = str(directory / "store")
     version = queried.publish(store, MAP, directory)
     mib = {}
-    for workers in WORKERS:
+    for number in workers:
         with (
-            replica(directory / f"{workers}", store=store, workers=workers, run_builds=False) as one,
+            replica(directory / f"{number}", store=store, workers=number, run_builds=False) as one,
             contextmanager(ask_over_http)(one.url, MAP) as ask,
-            ThreadPoolExecutor(workers) as clients,
+            ThreadPoolExecutor(number) as clients,
         ):
             assert set(clients.map(ask, bodies * 2)) == {"ok"}
-            mib[workers] = round(pss_of_family(one.pid) / MIB)
+            mib[number] = round(pss_of_family(one.pid) / MIB)
     return {"version_mb": round(_bytes_below(Path(store), version) / 1e6, 1), "mib_by_workers": mib}
 
 

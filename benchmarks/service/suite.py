@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from firstfix_cli.free_port import free_port
 
 from ..common.programs import replica
 from ..common.worlds import WORLDS
-from .consoles import QUICK, ConsoleCourse, consoles
+from .consoles import ConsoleCourse, consoles
 from .loading import cold_load, hot_swap
 from .queried_version import QueriedVersion, make_queried_version
 from .replica_memory import replica_memory
@@ -24,7 +25,6 @@ from .replicas import Course, replicas_suite
 from .throughput import body_of, overhead, throughput
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "service"
-SCANS = 60
 PARTS = (
     "overhead",
     "throughput",
@@ -36,16 +36,48 @@ PARTS = (
 )
 
 
+@dataclass(frozen=True)
+class Sizes:
+    """Length of each part.
+
+    Attributes:
+        world: whose version is asked.
+        clients: numbers of those who ask at the same time; each number asks for ``throughput_s``.
+        swaps: changes of versions.
+        workers: of the replicas whose memory is told.
+    """
+
+    world: str = "campus"
+    scans: int = 60
+    clients: tuple[int, ...] = (1, 4, 16, 64)
+    throughput_s: float = 10.0
+    swaps: int = 6
+    workers: tuple[int, ...] = (1, 2, 4)
+    replicas: Course = field(default_factory=Course)
+    consoles: ConsoleCourse = field(default_factory=ConsoleCourse)
+
+
+FULL = Sizes()
+QUICK = Sizes(
+    world="factory",
+    scans=10,
+    clients=(1, 4),
+    throughput_s=1.0,
+    swaps=2,
+    workers=(1, 2),
+    replicas=Course(replicas=2, calm_s=1.0, cut_s=2.0),
+    consoles=ConsoleCourse(points=300_000, templates=100_000, phase_s=4.0, rounds=1),
+)
+
+
 def run(quick: bool) -> dict[str, Any]:
     """The quick suite asks in the factory, and shortly."""
-    name = "factory" if quick else "campus"
-    queried = make_queried_version(
-        next(world for world in WORLDS if world.name == name), WORK, 10 if quick else SCANS
-    )
-    return measure(queried, PARTS, quick=quick)
+    sizes = QUICK if quick else FULL
+    world = next(world for world in WORLDS if world.name == sizes.world)
+    return measure(make_queried_version(world, WORK, sizes.scans), PARTS, sizes)
 
 
-def measure(queried: QueriedVersion, parts: Iterable[str], *, quick: bool = False) -> dict[str, Any]:
+def measure(queried: QueriedVersion, parts: Iterable[str], sizes: Sizes) -> dict[str, Any]:
     """The figures of the named parts."""
     figures: dict[str, Any] = {
         "machine": {"cpus": os.cpu_count()},
@@ -57,31 +89,28 @@ def measure(queried: QueriedVersion, parts: Iterable[str], *, quick: bool = Fals
         with tempfile.TemporaryDirectory(prefix="firstfix-bench-") as folder:
             directory = Path(folder)
             if part in ("overhead", "throughput"):
-                figures[part] = _with_service(part, queried, directory, quick)
+                figures[part] = _with_service(part, queried, directory, sizes)
             elif part == "cold_load":
                 figures[part] = cold_load(queried, bodies[0], directory)
             elif part == "hot_swap":
-                figures[part] = hot_swap(queried, bodies, directory)
+                figures[part] = hot_swap(queried, bodies, directory, swaps=sizes.swaps)
             elif part == "replicas":
-                figures[part] = replicas_suite(
-                    queried, bodies, directory, Course(cut_s=5.0) if quick else Course()
-                )
+                figures[part] = replicas_suite(queried, bodies, directory, sizes.replicas)
             elif part == "replica_memory":
-                figures[part] = replica_memory(queried, bodies, directory)
+                figures[part] = replica_memory(queried, bodies, directory, sizes.workers)
             elif part == "consoles":
-                figures[part] = consoles(queried, bodies, directory, QUICK if quick else ConsoleCourse())
+                figures[part] = consoles(queried, bodies, directory, sizes.consoles)
             else:
                 raise ValueError(f"no part {part!r}; there are {', '.join(PARTS)}")
         print(part, figures[part], flush=True)
     return figures
 
 
-def _with_service(part: str, queried: QueriedVersion, directory: Path, quick: bool) -> Any:
+def _with_service(part: str, queried: QueriedVersion, directory: Path, sizes: Sizes) -> Any:
     store, endpoint = str(directory / "store"), f"tcp/127.0.0.1:{free_port()}"
     queried.publish(store, "queried", directory)
     settings = {"store": store, "run_builds": False, "queue_size": 128}  # so that 64 clients may wait
     with replica(directory / "replica", zenoh=True, zenoh_listen=[endpoint], **settings) as one:
         if part == "overhead":
             return overhead(one.url, "queried", queried)
-        clients, seconds = ((1, 4), 2.0) if quick else ((1, 4, 16, 64), 10.0)
-        return throughput(one.url, endpoint, "queried", queried, clients, seconds)
+        return throughput(one.url, endpoint, "queried", queried, sizes.clients, sizes.throughput_s)

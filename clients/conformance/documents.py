@@ -154,6 +154,7 @@ def vectors() -> Iterator[Vector]:
         "prior": {"prior": [12.5, -3.0, 0.1, 5.0]},
         "prior-with-heading": {"prior": [1e-7, 123456.789, 0.0, 0.30000000000000004, -90.0, 15.0]},
         "mounting": {"T_base_sensor": {"position": [0.2, 0.0, 1.1], "quaternion": [0.0, 0.0, 0.6, 0.8]}},
+        "odometry": {"T_odom_base": {"position": [3.5, -0.25, 0.0], "quaternion": [0.0, 0.0, 0.8, 0.6]}},
         "version": {"version": _VERSION},
         "twist": {"twist": [1.5, -0.25, 0.0, 0.0, 0.0, 0.7]},
     }.items():

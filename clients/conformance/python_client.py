@@ -114,9 +114,8 @@ def _options(folder: Path, given: Vector, parameters: Vector) -> dict[str, str]:
         values["gravity"] = np.array(values["gravity"], np.float64)
     if "prior" in values:
         values["prior"] = Prior.from_numbers(values["prior"])
-    if "T_base_sensor" in values:
-        pose = values["T_base_sensor"]
-        values["T_base_sensor"] = from_quaternion(pose["position"], pose["quaternion"])
+    for name in values.keys() & {"T_base_sensor", "T_odom_base"}:
+        values[name] = from_quaternion(values[name]["position"], values[name]["quaternion"])
     if "twist" in values:
         values["twist"] = np.array(values["twist"], np.float64)
     return LocalizeOptions(**values).to_strings()

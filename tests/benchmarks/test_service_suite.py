@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.service.consoles import STATES, ConsoleCourse, consoles
 from benchmarks.service.queried_version import QueriedVersion
-from benchmarks.service.suite import measure
+from benchmarks.service.suite import QUICK, measure
 from benchmarks.service.throughput import body_of
 
 pytestmark = pytest.mark.slow
@@ -20,7 +20,7 @@ def queried(small_version, small_scans) -> QueriedVersion:
 
 
 def test_what_http_adds_is_told(queried: QueriedVersion):
-    figures = measure(queried, ["overhead"], quick=True)
+    figures = measure(queried, ["overhead"], QUICK)
     assert figures["templates"] > 100
     added = figures["overhead"]
     for figure in ("over_http_ms", "bare_localizer_ms", "added_ms", "added_less_decoding_ms"):

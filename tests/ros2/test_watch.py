@@ -194,6 +194,42 @@ def test_without_its_own_localization_there_is_nothing_to_compare():
     np.testing.assert_allclose(drive.bench.queries[-1][1].prior.position_m, where[:3, 3], atol=0.3)
 
 
+def test_the_odometry_goes_with_each_query_and_once_a_minute_no_prior():
+    drive = Drive()
+    drive.step()
+    asked = []
+    for _ in range(150):
+        drive.step(1.0)
+        asked.append((drive.time_s, drive.bench.queries[-1][1]))
+    T_odom_base = inverse(drive.T_map_odom) @ drive.by_odometry()
+    np.testing.assert_allclose(asked[-1][1].T_odom_base, T_odom_base, atol=1e-9)
+    anywhere_s = [time_s for time_s, options in asked if options.prior is None]
+    assert anywhere_s == pytest.approx([60.1, 120.1]), "such fixes can confirm each other"
+    assert drive.health is Health.HEALTHY
+
+
+def test_a_check_that_finds_nothing_anywhere_asks_about_its_pose():
+    drive = Drive()
+
+    def only_with_a_prior(options: LocalizeOptions) -> Localization:
+        if options.prior is None:
+            return REJECTED
+        return localized(options, drive.T_map_base() @ BASE_LIDAR)
+
+    drive.replaces = only_with_a_prior
+    for _ in range(70):
+        drive.step(1.0)
+    priors = [options.prior is None for _, options in drive.bench.queries]
+    assert priors.count(True) == 1
+    assert drive.health is Health.HEALTHY
+
+
+def test_without_odometry_a_query_has_none():
+    bench = Bench(localized)
+    bench.cloud()
+    assert bench.queries[0][1].T_odom_base is None
+
+
 def test_poses_of_a_topic_are_carried_on_by_odometry():
     from firstfix.ros.header import Stamp
     from firstfix.ros.pose_message import to_pose_cdr

@@ -1,4 +1,6 @@
-"""Confirmed queries: kept queries of which somebody has told the place. The self-test of a build asks them.
+"""Confirmed queries: kept queries whose places are told, or tracked. The self-test of a build asks them.
+
+People tell a place, or the robot's own motion does (``tracked_queries``). What people tell comes first.
 
 Their folder:
 
@@ -28,6 +30,8 @@ from firstfix.errors import NotFound, StoreError, UnreadableRecord
 from firstfix.store.json_record import read_each
 from firstfix.transform import pose_from_mapping
 
+from .tracked_queries import tracked_queries
+
 _log = logging.getLogger(__name__)
 CONFIRMED_FILE = "confirmed.json"
 MOST_AGE_DAYS = 90  # a place changes
@@ -50,7 +54,8 @@ class ConfirmedQuery:
         time_s: of its answer, seconds since 1970.
         T_map_sensor: the place, in the form of ``pose_to_mapping``.
         options: that it was asked with, of those in ASKED_WITH.
-        told_by, told_at: who has told the place, and when; empty if nobody can tell.
+        told_by, told_at: who has told the place, and when; empty if nobody can tell. TRACKING: the robot's
+            motion.
     """
 
     file: str
@@ -118,7 +123,13 @@ def collect_confirmed(samples: QuerySamples, map_id: str, most: int, folder: Pat
         return None
     try:
         read = read_each(samples.ids_told_first()[:MOST_READ], samples.find)
-        told = [one for one in (_told_in(sample, map_id) for sample in read.values()) if one is not None]
+        kept = [sample for sample in read.values() if sample is not None]
+        untold = [sample for sample in kept if not sample.truth]
+        told = [
+            one
+            for one in (_told_in(sample, map_id) for sample in (*kept, *tracked_queries(untold, map_id)))
+            if one is not None
+        ]
         if not told:
             return None
         (folder / "queries").mkdir(parents=True)
@@ -131,9 +142,9 @@ def collect_confirmed(samples: QuerySamples, map_id: str, most: int, folder: Pat
     return folder
 
 
-def _told_in(sample: QuerySample | None, map_id: str) -> _Told | None:
+def _told_in(sample: QuerySample, map_id: str) -> _Told | None:
     """The query of a record; None: nobody has told a place in this map."""
-    if sample is None or sample.truth.get("map_id") != map_id or not sample.truth.get("T_map_sensor"):
+    if sample.truth.get("map_id") != map_id or not sample.truth.get("T_map_sensor"):
         return None
     try:
         T_map_sensor = pose_from_mapping(sample.truth["T_map_sensor"])

@@ -143,6 +143,7 @@ Result options_vector(const std::string&, const Json& input, const Json&) {
     }
   }
   if (input.contains("T_base_sensor")) options.T_base_sensor = pose_of(input.at("T_base_sensor"));
+  if (input.contains("T_odom_base")) options.T_odom_base = pose_of(input.at("T_odom_base"));
   if (input.contains("max_candidates")) options.max_candidates = input.at("max_candidates").get<int>();
   options.min_probability = optional_number(input, "min_probability");
   options.max_false_accept = optional_number(input, "max_false_accept");

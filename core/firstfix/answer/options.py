@@ -42,6 +42,9 @@ class LocalizeOptions:
             rad/s, in the sensor frame at the scan's stamp. The scan is deskewed by it, so the times of its
             points must be known. None: the motion is solved with the pose, where the times are known.
         dropped: points that the caller left out of the scan; the findings name what is wrong with them.
+        T_odom_base: (4, 4) pose of the robot's base at the scan's stamp in its odometry's frame; without
+            ``T_base_sensor``, of the sensor. It changes no answer. A kept query has it, so that the robot's
+            motion between two fixes can confirm both.
     """
 
     gravity: NDArray[np.float64] | None = None
@@ -54,6 +57,7 @@ class LocalizeOptions:
     version: str | None = None
     twist: NDArray[np.float64] | None = None
     dropped: Dropped | None = None
+    T_odom_base: NDArray[np.float64] | None = None
 
     def deadline_from(self, start_s: float) -> float:
         """Deadline on ``time.monotonic`` of a query that came at ``start_s``; inf: none."""
@@ -64,8 +68,8 @@ class LocalizeOptions:
         """Options from query parameters.
 
         Forms: ``gravity=x,y,z`` or ``gravity=roll_deg,pitch_deg``; ``prior=x,y,z,radius_m`` or
-        ``prior=x,y,z,radius_m,yaw_deg,yaw_range_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``;
-        ``twist=vx,vy,vz,wx,wy,wz``; ``dropped=not_finite,too_far,far_m,spread_m``; the
+        ``prior=x,y,z,radius_m,yaw_deg,yaw_range_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``, and
+        ``T_odom_base`` alike; ``twist=vx,vy,vz,wx,wy,wz``; ``dropped=not_finite,too_far,far_m,spread_m``; the
         others are plain numbers or text.
 
         Raises:
@@ -79,12 +83,9 @@ class LocalizeOptions:
             options["gravity"] = _gravity(_numbers("gravity", values["gravity"], (2, 3)))
         if "prior" in values:
             options["prior"] = Prior.from_numbers(_numbers("prior", values["prior"], (4, 6)))
-        if "T_base_sensor" in values:
-            seven = _numbers("T_base_sensor", values["T_base_sensor"], (7,))
-            try:
-                options["T_base_sensor"] = transform.from_quaternion(seven[:3], seven[3:])
-            except ValueError as error:
-                raise InvalidOption(f"T_base_sensor: {error}") from None
+        for name in ("T_base_sensor", "T_odom_base"):
+            if name in values:
+                options[name] = _pose(name, values[name])
         if "max_candidates" in values:
             options["max_candidates"] = int(_number("max_candidates", values, 1, MAX_CANDIDATES))
         if "min_probability" in values:
@@ -113,9 +114,10 @@ class LocalizeOptions:
             values["gravity"] = _joined(self.gravity)
         if self.prior is not None:
             values["prior"] = _joined(self.prior.to_numbers())
-        if self.T_base_sensor is not None:
-            seven = [*self.T_base_sensor[:3, 3], *transform.quaternion_of(self.T_base_sensor)]
-            values["T_base_sensor"] = _joined(seven)
+        for name in ("T_base_sensor", "T_odom_base"):
+            T = getattr(self, name)
+            if T is not None:
+                values[name] = _joined([*T[:3, 3], *transform.quaternion_of(T)])
         for name in ("max_candidates", "min_probability", "max_false_accept", "deadline_ms", "version"):
             value = getattr(self, name)
             if value is not None:
@@ -147,6 +149,14 @@ def _number(name: str, values: Mapping[str, str], low: float, high: float) -> fl
     if not low <= value <= high:
         raise InvalidOption(f"{name} must lie in [{low}, {high}], not {value}")
     return value
+
+
+def _pose(name: str, text: str) -> NDArray[np.float64]:
+    seven = _numbers(name, text, (7,))
+    try:
+        return transform.from_quaternion(seven[:3], seven[3:])
+    except ValueError as error:
+        raise InvalidOption(f"{name}: {error}") from None
 
 
 def _gravity(numbers: list[float]) -> NDArray[np.float64]:

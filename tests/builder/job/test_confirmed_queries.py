@@ -148,3 +148,39 @@ def test_bodies_are_decoded_and_bad_ones_left_out(kept: Kept):
     assert one.confirmation is not None
     assert one.confirmation.options.keys() == {"gravity"}, "a motion is nothing without times"
     assert one.T_sensor[:3, 3].tolist() == [20.0, 0.0, 1.0]
+
+
+def test_a_robots_tracking_confirms_where_nobody_has_told(kept: Kept):
+    def keep(ago_s: float, x: float, verdict: str) -> str:
+        time = TODAY - timedelta(seconds=ago_s)
+        sample_id = new_sample_id(f"{len(kept.samples.ids()):08x}", time)
+        pose = {"position": [x, 0.0, 1.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
+        answer = {
+            "verdict": verdict,
+            "reasons": [],
+            "probability": 0.9,
+            "map_id": "hall",
+            "T_map_sensor": pose,
+        }
+        sample = QuerySample(
+            sample_id, time.isoformat(), "http", "r", "", "hall", "application/vnd.firstfix.xyz", "",
+            {"T_odom_base": f"{x - 30.0},0,1,0,0,0,1"}, answer, len(BODY), robot="ann",
+        )  # fmt: skip
+        kept.samples.put(sample, BODY)
+        return sample_id
+
+    first, between, last = (
+        keep(200.0, 0.0, "localized"),
+        keep(150.0, 8.0, "ambiguous"),
+        keep(100.0, 16.0, "localized"),
+    )
+    found = {Path(one.file).name: one for one in kept.collect().queries}
+    assert set(found) == {first, between, last}
+    assert {one.told_by for one in found.values()} == {"tracking"}
+    assert found[between].T_map_sensor["position"] == pytest.approx([8.0, 0.0, 1.0])
+    told = {"position": [3.0, 0.0, 1.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
+    kept.samples.set_truth(between, {"map_id": "hall", "T_map_sensor": told}, "key:eve")
+    found = {Path(one.file).name: one for one in kept.collect().queries}
+    assert found[between].told_by == "key:eve", "what a person tells stands"
+    assert found[between].T_map_sensor == told
+    assert not kept.samples.get(first).truth, "no record is changed"

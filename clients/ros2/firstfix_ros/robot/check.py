@@ -1,4 +1,8 @@
-"""One check of a robot's own localization: asks about its pose first, then anywhere, and compares."""
+"""One check of a robot's own localization: asks about its pose first, then anywhere, and compares.
+
+Once a minute a robot with odometry asks anywhere first. Such fixes confirm each other, if the service keeps
+the queries.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,7 @@ from .query import Fix, Query
 from .senses import Senses
 from .watch import Comparison, Watch, is_near
 
+ANYWHERE_S = 60.0  # at most so often a check asks anywhere first: a prior would hide a wrong place
 NEARLY = 0.9  # a pose with this share of the best alignment score explains the scan, too
 
 
@@ -26,6 +31,7 @@ class Checker:
 
     def __init__(self, ask: Answerer, senses: Senses, config: GatewayConfig, watch: Watch) -> None:
         self._ask, self._senses, self._config, self._watch = ask, senses, config, watch
+        self._anywhere_ns: int | None = None  # stamp of the last check that asked anywhere first
 
     def check(self, query: Query, last_fix: Fix | None) -> tuple[Localization, Fix | None]:
         """Asks, and lets the watch see the fix.
@@ -37,10 +43,13 @@ class Checker:
             FirstfixError, ConnectionError: no answer.
         """
         prior = self._prior(query, last_fix)
-        answers = [query.ask(self._ask, prior)]
-        fix = query.fix(answers[0])
-        if fix is None and prior is not None:  # not there: anywhere
-            answers.append(query.ask(self._ask))
+        priors = [None] if prior is None else [prior, None]
+        if self._asks_anywhere_first(query):
+            priors.reverse()
+        answers: list[Localization] = []
+        fix = None
+        while priors and fix is None:
+            answers.append(query.ask(self._ask, priors.pop(0)))
             fix = query.fix(answers[-1])
         # Only now: a localization that works with the same cloud gives its pose after it.
         own = self._senses.own_localization(query.frame, query.header.stamp)
@@ -55,6 +64,15 @@ class Checker:
                 )
             )
         return answers[-1], fix
+
+    def _asks_anywhere_first(self, query: Query) -> bool:
+        now_ns = query.header.stamp.ns
+        if self._anywhere_ns is None or now_ns < self._anywhere_ns:  # the first check, or a new clock
+            self._anywhere_ns = now_ns
+        if not query.has_odometry or now_ns - self._anywhere_ns < ANYWHERE_S * 1e9:
+            return False
+        self._anywhere_ns = now_ns
+        return True
 
     def _prior(self, query: Query, last_fix: Fix | None) -> Prior | None:
         expected = self._expected(query, last_fix)

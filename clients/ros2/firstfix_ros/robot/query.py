@@ -61,12 +61,20 @@ class Query:
                 raise NotFound(f"no transform between the frames {frames} yet")
             options = replace(options, T_base_sensor=mounting)
         gravity = senses.gravity(self.header)
-        self._options = options if gravity is None else replace(options, gravity=gravity)
+        T_odom_base = senses.odometry(self.frame, self.header.stamp)  # None: of a cloud that was quicker
+        self._options = replace(
+            options, gravity=options.gravity if gravity is None else gravity, T_odom_base=T_odom_base
+        )
 
     @property
     def T_frame_sensor(self) -> Matrix | None:
         """Mounting of the sensor on the frame; None if the frame is the sensor's own."""
         return self._options.T_base_sensor
+
+    @property
+    def has_odometry(self) -> bool:
+        """Whether the service is told the robot's odometry."""
+        return self._options.T_odom_base is not None
 
     def ask(self, answerer: Answerer, prior: Prior | None = None) -> Localization:
         """Asks, with a prior or with the configured options alone.

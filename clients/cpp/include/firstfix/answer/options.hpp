@@ -32,6 +32,7 @@ struct LocalizeOptions {
   std::optional<double> max_false_accept;  // in place of min_probability
   std::optional<double> deadline_ms;
   std::optional<std::string> version;
+  std::optional<Pose> T_odom_base{};  // of the base by odometry, at the scan's stamp; it changes no answer
   std::optional<Twist> twist{};  // of the sensor during the scan, whose points then need times
 };
 
@@ -69,13 +70,15 @@ inline Strings strings_of(const LocalizeOptions& options) {
     if (prior.yaw_range_deg < 180) numbers.insert(numbers.end(), {prior.yaw_deg, prior.yaw_range_deg});
     add("prior", numbers);
   }
-  if (options.T_base_sensor) {
-    if (!detail::usable(*options.T_base_sensor)) throw Error("invalid_option", "T_base_sensor is not a valid pose");
-    const Pose pose = detail::normalised(*options.T_base_sensor);
+  const auto add_pose = [&add](const char* name, const Pose& given) {
+    if (!detail::usable(given)) throw Error("invalid_option", std::string(name) + " is not a valid pose");
+    const Pose pose = detail::normalised(given);
     std::vector<double> numbers(pose.position.begin(), pose.position.end());
     numbers.insert(numbers.end(), pose.quaternion.begin(), pose.quaternion.end());
-    add("T_base_sensor", numbers);
-  }
+    add(name, numbers);
+  };
+  if (options.T_base_sensor) add_pose("T_base_sensor", *options.T_base_sensor);
+  if (options.T_odom_base) add_pose("T_odom_base", *options.T_odom_base);
   if (options.max_candidates) add("max_candidates", {static_cast<double>(*options.max_candidates)});
   if (options.min_probability) add("min_probability", {*options.min_probability});
   if (options.max_false_accept) add("max_false_accept", {*options.max_false_accept});
