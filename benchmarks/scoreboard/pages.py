@@ -51,10 +51,13 @@ def plot_files(results: Results) -> dict[str, str]:
 
 def benchmark_page(results: Results) -> str:
     """Returns the generated part of BENCHMARK.md."""
+    machines = {_machine(result) for result in results.values()}
+    same = len(machines) == 1
     lines = ["## What was measured", "", *_overview(results), ""]
+    lines += [*machines, ""] if same else []
     for name, title in TITLES.items():
         if name in results:
-            lines += [f"## {title}", "", *_section(name, results[name]), ""]
+            lines += [f"## {title}", "", *_section(name, results[name], with_machine=not same), ""]
             lines += [f"![{plot.removesuffix('.svg')}](plots/{plot})" for plot in PLOTS.get(name, ())]
             lines += [""] if name in PLOTS else []
     return "\n".join(lines)
@@ -81,20 +84,30 @@ def _overview(results: Results) -> list[str]:
     for name, title in TITLES.items():
         found = results.get(name)
         if found is None:
-            rows.append((f"`{name}`", title, "Not run on this code", None, None))
+            rows.append((f"`{name}`", title, "Not run on this code", None, None, None))
             continue
-        rows.append((f"`{name}`", title, found.began[:10], found.commit[:8], f"{found.seconds / 60:.0f} min"))
-    return table(("suite", "", "measured", "commit", "took"), rows)
+        day, load = found.began[:10], found.machine["load"]
+        rows.append((f"`{name}`", title, day, found.commit[:8], _took(found), load))
+    return table(("suite", "", "measured", "commit", "took", "load at the beginning"), rows)
 
 
-def _section(name: str, result: Result) -> list[str]:
+def _took(result: Result) -> str:
+    """Minutes that a suite took. Of one that goes on where it was interrupted: of its processes together."""
+    worlds = result.figures.get("worlds", {}) if result.suite == "robust" else {}
+    parts_s = sum(world["seconds"] for world in worlds.values() if isinstance(world, dict))
+    return f"{parts_s / 60:.0f} min in parts" if parts_s else f"{result.seconds / 60:.0f} min"
+
+
+def _machine(result: Result) -> str:
     on = result.machine
-    lines = [
-        f"    {result.command}",
-        "",
-        f"{on['cpus']} cores ({on['processor']}), {on['memory_gb']} GB, {on['system']}, Python "
-        f"{result.versions['python']}, load {on['load']} at the beginning: beside other work, if over 0.5.",
-    ]
+    cores = f"{on['cpus']} cores ({on['processor']}), {on['memory_gb']} GB"
+    return f"{cores}, {on['system']}, Python {result.versions['python']}."
+
+
+def _section(name: str, result: Result, *, with_machine: bool) -> list[str]:
+    lines = [f"    {result.command}", ""]
+    if with_machine:
+        lines.append(_machine(result))
     if missing := tables.skipped_sets(result):
         lines.append(f"Not there, or not in this run: {', '.join(missing)}.")
     lines.append("")

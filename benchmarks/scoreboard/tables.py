@@ -71,52 +71,41 @@ def real_summary(result: Result) -> list[str]:
 
 
 def real_by_reference(result: Result) -> list[str]:
-    """A row for each set, reference and source of gravity: scans as they are."""
-    head = (
-        "set",
-        "reference",
-        "gravity",
-        "right first",
-        "localized, right",
-        "localized / ambiguous / rejected",
-    )
+    """A row for each set and reference: scans as they are, without gravity."""
+    head = ("set", "reference", "right first", "localized, right", "localized / ambiguous / rejected")
     head += ("false accepts", "error m p50 / p95", "error deg p50 / p95")
     rows = []
     for name, known in references(result).items():
+        figures = result.figures[name]["variants"][AS_IT_IS]["estimated"]
         for reference in known:
-            for gravity in GRAVITIES:
-                figures = result.figures[name]["variants"][AS_IT_IS][gravity]
-                against = figures["against"][reference]
-                rows.append(
-                    (
-                        f"{name} ({figures['n']})",
-                        reference,
-                        gravity,
-                        f"{against['right_first']:.2f}",
-                        f"{against['localized_right']:.2f}",
-                        " / ".join(map(str, figures["verdicts"].values())),
-                        figures["wrong"],
-                        _pair(against["error_m"], 3),
-                        _pair(against["error_deg"], 2),
-                    )
+            against = figures["against"][reference]
+            rows.append(
+                (
+                    f"{name} ({figures['n']})",
+                    reference,
+                    f"{against['right_first']:.2f}",
+                    f"{against['localized_right']:.2f}",
+                    " / ".join(map(str, figures["verdicts"].values())),
+                    figures["wrong"],
+                    _pair(against["error_m"], 3),
+                    _pair(against["error_deg"], 2),
                 )
+            )
     return table(head, rows)
 
 
 def real_protocol(result: Result) -> list[str]:
-    """A row for each set and source of gravity, over all variants, by the benchmark protocol."""
-    rows: list[Sequence[Any]] = []
-    for gravity in GRAVITIES:
-        everything: list[Scored] = []
-        for name in references(result):
-            cases = real_cases(
-                result,
-                lambda row, name=name, gravity=gravity: (row["set"], row["gravity"]) == (name, gravity),
-            )
-            everything += cases
-            rows.append((name, gravity, *_protocol(cases)))
-        rows.append(("together", gravity, *_protocol(everything)))
-    head = ("set", "gravity", "answers", "0.2 m, 1 deg", "1 m, 5 deg", "2 m, 5 deg", "false accepts")
+    """A row for each set, over all variants, by the benchmark protocol; the last one is given gravity."""
+
+    def cases(name: str, gravity: str) -> list[Scored]:
+        return real_cases(result, lambda row: (row["set"], row["gravity"]) == (name, gravity))
+
+    of_sets = {name: cases(name, "estimated") for name in references(result)}
+    together = {gravity: [one for name in of_sets for one in cases(name, gravity)] for gravity in GRAVITIES}
+    rows = [(name, *_protocol(found)) for name, found in of_sets.items()]
+    rows.append(("together", *_protocol(together["estimated"])))
+    rows.append(("together, gravity given", *_protocol(together["given"])))
+    head = ("set", "answers", "0.2 m, 1 deg", "1 m, 5 deg", "2 m, 5 deg", "false accepts")
     return table((*head, "coverage at no risk", "ECE", "Brier", "s p50 / p95"), rows)
 
 
@@ -176,7 +165,8 @@ def robust_table(result: Result) -> list[str]:
     worlds = {name: one["bars"] for name, one in result.figures["worlds"].items() if isinstance(one, dict)}
     worlds["together"] = result.figures["bars"]
     return table(
-        ("world", *ROBUST.values()), [(name, *(bars[key] for key in ROBUST)) for name, bars in worlds.items()]
+        ("world", *ROBUST.values()),
+        [(name, *(_short(bars[key]) for key in ROBUST)) for name, bars in worlds.items()],
     )
 
 
@@ -219,10 +209,25 @@ def rebuilds_table(result: Result) -> list[str]:
 
 
 def service_table(result: Result) -> list[str]:
-    """A row for each transport, encoding and number of clients."""
-    rows = result.figures["throughput"]
-    names = [name for name in rows[0] if name != "outcomes"]
-    return table(names, [[row[name] for name in names] for row in rows])
+    """A row for each encoding and transport, and what open consoles cost."""
+    by_form: dict[tuple[str, str, int], dict[int, Mapping[str, Any]]] = {}
+    for row in result.figures["throughput"]:
+        by_form.setdefault((row["encoding"], row["transport"], row["bytes"]), {})[row["clients"]] = row
+    counts = sorted({row["clients"] for row in result.figures["throughput"]})
+    head = ("encoding", "transport", "bytes", "one client: ms p50 / p99")
+    rows = [
+        (*form, _ms(found[counts[0]]), *(f"{found[n]['queries_a_second']:.0f}" for n in counts))
+        for form, found in by_form.items()
+    ]
+    consoles = result.figures["consoles"]
+    ratios = consoles["ratio_to_without"].items()
+    shown = "; ".join(f"{state} {ratio['p50_ms']} / {ratio['p99_ms']}" for state, ratio in ratios)
+    return [
+        *table((*head, *(f"answers a second, {n} clients" for n in counts)), rows),
+        "",
+        f"{result.figures['templates']} templates. Latency with {consoles['consoles']} open consoles to that "
+        f"without, p50 / p99: {shown}.",
+    ]
 
 
 def ablation_table(result: Result) -> list[str]:
@@ -246,6 +251,10 @@ def _protocol(cases: Sequence[Scored]) -> list[Any]:
     coverage, ece, brier = (f"{report[key]:.3f}" for key in ("coverage_at_risk_0", "ece", "brier"))
     seconds = f"{report['time_s_p50']:.3f} / {report['time_s_p95']:.3f}"
     return [report["cases"], *success, report["false_accepts"], coverage, ece, brier, seconds]
+
+
+def _ms(row: Mapping[str, Any]) -> str:
+    return f"{row['p50_ms']} / {row['p99_ms']}"
 
 
 def _error(against: dict[str, Any]) -> str | None:
