@@ -107,10 +107,9 @@ def _machine(result: Result) -> str:
 def _section(name: str, result: Result, *, with_machine: bool) -> list[str]:
     lines = [f"    {result.command}", ""]
     if with_machine:
-        lines.append(_machine(result))
+        lines += [_machine(result), ""]
     if missing := tables.skipped_sets(result):
-        lines.append(f"Not there, or not in this run: {', '.join(missing)}.")
-    lines.append("")
+        lines += [f"Not there, or not in this run: {', '.join(missing)}.", ""]
     if name == "real":
         return lines + _real(result)
     if name in TABLES:

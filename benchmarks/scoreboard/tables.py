@@ -12,7 +12,7 @@ from ..ablation.report import HEAD as ABLATION_HEAD
 from ..ablation.report import report as ablation_report
 from ..common.datasets import DATASETS
 from ..common.markdown import table
-from ..peers.report import COLUMNS, all_sets, measured, ranked, table_of, wins
+from ..peers.report import COLUMNS, all_sets, measured, ranked, wins
 from .result import Result
 from .scored_cases import AS_IT_IS, GRAVITIES, real_cases, references
 
@@ -24,6 +24,8 @@ PLACES = {  # what the sets are, and the sensor
     "street_128beam": "shopping street, 128 beams",
     "turning": "room, Mid-360 turning on the spot",
 }
+LEFT_OUT = ("right_first", "area_under_risk_coverage", "median_cpu_s", "p95_cpu_s", "preparation_s")
+PEERS_WIDE = {key: shown for key, shown in COLUMNS.items() if key not in LEFT_OUT}
 PEERS = {
     key: COLUMNS[key]
     for key in (
@@ -121,20 +123,21 @@ def real_builds(result: Result) -> list[str]:
 
 def peers_table(result: Result) -> list[str]:
     """Lists the wins of peers, a row for each peer over all sets, the best first, and each set in short."""
-    figures = result.figures
-    rows = {
-        peer: {key: _short(value) for key, value in row.items()} for peer, row in all_sets(figures).items()
-    }
-    return [*wins(figures), "", *table_of(rows), "", *_peers_by_set(figures)]
+    return [*_peers(result, PEERS_WIDE), "", *_peers_by_set(result.figures)]
 
 
 def peers_summary(result: Result) -> list[str]:
     """Lists the wins of peers, and a row for each peer over all sets, in short."""
+    return _peers(result, PEERS)
+
+
+def _peers(result: Result, columns: Mapping[str, str]) -> list[str]:
     rows = all_sets(result.figures)
     lines = [
-        (f"{peer} ({rows[peer]['n']})", *(_short(rows[peer][key]) for key in PEERS)) for peer in ranked(rows)
+        (f"{peer} ({rows[peer]['n']})", *(_short(rows[peer][key]) for key in columns))
+        for peer in ranked(rows)
     ]
-    return [*wins(result.figures), "", *table(("system (scans)", *PEERS.values()), lines)]
+    return [*wins(result.figures), "", *table(("system (scans)", *columns.values()), lines)]
 
 
 def _short(value: Any) -> Any:
@@ -154,9 +157,9 @@ def _peers_by_set(figures: Mapping[str, Any]) -> list[str]:
         for found in of_sets.values():
             row = found.get(peer)
             shares = row and f"{row['success_0.2m_1deg']:.2f} / {row['false_accepts']}"
-            cells.append(row and f"{shares}, {_short(row['median_cpu_s'])} s")
+            cells.append(row and f"{shares}, {_short(row['median_cpu_s'])}")
         rows.append((peer, *cells))
-    note = "By set: success within 0.2 m, 1 deg / false accepts, processor time (median)."
+    note = "By set: success within 0.2 m, 1 deg / false accepts, median processor seconds."
     return [note, "", *table(head, rows)]
 
 
@@ -214,16 +217,21 @@ def service_table(result: Result) -> list[str]:
     for row in result.figures["throughput"]:
         by_form.setdefault((row["encoding"], row["transport"], row["bytes"]), {})[row["clients"]] = row
     counts = sorted({row["clients"] for row in result.figures["throughput"]})
-    head = ("encoding", "transport", "bytes", "one client: ms p50 / p99")
+    asking = " / ".join(map(str, counts))
+    head = ("encoding", "transport", "bytes", "one asks: ms p50 / p99", f"{asking} ask: answers a second")
     rows = [
-        (*form, _ms(found[counts[0]]), *(f"{found[n]['queries_a_second']:.0f}" for n in counts))
+        (
+            *form,
+            _ms(found[counts[0]]),
+            " / ".join(f"{found[count]['queries_a_second']:.0f}" for count in counts),
+        )
         for form, found in by_form.items()
     ]
     consoles = result.figures["consoles"]
     ratios = consoles["ratio_to_without"].items()
     shown = "; ".join(f"{state} {ratio['p50_ms']} / {ratio['p99_ms']}" for state, ratio in ratios)
     return [
-        *table((*head, *(f"answers a second, {n} clients" for n in counts)), rows),
+        *table(head, rows),
         "",
         f"{result.figures['templates']} templates. Latency with {consoles['consoles']} open consoles to that "
         f"without, p50 / p99: {shown}.",

@@ -13,6 +13,7 @@ from benchmarks.peers.report import COLUMNS
 from benchmarks.scoreboard.chart import Axis, chart
 from benchmarks.scoreboard.pages import benchmark_page, plot_files, readme_parts
 from benchmarks.scoreboard.result import Cases, Result
+from benchmarks.scoreboard.tables import ROBUST
 
 SVG = "{http://www.w3.org/2000/svg}"
 AGAINST = {
@@ -83,7 +84,7 @@ def test_a_page_shows_what_the_result_holds():
     assert "| hall, 29 x 62 m, handheld OS0-64 | 2 | 1 | 2 | 1 | 3.1 cm, 0.25 deg | 12 |" in table
     assert "2026-11-25 | aaaaaaaa | 2 min" in page
     assert "Not there, or not in this run: street, yard, garage" in page
-    assert "| together | estimated | 2 | 0.500 | 0.500 | 0.500 | 1 | 0.500 |" in page
+    assert "| together | 2 | 0.500 | 0.500 | 0.500 | 1 | 0.500 |" in page
 
 
 def test_a_changed_number_changes_the_page():
@@ -102,7 +103,7 @@ def test_the_peer_that_wins_stands_first():
     assert "success within 0.2 m and 1 deg: other 1.0 against 0.5" in table
     assert table.index("| other (2) |") < table.index("| firstfix (2) |")
     page = benchmark_page({"peers": result("peers", PEERS)})
-    assert "| other | 1.00 / 0, 3.0 s |" in page
+    assert "| other | 1.00 / 0, 3.0 |" in page
     assert "gone" not in table
 
 
@@ -119,6 +120,39 @@ def test_a_rebuild_is_shown_by_stage_and_as_a_ratio():
     assert "| self_test | 6.0 | 0.0 | 0.0 | 0.0 |" in page
     assert "| all | 10.0 | 2.0 | 3.0 | 1.5 |" in page
     assert "| ratio | - | 0.2 | - | 0.5 |" in page
+
+
+def test_the_service_has_a_row_for_each_form():
+    def row(clients: int, rate: float) -> dict[str, Any]:
+        about = {"transport": "http", "encoding": "scan", "bytes": 900, "clients": clients}
+        return {**about, "queries_a_second": rate, "p50_ms": 9.5, "p95_ms": 11.0, "p99_ms": 12.5}
+
+    ratios = {"elsewhere": {"p50_ms": 1.0, "p99_ms": 1.1}, "with": {"p50_ms": 1.02, "p99_ms": 1.25}}
+    figures = {"templates": 700, "throughput": [row(1, 99.6), row(4, 180.2)]}
+    figures["consoles"] = {"consoles": 10, "ratio_to_without": ratios}
+    page = benchmark_page({"service": result("service", figures)})
+    assert "| one asks: ms p50 / p99 | 1 / 4 ask: answers a second |" in page
+    assert "| scan | http | 900 | 9.5 / 12.5 | 100 / 180 |" in page
+    assert "10 open consoles to that without, p50 / p99: elsewhere 1.0 / 1.1; with 1.02 / 1.25." in page
+
+
+def test_a_suite_that_was_gone_on_with_took_as_long_as_its_parts():
+    bars = dict.fromkeys(ROBUST, 1)
+    worlds = {name: {"bars": bars, "seconds": 1800.0} for name in ("hall", "yard")}
+    page = benchmark_page(
+        {"robust": result("robust", {"worlds": {**worlds, "gone": "skipped: x"}, "bars": bars})}
+    )
+    assert "| 2026-11-25 | aaaaaaaa | 60 min in parts | 0.1 |" in page
+
+
+def test_another_machine_is_told_with_its_suite():
+    scale = result("scale", {"worlds": {}})
+    rebuilds = result("rebuilds", {"changes": {}})
+    same = benchmark_page({"scale": scale, "rebuilds": rebuilds})
+    assert same.count("2 cores (a processor), 24.0 GB, Debian, Python 3.11.2.") == 1
+    other = replace(scale, machine={**scale.machine, "cpus": 8})
+    page = benchmark_page({"scale": other, "rebuilds": rebuilds})
+    assert page.index("## Scale") < page.index("8 cores (a processor)") < page.index("2 cores (a processor)")
 
 
 @pytest.mark.parametrize("names", [("real",), ("real", "peers"), ("scale",)], ids="+".join)
