@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 
@@ -58,18 +59,24 @@ def generated() -> dict[Path, str]:
 def _figures() -> dict[Path, str]:
     """The pages of the scoreboard, and its pictures."""
     results = figures.load(REPO / "benchmarks/results")
-    readme = (REPO / "README.md").read_text()
-    for name, text in figures.readme_parts(results).items():
-        before, begun, rest = readme.partition(f"<!-- figures: {name} -->\n\n")
-        _, ended, after = rest.partition("\n<!-- end of figures -->\n")
-        assert begun, f"README.md has no figures of {name}"
-        assert ended, f"README.md does not say where the figures of {name} end"
-        readme = f"{before}{begun}{text}{ended}{after}"
     return {
-        REPO / "README.md": readme,
+        **_with_figures("README.md", figures.readme_parts(results)),
+        **_with_figures("benchmarks/PAPER.md", figures.paper_parts(results)),
         **_after_mark("benchmarks/BENCHMARK.md", figures.benchmark_page(results)),
         **{REPO / "benchmarks/plots" / name: text for name, text in figures.plot_files(results).items()},
     }
+
+
+def _with_figures(path: str, parts: Mapping[str, str]) -> dict[Path, str]:
+    """Puts each part between its marks in a page."""
+    page = (REPO / path).read_text()
+    for name, text in parts.items():
+        before, begun, rest = page.partition(f"<!-- figures: {name} -->\n\n")
+        _, ended, after = rest.partition("\n<!-- end of figures -->\n")
+        assert begun, f"{path} has no figures of {name}"
+        assert ended, f"{path} does not say where the figures of {name} end"
+        page = f"{before}{begun}{text}{ended}{after}"
+    return {REPO / path: page}
 
 
 def _findings(module: ModuleType) -> str:

@@ -1,4 +1,4 @@
-"""Parts of pages that are made from results: BENCHMARK.md, the tables of the README, and the pictures."""
+"""Parts of pages that are made from results: BENCHMARK.md, tables of README and PAPER.md, and pictures."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ TABLES: dict[str, Callable[[Result], list[str]]] = {
     "scale": tables.scale_table,
     "rebuilds": tables.rebuilds_table,
     "ablation": tables.ablation_table,
+    "ros": tables.ros_table,
 }
 
 
@@ -57,7 +58,7 @@ def benchmark_page(results: Results) -> str:
     lines += [*machines, ""] if same else []
     for name, title in TITLES.items():
         if name in results:
-            lines += [f"## {title}", "", *_section(name, results[name], with_machine=not same), ""]
+            lines += [f"## {title} (`{name}`)", "", *_section(name, results[name], with_machine=not same), ""]
             lines += [f"![{plot.removesuffix('.svg')}](plots/{plot})" for plot in PLOTS.get(name, ())]
             lines += [""] if name in PLOTS else []
     return "\n".join(lines)
@@ -73,6 +74,11 @@ def readme_parts(results: Results) -> dict[str, str]:
     }
 
 
+def paper_parts(results: Results) -> dict[str, str]:
+    """Returns the tables of PAPER.md by the name of their marker."""
+    return {"paper": _part("paper", results, tables.paper_tables)}
+
+
 def _part(name: str, results: Results, maker: Callable[[Result], list[str]]) -> str:
     if name not in results:
         return f"Not run on this code: `make scoreboard ARGS={name}`.\n"
@@ -81,14 +87,15 @@ def _part(name: str, results: Results, maker: Callable[[Result], list[str]]) -> 
 
 def _overview(results: Results) -> list[str]:
     rows = []
-    for name, title in TITLES.items():
+    for name, suite in SUITES.items():
+        command = f"`python -m {' '.join([suite.module, *suite.arguments])}`"
         found = results.get(name)
         if found is None:
-            rows.append((f"`{name}`", title, "Not run on this code", None, None, None))
+            rows.append((command, "Not run on this code", None, None, None))
             continue
         day, load = found.began[:10], found.machine["load"]
-        rows.append((f"`{name}`", title, day, found.commit[:8], _took(found), load))
-    return table(("suite", "", "measured", "commit", "took", "load at the beginning"), rows)
+        rows.append((command, day, found.commit[:8], _took(found), load))
+    return table(("suite", "measured", "commit", "took", "load at the beginning"), rows)
 
 
 def _took(result: Result) -> str:
@@ -105,16 +112,14 @@ def _machine(result: Result) -> str:
 
 
 def _section(name: str, result: Result, *, with_machine: bool) -> list[str]:
-    lines = [f"    {result.command}", ""]
-    if with_machine:
-        lines += [_machine(result), ""]
+    lines = [_machine(result), ""] if with_machine else []
     if missing := tables.skipped_sets(result):
         lines += [f"Not there, or not in this run: {', '.join(missing)}.", ""]
     if name == "real":
         return lines + _real(result)
     if name in TABLES:
         return lines + TABLES[name](result)
-    return [*lines, f"[The result](results/{name}.json) has the figures."]
+    return [*lines, "[PAPER.md](PAPER.md) has the tables."]
 
 
 def _real(result: Result) -> list[str]:
