@@ -1,4 +1,4 @@
-"""Parts of pages that are made from results: BENCHMARK.md, tables of README and PAPER.md, and pictures."""
+"""Parts of pages that are made from results: BENCHMARK.md, tables of other pages, and pictures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ..common.markdown import table
-from . import tables
+from . import scale_tables, tables
 from .plots import pictures
 from .result import Result
 from .suites import SUITES
@@ -32,7 +32,7 @@ TABLES: dict[str, Callable[[Result], list[str]]] = {
     "peers": tables.peers_table,
     "robust": tables.robust_table,
     "service": tables.service_table,
-    "scale": tables.scale_table,
+    "scale": scale_tables.summary,
     "rebuilds": tables.rebuilds_table,
     "ablation": tables.ablation_table,
     "ros": tables.ros_table,
@@ -72,6 +72,11 @@ def readme_parts(results: Results) -> dict[str, str]:
     return {
         name: _part(name, results, makers[name]) for name in ("real", "robust", "service", "scale", "peers")
     }
+
+
+def large_maps_parts(results: Results) -> dict[str, str]:
+    """Returns the tables of docs/large-maps.md by the name of their marker."""
+    return {"scale": _part("scale", results, scale_tables.whole)}
 
 
 def paper_parts(results: Results) -> dict[str, str]:

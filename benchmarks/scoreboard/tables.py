@@ -173,32 +173,6 @@ def robust_table(result: Result) -> list[str]:
     )
 
 
-def scale_table(result: Result) -> list[str]:
-    """A row for each world."""
-    head = (
-        "world",
-        "templates",
-        "query ms p50 / p99",
-        "within 0.2 m",
-        "false",
-        "version, MB",
-        "build, processor s",
-    )
-    rows = [
-        (
-            name,
-            world["templates"],
-            f"{world['anywhere']['median_ms']} / {world['anywhere']['p99_ms']}",
-            world["anywhere"]["success"].get("0.2m"),
-            world["anywhere"]["false"],
-            world["version_mb"],
-            world["build_cpu_s"],
-        )
-        for name, world in result.figures["worlds"].items()
-    ]
-    return table(head, rows)
-
-
 def rebuilds_table(result: Result) -> list[str]:
     """A row for each stage, two columns for each change: processor seconds from nothing, and after it."""
     changes = result.figures["changes"]

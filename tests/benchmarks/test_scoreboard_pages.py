@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.peers.report import COLUMNS
 from benchmarks.scoreboard.chart import Axis, chart
-from benchmarks.scoreboard.pages import benchmark_page, plot_files, readme_parts
+from benchmarks.scoreboard.pages import benchmark_page, large_maps_parts, plot_files, readme_parts
 from benchmarks.scoreboard.result import Cases, Result
 from benchmarks.scoreboard.tables import ROBUST
 
@@ -153,6 +153,42 @@ def test_another_machine_is_told_with_its_suite():
     other = replace(scale, machine={**scale.machine, "cpus": 8})
     page = benchmark_page({"scale": other, "rebuilds": rebuilds})
     assert page.index("## Scale") < page.index("8 cores (a processor)") < page.index("2 cores (a processor)")
+
+
+def test_scale_has_a_column_for_each_world():
+    cost = {"seconds": 2.0, "cpu_seconds": 3.4, "peak_own_mb": 900}
+    stages = (
+        "reconstruct_mesh",
+        "make_templates",
+        "learn_keys",
+        "carve_free_space",
+        "build_index",
+        "self_test",
+    )
+    memory = {"own": 100, "resident": 300}
+    asked = {"median_ms": 12.0, "p99_ms": 19.5, "success": {"0.05m": 1.0, "0.2m": 1.0}, "false": 0}
+    asked |= {"localized": 0.99, "stages_ms": {"preprocess": 4.01, "search": 3.02, "register": 5.03}}
+    world = {
+        "templates": 1000,
+        "extent_m": [80, 80],
+        "version_mb": 9.5,
+        "load_ms": 7.0,
+        "first_query_ms": 60.0,
+    }
+    world |= {"loaded": memory, "after_queries": memory, "anywhere": asked, "with_prior": asked}
+    world |= {"build": dict.fromkeys(stages, cost), "build_s": 12.0, "build_cpu_s": 20.4}
+    exact, quick = {"true_among_400": 1.0}, {"search_ms": 0.151, "true_among_400": 0.975}
+    world["keys"] = {"exact": exact, "faiss_ivf_sq8": quick}
+    larger = {**world, "templates": 9000, "keys": {"exact": exact}}
+    results = {"scale": result("scale", {"worlds": {"30k": world, "1M": larger}})}
+    text = large_maps_parts(results)["scale"]
+    assert "| templates | 1000 | 9000 |" in text
+    assert "| query, p50 / p99, ms | 12.0 / 19.5 | 12.0 / 19.5 |" in text
+    assert "| ... of it preprocessing / search / registration | 4.0 / 3.0 / 5.0 |" in text
+    assert "| ... surface, keys, free space, index, processor s | 14 | 14 |" in text
+    assert "GB | 0.9 (reconstruct_mesh) |" in text
+    assert "| faiss_ivf_sq8 | 0.15, 0.975 | - |" in text
+    assert "| 30k | 1000 | 12.0 / 19.5 | 1.0 | 0 | 9.5 | 20.4 |" in readme_parts(results)["scale"]
 
 
 @pytest.mark.parametrize("names", [("real",), ("real", "peers"), ("scale",)], ids="+".join)
