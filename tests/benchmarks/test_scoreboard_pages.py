@@ -84,7 +84,7 @@ def test_a_page_shows_what_the_result_holds():
     assert "| hall, 29 x 62 m, handheld OS0-64 | 2 | 1 | 2 | 1 | 3.1 cm, 0.25 deg | 12 |" in table
     assert "2026-11-25 | aaaaaaaa | 2 min" in page
     assert "Not there, or not in this run: street, yard, garage" in page
-    assert "| together | 2 | 0.500 | 0.500 | 0.500 | 1 | 0.500 |" in page
+    assert "| together | 2 | 0.500 | 0.500 | 1 | 0.500 |" in page
 
 
 def test_a_changed_number_changes_the_page():
