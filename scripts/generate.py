@@ -62,6 +62,7 @@ def _figures() -> dict[Path, str]:
     return {
         **_with_figures("README.md", figures.readme_parts(results)),
         **_with_figures("benchmarks/PAPER.md", figures.paper_parts(results)),
+        **_with_figures("docs/how-to/sizing.md", figures.sizing_parts(results)),
         **_with_figures("docs/large-maps.md", figures.large_maps_parts(results)),
         **_after_mark("benchmarks/BENCHMARK.md", figures.benchmark_page(results)),
         **{REPO / "benchmarks/plots" / name: text for name, text in figures.plot_files(results).items()},

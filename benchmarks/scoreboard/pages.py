@@ -79,6 +79,14 @@ def large_maps_parts(results: Results) -> dict[str, str]:
     return {"scale": _part("scale", results, scale_tables.whole)}
 
 
+def sizing_parts(results: Results) -> dict[str, str]:
+    """Returns the tables of docs/how-to/sizing.md by the name of their marker."""
+    return {
+        "real": _part("real", results, tables.real_maps),
+        "service": _part("service", results, tables.replica_memory),
+    }
+
+
 def paper_parts(results: Results) -> dict[str, str]:
     """Returns the tables of PAPER.md by the name of their marker."""
     return {"paper": _part("paper", results, tables.paper_tables)}

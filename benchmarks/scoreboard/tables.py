@@ -122,6 +122,29 @@ def real_builds(result: Result) -> list[str]:
     return table(("set", "build, s", "peak memory, GB", "version, MB"), rows)
 
 
+def real_maps(result: Result) -> list[str]:
+    """A row for each map: what it is, its templates, and what it took."""
+    rows = [
+        (
+            PLACES.get(name, name),
+            built["counts"]["templates"],
+            f"{built['bytes'] / 1e6:.0f} MB",
+            f"{built['build_s']:.0f} s",
+            f"{built['build_peak_gb']} GB",
+        )
+        for name in references(result)
+        for built in [result.figures[name]["build"]]
+    ]
+    return table(("map", "templates", "version", "build, wall time", "build, peak memory"), rows)
+
+
+def replica_memory(result: Result) -> list[str]:
+    """MiB of a replica by the number of its workers."""
+    memory = result.figures["replica_memory"]
+    row = (f"MiB, a version of {memory['version_mb']} MB", *memory["mib_by_workers"].values())
+    return table(("workers", *memory["mib_by_workers"]), [row])
+
+
 def peers_table(result: Result) -> list[str]:
     """Lists the wins of peers, a row for each peer over all sets, the best first, and each set in short."""
     return [*_peers(result, PEERS_WIDE), "", *_peers_by_set(result.figures)]

@@ -11,7 +11,13 @@ import pytest
 
 from benchmarks.peers.report import COLUMNS
 from benchmarks.scoreboard.chart import Axis, chart
-from benchmarks.scoreboard.pages import benchmark_page, large_maps_parts, plot_files, readme_parts
+from benchmarks.scoreboard.pages import (
+    benchmark_page,
+    large_maps_parts,
+    plot_files,
+    readme_parts,
+    sizing_parts,
+)
 from benchmarks.scoreboard.result import Cases, Result
 from benchmarks.scoreboard.tables import ROBUST
 
@@ -143,6 +149,23 @@ def test_a_suite_that_was_gone_on_with_took_as_long_as_its_parts():
         {"robust": result("robust", {"worlds": {**worlds, "gone": "skipped: x"}, "bars": bars})}
     )
     assert "| 2026-11-25 | aaaaaaaa | 60 min in parts | 0.1 |" in page
+
+
+def test_sizes_of_maps_and_replicas():
+    memory = {"version_mb": 346.9, "mib_by_workers": {"1": 451, "2": 504}}
+    real = copy.deepcopy(REAL)
+    real["hall"]["build"] = {
+        "counts": {"templates": 649},
+        "bytes": 34_405_884,
+        "build_s": 43.7,
+        "build_peak_gb": 0.51,
+    }  # type: ignore[index]
+    parts = sizing_parts(
+        {"real": result("real", real, CASES), "service": result("service", {"replica_memory": memory})}
+    )
+    assert "| hall, 29 x 62 m, handheld OS0-64 | 649 | 34 MB | 44 s | 0.51 GB |" in parts["real"]
+    assert "| workers | 1 | 2 |" in parts["service"]
+    assert "| MiB, a version of 346.9 MB | 451 | 504 |" in parts["service"]
 
 
 def test_another_machine_is_told_with_its_suite():
