@@ -12,7 +12,7 @@ import io
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +100,7 @@ class Result:
         Raises:
             ResultTooLarge: one has more than MOST_BYTES. Nothing is written.
         """
-        about = {name: value for name, value in asdict(replace(self, cases=None)).items() if name != "cases"}
+        about = {name: value for name, value in vars(self).items() if name != "cases"}
         text = "{" + ",\n".join(f'"{name}":{_compact(value)}' for name, value in about.items()) + "}\n"
         files = {folder / f"{self.suite}.json": text.encode()}
         if self.cases is not None:

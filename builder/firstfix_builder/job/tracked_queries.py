@@ -51,7 +51,7 @@ class _Moved:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a query was taken, (4, 4), by the fixes of a chain."""
+    """Pose (4, 4) of one query's sensor in the map, as a chain of fixes says it."""
 
     chain: int
     T_map_sensor: Matrix
