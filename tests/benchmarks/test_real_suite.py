@@ -178,7 +178,7 @@ def assert_pages_show(found: dict[str, Any], answers: list[Asked], work: Path) -
     read = Result.load(work, "real")
     assert read == result
     page = benchmark_page({"real": read})
-    assert f"| small | estimated | {len(answers) // 2} |" in page
+    assert f"| small | {len(answers) // 2} |" in page
     assert set(plot_files({"real": read})) == set(PLOTS["real"])
 
 
