@@ -23,6 +23,10 @@ class ResultTooLarge(Exception):
     """A result that does not belong into a repository."""
 
 
+class UnreadableResult(Exception):
+    """A result that is damaged, or in the form of another release."""
+
+
 @dataclass(frozen=True)
 class Cases:
     """Every case of a suite: a table.
@@ -87,12 +91,18 @@ class Result:
 
     @classmethod
     def load(cls, folder: Path, suite: str) -> Result | None:
-        """Returns the result of a suite; None: there is none."""
-        path = folder / f"{suite}.json"
+        """Returns the result of a suite; None: there is none.
+
+        Raises:
+            UnreadableResult: it is damaged, or in another form.
+        """
+        path, cases = folder / f"{suite}.json", _cases_file(folder, suite)
         if not path.exists():
             return None
-        cases = _cases_file(folder, suite)
-        return cls(**json.loads(path.read_text()), cases=Cases.read(cases) if cases.exists() else None)
+        try:
+            return cls(**json.loads(path.read_text()), cases=Cases.read(cases) if cases.exists() else None)
+        except (TypeError, ValueError, EOFError, OSError) as error:
+            raise UnreadableResult(f"{path.name}: {error}") from error
 
     def save(self, folder: Path) -> int:
         """Writes the files, in place of older ones, and returns their bytes.

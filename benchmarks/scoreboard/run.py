@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from .machine import machine, versions
-from .result import Cases, Result, ResultTooLarge
+from .result import Cases, Result, ResultTooLarge, UnreadableResult
 from .suites import Suite
 from .tree import changed, commit_of, object_ids, uncommitted
 
@@ -49,11 +49,16 @@ def run(
 
 
 def remove_old(suites: Iterable[Suite], repo: Path, results: Path) -> list[str]:
-    """Removes results of other code than the present one, and returns their names."""
+    """Removes results of other code than the present one, or in another form, and returns their names."""
     removed = []
     for suite in suites:
-        found = Result.load(results, suite.name)
-        if found is not None and is_old(found, suite, repo):
+        try:
+            found = Result.load(results, suite.name)
+        except UnreadableResult:
+            is_useless = True
+        else:
+            is_useless = found is not None and bool(is_old(found, suite, repo))
+        if is_useless:
             Result.remove(results, suite.name)
             removed.append(suite.name)
     return removed
@@ -66,7 +71,11 @@ def is_old(result: Result, suite: Suite, repo: Path) -> list[str]:
 
 
 def _one(suite: Suite, repo: Path, results: Path, quick: bool, say: Callable[[str], None]) -> str:
-    found = Result.load(results, suite.name)
+    try:
+        found = Result.load(results, suite.name)
+    except UnreadableResult as error:
+        say(f"{suite.name}: measured anew, its result cannot be read: {error}")
+        found = None
     arguments = suite.quick if quick else suite.arguments
     if arguments is None:
         return "skipped: it has no quick version"

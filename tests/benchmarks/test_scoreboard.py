@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.scoreboard.result import Cases, Result, ResultTooLarge
+from benchmarks.scoreboard.result import Cases, Result, ResultTooLarge, UnreadableResult
 from benchmarks.scoreboard.run import NotOneCommit, is_old, remove_old, run
 from benchmarks.scoreboard.suites import SUITES, Suite
 from benchmarks.scoreboard.tree import object_ids
@@ -115,6 +115,20 @@ def test_old_results_are_removed_alone(repo: Path, tmp_path: Path):
     commit(repo)
     assert remove_old([SUITE], repo, tmp_path) == ["small"]
     assert Result.load(tmp_path, "small") is None
+
+
+@pytest.mark.parametrize("stored", ['{"suite": "small", "cases": []}', '{"suite"', "[1, 2]", "\xff"])
+def test_a_result_of_another_form_is_measured_anew(repo: Path, tmp_path: Path, stored: str):
+    file = tmp_path / "small.json"
+    file.write_bytes(stored.encode("latin-1"))
+    with pytest.raises(UnreadableResult, match=r"^small\.json: "):
+        Result.load(tmp_path, "small")
+    assert measure(repo, tmp_path).startswith("measured")
+    file.write_bytes(stored.encode("latin-1"))
+    assert remove_old([SUITE], repo, tmp_path) == ["small"]
+    measure(repo, tmp_path)
+    (tmp_path / "small.csv.gz").write_bytes(b"no archive")
+    assert measure(repo, tmp_path).startswith("measured")
 
 
 def test_a_work_tree_with_changes_is_refused_but_for_a_quick_run(repo: Path, tmp_path: Path):
