@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -84,11 +85,13 @@ def test_the_offset_of_the_clock_is_measured_and_told_once():
 
 
 def test_a_slow_store_is_no_wrong_clock(monkeypatch: pytest.MonkeyPatch):
-    metrics, times = Metrics(), iter([100.0, 190.0])
-    monkeypatch.setattr(clock.time, "time", lambda: next(times))
+    metrics, now_s = Metrics(), 100.0
+    monkeypatch.setattr(clock, "time", SimpleNamespace(time=lambda: now_s))
 
     class Slow:
         def now(self) -> datetime:
+            nonlocal now_s
+            now_s = 190.0
             return datetime.fromtimestamp(140.0, timezone.utc)
 
     ClockComparison(Slow(), metrics).compare()  # type: ignore[arg-type]
