@@ -32,8 +32,10 @@ ASKED = (  # what turns, asks and judges the scans
 BUILDS = (  # what else decides the work of a build
     "builder/firstfix_builder/build_stages.py",
     "builder/firstfix_builder/execution",
+    "builder/firstfix_builder/level_map.py",
     "builder/firstfix_builder/read_map",
     "builder/firstfix_builder/stage_files.py",
+    "builder/firstfix_builder/tested_version.py",
 )
 SERVICE = ("service/firstfix_service", "clients/python/firstfix_client", "core/firstfix/wire")
 

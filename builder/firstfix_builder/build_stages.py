@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,12 +14,9 @@ from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import ENGINE_FILE, EngineConfig
 from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
 from firstfix.engine.false_accept_bound import FalseAcceptBound
-from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE, MapIndex
-from firstfix.engine.localizer import Localizer
+from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE
 from firstfix.engine.retrieval.cascade import Clusters, Templates, save_projection
-from firstfix.transform import inverse, make_transform, transform_points
 
-from .check_map.check_map import check_map, refuse
 from .execution.build_trace import within_a_stage
 from .execution.chunks import Arrays, Chunk
 from .execution.stage_cache import StageResult
@@ -33,38 +27,25 @@ from .index.index_files import VIEWS_SHARE, write_index_files
 from .index.key_scans import KeyScans, key_scan_chunks
 from .index.learn_keys import is_worth_learning, learn_keys, scans_for
 from .index.views import PROVISIONAL_REACHES, REACHES, view_chunks
-from .mesh.clean_cloud import clean_cloud, voxel_means
-from .mesh.level import level_frame
-from .mesh.mesh import Mesh
+from .level_map import write_level_map
+from .mesh.clean_cloud import voxel_means
 from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
-from .read_map import read_parts
-from .read_map.held_out import HeldOut, read_held_out
-from .read_map.mapping_scans import MappingScans
 from .read_map.read_map import content_hash
-from .read_map.without_moving import without_moving
-from .self_test.localizability import draw_localizability
-from .self_test.mapped_places import MappedPlaces
-from .self_test.real_scans import RealScans
-from .self_test.reliability import draw_reliability
-from .self_test.run import run_self_test
 from .stage_files import (
-    MOVING_FILE,
     engine_of,
-    floor_of,
     link,
-    moving_of,
-    simulator_of,
     spacing_m_of,
     trajectory_of,
-    write_findings,
+    write_json,
 )
 from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .templates.fit_engine import fit_engine
 from .templates.fit_spacing import fitting_viewpoints, write_places
 from .templates.linkage import Pairs
 from .templates.make import template_chunks, write_templates
+from .tested_version import SelfTestInputs, write_self_test
 from .viewpoints.workload import Workload
 
 THINNED_M = 0.2  # between the points of a provisional version
@@ -89,34 +70,7 @@ class BuildStages(StageRunner):
         """The map in its levelled local frame: points or a mesh, trajectory, T_map_level."""
 
         def produce(out: Path) -> None:
-            axis, scale = self.config.axis, self.config.scale
-            parts = read_parts(source, axis=axis, scale=scale, trajectory=trajectory)
-            data = next(parts)
-            poses = data.trajectory
-            findings = check_map(data, poses)
-            refuse(findings)
-            write_findings(findings, out)
-            T_map_level = np.eye(4)
-            if data.points is not None:
-                T_map_level = level_frame(data.points) if self.config.level else T_map_level
-                T_level_map = inverse(T_map_level)
-                cloud = clean_cloud(transform_points(T_level_map, data.points), self.config.clean)
-                scans = MappingScans(source, axis, scale)
-                if self.config.clean.passes and (len(scans) or scans.left_out):
-                    to_origin = make_transform(np.eye(3), -data.origin)
-                    cloud, moving = without_moving(cloud, scans, T_level_map @ to_origin, self.config.clean)
-                    _write_json(out / MOVING_FILE, moving.to_mapping())
-                TiledPoints.of(cloud).save(out)
-            else:
-                write_tiled_mesh((Mesh(*part.surface) for part in chain([data], parts)), out)
-            if poses is not None:
-                np.save(out / "trajectory.npy", inverse(T_map_level) @ poses)
-            # answers are in the file's own coordinates: the local origin goes back in here
-            T_map_level = make_transform(np.eye(3), data.origin) @ T_map_level
-            np.save(out / "T_map_level.npy", T_map_level)
-            held_out = read_held_out(source, axis, scale)
-            if held_out is not None:
-                held_out.moved(inverse(T_map_level)).save(out)
+            write_level_map(source, trajectory, self.config, out)
 
         inputs = {"source": content_hash(source)}
         if trajectory is not None:
@@ -406,31 +360,8 @@ class BuildStages(StageRunner):
         """
 
         def produce(out: Path) -> None:
-            points = np.load(index.directory / MAP_FILE)
-            told = HeldOut() if confirmed is None else HeldOut.load(confirmed)
-            told = told.moved(inverse(np.load(read.directory / "T_map_level.npy")))
-            tested, simulator = MapIndex.load(index.directory, Calibration()), simulator_of(mesh)
-            found, calibration, bound, places = run_self_test(
-                Localizer(tested, explains=False),
-                simulator,
-                self.config.sensor_model,
-                self.config.self_test,
-                RealScans.of(HeldOut.load(read.directory), points, told),
-                self.threads,
-                self._ticks("self_test"),
-                self.cancelled,
-            )
-            _write_json(out / CALIBRATION_FILE, calibration.to_mapping())
-            _write_json(out / BOUND_FILE, bound.to_mapping())
-            floor = floor_of(viewpoints)
-            left_out = {"floor": floor and floor.to_mapping(), "moving": moving_of(read)}
-            mapped = MappedPlaces.of(tested, trajectory_of(read), simulator, self.config.sensor_model)
-            grid = found.localizability
-            known = mapped and {"localizability": mapped.told_of(grid), "mapped": mapped.to_mapping(grid)}
-            _write_json(out / "self_test.json", {**found.to_mapping(), **left_out, **(known or {})})
-            draw_reliability(found.reliability, out / "reliability.png")
-            in_part = mapped.in_part if mapped else ()
-            draw_localizability(points, places, out / "localizability.png", floor, in_part)
+            results = SelfTestInputs(read, mesh, viewpoints, index, confirmed)
+            write_self_test(results, self.config, self.threads, self._ticks("self_test"), self.cancelled, out)
 
         chosen = {
             "self_test": self.config.self_test.model_dump(mode="json"),
@@ -446,11 +377,7 @@ class BuildStages(StageRunner):
         """The calibration of a provisional version, which has no self-test: that of no map in particular."""
 
         def produce(out: Path) -> None:
-            _write_json(out / CALIBRATION_FILE, Calibration().to_mapping())
-            _write_json(out / BOUND_FILE, FalseAcceptBound().to_mapping())
+            write_json(out / CALIBRATION_FILE, Calibration().to_mapping())
+            write_json(out / BOUND_FILE, FalseAcceptBound().to_mapping())
 
         return self._stage("self_test", {"index": index.digest}, {"self_test": "none"}, produce)
-
-
-def _write_json(path: Path, value: Mapping[str, Any]) -> None:
-    path.write_text(json.dumps(value, sort_keys=True, indent=1) + "\n")

@@ -1,10 +1,10 @@
-"""Reads results of finished stages from their folders."""
+"""The files of stages in their folders: written by one stage, read by later ones."""
 
 from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +71,11 @@ def moving_of(read: StageResult) -> dict[str, Any] | None:
 def engine_of(fitted: StageResult) -> EngineConfig:
     """The engine's parameters that ``fit_engine`` chose."""
     return EngineConfig.load(fitted.directory)
+
+
+def write_json(path: Path, value: Mapping[str, Any]) -> None:
+    """Writes values by name as a file of a version."""
+    path.write_text(json.dumps(value, sort_keys=True, indent=1) + "\n")
 
 
 def link(source: Path, target: Path) -> None:

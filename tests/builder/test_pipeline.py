@@ -69,7 +69,7 @@ def test_finished_stages_are_not_done_again(small_map, coarse_version, coarse_wo
     def never(*arguments: object, **more: object) -> None:
         raise AssertionError("done again")
 
-    for stage in ("read_parts", "fitting_viewpoints", "template_chunks", "run_self_test"):
+    for stage in ("write_level_map", "fitting_viewpoints", "template_chunks", "write_self_test"):
         monkeypatch.setattr(stages, stage, never)
     again = build_version(small_map, BuildConfig.parse(COARSE_CONFIG), coarse_work)
     assert again.manifest.digest == coarse_version.manifest.digest
@@ -95,7 +95,7 @@ def test_a_build_goes_on_at_another_machine_from_the_last_finished_stage(
     def never(*arguments: object, **more: object) -> None:
         raise AssertionError("done again")
 
-    for name in ("read_parts", "fitting_viewpoints", "template_chunks", "cluster_chunks"):
+    for name in ("write_level_map", "fitting_viewpoints", "template_chunks", "cluster_chunks"):
         monkeypatch.setattr(stages, name, never)
     built = build_version(small_map, BuildConfig.parse(COARSE_CONFIG), tmp_path / "second", shared=shared)
     assert built.manifest.digest == coarse_version.manifest.digest

@@ -26,7 +26,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.sources import put_source
 from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, TooLarge
 from firstfix.store.store import Store
-from firstfix_builder import build_stages
+from firstfix_builder import level_map
 from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
 from firstfix_builder.sandbox import seccomp
@@ -285,9 +285,7 @@ def test_with_a_cluster_the_source_is_read_in_the_sandbox(
     else:
         shutil.copy(small_map, source)
     options = BuildOptions(build_id="b1", store="memory://", work=tmp_path / "work", sandbox="required")
-    monkeypatch.setattr(
-        build_stages, "read_parts", lambda *_, **__: pytest.fail("the worker reads the source")
-    )
+    monkeypatch.setattr(level_map, "read_parts", lambda *_, **__: pytest.fail("the worker reads the source"))
     monkeypatch.setattr(session_stages, "unpack", lambda *_: pytest.fail("the worker reads the source"))
     seen: list[str] = []
 

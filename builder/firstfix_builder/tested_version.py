@@ -1,0 +1,86 @@
+"""The last stage of a build: the self-test of what the stages before it made, and its files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from firstfix.builds.config import BuildConfig
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
+from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE, MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.transform import inverse
+
+from .execution.stage_cache import StageResult
+from .read_map.held_out import HeldOut
+from .self_test.localizability import draw_localizability
+from .self_test.mapped_places import MappedPlaces
+from .self_test.real_scans import RealScans
+from .self_test.reliability import draw_reliability
+from .self_test.run import run_self_test
+from .stage_files import floor_of, moving_of, simulator_of, trajectory_of, write_json
+
+
+@dataclass(frozen=True)
+class SelfTestInputs:
+    """Results that the self-test reads.
+
+    Attributes:
+        confirmed: folder of ``decode_confirmed``; None: no robot has confirmed a query.
+    """
+
+    read: StageResult
+    mesh: StageResult
+    viewpoints: StageResult
+    index: StageResult
+    confirmed: Path | None
+
+    def real_scans(self) -> RealScans:
+        """The scans that were held out of the map, and the confirmed ones, in the level frame."""
+        told = HeldOut() if self.confirmed is None else HeldOut.load(self.confirmed)
+        told = told.moved(inverse(np.load(self.read.directory / "T_map_level.npy")))
+        return RealScans.of(HeldOut.load(self.read.directory), np.load(self.index.directory / MAP_FILE), told)
+
+
+def write_self_test(
+    results: SelfTestInputs,
+    config: BuildConfig,
+    executor: Executor,
+    progress: Callable[[float], None],
+    cancelled: Callable[[], bool],
+    out: Path,
+) -> None:
+    """Runs the self-test and writes the calibration, the report and its pictures to the stage's folder.
+
+    Raises:
+        BuildCancelled: cancelled() said so.
+    """
+    sensor, index = config.sensor_model, MapIndex.load(results.index.directory, Calibration())
+    simulator, floor = simulator_of(results.mesh), floor_of(results.viewpoints)
+    found, calibration, bound, places = run_self_test(
+        Localizer(index, explains=False),
+        simulator,
+        sensor,
+        config.self_test,
+        results.real_scans(),
+        executor,
+        progress,
+        cancelled,
+    )
+    write_json(out / CALIBRATION_FILE, calibration.to_mapping())
+    write_json(out / BOUND_FILE, bound.to_mapping())
+    left_out = {"floor": floor and floor.to_mapping(), "moving": moving_of(results.read)}
+    mapped = MappedPlaces.of(index, trajectory_of(results.read), simulator, sensor)
+    grid = found.localizability
+    known = mapped and {"localizability": mapped.told_of(grid), "mapped": mapped.to_mapping(grid)}
+    write_json(out / "self_test.json", {**found.to_mapping(), **left_out, **(known or {})})
+    draw_reliability(found.reliability, out / "reliability.png")
+    in_part = mapped.in_part if mapped else ()
+    draw_localizability(
+        np.load(results.index.directory / MAP_FILE), places, out / "localizability.png", floor, in_part
+    )
