@@ -76,14 +76,14 @@ def choose(cases: Sequence[Judged], max_false_accept: float) -> Threshold:
     seen = _Seen.of(cases)
     least = max(FLOOR, seen.above_the_worst)
     each = max(least, round(1 - max_false_accept, 6))
-    shown = (one for one in THRESHOLDS if one >= least and seen.shows(one, max_false_accept))
+    shown = (one for one in THRESHOLDS if one >= least and seen.bound(one) <= max_false_accept)
     chosen = min(next(shown, each), each)
     return Threshold(
         max_false_accept,
         chosen,
         round(seen.localized(chosen), 4),
         seen.bound(chosen),
-        RATE if seen.shows(chosen, max_false_accept) else EACH,
+        RATE if seen.bound(chosen) <= max_false_accept else EACH,
     )
 
 
@@ -121,12 +121,6 @@ class _Seen:
         """Share of the cases in the map that it accepts."""
         return self._share(self.claimed >= threshold)
 
-    def doubt(self, threshold: float) -> float:
-        """Mean of 1 - p of the accepted cases in the map: the wrong share that they claim themselves."""
-        accepted = self.claimed >= threshold
-        counts = self.weight[accepted]
-        return float(counts @ (1 - self.claimed[accepted]) / counts.sum()) if accepted.any() else 0.0
-
     def bound(self, threshold: float) -> float:
         """Upper bound of the wrong share of the answers ``localized`` (equation 11.2)."""
         accepted = int((self.wrong >= threshold).sum())
@@ -135,10 +129,6 @@ class _Seen:
         false = negatives * upper_bound(accepted, len(self.wrong))
         right = in_map * self._share(self.right & (self.claimed >= threshold))
         return math.ceil(false / (false + right) * STEPS) / STEPS
-
-    def shows(self, threshold: float, max_false_accept: float) -> bool:
-        """Returns whether both the bound and the probabilities of the answers keep the promise."""
-        return max(self.bound(threshold), self.doubt(threshold)) <= max_false_accept
 
     def _share(self, chosen: NDArray[np.bool_]) -> float:
         return float(self.weight @ chosen / self.weight.sum()) if len(chosen) else 0.0
