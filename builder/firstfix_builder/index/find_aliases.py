@@ -6,29 +6,39 @@ import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 
+import faiss
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.engine.candidates import SPOT_DEG, SPOT_M
 from firstfix.engine.config import AliasConfig
 from firstfix.engine.retrieval.alias_table import AliasTable
 from firstfix.engine.retrieval.cascade import Cascade, Matches
+from firstfix.engine.retrieval.key_search import FaissSearch
+from firstfix.engine.retrieval.key_search.faiss_indexes import FLAT_UP_TO
 from firstfix.native import spread_out
 
-AT_ONCE = 256  # templates of one task
+# Templates of one task. FAISS multiplies matrices from 128,000 numbers of the searched keys on: 128 each.
+AT_ONCE = 1024
+LISTS = 32  # inverted lists that are searched for a template, where there are too many keys to read all
 _SPOT_COS = math.cos(math.radians(SPOT_DEG))
 
 
-def find_aliases(cascade: Cascade, config: AliasConfig) -> AliasTable:
+def find_aliases(cascade: Cascade, keys: NDArray[np.float32], config: AliasConfig) -> AliasTable:
     """Aliases of every template: the most similar ones elsewhere, one for each SPOT_M and SPOT_DEG.
 
-    A template costs as much as the search of one query. The result does not depend on the number of threads.
+    The result does not depend on the number of threads.
+
+    Args:
+        keys: (c, d) of the clusters, as they are searched.
     """
     count = len(cascade.templates)
     table = AliasTable.none(count, config.each)
 
     def fill(first: int) -> None:
-        for template in range(first, min(first + AT_ONCE, count)):
-            found = aliases_of(cascade, template, config)
+        rows = np.arange(first, min(first + AT_ONCE, count))
+        for template, clusters in zip(rows, _nearest(cascade, keys, rows, config.clusters), strict=True):
+            found = aliases_of(cascade, template, clusters[clusters >= 0], config)
             table.put(template, found.rows, found.yaw_rad, found.score)
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
@@ -36,10 +46,23 @@ def find_aliases(cascade: Cascade, config: AliasConfig) -> AliasTable:
     return table
 
 
-def aliases_of(cascade: Cascade, template: int, config: AliasConfig) -> Matches:
-    """One template's aliases, most similar first. The same spot with the same heading is none."""
+def _nearest(
+    cascade: Cascade, keys: NDArray[np.float32], rows: NDArray[np.int64], clusters: int
+) -> NDArray[np.int64]:
+    """The clusters (n, at most ``clusters``) nearest by key to (n,) templates; -1: there are no more."""
+    own = cascade.descriptor.keys(cascade.templates.described_at(rows))
+    own = own if cascade.projection is None else own @ cascade.projection
+    if len(keys) > FLAT_UP_TO and isinstance(cascade.keys, FaissSearch):
+        return cascade.keys.search_many(own, clusters, LISTS)
+    faiss.omp_set_num_threads(1)  # as in FaissSearch: this thread is one of many
+    found: NDArray[np.int64] = faiss.knn(own, keys, min(clusters, len(keys)))[1]
+    return found
+
+
+def aliases_of(cascade: Cascade, template: int, clusters: NDArray[np.int64], config: AliasConfig) -> Matches:
+    """One template's aliases in the given clusters, most similar first. The same spot and heading is none."""
     templates = cascade.templates
-    found = cascade.search(templates.described_at(np.array([template])), config.clusters)
+    found = cascade.match(templates.described_at(np.array([template])), clusters)
     position_m = np.array(templates.position_m[found.rows], np.float64)
     yaw_rad = found.yaw_rad.astype(np.float64)
     away_m = np.linalg.norm(position_m - templates.position_m[template], axis=1)

@@ -75,10 +75,7 @@ def write_index_files(
         look: returns what is seen from (n, 3) positions of templates, as results of ``views.view_chunks``.
     """
     templates = Templates.load(directory, engine.descriptor.make())
-    _write_keys(directory, templates, engine)
-    TemplateTiles.of(templates.position_m).save(directory)
-    if not provisional:
-        find_aliases(Cascade.load(directory, engine), engine.search.aliases).save(directory)
+    _write_search(directory, templates, engine, provisional)
     surface = map_surface(
         cloud, look(templates.position_m), engine.registration.map_voxel_m, directory.parent
     )
@@ -104,8 +101,11 @@ def _write_view(
         draw_preview(points, templates.position_m, directory / "preview.png")
 
 
-def _write_keys(directory: Path, templates: Templates, engine: EngineConfig) -> None:
+def _write_search(directory: Path, templates: Templates, engine: EngineConfig, provisional: bool) -> None:
     standing = Clusters.load(directory).representative
     projection = load_projection(directory)
     keys = make_keys(templates, standing, engine.descriptor.make(), projection, directory)
     build_key_search(keys, engine.search, templates.position_m[standing]).save(directory)
+    TemplateTiles.of(templates.position_m).save(directory)
+    if not provisional:
+        find_aliases(Cascade.load(directory, engine), keys, engine.search.aliases).save(directory)

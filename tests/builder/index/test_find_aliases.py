@@ -1,15 +1,17 @@
 """Known aliases of templates: two corridors that are alike find each other, however the work is split."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from firstfix.engine.candidates import SPOT_DEG, SPOT_M
 from firstfix.engine.config import AliasConfig, EngineConfig, SearchConfig
 from firstfix.engine.retrieval.alias_table import NONE
 from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates
-from firstfix.engine.retrieval.key_search import build_key_search
+from firstfix.engine.retrieval.key_search import FaissSearch, build_key_search
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
 from firstfix_builder.index import find_aliases as module
 from firstfix_builder.index.find_aliases import find_aliases
@@ -41,6 +43,11 @@ def corridors() -> Cascade:
     return Cascade(made, templates, TemplateTiles.of(position_m), Clusters.alone(len(position_m)), keys, None)
 
 
+def keys_of(cascade: Cascade) -> NDArray[np.float32]:
+    """Keys of the clusters, each of one template."""
+    return cascade.descriptor.keys(cascade.templates.described)
+
+
 @pytest.fixture(scope="module")
 def cascade() -> Cascade:
     return corridors()
@@ -48,7 +55,7 @@ def cascade() -> Cascade:
 
 @pytest.fixture(scope="module")
 def table(cascade):
-    return find_aliases(cascade, AliasConfig(each=4, clusters=40))
+    return find_aliases(cascade, keys_of(cascade), AliasConfig(each=4, clusters=40))
 
 
 def test_each_place_of_a_corridor_has_its_twin_first_with_the_heading_between_them(table):
@@ -78,7 +85,7 @@ def test_no_alias_is_beside_the_template_or_beside_another_alias(cascade, table)
 def test_the_table_is_the_same_however_the_work_is_split(cascade, table, monkeypatch, at_once, threads):
     monkeypatch.setattr(module, "AT_ONCE", at_once)
     monkeypatch.setattr(module.os, "cpu_count", lambda: threads)
-    again = find_aliases(cascade, AliasConfig(each=4, clusters=40))
+    again = find_aliases(cascade, keys_of(cascade), AliasConfig(each=4, clusters=40))
     assert all(np.array_equal(vars(again)[name], array) for name, array in vars(table).items())
 
 
@@ -91,8 +98,25 @@ def test_no_template_is_compared_with_more_than_the_clusters_that_are_asked_for(
             compared.append(len(rows)) or do(self, described, rows)
         ),
     )
-    find_aliases(cascade, AliasConfig(clusters=10))
+    find_aliases(cascade, keys_of(cascade), AliasConfig(clusters=10))
     assert compared == [10] * 3 * COUNT
+
+
+def test_where_there_are_too_many_keys_to_read_all_the_inverted_lists_are_searched(
+    cascade, table, monkeypatch
+):
+    """There is one list of so few keys, which are whole: the same is found."""
+    keys, searched = keys_of(cascade), []
+    search = build_key_search(keys, SearchConfig(engine="faiss_ivf"))
+    monkeypatch.setattr(
+        FaissSearch,
+        "search_many",
+        lambda self, *given, do=FaissSearch.search_many: searched.append(given[1:]) or do(self, *given),
+    )
+    monkeypatch.setattr(module, "FLAT_UP_TO", 0)
+    again = find_aliases(replace(cascade, keys=search), keys, AliasConfig(each=4, clusters=40))
+    assert searched == [(40, module.LISTS)]
+    assert all(np.array_equal(vars(again)[name], array) for name, array in vars(table).items())
 
 
 def test_a_map_of_one_place_has_no_aliases(cascade):
@@ -100,4 +124,4 @@ def test_a_map_of_one_place_has_no_aliases(cascade):
     few = Templates(one.position_m[:1], one.height_m[:1], one.described_at(np.arange(1)))
     keys = build_key_search(cascade.descriptor.keys(few.described), SearchConfig(engine="exhaustive"))
     alone = Cascade(cascade.descriptor, few, TemplateTiles.of(few.position_m), Clusters.alone(1), keys)
-    assert (find_aliases(alone, AliasConfig()).row == NONE).all()
+    assert (find_aliases(alone, keys_of(alone), AliasConfig()).row == NONE).all()

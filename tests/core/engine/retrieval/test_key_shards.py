@@ -145,6 +145,33 @@ def test_more_lists_are_looked_into_where_more_rows_are_wanted(parted, monkeypat
     assert shares[4000] > shares[400] + 0.1
 
 
+@pytest.mark.parametrize("parted", [False, True])
+@pytest.mark.parametrize("engine", ["faiss_flat", "faiss_sq8", "faiss_ivf", "faiss_ivf_sq8", "faiss_ivf_pq"])
+def test_many_keys_at_once_are_answered_as_one_by_one(engine, parted):
+    keys, position_m = world(8, 12_000)
+    config = SearchConfig(engine=engine, shard_keys=2000 if parted else 1_000_000)
+    search = build_key_search(keys, config, position_m)
+    asked, first = np.stack(near(keys, 30)), search._indexes[0]
+    lists = faiss_indexes.probes_for(first, 100) if "ivf" in engine else 0
+    found = search.search_many(asked, 100, lists)
+    assert found.shape == (30, 100)
+    assert [row.tolist() for row in found] == [search.search(key, 100).tolist() for key in asked]
+
+
+@pytest.mark.parametrize("parted", [False, True])
+def test_where_the_lists_hold_fewer_keys_the_rest_is_marked(parted):
+    keys, position_m = world(9, 3000)
+    config = SearchConfig(engine="faiss_ivf_sq8", shard_keys=500 if parted else 1_000_000)
+    search = build_key_search(keys, config, position_m)
+    found = search.search_many(keys[:20], 2000, 1)
+    there = found >= 0
+    assert np.array_equal(np.sort(there, axis=1)[:, ::-1], there), "the marks come last"
+    assert 0 < there.sum(axis=1).max() < 2000
+    assert np.array_equal(found[:, 0], np.arange(20)), "each key is the nearest to itself"
+    more = search.search_many(keys[:20], 2000, 4) >= 0
+    assert more.sum() > there.sum()
+
+
 def test_a_missing_a_cut_and_a_strange_shard_are_told(tmp_path):
     keys, position_m = world(7, 2000)
     config = SearchConfig(engine="faiss_sq8", shard_keys=300)

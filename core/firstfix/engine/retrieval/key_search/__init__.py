@@ -27,7 +27,7 @@ ENGINES: dict[str, type[KeySearch]] = {
     "faiss_hnsw": FaissSearch,
 }
 
-__all__ = ["ENGINES", "KeySearch", "build_key_search", "load_key_search"]
+__all__ = ["ENGINES", "FaissSearch", "KeySearch", "build_key_search", "load_key_search"]
 
 
 def build_key_search(

@@ -71,7 +71,18 @@ class FaissSearch:
             _, rows = index.search(key[None], few, params=how)
             found: NDArray[np.int64] = rows[0]
             return found[found >= 0]
-        return _merged(self._of_every_shard(key, count, self._shards), count)
+        lists = probes_for(self._indexes[0], min(count, len(self))) if self._inverted else 0
+        found = _merged(self._of_every_shard(key[None], count, lists), count)[0]
+        return found[found >= 0]
+
+    def search_many(self, keys: NDArray[np.float32], count: int, lists: int) -> NDArray[np.int64]:
+        """Rows near each of (n, d) keys, nearest first: (n, at most ``count``), -1 where there are no more.
+
+        Args:
+            lists: inverted lists that are searched for each key, if there are lists.
+        """
+        faiss.omp_set_num_threads(1)
+        return _merged(self._of_every_shard(keys, count, lists), count)
 
     def search_among(
         self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
@@ -113,16 +124,17 @@ class FaissSearch:
                 raise ValueError(f"{path.name} belongs to another search")
         return cls(indexes, shards)
 
-    def _of_every_shard(self, key: NDArray[np.float32], count: int, shards: TileShards) -> Iterable[_Found]:
+    def _of_every_shard(self, keys: NDArray[np.float32], count: int, lists: int) -> Iterable[_Found]:
         first, near = self._indexes[0], None
         if self._inverted:
-            near = first.quantizer.search(key[None], probes_for(first, min(count, len(self))))
+            near = first.quantizer.search(keys, min(lists, first.nlist))
         for number, index in enumerate(self._indexes):
             few = min(count, index.ntotal)
-            found = index.search(key[None], few) if near is None else _in_lists(index, key, few, *near)
-            distance, place = (one[0] for one in found)
-            there = place >= 0
-            yield distance[there], self._rows_of(number, shards)[place[there]].astype(np.int64)
+            distance, place = index.search(keys, few) if near is None else _in_lists(index, keys, few, *near)
+            distance[place < 0] = np.inf  # the lists hold fewer keys
+            if self._shards is not None:
+                place = np.where(place < 0, -1, self._rows_of(number, self._shards)[place].astype(np.int64))
+            yield distance, place
 
     def _rows_of(self, shard: int, shards: TileShards) -> NDArray[np.int32]:
         return shards.row[shards.begin[shard] : shards.begin[shard + 1]]
@@ -130,20 +142,20 @@ class FaissSearch:
 
 def _in_lists(
     index: faiss.IndexIVF,
-    key: NDArray[np.float32],
+    keys: NDArray[np.float32],
     count: int,
     list_distance: NDArray[np.float32],
     lists: NDArray[np.int64],
 ) -> _Found:
-    """Searches (1, m) given lists. Returns (1, count) distances and places.
+    """Searches (n, m) given lists. Returns (n, count) distances and places.
 
     FAISS' own wrapper accepts only the index's own number of lists.
     """
-    key = np.ascontiguousarray(key, np.float32)
-    distance, place = np.empty((1, count), np.float32), np.empty((1, count), np.int64)
+    keys = np.ascontiguousarray(keys, np.float32)
+    distance, place = np.empty((len(keys), count), np.float32), np.empty((len(keys), count), np.int64)
     how = faiss.SearchParametersIVF(nprobe=lists.shape[1])
     pointers = [faiss.swig_ptr(array) for array in (lists, list_distance, distance, place)]
-    index.search_preassigned_c(1, faiss.swig_ptr(key), count, *pointers, False, how)
+    index.search_preassigned_c(len(keys), faiss.swig_ptr(keys), count, *pointers, False, how)
     return distance, place
 
 
@@ -165,10 +177,15 @@ def _among(index: faiss.Index, key: NDArray[np.float32], rows: NDArray[np.intege
 
 
 def _merged(parts: Iterable[_Found], count: int) -> NDArray[np.int64]:
-    """Rows of the nearest of all parts, nearest first; of equal distances the lower row first."""
+    """Rows of the nearest of all parts, nearest first; of equal distances the lower row first.
+
+    Args:
+        parts: distances and rows of each, (k,) of one key, or (n, k) of n keys.
+    """
     distances, rows = zip(*parts, strict=True)
-    distance, row = np.concatenate(distances), np.concatenate(rows)
-    return row[np.lexsort((row, distance))[:count]]
+    distance, row = np.concatenate(distances, axis=-1), np.concatenate(rows, axis=-1)
+    nearest = np.lexsort((row, distance))[..., :count]
+    return np.take_along_axis(row, nearest, axis=-1)
 
 
 def _shard_file(number: int) -> str:
