@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,10 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.registration.align import MapSurface, Registrations
 from firstfix.engine.registration.surface import Surface
+from firstfix.engine.registration.surface_grid import SurfaceGrid
 
 FIXED_THRESHOLD = 0.995  # of every map, before each had its own
+WIDER = 2  # cells of the step before the coarse alignment, against its own
 FEW_ITERATIONS = 12  # of the fine alignment, before it went on until it rests
 
 
@@ -50,6 +53,36 @@ class HastySurface(MapSurface):
         return replace(found, rests=np.ones(len(found), bool))
 
 
+@dataclass(frozen=True)
+class WideSurface(MapSurface):
+    """A map that attracts poses from further away, by a step before the coarse alignment.
+
+    Attributes:
+        wide: grid of the map with cells twice as wide as those of the coarse grid.
+    """
+
+    wide: SurfaceGrid = field(kw_only=True)
+
+    @classmethod
+    def around(cls, surface: MapSurface, points: NDArray[np.float32]) -> WideSurface:
+        """Wide surface of the same map.
+
+        Args:
+            points: (m, 3) of the map.
+        """
+        cell_m = WIDER * surface.config.coarse_voxel_m
+        thinned = Surface.around(points, two_faces=True).thinned(cell_m / 2)
+        return cls(**_fields_of(surface), wide=SurfaceGrid.of(thinned, cell_m))
+
+    def align_coarse(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See ``MapSurface.align_coarse``. The step before it has equally many points at every range."""
+        cell_m, iterations = float(self.wide.cell.item()), self.config.coarse_iterations
+        even = scan.thinned(cell_m).at_most(self.ranking.coarse_points, cell_m)
+        angle = self.ranking.coarse_angle
+        nearer = self._align(self.wide, even, T_level_sensor, iterations, 1.5 * cell_m, angle)
+        return super().align_coarse(scan, nearer.T_level_sensor)
+
+
 def _as_it_is(index: MapIndex) -> MapIndex:
     return index
 
@@ -71,9 +104,17 @@ def _ranked_without_free_space(index: MapIndex) -> MapIndex:
     return _configured(index, ranking=index.config.ranking.model_copy(update=weights))
 
 
+def _with_a_wider_basin(index: MapIndex) -> MapIndex:
+    wide = WideSurface.around(index.surface, index.view.near.points)
+    return replace(_without_local_search(index), surface=wide)
+
+
 def _hasty(index: MapIndex) -> MapIndex:
-    same = {field.name: getattr(index.surface, field.name) for field in fields(index.surface)}
-    return replace(index, surface=HastySurface(**same))
+    return replace(index, surface=HastySurface(**_fields_of(index.surface)))
+
+
+def _fields_of(surface: MapSurface) -> dict[str, Any]:
+    return {field.name: getattr(surface, field.name) for field in fields(surface)}
 
 
 WHOLE = Part("nothing", "7", _as_it_is)
@@ -81,6 +122,7 @@ PARTS = (
     WHOLE,
     Part("wider search of unconvincing scans", "7.1", _searched_once),
     Part("local search beside the best place", "7.2", _without_local_search),
+    Part("local search, for a wider basin", "7.2", _with_a_wider_basin),
     Part("alignment until it rests", "7.2", _hasty),
     Part("known aliases", "7.1", lambda index: replace(index, aliases=None)),
     Part("seen-free space", "7.1", lambda index: replace(index, seen_free=None)),

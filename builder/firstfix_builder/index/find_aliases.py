@@ -37,7 +37,9 @@ def find_aliases(cascade: Cascade, keys: NDArray[np.float32], config: AliasConfi
 
     def fill(first: int) -> None:
         rows = np.arange(first, min(first + AT_ONCE, count))
-        for template, clusters in zip(rows, _nearest(cascade, keys, rows, config.clusters), strict=True):
+        for template, clusters in zip(
+            rows.tolist(), _nearest(cascade, keys, rows, config.clusters), strict=True
+        ):
             found = aliases_of(cascade, template, clusters[clusters >= 0], config)
             table.put(template, found.rows, found.yaw_rad, found.score)
 
