@@ -104,10 +104,10 @@ def test_candidates_are_ranked_by_alignment_and_free_space():
 
 def test_free_space_is_not_checked_where_no_rival_can_be():
     """Not even without any violation would the others be the best rival, or within reach of the best."""
-    made_up = MadeUpMap([0.95, 0.94, 0.3, 0.4], [0.0] * 4)
+    made_up = MadeUpMap([0.95, 0.94, 0.3, 0.5], [0.0] * 4)
     search(made_up, calibration=NEVER_SURE)
     assert set(made_up.checked) == {0, 1}
-    unsure = MadeUpMap([0.95, 0.94, 0.3, 0.4], [0.0, 0.9, 0.0, 0.0])
+    unsure = MadeUpMap([0.95, 0.94, 0.3, 0.5], [0.0, 0.9, 0.0, 0.0])
     search(unsure, calibration=NEVER_SURE)
     assert set(unsure.checked) == {0, 1, 3}  # the fourth is a better rival than the second, the third is not
 
@@ -225,7 +225,7 @@ def test_a_start_of_another_heading_is_new():
 
 
 def test_a_later_run_does_not_check_the_same_poses_again():
-    made_up = MadeUpMap([0.9, 0.88, 0.5], [0.0, 0.1, 0.1])
+    made_up = MadeUpMap([0.9, 0.88, 0.6], [0.0, 0.1, 0.1])
     index = MapIndex(EngineConfig(), NEVER_SURE, None, made_up, made_up)
     search_twice = HypothesisSearch(index, PREPARED)
     search_twice.run(standing_at([0.0, APART_M]))
