@@ -80,6 +80,7 @@ class BuildStages(StageRunner):
             "scale": self.config.scale,
             "level": self.config.level,
             "clean": self.config.clean.model_dump(mode="json"),
+            "held_out": self.config.self_test.held_out,
             "names": [path.name for path in (source, trajectory) if path is not None],
         }
         return self._stage("read_map", inputs, chosen, produce)
