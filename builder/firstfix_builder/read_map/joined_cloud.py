@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.errors import MalformedData
+
 from .map_limits import LIMITS
 
 FIRST_FOLD_ROWS = 500_000
 FOLD_SHARE = 0.25  # of the rows that are joined already
 VOXEL_GROWTH = 1.25
+MOST_VOXELS = 2.0**62  # between the outermost points: their numbers are 64-bit integers
 
 
 class JoinedCloud:
@@ -29,6 +32,7 @@ class JoinedCloud:
         """Joins (n, 3) points, metres.
 
         Raises:
+            MalformedData: the scans lie thousands of kilometres apart.
             TooLarge, UnfitMap: the cloud is beyond the limits of a map.
         """
         self._fresh.append(_joined(np.column_stack([points, np.ones(len(points))]), self.voxel_m))
@@ -54,11 +58,20 @@ def _joined(rows: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
     """Means of the (n, 4) rows of each voxel, weighted by the fourth column, which is added up."""
     if not len(rows):
         return rows
-    cell = np.floor(rows[:, :3] / voxel_m).astype(np.int64)
-    order = np.lexsort(cell.T[::-1])
-    cell, rows = cell[order], rows[order]
-    begins = np.append(True, (cell[1:] != cell[:-1]).any(axis=1))
-    first = np.flatnonzero(begins)
+    key = _voxel_of(rows[:, :3], voxel_m)
+    order = np.argsort(key, kind="stable")  # quick: what was joined before is in order
+    key, rows = key[order], rows[order]
+    first = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
     number = np.add.reduceat(rows[:, 3], first)
     summed = np.add.reduceat(rows[:, :3] * rows[:, 3:], first)
     return np.column_stack([summed / number[:, None], number])
+
+
+def _voxel_of(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.int64]:
+    """(n,) number of each point's voxel, in x-y-z order."""
+    cell = np.floor(points / voxel_m).astype(np.int64)
+    cell -= cell.min(axis=0)
+    size = cell.max(axis=0) + 1
+    if np.prod(size.astype(np.float64)) > MOST_VOXELS:
+        raise MalformedData("the scans lie too far apart for one map: is a pose wrong?")
+    return (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]

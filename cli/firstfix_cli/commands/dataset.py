@@ -1,4 +1,4 @@
-"""``firstfix dataset``: make the scans of a mapping run from a public data set's recording."""
+"""``firstfix dataset``: make a map's scans of a public data set's recording."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def dataset(
     ] = 60.0,
     seed: Annotated[int, typer.Option(help="Seed of the choice.", min=0)] = 0,
 ) -> None:
-    """Make the scans of a mapping run from a public data set's recording.
+    """Make a map's scans of a public data set's recording.
 
     Writes scans and their true poses (mapping_scans/) to a folder that ``firstfix build`` makes a map of. It
     holds some of them out, and its self-test asks them. The map is in the frame of the data set's ground

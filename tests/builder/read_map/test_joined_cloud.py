@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firstfix.errors import TooLarge
+from firstfix.errors import MalformedData, TooLarge
 from firstfix_builder.mesh.clean_cloud import voxel_means
 from firstfix_builder.read_map import joined_cloud
 from firstfix_builder.read_map.joined_cloud import JoinedCloud
@@ -41,6 +41,14 @@ def test_beyond_the_limits_it_says_so(monkeypatch):
     for scan in SCANS:
         cloud.add(scan)
     with pytest.raises(TooLarge, match="mapping scans"):
+        cloud.points()
+
+
+def test_scans_of_different_planets_are_no_map():
+    cloud = JoinedCloud(0.05, 10**6)
+    cloud.add(SCANS[0])
+    cloud.add(SCANS[1] + 1e8)
+    with pytest.raises(MalformedData, match="too far apart"):
         cloud.points()
 
 
