@@ -17,10 +17,8 @@ from firstfix.bit_exact.sample import rows_by_chance
 
 LEAST_KEYFRAMES = 20
 MOST_SHARE = 0.1  # of the keyframes
-PARTS, LEAST_LENGTH = (
-    20,
-    2,
-)  # keyframes of one part, if there are enough: a single one has its double beside it
+PARTS = 20
+LEAST_LENGTH = 2  # keyframes of a part, if there are enough: a single one has its double beside it
 SEED = 17
 TRIES = 50  # places that are drawn for each part
 

@@ -11,8 +11,9 @@ What cannot be used is left out with a reason: the map is built all the same.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
+from posixpath import normpath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,13 +50,21 @@ class MappingScans:
             return
         try:
             with naming(self._folder / POSES):
-                rows = read_poses(self._folder / POSES)
+                rows = self._each_once(read_poses(self._folder / POSES))
             self._rows = [row for row in rows if row[0] not in without]
         except (InputError, NotFound) as error:
             self.left_out[POSES] = str(error)
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    def _each_once(self, rows: Sequence[tuple[str, list[str]]]) -> list[tuple[str, list[str]]]:
+        """The first row of each file: by a second one, a scan could be held out and in the map."""
+        first: dict[str, tuple[str, list[str]]] = {}
+        for row in rows:
+            if first.setdefault(normpath(row[0]), row) is not row:
+                self.left_out[row[0]] = "it is listed twice: its first row counts"
+        return list(first.values())
 
     def posed(self) -> Iterator[tuple[str, Matrix]]:
         """Yields the name and T_map_sensor of each scan that has a pose."""

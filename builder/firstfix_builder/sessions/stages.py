@@ -74,7 +74,8 @@ class SessionStages(BuildStages):
         if trajectory is not None:
             inputs["trajectory"] = content_hash(trajectory)
         names = "" if trajectory is None else trajectory.name
-        return self._stage("read_map", inputs, self._chosen(f"archive {names}"), produce)
+        chosen = self._chosen(f"archive {names}") | {"held_out": self.config.self_test.held_out}
+        return self._stage("read_map", inputs, chosen, produce)
 
     def _chosen(self, of: str) -> dict[str, Any]:
         return {
@@ -82,7 +83,6 @@ class SessionStages(BuildStages):
             "scale": self.config.scale,
             "level": self.config.level,
             "clean": self.config.clean.model_dump(mode="json"),
-            "held_out": self.config.self_test.held_out,
             "of": of,
         }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,18 @@ from scipy.spatial import cKDTree
 from firstfix.builds.config import BuildConfig
 from firstfix.errors import MalformedData, NotFound
 from firstfix.transform import inverse, transform_points
+from firstfix_builder.execution.chunks import ChunkCache
+from firstfix_builder.execution.local_executor import LocalExecutor
+from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.level_map import write_level_map
 from firstfix_builder.mesh.clean_cloud import voxel_means
 from firstfix_builder.read_map import read_map
 from firstfix_builder.read_map.held_out import HeldOut
 from firstfix_builder.read_map.held_out_parts import ALONE, FEW, drawn_parts
 from firstfix_builder.read_map.map_of_scans import VOXEL_M, is_map_of_scans, read_map_of_scans
+from firstfix_builder.sessions.stages import SessionStages
 from firstfix_builder.stage_files import MOVING_FILE
+from firstfix_cli.map_source import as_one_file
 
 UTM = (353_071.25, 5_425_012.5, 31.0)
 
@@ -129,6 +135,37 @@ def test_bad_rows_are_left_out_with_their_reasons(tmp_path: Path):
     assert found.data.trajectory is not None
     assert len(found.data.trajectory) == 23
     assert str(tmp_path) not in str(found.left_out)
+
+
+def test_a_scan_that_is_listed_twice_is_not_held_out_and_in_the_map(tmp_path: Path):
+    source = write_run(tmp_path, drive(80))
+    once = read_map_of_scans(source, "z-up", 1.0, held_out=40)
+    with (source / "mapping_scans" / "poses.csv").open("a") as file:
+        file.write("".join(f"./{name_of(k)},{k},0.5,1.5,0,0,0,1\n" for k in numbers_of(once.held_out)))
+        file.write(f"{name_of(3)},3,0.5,1.5,0,0,0,1\n")
+    found = read_map_of_scans(source, "z-up", 1.0, held_out=40)
+    assert numbers_of(found.held_out) == numbers_of(once.held_out)
+    np.testing.assert_array_equal(found.data.points, once.data.points)
+    assert len(found.left_out) == 8 + 1
+    assert set(found.left_out.values()) == {"it is listed twice: its first row counts"}
+
+
+def test_the_number_of_held_out_keyframes_is_part_of_the_first_stage_of_such_a_map_alone(tmp_path: Path):
+    source, cloud = write_run(tmp_path / "run", drive(60)), tmp_path / "map.npy"
+    np.save(cloud, street(60))
+
+    def stage(path: Path, held_out: int) -> Path:
+        cache = StageCache(tmp_path / "work")
+        config = BuildConfig.parse({"self_test": {"held_out": held_out}, "clean": {"min_neighbours": 0}})
+        with ThreadPoolExecutor(1) as threads:
+            chunks = ChunkCache(cache, LocalExecutor(tmp_path / "work", threads, threads))
+            stages = SessionStages(cache, chunks, lambda *_: None, lambda: False, config, threads)
+            return stages.read_map(path, None).directory
+
+    assert stage(cloud, 0) == stage(cloud, 40)
+    assert len({stage(source, 0), stage(source, 2), stage(source, 40)}) == 3
+    with as_one_file(source) as archive:
+        assert len({stage(archive, 0), stage(archive, 40)}) == 2
 
 
 def test_if_no_scan_can_be_used_the_map_says_why(tmp_path: Path):
