@@ -176,4 +176,4 @@ class _Joined:
 
 def _nothing_to_join(scans: MappingScans) -> MalformedData:
     name, reason = next(iter(scans.left_out.items()), (POSES, "it lists no scan"))
-    return MalformedData(f"no scan of {FOLDER}/ can be used: {name}: {reason}")
+    return MalformedData(f"no scan of {FOLDER}/ can be used: {name}: {reason.removeprefix(f'{name}: ')}")
