@@ -32,6 +32,7 @@ from .mesh.clean_cloud import voxel_means
 from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
+from .read_map.map_of_scans import is_map_of_scans
 from .read_map.read_map import content_hash
 from .stage_files import (
     engine_of,
@@ -80,6 +81,7 @@ class BuildStages(StageRunner):
             "scale": self.config.scale,
             "level": self.config.level,
             "clean": self.config.clean.model_dump(mode="json"),
+            "held_out": self.config.self_test.held_out if is_map_of_scans(source) else None,
             "names": [path.name for path in (source, trajectory) if path is not None],
         }
         return self._stage("read_map", inputs, chosen, produce)

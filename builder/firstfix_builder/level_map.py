@@ -6,9 +6,10 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.builds.config import BuildConfig
-from firstfix.transform import inverse, make_transform, transform_points
+from firstfix.transform import Matrix, inverse, make_transform, transform_points
 
 from .check_map.check_map import check_map, refuse
 from .mesh.clean_cloud import clean_cloud
@@ -17,10 +18,15 @@ from .mesh.mesh import Mesh
 from .mesh.places.tiled_points import TiledPoints
 from .mesh.tiled_mesh import write_tiled_mesh
 from .read_map import read_parts
+from .read_map.file_errors import naming
 from .read_map.held_out import read_held_out
-from .read_map.mapping_scans import MappingScans
-from .read_map.without_moving import without_moving
+from .read_map.map_of_scans import MapOfScans, is_map_of_scans, read_map_of_scans
+from .read_map.mapping_scans import FOLDER, MappingScans
+from .read_map.read_map import in_local_frame
+from .read_map.without_moving import Moving, without_moving
 from .stage_files import MOVING_FILE, write_findings, write_json
+
+MORE_POINTS = 2  # of joined scans than cleaning leaves: it shall have a choice
 
 
 def write_level_map(source: Path, trajectory: Path | None, config: BuildConfig, out: Path) -> None:
@@ -36,7 +42,11 @@ def write_level_map(source: Path, trajectory: Path | None, config: BuildConfig, 
         BuildFailed: a finding refuses the map.
     """
     axis, scale = config.axis, config.scale
-    parts = read_parts(source, axis=axis, scale=scale, trajectory=trajectory)
+    made = _made_of_scans(source, config)
+    if made is None:
+        parts = read_parts(source, axis=axis, scale=scale, trajectory=trajectory)
+    else:
+        parts = iter([in_local_frame(made.data, axis, scale, trajectory)])
     data = next(parts)
     poses = data.trajectory
     findings = check_map(data, poses)
@@ -47,10 +57,9 @@ def write_level_map(source: Path, trajectory: Path | None, config: BuildConfig, 
         T_map_level = level_frame(data.points) if config.level else T_map_level
         T_level_map = inverse(T_map_level)
         cloud = clean_cloud(transform_points(T_level_map, data.points), config.clean)
-        scans = MappingScans(source, axis, scale)
-        if config.clean.passes and (len(scans) or scans.left_out):
-            to_origin = make_transform(np.eye(3), -data.origin)
-            cloud, moving = without_moving(cloud, scans, T_level_map @ to_origin, config.clean)
+        to_origin = make_transform(np.eye(3), -data.origin)
+        cloud, moving = _without_moving(cloud, source, made, T_level_map @ to_origin, config)
+        if moving is not None:
             write_json(out / MOVING_FILE, moving.to_mapping())
         TiledPoints.of(cloud).save(out)
     else:
@@ -61,5 +70,40 @@ def write_level_map(source: Path, trajectory: Path | None, config: BuildConfig, 
     T_map_level = make_transform(np.eye(3), data.origin) @ T_map_level
     np.save(out / "T_map_level.npy", T_map_level)
     held_out = read_held_out(source, axis, scale)
+    if made is not None:
+        held_out = made.held_out if held_out is None else made.held_out.with_those(held_out)
     if held_out is not None:
         held_out.moved(inverse(T_map_level)).save(out)
+
+
+def _made_of_scans(source: Path, config: BuildConfig) -> MapOfScans | None:
+    """The map of a folder that brings its scans and no map file; None of any other source."""
+    if not is_map_of_scans(source):
+        return None
+    with naming(source):
+        return read_map_of_scans(
+            source,
+            config.axis,
+            config.scale,
+            held_out=config.self_test.held_out,
+            max_points=MORE_POINTS * config.clean.max_points,
+        )
+
+
+def _without_moving(
+    cloud: NDArray[np.float64],
+    source: Path,
+    made: MapOfScans | None,
+    T_level_source: Matrix,
+    config: BuildConfig,
+) -> tuple[NDArray[np.float64], Moving | None]:
+    """The cloud without moving things, and what the mapping scans tell; None if the source has none."""
+    held_out = set() if made is None else {one.name.removeprefix(f"{FOLDER}/") for one in made.held_out.scans}
+    scans = MappingScans(source, config.axis, config.scale, without=held_out)
+    if made is not None:
+        scans.left_out.update(made.left_out)  # all were read for it; below only some are
+    if not len(scans) and not scans.left_out:
+        return cloud, None
+    if not config.clean.passes:
+        return cloud, None if made is None else Moving(0, 0.0, 0.0, dict(scans.left_out))
+    return without_moving(cloud, scans, T_level_source, config.clean)

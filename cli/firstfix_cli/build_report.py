@@ -121,7 +121,18 @@ def _real_lines(real: Mapping[str, Any]) -> list[str]:
         if real["disagree"]:
             about = ", ".join(real["disagree"])
             lines.append(f"    real and simulated scans disagree ({about}): believe the real ones")
+    lines += _keyframe_lines(real.get("held_out") or {})
     if real.get("left_out"):
         lines.append("  real scans left out:")
         lines += [f"    {name}: {reason}" for name, reason in real["left_out"].items()]
     return lines
+
+
+def _keyframe_lines(held_out: Mapping[str, Any]) -> list[str]:
+    """Returns how many keyframes a map that is made of its scans was made without, and why not more."""
+    lines = []
+    if held_out.get("keyframes"):
+        count = f"{held_out['keyframes']} keyframes in {held_out['parts']} parts"
+        lines.append(f"    the map was made without {count}")
+    kept = held_out.get("kept_out", {})
+    return [*lines, *(f"    {count} keyframes could not be held out: {why}" for why, count in kept.items())]

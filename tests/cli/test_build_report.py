@@ -67,5 +67,27 @@ def test_real_and_simulated_success_stand_side_by_side():
     assert self_test_lines({**TESTED, "real": {}}) == self_test_lines(TESTED)
 
 
+def test_keyframes_that_were_held_out_are_counted_and_those_that_stay_too():
+    real = {
+        "asked": 6,
+        "weight": 1.0,
+        "success": {"1m": 1.0},
+        "localized": 1.0,
+        "median_error_m": 0.02,
+        "false_accepts": 0,
+        "disagree": [],
+        "left_out": {},
+        "held_out": {"keyframes": 6, "parts": 3, "kept_out": {"no other keyframe saw what they see": 2}},
+    }
+    assert self_test_lines({**TESTED, "real": real})[4:] == [
+        "    the map was made without 6 keyframes in 3 parts",
+        "    2 keyframes could not be held out: no other keyframe saw what they see",
+    ]
+    none = {"asked": 0, "held_out": {"keyframes": 0, "parts": 0, "kept_out": {"too few": 12}}}
+    assert self_test_lines({**TESTED, "real": none})[2:] == [
+        "    12 keyframes could not be held out: too few"
+    ]
+
+
 def test_versions_from_before_have_no_such_lines():
     assert len(self_test_lines(TESTED)) == 2

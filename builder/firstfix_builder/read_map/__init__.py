@@ -1,6 +1,6 @@
 """Maps as users have them, to points or a mesh in a local frame with z up.
 
-read_map         a file or a SLAM package's folder -> MapData
+read_map         a file, a SLAM package's folder or one of scans -> MapData
 read_parts       the same, or a folder of meshes -> MapData file by file
 read_trajectory  a file of poses -> (m, 4, 4)
 """

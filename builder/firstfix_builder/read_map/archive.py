@@ -15,6 +15,8 @@ from pathlib import Path, PurePosixPath
 
 from firstfix.errors import FirstfixError, MalformedData, OutOfSpace, TooLarge, UnsupportedFormat
 
+from .mapping_scans import FOLDER as MAPPING_SCANS
+
 SUFFIX = ".zip"
 MAX_FILES = 20_000
 MAX_BYTES = 32 << 30  # of all files together, unpacked
@@ -32,7 +34,8 @@ def unpack(archive: Path, folder: Path) -> Path:
     """Writes an archive's files below a new folder.
 
     Returns:
-        The folder of the map: where the archive holds nothing but one folder, that one.
+        The folder of the map: where the archive holds nothing but one folder, that one, unless it is that of
+        mapping scans, which belongs to the map's folder.
 
     Raises:
         MalformedData: damaged, encrypted, or with a name or a link that leads out of the folder.
@@ -54,7 +57,8 @@ def unpack(archive: Path, folder: Path) -> Path:
     inside = list(folder.iterdir())
     if not inside:
         raise MalformedData(f"{archive.name}: there is no file in it")
-    return inside[0] if len(inside) == 1 and inside[0].is_dir() else folder
+    is_wrapped = len(inside) == 1 and inside[0].is_dir() and inside[0].name != MAPPING_SCANS
+    return inside[0] if is_wrapped else folder
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Held-out scans of a map: real scans with their poses, which are not among the map's points.
 
-Confirmed queries of robots are such scans (``self_test.confirmed_scans``). Besides, a map's folder brings
-them in a folder of their own:
+Confirmed queries of robots are such scans (``self_test.confirmed_scans``), and so are keyframes that a map is
+made without (``held_out_parts.py``). Besides, a map's folder brings them in a folder of their own:
 
     held_out/poses.csv    columns scan (path from this folder) and tx,ty,tz,qx,qy,qz,qw (T_map_sensor)
     held_out/...          the scans, as ``firstfix localize`` reads them
@@ -25,6 +25,7 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
 from .file_errors import naming
+from .held_out_parts import HeldOutParts
 from .posed_scans import POSES, pose_of, read_posed_scan, read_poses, why_not_read
 
 FOLDER = "held_out"
@@ -69,15 +70,21 @@ class HeldOut:
     Attributes:
         scans: in the order of the file.
         left_out: reasons by the name of the scan, or of the file of poses.
+        of_map: what was held out of a map that is made of its scans; None: it is not, or nothing should be.
     """
 
     scans: tuple[HeldOutScan, ...] = ()
     left_out: Mapping[str, str] | None = None
+    of_map: HeldOutParts | None = None
 
     @property
     def reasons(self) -> dict[str, str]:
         """``left_out``, empty if nothing was."""
         return dict(self.left_out or {})
+
+    def with_those(self, other: HeldOut) -> HeldOut:
+        """Both together, these first; ``of_map`` is of these."""
+        return replace(self, scans=(*self.scans, *other.scans), left_out={**self.reasons, **other.reasons})
 
     def moved(self, T_level_map: Matrix) -> HeldOut:
         """The same scans with poses in another frame."""
@@ -101,7 +108,8 @@ class HeldOut:
             nearest_m=np.concatenate([np.empty(0, np.float32), *ranges]),
         )
         confirmed = [None if one.confirmation is None else asdict(one.confirmation) for one in self.scans]
-        record = {"left_out": self.reasons, "confirmed": confirmed}
+        of_map = None if self.of_map is None else self.of_map.to_mapping()
+        record = {"left_out": self.reasons, "confirmed": confirmed, "of_map": of_map}
         (directory / _RECORD_FILE).write_text(json.dumps(record, sort_keys=True))
 
     @classmethod
@@ -130,7 +138,8 @@ class HeldOut:
             )
             for name, points, at, ranges, T, told in parts
         ]
-        return cls(tuple(scans), record["left_out"])
+        of_map = None if record["of_map"] is None else HeldOutParts(**record["of_map"])
+        return cls(tuple(scans), record["left_out"], of_map)
 
 
 def _scan_of(

@@ -18,6 +18,7 @@ from .file_errors import naming
 from .map_data import MapData, local_origin, scaled, subtract_origin, turn_z_up
 from .map_file import read_map_file
 from .map_folder import mesh_files, read_map_folder, trajectory_in
+from .map_of_scans import is_map_of_scans, read_map_of_scans
 from .trajectory import read_trajectory
 
 
@@ -39,7 +40,7 @@ Axis = Literal["z-up", "y-up"]
 def read_map(
     path: Path, *, axis: Axis = "z-up", scale: float = 1.0, trajectory: Path | None = None
 ) -> MapData:
-    """A map file, or the folder that a SLAM package left.
+    """A map file, or the folder that a SLAM package left, or one of scans with their poses.
 
     Args:
         axis: of the source. ``y-up`` is LOAM's camera frame (x left, y up, z forward) and glTF's: the map
@@ -63,7 +64,15 @@ def read_map(
     if not path.exists():
         raise NotFound(f"{path.name}: no such file")
     with naming(path):
-        data = read_map_folder(path) if path.is_dir() else read_map_file(path)
+        if is_map_of_scans(path):
+            data = read_map_of_scans(path, axis, scale).data
+        else:
+            data = read_map_folder(path) if path.is_dir() else read_map_file(path)
+    return in_local_frame(data, axis, scale, trajectory)
+
+
+def in_local_frame(data: MapData, axis: Axis, scale: float, trajectory: Path | None) -> MapData:
+    """The map in metres, with z up and a local origin; arguments as for ``read_map``."""
     if trajectory is not None:
         data = replace(data, trajectory=read_trajectory(trajectory))
     data = scaled(data, scale)

@@ -16,6 +16,7 @@ from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.transform import transform_points
 
 from ..read_map.held_out import HeldOut, HeldOutScan
+from ..read_map.held_out_parts import HeldOutParts
 from .reliability import FOLDS
 
 MAX_RESIDUAL_M = 0.3  # median distance of a scan's points from the map: beyond it, its pose does not fit
@@ -32,10 +33,12 @@ class RealScans:
     Attributes:
         scans: with T_level_sensor; held-out ones first, then confirmed ones.
         left_out: reasons against all others, by name.
+        of_map: ``HeldOut.of_map``.
     """
 
     scans: tuple[HeldOutScan, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
+    of_map: HeldOutParts | None = None
 
     @classmethod
     def of(
@@ -51,7 +54,7 @@ class RealScans:
         confirmed = confirmed or HeldOut()
         scans, left_out = (*held_out.scans, *confirmed.scans), {**held_out.reasons, **confirmed.reasons}
         if not scans:
-            return cls((), left_out)
+            return cls((), left_out, held_out.of_map)
         tree, fit = cKDTree(map_points), []
         for one in scans:
             points = one.scan.points[rows_by_chance(len(one.scan.points), COMPARED_POINTS)]
@@ -64,12 +67,16 @@ class RealScans:
                     f"its pose does not fit the map: half of its points are over {residual_m:.2f} m away "
                     f"(limit {MAX_RESIDUAL_M} m)"
                 )
-        return cls(tuple(fit), left_out)
+        return cls(tuple(fit), left_out, held_out.of_map)
 
     def options_of(self, number: int, usual: LocalizeOptions) -> LocalizeOptions:
         """Options that a scan is asked with: a robot's query with its own, others as usual."""
         told = self.scans[number].confirmation
         return usual if told is None else LocalizeOptions.from_strings(told.options)
+
+    def parts(self) -> dict[str, Any] | None:
+        """What was held out of a map that is made of its scans; None: it is not, or nothing should be."""
+        return None if self.of_map is None else self.of_map.to_mapping()
 
     def confirmations(self) -> dict[str, Any]:
         """How many of the scans are confirmed queries, of how many robots, told by how many, and when."""

@@ -56,7 +56,8 @@ class SelfTest:
         real: the same of the real scans that were asked too: their number ``asked``, the ``weight`` of each
             among the calibration's cases, ``success``, ``localized``, ``median_error_m`` and
             ``false_accepts``; ``disagree``, which of these differ from those of the simulated scans by more
-            than chance; ``left_out``, with reasons; and ``confirmed``, ``RealScans.confirmations``.
+            than chance; ``left_out``, with reasons; ``held_out``, ``RealScans.parts``; and ``confirmed``,
+            ``RealScans.confirmations``.
     """
 
     queries: int
@@ -237,7 +238,7 @@ def _of_real(
     found: SelfTest, outcomes: Sequence[Outcome], calibration: Calibration, real: RealScans, weight: float
 ) -> dict[str, Any]:
     """``SelfTest.real``; empty if the source has no real scans."""
-    if not outcomes and not real.left_out:
+    if not outcomes and not real.left_out and real.of_map is None:
         return {}
     errors = np.array([outcome.first_error_m for outcome in outcomes])
     success, localized = _shares(errors), _localized(outcomes, calibration)
@@ -254,6 +255,7 @@ def _of_real(
             (len(outcomes), found.queries),
         ),
         "left_out": dict(sorted(real.left_out.items())),
+        "held_out": real.parts(),
         "confirmed": real.confirmations(),
     }
 

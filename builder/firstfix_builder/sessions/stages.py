@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.builds.config import BuildConfig, LearnKeysConfig, ViewpointConfig
+from firstfix.builds.config import BuildConfig, LearnKeysConfig, SelfTestConfig, ViewpointConfig
 from firstfix.builds.options import STAGES
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MAP_FILE, MapIndex
@@ -74,7 +74,8 @@ class SessionStages(BuildStages):
         if trajectory is not None:
             inputs["trajectory"] = content_hash(trajectory)
         names = "" if trajectory is None else trajectory.name
-        return self._stage("read_map", inputs, self._chosen(f"archive {names}"), produce)
+        chosen = self._chosen(f"archive {names}") | {"held_out": self.config.self_test.held_out}
+        return self._stage("read_map", inputs, chosen, produce)
 
     def _chosen(self, of: str) -> dict[str, Any]:
         return {
@@ -128,6 +129,7 @@ class SessionStages(BuildStages):
             clean=self.config.clean,
             viewpoints=ViewpointConfig(max_distance_to_trajectory_m=NEAR_TRAJECTORY_M),
             learn_keys=LearnKeysConfig(scans=0),
+            self_test=SelfTestConfig(held_out=0),  # real scans of sessions are not asked
         )
         return replace(self, config=config, progress=lambda stage, fraction: None)
 

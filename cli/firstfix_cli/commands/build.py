@@ -45,7 +45,10 @@ class Axis(str, Enum):
 
 def build(
     source: Annotated[
-        Path, typer.Argument(metavar="MAP", help="Point cloud, mesh, SLAM folder, or zip archive of one.")
+        Path,
+        typer.Argument(
+            metavar="MAP", help="Point cloud, mesh, folder of SLAM or of scans, or zip archive of one."
+        ),
     ],
     map_id: Annotated[str, typer.Option(help="Id of the map: a-z, 0-9, _ and -.")],
     store: Annotated[

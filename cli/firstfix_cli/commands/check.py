@@ -26,7 +26,10 @@ UNFIT_EXIT_CODE = 2
 
 def check(
     source: Annotated[
-        Path, typer.Argument(metavar="MAP", help="Point cloud, mesh, SLAM folder, or zip archive of one.")
+        Path,
+        typer.Argument(
+            metavar="MAP", help="Point cloud, mesh, folder of SLAM or of scans, or zip archive of one."
+        ),
     ],
     scans: Annotated[
         list[Path] | None, typer.Argument(metavar="SCAN...", help="Scans, as for localize.")

@@ -1,4 +1,4 @@
-"""``firstfix dataset``: make a map of a public data set's recording."""
+"""``firstfix dataset``: make a map's scans of a public data set's recording."""
 
 from __future__ import annotations
 
@@ -30,26 +30,28 @@ def dataset(
         float, typer.Option("--spacing", help="Metres: one scan by chance from each such square is used.")
     ] = 1.0,
     voxel_m: Annotated[
-        float, typer.Option("--voxel", help="Metres: one point is kept in each such cube.")
+        float, typer.Option("--voxel", help="Metres: of each scan one point is kept in each such cube.")
     ] = 0.1,
     max_range_m: Annotated[
         float, typer.Option("--max-range", help="Metres: farther points are left out.")
     ] = 60.0,
     seed: Annotated[int, typer.Option(help="Seed of the choice.", min=0)] = 0,
 ) -> None:
-    """Make a map of a public data set's recording.
+    """Make a map's scans of a public data set's recording.
 
-    Lays its scans at their true poses. Writes the points (map.ply) and the poses of the mapping run
-    (trajectory.txt) to a folder that ``firstfix build`` takes. The map is in the frame of the data set's
-    ground truth. Then ``firstfix evaluate --dataset`` asks scans of another recording of the same place.
+    Writes scans and their true poses (mapping_scans/) to a folder that ``firstfix build`` makes a map of. It
+    holds some of them out, and its self-test asks them. The map is in the frame of the data set's ground
+    truth. Then ``firstfix evaluate --dataset`` asks scans of another recording of the same place.
     """
+    from tempfile import TemporaryDirectory
+
     from rich.console import Console
     from rich.progress import track
 
     from firstfix.errors import InvalidOption
 
     from ..datasets.datasets import open_dataset
-    from ..datasets.map_of import map_points, write_map
+    from ..datasets.mapping_run import write_mapping_run
     from ..datasets.recording import one_a_place
 
     if out.exists():
@@ -59,7 +61,8 @@ def dataset(
     scans = track(
         opened.read(chosen), "read", total=len(chosen), console=Console(stderr=True), transient=True
     )
-    points = map_points(scans, voxel_m, max_range_m)
-    out.mkdir(parents=True)
-    write_map(out, points, opened.T_map_sensor[chosen])
-    typer.echo(f"{out}: {len(points)} points of {len(chosen)} scans; then: firstfix build {out} --map-id ID")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=out.parent, prefix=f".{out.name}-") as made:
+        written, points = write_mapping_run(Path(made) / out.name, scans, voxel_m, max_range_m)
+        (Path(made) / out.name).rename(out)
+    typer.echo(f"{out}: {points} points of {written} scans; then: firstfix build {out} --map-id ID")

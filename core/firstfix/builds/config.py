@@ -167,6 +167,8 @@ class SelfTestConfig(Stage):
     Attributes:
         mirrored: number of the queries whose mirror image is asked, too: a place that is not in the map.
         max_false_accept: share of the answers ``localized`` that may be wrong. The map's threshold follows.
+        held_out: largest number of keyframes that a map is made without, to be asked, too; 0: none. Only of
+            maps that are made of their scans, a tenth of them at most.
         confirmed: largest number of kept queries that are asked, too, because somebody has told where their
             scans were taken; 0: none. Only builds of a map in a store find them.
     """
@@ -175,6 +177,7 @@ class SelfTestConfig(Stage):
     outside: int = Field(30, ge=0, le=100_000)
     mirrored: int = Field(60, ge=0, le=100_000)
     max_false_accept: float = Field(0.005, gt=0, le=0.1)
+    held_out: int = Field(40, ge=0, le=200)
     confirmed: int = Field(40, ge=0, le=200)
     seed: int = 20
     perturb: PerturbConfig = PerturbConfig()

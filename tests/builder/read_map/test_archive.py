@@ -31,6 +31,11 @@ def test_an_archive_of_one_folder_is_this_folder(tmp_path):
     assert sorted(path.name for path in found.iterdir()) == ["map.pcd", "p.txt"]
 
 
+def test_a_folder_of_mapping_scans_stays_in_the_folder_of_its_map(tmp_path):
+    found = unpack(zipped(tmp_path / "a.zip", {"mapping_scans/poses.csv": b"1"}), tmp_path / "out")
+    assert (found / "mapping_scans" / "poses.csv").exists()
+
+
 @pytest.mark.parametrize("name", ["../map.pcd", "/map.pcd", "a/../../map.pcd", "a\\..\\map.pcd"])
 def test_nothing_is_written_outside_the_folder(tmp_path, name):
     with pytest.raises(MalformedData, match="leads out"):

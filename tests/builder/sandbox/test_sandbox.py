@@ -273,19 +273,36 @@ def archive_of_sessions(path: Path) -> None:
         made.writestr("sessions.json", json.dumps({"sessions": sessions}))
 
 
-@pytest.mark.parametrize("name", ["yard.ply", "yard.zip"])
+def archive_of_scans(path: Path) -> None:
+    """A map of nothing but mapping scans."""
+    rng, rows = np.random.default_rng(1), ["scan,tx,ty,tz,qx,qy,qz,qw"]
+    with zipfile.ZipFile(path, "w") as made:
+        for number in range(3):
+            floor = rng.uniform((-8, -8, -1), (8, 8, -0.98), (6000, 3))
+            wall = rng.uniform((-8, -8, -1), (8, -7.98, 1), (1000, 3))
+            content = io.BytesIO()
+            np.save(content, np.concatenate([floor, wall]).astype(np.float32))
+            made.writestr(f"mapping_scans/{number}.npy", content.getvalue())
+            rows.append(f"{number}.npy,{number},0,1,0,0,0,1")
+        made.writestr("mapping_scans/poses.csv", "\n".join(rows))
+
+
+@pytest.mark.parametrize("name", ["yard.ply", "sessions.zip", "scans.zip"])
 def test_with_a_cluster_the_source_is_read_in_the_sandbox(
     tmp_path: Path, small_map: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ):
     """The worker, which then has the network and the store, finds the first stage's result in its cache."""
     source = tmp_path / "work" / "sources" / name
     source.parent.mkdir(parents=True)
-    if name.endswith(".zip"):
+    if name == "sessions.zip":
         archive_of_sessions(source)
+    elif name == "scans.zip":
+        archive_of_scans(source)
     else:
         shutil.copy(small_map, source)
     options = BuildOptions(build_id="b1", store="memory://", work=tmp_path / "work", sandbox="required")
-    monkeypatch.setattr(level_map, "read_parts", lambda *_, **__: pytest.fail("the worker reads the source"))
+    for read in ("read_parts", "read_map_of_scans"):
+        monkeypatch.setattr(level_map, read, lambda *_, **__: pytest.fail("the worker reads the source"))
     monkeypatch.setattr(session_stages, "unpack", lambda *_: pytest.fail("the worker reads the source"))
     seen: list[str] = []
 

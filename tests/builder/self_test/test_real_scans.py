@@ -95,7 +95,8 @@ def test_a_build_asks_the_real_scans_and_leaves_out_bad_ones(small_world: SmallW
     assert "does not fit the map" in real["left_out"]["7.npy"]
     assert real["success"]["1m"] > 0.5, "the map and its sensor are coarse"
     assert real["false_accepts"] == 0
-    names = "asked weight success localized median_error_m false_accepts disagree left_out confirmed"
+    assert real["held_out"] is None
+    names = "asked weight success localized median_error_m false_accepts disagree left_out held_out confirmed"
     assert set(real) == set(names.split())
     built.manifest.verify_directory(built.directory)
 

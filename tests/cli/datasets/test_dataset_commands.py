@@ -55,6 +55,14 @@ def test_a_map_of_a_recording(small_scans, tmp_path: Path, capsys):
     assert "is there already" in capsys.readouterr().err
 
 
+def test_a_damaged_recording_leaves_no_folder(small_scans, tmp_path: Path, capsys):
+    drive = write_mulran(tmp_path, small_scans[:3])
+    sorted((drive / "Ouster").glob("*.bin"))[1].write_bytes(b"123")
+    assert exit_code("dataset", "mulran", drive, "-o", tmp_path / "map", "--spacing", "0.01") == 2
+    assert ".bin" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [drive]
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -25,7 +25,7 @@ from firstfix.transform import from_quaternion, inverse, make_transform, pose_er
 from firstfix_builder.read_map import read_map
 from firstfix_cli.datasets.datasets import open_dataset
 from firstfix_cli.datasets.ground_truth import GroundTruth
-from firstfix_cli.datasets.map_of import map_points, write_map
+from firstfix_cli.datasets.mapping_run import write_mapping_run
 from firstfix_cli.datasets.names import Dataset
 from firstfix_cli.datasets.recording import one_a_place
 from needs import RECORDED, with_recorded
@@ -142,15 +142,14 @@ def test_one_scan_a_place():
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (353_000.0, 4_025_000.0, 20.0)])
 def test_a_map_of_a_recording_is_read_by_the_builder(origin, tmp_path: Path):
-    """Thinned once, exact in UTM, and with the mapping run beside it."""
+    """Joined, exact in UTM, and with the poses of the mapping run."""
     landmarks, posed = drive()
     T_map_local = make_transform(np.eye(3), origin)
     path = write_mulran(tmp_path, [(scan, T_map_local @ T) for scan, T in posed])
     opened = open_dataset(Dataset.mulran, path)
-    points = map_points(opened.read(np.arange(6)), voxel_m=0.02, max_range_m=100)
     folder = tmp_path / "map"
-    folder.mkdir()
-    write_map(folder, points, opened.T_map_sensor)
+    count, _ = write_mapping_run(folder, opened.read(np.arange(6)), voxel_m=0.02, max_range_m=100)
+    assert count == 6
     found = read_map(folder)
     assert found.points is not None
     assert found.trajectory is not None
@@ -166,11 +165,12 @@ def test_a_map_of_a_recording_is_read_by_the_builder(origin, tmp_path: Path):
 def test_far_points_do_not_enter_a_map(tmp_path: Path):
     _, posed = drive(1)
     opened = open_dataset(Dataset.mulran, write_mulran(tmp_path, posed))
-    points = map_points(opened.read(np.array([0])), voxel_m=0.02, max_range_m=8.0)
-    away = np.linalg.norm(points - posed[0][1][:3, 3], axis=1)
+    folder = tmp_path / "map"
+    _, count = write_mapping_run(folder, opened.read(np.array([0])), voxel_m=0.02, max_range_m=8.0)
+    points = np.load(folder / "mapping_scans" / "000000.npy")
     near = np.linalg.norm(posed[0][0].points, axis=1) <= 8.0
-    assert len(points) == near.sum() > 0
-    assert away.max() <= 8.0 + 1e-3
+    assert len(points) == count == near.sum() > 0
+    assert np.linalg.norm(points, axis=1).max() <= 8.0
 
 
 def _without(name: str, folder: Path) -> Path:
