@@ -67,7 +67,8 @@ def aliases_of(cascade: Cascade, template: int, clusters: NDArray[np.int64], con
     found = cascade.match(templates.described_at(np.array([template])), clusters)
     position_m = np.array(templates.position_m[found.rows], np.float64)
     yaw_rad = found.yaw_rad.astype(np.float64)
-    away_m = np.linalg.norm(position_m - templates.position_m[template], axis=1)
+    x, y, z = (position_m - templates.position_m[template]).T  # a sum over rows of three would be slow
+    away_m = np.sqrt(x * x + y * y + z * z)
     elsewhere = np.flatnonzero((away_m >= SPOT_M) | (np.cos(yaw_rad) <= _SPOT_COS))
     chosen = spread_out(position_m[elsewhere], yaw_rad[elsewhere], config.each, SPOT_M, _SPOT_COS, 1)
     kept = elsewhere[chosen]

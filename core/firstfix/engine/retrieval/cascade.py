@@ -124,6 +124,8 @@ class Clusters:
 
     def members(self, clusters: NDArray[np.integer]) -> NDArray[np.int32]:
         """Templates of the given clusters, in the order of the clusters."""
+        if len(self) == len(self.member):  # one in each, as where templates are not clustered
+            return self.member[clusters]
         begin, end = self.start[clusters], self.start[np.asarray(clusters) + 1]
         size = end - begin
         before = np.cumsum(size) - size  # members of all earlier clusters
@@ -142,7 +144,10 @@ class Clusters:
             ValueError, OSError: a file is missing or damaged, or does not fit the others.
         """
         clusters = cls(
-            **{f.name: np.load(directory / f"cluster_{f.name}.npy", mmap_mode="r") for f in fields(cls)}
+            **{
+                f.name: np.asarray(np.load(directory / f"cluster_{f.name}.npy", mmap_mode="r"))
+                for f in fields(cls)
+            }
         )
         start, count = clusters.start, len(clusters)
         if start.shape != (count + 1,) or start[0] != 0 or start[-1] != len(clusters.member):
