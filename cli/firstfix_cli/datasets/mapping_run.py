@@ -7,15 +7,17 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firstfix.errors import InvalidOption
+from firstfix.scan.reduction import first_in_voxel, within_range
 from firstfix.transform import Matrix, quaternion_of
 from firstfix_builder.read_map.mapping_scans import FOLDER
 from firstfix_builder.read_map.posed_scans import POSES
 
 from ..poses_csv import POSE_COLUMNS
 from .recording import RecordedScan
+
+MOST_VOXELS = 2**20 - 1  # from the sensor to the furthest point: ``first_in_voxel`` takes twice as many
 
 
 def write_mapping_run(
@@ -32,17 +34,19 @@ def write_mapping_run(
         Numbers of scans and of their points.
 
     Raises:
-        InvalidOption: a length is no positive number.
+        InvalidOption: a length is no positive number, or the voxel far too small for the range.
         InputError: a scan is damaged.
     """
     for name, value in (("voxel", voxel_m), ("range", max_range_m)):
         if not 0 < value < np.inf:
             raise InvalidOption(f"the {name} must be over 0 m, not {value:g}")
+    if max_range_m > MOST_VOXELS * voxel_m:
+        raise InvalidOption(f"a voxel of {voxel_m:g} m is too small for a range of {max_range_m:g} m")
     (folder / FOLDER).mkdir(parents=True)
     rows, count = [], 0
     for number, recorded in enumerate(scans):
-        points = recorded.scan.points
-        points = _thinned(points[np.linalg.norm(points, axis=1) <= max_range_m], voxel_m)
+        points = within_range(recorded.scan.points, 0.0, max_range_m)
+        points = points[first_in_voxel(points, voxel_m)]
         name = f"{number:06}.npy"
         np.save(folder / FOLDER / name, points)
         rows.append([name, *_words(recorded.T_map_sensor)])
@@ -56,9 +60,3 @@ def _words(T_map_sensor: Matrix) -> list[str]:
     """The pose to micrometres, whatever the size of its coordinates, and nine digits of its turn."""
     position, turn = T_map_sensor[:3, 3].tolist(), quaternion_of(T_map_sensor).tolist()
     return [*(f"{value:.6f}" for value in position), *(f"{value:.9f}" for value in turn)]
-
-
-def _thinned(points: NDArray[np.float32], voxel_m: float) -> NDArray[np.float32]:
-    cell = np.floor(points.astype(np.float64) / voxel_m).astype(np.int64)
-    _, first = np.unique(cell, axis=0, return_index=True)
-    return points[np.sort(first)]

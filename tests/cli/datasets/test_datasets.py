@@ -140,6 +140,16 @@ def test_one_scan_a_place():
         one_a_place(poses, 0.0, seed=1)
 
 
+@pytest.mark.parametrize(
+    ("voxel_m", "max_range_m", "why"),
+    [(0.0, 60.0, "over 0 m"), (0.1, np.inf, "over 0 m"), (1e-6, 60.0, "too small for a range of 60 m")],
+)
+def test_lengths_that_no_scan_can_be_thinned_by_are_refused(tmp_path: Path, voxel_m, max_range_m, why):
+    with pytest.raises(InvalidOption, match=why):
+        write_mapping_run(tmp_path / "run", [], voxel_m, max_range_m)
+    assert not (tmp_path / "run").exists()
+
+
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (353_000.0, 4_025_000.0, 20.0)])
 def test_a_map_of_a_recording_is_read_by_the_builder(origin, tmp_path: Path):
     """Joined, exact in UTM, and with the poses of the mapping run."""
