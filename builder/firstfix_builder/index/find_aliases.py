@@ -20,7 +20,6 @@ from firstfix.native import spread_out
 
 # Templates of one task. FAISS multiplies matrices from 128,000 numbers of the searched keys on: 128 each.
 AT_ONCE = 1024
-LISTS = 32  # inverted lists that are searched for a template, where there are too many keys to read all
 _SPOT_COS = math.cos(math.radians(SPOT_DEG))
 
 
@@ -55,7 +54,7 @@ def _nearest(
     own = cascade.descriptor.keys(cascade.templates.described_at(rows))
     own = own if cascade.projection is None else own @ cascade.projection
     if len(keys) > FLAT_UP_TO and isinstance(cascade.keys, FaissSearch):
-        return cascade.keys.search_many(own, clusters, LISTS)
+        return cascade.keys.search_many(own, clusters)
     faiss.omp_set_num_threads(1)  # as in FaissSearch: this thread is one of many
     found: NDArray[np.int64] = faiss.knn(own, keys, min(clusters, len(keys)))[1]
     return found

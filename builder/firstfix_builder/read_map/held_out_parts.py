@@ -1,4 +1,4 @@
-"""Which keyframes of a map that is made of scans are held out: stretches of the drive, by seeded chance.
+"""Holds keyframes out of a map that is made of scans: stretches of the drive, by seeded chance.
 
 A scan that is in the map fits it too well. A map without a place that one scan alone saw lacks that place. So
 keyframes are held out only where others saw the same.
@@ -33,7 +33,7 @@ FAR = f"no other keyframe is within {NEAR_M:g} m"
 
 @dataclass(frozen=True)
 class HeldOutParts:
-    """What was held out of a map that is made of its scans.
+    """Counts of the keyframes that were held out of a map that is made of its scans.
 
     Attributes:
         keyframes: number that the map was made without.
@@ -82,7 +82,7 @@ def drawn_parts(positions: NDArray[np.float64], most: int, seed: int = SEED) -> 
 
 
 class OtherKeyframes:
-    """What the keyframes saw that are in the map in any case.
+    """The cloud of the keyframes that are surely in the map: a candidate is held out if they saw the same.
 
     Args:
         points: (n, 3) metres, their joined cloud.

@@ -75,7 +75,7 @@ class RealScans:
         return usual if told is None else LocalizeOptions.from_strings(told.options)
 
     def parts(self) -> dict[str, Any] | None:
-        """What was held out of a map that is made of its scans; None: it is not, or nothing should be."""
+        """``HeldOutParts`` as JSON values; None: the map is not made of scans, or none should be held out."""
         return None if self.of_map is None else self.of_map.to_mapping()
 
     def confirmations(self) -> dict[str, Any]:

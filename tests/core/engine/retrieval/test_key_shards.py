@@ -151,24 +151,26 @@ def test_many_keys_at_once_are_answered_as_one_by_one(engine, parted):
     keys, position_m = world(8, 12_000)
     config = SearchConfig(engine=engine, shard_keys=2000 if parted else 1_000_000)
     search = build_key_search(keys, config, position_m)
-    asked, first = np.stack(near(keys, 30)), search._indexes[0]
-    lists = faiss_indexes.probes_for(first, 100) if "ivf" in engine else 0
-    found = search.search_many(asked, 100, lists)
+    asked = np.stack(near(keys, 30))
+    found = search.search_many(asked, 100)
     assert found.shape == (30, 100)
     assert [row.tolist() for row in found] == [search.search(key, 100).tolist() for key in asked]
 
 
 @pytest.mark.parametrize("parted", [False, True])
-def test_where_the_lists_hold_fewer_keys_the_rest_is_marked(parted):
+def test_where_the_lists_hold_fewer_keys_the_rest_is_marked(parted, monkeypatch):
+    monkeypatch.setattr(faiss_indexes, "WIDE_PROBES", 1)
+    monkeypatch.setattr(faiss_indexes, "PROBED_ROWS", 2000)
     keys, position_m = world(9, 3000)
     config = SearchConfig(engine="faiss_ivf_sq8", shard_keys=500 if parted else 1_000_000)
     search = build_key_search(keys, config, position_m)
-    found = search.search_many(keys[:20], 2000, 1)
+    found = search.search_many(keys[:20], 2000)
     there = found >= 0
     assert np.array_equal(np.sort(there, axis=1)[:, ::-1], there), "the marks come last"
     assert 0 < there.sum(axis=1).max() < 2000
     assert np.array_equal(found[:, 0], np.arange(20)), "each key is the nearest to itself"
-    more = search.search_many(keys[:20], 2000, 4) >= 0
+    monkeypatch.setattr(faiss_indexes, "PROBED_ROWS", 500)
+    more = search.search_many(keys[:20], 2000) >= 0
     assert more.sum() > there.sum()
 
 

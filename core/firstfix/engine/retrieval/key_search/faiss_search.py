@@ -71,18 +71,13 @@ class FaissSearch:
             _, rows = index.search(key[None], few, params=how)
             found: NDArray[np.int64] = rows[0]
             return found[found >= 0]
-        lists = probes_for(self._indexes[0], min(count, len(self))) if self._inverted else 0
-        found = _merged(self._of_every_shard(key[None], count, lists), count)[0]
+        found = _merged(self._of_every_shard(key[None], count), count)[0]
         return found[found >= 0]
 
-    def search_many(self, keys: NDArray[np.float32], count: int, lists: int) -> NDArray[np.int64]:
-        """Rows near each of (n, d) keys, nearest first: (n, at most ``count``), -1 where there are no more.
-
-        Args:
-            lists: inverted lists that are searched for each key, if there are lists.
-        """
+    def search_many(self, keys: NDArray[np.float32], count: int) -> NDArray[np.int64]:
+        """Rows near (n, d) keys as by ``search``: (n, at most ``count``), -1 where there are no more."""
         faiss.omp_set_num_threads(1)
-        return _merged(self._of_every_shard(keys, count, lists), count)
+        return _merged(self._of_every_shard(keys, count), count)
 
     def search_among(
         self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
@@ -124,10 +119,10 @@ class FaissSearch:
                 raise ValueError(f"{path.name} belongs to another search")
         return cls(indexes, shards)
 
-    def _of_every_shard(self, keys: NDArray[np.float32], count: int, lists: int) -> Iterable[_Found]:
+    def _of_every_shard(self, keys: NDArray[np.float32], count: int) -> Iterable[_Found]:
         first, near = self._indexes[0], None
         if self._inverted:
-            near = first.quantizer.search(keys, min(lists, first.nlist))
+            near = first.quantizer.search(keys, probes_for(first, min(count, len(self))))
         for number, index in enumerate(self._indexes):
             few = min(count, index.ntotal)
             distance, place = index.search(keys, few) if near is None else _in_lists(index, keys, few, *near)
