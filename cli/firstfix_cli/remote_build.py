@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .arguments import client_of
 from .map_source import as_one_file
+from .stage_bars import Progress
 
 if TYPE_CHECKING:
     from firstfix_client import BuildStatus
-
-Progress = Callable[[], AbstractContextManager[Callable[[str, float], None]]]
 
 
 def remote_build(

@@ -118,10 +118,11 @@ def test_a_checkout_beside_itself_answers_the_same(small_version, small_scans, t
 
 def test_costs_of_builds_are_grouped_and_compared():
     versions = [
-        Built(Path(), {"make_templates": 2.0, "learn_keys": 1.0, "read_map": 1.0, "fit_engine": 1.0}),
+        Built(Path(), {"make_templates": 2.0, "learn_keys": 1.0, "read_map": 1.0, "a_new_stage": 1.0}),
         Built(Path(), {"make_templates": 5.0, "learn_keys": 1.0, "read_map": 1.0}),
     ]
     found = build_costs(TREES, versions)
     assert found["templates"] == {"this": 2.0, "beside": 5.0, "ratio": 2.5}
     assert found["all_others"] == {"this": 2.0, "beside": 1.0, "ratio": 0.5}
     assert found["self_test"] == {"this": 0.0, "beside": 0.0}
+    assert found["all"] == {"this": 5.0, "beside": 7.0, "ratio": 1.4}

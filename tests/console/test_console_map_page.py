@@ -49,6 +49,37 @@ def test_a_map_says_first_whether_it_is_good_and_what_was_found(page, world, sma
     assert world.service.http.delete("/maps/rounded", headers=world.headers("admin")).is_success
 
 
+def test_what_real_scans_showed_is_beside_the_simulated_ones(page, world, small_version):
+    page.open("#/maps/yard")
+    page.wait("[aria-label='Is it good?'] .grade")
+    assert "eal scans" not in page.text("[aria-label='Is it good?']"), "its source has none"
+
+    manifest = small_version.manifest
+    real = {
+        "asked": 15,
+        "localized": 0.6,
+        "false_accepts": 2,
+        "disagree": ["localized"],
+        "left_out": {"lobby.pcd": "its pose does not fit the map"},
+        "held_out": {"keyframes": 12, "parts": 5, "kept_out": {"no other keyframe is within 5 m": 3}},
+    }
+    told = {**manifest.self_test, "real": real}
+    world.service.catalog.publish(
+        "of_scans", small_version.directory, type(manifest)(**{**vars(manifest), "self_test": told})
+    )
+    page.open("#/maps/of_scans")
+    page.wait("[aria-label='Is it good?'] [role=alert]", "disagree (localized): believe the real ones")
+    facts = page.text("[aria-label='Is it good?']")
+    for words in ("60 % of 15 scans", "12 keyframes in 5 parts"):
+        assert words in facts, words
+    page.click("[aria-label='Is it good?'] summary", "Real scans that were not asked")
+    page.wait("[aria-label='Is it good?'] details li", "lobby.pcd: its pose does not fit the map")
+    kept = "3 keyframes kept in the map: no other keyframe is within 5 m"
+    page.wait("[aria-label='Is it good?'] details", kept)
+    page.map_picture()  # all of it is there before the map goes
+    assert world.service.http.delete("/maps/of_scans", headers=world.headers("admin")).is_success
+
+
 def test_the_heat_of_a_map_has_a_legend(page, world):
     page.open("#/maps/yard?layers=")
     before = page.map_picture()

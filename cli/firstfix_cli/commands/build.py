@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 import json
-import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES
-from firstfix.builds.options import PUBLISH, BuildOptions
+from firstfix.builds.options import BuildOptions
 from firstfix.findings.finding import Finding
 
 from ..arguments import AsJson, Url, cache_directory, examples
 from ..build_report import reused_lines, self_test_lines
 from ..finding_lines import finding_lines
-
-if TYPE_CHECKING:
-    from firstfix.catalog.manifest import Manifest
-
-
-CLUSTER_STAGES_S = 7 * 86400.0  # how long the inputs of a cluster's workers stay in the store
-
+from ..stage_bars import stage_bars
 
 EXAMPLES = examples(
     "firstfix build hall.ply --map-id hall --store store",
@@ -130,15 +122,13 @@ def build(
 
         given = _given(config, sensor, axis, scale, min_localized)
         with _source(source, trajectory, merge) as (whole, poses):
-            said = remote_build(whole, map_id, given, poses, url, _progress, wait=not no_wait)
-        typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
-        return
-    if url is not None or no_wait:
-        raise InvalidOption("--url and --no-wait cannot be used with --store")
-    from ..read_confined import build_memory_bytes
+            said = remote_build(whole, map_id, given, poses, url, stage_bars, wait=not no_wait)
+    else:
+        if url is not None or no_wait:
+            raise InvalidOption("--url and --no-wait cannot be used with --store")
+        from ..local_build import local_build
+        from ..read_confined import build_memory_bytes
 
-    given = _given(config, sensor, axis, scale, min_localized)
-    with _source(source, trajectory, merge) as (whole, poses):
         options = BuildOptions(
             store=store,
             work=(work or cache_directory("build")) / map_id,
@@ -147,7 +137,10 @@ def build(
             max_templates=max_templates or None,
             log_level="critical",  # what went wrong is in the error
         )
-        _build_here(whole, map_id, given, poses, options, as_json)
+        given = _given(config, sensor, axis, scale, min_localized)
+        with _source(source, trajectory, merge) as (whole, poses):
+            said = local_build(whole, map_id, given, poses, options, stage_bars)
+    typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
 
 
 @contextmanager
@@ -162,66 +155,6 @@ def _source(
         return
     with session_folder([GivenSession(source, trajectory), *map(GivenSession.parse, merge)]) as folder:
         yield folder, None
-
-
-def _build_here(
-    source: Path,
-    map_id: str,
-    given: dict[str, Any],
-    trajectory: Path | None,
-    options: BuildOptions,
-    as_json: bool,
-) -> None:
-    from firstfix.builds.config import BuildConfig
-    from firstfix.builds.shared_stages import collect_stages
-    from firstfix.catalog.catalog import Catalog
-    from firstfix.catalog.query_samples import QuerySamples
-    from firstfix.store.store import Store
-    from firstfix_builder.execution.build_trace import BuildTrace
-    from firstfix_builder.execution.dask_executor import check_reachable
-    from firstfix_builder.job.build_job import BuildJob
-    from firstfix_builder.job.confirmed_queries import collect_confirmed
-    from firstfix_builder.pipeline import CONFIRMED, build_version
-
-    from ..read_confined import read_confined
-
-    settings = BuildConfig.parse(given)
-    if options.scheduler is not None:
-        check_reachable(options.store)
-    opened = Store.open(options.store)
-    opened.probe()  # before the work, not after it
-    with _progress() as show, BuildTrace("", map_id, None) as trace:
-
-        def progress(stage: str, fraction: float) -> None:
-            trace.tick(stage)
-            show(stage, fraction)
-
-        samples, kept = QuerySamples(opened), options.work / "confirmed"
-        confirmed = collect_confirmed(samples, map_id, settings.self_test.confirmed, kept)
-        job = BuildJob(source, trajectory, given, options.work, progress, lambda: False, confirmed=confirmed)
-        try:
-            read_confined(job, options)
-            built = build_version(
-                source,
-                settings,
-                options.work / "build",
-                trajectory=trajectory,
-                confirmed=confirmed,
-                progress=progress,
-                options=options,
-            )
-        finally:  # scans of robots, however the build ends
-            for folder in (kept, options.work / "build" / CONFIRMED):
-                shutil.rmtree(folder, ignore_errors=True)
-        progress(PUBLISH, 0.0)
-        catalog = Catalog(opened)
-        held = catalog.reason_to_hold(map_id, built.manifest, settings.activate)
-        version = catalog.publish(map_id, built.directory, built.manifest, activate=held is None)
-        progress(PUBLISH, 1.0)
-        trace.end("succeeded")
-    if options.scheduler is not None:  # there is no service that does it
-        collect_stages(opened, CLUSTER_STAGES_S)
-    _print(map_id, version, built.manifest, held, [asdict(stage) for stage in trace.stages], as_json)
 
 
 def _given(
@@ -259,52 +192,6 @@ def _given(
         raise InvalidOption(f"{reading}: {error}") from None
     BuildConfig.parse(values)
     return values
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str, float], None]]:
-    """Shows a progress bar for each stage, on standard error."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
-
-    columns = (
-        TextColumn("{task.description:18}"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeElapsedColumn(),
-    )
-    tasks: dict[str, TaskID] = {}
-    with Progress(*columns, console=Console(stderr=True)) as bars:
-
-        def progress(stage: str, fraction: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=1.0)
-            bars.update(tasks[stage], completed=fraction)
-
-        yield progress
-
-
-def _print(
-    map_id: str,
-    version: str,
-    manifest: Manifest,
-    held: Finding | None,
-    stages: list[dict[str, Any]],
-    as_json: bool,
-) -> None:
-    from firstfix.catalog.version_findings import findings_of
-
-    said = {
-        "map_id": map_id,
-        "version": version,
-        "counts": dict(manifest.counts),
-        "bytes": manifest.total_bytes,
-        "self_test": dict(manifest.self_test),
-        "activated": held is None,
-        "findings": [one.to_mapping() for one in [*findings_of(manifest), held] if one is not None],
-        "stages": stages,
-    }
-    typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
 
 
 def _lines(said: dict[str, Any]) -> list[str]:

@@ -7,6 +7,7 @@ import { link } from "../router";
 import { ErrorText } from "../ui/ErrorText";
 import { count, percent, size } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
+import { RealScans, realFacts } from "./RealScans";
 import { cellsOf, localizedShare, type SpotCell } from "./spots";
 
 export interface QualityProps {
@@ -22,6 +23,7 @@ export function Quality({ map, version, showHeat }: QualityProps) {
   if (!details.value) return <p role="status">Reading the self-test …</p>;
   const manifest = manifestOf(details.value);
   const { grade, text } = judged(manifest);
+  const real = manifest.self_test?.real;
   const cells = report.value ? cellsOf(report.value) : [];
   return (
     <section aria-label="Is it good?">
@@ -39,6 +41,7 @@ export function Quality({ map, version, showHeat }: QualityProps) {
           </div>
         ))}
       </dl>
+      {real ? <RealScans {...real} /> : null}
       <div class="row">
         <a href={link(["maps", map, "try"], details.value.active ? {} : { version })}>Try a scan in it</a>
         {showHeat && cells.length ? <button onClick={showHeat}>Show where it is good</button> : null}
@@ -54,6 +57,7 @@ function factsOf(manifest: Manifest, cells: SpotCell[]): [string, string][] {
     ["Sure and wrong", test?.false_accepts === undefined ? null : String(test.false_accepts)],
     ["Best place within 0.2 m", test?.success?.["0.2m"] === undefined ? null : percent(test.success["0.2m"])],
     ["Median error", (test?.median_error_m ?? -1) >= 0 ? `${(100 * test!.median_error_m!).toFixed(1)} cm` : null],
+    ...realFacts(test?.real ?? {}),
     ["Places where it localizes", cells.length ? `${cells.filter(isFound).length} of ${cells.length}` : null],
     ["Sensor", sensor?.name ? `${sensor.name}, ${sensor.mount_height_m} m above the floor` : null],
     ["Size", extentOf(manifest).map((m) => m.toFixed(0)).join(" × ") || null],

@@ -49,6 +49,17 @@ interface SelfTest {
   median_error_m?: number | null;
   success?: Record<string, number>; // share whose best place is near enough, whatever the verdict: "0.2m"
   threshold?: { min_probability?: number };
+  real?: RealScansTest;
+}
+
+/** What the self-test says of real scans: keyframes held out of the map, scans beside it, confirmed queries. */
+export interface RealScansTest {
+  asked?: number;
+  localized?: number;
+  false_accepts?: number;
+  disagree?: string[]; // shares that differ from those of the simulated scans by more than chance: "1m", "localized"
+  left_out?: Record<string, string>; // why, by the scan's name
+  held_out?: { keyframes: number; parts: number; kept_out: Record<string, number> } | null;
 }
 
 const USUAL_LEAST = 0.995; // of a version without a threshold of its own

@@ -9,10 +9,7 @@ from __future__ import annotations
 
 import builtins
 import hashlib
-import logging
-import threading
 import uuid
-from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -22,15 +19,14 @@ from typing import Any
 
 import obstore
 
-from ..errors import InvalidOption, NotFound, ReadOnly, StoreError, StoreUnsafe, TooLarge, UnreadableRecord
+from ..errors import InvalidOption, NotFound, ReadOnly, StoreError, StoreUnsafe, TooLarge
 from .backend import BucketWriter, open_backend, translated
 from .object_keys import check_folder, check_key
 from .sha256 import sha256_of
+from .unreadable_records import UnreadableRecords
 from .url import StoreUrl
 from .writer import DirectoryWriter, Writer
 
-_log = logging.getLogger(__name__)
-_REMEMBERED = 10_000  # unreadable records that were reported
 CHUNK_BYTES = 16 << 20
 
 
@@ -46,40 +42,6 @@ class StoredObject:
     size_bytes: int
     last_modified: datetime
     e_tag: str = ""
-
-
-class UnreadableRecords:
-    """Records of a store that could not be read. Thread-safe.
-
-    Each is reported once, and again if it was repaired in between.
-    """
-
-    def __init__(self) -> None:
-        self._known: OrderedDict[str, None] = OrderedDict()
-        self._listeners: list[Callable[[UnreadableRecord], None]] = []
-        self._lock = threading.Lock()
-
-    def listen(self, listener: Callable[[UnreadableRecord], None]) -> None:
-        """Call a function for every record that turns out unreadable from now on."""
-        self._listeners.append(listener)
-
-    def report(self, error: UnreadableRecord) -> None:
-        """Log a record and call the listeners, unless it was reported before."""
-        with self._lock:
-            if error.key in self._known:
-                return
-            self._known[error.key] = None
-            while len(self._known) > _REMEMBERED:
-                self._known.popitem(last=False)
-        _log.warning("unreadable %s: %s", error.kind, error)
-        for listener in self._listeners:
-            listener(error)
-
-    def forget(self, key: str) -> None:
-        """Note that a record can be read again."""
-        if self._known:
-            with self._lock:
-                self._known.pop(key, None)
 
 
 class Store:
