@@ -52,13 +52,10 @@ def plot_files(results: Results) -> dict[str, str]:
 
 def benchmark_page(results: Results) -> str:
     """Returns the generated part of BENCHMARK.md."""
-    machines = {_machine(result) for result in results.values()}
-    same = len(machines) == 1
-    lines = ["## What was measured", "", *_overview(results), ""]
-    lines += [*machines, ""] if same else []
+    lines = ["## What was measured", "", *_overview(results), "", *_machines(results), ""]
     for name, title in TITLES.items():
         if name in results:
-            lines += [f"## {title} (`{name}`)", "", *_section(name, results[name], with_machine=not same), ""]
+            lines += [f"## {title} (`{name}`)", "", *_section(name, results[name]), ""]
             lines += [f"![{plot.removesuffix('.svg')}](plots/{plot})" for plot in PLOTS.get(name, ())]
             lines += [""] if name in PLOTS else []
     return "\n".join(lines)
@@ -117,14 +114,25 @@ def _took(result: Result) -> str:
     return f"{parts_s / 60:.0f} min in parts" if parts_s else f"{result.seconds / 60:.0f} min"
 
 
+def _machines(results: Results) -> list[str]:
+    """A line for each machine, with its suites if there are several."""
+    suites: dict[str, list[str]] = {}
+    for name in TITLES:
+        if name in results:
+            suites.setdefault(_machine(results[name]), []).append(f"`{name}`")
+    if len(suites) == 1:
+        return [f"{machine}." for machine in suites]
+    return [f"* {machine}: {', '.join(names)}" for machine, names in suites.items()]
+
+
 def _machine(result: Result) -> str:
     on = result.machine
     cores = f"{on['cpus']} cores ({on['processor']}), {on['memory_gb']} GB"
-    return f"{cores}, {on['system']}, Python {result.versions['python']}."
+    return f"{cores}, {on['system']}, Python {result.versions['python']}"
 
 
-def _section(name: str, result: Result, *, with_machine: bool) -> list[str]:
-    lines = [_machine(result), ""] if with_machine else []
+def _section(name: str, result: Result) -> list[str]:
+    lines = []
     if missing := tables.skipped_sets(result):
         lines += [f"Not there, or not in this run: {', '.join(missing)}.", ""]
     if name == "real":
