@@ -14,11 +14,6 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.query_samples import QuerySamples
 from firstfix.catalog.version_findings import findings_of
 from firstfix.store.store import Store
-from firstfix_builder.execution.build_trace import BuildTrace
-from firstfix_builder.execution.dask_executor import check_reachable
-from firstfix_builder.job.build_job import BuildJob
-from firstfix_builder.job.confirmed_queries import collect_confirmed
-from firstfix_builder.pipeline import CONFIRMED, build_version
 
 from .read_confined import read_confined
 from .stage_bars import Progress
@@ -43,6 +38,13 @@ def local_build(
     Raises:
         BuildFailed: the build ended without a version.
     """
+    # Not at the top: the service's image has this module, and none of the packages that builds need.
+    from firstfix_builder.execution.build_trace import BuildTrace
+    from firstfix_builder.execution.dask_executor import check_reachable
+    from firstfix_builder.job.build_job import BuildJob
+    from firstfix_builder.job.confirmed_queries import collect_confirmed
+    from firstfix_builder.pipeline import CONFIRMED, build_version
+
     settings = BuildConfig.parse(config)
     if options.scheduler is not None:
         check_reachable(options.store)
