@@ -54,7 +54,7 @@ def benchmark_page(results: Results) -> str:
     """Returns the generated part of BENCHMARK.md."""
     lines = ["## What was measured", "", *_overview(results), "", *_machines(results), ""]
     for name, title in TITLES.items():
-        if name in results:
+        if name in results and name != "paper":  # it has a page of its own
             lines += [f"## {title} (`{name}`)", "", *_section(name, results[name]), ""]
             lines += [f"![{plot.removesuffix('.svg')}](plots/{plot})" for plot in PLOTS.get(name, ())]
             lines += [""] if name in PLOTS else []
@@ -137,9 +137,7 @@ def _section(name: str, result: Result) -> list[str]:
         lines += [f"Not there, or not in this run: {', '.join(missing)}.", ""]
     if name == "real":
         return lines + _real(result)
-    if name in TABLES:
-        return lines + TABLES[name](result)
-    return [*lines, "[PAPER.md](PAPER.md) has the tables."]
+    return lines + TABLES[name](result)
 
 
 def _real(result: Result) -> list[str]:

@@ -204,7 +204,10 @@ def rebuilds_table(result: Result) -> list[str]:
     """
     changes = result.figures["changes"]
     sides = [change[side] for change in changes.values() for side in ("full_cpu_s", "rebuild_cpu_s")]
-    head = ["stage", *(f"{name}: {side}" for name in changes for side in ("from nothing, s", "after it, s"))]
+    head = [
+        "stage, processor s",
+        *(title for name in changes for title in (f"{name}: from nothing", "after it")),
+    ]
     stages = dict.fromkeys(stage for side in sides for stage in side)
     short = [stage for stage in stages if max(side.get(stage, 0.0) for side in sides) < SHORT_S]
     rows: list[Sequence[Any]] = [

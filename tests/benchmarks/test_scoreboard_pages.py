@@ -122,7 +122,10 @@ def test_a_rebuild_is_shown_by_stage_and_as_a_ratio():
     other = {"full_cpu_s": {"read_map": 3.0}, "rebuild_cpu_s": {"read_map": 1.5}, "ratio": 0.5}
     changes = {"one aisle": change, "a house": other}
     page = benchmark_page({"rebuilds": result("rebuilds", {"changes": changes})})
-    assert "| stage | one aisle: from nothing, s | one aisle: after it, s | a house: from" in page
+    assert (
+        "| stage, processor s | one aisle: from nothing | after it | a house: from nothing | after it |"
+        in page
+    )
     assert "| self_test | 6.0 | 0.0 | 0.0 | 0.0 |" in page
     assert "| all | 10.0 | 2.0 | 3.0 | 1.5 |" in page
     assert "| ratio | - | 0.2 | - | 0.5 |" in page
