@@ -52,6 +52,7 @@ def _section(found: Figures) -> list[str]:
         f"Build: {build['build_s']} s, {build['build_peak_gb']} GB at most, version of "
         f"{build['bytes'] / 1e6:.0f} MB.",
         *(_http_line(gravity, evaluated) for gravity, evaluated in found["over_http"].items()),
+        _strangers_line(found["strangers"]),
         "",
     ]
     asked = [
@@ -77,6 +78,10 @@ def _http_line(gravity: str, evaluated: Mapping[str, Any]) -> str:
         f"Over HTTP, gravity {gravity}: {verdicts['localized']} of {evaluated['n']} localized, "
         f"{ms['p50']:.0f} / {ms['p95']:.0f} ms p50 / p95."
     )
+
+
+def _strangers_line(asked: Mapping[str, Any]) -> str:
+    return f"Scans of other places: {len(asked['localized'])} of {asked['n']} localized."
 
 
 def _cells(variant: str, gravity: str, figures: Mapping[str, Any]) -> list[list[str]]:

@@ -30,6 +30,7 @@ from ..common.memory import PeakMemory
 from ..common.nees import nees_by_class
 from .ask import GRAVITY, ask
 from .report import report
+from .strangers import ask_strangers
 from .variants import SEED
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "real"
@@ -61,11 +62,15 @@ def measure(dataset: Dataset, scratch: Path) -> tuple[dict[str, Any], list[Asked
     """Builds the map from nothing with ``firstfix build``, asks over HTTP, then in this process."""
     built, version = build(dataset, scratch)
     over_http = _over_http(dataset, scratch)
-    variants, answers = in_process(dataset, Localizer(MapIndex.load(version)), scratch)
+    localizer = Localizer(MapIndex.load(version))
+    variants, answers = in_process(dataset, localizer, scratch)
+    strangers = ask_strangers(localizer)
+    print(dataset.name, "strangers", strangers, file=sys.stderr, flush=True)
     nees = nees_by_class(
         [(a.T_judged, a.answer) for a in answers if a.answer.T_map_sensor is not None and not a.is_wrong]
     )
-    return {"build": built, "over_http": over_http, "variants": variants, "nees": nees}, answers
+    figures = {"build": built, "over_http": over_http, "variants": variants, "nees": nees}
+    return {**figures, "strangers": strangers}, answers
 
 
 def in_process(

@@ -146,6 +146,8 @@ def _real(result: Result) -> list[str]:
         "",
         *tables.real_by_reference(result),
         "",
+        tables.strangers(result),
+        "",
         "All variants, by [the protocol](../docs/benchmark-protocol.md), against the first reference:",
         "",
         *tables.real_protocol(result),

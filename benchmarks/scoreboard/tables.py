@@ -97,6 +97,13 @@ def real_by_reference(result: Result) -> list[str]:
     return table(head, rows)
 
 
+def strangers(result: Result) -> str:
+    """A line about the real scans of other places."""
+    asked = [result.figures[name]["strangers"] for name in references(result)]
+    count, localized = sum(one["n"] for one in asked), sum(len(one["localized"]) for one in asked)
+    return f"Real road scans of other places, {count} queries in these maps together: {localized} localized."
+
+
 def real_protocol(result: Result) -> list[str]:
     """A row for each set, over all variants, by the benchmark protocol; the last one is given gravity."""
 

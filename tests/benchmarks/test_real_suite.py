@@ -13,6 +13,7 @@ from benchmarks.common.datasets import Dataset, PoseTable
 from benchmarks.common.nees import nees_by_class
 from benchmarks.real.ask import GRAVITY
 from benchmarks.real.report import report
+from benchmarks.real.strangers import ask_strangers
 from benchmarks.real.suite import _write_answers, in_process
 from benchmarks.scoreboard.pages import PLOTS, benchmark_page, plot_files
 from benchmarks.scoreboard.result import Cases, Result
@@ -139,7 +140,8 @@ def test_scans_of_the_small_world(small_version, small_scans, tmp_path: Path):
     tables = {"truth": PoseTable("eval.csv")}, PoseTable("trajectory.csv")
     dataset = Dataset("small", "small", "", "{}", *tables, "sensor.yaml", kept_share=0.5, root=tmp_path)
 
-    figures, answers = in_process(dataset, Localizer(MapIndex.load(small_version.directory)), tmp_path)
+    localizer = Localizer(MapIndex.load(small_version.directory))
+    figures, answers = in_process(dataset, localizer, tmp_path)
 
     assert list(figures) == [
         "as it is",
@@ -161,7 +163,7 @@ def test_scans_of_the_small_world(small_version, small_scans, tmp_path: Path):
     rows = nees_by_class(posed)
     for kind in ("shift", "turn"):
         assert sum(row["n"] for row in rows if row["kind"] == kind) == len(posed)
-    found = {"build": BUILD, "over_http": {}, "variants": figures, "nees": rows}
+    found = {"build": BUILD, "over_http": {}, "variants": figures, "nees": rows, "strangers": STRANGERS}
     text = report({"small": found, "gone": "skipped: x"})
     assert text.count("| as it is (4) |") == len(GRAVITY)
     assert "### gone\n\nskipped: x" in text
@@ -179,7 +181,30 @@ def assert_pages_show(found: dict[str, Any], answers: list[Asked], work: Path) -
     assert read == result
     page = benchmark_page({"real": read})
     assert f"| small | {len(answers) // 2} |" in page
+    assert "Real road scans of other places, 34 queries in these maps together: 1 localized." in page
     assert set(plot_files({"real": read})) == set(PLOTS["real"])
 
 
+def test_strangers_are_counted_by_their_verdicts(small_version, small_scans, tmp_path: Path):
+    localizer = Localizer(MapIndex.load(small_version.directory))
+    own, far = small_scans[0][0].points, np.random.default_rng(4).uniform(-20, 20, (4000, 3))
+    for name, points in (("own", own), ("stranger", far)):
+        np.savetxt(tmp_path / f"{name}.pcd", points, fmt="%.4f", header=PCD.format(len(points)), comments="")
+    asked = ask_strangers(localizer, tmp_path)
+    assert asked["n"] == 2
+    assert asked["localized"] == ["own.pcd"]
+    assert asked["verdicts"] == {"localized": 1, "rejected": 1}
+    assert asked["ms_p50"] > 0
+
+
+def test_without_strangers_nothing_is_asked(small_version, tmp_path: Path):
+    asked = ask_strangers(Localizer(MapIndex.load(small_version.directory)), tmp_path)
+    assert (asked["n"], asked["localized"], asked["ms_p50"]) == (0, [], None)
+
+
+PCD = (
+    "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+    "WIDTH {0}\nHEIGHT 1\nPOINTS {0}\nDATA ascii"
+)
+STRANGERS = {"n": 34, "verdicts": {"rejected": 33, "localized": 1}, "localized": ["a.pcd"], "ms_p50": 90.0}
 BUILD = {"build_s": 3.0, "build_peak_gb": 0.1, "bytes": 2_000_000}
