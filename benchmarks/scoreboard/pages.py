@@ -148,7 +148,7 @@ def _real(result: Result) -> list[str]:
         "",
         tables.strangers(result),
         "",
-        "All variants, by [the protocol](../docs/benchmark-protocol.md), against the first reference:",
+        "All variants against the first reference, by the protocol:",
         "",
         *tables.real_protocol(result),
         "",

@@ -101,7 +101,7 @@ def strangers(result: Result) -> str:
     """A line about the real scans of other places."""
     asked = [result.figures[name]["strangers"] for name in references(result)]
     count, localized = sum(one["n"] for one in asked), sum(len(one["localized"]) for one in asked)
-    return f"Real road scans of other places, {count} queries in these maps together: {localized} localized."
+    return f"Road scans of other places: {localized} of {count} localized."
 
 
 def real_protocol(result: Result) -> list[str]:

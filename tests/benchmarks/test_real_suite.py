@@ -181,7 +181,7 @@ def assert_pages_show(found: dict[str, Any], answers: list[Asked], work: Path) -
     assert read == result
     page = benchmark_page({"real": read})
     assert f"| small | {len(answers) // 2} |" in page
-    assert "Real road scans of other places, 34 queries in these maps together: 1 localized." in page
+    assert "Road scans of other places: 1 of 34 localized." in page
     assert set(plot_files({"real": read})) == set(PLOTS["real"])
 
 

@@ -40,6 +40,7 @@ REAL = {
     "hall": {
         "build": {"build_s": 50.0, "build_peak_gb": 1.2, "bytes": 27_000_000},
         "variants": {"as it is": {"estimated": AS_IT_IS, "given": AS_IT_IS}},
+        "strangers": {"n": 34, "verdicts": {"rejected": 34}, "localized": [], "ms_p50": 90.0},
     },
     "street": "skipped: it is not beside the checkout",
 }
