@@ -22,6 +22,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.transform import make_transform, quaternion_of
 from firstfix_cli.poses_csv import read_poses_csv
+from firstfix_worlds.write_world import pcd_of_points
 from small_world import SENSOR
 
 POSES = "tx,ty,tz,qx,qy,qz,qw"
@@ -189,7 +190,7 @@ def test_strangers_are_counted_by_their_verdicts(small_version, small_scans, tmp
     localizer = Localizer(MapIndex.load(small_version.directory))
     own, far = small_scans[0][0].points, np.random.default_rng(4).uniform(-20, 20, (4000, 3))
     for name, points in (("own", own), ("stranger", far)):
-        np.savetxt(tmp_path / f"{name}.pcd", points, fmt="%.4f", header=PCD.format(len(points)), comments="")
+        (tmp_path / f"{name}.pcd").write_bytes(pcd_of_points(points))
     asked = ask_strangers(localizer, tmp_path)
     assert asked["n"] == 2
     assert asked["localized"] == ["own.pcd"]
@@ -202,9 +203,5 @@ def test_without_strangers_nothing_is_asked(small_version, tmp_path: Path):
     assert (asked["n"], asked["localized"], asked["ms_p50"]) == (0, [], None)
 
 
-PCD = (
-    "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
-    "WIDTH {0}\nHEIGHT 1\nPOINTS {0}\nDATA ascii"
-)
 STRANGERS = {"n": 34, "verdicts": {"rejected": 33, "localized": 1}, "localized": ["a.pcd"], "ms_p50": 90.0}
 BUILD = {"build_s": 3.0, "build_peak_gb": 0.1, "bytes": 2_000_000}
