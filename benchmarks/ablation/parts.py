@@ -74,7 +74,9 @@ class WideSurface(MapSurface):
         thinned = Surface.around(points, two_faces=True).thinned(cell_m / 2)
         return cls(**_fields_of(surface), wide=SurfaceGrid.of(thinned, cell_m))
 
-    def align_coarse(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
+    def align_coarse(
+        self, scan: Surface, T_level_sensor: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """See ``MapSurface.align_coarse``. The step before it has equally many points at every range."""
         cell_m, iterations = float(self.wide.cell.item()), self.config.coarse_iterations
         even = scan.thinned(cell_m).at_most(self.ranking.coarse_points, cell_m)

@@ -66,7 +66,7 @@ class ScanContextPeer:
         if prepared is None:
             return None
         surface, T_map_level = self._index.surface, self._index.T_map_level
-        near = surface.align_coarse(prepared.sparse, (inverse(T_map_level) @ T_map_sensor)[None])
+        near, _ = surface.align_coarse(prepared.sparse, (inverse(T_map_level) @ T_map_sensor)[None])
         (settled,) = surface.align(prepared.sparse, near)
         (fine,) = surface.align_fine(prepared.dense, settled.T_level_sensor[None])
         return T_map_level @ fine.T_level_sensor

@@ -19,6 +19,9 @@ from .registered_candidate import NOT_MEASURED, RegisteredCandidate, distinct, f
 from .registration.align import Agreement, Registration, Registrations
 from .registration.surface import Surface
 
+# Share of the best coarse alignment score of a search, from which on a candidate is aligned further. The right
+# place had 0.905 or more in 729 searches (docs/experiments.md, "Hopeless candidates").
+_HOPEFUL_FROM = 0.85
 _BESIDE = np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
 
 
@@ -30,9 +33,10 @@ class HypothesisSearch:
     ) -> None:
         self._index, self._prepared, self._prior, self._map_id = index, prepared, prior, map_id
         self._ranking = index.config.ranking
-        self._starts = np.empty((0, 4, 4))
+        self._tried = np.empty((0, 4, 4))  # all starts
+        self._starts = np.empty((0, 4, 4))  # of those that were aligned
         self._template = np.empty(0, np.int64)
-        self._aligned: list[Registrations] = []  # of all starts, batch by batch
+        self._aligned: list[Registrations] = []  # batch by batch
         self._in_motion: dict[int, Registration] = {}  # by row: a later run does not solve it again
         self._free_space: dict[bytes, FreeSpaceShares] = {}  # by pose: a later run does not check it again
         self._agreement: dict[bytes, Agreement] = {}  # the same, of the few points
@@ -91,7 +95,7 @@ class HypothesisSearch:
         return candidates.at(self._untried(candidates.T_level_sensor))
 
     def _register(self, candidates: Candidates) -> list[RegisteredCandidate]:
-        """Aligns all new candidates with few points: coarsely, then on the map's own points.
+        """Aligns all new candidates with few points: coarsely, then the good ones on the map's own points.
 
         Returns the best ones that may compete, of all runs: distinct poses that the prior allows, best first.
         """
@@ -128,15 +132,18 @@ class HypothesisSearch:
         if not len(candidates):
             return
         surface, sparse, T = self._index.surface, self._prepared.sparse, candidates.T_level_sensor
-        self._aligned.append(surface.align(sparse, surface.align_coarse(sparse, T)))
-        self._starts = np.concatenate([self._starts, T])
-        self._template = np.concatenate([self._template, candidates.template])
+        near, score = surface.align_coarse(sparse, T)
+        rows = np.flatnonzero(score >= _HOPEFUL_FROM * score.max())
+        self._tried = np.concatenate([self._tried, T])
+        self._starts = np.concatenate([self._starts, T[rows]])
+        self._template = np.concatenate([self._template, candidates.template[rows]])
+        self._aligned.append(surface.align(sparse, near[rows]))
 
     def _untried(self, T_level_sensor: NDArray[np.float64]) -> NDArray[np.intp]:
         """Rows of (k, 4, 4) starts that are near no start, and no aligned pose, of an earlier run."""
         if not self._aligned:
             return np.arange(len(T_level_sensor))
-        known = np.concatenate([self._starts, *(part.T_level_sensor for part in self._aligned)])
+        known = np.concatenate([self._tried, *(part.T_level_sensor for part in self._aligned)])
         off_m = np.linalg.norm(T_level_sensor[:, None, :3, 3] - known[None, :, :3, 3], axis=2)
         trace = np.einsum("kij,nij->kn", T_level_sensor[:, :3, :3], known[:, :3, :3])
         same_cosine = math.cos(math.radians(self._ranking.same_start_deg))

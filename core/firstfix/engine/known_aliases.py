@@ -73,7 +73,8 @@ def rivals_among(
     if not len(aliases):
         return aliases
     starts = np.concatenate([T_best[None], aliases.T_level_sensor])
-    own, *others = surface.align(sparse, surface.align_coarse(sparse, starts))
+    near, _ = surface.align_coarse(sparse, starts)
+    own, *others = surface.align(sparse, near)
     own_support, alone = replace(best, registration=own).support, features_of([best])
 
     def is_rival(other: RegisteredCandidate) -> bool:

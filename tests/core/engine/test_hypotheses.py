@@ -42,13 +42,16 @@ class MadeUpMap:
     scores: list[float]
     violations: list[float]
     better_beside: dict[int, float] = field(default_factory=dict)  # score of the minimum at larger x
+    coarse: dict[int, float] = field(
+        default_factory=dict
+    )  # scores on the coarse grid, where they are not 0.9
     checked: list[int] = field(default_factory=list)
     registered: list[float] = field(default_factory=list)  # x of the starts
     refined: list[float] = field(default_factory=list)  # x of the starts
 
     def align_coarse(self, scan, starts):
         self.registered += starts[:, 0, 3].tolist()
-        return starts
+        return starts, np.array([self.coarse.get(number_of(T), 0.9) for T in starts])
 
     def align(self, scan, starts):
         scores = np.array([self._score(T) for T in starts])
@@ -85,10 +88,14 @@ class MadeUpMap:
         return self.better_beside.get(number, self.scores[number]) if beside else self.scores[number]
 
 
-def search(made_up: MadeUpMap, prior: Prior | None = None, calibration: Calibration | None = None):
+def searching(made_up: MadeUpMap, prior: Prior | None = None, calibration: Calibration | None = None):
     index = MapIndex(EngineConfig(), calibration or Calibration(), None, made_up, made_up)
+    return HypothesisSearch(index, PREPARED, prior, "yard")
+
+
+def search(made_up: MadeUpMap, prior: Prior | None = None, calibration: Calibration | None = None):
     candidates = standing_at([APART_M * number for number in range(len(made_up.scores))])
-    return HypothesisSearch(index, PREPARED, prior, "yard").run(candidates)
+    return searching(made_up, prior, calibration).run(candidates)
 
 
 def test_without_candidates_nothing_is_found():
@@ -100,6 +107,13 @@ def test_candidates_are_ranked_by_alignment_and_free_space():
     assert [candidate.template for candidate in found] == [2, 0, 1]
     assert found[2].quality.free_space_violation == 0.05
     assert {candidate.map_id for candidate in found} == {"yard"}
+
+
+def test_a_start_that_is_hopeless_on_the_coarse_grid_is_aligned_no_further_and_never_again():
+    made_up = MadeUpMap([0.8, 0.85, 0.82], [0.0] * 3, coarse={0: 0.9, 1: 0.7, 2: 0.8})
+    hypotheses = searching(made_up)
+    assert [one.template for one in hypotheses.run(standing_at([0.0, 10.0, 20.0]))] == [2, 0]
+    assert not len(hypotheses.untried(standing_at([10.0])))
 
 
 def test_free_space_is_not_checked_where_no_rival_can_be():
@@ -162,7 +176,8 @@ class WallsAlone(MadeUpMap):
     slides_m, worse = 0.6, 0.05
 
     def align_coarse(self, scan, starts):
-        return starts - self.slides_m * np.eye(4)[2][:, None] * np.eye(4)[3]
+        slid = starts - self.slides_m * np.eye(4)[2][:, None] * np.eye(4)[3]
+        return slid, np.ones(len(starts))
 
     def _score(self, T):
         return super()._score(T) - self.worse * (T[2, 3] < -0.2)

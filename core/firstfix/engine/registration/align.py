@@ -161,26 +161,21 @@ class MapSurface:
         Returns:
             (k, 4, 4) poses, and (k,) their alignment scores, 0..1, within one coarse cell.
         """
-        voxel_m = self.config.coarse_voxel_m
-        reach_m, few = 1.5 * voxel_m, scan.at_most(self.ranking.screen_points, voxel_m)
-        found = self._align(
-            self.coarse,
-            few,
-            T_level_sensor,
-            self.ranking.screen_iterations,
-            reach_m,
-            self.ranking.coarse_angle,
-            voxel_m,
+        return self._on_coarse_grid(
+            scan, T_level_sensor, self.ranking.screen_points, self.ranking.screen_iterations
         )
-        return found.T_level_sensor, found.alignment_score
 
-    def align_coarse(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Aligns on the coarse grid: (k, 4, 4) starts within about a metre end within a few decimetres."""
-        voxel_m = self.config.coarse_voxel_m
-        reach_m, few = 1.5 * voxel_m, scan.at_most(self.ranking.coarse_points, voxel_m)
-        iterations = self.config.coarse_iterations
-        found = self._align(self.coarse, few, T_level_sensor, iterations, reach_m, self.ranking.coarse_angle)
-        return found.T_level_sensor
+    def align_coarse(
+        self, scan: Surface, T_level_sensor: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Aligns on the coarse grid: (k, 4, 4) starts within about a metre end within a few decimetres.
+
+        Returns:
+            See ``screen``.
+        """
+        return self._on_coarse_grid(
+            scan, T_level_sensor, self.ranking.coarse_points, self.config.coarse_iterations
+        )
 
     def align(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
         """Aligns on the map's own points, from (k, 4, 4) starts within a few decimetres."""
@@ -237,6 +232,14 @@ class MapSurface:
             self.config.inlier_distance_m,
         )
         return [Agreement(*one) for one in zip(*(values.tolist() for values in found), strict=True)]
+
+    def _on_coarse_grid(
+        self, scan: Surface, T_level_sensor: NDArray[np.float64], points: int, iterations: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        voxel_m, half_angle = self.config.coarse_voxel_m, self.ranking.coarse_angle
+        few, reach_m = scan.at_most(points, voxel_m), 1.5 * voxel_m
+        found = self._align(self.coarse, few, T_level_sensor, iterations, reach_m, half_angle, voxel_m)
+        return found.T_level_sensor, found.alignment_score
 
     def _align_moving(
         self,

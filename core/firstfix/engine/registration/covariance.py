@@ -21,6 +21,7 @@ _PLACE_M, _PLACE_DEG = 2.0, 20.0
 # The map's own error, which no number of pairs averages out. Chosen by the hall and the yard
 # (docs/experiments.md): not shown on other recorded places.
 _FLOOR_OF_VOXEL, _FLOOR_DEG = 1 / 15, 0.02
+_PLACE_INFORMATION = np.diag(np.repeat([np.radians(_PLACE_DEG), _PLACE_M], 3) ** -2)
 
 
 def pose_covariance(
@@ -34,8 +35,7 @@ def pose_covariance(
     Args:
         information: (6, 6) over rotation then translation, along the level axes (``faced_information``).
     """
-    place = np.repeat([np.radians(_PLACE_DEG), _PLACE_M], 3)
-    in_level = np.linalg.inv(_beyond_chance(information) / _PAIRS_PER_OBSERVATION + np.diag(place**-2))
+    in_level = np.linalg.inv(_beyond_chance(information) / _PAIRS_PER_OBSERVATION + _PLACE_INFORMATION)
     R = T_map_level[:3, :3]
     to_map = np.zeros((6, 6))
     to_map[:3, 3:] = R  # translation comes first in the answer, last in the registration

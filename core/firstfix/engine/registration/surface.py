@@ -13,6 +13,8 @@ from ...scan.reduction import rows_by_voxel_hash
 from ...transform import Matrix
 from .chunked_x import chunked_x
 
+_SAME_FRAME = np.eye(4)
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -71,6 +73,8 @@ class Surface:
 
     def moved(self, T: Matrix) -> Surface:
         """Surface brought from the right frame of T to its left frame."""
+        if np.array_equal(T, _SAME_FRAME):  # as the only scan of a query
+            return self
         R = T[:3, :3].astype(np.float32)
         points = self.points @ R.T + T[:3, 3].astype(np.float32)
         return Surface(points, self.normals @ R.T, self.oriented, self.time_s)
@@ -89,8 +93,7 @@ class Surface:
 
     def thinned(self, voxel_m: float) -> Surface:
         """Surface of the mean point of every voxel, one for each main direction of its normals."""
-        parts = [self.at(rows)._thinned(voxel_m) for rows in chunked_x(self.points, voxel_m)]
-        return parts[0] if len(parts) == 1 else Surface.together(parts)
+        return Surface.together([self.at(rows)._thinned(voxel_m) for rows in chunked_x(self.points, voxel_m)])
 
     def _thinned(self, voxel_m: float) -> Surface:
         points, normals, oriented = native.thin_surface(self.points, self.normals, self.oriented, voxel_m)
@@ -115,6 +118,8 @@ class Surface:
     @classmethod
     def together(cls, parts: Sequence[Surface]) -> Surface:
         """Surface of all points of several surfaces. Where one has times, the others are taken at time 0."""
+        if len(parts) == 1:
+            return parts[0]
         time_s = None
         if any(part.time_s is not None for part in parts):
             still = (

@@ -65,7 +65,7 @@ def test_all_starts_within_half_a_metre_end_at_the_truth(room, seed):
         ]
     )
     scan = scan_of(ROOM, TRUE)
-    aligned = room.align(scan.at_most(400, 0.25), room.align_coarse(scan, starts))
+    aligned = room.align(scan.at_most(400, 0.25), room.align_coarse(scan, starts)[0])
     fine = room.align_fine(scan, np.array([r.T_level_sensor for r in aligned]))
     for registration in fine:
         metres, degrees = pose_error(TRUE, registration.T_level_sensor)
@@ -84,7 +84,7 @@ def test_a_wrong_place_is_told_by_its_measures(room):
 
 def test_far_from_the_map_nothing_moves_and_nothing_fits(room):
     scan, nowhere = scan_of(ROOM, TRUE), make_transform(np.eye(3), [500.0, 0, 0])
-    (found,) = room.align(scan, room.align_coarse(scan, nowhere[None]))
+    (found,) = room.align(scan, room.align_coarse(scan, nowhere[None])[0])
     assert np.allclose(found.T_level_sensor, nowhere)
     assert found.inlier_ratio == found.alignment_score == 0
     assert np.isfinite(found.information).all()

@@ -53,7 +53,7 @@ def worst_m(
 ) -> float:
     """Largest error of the poses that starts off by (k, 3) end at."""
     starts = np.array([make_transform(np.eye(3), off) @ T_true for off in off_m])
-    near = surface.align(scan.at_most(400, 0.25), surface.align_coarse(scan, starts))
+    near = surface.align(scan.at_most(400, 0.25), surface.align_coarse(scan, starts)[0])
     ends = surface.align_fine(scan, near.T_level_sensor).T_level_sensor
     return max(pose_error(T_true, T)[0] for T in ends)
 
