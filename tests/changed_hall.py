@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from firstfix.engine.config import EngineConfig, RegistrationConfig
 from firstfix.engine.index import MapIndex, MapView
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
+from firstfix.native import CarvedCells
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform, rotation_z
+from firstfix_builder.index.carve import BACK_OFF_M, RAYS, cell_width_m, merged, seen_free
 from firstfix_builder.simulation.boxes import Boxes
 from firstfix_builder.simulation.rays import Rays
-from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.simulation.simulate import Simulator, upright
 
 SENSOR = SensorModel.from_mapping(
     {
@@ -50,13 +53,18 @@ class Hall:
     @cached_property
     def index(self) -> MapIndex:
         """A version of this hall, as far as sightings need one."""
-        vertices, triangles = Boxes.joined(self._shell(), self.things).mesh()
-        points, normals = surface_points(vertices[triangles], 0.2)
-        inside = ((points > -0.005) & (points < np.array(self.size_m) + 0.005)).all(axis=1)
-        points, normals = points[inside].astype(np.float32), normals[inside].astype(np.float32)
+        points, normals = self.points_and_normals
         surface = Surface(points, normals, np.ones(len(points), bool))
         parts = EngineConfig(), None, None, MapSurface.of(surface, RegistrationConfig())
         return MapIndex(*cast("tuple", parts), MapView.of(points, 25.0))
+
+    @cached_property
+    def points_and_normals(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Points (n, 3) of its surfaces, and their normals."""
+        vertices, triangles = Boxes.joined(self._shell(), self.things).mesh()
+        points, normals = surface_points(vertices[triangles], 0.2)
+        inside = ((points > -0.005) & (points < np.array(self.size_m) + 0.005)).all(axis=1)
+        return points[inside].astype(np.float32), normals[inside].astype(np.float32)
 
     def scan(
         self,
@@ -166,3 +174,43 @@ def warehouse(seed: int) -> tuple[Hall, Hall, Boxes, Boxes]:
     fixed = Boxes.joined(others, pillars)
     old, new = (Hall(size_m, Boxes.joined(fixed, racks)) for racks in (before, after))
     return old, new, before, after
+
+
+def driven(
+    hall: Hall,
+    places_m: NDArray[np.float64],
+    *,
+    hidden: tuple[float, ...] | None = None,
+    with_seen_free: bool = True,
+) -> MapIndex:
+    """A version of what a mapping run through these (n, 3) places saw of a hall.
+
+    Args:
+        hidden: low and high corner of a box into which no ray came.
+        with_seen_free: keep the space that it saw free.
+    """
+    simulator, rays = hall.simulator(), Rays.at_any_heading(SENSOR.coarser(RAYS))
+    carved, ends, row = CarvedCells(cell_width_m(RegistrationConfig())), [], 0
+    for ranges in simulator.ranges(upright(places_m), SENSOR, rays):
+        at = np.ascontiguousarray(places_m[row : row + len(ranges)])
+        carved.add(at, rays.directions, ranges, BACK_OFF_M)
+        hit = np.isfinite(ranges)
+        ends += [p + rays.directions[h] * r[h, None] for p, r, h in zip(at, ranges, hit, strict=True)]
+        row += len(ranges)
+    whole = hall.index
+    points, normals = hall.points_and_normals
+    seen = np.isfinite(cKDTree(np.concatenate(ends)).query(points, distance_upper_bound=0.3)[0])
+    inside = np.empty((0, 3))
+    if hidden is not None:
+        low, high = np.array(hidden[:3]), np.array(hidden[3:])
+        seen &= ~((points > low) & (points < high)).all(axis=1)
+        axes = [np.arange(a, b, 0.1) for a, b in zip(low, high, strict=True)]
+        inside = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    points, normals = points[seen], normals[seen]
+    surface = MapSurface.of(Surface(points, normals, np.ones(len(points), bool)), RegistrationConfig())
+    brick, once, twice = carved.bricks()
+    parts = merged([{"brick": brick, "once": once, "twice": twice}], 2)
+    free = (
+        seen_free(parts, np.concatenate([points, inside]), RegistrationConfig()) if with_seen_free else None
+    )
+    return replace(whole, surface=surface, view=MapView.of(points, 25.0), seen_free=free)

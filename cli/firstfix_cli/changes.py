@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
-GONE, NEW, SEEN = "#d73027", "#2166ac", "#dddddd"
-_COLOURS = {"gone": GONE, "new": NEW}
+SEEN = "#dddddd"
+_COLOURS = {"gone": "#d73027", "new": "#2166ac", "unmapped": "#e6a700"}
+_NOT_TOLD_APART = (
+    "new things and parts that were never mapped are not told apart: no query knew where the mapping run saw"
+)
 
 
 def lines_of(found: Mapping[str, Any]) -> list[str]:
@@ -19,16 +22,20 @@ def lines_of(found: Mapping[str, Any]) -> list[str]:
         head += f", {found['first_time'][:16]} to {found['last_time'][:16]} UTC"
     lines = [head]
     if not found["areas"]:
-        return [*lines, "no area is known to have changed"]
+        return [*lines, "no area is known to have changed, or to be missing in the map"]
     lines.append(
-        f"{'kind':5} {'from (m)':>24} {'to (m)':>24} {'cells':>6} {'share':>6} {'spots':>5}  last seen"
+        f"{'kind':8} {'from (m)':>24} {'to (m)':>24} {'cells':>6} {'share':>6} {'spots':>5}  last seen"
     )
     for area in found["areas"]:
         low, high = (" ".join(f"{v:7.1f}" for v in area["box"][end]) for end in ("low", "high"))
         numbers = f"{area['cells']:6} {area['share']:6.2f} {area['spots']:5}"
-        lines.append(f"{area['kind']:5} {low:>24} {high:>24} {numbers}  {area['last_seen'][:16]}")
+        lines.append(f"{area['kind']:8} {low:>24} {high:>24} {numbers}  {area['last_seen'][:16]}")
     left_out = found["areas_found"] - len(found["areas"])
-    return [*lines, f"and {left_out:,} smaller ones"] if left_out else lines
+    if left_out:
+        lines.append(f"and {left_out:,} more")
+    if not found["told_apart"] and any(area["kind"] == "new" for area in found["areas"]):
+        lines.append(_NOT_TOLD_APART)
+    return lines
 
 
 def draw_changes(found: Mapping[str, Any], path: Path) -> None:
@@ -60,7 +67,7 @@ def draw_changes(found: Mapping[str, Any], path: Path) -> None:
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
     axes.set_title(f"{found['map_id']}, version {found['version'][:8]}: {found['sightings']:,} queries")
-    names = {"gone": GONE, "new": NEW, "seen": SEEN}
+    names = {**_COLOURS, "seen": SEEN}
     axes.legend(handles=[Patch(color=colour, label=name) for name, colour in names.items()])
     figure.savefig(path, dpi=120, bbox_inches="tight")
     plt.close(figure)

@@ -169,6 +169,18 @@ void bind_verification(nb::module_& module) {
             });
             return array_of(std::move(shares));
           },
+          nb::arg("points"), nb::arg("T_level_sensor"))
+      .def(
+          "holds",
+          [](const FreeTables& free, In<float, nb::shape<-1, 3>> points, PoseArray T_level_sensor) {
+            std::unique_ptr<bool[]> flags = memory<bool>(points.shape(0));
+            static_assert(sizeof(bool) == sizeof(std::uint8_t));
+            without_gil([&] {
+              free.view.holds(points.data(), points.shape(0), pose_of(T_level_sensor),
+                              reinterpret_cast<std::uint8_t*>(flags.get()));
+            });
+            return array_of(std::move(flags), {points.shape(0)});
+          },
           nb::arg("points"), nb::arg("T_level_sensor"));
 }
 

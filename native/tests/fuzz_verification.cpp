@@ -51,6 +51,9 @@ void share_once(Hostile& random) {
   const std::vector<float> points = random.floats(3 * count, 20, wrong);
   const double share = free.share(points.data(), count, pose(random, wrong));
   expect(share >= 0 && share <= 1, "a share");
+  std::vector<std::uint8_t> is_free(count);
+  free.holds(points.data(), count, pose(random, wrong), is_free.data());
+  for (const std::uint8_t one : is_free) expect(one <= 1, "a flag");
 }
 
 }  // namespace

@@ -5,6 +5,8 @@ Only four files have its tests: each worker of pytest that has one starts a brow
 
 from __future__ import annotations
 
+from dataclasses import replace
+from datetime import datetime, timezone
 from itertools import combinations
 
 import numpy as np
@@ -12,7 +14,9 @@ import pytest
 from console_world import MARKUP, room, scans_without_cabin
 from page import CANVAS, Picture
 from pictures import (
+    ADDED,
     GONE,
+    UNEXPLAINED,
     difference,
     drawn_pixels,
     pixels_of,
@@ -22,6 +26,10 @@ from pictures import (
 )
 
 from firstfix.builds.options import reported_stages
+from firstfix.catalog.sightings.sightings import Sightings
+from firstfix.engine.changes.cells import keys_of
+from firstfix.engine.changes.sighting import Sighting
+from firstfix.engine.changes.tally import UNMAPPED, Tally
 from firstfix.engine.index import MapIndex
 from firstfix.wire.scan import encode_scan
 from firstfix_client import Client
@@ -230,6 +238,7 @@ def test_what_has_changed_is_laid_over_a_map(page, world, small_version, small_w
     unmarked = page.map_picture()
     page.wait("[aria-label=Changes] li", "gone: 1")
     page.wait("[aria-label=Changes] li", "new: 0")
+    page.wait("[aria-label=Changes] li", "never mapped: not known")
     assert pixels_of(unmarked, GONE, 30) == 0, "they are listed before they are drawn"
     page.click("label.check", "Changes since the map was made")
     wait_until(lambda: pixels_of(page.map_picture(), GONE, 30) > 0)
@@ -254,6 +263,46 @@ def test_what_has_changed_is_laid_over_a_map(page, world, small_version, small_w
         float(m) for m in page.js("new URLSearchParams(location.hash.split('?')[1]).get('view')").split(",")
     ]
     assert view[:2] == pytest.approx(target[:2], abs=0.5)
+
+
+def _seen_at(low: tuple[int, int, int], *, unmapped: bool) -> Tally:
+    """Counts of robots at eight spots that see 3 x 3 x 3 cells which the map does not explain."""
+    keys = np.sort(keys_of(np.array(list(np.ndindex(3, 3, 3))) + low))
+    none = np.empty(0, np.int64)
+    never_seen = keys if unmapped else none
+    return Tally.sum(
+        Tally.of(Sighting((7 * spot, 0, 1), none, none, keys, none, never_seen, True)) for spot in range(8)
+    )
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_what_was_never_mapped_is_told_from_what_is_new(page, world, small_version, is_known):
+    """Counts that a replica has stored, of a version that knows what its mapping run saw, or does not."""
+    map_id, catalog = f"yard-hole-{is_known}".lower(), world.service.catalog
+    version = catalog.publish(map_id, small_version.directory, small_version.manifest)
+    seen = Tally.sum([_seen_at((8, 6, 1), unmapped=False), _seen_at((-6, 2, 1), unmapped=True)])
+    if not is_known:
+        counts = seen.counts.copy()
+        counts[:, UNMAPPED] = 0
+        seen = replace(seen, counts=counts, told_apart=0)
+    Sightings(catalog.store).put(catalog.folder_of(map_id, version), seen, datetime.now(timezone.utc))
+    page.open(f"#/maps/{map_id}?colour=plain&layers=")
+    kinds = "[aria-label='Kinds of changes'] li"
+    page.wait(kinds, "new: 1" if is_known else "new: 2")
+    page.wait(f"{kinds}.unmapped", "never mapped: 1" if is_known else "never mapped: not known")
+    rows = page.js(
+        "Array.from(document.querySelectorAll('[aria-label=\"Changed areas\"] li'), (one) => one.className)"
+    )
+    assert rows == (["new", "unmapped"] if is_known else ["new", "new"])
+    told = "Parts that were never mapped are among the new ones"
+    assert (told in page.text("[aria-label=Changes]")) != is_known
+    before = page.map_picture()
+    few = 20  # pixels: an axis is green, too
+    assert max(pixels_of(before, UNEXPLAINED, 30), pixels_of(before, ADDED, 30)) < few
+    page.click("label.check", "Changes since the map was made")
+    wait_until(lambda: pixels_of(page.map_picture(), ADDED, 30) > few)
+    assert (pixels_of(page.map_picture(), UNEXPLAINED, 30) > few) == is_known
+    assert not page.has("[role=alert]")
 
 
 def _at_rest(page) -> tuple[Picture, str]:

@@ -8,15 +8,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from changed_hall import standing
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.builds.config import BuildConfig
+from firstfix.engine.changes.cells import CELL_M, cells_of_keys
+from firstfix.engine.changes.sighting import sighting_of
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.verification.seen_free import SEEN_FREE_FILE
 from firstfix.errors import CorruptVersion
+from firstfix.scan.scan import Scan
+from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform
 from firstfix_builder.pipeline import build_version
-from small_world import COARSE_CONFIG
+from firstfix_builder.simulation.rays import Rays
+from firstfix_builder.simulation.simulate import Simulator
+from small_world import COARSE_CONFIG, SENSOR
 
 pytestmark = pytest.mark.slow
 
@@ -60,12 +67,40 @@ def test_a_share_in_seen_free_space_lowers_the_rank(version):
     assert supports[1:] == sorted(supports[1:], reverse=True)
 
 
+def test_a_thing_that_has_come_is_new_and_no_part_that_was_never_mapped(version, small_world):
+    index, rng = MapIndex.load(version), np.random.default_rng(4)
+    low, high = np.array([0.2, -2.4, 0.0]), np.array([1.2, -1.4, 1.4])  # on the way of the drive
+    thing = standing((*low, *high)).mesh()
+    vertices = np.concatenate([small_world.vertices, thing[0]])
+    triangles = np.concatenate([small_world.triangles, thing[1] + len(small_world.vertices)])
+    now, sensor = Simulator(vertices, triangles), SensorModel.from_mapping(SENSOR)
+    rays, on_it, unmapped = Rays.of_sensor(sensor), 0, 0
+    for x, y in drive():
+        T_map_sensor = make_transform(np.eye(3), [x, y, 0.8])
+        if not now.is_free(T_map_sensor[None, :3, 3], 0.4)[0]:
+            continue
+        ranges = next(now.ranges(T_map_sensor[None], sensor, rays))[0] + rng.normal(
+            0, 0.02, len(rays.directions)
+        )
+        seen = np.isfinite(ranges)
+        scan = Scan.from_points(rays.directions[seen] * ranges[seen, None])
+        told = sighting_of(index, scan, T_map_sensor)
+        assert told.is_told_apart
+        for_it = [cells_of_keys(keys) * CELL_M for keys in (told.unexplained, told.unmapped)]
+        here = [((at > low - 0.6) & (at < high + 0.1)).all(axis=1).sum() for at in for_it]
+        on_it, unmapped = on_it + here[0], unmapped + here[1]
+    assert on_it > 40
+    assert unmapped < 0.05 * on_it
+
+
 def test_a_version_without_a_trajectory_does_not_know(coarse_version, small_scans):
     index = MapIndex.load(coarse_version.directory)
     assert index.seen_free is None
     found = Localizer(index).localize(small_scans[0][0]).hypotheses
     assert found
     assert {one.quality.seen_free for one in found if one.quality} == {None}
+    told = sighting_of(index, *small_scans[0])
+    assert (told.is_told_apart, len(told.unmapped)) == (False, 0)
 
 
 @pytest.mark.parametrize(

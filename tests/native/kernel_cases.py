@@ -124,7 +124,7 @@ def _seen_free(native: Any) -> Any:
     brick, *_, bits = _free(native)
     tables = SeenFree.of_bricks(brick, bits, 0.25)
     free = native.SeenFree(0.25, tables.corner, tables.group, tables.brick, tables.bits)
-    return free.shares(FEW, np.array([np.eye(4), T_MAP_SENSOR]))
+    return free.shares(FEW, np.array([np.eye(4), T_MAP_SENSOR])), free.holds(FEW, T_MAP_SENSOR)
 
 
 CASES: dict[str, Callable[[Any], Any]] = {

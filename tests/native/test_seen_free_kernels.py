@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import firstfix.native as native
 import reference.seen_free as oracle
 from firstfix.engine.verification.seen_free import SeenFree
-from firstfix.transform import make_transform, rotation_z
+from firstfix.transform import make_transform, rotation_z, transform_points
 
 CELL_M, BACK_OFF_M = 0.25, 0.3
 
@@ -70,6 +70,22 @@ def test_a_share_is_that_of_the_reference(seed: int):
     assert found == pytest.approx([oracle.share(points, T, free, CELL_M) for T in poses], abs=0.005)
     assert found[:3].max() > 0.05
     assert found[3] == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_place_is_seen_free_if_the_reference_says_so(seed: int):
+    brick, once, _ = carved(seed)
+    free = oracle.cells_in(brick, once)
+    points = np.random.default_rng(seed).normal(0, 2, (500, 3)).astype(np.float32)
+    points[-2:] = [[900.0, 0, 0], [np.nan, 0, 0]]
+    T = make_transform(rotation_z(0.7), [0.4, -0.3, 0.2])
+    found = SeenFree.of_bricks(brick, once, CELL_M)
+    at = transform_points(T, points[:-2])
+    expected = [tuple(cell) in free for cell in np.floor(at / CELL_M).astype(int).tolist()]
+    assert found.holds(points, T).tolist() == [*expected, False, False]
+    assert 10 < sum(expected) < 490
+    assert found.holds(points, T).mean() == found.shares(points, T[None])[0]
+    assert found.holds(points[:0], T).tolist() == []
 
 
 def test_of_no_point_and_of_no_cell_the_share_is_nothing():

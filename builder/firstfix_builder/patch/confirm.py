@@ -2,7 +2,8 @@
 
 The rule (docs/how-to/changed-maps.md has it in words). For each cell its sightings are sorted by time and cut
 at the moment that explains most of them: unchanged before, changed after. A cell passes if both sides are
-nearly of one mind, and if the side after it has enough places, robots and days.
+nearly of one mind, and if the side after it has enough places, robots and days. A part of the map that was
+never mapped passes by the same rule: nobody may have seen it otherwise.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.engine.changes.areas import groups_of
-from firstfix.engine.changes.cells import box_of, cells_of_keys
+from firstfix.engine.changes.cells import box_of, cells_of_keys, keys_of
+from firstfix.engine.changes.unmapped import groups_of, unmapped_of
 from firstfix.engine.false_accept_bound import upper_bound
 
 from .observation import Seen
@@ -53,12 +54,31 @@ class PatchRule:
 
 
 @dataclass(frozen=True)
+class ChangedArea:
+    """Cells of one kind.
+
+    Attributes:
+        kind: ``gone``, ``new`` or ``unmapped``, as ``firstfix.engine.changes.areas.Area`` has it.
+        cells: (n, 3) numbers of its cells, in the map's frame.
+    """
+
+    kind: str
+    cells: NDArray[np.int64]
+
+    @property
+    def box_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest corner, (3,) each, in the map's frame."""
+        return box_of(self.cells)
+
+
+@dataclass(frozen=True)
 class Change:
     """A connected group of cells that have changed in the same way.
 
     Attributes:
-        kind: ``gone`` or ``new``, as ``firstfix.engine.changes.areas.Area`` has it.
+        kind: ``gone``, or ``new`` for what the map does not explain.
         cells: (n, 3) numbers of its cells, in the map's frame.
+        unmapped: (n,) those of a new one that the mapping run never saw.
         since_s: time of the first sighting of it, seconds since 1970.
         robots: pseudonyms of those that saw it.
         days: number of days on which it was seen.
@@ -66,14 +86,16 @@ class Change:
 
     kind: str
     cells: NDArray[np.int64]
+    unmapped: NDArray[np.bool_]
     since_s: float
     robots: frozenset[str]
     days: int
 
     @property
-    def box_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lowest and highest corner, (3,) each, in the map's frame."""
-        return box_of(self.cells)
+    def areas(self) -> list[ChangedArea]:
+        """Its cells by kind: what has changed, and what was never mapped."""
+        parts = ((self.kind, self.cells[~self.unmapped]), ("unmapped", self.cells[self.unmapped]))
+        return [ChangedArea(kind, cells) for kind, cells in parts if len(cells)]
 
 
 @dataclass(frozen=True)
@@ -133,10 +155,12 @@ def confirmed_changes(seen: Sequence[Seen], rule: PatchRule | None = None) -> li
             since_s = {row: one.since_s for row, one in each.items() if one.since_s is not None}
             if len(since_s) < max(rule.cells, rule.undisputed * len(each)):
                 continue
+            changed = cells[sorted(since_s)]
             found.append(
                 Change(
                     kind,
-                    cells[sorted(since_s)],
+                    changed,
+                    unmapped_of(changed, _unmapped_share(seen, keys_of(changed))),
                     min(since_s.values()),
                     frozenset(names[robot] for one in each.values() for robot in one.robots),
                     len(frozenset[int]().union(*(one.days for one in each.values()))),
@@ -174,6 +198,19 @@ def _judged_cells(
         if judged is not None:
             found[int(keys[a])] = judged
     return found
+
+
+def _unmapped_share(seen: Sequence[Seen], keys: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(n,) share of the sightings that did not explain a cell and say that it was never seen; 0 of none.
+
+    Args:
+        keys: (n,) of the cells, ascending.
+    """
+    unexplained, unmapped = np.zeros(len(keys)), np.zeros(len(keys))
+    for one in seen:
+        unexplained += np.isin(keys, one.sighting.unexplained)
+        unmapped += np.isin(keys, one.sighting.unmapped)
+    return unmapped / np.maximum(unexplained, 1)
 
 
 def _suspects(seen: Sequence[Seen], for_it: str, robots: int) -> NDArray[np.int64]:

@@ -129,24 +129,30 @@ def _lay(source: Path, told: PatchSource, read: StageResult, voxel_m: float, out
             link(path, out / path.name)
 
 
+def areas_of(changes: list[Change]) -> list[dict[str, Any]]:
+    """The areas of changes, ready for JSON."""
+    found = []
+    for change in changes:
+        for area in change.areas:
+            low_m, high_m = area.box_m
+            found.append(
+                {
+                    "kind": area.kind,
+                    "low_m": low_m.tolist(),
+                    "high_m": high_m.tolist(),
+                    "robots": len(change.robots),
+                    "days": change.days,
+                }
+            )
+    return found
+
+
 def _record(
     base: str, changes: list[Change], seen: list[Seen], left_out: LeftOut, patch: MapPatch
 ) -> dict[str, Any]:
-    areas = []
-    for change in changes:
-        low_m, high_m = change.box_m
-        areas.append(
-            {
-                "kind": change.kind,
-                "low_m": low_m.tolist(),
-                "high_m": high_m.tolist(),
-                "robots": len(change.robots),
-                "days": change.days,
-            }
-        )
     return {
         "base": base,
-        "areas": areas,
+        "areas": areas_of(changes),
         "added_points": len(patch.added),
         "removed_points": len(patch.removed),
         "queries": len(seen),

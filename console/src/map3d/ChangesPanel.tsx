@@ -1,4 +1,5 @@
-// What the queries have shown to be changed: each area with who saw it and since when. A row moves the camera there.
+// What the queries have shown to be changed or never mapped: each area with who saw it and since when. A row moves the
+// camera there.
 
 import { useSignal } from "@preact/signals";
 import type { MapChanges } from "../api/maps";
@@ -8,7 +9,8 @@ type Area = MapChanges["areas"][number];
 const LISTED = 8; // at first
 const LEAST_AWAY_M = 15;
 const AWAY = 2.5; // of an area's diagonal
-const CLASSES: Record<Area["kind"], string> = { gone: "contradicts", new: "agrees" }; // of the key's colours
+const NAMES: Record<Area["kind"], string> = { gone: "gone", new: "new", unmapped: "never mapped" };
+const KINDS = Object.keys(NAMES) as Area["kind"][];
 
 export interface ChangesPanelProps {
   found: MapChanges;
@@ -18,7 +20,7 @@ export interface ChangesPanelProps {
 
 export function ChangesPanel({ found, look }: ChangesPanelProps) {
   const isWhole = useSignal(false);
-  const { areas, areas_found, sightings } = found;
+  const { areas, areas_found, sightings, told_apart } = found;
   const listed = isWhole.value ? areas : areas.slice(0, LISTED);
   return (
     <section aria-label="Changes">
@@ -32,24 +34,30 @@ export function ChangesPanel({ found, look }: ChangesPanelProps) {
       </p>
       {areas.length ? (
         <ul class="key" aria-label="Kinds of changes">
-          <li class="contradicts">gone: {count(numberOf(areas, "gone"))}</li>
-          <li class="agrees">new: {count(numberOf(areas, "new"))}</li>
+          {KINDS.map((kind) => (
+            <li key={kind} class={kind}>
+              {NAMES[kind]}: {kind === "unmapped" && !told_apart ? "not known" : count(numberOf(areas, kind))}
+            </li>
+          ))}
         </ul>
+      ) : null}
+      {!told_apart && numberOf(areas, "new") ? (
+        <p class="hint">Parts that were never mapped are among the new ones: no query knew where the mapping run saw.</p>
       ) : null}
       <ul class="key spots" aria-label="Changed areas">
         {listed.map((one) => (
-          <li key={`${one.kind} ${one.box.low.join()}`} class={CLASSES[one.kind]}>
+          <li key={`${one.kind} ${one.box.low.join()}`} class={one.kind}>
             <button onClick={() => look(middleOf(one), Math.max(LEAST_AWAY_M, AWAY * Math.hypot(...extentOf(one))))}>
               {middleOf(one).map((m) => m.toFixed(1)).join(", ")} m
             </button>{" "}
-            {one.kind}, {extentOf(one).map((m) => m.toFixed(1)).join(" × ")} m. {seenText(one)}
+            {NAMES[one.kind]}, {extentOf(one).map((m) => m.toFixed(1)).join(" × ")} m. {seenText(one)}
           </li>
         ))}
       </ul>
       {areas.length > listed.length ? (
         <button onClick={() => (isWhole.value = true)}>All {count(areas.length)} changes</button>
       ) : null}
-      {areas_found > areas.length ? <p class="hint">{count(areas_found - areas.length)} smaller ones are not listed.</p> : null}
+      {areas_found > areas.length ? <p class="hint">{count(areas_found - areas.length)} more are not listed.</p> : null}
     </section>
   );
 }

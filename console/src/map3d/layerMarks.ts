@@ -38,12 +38,12 @@ export async function layerOf(
   return name === "templates" ? dotsMark(positions, token("mark-template"), 2) : pathMark(positions, token("mark-path"));
 }
 
-/** The cells of all areas that have changed. */
+/** The cells of all areas that have changed or were never mapped. */
 export function changeMarks(scene: MapScene, found: MapChanges): Object3D {
   const group = new Group();
   for (const area of found.areas) {
     const corners = (area.cell_list ?? []).map((cell) => scene.local(cell.map((n) => n * found.cell_m)));
-    group.add(cellsMark(corners, found.cell_m, token(area.kind === "gone" ? "mark-gone" : "mark-new")));
+    group.add(cellsMark(corners, found.cell_m, token(`mark-${area.kind}`)));
   }
   return group;
 }

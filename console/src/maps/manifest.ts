@@ -24,7 +24,7 @@ export interface Patch {
 }
 
 export interface PatchedArea {
-  kind: "gone" | "new";
+  kind: "gone" | "new" | "unmapped"; // by earlier releases, what was never mapped is new
   low_m: number[]; // lowest corner, in the map's frame
   high_m: number[];
   robots: number; // that saw it

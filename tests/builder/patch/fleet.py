@@ -34,11 +34,19 @@ WITH_BOTH = Hall(SIZE_M, Boxes.joined(FIXED, RACK, MOVED))
 
 
 class Fleet:
-    """Robots that drive through halls. Poses and noise are the same in every run."""
+    """Robots that drive through halls. Poses and noise are the same in every run.
 
-    def __init__(self, seed: int = 3) -> None:
+    Args:
+        halls: as the hall is at one time or another.
+        all_of_them: the hall with the things of all times, whose free places are free at every time.
+    """
+
+    def __init__(
+        self, seed: int = 3, halls: Sequence[Hall] = (MAPPED, CHANGED), all_of_them: Hall = WITH_BOTH
+    ) -> None:
         self._rng = np.random.default_rng(seed)
-        self._simulators = {id(hall): hall.simulator() for hall in (MAPPED, CHANGED, WITH_BOTH)}
+        self._simulators = {id(hall): hall.simulator() for hall in (*halls, all_of_them)}
+        self._all_of_them = all_of_them
 
     def drive(
         self,
@@ -70,7 +78,7 @@ class Fleet:
 
     def _free(self, count: int) -> list[NDArray[np.float64]]:
         """Poses that are free in every hall."""
-        every = free_poses(self._simulators[id(WITH_BOTH)], SIZE_M, count, self._rng)
+        every = free_poses(self._simulators[id(self._all_of_them)], SIZE_M, count, self._rng)
         return [np.asarray(one) for one in every]
 
     def glass(self, share: float) -> SeenAs:

@@ -13,9 +13,10 @@ import pytest
 from access_world import get, give
 from service_world import XYZ, Service, publish, running_service
 
-from changed_hall import Hall, pose, standing
+from changed_hall import Hall, driven, pose, standing
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
+from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.scan.scan import Scan
 from firstfix_cli.main import run
@@ -27,6 +28,7 @@ SIZE_M = (16.2, 10.2, 4.2)
 RACK = (9.2, 4.2, 0.0, 10.3, 6.3, 2.3)
 MAPPED, NOW = Hall(SIZE_M, standing(RACK)), Hall(SIZE_M, standing())
 SPOTS = [(4.1, 5.2), (5.3, 3.4), (6.2, 7.1), (13.1, 5.2), (12.4, 3.3), (7.6, 2.5), (12.2, 7.6), (3.2, 8.1)]
+SPOTS += [(13.4, 4.1), (12.7, 6.4), (11.9, 2.2)]  # more where only some tests ask
 
 
 class KnowsItsPlace(Localizer):
@@ -45,6 +47,11 @@ def body(spot: int) -> bytes:
 
 
 BODIES = [body(spot) for spot in range(len(SPOTS))]
+# As a mapping run along one side has it, which a screen hides the other side from: a rack stands there.
+SCREEN, HIDDEN = (8.0, 1.0, 0.0, 8.4, 9.2, 3.4), (10.3, 3.9, 0.0, 11.4, 6.2, 1.5)
+DRIVE_M = np.column_stack([np.linspace(1.5, 6.5, 11), np.full(11, 5.0), np.full(11, 1.0)])
+CAME = (3.1, 6.2, 0.0, 4.2, 7.3, 2.3)
+SCREENED = Hall(SIZE_M, standing(SCREEN, HIDDEN))
 
 
 def load(directory: Path) -> Localizer:
@@ -72,17 +79,24 @@ def ask(service: Service, spots: range) -> None:
         wait_until(lambda number=number: counted(service) == before + number)
 
 
-def counted(service: Service) -> int:
-    changes(service)  # takes the counts from the workers
+def counted(service: Service, map_id: str = "hall") -> int:
+    changes(service, map_id)  # takes the counts from the workers
     lines = service.http.get("/metrics").text.splitlines()
     mark = 'firstfix_sightings_total{result="counted"} '
     return int(float(next(line.removeprefix(mark) for line in lines if line.startswith(mark))))
 
 
-def changes(service: Service, **params: Any) -> dict[str, Any]:
-    reply = service.http.get("/maps/hall/changes", params=params)
+def changes(service: Service, map_id: str = "hall", **params: Any) -> dict[str, Any]:
+    reply = service.http.get(f"/maps/{map_id}/changes", params=params)
     assert reply.status_code == 200, reply.text
     return dict(reply.json())
+
+
+def is_in(box: tuple[float, ...], area: dict[str, Any]) -> bool:
+    """Returns whether most cells of an area lie in a box, 0.3 m around it."""
+    middle = (np.array(area["cell_list"]) + 0.5) * 0.5
+    inside = (middle > np.array(box[:3]) - 0.3) & (middle < np.array(box[3:]) + 0.3)
+    return bool(inside.all(axis=1).mean() > 0.5)
 
 
 def parts(service: Service) -> list[str]:
@@ -104,6 +118,7 @@ def test_two_replicas_find_together_what_none_finds_alone(replicas: Callable[...
         "version": version,
         "cell_m": 0.5,
         "sightings": 0,
+        "told_apart": 0,
         "seen_cells": 0,
         "first_time": None,
         "last_time": None,
@@ -225,6 +240,56 @@ def test_the_command_line_lists_and_draws_them(
     with pytest.raises(SystemExit):
         run(["maps", "changes", "hall", "--store", service.settings.store, "--json"])
     assert json.loads(capsys.readouterr().out)["areas"] == [], "not in the store yet"
+
+
+@pytest.fixture(scope="module")
+def driven_maps() -> dict[str, MapIndex]:
+    """What a mapping run saw of the hall with the screen, with and without its trajectory."""
+    return {
+        "driven": driven(SCREENED, DRIVE_M),
+        "unknown": driven(SCREENED, DRIVE_M, with_seen_free=False),
+    }
+
+
+@pytest.mark.parametrize(("map_id", "kinds"), [("driven", {"new", "unmapped"}), ("unknown", {"new"})])
+def test_what_was_never_mapped_is_told_from_what_is_new(
+    replicas: Callable[..., Service],
+    driven_maps: dict[str, MapIndex],
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    map_id: str,
+    kinds: set[str],
+):
+    """A rack has come on the side of the mapping run, and one stood on the other side all the time."""
+    service = replicas("one", load=lambda directory: KnowsItsPlace(driven_maps[map_id]))
+    publish(service.catalog, map_id, "1", service.scratch)
+    wait_until(lambda: service.http.get("/readyz").json().get("maps") == 1)
+    now = Hall(SIZE_M, standing(SCREEN, HIDDEN, CAME))
+    simulator = now.simulator()
+    before = counted(service, map_id)
+    for number, (x, y) in enumerate(SPOTS):
+        scan = now.scan(simulator, pose(x, y), np.random.default_rng(number))
+        points = scan.points[: len(scan) // 1000 * 1000 - 1000 + number]
+        assert (
+            service.ask("http", body=points.tobytes(), media_type=XYZ, map_id=map_id).json["verdict"]
+            == "localized"
+        )
+        wait_until(lambda number=number: counted(service, map_id) == before + number + 1)
+    found = changes(service, map_id, cells=True, grid=True)
+    assert {area["kind"] for area in found["areas"]} == kinds
+    assert found["told_apart"] == (len(SPOTS) if "unmapped" in kinds else 0)
+    assert found["sightings"] == len(SPOTS)
+    for box, kind in ((CAME, "new"), (HIDDEN, "unmapped" if "unmapped" in kinds else "new")):
+        here = [area["kind"] for area in found["areas"] if is_in(box, area)]
+        assert here, kind
+        assert set(here) == {kind}
+    assert any(found["grid"]["unmapped"]) == ("unmapped" in kinds)
+    picture = tmp_path / "changes.png"
+    with pytest.raises(SystemExit):
+        run(["maps", "changes", map_id, "--url", service.url, "--picture", str(picture)])
+    said = capsys.readouterr().out
+    assert ("unmapped" in said) == ("unmapped" in kinds)
+    assert ("not told apart" in said) == ("unmapped" not in kinds)
 
 
 def test_what_finds_no_place_is_dropped():

@@ -1,4 +1,4 @@
-"""Changes of a map version, as the service and the command line show them."""
+"""Changes of a map version and its unmapped parts, as the service and the command line show them."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ MAX_AREA_CELLS = 10_000  # that are listed; an area may have more
 def changes_of(
     record: SightingsRecord, *, limit: int = 100, with_cells: bool = False, with_grid: bool = False
 ) -> dict[str, Any]:
-    """Areas that have changed, ready for JSON.
+    """Areas that have changed or were never mapped, ready for JSON.
 
     Args:
-        limit: of the areas; the largest ones come first.
+        limit: of the areas, which come in the order of ``find_areas``.
         with_cells: list the cells of each area.
         with_grid: list the counts of all cells.
     """
@@ -32,6 +32,7 @@ def changes_of(
     found: dict[str, Any] = {
         "cell_m": CELL_M,
         "sightings": sum(day.tally.sightings for day in days),
+        "told_apart": sum(day.tally.told_apart for day in days),
         "seen_cells": len(np.unique(tally.cell)),
         "first_time": min((day.first_time for day in days), default=None),
         "last_time": max((day.last_time for day in days), default=None),
@@ -61,7 +62,7 @@ def _to_mapping(area: Area, with_cells: bool) -> dict[str, Any]:
 
 
 def _times(area: Area, record: SightingsRecord) -> dict[str, str]:
-    """Times of the first and the last part of the days on which the area was seen to have changed."""
+    """Times of the first and the last part of the days on which the area was seen so."""
     keys, column = keys_of(area.cells), COLUMNS[area.kind][0]
     seen = [
         day

@@ -13,13 +13,16 @@ import numpy as np
 
 from ...engine.changes.areas import newest_first
 from ...engine.changes.cells import CELL_M, SLOTS, SPOT_M
-from ...engine.changes.tally import Tally
+from ...engine.changes.tally import KINDS, UNMAPPED, Tally
 from ...store.json_record import record_json, text_of, texts_of, whole_number_of
 
 FORMAT = 1
 MAX_ROWS = 2_000_000  # of all days of a record together
 _DTYPES = ("<i8", "u1", "<u4")  # of cell, slot and counts
-_ROW_BYTES = 8 + 1 + 4 * 4
+# Counts that earlier releases have, too, and know by their place. What came later is packed by itself: they
+# do not read it, and of their records nobody knows what was never mapped.
+_FIRST = UNMAPPED
+_ROW_BYTES = 8 + 1 + 4 * _FIRST
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,8 @@ class SightingsRecord:
                 "sightings": day.tally.sightings,
                 "rows": len(day.tally),
                 "columns": _packed(day.tally),
+                "told_apart": day.tally.told_apart,
+                "unmapped": _text(day.tally.counts[:, UNMAPPED].astype("<u4").tobytes()),
             }
             for name, day in self.days.items()
         }
@@ -112,8 +117,7 @@ class SightingsRecord:
             for time in times:
                 if datetime.fromisoformat(time).tzinfo is None:
                     raise ValueError("a time has no zone")
-            tally = _unpacked(text_of(day, "columns"), day["rows"], whole_number_of(day, "sightings"))
-            days[name] = Day(tally, *times)
+            days[name] = Day(_tally_of(day), *times)
         return cls(days, tuple(texts_of(record, "parts")))
 
     @classmethod
@@ -127,30 +131,52 @@ _GRID = {"cell_m": CELL_M, "spot_m": SPOT_M, "slots": SLOTS}
 
 
 def _packed(tally: Tally) -> str:
-    """The columns of a tally as text. Differences of sorted keys are small: they pack well."""
-    columns = np.diff(tally.cell, prepend=0), tally.slot, tally.counts.T
-    data = b"".join(
-        np.ascontiguousarray(column, dtype).tobytes() for column, dtype in zip(columns, _DTYPES, strict=True)
+    """The first columns of a tally as text. Differences of sorted keys are small: they pack well."""
+    columns = np.diff(tally.cell, prepend=0), tally.slot, tally.counts[:, :_FIRST].T
+    return _text(
+        b"".join(
+            np.ascontiguousarray(column, dtype).tobytes()
+            for column, dtype in zip(columns, _DTYPES, strict=True)
+        )
     )
+
+
+def _tally_of(day: Mapping[str, Any]) -> Tally:
+    """The tally of a day in a record.
+
+    Raises:
+        ValueError, KeyError, TypeError: it is something else, or has another number of rows.
+    """
+    rows = day["rows"]
+    data = _bytes_of(text_of(day, "columns"), rows * _ROW_BYTES)
+    cell = np.cumsum(np.frombuffer(data, "<i8", rows))
+    slot = np.frombuffer(data, np.uint8, rows, 8 * rows)
+    counts = np.zeros((rows, len(KINDS)), np.uint32)
+    counts[:, :_FIRST] = np.frombuffer(data, "<u4", _FIRST * rows, 9 * rows).reshape(_FIRST, rows).T
+    told_apart = 0
+    if "unmapped" in day:
+        counts[:, UNMAPPED] = np.frombuffer(_bytes_of(text_of(day, "unmapped"), 4 * rows), "<u4", rows)
+        told_apart = whole_number_of(day, "told_apart")
+    tally = Tally(whole_number_of(day, "sightings"), cell, slot.copy(), counts, told_apart)
+    tally.check()
+    return tally
+
+
+def _text(data: bytes) -> str:
     return base64.b64encode(zlib.compress(data, 6)).decode("ascii")
 
 
-def _unpacked(text: str, rows: int, sightings: int) -> Tally:
-    """Parse what ``_packed`` made.
+def _bytes_of(text: str, count: int) -> bytes:
+    """Parse what ``_text`` made.
 
     Raises:
-        ValueError: it is something else, or has another number of rows.
+        ValueError: it is something else, or has not so many bytes.
     """
     unpacker = zlib.decompressobj()
     try:
-        data = unpacker.decompress(base64.b64decode(text, validate=True), rows * _ROW_BYTES + 1)
+        data = unpacker.decompress(base64.b64decode(text, validate=True), count + 1)
     except zlib.error as error:
         raise ValueError(f"its columns cannot be unpacked: {error}") from None
-    if len(data) != rows * _ROW_BYTES:
+    if len(data) != count:
         raise ValueError("its columns have another length than its rows")
-    cell = np.cumsum(np.frombuffer(data, "<i8", rows))
-    slot = np.frombuffer(data, np.uint8, rows, 8 * rows)
-    counts = np.frombuffer(data, "<u4", 4 * rows, 9 * rows).reshape(4, rows).T
-    tally = Tally(sightings, cell, slot.copy(), np.ascontiguousarray(counts, np.uint32))
-    tally.check()
-    return tally
+    return data

@@ -1,34 +1,32 @@
-"""Areas of a map that have changed: what enough independent sightings agree on."""
+"""Areas of a map that have changed or were never mapped: what enough independent sightings agree on."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..false_accept_bound import upper_bound
 from .cells import SLOTS, box_of, cells_of_keys
-from .tally import Tally
+from .tally import UNEXPLAINED, UNMAPPED, Tally
+from .unmapped import FEWEST_CELLS, groups_of, unmapped_of
 
 MIN_SHARE = 0.3  # of the spots that see a cell: more of them say that it has changed
 MIN_SPOTS = 4  # that have a vote about a cell
 CONFIDENCE = 0.95  # of the vote about a cell
 CONFIDENCE_BESIDE = 0.8  # of that about one beside a cell that has changed
-FEWEST_CELLS = 3  # of an area, with full confidence: one cell may be an error of all poses on one side
 ENOUGH_SPOTS = 16  # of the newest sightings of a cell: then the older ones do not matter
-# For each kind of change, the columns of a tally's counts that speak for it and against it.
-KINDS = {"gone": (1, 0), "new": (2, 3)}
+# For each kind of area, the columns of a tally's counts that speak for it and against it.
+KINDS = {"gone": (1, 0), "new": (2, 3), "unmapped": (2, 3)}
 
 
 @dataclass(frozen=True)
 class CellVotes:
-    """Votes about one kind of change, by cell. Each spot has one vote, which its sightings share.
+    """Votes about one kind of area, by cell. Each spot has one vote, which its sightings share.
 
     Attributes:
         cell: (n,) keys, ascending.
@@ -79,10 +77,11 @@ class CellVotes:
 
 @dataclass(frozen=True)
 class Area:
-    """A connected group of cells that have changed in the same way.
+    """A connected group of cells of one kind.
 
     Attributes:
-        kind: ``gone``: mapped surfaces have left; ``new``: there is something that the map has not.
+        kind: ``gone``: mapped surfaces have left; ``new``: there is something that the map has not;
+            ``unmapped``: so there is, and the mapping run never saw the place.
         cells: (n, 3) numbers of the cells: cell (i, j, k) begins at (i, j, k) times CELL_M, in the map's
             frame.
         share: (n,) 0..1, of the spots that see a cell and say so.
@@ -118,31 +117,55 @@ def newest_first(tallies: Sequence[Tally]) -> Tally:
 
 
 def find_areas(tally: Tally, min_share: float = MIN_SHARE) -> list[Area]:
-    """Areas that have changed, the largest first."""
-    found = []
-    for kind in KINDS:
+    """Areas of all kinds: those that have changed, then those that were never mapped, the largest first.
+
+    Together, ``new`` and ``unmapped`` areas are what the map does not explain. Where no sighting knows what
+    the mapping run saw, all of it is ``new``.
+    """
+    found: list[Area] = []
+    for kind in ("gone", "new"):
         votes = CellVotes.of(tally, kind)
         changed = votes.changed(min_share)
         if not changed.any():
             continue
         rows = np.flatnonzero(changed | votes.changed_beside(changed, min_share))
-        cells = cells_of_keys(votes.cell[rows])
-        group = groups_of(cells)
+        group = groups_of(cells_of_keys(votes.cell[rows]))
         for number in range(int(group.max()) + 1):
-            inside = group == number
-            part = rows[inside]
+            part = rows[group == number]
             if changed[part].sum() >= FEWEST_CELLS:
-                one = Area(kind, cells[inside], votes.share[part], votes.spots[part], votes.sightings[part])
-                found.append(one)
-    return sorted(found, key=lambda area: (-len(area.cells), area.kind, area.cells[0].tolist()))
+                found += _areas_of_group(kind, votes, part, tally)
+    return sorted(
+        found, key=lambda area: (area.kind == "unmapped", -len(area.cells), area.kind, area.cells[0].tolist())
+    )
 
 
-def groups_of(cells: NDArray[np.int64]) -> NDArray[np.int32]:
-    """(n,) number of the group of each of (n, 3) cells. Cells that touch, even at a corner, are together."""
-    pairs = cKDTree(cells).query_pairs(1, p=np.inf, output_type="ndarray")
-    links = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (len(cells), len(cells)))
-    group: NDArray[np.int32] = connected_components(links, directed=False)[1]
-    return group
+def _areas_of_group(kind: str, votes: CellVotes, rows: NDArray[np.intp], tally: Tally) -> Iterator[Area]:
+    """The areas of a connected group of cells: one of things that left, else of each kind the parts."""
+    cells = cells_of_keys(votes.cell[rows])
+    unmapped = np.zeros(len(rows), np.bool_)
+    if kind == "new":
+        unmapped = unmapped_of(cells, _unmapped_share(tally, votes.cell[rows]))
+    for name, inside in ((kind, ~unmapped), ("unmapped", unmapped)):
+        part = np.flatnonzero(inside)
+        if not len(part):
+            continue
+        group = groups_of(cells[part])
+        for number in range(int(group.max()) + 1):
+            one = part[group == number]
+            row = rows[one]
+            yield Area(name, cells[one], votes.share[row], votes.spots[row], votes.sightings[row])
+
+
+def _unmapped_share(tally: Tally, keys: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(n,) share of the spots that did not explain a cell and say that it was never seen.
+
+    Args:
+        keys: (n,) of unexplained cells, ascending.
+    """
+    rows = np.flatnonzero(np.isin(tally.cell, keys) & (tally.counts[:, UNEXPLAINED] > 0))
+    place = np.searchsorted(keys, tally.cell[rows])
+    votes = tally.counts[rows, UNMAPPED] / tally.counts[rows, UNEXPLAINED]
+    return np.bincount(place, votes, len(keys)) / np.bincount(place, minlength=len(keys))
 
 
 @cache

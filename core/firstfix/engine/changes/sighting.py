@@ -6,7 +6,7 @@ them ends there. A return is not explained if nothing is mapped near it, though 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +16,18 @@ from ...scan.compact import CompactScan
 from ...scan.reduction import RangeView, TimedPoints, directions
 from ...scan.scan import Scan
 from ...scan.sequence import ScanSequence
-from ...transform import Matrix, inverse
+from ...transform import Matrix, inverse, transform_points
 from ..index import MapIndex
 from ..preprocess import deskewed
 from .block import REACH_M, SIZE, Block
-from .cells import CELL_M, Spot, spot_of
+from .cells import CELL_M, Spot, cells_of, keys_of, spot_of
 
 TOLERANCE_M, TOLERANCE = 0.2, 0.02  # along a ray, for the errors of map, pose and range
 FINE_COLUMNS, COARSE_COLUMNS = 360, 180  # directions around the sensor; near it the coarse ones are compared
 FEWEST = 2  # points or returns of a cell that must agree: one alone may be a stray
 GONE_SHARE = 0.3  # of the mapped points of a cell that show: its floor stays where a rack has left
 NEW_SHARE = 0.03  # of the rays at a cell: most of them pass through a shelf, or beside it
+FREE_SHARE = 0.2  # of the new returns of a cell: the rays of a mapping run leave gaps in what it saw
 FINE_POINTS_M = 9.0  # up to which the fine points are compared, as in the free-space check
 _EXPLAINED_M = 0.2  # and up to twice the cell of the surface's grid more
 _RETURNS = 20_000
@@ -42,6 +43,8 @@ class Sighting:
         contradicted: (b,) cells of which it saw through a part of the mapped surface.
         unexplained: (c,) cells with returns that the map does not explain.
         free: (d,) cells that it saw through, without such returns.
+        unmapped: (e,) of the unexplained cells, those that the mapping run never saw.
+        is_told_apart: whether the map knows which space was seen; if not, no cell is unmapped.
     """
 
     spot: Spot
@@ -49,6 +52,8 @@ class Sighting:
     contradicted: NDArray[np.int64]
     unexplained: NDArray[np.int64]
     free: NDArray[np.int64]
+    unmapped: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    is_told_apart: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,9 @@ class Comparison:
         gone, met: (m,) those that it saw through, and those whose surface it met.
         returns: (n, 3) float32 returns of the scan, metres.
         new: (n,) those that the map does not explain.
+        unmapped: (k, 3) of the new returns, those where the mapping run never saw. The others are in space
+            that it saw free: near a surface of the map no return is new.
+        is_told_apart: whether the map knows which space was seen; if not, no return is unmapped.
     """
 
     mapped: NDArray[np.float32]
@@ -67,6 +75,8 @@ class Comparison:
     met: NDArray[np.bool_]
     returns: NDArray[np.float32]
     new: NDArray[np.bool_]
+    unmapped: NDArray[np.float32]
+    is_told_apart: bool
 
     @classmethod
     def of(
@@ -101,7 +111,11 @@ class Comparison:
             _BELOW_M,
             REACH_M,
         )
-        return cls(mapped, gone, met, returns, new)
+        unmapped, seen_free = returns[:0], index.seen_free
+        if seen_free is not None:
+            found = returns[np.flatnonzero(new)]
+            unmapped = found[~seen_free.holds(found, T_level_sensor)]
+        return cls(mapped, gone, met, returns, new, unmapped, seen_free is not None)
 
 
 def sighting_of(
@@ -118,35 +132,18 @@ def sighting_of(
 
 def sighting_in(compared: Comparison, T_map_sensor: Matrix) -> Sighting:
     """The sighting of a scan that was compared with the map at this pose."""
-    return _by_cells(
-        Block.around(T_map_sensor),
-        compared.mapped,
-        compared.gone,
-        compared.met,
-        compared.returns,
-        compared.new,
-    )
-
-
-def _by_cells(
-    block: Block,
-    mapped: NDArray[np.float32],
-    gone: NDArray[np.bool_],
-    met: NDArray[np.bool_],
-    returns: NDArray[np.float32],
-    new: NDArray[np.bool_],
-) -> Sighting:
+    block, returns = Block.around(T_map_sensor), compared.returns
     view = RangeView.of(returns)
     until_m = np.minimum(view.least / (1 + TOLERANCE) - TOLERANCE_M, REACH_M - 1)[view.returned]
     cells, counts = native.cell_counts(
         block.turn,
         block.start,
         SIZE,
-        mapped,
-        gone,
-        met,
+        compared.mapped,
+        compared.gone,
+        compared.met,
         returns,
-        new,
+        compared.new,
         directions()[view.returned],
         until_m.astype(np.float32),
         CELL_M,
@@ -154,13 +151,27 @@ def _by_cells(
     through, confirmed, ends, passing = counts.T
     is_gone = (through >= FEWEST) & (through >= GONE_SHARE * (through + confirmed))
     keys = block.keys(cells)
+    is_unexplained = (ends >= FEWEST) & (ends >= NEW_SHARE * (ends + passing))
+    unexplained = keys[is_unexplained]
+    unseen = _at(unexplained, transform_points(T_map_sensor, compared.unmapped))
     return Sighting(
-        spot_of(block.T_map_sensor[:3, 3]),
+        spot_of(T_map_sensor[:3, 3]),
         keys[(confirmed >= FEWEST) & ~is_gone],
         keys[is_gone],
-        keys[(ends >= FEWEST) & (ends >= NEW_SHARE * (ends + passing))],
+        unexplained,
         keys[(passing >= FEWEST) & (ends == 0)],
+        unexplained[unseen > (1 - FREE_SHARE) * ends[is_unexplained]],
+        compared.is_told_apart,
     )
+
+
+def _at(cells: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) number of the (m, 3) points in each of (n,) cells, keys in ascending order."""
+    if not len(cells):
+        return np.empty(0, np.int64)
+    keys = keys_of(cells_of(points))
+    row = np.minimum(np.searchsorted(cells, keys), len(cells) - 1)
+    return np.bincount(row[cells[row] == keys], minlength=len(cells))
 
 
 def _at_stamp(scan: Scan | CompactScan, twist: NDArray[np.float64]) -> Scan | CompactScan:

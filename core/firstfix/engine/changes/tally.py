@@ -1,9 +1,9 @@
-"""Tally: how often the cells of a map were confirmed, contradicted, not explained, or seen to be free."""
+"""Tally: how often the cells of a map were confirmed, contradicted, not explained, free, or never mapped."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from .cells import SLOTS, slot_of
 from .sighting import Sighting
 
-KINDS = ("confirmed", "contradicted", "unexplained", "free")
+KINDS = ("confirmed", "contradicted", "unexplained", "free", "unmapped")  # the last of the unexplained ones
+UNEXPLAINED, UNMAPPED = KINDS.index("unexplained"), KINDS.index("unmapped")
 _MOST = np.iinfo(np.uint32).max
 
 
@@ -25,13 +26,16 @@ class Tally:
         sightings: number of the sightings.
         cell: (n,) int64 keys of cells, ascending, and for each cell the slots ascending.
         slot: (n,) uint8.
-        counts: (n, 4) uint32 sightings of each of KINDS; no row is all zero.
+        counts: (n, 5) uint32 sightings of each of KINDS; no row is all zero.
+        told_apart: number of the sightings whose map knew what its mapping run saw: only these tell what was
+            never mapped from what is new.
     """
 
     sightings: int = 0
     cell: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     slot: NDArray[np.uint8] = field(default_factory=lambda: np.empty(0, np.uint8))
     counts: NDArray[np.uint32] = field(default_factory=lambda: np.empty((0, len(KINDS)), np.uint32))
+    told_apart: int = 0
 
     def __len__(self) -> int:
         return len(self.cell)
@@ -43,7 +47,8 @@ class Tally:
         cell = np.concatenate(parts)
         kind = np.repeat(np.arange(len(KINDS)), [len(part) for part in parts])
         counts = (kind[:, None] == np.arange(len(KINDS))).astype(np.uint32)
-        return cls(1, *_summed(cell, np.full(len(cell), slot_of(sighting.spot), np.uint8), counts))
+        rows = _summed(cell, np.full(len(cell), slot_of(sighting.spot), np.uint8), counts)
+        return cls(1, *rows, told_apart=int(sighting.is_told_apart))
 
     @classmethod
     def sum(cls, parts: Iterable[Tally]) -> Tally:
@@ -52,11 +57,12 @@ class Tally:
         if len(all_parts) < 2:
             return all_parts[0] if all_parts else cls()
         rows = (np.concatenate([getattr(part, name) for part in all_parts]) for name in _ARRAYS)
-        return cls(sum(part.sightings for part in all_parts), *_summed(*rows))
+        told_apart = sum(part.told_apart for part in all_parts)
+        return cls(sum(part.sightings for part in all_parts), *_summed(*rows), told_apart=told_apart)
 
     def at(self, rows: NDArray[np.bool_]) -> Tally:
         """The chosen rows, with the number of all sightings."""
-        return Tally(self.sightings, self.cell[rows], self.slot[rows], self.counts[rows])
+        return replace(self, cell=self.cell[rows], slot=self.slot[rows], counts=self.counts[rows])
 
     def check(self) -> None:
         """Check the form of a tally that was read.
@@ -67,8 +73,12 @@ class Tally:
         n = len(self.cell)
         if self.slot.shape != (n,) or self.counts.shape != (n, len(KINDS)) or self.sightings < 0:
             raise ValueError("the columns of a tally differ in length")
+        if not 0 <= self.told_apart <= self.sightings:
+            raise ValueError("a tally tells more sightings apart than it has")
         if n and (int(self.slot.max()) >= SLOTS or not self.counts.any(axis=1).all()):
             raise ValueError("a row of a tally has a slot that does not exist, or no counts")
+        if (self.counts[:, UNMAPPED] > self.counts[:, UNEXPLAINED]).any():
+            raise ValueError("more sightings call a cell unmapped than did not explain it")
         if n and int(self.cell.min()) < 0:
             raise ValueError("a key of a tally is negative")
         order = self.cell[1:] > self.cell[:-1]

@@ -76,6 +76,10 @@ class SeenFree:
         """(k,) shares, 0..1, of a scan's (n, 3) points that lie in seen-free cells, at (k, 4, 4) poses."""
         return self.tables.shares(points, T_level_sensor)
 
+    def holds(self, points: NDArray[np.float32], T_level_sensor: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) which of a scan's (n, 3) points lie in seen-free cells, at a (4, 4) pose."""
+        return self.tables.holds(points, T_level_sensor)
+
     def save(self, directory: Path) -> None:
         """Writes a version's file."""
         save_arrays(

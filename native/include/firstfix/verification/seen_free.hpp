@@ -1,4 +1,4 @@
-// The share of a placed scan's points that lie where the mapping run saw nothing (docs/method.md section 7).
+// Which of a placed scan's points lie where the mapping run saw nothing, and their share (docs/method.md section 7).
 #pragma once
 
 #include <algorithm>
@@ -34,24 +34,38 @@ struct SeenFree {
       const std::size_t some = std::min(kAtOnce, count - first);
       std::size_t within_grid = 0;
       for (std::size_t i = 0; i < some; ++i) {
-        const float* p = points + 3 * (first + i);
-        bool is_within = true;
-        for (int axis = 0; axis < 3; ++axis) {
-          const float* R = pose.R + 3 * axis;
-          const float scaled = (R[0] * p[0] + R[1] * p[1] + R[2] * p[2] + pose.t[axis]) * per_m;
-          const bool on_axis = scaled >= 0 && scaled < static_cast<float>(shape[axis] << 6);
-          is_within &= on_axis;
-          cell[axis][within_grid] = on_axis ? static_cast<std::int32_t>(scaled) : 0;
-        }
-        within_grid += is_within;  // else the next point takes its place
+        within_grid += set_cell(points + 3 * (first + i), pose, per_m, cell, within_grid);  // else the next one takes its place
       }
       inside += free_cells(cell, within_grid, row);
     }
     return count == 0 ? 0 : static_cast<double>(inside) / static_cast<double>(count);
   }
 
+  // Sets for each of (count, 3) points whether it lies in such a cell.
+  void holds(const float* points, std::size_t count, const PoseMatrix& T_level_sensor, std::uint8_t* is_free) const {
+    const FloatPose pose(T_level_sensor, corner_m);
+    const float per_m = 1 / cell_m;
+    std::int32_t cell[3][kAtOnce], row[kAtOnce];
+    for (std::size_t i = 0; i < count; ++i) {
+      is_free[i] = set_cell(points + 3 * i, pose, per_m, cell, 0) && free_cells(cell, 1, row) == 1;
+    }
+  }
+
  private:
   static constexpr std::size_t kAtOnce = 256;
+
+  // Sets the cell of a point at a place of the arrays. Returns whether it lies within the grid.
+  bool set_cell(const float* p, const FloatPose& pose, float per_m, std::int32_t (&cell)[3][kAtOnce], std::size_t place) const {
+    bool is_within = true;
+    for (int axis = 0; axis < 3; ++axis) {
+      const float* R = pose.R + 3 * axis;
+      const float scaled = (R[0] * p[0] + R[1] * p[1] + R[2] * p[2] + pose.t[axis]) * per_m;
+      const bool on_axis = scaled >= 0 && scaled < static_cast<float>(shape[axis] << 6);
+      is_within &= on_axis;
+      cell[axis][place] = on_axis ? static_cast<std::int32_t>(scaled) : 0;
+    }
+    return is_within;
+  }
 
   // Number of the free ones among cells within the grid. Each table is read for all before the next one: the reads do not
   // wait for each other.

@@ -31,10 +31,12 @@ class Box(BaseModel):
 
 
 class ChangedArea(BaseModel):
-    """A connected group of cells that have changed in the same way."""
+    """A connected group of cells of one kind."""
 
-    kind: Literal["gone", "new"] = Field(
-        description="gone: mapped surfaces have left; new: there is something that the map has not"
+    kind: Literal["gone", "new", "unmapped"] = Field(
+        description="gone: mapped surfaces have left; new: there is something that the map has not, and the "
+        "mapping run saw the place free; unmapped: there is something, and it never saw the place. "
+        "Where nobody knows what it saw (see `told_apart`), all that the map has not is new"
     )
     box: Box
     cells: int = Field(description="number of cells")
@@ -58,20 +60,27 @@ class ChangesGrid(BaseModel):
     contradicted: list[int] = Field(description="queries that saw through a part of this surface")
     unexplained: list[int] = Field(description="queries with returns that the map does not explain")
     free: list[int] = Field(description="queries that saw through the cell, once something was not explained")
+    unmapped: list[int] = Field(
+        description="of the queries with such returns, those that saw them where the mapping run never saw"
+    )
 
 
 class MapChanges(BaseModel):
-    """Changes since a version of a map was made, as the queries show them."""
+    """Changes since a version of a map was made, and parts that it lacks, as the queries show them."""
 
     map_id: str
     version: str
     cell_m: float = Field(description="edge of a cell, metres")
     sightings: int = Field(description="number of queries that were counted")
+    told_apart: int = Field(
+        description="of these, those that tell unmapped areas from new ones; 0: nobody knows where the "
+        "mapping run saw, because the version has no trajectory, or an earlier release has counted"
+    )
     seen_cells: int = Field(description="number of cells about which they tell something")
     first_time: str | None = Field(description="UTC, ISO 8601, of the first count; null: there is none")
     last_time: str | None = Field(description="UTC, ISO 8601, of the last count; null: there is none")
     areas_found: int = Field(description="number of areas, also those beyond `limit`")
-    areas: list[ChangedArea] = Field(description="the largest first")
+    areas: list[ChangedArea] = Field(description="the largest first, the unmapped ones after the others")
     grid: ChangesGrid | None = None
 
 
@@ -92,7 +101,8 @@ def get_changes(
     """Areas that have changed since the map was made, as the localized queries of all replicas show it.
 
     `gone`: queries see through surfaces of the map. `new`: queries see something where the map has nothing,
-    in front of its surfaces. The largest areas come first.
+    in front of its surfaces. `unmapped`: so they do, but the mapping run never saw the place: the map lacks a
+    part, and nobody knows of a change. The largest areas come first, the unmapped ones after the others.
     """
     wanted = version or parts.catalog.active_version(map_id)
     if wanted is None:
