@@ -188,6 +188,24 @@ inline void store8(const Int8& lanes, std::int32_t* to) { std::memcpy(to, &lanes
 
 inline Float8 all8(float value) { return Float8{} + value; }
 
+inline Float8 root_of(const Float8& of) {
+  float roots[kLanes];
+  store8(of, roots);
+  for (float& root : roots) root = std::sqrt(root);
+  return load8(roots);
+}
+
+// Eight vectors, x y z x y z, coordinate by coordinate. No two of a coordinate's numbers stand in the same lane of the three
+// registers: so each is put together first, and its lanes are sorted then.
+inline void split8(const float* vectors, Float8& x, Float8& y, Float8& z) {
+  const Float8 a = load8(vectors), b = load8(vectors + kLanes), c = load8(vectors + 2 * kLanes);
+  const Int8 first{-1, 0, 0, -1, 0, 0, -1, 0}, second{0, -1, 0, 0, -1, 0, 0, -1}, third{0, 0, -1, 0, 0, -1, 0, 0};
+  const Float8 of_x = first ? a : second ? b : c, of_y = second ? a : third ? b : c, of_z = third ? a : first ? b : c;
+  x = Float8{of_x[0], of_x[3], of_x[6], of_x[1], of_x[4], of_x[7], of_x[2], of_x[5]};
+  y = Float8{of_y[1], of_y[4], of_y[7], of_y[2], of_y[5], of_y[0], of_y[3], of_y[6]};
+  z = Float8{of_z[2], of_z[5], of_z[0], of_z[3], of_z[6], of_z[1], of_z[4], of_z[7]};
+}
+
 // Whether any lane of a comparison holds.
 inline bool any(const Int8& mask) { return detail::joined(mask) != 0; }
 

@@ -33,8 +33,8 @@ class PairFinder {
     for (std::vector<float>* values : {&nx_, &ny_, &nz_}) values->assign(size, 0.0F);
     for (std::vector<float>* values : {&behind_nx_, &behind_ny_, &behind_nz_}) values->assign(size, 0.0F);
     for (std::vector<float>* values : {&off_, &behind_off_}) values->assign(size, kNoSurfaceM);
-    for (std::vector<std::int32_t>* values : {&oriented_, &turned_}) values->assign(size, 0);
-    row_.assign(size, -1);
+    oriented_.assign(size, 0);
+    for (std::vector<std::int32_t>* rows : {&row_, &behind_row_}) rows->assign(size, -1);
   }
 
   // Calls use(pairs) for eight points after the other, placed by T_level_sensor.
@@ -57,9 +57,10 @@ class PairFinder {
   const ScanSurface& scan_;
   std::vector<std::int32_t> cell_x_, cell_y_, cell_z_;
   std::vector<float> nx_, ny_, nz_, off_;  // the plane of each point
-  std::vector<std::int32_t> oriented_, row_;
-  std::vector<float> behind_nx_, behind_ny_, behind_nz_, behind_off_;  // the plane of its other face, if it was asked for
-  std::vector<std::int32_t> turned_;                                   // whether it was
+  std::vector<std::int32_t> row_;          // and its row in the grid
+  // Of the row for which the other face was last asked: whether its normal is oriented, and the plane of the other face.
+  std::vector<std::int32_t> behind_row_, oriented_;
+  std::vector<float> behind_nx_, behind_ny_, behind_nz_, behind_off_;
 
   struct Vector8 {
     Float8 along[3];
@@ -69,7 +70,7 @@ class PairFinder {
   struct Placed8 {
     Vector8 arm, seen;  // from the sensor to the point, and the scan's normal
     Float8 cosine;      // between the normal and that of the point's plane
-    Int8 away;          // whether they surely face different ways
+    Int8 away;          // whether they face different ways, if the normal of the plane is oriented
   };
 
   struct Placed {
@@ -124,33 +125,23 @@ class PairFinder {
 
   // All planes are asked for before the first is read: many of them come from far memory at once.
   void take_planes(const std::int32_t* points, const std::int32_t* row, std::size_t count) {
-    Plane planes[kBlock];
-    std::uint8_t oriented[kBlock];
-    for (std::size_t k = 0; k < count; ++k) {
-      const std::int32_t some = std::max(row[k], 0);
-      __builtin_prefetch(&grid_.planes[some]);
-      __builtin_prefetch(&grid_.oriented[some]);
-    }
-    for (std::size_t k = 0; k < count; ++k) {
-      const std::int32_t some = std::max(row[k], 0);
-      planes[k] = grid_.planes[some];
-      oriented[k] = grid_.oriented[some];
-    }
+    for (std::size_t k = 0; k < count; ++k) __builtin_prefetch(&plane_at(row[k]));
     for (std::size_t k = 0; k < count; ++k) {
       const std::int32_t i = points[k];
-      const Plane plane = usable(planes[k], row[k]);
+      const Plane plane = usable(plane_at(row[k]));
       nx_[i] = plane.nx, ny_[i] = plane.ny, nz_[i] = plane.nz, off_[i] = plane.off_m;
-      oriented_[i] = oriented[k] != 0 ? -1 : 0;
       row_[i] = row[k];
-      turned_[i] = 0;
     }
   }
 
-  // The plane of a row, or one that is far from everything.
-  static Plane usable(const Plane& plane, std::int32_t row) {
-    const bool is_plane = (row >= 0) & (std::fabs(plane.off_m) <= kNoSurfaceM) &  // false for what is not a number
+  static constexpr Plane kNoPlane{0, 0, 0, kNoSurfaceM};  // far from everything
+
+  const Plane& plane_at(std::int32_t row) const { return row < 0 ? kNoPlane : grid_.planes[row]; }
+
+  static Plane usable(const Plane& plane) {
+    const bool is_plane = (std::fabs(plane.off_m) <= kNoSurfaceM) &  // false for what is not a number
                           (std::fabs(plane.nx) + std::fabs(plane.ny) + std::fabs(plane.nz) < 4.0F);
-    return is_plane ? plane : Plane{0, 0, 0, kNoSurfaceM};
+    return is_plane ? plane : kNoPlane;
   }
 
   // Reads the other faces for the points that face away from their own. A point keeps it as long as its plane.
@@ -161,8 +152,8 @@ class PairFinder {
       Placed8& here = placed.at[(i - first) / kLanes];
       const float* const normals[3] = {&nx_[i], &ny_[i], &nz_[i]};
       here.cosine = dot(here.seen, load(normals));
-      here.away = faces_away(here.cosine, i);
-      const Int8 asking = here.away & ~load8(&turned_[i]);
+      here.away = (here.cosine < kOtherFace) & load8(&scan_.oriented[i]);
+      const Int8 asking = here.away & (load8(&row_[i]) != load8(&behind_row_[i]));
       if (!any(asking)) continue;
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
         points[count] = static_cast<std::int32_t>(i + lane);
@@ -170,22 +161,13 @@ class PairFinder {
       }
     }
     for (std::size_t k = 0; k < count; ++k) behind[k] = grid_.other_face[row_[points[k]]];
-    Plane planes[kBlock];
     for (std::size_t k = 0; k < count; ++k) {
-      behind[k] = static_cast<std::uint32_t>(behind[k]) < grid_.rows ? behind[k] : -1;
-      planes[k] = grid_.planes[std::max(behind[k], 0)];
-    }
-    for (std::size_t k = 0; k < count; ++k) {
-      const std::int32_t i = points[k];
-      const Plane plane = usable(planes[k], behind[k]);
+      const std::int32_t i = points[k], other = static_cast<std::uint32_t>(behind[k]) < grid_.rows ? behind[k] : -1;
+      const Plane plane = usable(plane_at(other));
       behind_nx_[i] = plane.nx, behind_ny_[i] = plane.ny, behind_nz_[i] = plane.nz, behind_off_[i] = plane.off_m;
-      turned_[i] = -1;
+      behind_row_[i] = row_[i];
+      oriented_[i] = grid_.oriented[row_[i]] != 0 ? -1 : 0;
     }
-  }
-
-  // Whether the normals of eight points surely face another way than those of their planes, by the cosines between them.
-  Int8 faces_away(const Float8& cosine, std::size_t i) const {
-    return (cosine < kOtherFace) & load8(&oriented_[i]) & load8(&scan_.oriented[i]);
   }
 
   Pairs8 pairs(const float* t, std::size_t i, const Placed8& here) const {
@@ -193,15 +175,15 @@ class PairFinder {
     const float* const near[3] = {&nx_[i], &ny_[i], &nz_[i]};
     Vector8 normal = load(near);
     Float8 plane_m = load8(&off_[i]), cosine = here.cosine;
-    Int8 nowhere = here.away;
+    Int8 nowhere{};
     if (any(here.away)) {
       const float* const behind[3] = {&behind_nx_[i], &behind_ny_[i], &behind_nz_[i]};
       const Float8 behind_m = load8(&behind_off_[i]);
-      const Int8 turned = here.away & (behind_m < kNoSurfaceM);
+      const Int8 oriented = here.away & load8(&oriented_[i]), turned = oriented & (behind_m < kNoSurfaceM);
       for (int axis = 0; axis < 3; ++axis) normal.along[axis] = turned ? load8(behind[axis]) : normal.along[axis];
       plane_m = turned ? behind_m : plane_m;
       cosine = dot(here.seen, normal);
-      nowhere = faces_away(cosine, i);
+      nowhere = oriented & (cosine < kOtherFace);
     }
     const Vector8 at{{arm.along[0] + t[0], arm.along[1] + t[1], arm.along[2] + t[2]}};
     const Float8 off_m = plane_m - dot(at, normal);

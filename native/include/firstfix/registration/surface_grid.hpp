@@ -39,25 +39,33 @@ struct SurfaceGrid {
   // read for all cells before the next one, whose entries are asked for at once: they come from far memory all together.
   void nearest(const std::int32_t* x, const std::int32_t* y, const std::int32_t* z, std::size_t count,
                std::int32_t* row) const {
-    const int group_bits = side_bits + block_bits;
-    const auto in_group = [&](std::size_t i) {
-      return block + (kept(row[i], groups) << 3 * side_bits) +
-             within(x[i] >> block_bits, y[i] >> block_bits, z[i] >> block_bits, side_bits);
-    };
-    const auto in_block = [&](std::size_t i) {
-      return point + (kept(row[i], blocks) << 3 * block_bits) + within(x[i], y[i], z[i], block_bits);
-    };
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::int64_t column = static_cast<std::int64_t>(x[i] >> group_bits) * shape[1] + (y[i] >> group_bits);
-      row[i] = group[column * shape[2] + (z[i] >> group_bits)];
-      __builtin_prefetch(in_group(i));
+    constexpr std::size_t kAtOnce = 256;
+    const SurfaceGrid grid = *this;  // else the compiler reads it anew after each write of a row, which might be part of it
+    const int group_bits = grid.side_bits + grid.block_bits;
+    std::int32_t in_group[kAtOnce], in_block[kAtOnce];
+    std::size_t at[kAtOnce];
+    for (std::size_t first = 0; first < count; first += kAtOnce, x += kAtOnce, y += kAtOnce, z += kAtOnce, row += kAtOnce) {
+      const std::size_t some = std::min(kAtOnce, count - first);
+      for (std::size_t i = 0; i < some; ++i) {
+        const std::int32_t bits = grid.block_bits;
+        in_group[i] = within(x[i] >> bits, y[i] >> bits, z[i] >> bits, grid.side_bits);
+        in_block[i] = within(x[i], y[i], z[i], bits);
+      }
+      for (std::size_t i = 0; i < some; ++i) {
+        const std::int64_t column = static_cast<std::int64_t>(x[i] >> group_bits) * grid.shape[1] + (y[i] >> group_bits);
+        const std::int32_t found = grid.group[column * grid.shape[2] + (z[i] >> group_bits)];
+        at[i] = (kept(found, grid.groups) << 3 * grid.side_bits) + static_cast<std::size_t>(in_group[i]);
+        __builtin_prefetch(grid.block + at[i]);
+      }
+      for (std::size_t i = 0; i < some; ++i) {
+        at[i] = (kept(grid.block[at[i]], grid.blocks) << 3 * grid.block_bits) + static_cast<std::size_t>(in_block[i]);
+        __builtin_prefetch(grid.point + at[i]);
+      }
+      for (std::size_t i = 0; i < some; ++i) {
+        const std::int32_t found = grid.point[at[i]];
+        row[i] = static_cast<std::uint32_t>(found) < grid.rows ? found : -1;
+      }
     }
-    for (std::size_t i = 0; i < count; ++i) {
-      row[i] = *in_group(i);
-      __builtin_prefetch(in_block(i));
-    }
-    for (std::size_t i = 0; i < count; ++i) row[i] = *in_block(i);
-    for (std::size_t i = 0; i < count; ++i) row[i] = static_cast<std::uint32_t>(row[i]) < rows ? row[i] : -1;
   }
 
  private:
@@ -67,9 +75,9 @@ struct SurfaceGrid {
   }
 
   // The number of a cell in its cube of 2^bits cells a side.
-  static std::size_t within(std::int32_t x, std::int32_t y, std::int32_t z, int bits) {
+  static std::int32_t within(std::int32_t x, std::int32_t y, std::int32_t z, int bits) {
     const std::int32_t mask = (1 << bits) - 1;
-    return static_cast<std::size_t>((((x & mask) << bits | (y & mask)) << bits) | (z & mask));
+    return ((x & mask) << bits | (y & mask)) << bits | (z & mask);
   }
 };
 

@@ -15,32 +15,48 @@ namespace firstfix {
 
 constexpr std::size_t kViewColumns = 180, kViewRows = 90, kDirections = kViewColumns * kViewRows;
 
+namespace detail {
+
+constexpr std::size_t kDrawnAtOnce = 256;  // points
+
+// Lowers the (kDirections) ranges to those of at most kDrawnAtOnce points, coordinate by coordinate.
+//
+// across: of each point, the root of x x + y y.
+inline void draw_points(const float* x, const float* y, const float* z, const float* across, std::size_t count,
+                        float* nearest_m) {
+  constexpr float kNearestM = 0.3F, kCellsATurn = 180.0F, kColumns = kViewColumns, kLastRow = kViewRows - 1;
+  std::int32_t cell[kDrawnAtOnce];
+  float range_m[kDrawnAtOnce];
+  for (std::size_t i = 0; i < count; ++i) {
+    const float distance = std::sqrt(x[i] * x[i] + y[i] * y[i] + z[i] * z[i]);
+    const float column = (atan2_turns(y[i], x[i]) + 0.5F) * kCellsATurn;
+    const float row = (atan2_turns(z[i], across[i]) + 0.25F) * kCellsATurn;
+    // 0 for the angle of a point that is not finite: converting NaN to an integer is not defined
+    const float c = (column > 0.0F) & (column < kColumns) ? column : 0.0F, up = row > 0.0F ? row : 0.0F;
+    const float r = up < kLastRow ? up : kLastRow;
+    cell[i] = static_cast<std::int32_t>(r) * static_cast<std::int32_t>(kViewColumns) + static_cast<std::int32_t>(c);
+    range_m[i] = distance > kNearestM ? distance : std::numeric_limits<float>::infinity();
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    const float nearest = nearest_m[cell[i]];
+    nearest_m[cell[i]] = range_m[i] < nearest ? range_m[i] : nearest;
+  }
+}
+
+}  // namespace detail
+
 // Lowers the (kDirections) ranges to those of the points, x y z x y z. Points that are not finite have no direction.
 inline void nearest_by_direction(const float* points, std::size_t count, float* nearest_m) {
-  constexpr std::size_t kBlock = 256;
-  constexpr float kNearestM = 0.3F, kCellsATurn = 180.0F;
-  std::int32_t cell[kBlock];
-  float range_m[kBlock];
-  for (std::size_t start = 0; start < count; start += kBlock) {
-    const std::size_t block = std::min(kBlock, count - start);
+  using detail::kDrawnAtOnce;
+  float x[kDrawnAtOnce], y[kDrawnAtOnce], z[kDrawnAtOnce], across[kDrawnAtOnce];
+  for (std::size_t start = 0; start < count; start += kDrawnAtOnce) {
+    const std::size_t some = std::min(kDrawnAtOnce, count - start);
     const float* from = points + 3 * start;
-    for (std::size_t i = 0; i < block; ++i) {
-      const float x = from[3 * i], y = from[3 * i + 1], z = from[3 * i + 2];
-      const float across2 = x * x + y * y;
-      const float distance = std::sqrt(across2 + z * z);
-      const float column = (detail::atan2_turns(y, x) + 0.5F) * kCellsATurn;
-      const float row = (detail::atan2_turns(z, std::sqrt(across2)) + 0.25F) * kCellsATurn;
-      // 0 for the angle of a point that is not finite: converting NaN to an integer is not defined
-      const auto c = static_cast<std::int32_t>(std::max(0.0F, column));
-      const auto r = static_cast<std::int32_t>(std::max(0.0F, row));
-      cell[i] = std::min(r, static_cast<std::int32_t>(kViewRows) - 1) * static_cast<std::int32_t>(kViewColumns) +
-                (c < static_cast<std::int32_t>(kViewColumns) ? c : 0);
-      range_m[i] = distance > kNearestM ? distance : std::numeric_limits<float>::infinity();
+    for (std::size_t i = 0; i < some; ++i) {
+      x[i] = from[3 * i], y[i] = from[3 * i + 1], z[i] = from[3 * i + 2];
+      across[i] = std::sqrt(x[i] * x[i] + y[i] * y[i]);
     }
-    for (std::size_t i = 0; i < block; ++i) {
-      float& nearest = nearest_m[cell[i]];
-      nearest = std::min(nearest, range_m[i]);
-    }
+    detail::draw_points(x, y, z, across, some, nearest_m);
   }
 }
 

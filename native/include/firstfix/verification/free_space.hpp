@@ -71,14 +71,16 @@ inline std::size_t returns_near_surface(const SurfaceGrid& grid, const std::vect
 // surface: a grid of the same map. returned, least: (directions,) of the scan.
 inline SeenThrough seen_through(const PointTiles& near, const PointTiles& far, double reach_m, const SurfaceGrid& surface,
                                 const std::uint8_t* returned, const float* least, const PoseMatrix& T_map_sensor) {
+  const RowBand band = RowBand::of(returned);
   std::vector<float> mapped(kDirections, std::numeric_limits<float>::infinity());
-  MapView view(T_map_sensor, RowBand::of(returned), mapped.data());
+  MapView view(T_map_sensor, band, mapped.data());
   view.draw(near, std::min(kNearM, reach_m));
   view.draw(far, reach_m);
   std::int32_t both = 0;
   std::vector<std::int32_t> beyond(kDirections);
   std::size_t count = 0;
-  for (std::size_t i = 0; i < kDirections; ++i) {
+  const std::size_t end = static_cast<std::size_t>(band.highest + 1) * kViewColumns;  // no row above it has a return
+  for (std::size_t i = static_cast<std::size_t>(band.lowest) * kViewColumns; i < end; ++i) {
     const bool is_common = (mapped[i] < std::numeric_limits<float>::infinity()) & (returned[i] != 0);
     both += is_common;
     beyond[count] = static_cast<std::int32_t>(i);

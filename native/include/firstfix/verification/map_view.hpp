@@ -5,8 +5,10 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 #include "firstfix/bit_exact/atan2.hpp"
+#include "firstfix/bit_exact/lanes.hpp"
 #include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/scan/range_view.hpp"
 #include "firstfix/verification/point_tiles.hpp"
@@ -45,53 +47,56 @@ class MapView {
 
   // Draws the points within reach.
   void draw(const PointTiles& tiles, double reach_m) {
-    const auto reach2 = static_cast<float>(reach_m * reach_m);
+    const Float8 reach2 = all8(static_cast<float>(reach_m * reach_m));
     tiles.each_run(centre_m_, reach_m, [&](std::int64_t first, std::int64_t end) {
-      for (; first < end; first += kBlock) {
-        take(tiles.points + 3 * first, static_cast<std::size_t>(std::min<std::int64_t>(kBlock, end - first)), reach2);
-      }
+      constexpr std::int64_t kStep = kLanes;
+      for (; end - first >= kStep; first += kStep) take(tiles.points + 3 * first, reach2);
+      if (first == end) return;
+      float last[3 * kLanes];
+      std::fill_n(last, 3 * kLanes, std::numeric_limits<float>::infinity());  // beyond any reach
+      std::copy(tiles.points + 3 * first, tiles.points + 3 * end, last);
+      take(last, reach2);
     });
-    nearest_by_direction(held_, held_count_, nearest_);
-    held_count_ = 0;
+    draw_held();
   }
 
  private:
-  static constexpr std::size_t kBlock = 256;
+  static constexpr std::size_t kHeld = detail::kDrawnAtOnce;
+  static constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 
   struct Cone {  // points at slope * distance across + offset
     float slope, offset;
-    float at(float across) const { return slope * across + offset; }
+    Float8 at(const Float8& across) const { return slope * across + offset; }
   };
 
   float* nearest_;
   FloatPose pose_;
   double centre_m_[3];
   Cone bottom_{0, -1e30F}, top_{0, 1e30F};
-  float held_[3 * 2 * kBlock];  // points that wait to be drawn, less than a block of them
-  std::size_t held_count_ = 0;
+  float x_[kHeld], y_[kHeld], z_[kHeld], across_[kHeld];  // of points that wait to be drawn
+  std::size_t held_ = 0;
 
-  // Keeps those of some points that lie within reach and in the band; draws full blocks.
-  void take(const float* points, std::size_t count, float reach2) {
-    float x[kBlock], y[kBlock], z[kBlock];
-    std::int32_t is_seen[kBlock];
+  // Holds eight points, if one of them lies within reach and in the band. The others among them get no height, and so no range.
+  void take(const float* points, const Float8& reach2) {
     const auto& [R, centre] = pose_;
-    for (std::size_t i = 0; i < count; ++i) {
-      const float dx = points[3 * i] - centre[0], dy = points[3 * i + 1] - centre[1], dz = points[3 * i + 2] - centre[2];
-      x[i] = dx * R[0] + dy * R[3] + dz * R[6];
-      y[i] = dx * R[1] + dy * R[4] + dz * R[7];
-      z[i] = dx * R[2] + dy * R[5] + dz * R[8];
-      const float across = std::sqrt(x[i] * x[i] + y[i] * y[i]);
-      is_seen[i] = (dx * dx + dy * dy + dz * dz < reach2) & (z[i] >= bottom_.at(across)) & (z[i] <= top_.at(across));
-    }
-    for (std::size_t i = 0; i < count; ++i) {
-      float* next = held_ + 3 * held_count_;
-      next[0] = x[i], next[1] = y[i], next[2] = z[i];
-      held_count_ += static_cast<std::size_t>(is_seen[i]);
-    }
-    if (held_count_ < kBlock) return;
-    nearest_by_direction(held_, kBlock, nearest_);
-    held_count_ -= kBlock;
-    std::copy_n(held_ + 3 * kBlock, 3 * held_count_, held_);
+    Float8 dx, dy, dz;
+    split8(points, dx, dy, dz);
+    dx -= centre[0], dy -= centre[1], dz -= centre[2];
+    const Int8 is_near = dx * dx + dy * dy + dz * dz < reach2;
+    if (!any(is_near)) return;
+    const Float8 x = dx * R[0] + dy * R[3] + dz * R[6];
+    const Float8 y = dx * R[1] + dy * R[4] + dz * R[7];
+    const Float8 z = dx * R[2] + dy * R[5] + dz * R[8];
+    const Float8 across = root_of(x * x + y * y);
+    const Int8 is_seen = is_near & (z >= bottom_.at(across)) & (z <= top_.at(across));
+    store8(x, x_ + held_), store8(y, y_ + held_), store8(is_seen ? z : all8(kNone), z_ + held_), store8(across, across_ + held_);
+    held_ += any(is_seen) ? kLanes : 0;  // else the next eight take their place: a branch would often be foreseen wrongly
+    if (held_ == kHeld) draw_held();
+  }
+
+  void draw_held() {
+    detail::draw_points(x_, y_, z_, across_, held_, nearest_);
+    held_ = 0;
   }
 };
 
