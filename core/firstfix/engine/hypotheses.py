@@ -19,8 +19,8 @@ from .registered_candidate import NOT_MEASURED, RegisteredCandidate, distinct, f
 from .registration.align import Agreement, Registration, Registrations
 from .registration.surface import Surface
 
-# Share of a search's best coarse alignment score from which on a candidate is aligned further. The right one had
-# 0.905 or more in 729 searches (docs/experiments.md, "Hopeless candidates").
+# Share of a search's best coarse alignment score, from which a candidate is aligned further. The right place
+# had 0.905 or more in 729 searches (docs/experiments.md, "Hopeless candidates").
 _HOPEFUL_FROM = 0.85
 _BESIDE = np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
 
