@@ -58,6 +58,12 @@ std::uint64_t joined(const Lanes& lanes) {
 // Whether any lane of a comparison's result holds.
 inline bool any_lane(IntLanes holds) { return joined(holds) != 0; }
 
+// The bits that are set in some lane.
+inline std::uint32_t all_bits(IntLanes lanes) {
+  const std::uint64_t both = joined(lanes);
+  return static_cast<std::uint32_t>(both | both >> 32);
+}
+
 // N floats in as many registers as they need. Compilers do not split larger vectors into registers by themselves, but
 // into single floats.
 template <int N>
@@ -129,6 +135,15 @@ inline Wide<N> choose(const WideMask<N>& mask, const Wide<N>& yes, const Wide<N>
 }
 
 template <int N>
+inline Wide<N> root(const Wide<N>& of) {
+  Wide<N> roots;
+  for (int i = 0; i < Wide<N>::kParts; ++i) {
+    for (int lane = 0; lane < Wide<N>::kLanes; ++lane) roots.part[i][lane] = std::sqrt(of.part[i][lane]);
+  }
+  return roots;
+}
+
+template <int N>
 inline float least_of(const Wide<N>& values) {
   typedef float Quarter __attribute__((vector_size(16)));
   Quarter least[N / 4];
@@ -144,6 +159,12 @@ inline float least_of(const Wide<N>& values) {
 template <int N>
 inline float most_of(const Wide<N>& values) {
   return -least_of(Wide<N>(0) - values);
+}
+
+inline float most_of_lanes(FloatLanes values) {
+  Wide<kFloatLanes> wide;
+  wide.part[0] = values;
+  return most_of(wide);
 }
 
 // One bit for each lane whose mask is set.

@@ -1,10 +1,11 @@
-// A KD tree of points that are all there: for each of them, what lies within its k nearest.
+// Points in the order of a KD tree, sixteen a leaf, and boxes around them: for each point, where its nearest ones are.
 #pragma once
 
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "firstfix/bit_exact/lanes.hpp"
@@ -12,42 +13,103 @@
 
 namespace firstfix::detail {
 
+// An axis-aligned box.
+struct Box {
+  float low[3], high[3];
+
+  Box() {
+    std::fill_n(low, 3, std::numeric_limits<float>::infinity());
+    std::fill_n(high, 3, -std::numeric_limits<float>::infinity());
+  }
+
+  void add(std::size_t axis, float from, float to) {
+    low[axis] = std::min(low[axis], from);
+    high[axis] = std::max(high[axis], to);
+  }
+};
+
+// Boxes in a row, compared with another one eight at a time. The row is filled up with empty boxes, which are infinitely
+// far from all others.
+class BoxRow {
+ public:
+  static constexpr std::size_t kInStep = 8;
+
+  explicit BoxRow(std::size_t count) : count_(count) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      low_[axis].assign((count + kInStep - 1) / kInStep * kInStep, Box().low[axis]);
+      high_[axis].assign(low_[axis].size(), Box().high[axis]);
+    }
+  }
+
+  std::size_t size() const { return count_; }
+
+  void add(std::size_t box, std::size_t axis, float from, float to) {
+    low_[axis][box] = std::min(low_[axis][box], from);
+    high_[axis][box] = std::max(high_[axis][box], to);
+  }
+
+  // The squared gaps between a box and eight of the row. No point of one is nearer to a point of the other.
+  F8 gaps2(const Box& from, std::size_t first) const {
+    F8 sum = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const F8 above = F8::at(&low_[axis][first]) - F8(from.high[axis]);
+      const F8 below = F8(from.low[axis]) - F8::at(&high_[axis][first]);
+      const F8 gap = most(most(above, below), F8(0));
+      sum = sum + gap * gap;
+    }
+    return sum;
+  }
+
+  // The row of boxes around each eight of this one.
+  BoxRow around() const {
+    BoxRow outer((count_ + kInStep - 1) / kInStep);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      for (std::size_t i = 0; i < count_; ++i) outer.add(i / kInStep, axis, low_[axis][i], high_[axis][i]);
+    }
+    return outer;
+  }
+
+ private:
+  std::size_t count_;
+  std::vector<float> low_[3], high_[3];
+};
+
 class KdTree {
  public:
-  static constexpr std::uint32_t kLeaf = 16;
-
-  struct Node {
-    float low[3], high[3];
-    std::uint32_t begin, end;  // its points, in the tree's order
-    std::uint32_t right;       // the second child; 0: a leaf. The first child is the next node.
-  };
+  static constexpr std::uint32_t kLeaf = 16;  // all leaves are full but the last
 
   // Points are finite, fewer than 2^32.
   explicit KdTree(Vectors<const float> points) : order_(points.size) {
     const std::size_t count = points.size;
-    for (auto* axis : {&x_, &y_, &z_}) axis->resize(count + kFloatLanes);
+    const std::size_t padded = (count + kLeaf - 1) / kLeaf * kLeaf;
+    for (auto& axis : at_) axis.assign(padded, std::numeric_limits<float>::infinity());
     if (count == 0) return;
     std::vector<Item> items(count);
     for (std::size_t i = 0; i < count; ++i) {
       const float* p = points[i];
       items[i] = {{p[0], p[1], p[2]}, static_cast<std::uint32_t>(i)};
     }
-    nodes_.reserve(count / 4 + 1);
-    build(items.data(), 0, static_cast<std::uint32_t>(count));
+    sort(items.data(), items.data() + count);
+    BoxRow leaves(padded / kLeaf);
     for (std::size_t i = 0; i < count; ++i) {
       const Item& item = items[i];
-      x_[i] = item.at[0], y_[i] = item.at[1], z_[i] = item.at[2];
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        at_[axis][i] = item.at[axis];
+        leaves.add(i / kLeaf, axis, item.at[axis], item.at[axis]);
+      }
       order_[i] = item.row;
     }
+    boxes_.push_back(std::move(leaves));
+    while (boxes_.back().size() > BoxRow::kInStep) boxes_.push_back(boxes_.back().around());
   }
 
-  // Coordinates in the tree's order, with room to load lanes from any of them.
-  const float* x() const { return x_.data(); }
-  const float* y() const { return y_.data(); }
-  const float* z() const { return z_.data(); }
+  std::size_t size() const { return order_.size(); }
+  // Coordinates along an axis in the tree's order. The last leaf is filled up with infinities.
+  const float* at(std::size_t axis) const { return at_[axis].data(); }
   // Row of each point among those given.
   const std::vector<std::uint32_t>& order() const { return order_; }
-  const std::vector<Node>& nodes() const { return nodes_; }
+  // Boxes of the leaves, then those around each eight of the row before. The last row has at most eight.
+  const std::vector<BoxRow>& boxes() const { return boxes_; }
 
  private:
   struct Item {
@@ -55,37 +117,27 @@ class KdTree {
     std::uint32_t row;
   };
 
-  std::uint32_t build(Item* items, std::uint32_t begin, std::uint32_t end) {
-    const auto number = static_cast<std::uint32_t>(nodes_.size());
-    Node node{{}, {}, begin, end, 0};
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      node.low[axis] = std::numeric_limits<float>::infinity();
-      node.high[axis] = -node.low[axis];
-    }
-    for (std::uint32_t i = begin; i < end; ++i) {
-      for (std::size_t axis = 0; axis < 3; ++axis) {
-        node.low[axis] = std::min(node.low[axis], items[i].at[axis]);
-        node.high[axis] = std::max(node.high[axis], items[i].at[axis]);
+  static void sort(Item* begin, Item* end) {
+    while (end - begin > kLeaf) {
+      Box around;
+      for (const Item* item = begin; item < end; ++item) {
+        for (std::size_t axis = 0; axis < 3; ++axis) around.add(axis, item->at[axis], item->at[axis]);
       }
+      std::size_t widest = 0;
+      for (std::size_t axis = 1; axis < 3; ++axis) {
+        if (around.high[axis] - around.low[axis] > around.high[widest] - around.low[widest]) widest = axis;
+      }
+      Item* middle = begin + ((end - begin) / 2 + kLeaf - 1) / kLeaf * kLeaf;
+      std::nth_element(begin, middle, end,
+                       [widest](const Item& a, const Item& b) { return a.at[widest] < b.at[widest]; });
+      sort(begin, middle);
+      begin = middle;
     }
-    nodes_.push_back(node);
-    if (end - begin <= kLeaf) return number;
-    std::size_t widest = 0;
-    for (std::size_t axis = 1; axis < 3; ++axis) {
-      if (node.high[axis] - node.low[axis] > node.high[widest] - node.low[widest]) widest = axis;
-    }
-    const std::uint32_t middle = begin + ((end - begin) / 2 + kLeaf - 1) / kLeaf * kLeaf;  // full leaves
-    std::nth_element(items + begin, items + middle, items + end,
-                     [widest](const Item& a, const Item& b) { return a.at[widest] < b.at[widest]; });
-    build(items, begin, middle);
-    const std::uint32_t right = build(items, middle, end);
-    nodes_[number].right = right;
-    return number;
   }
 
-  std::vector<Node> nodes_;
+  std::vector<BoxRow> boxes_;
   std::vector<std::uint32_t> order_;
-  std::vector<float> x_, y_, z_;
+  std::vector<float> at_[3];
 };
 
 }  // namespace firstfix::detail

@@ -35,7 +35,7 @@ class NeighbourSearch {
     if constexpr (kSidesMatter) {
       const std::vector<std::uint32_t>& order = tree.order();
       for (std::size_t axis = 0; axis < 3; ++axis) {
-        for (std::vector<float>* along : {&eye_[axis], &facing_[axis]}) along->resize(order.size() + kFloatLanes);
+        for (std::vector<float>* along : {&eye_[axis], &facing_[axis]}) along->resize(order.size() + KdTree::kLeaf);
         for (std::size_t i = 0; i < order.size(); ++i) {
           eye_[axis][i] = to_viewer[3 * order[i] + axis];
           facing_[axis][i] = facing[3 * order[i] + axis];
@@ -44,112 +44,121 @@ class NeighbourSearch {
     }
   }
 
-  // Of the points from `first` on, up to `end`, which is that of their leaf.
-  Neighbourhoods around(std::uint32_t first, std::uint32_t end) {
-    const std::size_t used = std::min<std::size_t>(kFloatLanes, end - first);
-    x_ = load_lanes(tree_.x() + first), y_ = load_lanes(tree_.y() + first), z_ = load_lanes(tree_.z() + first);
-    if constexpr (kSidesMatter) {
-      for (std::size_t axis = 0; axis < 3; ++axis) here_[axis] = load_lanes(&eye_[axis][first]);
-      behind_ = -kGrazing * root_lanes(here_[0] * here_[0] + here_[1] * here_[1] + here_[2] * here_[2]);
+  // Of the points from `first` on, up to the end of their leaf.
+  Neighbourhoods around(std::size_t first) {
+    own_ = first / KdTree::kLeaf;
+    const std::size_t used = std::min(kFloatLanes, tree_.size() - first);
+    box_ = Box();
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      here_[axis] = load_lanes(tree_.at(axis) + first);
+      for (std::size_t i = 0; i < used; ++i) box_.add(axis, tree_.at(axis)[first + i], tree_.at(axis)[first + i]);
     }
-    bound(first, used);
-    find_leaves(first, used);
+    if constexpr (kSidesMatter) {
+      for (std::size_t axis = 0; axis < 3; ++axis) viewer_[axis] = load_lanes(&eye_[axis][first]);
+      behind_ = -kGrazing * root_lanes(viewer_[0] * viewer_[0] + viewer_[1] * viewer_[1] + viewer_[2] * viewer_[2]);
+    }
+    float farthest2[kFloatLanes] = {};  // nothing is nearer to a lane without a point
+    std::fill_n(farthest2, used, std::numeric_limits<float>::max());
+    for (FloatLanes& lanes : nearest2_) lanes = load_lanes(farthest2);
+    FloatLanes own[KdTree::kLeaf];
+    find_distances(own_, own);
+    for (const FloatLanes& away2 : own) insert(away2);
+    worst2_ = most_of_lanes(nearest2_[kNearest - 1]);
+    leaves_.clear();
+    compared_ = 0;
+    find_leaves(tree_.boxes().size() - 1, 0);
+    compare();
     return sums();
   }
 
  private:
   static constexpr std::size_t kNearest = 10;
   static constexpr float kOtherSide = 4.0F;
-  using Node = KdTree::Node;
 
-  FloatLanes away2(std::uint32_t i) const {
-    const FloatLanes dx = x_ - tree_.x()[i], dy = y_ - tree_.y()[i], dz = z_ - tree_.z()[i];
-    return from_side(i, dx * dx + dy * dy + dz * dz);
-  }
+  static constexpr std::size_t kTogether = 64 / KdTree::kLeaf;  // leaves whose points have a bit each in one word
 
-  // The squared distance of a point as it counts.
-  FloatLanes from_side([[maybe_unused]] std::uint32_t i, const FloatLanes& away2) const {
-    if constexpr (kSidesMatter) {
-      const FloatLanes along = here_[0] * facing_[0][i] + here_[1] * facing_[1][i] + here_[2] * facing_[2][i];
-      return along < behind_ ? kOtherSide * kOtherSide * away2 : away2;
-    } else {
-      return away2;
-    }
-  }
-
-  // Box of the queries.
-  void bound(std::uint32_t first, std::size_t used) {
-    const float* coordinates[3] = {tree_.x() + first, tree_.y() + first, tree_.z() + first};
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const auto [low, high] = std::minmax_element(coordinates[axis], coordinates[axis] + used);
-      low_[axis] = *low, high_[axis] = *high;
-    }
-  }
-
-  // No point of the node is nearer to a query than this.
-  float gap2(const Node& node) const {
-    float sum = 0;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const float gap = std::max(std::max(node.low[axis] - high_[axis], low_[axis] - node.high[axis]), 0.0F);
-      sum += gap * gap;
-    }
-    return sum;
-  }
-
-  // Distances of the ten nearest, and the leaves where they may be.
-  void find_leaves(std::uint32_t first, std::size_t used) {
-    const std::vector<Node>& nodes = tree_.nodes();
-    FloatLanes best[kNearest];  // ascending
-    std::fill_n(best, kNearest, all_lanes(std::numeric_limits<float>::max()));
-    leaves_.clear();
-    stack_.assign(1, {0, 0});
-    float worst2 = std::numeric_limits<float>::infinity();
-    while (!stack_.empty()) {
-      auto [gap, number] = stack_.back();
-      stack_.pop_back();
-      if (gap > worst2) continue;
-      while (nodes[number].right != 0) {
-        const std::uint32_t left = number + 1, right = nodes[number].right;
-        const float to_left = gap2(nodes[left]), to_right = gap2(nodes[right]);
-        const bool right_first = to_right < to_left || (to_right == to_left && first >= nodes[right].begin);
-        const Found later = right_first ? Found{to_left, left} : Found{to_right, right};
-        if (later.gap2 <= worst2) stack_.push_back(later);
-        number = right_first ? right : left;
-        gap = right_first ? to_right : to_left;
+  // Squared distances of the points of a leaf from each of the lanes' points, as they count.
+  void find_distances(std::size_t leaf, FloatLanes* away2_of) const {
+    const std::size_t begin = leaf * KdTree::kLeaf;
+    const float *x = tree_.at(0) + begin, *y = tree_.at(1) + begin, *z = tree_.at(2) + begin;
+    const FloatLanes here[3] = {here_[0], here_[1], here_[2]};
+    for (std::size_t i = 0; i < KdTree::kLeaf; ++i) {
+      const FloatLanes dx = here[0] - x[i], dy = here[1] - y[i], dz = here[2] - z[i];
+      FloatLanes away2 = dx * dx + dy * dy + dz * dz;
+      if constexpr (kSidesMatter) {
+        const FloatLanes along = viewer_[0] * facing_[0][begin + i] + viewer_[1] * facing_[1][begin + i] +
+                                 viewer_[2] * facing_[2][begin + i];
+        away2 = along < behind_ ? kOtherSide * kOtherSide * away2 : away2;
       }
-      if (gap > worst2) continue;
-      leaves_.push_back({gap, number});
-      for (std::uint32_t i = nodes[number].begin; i < nodes[number].end; ++i) {
-        FloatLanes away = away2(i);
-        if (!any_lane(away < best[kNearest - 1])) continue;
-        for (FloatLanes& here : best) {
-          const IntLanes nearer = away < here;
-          const FloatLanes least = nearer ? away : here;
-          away = nearer ? here : away;
-          here = least;
-        }
-      }
-      float furthest[kFloatLanes];
-      store_lanes(furthest, best[kNearest - 1]);
-      worst2 = *std::max_element(furthest, furthest + used);
+      away2_of[i] = away2;
     }
-    reach2_ = best[kNearest - 1];
-    worst2_ = worst2;
   }
 
-  Neighbourhoods sums() {
-    const std::vector<Node>& nodes = tree_.nodes();
-    std::sort(leaves_.begin(), leaves_.end(), [](const Found& a, const Found& b) { return a.node < b.node; });
+  // One bit for each of a leaf's points that is near enough for some lane.
+  template <class Near>
+  static std::uint32_t points_that_are(const FloatLanes* away2_of, Near near) {
+    IntLanes found{}, bit = IntLanes{} + 1;
+    for (std::size_t i = 0; i < KdTree::kLeaf; ++i, bit += bit) found |= near(away2_of[i]) & bit;
+    return all_bits(found);
+  }
+
+  // Puts a distance among the ten nearest of each lane where it is one.
+  void insert(FloatLanes away2) {
+    for (FloatLanes& here : nearest2_) {
+      const IntLanes is_nearer = away2 < here;
+      const FloatLanes least = is_nearer ? away2 : here;
+      away2 = is_nearer ? here : away2;
+      here = least;
+    }
+  }
+
+  // Finds the leaves, within eight boxes of a row, where one of the ten nearest may be: in the order of the tree.
+  void find_leaves(std::size_t row, std::size_t first) {
+    std::uint32_t left = bits_of(tree_.boxes()[row].gaps2(box_, first) <= F8(worst2_));
+    for (; left != 0; left &= left - 1) {
+      const std::size_t number = first + static_cast<std::size_t>(__builtin_ctz(left));
+      if (row > 0) {
+        find_leaves(row - 1, number * BoxRow::kInStep);
+      } else {
+        leaves_.push_back(number);
+        if (leaves_.size() == compared_ + kTogether) compare();
+      }
+    }
+  }
+
+  // Compares the points of the leaves found since the last call with the ten nearest so far.
+  void compare() {
+    if (away2_.size() < leaves_.size() * KdTree::kLeaf) away2_.resize((leaves_.size() + kTogether) * KdTree::kLeaf);
+    FloatLanes* away2 = away2_.data() + compared_ * KdTree::kLeaf;
+    const FloatLanes bound = nearest2_[kNearest - 1];
+    std::uint64_t left = 0;
+    for (std::size_t k = 0; compared_ < leaves_.size(); ++k, ++compared_) {
+      FloatLanes* of_leaf = away2 + k * KdTree::kLeaf;
+      find_distances(leaves_[compared_], of_leaf);
+      const std::uint64_t nearer = points_that_are(of_leaf, [bound](FloatLanes each) { return each < bound; });
+      left |= (leaves_[compared_] == own_ ? 0 : nearer) << (k * KdTree::kLeaf);
+    }
+    for (; left != 0; left &= left - 1) insert(away2[__builtin_ctzll(left)]);
+    worst2_ = most_of_lanes(nearest2_[kNearest - 1]);
+  }
+
+  Neighbourhoods sums() const {
     Neighbourhoods made{};
-    const FloatLanes one = all_lanes(1), zero{};
-    for (const Found& leaf : leaves_) {
-      if (leaf.gap2 > worst2_) continue;
-      for (std::uint32_t i = nodes[leaf.node].begin; i < nodes[leaf.node].end; ++i) {
-        FloatLanes dx = tree_.x()[i] - x_, dy = tree_.y()[i] - y_, dz = tree_.z()[i] - z_;
-        const IntLanes inside = from_side(i, dx * dx + dy * dy + dz * dz) <= reach2_;
-        dx = inside ? dx : zero;
-        dy = inside ? dy : zero;
-        dz = inside ? dz : zero;
+    const FloatLanes one = all_lanes(1), zero{}, reach2 = nearest2_[kNearest - 1];
+    for (std::size_t first = 0; first < leaves_.size(); first += kTogether) {
+      const FloatLanes* away2 = away2_.data() + first * KdTree::kLeaf;
+      std::uint64_t left = 0;
+      for (std::size_t k = 0; k < std::min(kTogether, leaves_.size() - first); ++k) {
+        left |= static_cast<std::uint64_t>(points_that_are(away2 + k * KdTree::kLeaf,
+                                                           [reach2](FloatLanes each) { return each <= reach2; }))
+                << (k * KdTree::kLeaf);
+      }
+      for (; left != 0; left &= left - 1) {
+        const auto bit = static_cast<std::size_t>(__builtin_ctzll(left));
+        const std::size_t i = leaves_[first + bit / KdTree::kLeaf] * KdTree::kLeaf + bit % KdTree::kLeaf;
+        const IntLanes inside = away2[bit] <= reach2;
+        const FloatLanes dx = inside ? tree_.at(0)[i] - here_[0] : zero, dy = inside ? tree_.at(1)[i] - here_[1] : zero,
+                         dz = inside ? tree_.at(2)[i] - here_[2] : zero;
         FloatLanes* sum = made.sum;
         sum[0] += inside ? one : zero;
         sum[1] += dx;
@@ -166,30 +175,35 @@ class NeighbourSearch {
     return made;
   }
 
-  struct Found {
-    float gap2;
-    std::uint32_t node;
-  };
-
   const KdTree& tree_;
   std::vector<float> eye_[3], facing_[3];  // in the tree's order, with room to load lanes from any of them
-  FloatLanes x_{}, y_{}, z_{}, here_[3]{}, behind_{}, reach2_{};
-  float low_[3]{}, high_[3]{}, worst2_ = 0;
-  std::vector<Found> leaves_, stack_;
+  FloatLanes here_[3]{}, viewer_[3]{}, behind_{};
+  FloatLanes nearest2_[kNearest]{};  // squared distances of the ten nearest, ascending
+  Box box_;                          // of the lanes' points
+  float worst2_ = 0;                 // the largest of all lanes' tenth
+  std::size_t own_ = 0;              // the lanes' leaf
+  std::vector<std::size_t> leaves_;  // where one of the ten nearest may be
+  std::vector<FloatLanes> away2_;    // distances of the leaves' points
+  std::size_t compared_ = 0;         // leaves
 };
 
+// The elements besides the diagonal of a matrix whose largest is about 1, without those that are as good as 0. Products of
+// these would be subnormal numbers, for which a processor takes some hundred cycles each.
+inline F16 without_least(const F16& elements) { return choose(most(elements, F16(0) - elements) < F16(1e-18F), F16(0), elements); }
+
 // One rotation of Jacobi's method in the plane of p and q, in every lane; r is the third axis. vp and vq are the axes.
-inline void rotate_plane(FloatLanes& pp, FloatLanes& qq, FloatLanes& pq, FloatLanes& pr, FloatLanes& qr, FloatLanes* vp,
-                         FloatLanes* vq) {
-  const FloatLanes gap = qq - pp, least = all_lanes(1e-30F);
-  const FloatLanes below = greater_lanes(gap, -gap) + root_lanes(gap * gap + 4.0F * (pq * pq));
-  const FloatLanes tangent = (gap < 0.0F ? all_lanes(-2) : all_lanes(2)) * pq / greater_lanes(below, least);
-  const FloatLanes cosine = 1.0F / root_lanes(tangent * tangent + 1.0F), sine = tangent * cosine;
-  pp -= tangent * pq;
-  qq += tangent * pq;
-  pq = FloatLanes{};
-  const auto rotate = [cosine, sine](FloatLanes& a, FloatLanes& b) {
-    const FloatLanes before = a;
+// Inlined, its matrices stay in registers.
+__attribute__((always_inline)) inline void rotate_plane(F16& pp, F16& qq, F16& pq, F16& pr, F16& qr, F16* vp, F16* vq) {
+  pq = without_least(pq);
+  const F16 gap = qq - pp;
+  const F16 below = most(gap, F16(0) - gap) + root(gap * gap + F16(4) * (pq * pq));
+  const F16 tangent = choose(gap < F16(0), F16(-2), F16(2)) * pq / most(below, F16(1e-30F));
+  const F16 cosine = F16(1) / root(tangent * tangent + F16(1)), sine = tangent * cosine;
+  pp = pp - tangent * pq;
+  qq = qq + tangent * pq;
+  pq = F16(0);
+  const auto rotate = [cosine, sine](F16& a, F16& b) {
+    const F16 before = a;
     a = cosine * before - sine * b;
     b = sine * before + cosine * b;
   };
@@ -197,23 +211,23 @@ inline void rotate_plane(FloatLanes& pp, FloatLanes& qq, FloatLanes& pq, FloatLa
   for (std::size_t k = 0; k < 3; ++k) rotate(vp[k], vq[k]);
 }
 
-// The unit axes (3) along which neighbourhoods spread least.
-inline void least_axes(const Neighbourhoods& of, FloatLanes* axes) {
-  const FloatLanes* s = of.sum;
-  const FloatLanes one = all_lanes(1), share = 1.0F / greater_lanes(s[0], one);
-  FloatLanes xx = s[4] - s[1] * s[1] * share, xy = s[5] - s[1] * s[2] * share, xz = s[6] - s[1] * s[3] * share;
-  FloatLanes yy = s[7] - s[2] * s[2] * share, yz = s[8] - s[2] * s[3] * share, zz = s[9] - s[3] * s[3] * share;
-  const FloatLanes scale = 1.0F / greater_lanes(greater_lanes(xx, greater_lanes(yy, zz)), all_lanes(1e-30F));
-  for (FloatLanes* element : {&xx, &xy, &xz, &yy, &yz, &zz}) *element *= scale;
-  FloatLanes vx[3] = {one, {}, {}}, vy[3] = {{}, one, {}}, vz[3] = {{}, {}, one};
+// The unit axes (3) along which neighbourhoods spread least. Sixteen at once: a rotation is one long chain of dependent
+// operations, and most processors have the time for a second one beside it.
+inline void least_axes(const F16 (&s)[10], F16 (&axes)[3]) {
+  const F16 share = F16(1) / most(s[0], F16(1));
+  F16 xx = s[4] - s[1] * s[1] * share, xy = s[5] - s[1] * s[2] * share, xz = s[6] - s[1] * s[3] * share;
+  F16 yy = s[7] - s[2] * s[2] * share, yz = s[8] - s[2] * s[3] * share, zz = s[9] - s[3] * s[3] * share;
+  const F16 scale = F16(1) / most(most(xx, most(yy, zz)), F16(1e-30F));
+  for (F16* element : {&xx, &xy, &xz, &yy, &yz, &zz}) *element = *element * scale;
+  F16 vx[3] = {1, 0, 0}, vy[3] = {0, 1, 0}, vz[3] = {0, 0, 1};
   constexpr int kSweeps = 4;
   for (int sweep = 0; sweep < kSweeps; ++sweep) {
     rotate_plane(xx, yy, xy, xz, yz, vx, vy);
     rotate_plane(xx, zz, xz, xy, yz, vx, vz);
     rotate_plane(yy, zz, yz, xy, xz, vy, vz);
   }
-  const FloatLanes least = lesser_lanes(yy, zz);  // of equal ones, the first: points of a level line are on a wall
-  for (std::size_t k = 0; k < 3; ++k) axes[k] = xx <= least ? vx[k] : (yy <= zz ? vy[k] : vz[k]);
+  // of equal ones, the first: points of a level line are on a wall
+  for (std::size_t k = 0; k < 3; ++k) axes[k] = choose(xx <= least(yy, zz), vx[k], choose(yy <= zz, vy[k], vz[k]));
 }
 
 }  // namespace detail
@@ -224,25 +238,26 @@ namespace detail {
 template <bool kSidesMatter>
 void normals_around(const KdTree& tree, const float* to_viewer, const float* facing, float* normals, std::uint8_t* oriented) {
   NeighbourSearch<kSidesMatter> search(tree, to_viewer, facing);
-  for (const KdTree::Node& leaf : tree.nodes()) {
-    if (leaf.right != 0) continue;
-    for (std::uint32_t first = leaf.begin; first < leaf.end; first += kFloatLanes) {
-      const Neighbourhoods found = search.around(first, leaf.end);
-      FloatLanes least[3];
-      least_axes(found, least);
-      float axes[3][kFloatLanes];
-      for (std::size_t k = 0; k < 3; ++k) store_lanes(axes[k], least[k]);
-      for (std::size_t lane = 0; lane < kFloatLanes && first + lane < leaf.end; ++lane) {
-        const std::size_t row = tree.order()[first + lane];
-        const float* eye = to_viewer == nullptr ? nullptr : to_viewer + 3 * row;
-        float along = 0, length2 = 0;
-        for (std::size_t k = 0; eye != nullptr && k < 3; ++k) {
-          along += axes[k][lane] * eye[k];
-          length2 += eye[k] * eye[k];
-        }
-        for (std::size_t k = 0; k < 3; ++k) normals[3 * row + k] = along < 0 ? -axes[k][lane] : axes[k][lane];
-        oriented[row] = std::fabs(along) > kGrazing * std::sqrt(length2) ? 1 : 0;
+  for (std::size_t begin = 0; begin < tree.size(); begin += KdTree::kLeaf) {
+    const std::size_t end = std::min<std::size_t>(begin + KdTree::kLeaf, tree.size());
+    F16 sums[10] = {}, least[3];
+    for (std::size_t first = begin; first < end; first += kFloatLanes) {
+      const Neighbourhoods found = search.around(first);
+      for (std::size_t k = 0; k < 10; ++k) sums[k].part[(first - begin) / kFloatLanes] = found.sum[k];
+    }
+    least_axes(sums, least);
+    float axes[3][KdTree::kLeaf];
+    for (std::size_t k = 0; k < 3; ++k) std::memcpy(axes[k], least[k].part, sizeof axes[k]);
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t row = tree.order()[i];
+      const float* eye = to_viewer == nullptr ? nullptr : to_viewer + 3 * row;
+      float along = 0, length2 = 0;
+      for (std::size_t k = 0; eye != nullptr && k < 3; ++k) {
+        along += axes[k][i - begin] * eye[k];
+        length2 += eye[k] * eye[k];
       }
+      for (std::size_t k = 0; k < 3; ++k) normals[3 * row + k] = along < 0 ? -axes[k][i - begin] : axes[k][i - begin];
+      oriented[row] = std::fabs(along) > kGrazing * std::sqrt(length2) ? 1 : 0;
     }
   }
 }
