@@ -131,7 +131,7 @@ void bind_verification(nb::module_& module) {
             });
           },
           nb::arg("origins"), nb::arg("directions"), nb::arg("ranges"), nb::arg("back_off_m"))
-      .def("bricks", [](const CarvedCells& cells) {
+      .def("bricks", [](CarvedCells& cells) {
         CarvedBricks found = without_gil([&] { return cells.bricks(); });
         const std::size_t count = found.once.size();
         return std::make_tuple(array_of(std::move(found.brick), {count, 3}), array_of_bits(found.once),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -38,6 +40,29 @@ def test_rays_carve_the_cells_of_the_reference(seed: int):
     assert oracle.cells_in(brick, once) == set(counts)
     assert oracle.cells_in(brick, twice) == {cell for cell, poses in counts.items() if poses >= 2}
     assert brick.tolist() == sorted(brick.tolist())
+
+
+def test_rays_carve_beyond_a_brick_that_is_free_already():
+    rng = np.random.default_rng(0)
+    origins = rng.uniform(0.9, 1.1, (5, 3))
+    directions = rng.normal(size=(5, 512, 3))
+    ranges = np.full((5, 512), 4.0)
+    middles = (np.stack(np.unravel_index(np.arange(512), (8, 8, 8)), axis=1) + 0.5) * CELL_M
+    directions[:2] = middles - origins[:2, None]  # the first two poses see all of one brick
+    ranges[:2] = np.linalg.norm(directions[:2], axis=2) + BACK_OFF_M + 0.01
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    cells = native.CarvedCells(CELL_M)
+    counts: Counter[oracle.Cell] = Counter()
+    for number, rays_of_pose in enumerate(
+        zip(origins[:, None], directions.astype(np.float32), ranges.astype(np.float32)[:, None], strict=True)
+    ):
+        cells.add(*rays_of_pose, BACK_OFF_M)
+        counts.update(oracle.carved(*rays_of_pose, BACK_OFF_M, CELL_M).keys())
+        brick, once, twice = cells.bricks()
+        is_full = (twice[(brick == 0).all(axis=1)] == -1).all()
+        assert is_full == (number >= 1)
+    assert oracle.cells_in(brick, once) == set(counts)
+    assert oracle.cells_in(brick, twice) == {cell for cell, poses in counts.items() if poses >= 2}
 
 
 def test_rays_of_one_pose_count_once():
