@@ -111,12 +111,10 @@ void bind_scan(nb::module_& module) {
       "within_range",
       [](Vectors<float> points, double min_range_m, double max_range_m) {
         const std::size_t count = points.shape(0);
-        std::vector<float> kept;
-        without_gil([&] {
-          kept.resize(3 * count);
-          kept.resize(3 * within_range(points.data(), count, min_range_m, max_range_m, kept.data()));
-        });
-        return array_of(std::move(kept), {kept.size() / 3, 3});
+        auto kept = memory<float>(3 * count);
+        std::size_t found = 0;
+        without_gil([&] { found = within_range(points.data(), count, min_range_m, max_range_m, kept.get()); });
+        return array_of(std::move(kept), {found, 3});
       },
       "points"_a, "min_range_m"_a, "max_range_m"_a);
   module.def(

@@ -34,10 +34,6 @@ inline void store_lanes(float* to, FloatLanes lanes) { std::memcpy(to, &lanes, s
 
 inline FloatLanes all_lanes(float value) { return FloatLanes{} + value; }
 
-inline FloatLanes greater_lanes(FloatLanes a, FloatLanes b) { return a < b ? b : a; }
-
-inline FloatLanes lesser_lanes(FloatLanes a, FloatLanes b) { return b < a ? b : a; }
-
 inline FloatLanes root_lanes(FloatLanes of) {
   float roots[kFloatLanes];
   store_lanes(roots, of);
@@ -54,9 +50,6 @@ std::uint64_t joined(const Lanes& lanes) {
   for (std::size_t i = 1; i < sizeof lanes / 16; ++i) quarters[0] |= quarters[i];
   return quarters[0][0] | quarters[0][1];
 }
-
-// Whether any lane of a comparison's result holds.
-inline bool any_lane(IntLanes holds) { return joined(holds) != 0; }
 
 // The bits that are set in some lane.
 inline std::uint32_t all_bits(IntLanes lanes) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <vector>
 
@@ -16,8 +17,9 @@ namespace firstfix {
 namespace detail {
 
 // Sums over the neighbours of some points: their number, offsets and products of offsets.
+constexpr std::size_t kSums = 10;  // 1, x, y, z, xx, xy, xz, yy, yz, zz
 struct Neighbourhoods {
-  FloatLanes sum[10];  // 1, x, y, z, xx, xy, xz, yy, yz, zz
+  FloatLanes sum[kSums];
 };
 
 constexpr float kGrazing = 0.1F;  // sine: a surface at a lower angle may be seen from either side
@@ -74,7 +76,6 @@ class NeighbourSearch {
  private:
   static constexpr std::size_t kNearest = 10;
   static constexpr float kOtherSide = 4.0F;
-
   static constexpr std::size_t kTogether = 64 / KdTree::kLeaf;  // leaves whose points have a bit each in one word
 
   // Squared distances of the points of a leaf from each of the lanes' points, as they count.
@@ -189,10 +190,12 @@ class NeighbourSearch {
 
 // The elements besides the diagonal of a matrix whose largest is about 1, without those that are as good as 0. Products of
 // these would be subnormal numbers, for which a processor takes some hundred cycles each.
-inline F16 without_least(const F16& elements) { return choose(most(elements, F16(0) - elements) < F16(1e-18F), F16(0), elements); }
+inline F16 without_least(const F16& elements) {
+  return choose(most(elements, F16(0) - elements) < F16(1e-18F), F16(0), elements);
+}
 
 // One rotation of Jacobi's method in the plane of p and q, in every lane; r is the third axis. vp and vq are the axes.
-// Inlined, its matrices stay in registers.
+// Inlined, so that its matrices stay in registers.
 __attribute__((always_inline)) inline void rotate_plane(F16& pp, F16& qq, F16& pq, F16& pr, F16& qr, F16* vp, F16* vq) {
   pq = without_least(pq);
   const F16 gap = qq - pp;
@@ -211,9 +214,10 @@ __attribute__((always_inline)) inline void rotate_plane(F16& pp, F16& qq, F16& p
   for (std::size_t k = 0; k < 3; ++k) rotate(vp[k], vq[k]);
 }
 
-// The unit axes (3) along which neighbourhoods spread least. Sixteen at once: a rotation is one long chain of dependent
-// operations, and most processors have the time for a second one beside it.
-inline void least_axes(const F16 (&s)[10], F16 (&axes)[3]) {
+// The unit axes (3) along which neighbourhoods spread least. sums: as those of Neighbourhoods. Sixteen at once: a rotation is
+// one long chain of operations, each of which waits for the last, so there is time for a second register beside it.
+inline void least_axes(const F16 (&sums)[kSums], F16 (&axes)[3]) {
+  const F16* s = sums;
   const F16 share = F16(1) / most(s[0], F16(1));
   F16 xx = s[4] - s[1] * s[1] * share, xy = s[5] - s[1] * s[2] * share, xz = s[6] - s[1] * s[3] * share;
   F16 yy = s[7] - s[2] * s[2] * share, yz = s[8] - s[2] * s[3] * share, zz = s[9] - s[3] * s[3] * share;
@@ -240,10 +244,10 @@ void normals_around(const KdTree& tree, const float* to_viewer, const float* fac
   NeighbourSearch<kSidesMatter> search(tree, to_viewer, facing);
   for (std::size_t begin = 0; begin < tree.size(); begin += KdTree::kLeaf) {
     const std::size_t end = std::min<std::size_t>(begin + KdTree::kLeaf, tree.size());
-    F16 sums[10] = {}, least[3];
+    F16 sums[kSums] = {}, least[3];
     for (std::size_t first = begin; first < end; first += kFloatLanes) {
       const Neighbourhoods found = search.around(first);
-      for (std::size_t k = 0; k < 10; ++k) sums[k].part[(first - begin) / kFloatLanes] = found.sum[k];
+      for (std::size_t k = 0; k < kSums; ++k) sums[k].part[(first - begin) / kFloatLanes] = found.sum[k];
     }
     least_axes(sums, least);
     float axes[3][KdTree::kLeaf];

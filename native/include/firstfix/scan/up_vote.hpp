@@ -30,18 +30,25 @@ void votes(const T* normals, std::size_t count, const double* directions, std::s
     z[i] = static_cast<float>(normals[3 * i + 2]);
     counts[i] = 1;
   }
+  float upright[kInStep * kRows];
   for (std::size_t d = 0; d < candidates; ++d) {
     const auto a = static_cast<float>(directions[3 * d]), b = static_cast<float>(directions[3 * d + 1]),
                c = static_cast<float>(directions[3 * d + 2]);
     double sum[kInStep] = {};
     for (std::size_t start = 0; start < padded; start += kInStep * kRows) {
       const std::size_t end = std::min(padded, start + kInStep * kRows);
+      // Three short loops: a processor then has many numbers under way at once. In one loop, each number's long chain of
+      // operations fills its queue.
+      for (std::size_t i = start; i < end; ++i) {
+        const float along = x[i] * a + y[i] * b + z[i] * c;
+        upright[i - start] = along * along * kScale;
+      }
+      for (std::size_t i = 0; i < end - start; ++i) upright[i] = detail::exp_of_negative(upright[i]);
       float part[kInStep] = {};
       for (std::size_t i = start; i < end; i += kInStep) {
         for (std::size_t lane = 0; lane < kInStep; ++lane) {
-          const float along = x[i + lane] * a + y[i + lane] * b + z[i + lane] * c;
-          const float upright = detail::exp_of_negative(along * along * kScale);
-          part[lane] += (upright + whole / upright) * counts[i + lane];  // exp(s - t) is exp(s) / exp(t)
+          const float level = whole / upright[i - start + lane];  // exp(s - t) is exp(s) / exp(t)
+          part[lane] += (upright[i - start + lane] + level) * counts[i + lane];
         }
       }
       for (std::size_t lane = 0; lane < kInStep; ++lane) sum[lane] += static_cast<double>(part[lane]);

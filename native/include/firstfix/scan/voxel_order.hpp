@@ -74,19 +74,23 @@ struct KeyedRow {
 // Radix sort by the lowest bits of the key. Rows with one key keep their order.
 template <class Key>
 void sort_by_key(std::vector<KeyedRow<Key>>& entries, unsigned bits) {
-  constexpr unsigned kDigitBits = 8;
+  constexpr unsigned kMostDigitBits = 11;  // a table of 8 KB
+  const unsigned digits = (bits + kMostDigitBits - 1) / kMostDigitBits;
+  if (digits == 0) return;
+  const unsigned digit_bits = (bits + digits - 1) / digits;
+  const Key mask = (Key{1} << digit_bits) - 1;
   std::vector<KeyedRow<Key>> sorted(entries.size());
-  for (unsigned shift = 0; shift < bits; shift += kDigitBits) {
-    std::array<std::uint32_t, 1U << kDigitBits> next{};
-    const auto digit = [shift](Key key) { return static_cast<std::size_t>(key >> shift & ((1U << kDigitBits) - 1)); };
-    for (const auto& entry : entries) ++next[digit(entry.key)];
+  std::vector<std::uint32_t> next(std::size_t{1} << digit_bits);
+  for (unsigned shift = 0; shift < bits; shift += digit_bits) {
+    std::fill(next.begin(), next.end(), 0);
+    for (const auto& entry : entries) ++next[static_cast<std::size_t>(entry.key >> shift & mask)];
     std::uint32_t before = 0;
     for (std::uint32_t& start : next) {
       const std::uint32_t here = start;
       start = before;
       before += here;
     }
-    for (const auto& entry : entries) sorted[next[digit(entry.key)]++] = entry;
+    for (const auto& entry : entries) sorted[next[static_cast<std::size_t>(entry.key >> shift & mask)]++] = entry;
     entries.swap(sorted);
   }
 }
