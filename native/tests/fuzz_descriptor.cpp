@@ -8,6 +8,7 @@
 #include "firstfix/descriptor/best_shifts.hpp"
 #include "firstfix/descriptor/occupied_cells.hpp"
 #include "firstfix/descriptor/ring_spectra.hpp"
+#include "firstfix/retrieval/nearest_in_lists.hpp"
 #include "firstfix/retrieval/spread_out.hpp"
 #include "hostile.hpp"
 
@@ -102,6 +103,20 @@ void choose_once(Hostile& random) {
   for (const std::int64_t row : chosen) expect(0 <= row && row < static_cast<std::int64_t>(count), "candidate");
 }
 
+void search_once(Hostile& random) {
+  const auto known = static_cast<std::size_t>(random.number(1, 200)), numbers = static_cast<std::size_t>(random.number(0, 20)),
+             lists = static_cast<std::size_t>(random.number(1, 6)), count = static_cast<std::size_t>(random.number(0, 12)),
+             most = static_cast<std::size_t>(random.number(1, static_cast<std::int64_t>(known)));
+  const std::vector<float> keys = random.floats(known * numbers, 4), queries = random.floats(count * numbers, 4);
+  std::vector<std::int64_t> start(lists + 1), probed(2 * count), found(count * most);
+  for (std::int64_t& begin : start) begin = random.number(0, static_cast<std::int64_t>(known));
+  start.front() = 0, start.back() = static_cast<std::int64_t>(known);
+  std::sort(start.begin(), start.end());
+  for (std::int64_t& list : probed) list = random.number(0, static_cast<std::int64_t>(lists) - 1);
+  nearest_in_lists({keys.data(), numbers, start.data(), lists}, queries.data(), count, probed.data(), 2, most, found.data());
+  for (const std::int64_t key : found) expect(-1 <= key && key < static_cast<std::int64_t>(known), "key");
+}
+
 }  // namespace
 }  // namespace firstfix::tests
 
@@ -111,5 +126,6 @@ int main() {
     firstfix::tests::describe_once(random);
     firstfix::tests::compare_once(random);
     firstfix::tests::choose_once(random);
+    firstfix::tests::search_once(random);
   }
 }

@@ -166,6 +166,9 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "spread_out": lambda native: native.spread_out(
         STREET[:300].astype(np.float64), YAWS_RAD, 50, 3.0, np.cos(0.5), 3
     ),
+    "nearest_in_lists": lambda native: native.nearest_in_lists(
+        FEW[:30], np.arange(90).reshape(30, 3) % 5, FEW, np.array([0, 7, 7, 60, 61, len(FEW)]), 40
+    ),
     "usable_points, float": lambda native: native.usable_points(*STREET.T),
     "usable_points, double": lambda native: native.usable_points(*WIDE.T / 9e3),
     "all_within": lambda native: native.all_within(STREET, 30.0),

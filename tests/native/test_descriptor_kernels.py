@@ -139,6 +139,22 @@ def test_poses_are_spread_out(seed: int, count: int, at_most: int, a_spot: int):
     assert alike("spread_out", position_m, yaw_rad, *how).tolist() == spread_out(position_m, yaw_rad, *how)
 
 
+@given(st.integers(0, 1000), st.integers(1, 150), st.integers(1, 20), st.integers(1, 7), st.integers(0, 4))
+@settings(max_examples=60, deadline=None)
+def test_the_nearest_keys_of_some_lists(seed: int, known: int, numbers: int, lists: int, probes: int):
+    rng = np.random.default_rng(seed)
+    keys = rng.integers(-3, 4, (known, numbers)).astype(np.float32)  # many are equally far
+    start = np.sort(np.append(rng.integers(0, known + 1, lists - 1), [0, known]))
+    asked = rng.integers(-3, 4, (11, numbers)).astype(np.float32)
+    probed = np.array([rng.permutation(lists)[:probes] for _ in asked], np.int64)
+    most = int(rng.integers(1, known + 1))
+    found = native.nearest_in_lists(asked, probed, keys, start, most)
+    for query, own, rows in zip(asked, probed, found.tolist(), strict=True):
+        there = np.concatenate([np.arange(start[i], start[i + 1]) for i in np.sort(own)] or [[]]).astype(int)
+        nearest = there[np.argsort(((keys[there] - query) ** 2).sum(axis=1), kind="stable")][:most]
+        assert rows == nearest.tolist() + [-1] * (most - len(nearest))
+
+
 POINTS, HEIGHT = np.zeros((5, 3), np.float32), np.zeros(2, np.float32)
 GRID = (2, 8, 10.0, np.float32([0, 1]))
 CELLS = np.zeros((3, 2), np.uint8)

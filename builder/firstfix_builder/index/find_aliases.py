@@ -16,6 +16,7 @@ from firstfix.engine.retrieval.alias_table import AliasTable
 from firstfix.engine.retrieval.cascade import Cascade, Matches
 from firstfix.engine.retrieval.key_search import FaissSearch
 from firstfix.engine.retrieval.key_search.faiss_indexes import FLAT_UP_TO
+from firstfix.engine.retrieval.key_search.key_lists import KeyLists
 from firstfix.native import spread_out
 
 # Templates of one task. FAISS multiplies matrices from 128,000 numbers of the searched keys on: 128 each.
@@ -31,14 +32,14 @@ def find_aliases(cascade: Cascade, keys: NDArray[np.float32], config: AliasConfi
     Args:
         keys: (c, d) of the clusters, as they are searched.
     """
-    count = len(cascade.templates)
+    count, search = len(cascade.templates), cascade.keys
     table = AliasTable.none(count, config.each)
+    lists = search.key_lists() if len(keys) > FLAT_UP_TO and isinstance(search, FaissSearch) else None
 
     def fill(first: int) -> None:
         rows = np.arange(first, min(first + AT_ONCE, count))
-        for template, clusters in zip(
-            rows.tolist(), _nearest(cascade, keys, rows, config.clusters), strict=True
-        ):
+        nearest = _nearest(cascade, keys, lists, rows, config.clusters)
+        for template, clusters in zip(rows.tolist(), nearest, strict=True):
             found = aliases_of(cascade, template, clusters[clusters >= 0], config)
             table.put(template, found.rows, found.yaw_rad, found.score)
 
@@ -48,13 +49,17 @@ def find_aliases(cascade: Cascade, keys: NDArray[np.float32], config: AliasConfi
 
 
 def _nearest(
-    cascade: Cascade, keys: NDArray[np.float32], rows: NDArray[np.int64], clusters: int
+    cascade: Cascade,
+    keys: NDArray[np.float32],
+    lists: KeyLists | None,
+    rows: NDArray[np.int64],
+    clusters: int,
 ) -> NDArray[np.int64]:
     """The clusters (n, at most ``clusters``) nearest by key to (n,) templates; -1: there are no more."""
     own = cascade.descriptor.keys(cascade.templates.described_at(rows))
     own = own if cascade.projection is None else own @ cascade.projection
-    if len(keys) > FLAT_UP_TO and isinstance(cascade.keys, FaissSearch):
-        return cascade.keys.search_many(own, clusters)
+    if lists is not None:
+        return lists.search(own, clusters)
     faiss.omp_set_num_threads(1)  # as in FaissSearch: this thread is one of many
     found: NDArray[np.int64] = faiss.knn(own, keys, min(clusters, len(keys)))[1]
     return found
@@ -64,11 +69,9 @@ def aliases_of(cascade: Cascade, template: int, clusters: NDArray[np.int64], con
     """One template's aliases in the given clusters, most similar first. The same spot and heading is none."""
     templates = cascade.templates
     found = cascade.match(templates.described_at(np.array([template])), clusters)
-    position_m = np.array(templates.position_m[found.rows], np.float64)
-    yaw_rad = found.yaw_rad.astype(np.float64)
-    x, y, z = (position_m - templates.position_m[template]).T  # a sum over rows of three would be slow
-    away_m = np.sqrt(x * x + y * y + z * z)
-    elsewhere = np.flatnonzero((away_m >= SPOT_M) | (np.cos(yaw_rad) <= _SPOT_COS))
-    chosen = spread_out(position_m[elsewhere], yaw_rad[elsewhere], config.each, SPOT_M, _SPOT_COS, 1)
-    kept = elsewhere[chosen]
-    return Matches(found.rows[kept], yaw_rad[kept], found.score[kept])
+    position_m = templates.position_m[np.append(template, found.rows)].astype(
+        np.float64
+    )  # its own spot first
+    yaw_rad = np.append(0.0, found.yaw_rad)
+    kept = spread_out(position_m, yaw_rad, config.each + 1, SPOT_M, _SPOT_COS, 1)[1:] - 1
+    return Matches(found.rows[kept], found.yaw_rad[kept], found.score[kept])

@@ -11,7 +11,8 @@ from firstfix.engine.candidates import SPOT_DEG, SPOT_M
 from firstfix.engine.config import AliasConfig, EngineConfig, SearchConfig
 from firstfix.engine.retrieval.alias_table import NONE
 from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates
-from firstfix.engine.retrieval.key_search import FaissSearch, build_key_search
+from firstfix.engine.retrieval.key_search import build_key_search
+from firstfix.engine.retrieval.key_search.key_lists import KeyLists
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
 from firstfix_builder.index import find_aliases as module
 from firstfix_builder.index.find_aliases import find_aliases
@@ -111,7 +112,7 @@ def test_the_clusters_are_those_with_the_nearest_keys(projected, count):
     if projected:
         long, keys = replace(long, projection=projection), keys @ projection
     rows = np.arange(100, 100 + count)
-    found = module._nearest(long, keys, rows, 50)
+    found = module._nearest(long, keys, None, rows, 50)
     away = np.linalg.norm(keys[rows, None].astype(np.float64) - keys, axis=2)
     assert found.shape == (count, 50)
     assert all(len(set(row)) == 50 for row in found.tolist())
@@ -161,9 +162,9 @@ def test_where_there_are_too_many_keys_to_read_all_the_inverted_lists_are_search
     keys, searched = keys_of(cascade), []
     search = build_key_search(keys, SearchConfig(engine="faiss_ivf"))
     monkeypatch.setattr(
-        FaissSearch,
-        "search_many",
-        lambda self, *given, do=FaissSearch.search_many: searched.append(given[1:]) or do(self, *given),
+        KeyLists,
+        "search",
+        lambda self, *given, do=KeyLists.search: searched.append(given[1:]) or do(self, *given),
     )
     monkeypatch.setattr(module, "FLAT_UP_TO", 0)
     again = find_aliases(replace(cascade, keys=search), keys, AliasConfig(each=4, clusters=40))

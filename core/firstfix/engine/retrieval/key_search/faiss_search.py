@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...config import SearchConfig
 from .faiss_indexes import chosen_engine, empty_index, probes_for
+from .key_lists import KeyLists
 from .tile_shards import TileShards
 
 FILE = "keys.faiss"  # of a search with one index
@@ -74,10 +75,15 @@ class FaissSearch:
         found = _merged(self._of_every_shard(key[None], count), count)[0]
         return found[found >= 0]
 
-    def search_many(self, keys: NDArray[np.float32], count: int) -> NDArray[np.int64]:
-        """Rows near (n, d) keys as by ``search``: (n, at most ``count``), -1 where there are no more."""
-        faiss.omp_set_num_threads(1)
-        return _merged(self._of_every_shard(keys, count), count)
+    def key_lists(self) -> KeyLists | None:
+        """All keys, for many searches at once; None: they are not in lists."""
+        if not self._inverted:
+            return None
+        if self._shards is None:
+            return KeyLists.of(self._indexes, [np.arange(len(self))])
+        return KeyLists.of(
+            self._indexes, [self._rows_of(number, self._shards) for number in range(len(self._indexes))]
+        )
 
     def search_among(
         self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
