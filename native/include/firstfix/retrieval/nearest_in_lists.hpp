@@ -128,7 +128,7 @@ inline void nearest_in_lists(const KeyLists& lists, const float* queries, std::s
         for (std::size_t q = 0; q < some; ++q) {
           detail::NearestKeys& best = nearest[asking[at + q]];
           const FloatLanes limit = detail::all_lanes(best.limit());
-          if (!detail::any_lane((low[q] <= limit) | (high[q] <= limit))) continue;
+          if (detail::all_bits((low[q] <= limit) | (high[q] <= limit)) == 0) continue;
           for (std::size_t i = 0; i < keys; ++i) {
             const float away = i < kFloatLanes ? low[q][i] : high[q][i - kFloatLanes];
             if (away <= best.limit()) best.add(away, static_cast<std::uint32_t>(first + i));
