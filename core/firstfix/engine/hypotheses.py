@@ -19,9 +19,12 @@ from .registered_candidate import NOT_MEASURED, RegisteredCandidate, distinct, f
 from .registration.align import Agreement, Registration, Registrations
 from .registration.surface import Surface
 
-# Share of a search's best coarse alignment score, from which a candidate is aligned further. The right place
-# had 0.905 or more in 729 searches (docs/experiments.md, "Hopeless candidates").
+# Share of a search's best coarse alignment score, below which a candidate is hopeless. The right place had 0.905
+# or more in 729 searches (docs/experiments.md, "Hopeless candidates").
 _HOPEFUL_FROM = 0.85
+# Alignment score from which on a place explains a scan so well that hopeless ones are no rivals. A scan that no
+# place explains needs them: they tell that it is of another place.
+_EXPLAINED_FROM = 0.85
 _BESIDE = np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
 
 
@@ -133,11 +136,16 @@ class HypothesisSearch:
             return
         surface, sparse, T = self._index.surface, self._prepared.sparse, candidates.T_level_sensor
         near, score = surface.align_coarse(sparse, T)
-        rows = np.flatnonzero(score >= _HOPEFUL_FROM * score.max())
         self._tried = np.concatenate([self._tried, T])
-        self._starts = np.concatenate([self._starts, T[rows]])
-        self._template = np.concatenate([self._template, candidates.template[rows]])
-        self._aligned.append(surface.align(sparse, near[rows]))
+        is_hopeful = score >= _HOPEFUL_FROM * score.max()
+        for rows in (np.flatnonzero(is_hopeful), np.flatnonzero(~is_hopeful)):
+            if not len(rows):
+                return
+            self._starts = np.concatenate([self._starts, T[rows]])
+            self._template = np.concatenate([self._template, candidates.template[rows]])
+            self._aligned.append(surface.align(sparse, near[rows]))
+            if self._aligned[-1].alignment_score.max() >= _EXPLAINED_FROM:
+                return
 
     def _untried(self, T_level_sensor: NDArray[np.float64]) -> NDArray[np.intp]:
         """Rows of (k, 4, 4) starts that are near no start, and no aligned pose, of an earlier run."""

@@ -110,10 +110,15 @@ def test_candidates_are_ranked_by_alignment_and_free_space():
 
 
 def test_a_start_that_is_hopeless_on_the_coarse_grid_is_aligned_no_further_and_never_again():
-    made_up = MadeUpMap([0.8, 0.85, 0.82], [0.0] * 3, coarse={0: 0.9, 1: 0.7, 2: 0.8})
+    made_up = MadeUpMap([0.8, 0.5, 0.9], [0.0] * 3, coarse={0: 0.9, 1: 0.7, 2: 0.8})
     hypotheses = searching(made_up)
     assert [one.template for one in hypotheses.run(standing_at([0.0, 10.0, 20.0]))] == [2, 0]
     assert not len(hypotheses.untried(standing_at([10.0])))
+
+
+def test_where_no_place_explains_the_scan_hopeless_ones_are_rivals():
+    made_up = MadeUpMap([0.8, 0.5, 0.82], [0.0] * 3, coarse={0: 0.9, 1: 0.7, 2: 0.8})
+    assert [one.template for one in search(made_up)] == [2, 0, 1]
 
 
 def test_free_space_is_not_checked_where_no_rival_can_be():
