@@ -19,11 +19,11 @@ from .registered_candidate import NOT_MEASURED, RegisteredCandidate, distinct, f
 from .registration.align import Agreement, Registration, Registrations
 from .registration.surface import Surface
 
-# Share of a search's best coarse alignment score, below which a candidate is hopeless. The right place had 0.905
-# or more in 729 searches (docs/experiments.md, "Hopeless candidates").
+# Share of a search's best coarse alignment score, below which a candidate is hopeless. The right place had
+# 0.905 or more in 729 searches (docs/experiments.md, "Hopeless candidates").
 _HOPEFUL_FROM = 0.85
-# Alignment score from which on a place explains a scan so well that hopeless ones are no rivals. A scan that no
-# place explains needs them: they tell that it is of another place.
+# Alignment score from which on a place explains a scan so well that hopeless ones are no rivals. A scan that
+# no place explains needs them: they tell that it is of another place.
 _EXPLAINED_FROM = 0.85
 _BESIDE = np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
 
