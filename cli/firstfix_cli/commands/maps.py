@@ -86,7 +86,7 @@ def changes(
     store: Store = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the areas that have changed since a map was made, and those that were never mapped.
+    """List the areas that have changed or were never mapped.
 
     The localized queries show it. What a replica has counted last is in the store only some minutes later.
     """
