@@ -244,7 +244,7 @@ def test_the_command_line_lists_and_draws_them(
 
 @pytest.fixture(scope="module")
 def driven_maps() -> dict[str, MapIndex]:
-    """What a mapping run saw of the hall with the screen, with and without its trajectory."""
+    """Maps of one mapping run through the hall with the screen, with and without its trajectory."""
     return {
         "driven": driven(SCREENED, DRIVE_M),
         "unknown": driven(SCREENED, DRIVE_M, with_seen_free=False),
