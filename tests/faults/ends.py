@@ -256,9 +256,15 @@ def _try(world: World, name: str, end: End, stage: str) -> None:
     if world.catalog.active_version(map_id) != status["version"]:
         wrong.append("a version is active that the status does not name")
     # what is removed after the end is on record
+    left: list[str] = []
+
+    def is_clean() -> bool:
+        left[:] = left_over(world)
+        return not left
+
     with suppress(AssertionError):
-        wait(lambda: not left_over(world), "nothing is left", limit_s=60.0)
-    if left := left_over(world):
+        wait(is_clean, "nothing is left", limit_s=60.0)
+    if left:
         wrong.append(f"{len(left)} objects are left, as {left[0]}")
         _forget(world, left)
     if not wrong:
@@ -269,6 +275,7 @@ def left_over(world: World) -> list[str]:
     """Objects of the store that no record of a build, no version in service and no log refers to."""
     catalog = world.catalog
     store = catalog.store
+    keys = store.list()  # before the references: what is created meanwhile is not taken for left over
     referred: set[str] = set()
     for build_id in catalog.build_ids():
         referred.update(store.list(f"builds/{build_id}"))
@@ -288,7 +295,7 @@ def left_over(world: World) -> list[str]:
         if entry.version not in catalog.state(map_id).published
     )
     kept = ("changes/", "callers/", "checked/", *retired)
-    return sorted(key for key in store.list() if key not in referred and not key.startswith(kept))
+    return sorted(key for key in keys if key not in referred and not key.startswith(kept))
 
 
 def _forget(world: World, left: Sequence[str]) -> None:
