@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 from tests.needs import needs
+from tests.waiting import wait_until
 
 _EXT4_IOC_SHUTDOWN = 0x8004587D  # linux: _IOR('X', 125, __u32)
 _NO_LOG_FLUSH = 2  # nothing more is written, also nothing of the journal
@@ -45,7 +46,16 @@ class DiskImage:
         _run("mount", "-o", "loop,commit=1", str(self.image), str(self.mount_point))
 
     def unmount(self) -> None:
+        """Returns when the kernel has let go of the file system.
+
+        A process that is born meanwhile with mounts of its own, as a container, holds a copy of this mount
+        for a moment. Who mounts the image in that moment gets the same file system again, without power.
+        """
         _run("umount", str(self.mount_point))
+        wait_until(lambda: not self._is_held(), what=f"nobody holds {self.mount_point}")
+
+    def _is_held(self) -> bool:
+        return bool(_run("losetup", "--associated", str(self.image)))
 
     def __enter__(self) -> DiskImage:
         self.mount()
@@ -74,7 +84,7 @@ class DiskImage:
 
 def why_no_images() -> str | None:
     """The reason why this process cannot make and mount images; None if it can."""
-    for program in ("mkfs.ext4", "e2fsck", "mount", "umount"):
+    for program in ("mkfs.ext4", "e2fsck", "mount", "umount", "losetup"):
         if shutil.which(program) is None:
             return needs(program, "apt-get install e2fsprogs mount")
     with tempfile.TemporaryDirectory() as folder:
@@ -86,5 +96,5 @@ def why_no_images() -> str | None:
             return f"needs root and loop devices, so that an image can be mounted: {why}"
 
 
-def _run(*command: str) -> None:
-    subprocess.run(command, check=True, capture_output=True)
+def _run(*command: str) -> bytes:
+    return subprocess.run(command, check=True, capture_output=True).stdout
