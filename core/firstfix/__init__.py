@@ -20,8 +20,6 @@ The names here are those that users may rely on; everything else may change. The
 from importlib import import_module
 from typing import Any
 
-from .syntax_trees import make_one_at_a_time
-
 __version__ = "0.1.0"
 
 _HOME = {
@@ -54,8 +52,6 @@ _HOME = {
 _MODULES = ("errors", "transform")
 
 __all__ = ["__version__", *_HOME, *_MODULES]
-
-make_one_at_a_time()  # before anything opens a file
 
 
 def __getattr__(name: str) -> Any:

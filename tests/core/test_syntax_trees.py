@@ -10,7 +10,7 @@ import pytest
 # Collections of garbage let another thread in while a tree is made.
 PROGRAM = """
 import ast, gc, os, sys, threading, time
-import firstfix
+import firstfix.catalog
 
 HEADER = "[" + "{'descr': '<f8'}, " * 40 + "]"
 failed = []
