@@ -7,6 +7,7 @@ once, as those of a build do, could fail with a SystemError. Debian 12 has such 
 
 from __future__ import annotations
 
+import ast
 import os
 import sys
 import threading
@@ -17,8 +18,6 @@ def make_one_at_a_time() -> None:
     """Lets only one thread at a time into ``ast.parse``, on the versions of Python that may need it."""
     if sys.version_info >= (3, 13):
         return
-    import ast
-
     parse, lock = ast.parse, threading.RLock()
 
     def parse_alone(*arguments: Any, **options: Any) -> ast.AST:
