@@ -1,16 +1,17 @@
 # firstfix. `make demo` shows it, `make test` proves it; both set up what they need.
-.PHONY: setup native console demo test test-fast lint docs bench scoreboard faults lock test-servers clean
+.PHONY: setup native console demo test test-slow test-all lint docs bench scoreboard faults lock test-servers all-test-servers clean
 .DEFAULT_GOAL := help
 bin := .venv/bin
 # Four files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
 PYTEST_ARGS ?= -n 4 --dist loadfile --no-loadscope-reorder
-# A run that takes longer (seconds) is ended, with the stacks of what hangs. On 2 cores it takes some 36 minutes.
+# A run that takes longer (seconds) is ended, with the stacks of what hangs.
 TEST_LIMIT_S ?= 10800
 run_tests := PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python tests/harness/reaper.py --limit-s $(TEST_LIMIT_S) $(bin)/python -m pytest
-FAST := $(addprefix tests/, core builder service client cli ros2 house)
+# The compiled core, the console and the servers side by side: each alone leaves a processor idle, or waits for a network.
+MAKEFLAGS += --jobs=3
 
 help:  ## show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: .venv/.ready native console  ## make .venv from the locks (system libraries too, where it may)
 .venv/.ready: pyproject.toml deploy/locks/setup.txt deploy/locks/dev.txt scripts/setup.sh
@@ -33,23 +34,30 @@ lint: setup  ## style, types, and who may import whom
 	@$(bin)/lint-imports --no-logo
 	@$(bin)/mypy
 
-test: setup test-servers lint  ## lint, then every test
-	@$(run_tests) $(PYTEST_ARGS)
+test: setup test-servers lint  ## lint, then the tests that show what firstfix promises: twelve minutes on 2 cores
+	@$(run_tests) $(PYTEST_ARGS) -m "not slow"
 
-test-fast: setup  ## the quick tests, for the edit loop
-	@$(run_tests) -n 4 --dist loadfile -m "not slow" $(FAST)
+test-slow: setup all-test-servers  ## the other tests: images, drills, sanitizers, long tours, all ROS 2 distributions
+	@$(run_tests) $(PYTEST_ARGS) -m slow
 
-test-servers: .venv/.ready  ## an S3 server for the storage tests, where Go is there to build it
+test-all:  ## `make test`, then `make test-slow`; what both build is built once
+	@export ONCE_A_RUN=$$(mktemp -d) && trap 'rm -rf "$$ONCE_A_RUN"' EXIT \
+	  && $(MAKE) --no-print-directory test && $(MAKE) --no-print-directory test-slow
+
+test-servers: .venv/.ready  ## the real servers of `make test`: S3, JetStream, MQTT, Chromium, ROS 2 Jazzy
 	@scripts/test-servers.sh
+
+all-test-servers: .venv/.ready  ## those of `make test-slow` too: Azure, toxiproxy, HAProxy, helm, ROS 2 Kilted
+	@scripts/test-servers.sh all
 
 bench: setup  ## the suites of benchmarks/ (ARGS="real --quick")
 	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m benchmarks.run $(ARGS)
 
-scoreboard: setup test-servers  ## measure this commit for the pages (ARGS="real peers", ARGS=--quick)
+scoreboard: setup all-test-servers  ## measure this commit for the pages (ARGS="real peers", ARGS=--quick)
 	@PATH="$(CURDIR)/$(bin):$$PATH" PYTHONPATH=tests $(bin)/python -m benchmarks.scoreboard $(ARGS)
 	@$(bin)/python scripts/generate.py
 
-faults: setup test-servers  ## the fault drills of tests/faults (ARGS="power_cuts --cuts 50")
+faults: setup all-test-servers  ## the fault drills of tests/faults (ARGS="power_cuts --cuts 50")
 	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m tests.faults $(ARGS)
 
 docs: setup  ## the documentation site, in build/site

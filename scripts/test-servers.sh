@@ -1,9 +1,11 @@
 #!/usr/bin/env bash
-# Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
-# networks), haproxy (replicas), mosquitto (MQTT), Azurite (Azure); iproute2, for a weak link; what renders and checks
-# the Helm chart: helm, the schemas of Kubernetes and prometheus-operator; Chromium for the console; what the C++ client
-# is built with; ROS 2 Jazzy and Kilted. Rust, which builds a robot of another DDS, is only looked for. Tests whose
-# server or tool cannot be had are skipped and say so.
+# Puts real servers beside the tests' Python. Tests whose server or tool cannot be had are skipped and say so.
+#
+#   scripts/test-servers.sh        # of `make test`: versitygw (S3), mosquitto (MQTT), Chromium for the console, what the
+#                                  # C++ client is built with, ROS 2 Jazzy. nats-server comes with .venv.
+#   scripts/test-servers.sh all    # of `make test-slow` too: Azurite (Azure), toxiproxy (broken networks), HAProxy (replicas),
+#                                  # iproute2 (a weak link), helm with the schemas of Kubernetes and prometheus-operator,
+#                                  # ROS 2 Kilted. Rust, which builds a robot of another DDS, is only looked for.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
@@ -25,11 +27,6 @@ build() {
   rm -rf "$made"
 }
 
-build versitygw github.com/versity/versitygw/cmd/versitygw@v1.8.0
-build nats-server github.com/nats-io/nats-server/v2@v2.10.22
-build toxiproxy-server github.com/Shopify/toxiproxy/v2/cmd/server@v2.12.0
-build helm helm.sh/helm/v3/cmd/helm@v3.19.0
-
 # FOLDER PACKAGE@VERSION: npm's packages are a tree, which gets a folder of .venv. One that could not be had is
 # left empty, and not tried again before `make clean`.
 npm_tree() {
@@ -43,12 +40,6 @@ npm_tree() {
     say "$package could not be installed, so its tests will be skipped"
   }
 }
-
-npm_tree kubernetes-models @kubernetes-models/prometheus-operator@6.0.0
-command -v azurite-blob >/dev/null || npm_tree azurite azurite@3.35.0
-if [ -x .venv/azurite/node_modules/.bin/azurite-blob ]; then
-  ln -sf ../azurite/node_modules/.bin/azurite-blob "$bin/azurite-blob"
-fi
 
 # TESTS PACKAGE...: what is skipped without them.
 system_packages() {
@@ -66,12 +57,24 @@ system_packages() {
 }
 have() { local name; for name in "$@"; do command -v "$name" >/dev/null || return 1; done; }
 
-have cargo || say "no cargo here, so the tests with a robot of another DDS will be skipped"
-have haproxy || system_packages "the replicas' tests" haproxy
+build versitygw github.com/versity/versitygw/cmd/versitygw@v1.8.0
 have mosquitto || [ -x /usr/sbin/mosquitto ] || system_packages "the tests of VDA 5050" mosquitto
-have ip || system_packages "the weak link's test" iproute2
 have chromium || system_packages "the console's tests" chromium
 { have cmake c++ make pkg-config && pkg-config --exists libzstd libcurl libcrypto nlohmann_json; } ||
   system_packages "the C++ client's tests" \
     cmake g++ make pkg-config libzstd-dev libcurl4-openssl-dev libssl-dev nlohmann-json3-dev
-scripts/ros2.sh
+scripts/ros2.sh jazzy
+[ "${1:-}" = all ] || exit 0
+
+build toxiproxy-server github.com/Shopify/toxiproxy/v2/cmd/server@v2.12.0
+build helm helm.sh/helm/v3/cmd/helm@v3.19.0
+npm_tree kubernetes-models @kubernetes-models/prometheus-operator@6.0.0
+command -v azurite-blob >/dev/null || npm_tree azurite azurite@3.35.0
+if [ -x .venv/azurite/node_modules/.bin/azurite-blob ]; then
+  ln -sf ../azurite/node_modules/.bin/azurite-blob "$bin/azurite-blob"
+fi
+
+have haproxy || system_packages "the replicas' tests" haproxy
+have ip || system_packages "the weak link's test" iproute2
+have cargo || say "no cargo here, so the tests with a robot of another DDS will be skipped"
+scripts/ros2.sh kilted

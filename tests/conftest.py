@@ -26,6 +26,7 @@ pytest_plugins = [
     "harness.dead_workers",
     "harness.left_behind",
     "harness.skips",
+    "harness.processor_time",
     "frequent_snapshots",
     "patient_clients",
     "one_tls_context",
@@ -100,7 +101,7 @@ def broken_s3(s3_gateway: str, s3_url: str, toxiproxy: Toxiproxy) -> tuple[str, 
     return s3_url.replace(s3_gateway, f"http://{link.address}"), link
 
 
-@pytest.fixture(params=["file", "memory", "s3", "azure"])
+@pytest.fixture(params=["file", "memory", "s3", pytest.param("azure", marks=pytest.mark.slow)])
 def any_store_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """The URL of an empty store: the test runs on each kind."""
     if request.param in ("s3", "azure"):

@@ -1,4 +1,7 @@
-"""Costly things that several test files share: made once a run, on disk, for all workers."""
+"""Costly things that several test files share: made once a run, on disk, for all workers.
+
+Runs that go on from each other, as those of `make test-all`, share them too: ONCE_A_RUN names their folder.
+"""
 
 from __future__ import annotations
 
@@ -68,6 +71,8 @@ class OnceARun:
 @pytest.fixture(scope="session")
 def once_a_run(tmp_path_factory: pytest.TempPathFactory) -> OnceARun:
     """Folders that all workers of this run share."""
+    if shared := os.environ.get("ONCE_A_RUN"):
+        return OnceARun(Path(shared))
     base = tmp_path_factory.getbasetemp()
     of_run = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
     return OnceARun(of_run / "once-a-run")

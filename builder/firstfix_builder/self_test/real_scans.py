@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.stats import fisher_exact
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.bit_exact.sample import rows_by_chance
@@ -119,6 +118,8 @@ def disagreeing(
 
 
 def _differ(shares: Sequence[float], scans: tuple[int, int]) -> bool:
+    from scipy.stats import fisher_exact  # imported late: half of the start of each process of a build
+
     yes = [round(share * count) for share, count in zip(shares, scans, strict=True)]
     table: Any = [yes, [count - good for count, good in zip(scans, yes, strict=True)]]
     return float(fisher_exact(table).pvalue) < UNLIKELY

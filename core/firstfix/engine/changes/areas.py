@@ -8,7 +8,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..false_accept_bound import upper_bound
 from .cells import SLOTS, box_of, cells_of_keys
@@ -62,6 +61,8 @@ class CellVotes:
         What moves is larger than a cell. There are fewer votes about its edges, which few rays meet, and
         beside which other things stand.
         """
+        from scipy.spatial import cKDTree  # imported late: a replica starts without it
+
         beside = ~changed & (self._least_share(CONFIDENCE_BESIDE) > min_share)
         rows = np.flatnonzero(beside)
         tree = cKDTree(cells_of_keys(self.cell[changed]))

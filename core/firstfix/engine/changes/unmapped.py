@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 FEWEST_CELLS = 3  # of an area: one cell may be an error of all poses on one side
 UNMAPPED_SHARE = 0.5  # of those who did not explain a cell: more of them say that it was never seen
@@ -14,6 +11,10 @@ UNMAPPED_SHARE = 0.5  # of those who did not explain a cell: more of them say th
 
 def groups_of(cells: NDArray[np.int64]) -> NDArray[np.int32]:
     """(n,) number of the group of each of (n, 3) cells. Cells that touch, even at a corner, are together."""
+    from scipy.sparse import coo_matrix  # imported late: a replica starts without them
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
     pairs = cKDTree(cells).query_pairs(1, p=np.inf, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (len(cells), len(cells)))
     group: NDArray[np.int32] = connected_components(links, directed=False)[1]
