@@ -24,7 +24,7 @@ _ACCOUNT = "tests"
 @pytest.fixture(scope="session")
 def azurite(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Azurite with an empty container; the account's key stands in the environment."""
-    name = os.environ.get("AZURITE_BLOB") or program("azurite-blob", "npm install azurite, AZURITE_BLOB=...")
+    name = program("azurite-blob", "make all-test-servers installs it, with npm")
     port, key = free_port(), base64.b64encode(secrets.token_bytes(32)).decode()
     command = [name, "--blobHost", "127.0.0.1", "--blobPort", str(port), "--silent", "--disableTelemetry"]
     command += ["--skipApiVersionCheck", "--inMemoryPersistence"]

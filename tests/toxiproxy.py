@@ -60,7 +60,7 @@ class Link:
 
 @pytest.fixture(scope="session")
 def toxiproxy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Toxiproxy]:
-    name = program("toxiproxy-server", "go install github.com/Shopify/toxiproxy/v2/cmd/server@latest")
+    name = program("toxiproxy-server", "make all-test-servers builds it, with Go")
     port = free_port()
     command = [name, "-host", "127.0.0.1", "-port", str(port)]
     with running(command, port, tmp_path_factory.mktemp("toxiproxy") / "log"):

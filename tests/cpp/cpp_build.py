@@ -48,7 +48,7 @@ def require_toolchain() -> None:
     """Skips the test if a program or library for the build is missing."""
     for program in ("cmake", "c++", "make", "pkg-config"):
         if shutil.which(program) is None:
-            pytest.skip(needs(program, "scripts/test-servers.sh installs it"))
+            pytest.skip(needs(program, "make test-servers installs it"))
     for library in LIBRARIES:
         if subprocess.run(["pkg-config", "--exists", library], check=False).returncode:
-            pytest.skip(needs(f"the development files of {library}", "scripts/test-servers.sh installs them"))
+            pytest.skip(needs(f"the development files of {library}", "make test-servers installs them"))

@@ -31,7 +31,7 @@ def rendered(
     Raises:
         Refused: with what helm says.
     """
-    helm = program("helm", "scripts/test-servers.sh builds it")
+    helm = program("helm", "make all-test-servers builds it, with Go")
     command = [helm, "template", release, str(CHART), "--kube-version", "1.32", "--values", "-"]
     command += [part for file in value_files for part in ("--values", str(file))]
     run = subprocess.run(

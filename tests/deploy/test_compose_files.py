@@ -195,8 +195,9 @@ def test_what_the_dask_containers_are_started_with_is_what_dask_takes():
     assert scheduler.replace("tcp://", "dask://") in (COMPOSE / ".env.example").read_text()
 
 
+@pytest.mark.slow
 def test_haproxy_takes_its_file():
-    haproxy = program("haproxy", "apt-get install haproxy")
+    haproxy = program("haproxy", "make all-test-servers installs it, for root")
     done = subprocess.run(
         [haproxy, "-c", "-f", COMPOSE / "haproxy.cfg"], capture_output=True, text=True, check=False
     )

@@ -32,7 +32,7 @@ def documented(port: int, service_url: str) -> str:
 
 
 def test_the_page_and_its_calls_work_under_a_prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    haproxy = program("haproxy", "apt-get install haproxy")
+    haproxy = program("haproxy", "make all-test-servers installs it, for root")
     (tmp_path / "page" / "assets").mkdir(parents=True)
     (tmp_path / "page" / "index.html").write_bytes(INDEX)
     (tmp_path / "page" / "assets" / "index-a1.js").write_bytes(SCRIPT)

@@ -55,7 +55,7 @@ def problems_of(custom: list[dict[str, Any]]) -> list[str]:
     """Returns the errors of the resources in the schemas of prometheus-operator."""
     package = Path(sys.prefix) / "kubernetes-models/node_modules/@kubernetes-models/prometheus-operator"
     if not package.is_dir() or shutil.which("node") is None:
-        pytest.skip("needs schemas of prometheus-operator: scripts/test-servers.sh installs them, with npm")
+        pytest.skip("needs schemas of prometheus-operator: make all-test-servers installs them, with npm")
     script = Path(__file__).with_name("check_custom_resources.mjs")
     command = ["node", str(script), str(package)]
     run = subprocess.run(command, input=json.dumps(custom), capture_output=True, text=True, check=True)

@@ -78,7 +78,7 @@ class Caller:
 
 @contextmanager
 def proxied(directory: Path) -> Iterator[tuple[Replicas, Balancer]]:
-    program("haproxy", "apt-get install haproxy")
+    program("haproxy", "make all-test-servers installs it, for root")
     replicas = Replicas(directory)
     try:
         for number in range(REPLICAS):

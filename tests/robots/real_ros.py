@@ -14,6 +14,7 @@ from needs import needs
 
 ROOT = Path(__file__).resolve().parents[2]
 DISTRIBUTIONS = ("jazzy", "kilted")
+ONE_AND_OTHERS = ("jazzy", pytest.param("kilted", marks=pytest.mark.slow))
 FAST_DDS = "rmw_fastrtps_cpp"
 # Of a ROS that is sourced where the tests run.
 _OF_ROS = ("AMENT_PREFIX_PATH", "CYCLONEDDS_URI", "LD_LIBRARY_PATH", "PYTHONPATH", "RMW_IMPLEMENTATION")
@@ -63,6 +64,6 @@ def real_ros(distribution: str) -> RealRos:
     """Returns an installed distribution; without it the test is skipped."""
     prefix = ROOT / ".venv" / f"ros-{distribution}"
     if not (prefix / ".made-of").exists():
-        how = "make test-servers installs it on x86_64, with a C++ compiler"
+        how = "make all-test-servers installs it on x86_64, with a C++ compiler"
         pytest.skip(needs(f"ROS 2 {distribution.capitalize()}", how))
     return RealRos(distribution, prefix)

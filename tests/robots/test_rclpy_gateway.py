@@ -18,11 +18,9 @@ from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client
 from tests.robots.dds_world import Scene, check_pose
 from tests.robots.real_robots import T_ODOM_BASE, Gateway, Network, RosRobots, numbers_of, ros_robots
-from tests.robots.real_ros import DISTRIBUTIONS, real_ros
+from tests.robots.real_ros import ONE_AND_OTHERS, real_ros
 from tests.robots.robot_program import T_BASE_SENSOR, write_points
 from waiting import wait_until
-
-pytestmark = pytest.mark.slow
 
 MAP, WITHIN_M = "yard", 0.2
 OK, WARN, ERROR = 0, 1, 2
@@ -53,7 +51,7 @@ def nowhere(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return Scene(write_points(Scan(spread), tmp_path_factory.mktemp("nowhere") / "points.bin"), np.eye(4))
 
 
-@pytest.fixture(scope="module", params=DISTRIBUTIONS)
+@pytest.fixture(scope="module", params=ONE_AND_OTHERS)
 def network(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Network:
     return Network(real_ros(request.param), tmp_path_factory.mktemp(request.param))
 

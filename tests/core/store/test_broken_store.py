@@ -15,6 +15,8 @@ from firstfix.store import backend as store_backend
 from firstfix.store.store import Store
 from toxiproxy import Link
 
+pytestmark = pytest.mark.slow
+
 CONTENT = {"a.bin": os.urandom(200_000), "b.bin": os.urandom(100_000), "c.txt": b"small"}
 
 

@@ -38,8 +38,10 @@ def s3_url(port: int) -> str:
 
 
 @pytest.mark.parametrize(
-    "any_store_url", ["file", "s3", "azure"], indirect=True
-)  # what is in memory is not shared
+    "any_store_url",
+    ["file", "s3", pytest.param("azure", marks=pytest.mark.slow)],  # what is in memory is not shared
+    indirect=True,
+)
 def test_a_read_only_store_reads_and_never_writes(any_store_url: str, tmp_path: Path) -> None:
     Store.open(any_store_url).put("a/b", b"content")
     store = Store.open(any_store_url, read_only=True)

@@ -19,6 +19,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(start, "FIRST_TRY_S", 0.3)
 
 
+@pytest.mark.slow
 def test_a_store_that_is_cut_off_is_waited_for(broken_s3, tmp_path: Path):
     url, link = broken_s3
     link.cut()
@@ -34,6 +35,7 @@ def test_a_store_that_is_cut_off_is_waited_for(broken_s3, tmp_path: Path):
         assert service.http.get("/maps").json() == {"maps": [], "next": None}
 
 
+@pytest.mark.slow
 def test_a_store_that_hangs_does_not_keep_the_process_from_listening(broken_s3, tmp_path: Path):
     url, link = broken_s3
     link.poison("timeout", timeout=0)  # data is taken and never answered
