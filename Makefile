@@ -8,7 +8,9 @@ PYTEST_ARGS ?= -n 4 --dist loadfile --no-loadscope-reorder
 TEST_LIMIT_S ?= 10800
 run_tests := PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python tests/harness/reaper.py --limit-s $(TEST_LIMIT_S) $(bin)/python -m pytest
 # The compiled core, the console and the servers side by side: each alone leaves a processor idle, or waits for a network.
+ifeq ($(MAKELEVEL),0)
 MAKEFLAGS += --jobs=3
+endif
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
