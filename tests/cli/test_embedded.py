@@ -34,8 +34,6 @@ from firstfix_client import Client
 from ros_samples import cdr, cloud_of_points
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
-
 OPTIONS = LocalizeOptions()
 OUTSIDE = ("exists", "folders", "get", "list", "scan", "sha256", "size", "download", "names")
 

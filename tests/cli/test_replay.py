@@ -17,8 +17,6 @@ from firstfix.transform import from_quaternion, inverse, make_transform, rotatio
 from firstfix_cli.main import run
 from ros_samples import BAG_KINDS, cloud_of_points, stores_of, write_bag
 
-pytestmark = pytest.mark.slow
-
 S = 10**9
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 BASE_LIDAR = from_quaternion([0.1, 0.0, 1.1], [0, 0, 0.5, 0.9])

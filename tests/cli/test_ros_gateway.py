@@ -45,8 +45,6 @@ from ros_samples import imu as imu_message
 from servers import free_port
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
-
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 FOUND = Localization(Verdict.LOCALIZED, (), POSE, None, np.eye(6), 0.99)
 REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))

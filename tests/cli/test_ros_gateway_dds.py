@@ -40,8 +40,6 @@ from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
-
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 COVARIANCE = 0.01 * np.eye(6)
 LOCALIZED, AMBIGUOUS, REJECTED = 100, 200, 300

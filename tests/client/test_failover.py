@@ -20,8 +20,6 @@ from firstfix_client import Client, HedgePolicy, RetryPolicy, ServiceUnreachable
 from servers import free_port
 from waiting import LIMIT_S, let_pass, wait_until, wait_until_async
 
-pytestmark = pytest.mark.slow
-
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
 SOON = HedgePolicy(after_s=0.1)
 Make = Callable[..., Any]

@@ -25,8 +25,6 @@ from firstfix_client import HedgePolicy, RetryPolicy, ServiceUnreachable, ZenohC
 from servers import free_port
 from waiting import let_pass, wait_until
 
-pytestmark = pytest.mark.slow
-
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
 
 

@@ -24,7 +24,7 @@ from firstfix_client import Client, ScanSequence
 from storey_world import ROOMS_X, pose, scan_at, storey, storey_version
 from waiting import LIMIT_S
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # an example may build a map
+pytestmark = pytest.mark.timeout(900)  # an example may build a map
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 POSE = re.compile(r"x (\S+) y (\S+) z ([-\d.]+)")
@@ -96,6 +96,7 @@ def away_m(line: str, T_map_sensor: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(np.array(told.groups(), float) - T_map_sensor[:3, 3]))
 
 
+@pytest.mark.slow
 def test_start_up_asks_again_until_a_scan_is_localized(service, by_verdict, tmp_path):
     seen = by_verdict[Verdict.LOCALIZED]
     blocked = Scan.from_points(seen[0][0].points[:150])  # a hand before the sensor

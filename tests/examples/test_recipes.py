@@ -35,8 +35,6 @@ from ros_samples import cloud_of_points, stores_of, write_bag
 from tests.dds_loopback import LOOPBACK
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
-
 HOW_TO = Path(__file__).resolve().parents[2] / "docs" / "how-to"
 PAGES = ("bags.md", "embedded.md", "ros-recipes.md")
 NOT_RUN = re.compile(r"^Not run here: \S.*\.$", re.M)
@@ -132,6 +130,7 @@ def bag_of(
     return messages
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("page", "command"), COMMANDS, ids=[f"{p}-{c[9:40]}" for p, c in COMMANDS])
 def test_a_command_of_the_pages(place: Place, page: str, command: str):
     if "ros-gateway" in command:

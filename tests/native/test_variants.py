@@ -22,7 +22,6 @@ vectors = json.loads((FOLDER / "index.json").read_text())["vectors"]
 failed = [vector["name"] for vector in vectors if difference(FOLDER, vector)]
 print(len(vectors), "vectors, failed:", failed)
 """
-pytestmark = pytest.mark.slow
 NAMED = "import firstfix.native as n; print(n.variant, n.source_digest)"
 SOURCE_HASH = "from firstfix_builder.execution.source_hash import source_hash; print(source_hash())"
 

@@ -15,8 +15,6 @@ from firstfix_service.auth.principal import Principal
 from firstfix_service.http_api.parts import UploadParts
 from waiting import wait_until
 
-pytestmark = pytest.mark.slow
-
 
 def refusal(answer: httpx.Response) -> tuple[int, str]:
     return answer.status_code, answer.json()["code"]

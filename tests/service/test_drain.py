@@ -9,12 +9,9 @@ import sys
 from pathlib import Path
 
 import httpx
-import pytest
 
 from servers import free_port
 from waiting import LIMIT_S, wait_until
-
-pytestmark = pytest.mark.slow
 
 
 def test_it_is_not_ready_any_more_before_it_stops(tmp_path: Path):

@@ -19,7 +19,6 @@ from firstfix.transform import from_quaternion
 from firstfix_cli.main import run
 from waiting import wait_until
 
-pytestmark = pytest.mark.slow
 ONE_S = 1_000_000_000
 
 

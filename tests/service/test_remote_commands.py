@@ -18,8 +18,6 @@ from firstfix.errors import Overloaded
 from firstfix_cli.main import run
 from waiting import wait_until
 
-pytestmark = pytest.mark.slow
-
 
 def ended(*arguments: object) -> int:
     with pytest.raises(SystemExit) as caught:

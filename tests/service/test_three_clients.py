@@ -23,8 +23,6 @@ from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix_client import Client, ZenohClient
 
-pytestmark = pytest.mark.slow
-
 KINDS = ["http", "asyncio", "zenoh"]
 POINTS = np.random.default_rng(5).uniform(-20, 20, (800, 3))
 SCAN = Scan.from_points(POINTS)

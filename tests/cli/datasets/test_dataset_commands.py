@@ -13,8 +13,6 @@ from firstfix.store.store import Store
 from firstfix_builder.read_map import read_map
 from firstfix_cli.main import run
 
-pytestmark = pytest.mark.slow
-
 
 def exit_code(*arguments: object) -> int:
     with pytest.raises(SystemExit) as ended:

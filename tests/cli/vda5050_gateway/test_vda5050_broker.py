@@ -38,7 +38,6 @@ from servers import free_port, program, running_mosquitto
 from vda5050_vehicle import MANUFACTURER, SimulatedVehicle, header, state
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
 T_MAP_BASE = make_transform(rotation_z(0.5), [12.0, -4.0, 0.3])
 MOUNTING = [0.2, 0.0, 0.7, 0.0, 0.0, 0.0, 1.0]
 SCAN = encode_scan(Scan(np.eye(3, dtype=np.float32).repeat(50, 0) * 5))

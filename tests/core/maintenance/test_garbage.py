@@ -15,8 +15,6 @@ from firstfix.store.store import Store
 from frequent_snapshots import EVERY
 from waiting import let_pass
 
-pytestmark = pytest.mark.slow
-
 NOW = Ages(things_s=-5, builds_s=-5)  # whatever its age
 
 
@@ -129,6 +127,7 @@ def test_an_upload_that_goes_on_is_young(catalog: Catalog, monkeypatch: pytest.M
     assert remove_abandoned(catalog, older_than_s=-5).count == 2
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("frequent_snapshots")
 def test_entries_that_snapshots_have_summed_up_go(catalog: Catalog, tmp_path: Path):
     for name in ("one", "two"):

@@ -36,8 +36,6 @@ from firstfix.store.json_record import RecordKind, max_bytes
 from firstfix.store.store import Store
 from frequent_snapshots import EVERY
 
-pytestmark = pytest.mark.slow
-
 STAGES = ("a" * 64, "b" * 64)
 SAMPLES = ("20260101t000000000000-0000000a", "20260102t000000000000-0000000b")
 _CELLS = np.arange(5)
@@ -207,6 +205,7 @@ def test_every_kind_is_here() -> None:
     assert set(DAMAGED) == set(RecordKind) == {form.kind for form in FORMS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", RecordKind, ids=lambda kind: kind.value)
 @pytest.mark.parametrize("damage", [*DAMAGES, "too large"])
 def test_all_else_goes_on(kind: RecordKind, damage: str, store: Store, tmp_path: Path) -> None:

@@ -23,8 +23,6 @@ from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
 from frequent_snapshots import EVERY
 
-pytestmark = pytest.mark.slow
-
 
 class Reads(Store):
     """Records the keys that are read in pieces."""

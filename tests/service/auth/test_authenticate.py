@@ -28,8 +28,6 @@ from firstfix_service.http_api.routes import garbage
 from firstfix_service.settings import Settings
 from waiting import wait_until
 
-pytestmark = pytest.mark.slow
-
 DAY_S = 86400.0
 
 

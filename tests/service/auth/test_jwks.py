@@ -17,8 +17,6 @@ from firstfix_service.auth import jwks as jwks_module
 from firstfix_service.auth.jwks import Jwks
 from waiting import wait_until, wait_until_async
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize(
     "url",

@@ -22,8 +22,6 @@ from firstfix_service.auth.authenticate import Permission
 from firstfix_service.http_api.bodies import request_body
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
-
 BUILD = "b1"
 
 

@@ -15,8 +15,6 @@ from firstfix.store.store import Store
 from firstfix_service.builds.process import NICENESS
 from waiting import wait_until
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture
 def recorder(tmp_path: Path) -> Iterator[Service]:
@@ -54,6 +52,7 @@ def test_the_worker_runs_at_low_priority_and_says_how_it_ended(tmp_path: Path):
         wait_until(lambda: line in service.http.get("/metrics").text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("do", "code", "detail"),
     [
@@ -90,6 +89,7 @@ def test_a_missing_worker_fails_the_build(tmp_path: Path):
         )
 
 
+@pytest.mark.slow
 def test_a_worker_that_asks_for_it_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     with building_service(tmp_path) as service:
         response = upload(service, do="again")
@@ -97,6 +97,7 @@ def test_a_worker_that_asks_for_it_is_run_again(tmp_path: Path, monkeypatch: pyt
         assert len((tmp_path / "work/order.txt").read_text().splitlines()) == 2
 
 
+@pytest.mark.slow
 def test_a_build_without_space_is_run_a_few_times_and_then_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ):
@@ -116,6 +117,7 @@ def test_a_build_without_space_is_run_a_few_times_and_then_fails(
     assert capfd.readouterr().out.count("a build was put back") == 3
 
 
+@pytest.mark.slow
 def test_builds_run_one_by_one_in_order(tmp_path: Path):
     with building_service(tmp_path) as service:
         responses = [upload(service, f"m{i}") for i in range(4)]

@@ -22,7 +22,6 @@ from firstfix_service.builds.process import WorkFolder, memory_of_processes_byte
 from waiting import wait_until
 
 PATCHED_CLI = Path(__file__).parents[2] / "faults" / "patched_cli.py"
-pytestmark = pytest.mark.slow
 
 
 def order(work: Path) -> list[str]:
@@ -30,6 +29,7 @@ def order(work: Path) -> list[str]:
     return [line.split()[0] for line in path.read_text().splitlines()] if path.exists() else []
 
 
+@pytest.mark.slow
 def test_two_services_on_one_store_share_the_builds(tmp_path: Path):
     with (
         building_service(tmp_path, work_dir=tmp_path / "one", build_lease_s=5) as one,
@@ -59,6 +59,7 @@ def test_a_build_of_a_dead_service_is_taken_over_when_its_lease_is_out(tmp_path:
         assert json.loads(first)["end"] == "stopped", "no process of it had begun"
 
 
+@pytest.mark.slow
 def test_kills_of_the_service_do_not_fail_its_build(tmp_path: Path):
     """Three failures would be one too many: two attempts may fail."""
     environment = {
@@ -86,6 +87,7 @@ def test_kills_of_the_service_do_not_fail_its_build(tmp_path: Path):
     assert ended["state"] == "succeeded"
 
 
+@pytest.mark.slow
 def test_restarts_in_good_order_are_not_held_against_a_build(tmp_path: Path):
     response, hung = None, tmp_path / "work" / "hung"
     for _ in range(3):

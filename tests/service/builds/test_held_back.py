@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
 from builds_world import status_of, upload
 from service_world import Service, running_service
 
@@ -15,8 +14,6 @@ from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
 from firstfix_client import BuildStatus
 from waiting import let_pass, wait_until
-
-pytestmark = pytest.mark.slow
 
 
 def built(service: Service, label: str, localized: float, **config: object) -> dict[str, object]:

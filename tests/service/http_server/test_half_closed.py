@@ -15,8 +15,6 @@ from firstfix_service.http_api.event_stream import EventStreams
 from firstfix_service.http_server import connections
 from waiting import let_pass, wait_until
 
-pytestmark = pytest.mark.slow
-
 GET = b"GET /maps HTTP/1.%d\r\nHost: x\r\n\r\n"
 
 

@@ -12,8 +12,6 @@ from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
 from waiting import wait_until
 
-pytestmark = pytest.mark.slow
-
 HEAD = b"POST /localize?map=hall HTTP/1.1\r\nHost: x\r\nContent-Type: " + XYZ.encode() + b"\r\n"
 GET = b"GET /healthz HTTP/1.1\r\nHost: x\r\n"
 FLOOD_BYTES = 64 << 20

@@ -21,8 +21,6 @@ from firstfix.wire import query as wire_query
 from firstfix.wire import sequence as wire_sequence
 from waiting import wait_until
 
-pytestmark = pytest.mark.slow
-
 both = pytest.mark.parametrize("transport", ["http", "zenoh"])
 
 

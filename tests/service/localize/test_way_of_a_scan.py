@@ -22,8 +22,6 @@ from firstfix.wire.scan import MEDIA_TYPE, encode_scan
 from servers import running
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
-
 CALL_LOG = Path(__file__).with_name("call_log")
 SERVE = """
 from firstfix_service.server import serve

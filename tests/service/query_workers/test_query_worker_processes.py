@@ -30,8 +30,6 @@ from firstfix_service.query_workers.protocol import INLINE_BYTES
 from firstfix_service.query_workers.query import BodyFormat, EncodedAnswer, Query, ServedVersion
 from waiting import LIMIT_S, let_pass, wait_until
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def yard(small_version) -> ServedVersion:
@@ -164,6 +162,7 @@ def test_a_version_that_cannot_be_loaded_is_refused_and_forgotten(workers: Answe
     assert workers.pids == pids
 
 
+@pytest.mark.slow
 def test_queries_survive_kills(workers: Answering, query: Query):
     """Repeated kills of idle and busy workers: a query is answered, or fails as lost with its worker."""
     end = threading.Event()

@@ -22,8 +22,6 @@ from firstfix.store.store import Store
 from firstfix_service.telemetry.log_setup import set_up_logging
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
-
 SECRETS = {
     "AWS_SECRET_ACCESS_KEY": "wJalrXUtnFEMI/K7MDENG/bPxRfiCYEXAMPLEKEY",
     "AZURE_STORAGE_ACCOUNT_KEY": "azure-key-0123456789==",

@@ -16,8 +16,6 @@ from firstfix.errors import StoreUnavailable
 from otlp_collector import Collector, SpanSeen, running_collector
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
-
 TRACE, CALLER = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 TRACEPARENT = f"00-{TRACE}-{CALLER}-01"
 STAGES = ["queue", "map", "decode", "search"]

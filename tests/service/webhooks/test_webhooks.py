@@ -29,7 +29,6 @@ from firstfix_service.webhooks.event import AnswerEvent, signed_headers
 from firstfix_service.webhooks.sender import WebhookPolicy, WebhookSender
 from waiting import LIMIT_S, let_pass, wait_until
 
-pytestmark = pytest.mark.slow
 SECRETS = (bytes(range(32)), bytes(range(100, 124)))
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import orjson
-import pytest
 import zenoh
 from access_world import give
 from service_world import Service, client_session, publish, running_service
@@ -20,7 +19,6 @@ from firstfix_service.localize.recent_answers import MOST_ANSWERS
 from firstfix_service.zenoh_api.answers import ANSWERS, MAX_BYTES, MOST_RECORDS
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
 RECORD = {
     "time_s": 1.7e9,
     "caller": "robot",

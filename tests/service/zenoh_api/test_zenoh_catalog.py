@@ -18,8 +18,6 @@ from firstfix.store.store import Store
 from firstfix_client import ZenohClient
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
-
 
 def get(service: Service, key: str) -> list[dict[str, Any]]:
     replies = service.session.get(key, timeout=LIMIT_S)

@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
-import pytest
 import zenoh
 from service_world import (
     SCAN_BODY,
@@ -32,8 +31,6 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from firstfix_service.telemetry.stall_watch import EXIT_STALLED
 from waiting import LIMIT_S, wait_until
-
-pytestmark = pytest.mark.slow
 
 STALLING_SERVICE = Path(__file__).parents[1] / "stalling_process.py"
 ANSWERS_ASKED = 8

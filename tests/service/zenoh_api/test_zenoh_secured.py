@@ -19,8 +19,6 @@ from firstfix.store.store import Store
 from firstfix_client import RetryPolicy, ServiceUnreachable, ZenohClient
 from waiting import LIMIT_S, let_pass, wait_until
 
-pytestmark = pytest.mark.slow
-
 SCAN = np.ones((50, 3), np.float32)
 PATIENT = RetryPolicy(attempts=200, first_wait_s=0.05, max_wait_s=0.2)
 

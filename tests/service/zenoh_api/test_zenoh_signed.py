@@ -24,8 +24,6 @@ from firstfix_client import RetryPolicy, ServiceUnreachable, ZenohClient
 from firstfix_client.drivers import zenoh_ask
 from waiting import LIMIT_S, wait_until
 
-pytestmark = pytest.mark.slow
-
 SCAN = np.ones((50, 3), np.float32)
 KEY = "firstfix/hall/localize"
 

@@ -26,10 +26,7 @@ from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 from tests.faults.tiny_worker import STAGES
 from waiting import wait_until
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS),
-]
+pytestmark = pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 
 
 @pytest.fixture
@@ -104,6 +101,7 @@ def health(worker: Any, call: str) -> httpx.Response:
     return httpx.get(f"http://127.0.0.1:{worker.health_port}/{call}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["kill", "stop"])
 def test_a_build_goes_on_at_another_worker_from_the_last_finished_stage(world: NatsWorld, how: str):
     first = world.start_worker("w1")
@@ -124,6 +122,7 @@ def test_a_build_goes_on_at_another_worker_from_the_last_finished_stage(world: N
     assert end["end"] == "stopped", "its process saw the end of its worker"
 
 
+@pytest.mark.slow
 def test_a_real_build_goes_on_at_another_worker(world: NatsWorld, small_map: Path):
     command = (sys.executable, "-m", "firstfix_builder.worker")
     first = world.start_worker("w1", command=command)
@@ -167,6 +166,7 @@ def is_alive(pid: int) -> bool:
         return False
 
 
+@pytest.mark.slow
 def test_a_build_that_kills_its_worker_time_after_time_is_buried(world: NatsWorld):
     world.start_worker_thread()
     build_id, after = world.record(die_in="describe", stage_s=0.7), world.record()
@@ -180,6 +180,7 @@ def test_a_build_that_kills_its_worker_time_after_time_is_buried(world: NatsWorl
     assert world.in_stream("FIRSTFIX_DEAD_BUILDS") == [build_id]
 
 
+@pytest.mark.slow
 def test_stops_in_good_order_are_not_held_against_a_build(world: NatsWorld):
     build_id = world.record(**hanging(world))
     for _ in range(2):
@@ -206,6 +207,7 @@ def test_a_waiting_and_a_running_build_are_cancelled(world: NatsWorld):
     assert world.catalog.map_ids() == []
 
 
+@pytest.mark.slow
 def test_a_map_that_is_posted_while_nats_is_away_is_built_later(world: NatsWorld):
     with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
         first = post(service, "before")
@@ -231,6 +233,7 @@ def test_a_service_starts_without_nats(tmp_path: Path):
             assert world.wait_until_ended(response.json()["build_id"])["state"] == "succeeded"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_build_outlasts_a_restart_of_nats(world: NatsWorld, number: signal.Signals):
     world.start_worker_thread()
@@ -261,6 +264,7 @@ def test_a_stream_that_was_lost_is_made_again_from_the_store(world: NatsWorld):
     assert world.wait_until_ended(build_id)["state"] == "succeeded"
 
 
+@pytest.mark.slow
 def test_two_workers_build_two_maps_at_a_time_and_none_twice(world: NatsWorld):
     workers = [world.start_worker("w1"), world.start_worker("w2")]
     builds = [world.record(f"m{i}", stage_s=0.2) for i in range(4)]
@@ -271,6 +275,7 @@ def test_two_workers_build_two_maps_at_a_time_and_none_twice(world: NatsWorld):
     assert min(map(len, made)) > 0, "both had some"
 
 
+@pytest.mark.slow
 def test_one_worker_may_run_several(world: NatsWorld):
     world.start_worker_thread(concurrency=2)
     builds = [world.record(f"m{i}", **hanging(world)) for i in range(2)]
