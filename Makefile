@@ -45,9 +45,9 @@ test-servers: .venv/.ready  ## an S3 server for the storage tests, where Go is t
 bench: setup  ## the suites of benchmarks/ (ARGS="real --quick")
 	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m benchmarks.run $(ARGS)
 
-scoreboard: setup test-servers  ## measure this commit for the pages (ARGS="real peers", ARGS=--quick)
+scoreboard: setup $(if $(findstring --check,$(ARGS)),,test-servers)  ## measure this commit for the pages (ARGS="real peers", ARGS=--quick, ARGS=--check)
 	@PATH="$(CURDIR)/$(bin):$$PATH" PYTHONPATH=tests $(bin)/python -m benchmarks.scoreboard $(ARGS)
-	@$(bin)/python scripts/generate.py
+	@$(if $(findstring --check,$(ARGS)),,$(bin)/python scripts/generate.py)
 
 faults: setup test-servers  ## the fault drills of tests/faults (ARGS="power_cuts --cuts 50")
 	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m tests.faults $(ARGS)
