@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -68,11 +69,13 @@ def test_every_extra_that_is_named_is_there():
         assert extra in project["optional-dependencies"], f"{folder}[{extra}]"
 
 
-def test_messages_say_what_to_type_and_where():
+def test_messages_say_what_to_type_and_where(monkeypatch: pytest.MonkeyPatch):
     text = pip_install("./clients/python[zenoh]", ".[zenoh]")
     assert text == "pip install './clients/python[zenoh]' or '.[zenoh]' in the checkout"
     nameless = ModuleNotFoundError("No module named 'rosbags'", name="rosbags")
     assert missing_package(nameless).startswith(
         "the package rosbags is not installed: pip install '.[service]'"
     )
+    monkeypatch.setattr(sys, "version_info", (3, 10, 13))
+    assert missing_package(nameless).endswith("; both need Python 3.11 or newer")
     assert missing_package(ModuleNotFoundError("DDS needs it", name="cyclonedds")) == "DDS needs it"
