@@ -1,7 +1,8 @@
 """Measures the present commit: ``python -m benchmarks.scoreboard [SUITE ...] [--quick]``.
 
 Suites whose result is of the present code are left out, so that a run can be gone on with. Then
-``python scripts/generate.py`` makes the pages anew.
+``python scripts/generate.py`` makes the pages anew. ``--check`` measures nothing, and lists what is older
+than the code.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..run import OPTIONS
-from .run import NotOneCommit, remove_old, run
+from .check import check
+from .run import NotOneCommit, run
 from .suites import SUITES
 
 REPO = Path(__file__).resolve().parents[2]
@@ -31,7 +33,9 @@ def main() -> None:
     )
     parser.add_argument("--results", type=Path, metavar="DIR", help="instead of benchmarks/results")
     parser.add_argument(
-        "--remove-old", action="store_true", help="measure nothing, and remove results of other code"
+        "--check",
+        action="store_true",
+        help="measure nothing, and list the results that are older than the code",
     )
     arguments = parser.parse_args()
     if unknown := set(arguments.suites) - set(SUITES):
@@ -42,8 +46,8 @@ def main() -> None:
         if without := [suite.name for suite in suites if suite.name not in OPTIONS["sets"]]:
             parser.error(f"--sets belongs to {', '.join(OPTIONS['sets'])}, not to {', '.join(without)}")
         suites = [replace(suite, arguments=(*suite.arguments, "--sets", arguments.sets)) for suite in suites]
-    if arguments.remove_old:
-        print("removed:", ", ".join(remove_old(suites, REPO, results)) or "none")
+    if arguments.check:
+        print(*check(suites, REPO, results), sep="\n")
         return
     try:
         told = run(suites, REPO, results, quick=arguments.quick, say=lambda line: print(line, flush=True))

@@ -91,8 +91,9 @@ def paper_parts(results: Results) -> dict[str, str]:
 
 def _part(name: str, results: Results, maker: Callable[[Result], list[str]]) -> str:
     if name not in results:
-        return f"Not run on this code: `make scoreboard ARGS={name}`.\n"
-    return "\n".join(maker(results[name])) + "\n"
+        return f"No result: `make scoreboard ARGS={name}`.\n"
+    found = results[name]
+    return "\n".join([*maker(found), "", f"Measured at {found.measured_at}."]) + "\n"
 
 
 def _overview(results: Results) -> list[str]:
@@ -100,18 +101,15 @@ def _overview(results: Results) -> list[str]:
     for name in TITLES:
         found = results.get(name)
         if found is None:
-            rows.append((f"`{name}`", "Not run on this code", None, None, None))
+            rows.append((f"`{name}`", "No result", None, None))
             continue
-        day, load = found.began[:10], found.machine["load"]
-        rows.append((f"`{name}`", day, found.commit[:8], _took(found), load))
-    return table(("suite", "measured", "commit", "took", "load at the beginning"), rows)
+        rows.append((f"`{name}`", found.measured_at, _took(found), found.machine["load"]))
+    return table(("suite", "measured at", "took", "load at the beginning"), rows)
 
 
 def _took(result: Result) -> str:
     """Minutes that a suite took. Of one that goes on where it was interrupted: of its processes together."""
-    worlds = result.figures.get("worlds", {}) if result.suite == "robust" else {}
-    parts_s = sum(world["seconds"] for world in worlds.values() if isinstance(world, dict))
-    return f"{parts_s / 60:.0f} min in parts" if parts_s else f"{result.seconds / 60:.0f} min"
+    return f"{result.run_s / 60:.0f} min{' in parts' if result.parts_s else ''}"
 
 
 def _machines(results: Results) -> list[str]:

@@ -89,6 +89,22 @@ class Result:
     figures: Any
     cases: Cases | None = None
 
+    @property
+    def measured_at(self) -> str:
+        """Commit and date, as pages say them."""
+        return f"`{self.commit[:8]}`, {self.began[:10]}"
+
+    @property
+    def run_s(self) -> float:
+        """Seconds that the run took; of its parts together where it was interrupted and gone on with."""
+        return self.parts_s or self.seconds
+
+    @property
+    def parts_s(self) -> float:
+        """Seconds of a run in parts; 0: it was none."""
+        worlds = self.figures.get("worlds", {}) if self.suite == "robust" else {}
+        return sum(world["seconds"] for world in worlds.values() if isinstance(world, dict))
+
     @classmethod
     def load(cls, folder: Path, suite: str) -> Result | None:
         """Returns the result of a suite; None: there is none.

@@ -48,22 +48,6 @@ def run(
     return told
 
 
-def remove_old(suites: Iterable[Suite], repo: Path, results: Path) -> list[str]:
-    """Removes results of other code than the present one, or in another form, and returns their names."""
-    removed = []
-    for suite in suites:
-        try:
-            found = Result.load(results, suite.name)
-        except UnreadableResult:
-            is_useless = True
-        else:
-            is_useless = found is not None and bool(is_old(found, suite, repo))
-        if is_useless:
-            Result.remove(results, suite.name)
-            removed.append(suite.name)
-    return removed
-
-
 def is_old(result: Result, suite: Suite, repo: Path) -> list[str]:
     """Returns the measured paths that are others by now, or that the result does not know."""
     unknown = [path for path in suite.measured if path not in result.measured]

@@ -40,6 +40,16 @@ def changed(repo: Path, measured: Mapping[str, str]) -> list[str]:
     return [path for path, measured_id in measured.items() if now[path] != measured_id]
 
 
+def commits_since(repo: Path, commit: str, paths: Iterable[str]) -> int | None:
+    """Returns how many commits since another one touch the paths; None: this clone does not have that one."""
+    known = subprocess.run(
+        ["git", "-C", str(repo), "cat-file", "-e", f"{commit}^{{commit}}"], capture_output=True, check=False
+    )
+    if known.returncode:
+        return None
+    return int(_git(repo, "rev-list", "--count", f"{commit}..HEAD", "--", *paths))
+
+
 def _git(repo: Path, *arguments: str) -> str:
     command = ["git", "-C", str(repo), *arguments]
     return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout

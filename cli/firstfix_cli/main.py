@@ -1,4 +1,4 @@
-"""Entry point of the command ``firstfix``: the table of commands, and exit codes for errors."""
+"""The command line: the table of commands, and exit codes for errors."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ from .commands import (
     world,
 )
 from .help_pages import help_line
+from .missing_package import missing_package
 
 NO_ANSWER_EXIT_CODE = 1
 ERROR_EXIT_CODE = 2
@@ -94,7 +95,8 @@ def run(arguments: list[str] | None = None) -> None:
         app(arguments)
     # ConnectionError: no service. ImportError: an extra is not installed, or the compiled core is not built.
     except (FirstfixError, ConnectionError, ImportError) as error:
-        print(f"firstfix: {redact(str(error))}", file=sys.stderr)
+        text = missing_package(error) if isinstance(error, ModuleNotFoundError) else str(error)
+        print(f"firstfix: {redact(text)}", file=sys.stderr)
         more = help_line(error, next(iter(sys.argv[1:] if arguments is None else arguments), ""))
         if more is not None:
             print(f"  {more}", file=sys.stderr)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.bit_exact.sample import rows_by_chance
+from firstfix.errors import pip_install
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, transform_points
 
@@ -84,7 +85,7 @@ def draw(
         from matplotlib.figure import Figure
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            "--plot needs matplotlib: pip install 'firstfix[builder]'", name=error.name
+            f"--plot needs matplotlib: {pip_install('.[builder]')}", name=error.name
         ) from None
     chosen = _close_ups([o for o in outcomes if o.name in scans])
     left, right = 10.0, 5.0 if chosen else 0.0  # inches

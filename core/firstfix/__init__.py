@@ -64,7 +64,9 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name is None:  # of firstfix.native, which says itself what to do
             raise
-        raise ImportError(f"firstfix.{name} needs {error.name}: pip install 'firstfix[service]'") from error
+        from .errors import pip_install
+
+        raise ImportError(f"firstfix.{name} needs {error.name}: {pip_install('.[service]')}") from error
     globals()[name] = value
     return value
 

@@ -49,6 +49,11 @@ from __future__ import annotations
 REBUILD = "build the map again with `firstfix maps rebuild MAP`, or submit it again (POST /maps)"
 
 
+def pip_install(*requirements: str) -> str:
+    """Remedy: what to install."""
+    return f"pip install {' or '.join(map(repr, requirements))} in the checkout"
+
+
 class FirstfixError(Exception):
     """Base of every error that firstfix raises on purpose."""
 

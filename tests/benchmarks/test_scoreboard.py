@@ -5,13 +5,15 @@ from __future__ import annotations
 import gzip
 import json
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.scoreboard.check import check
 from benchmarks.scoreboard.result import Cases, Result, ResultTooLarge, UnreadableResult
-from benchmarks.scoreboard.run import NotOneCommit, is_old, remove_old, run
+from benchmarks.scoreboard.run import NotOneCommit, is_old, run
 from benchmarks.scoreboard.suites import SUITES, Suite
 from benchmarks.scoreboard.tree import object_ids
 
@@ -108,13 +110,32 @@ def test_a_result_without_a_path_that_counts_by_now_is_old(repo: Path, tmp_path:
     assert is_old(result, wider, repo) == ["README.md"]
 
 
-def test_old_results_are_removed_alone(repo: Path, tmp_path: Path):
+def test_the_check_tells_what_is_older_by_how_much_and_how_long_it_takes(repo: Path, tmp_path: Path):
+    assert check([SUITE], repo, tmp_path) == [
+        "small: no result",
+        "0 older than the code, to measure them again: 0 min",
+    ]
     measure(repo, tmp_path)
-    assert remove_old([SUITE], repo, tmp_path) == []
-    (repo / "small.py").write_text(PROGRAM + "# more\n")
-    commit(repo)
-    assert remove_old([SUITE], repo, tmp_path) == ["small"]
-    assert Result.load(tmp_path, "small") is None
+    result = Result.load(tmp_path, "small")
+    assert result is not None
+    replace(result, seconds=600.0).save(tmp_path)
+    at = f"`{result.commit[:8]}`, {result.began[:10]}"
+    assert check([SUITE], repo, tmp_path)[0] == f"small: measured at {at}, of the present code"
+    for number in range(3):
+        (repo / "room" / "part.py").write_text(f"HEIGHT_M = {number}\n")
+        commit(repo)
+        (repo / "README.md").write_text(f"Page {number}.\n")
+        commit(repo)
+    assert check([SUITE], repo, tmp_path) == [
+        f"small: measured at {at}, 3 commits older than the code (room): 10 min",
+        "1 older than the code, to measure them again: 10 min",
+    ]
+    clone = tmp_path / "clone"
+    subprocess.run(["git", "clone", "-q", "--depth", "1", f"file://{repo}", str(clone)], check=True)
+    assert (
+        "older than the code by commits that this clone does not have (room): 10 min"
+        in (check([SUITE], clone, tmp_path)[0])
+    )
 
 
 @pytest.mark.parametrize("stored", ['{"suite": "small", "cases": []}', '{"suite"', "[1, 2]", "\xff"])
@@ -125,7 +146,7 @@ def test_a_result_of_another_form_is_measured_anew(repo: Path, tmp_path: Path, s
         Result.load(tmp_path, "small")
     assert measure(repo, tmp_path).startswith("measured")
     file.write_bytes(stored.encode("latin-1"))
-    assert remove_old([SUITE], repo, tmp_path) == ["small"]
+    assert check([SUITE], repo, tmp_path)[0].startswith("small: its result cannot be read: small.json: ")
     measure(repo, tmp_path)
     (tmp_path / "small.csv.gz").write_bytes(b"no archive")
     assert measure(repo, tmp_path).startswith("measured")

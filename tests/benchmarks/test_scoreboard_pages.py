@@ -79,17 +79,18 @@ PEERS = {
 
 def test_a_suite_without_a_result_says_so():
     page = benchmark_page({})
-    assert page.count("Not run on this code") == 9
+    assert page.count("No result") == 9
     assert plot_files({}) == {}
     parts = readme_parts({})
-    assert parts["peers"] == "Not run on this code: `make scoreboard ARGS=peers`.\n"
+    assert parts["peers"] == "No result: `make scoreboard ARGS=peers`.\n"
 
 
 def test_a_page_shows_what_the_result_holds():
     results = {"real": result("real", REAL, CASES)}
     page, table = benchmark_page(results), readme_parts(results)["real"]
     assert "| hall, 29 x 62 m, handheld OS0-64 | 2 | 1 | 2 | 1 | 3.1 cm, 0.25 deg | 12 |" in table
-    assert "2026-11-25 | aaaaaaaa | 2 min" in page
+    assert "| `real` | `aaaaaaaa`, 2026-11-25 | 2 min | 0.1 |" in page
+    assert table.endswith("\n\nMeasured at `aaaaaaaa`, 2026-11-25.\n")
     assert "Not there, or not in this run: street, yard, garage" in page
     assert "| together | 2 | 0.500 | 0.500 | 1 | 0.500 |" in page
 
@@ -152,7 +153,7 @@ def test_a_suite_that_was_gone_on_with_took_as_long_as_its_parts():
     page = benchmark_page(
         {"robust": result("robust", {"worlds": {**worlds, "gone": "skipped: x"}, "bars": bars})}
     )
-    assert "| 2026-11-25 | aaaaaaaa | 60 min in parts | 0.1 |" in page
+    assert "| `aaaaaaaa`, 2026-11-25 | 60 min in parts | 0.1 |" in page
 
 
 def test_sizes_of_maps_and_replicas():

@@ -70,4 +70,4 @@ def test_a_name_that_this_installation_cannot_load_says_what_to_install():
         "try: firstfix.MapIndex\n"
         "except ImportError as error: print(error)"
     )
-    assert "firstfix[service]" in run(program)
+    assert "pip install '.[service]' in the checkout" in run(program)

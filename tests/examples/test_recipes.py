@@ -146,7 +146,7 @@ def test_a_command_of_the_pages(place: Place, page: str, command: str):
 def run_gateway(place: Place, command: str) -> None:
     """Starts it, waits until it looks for robots, and ends it. Other tests have robots for it."""
     if "--dds" in command and find_spec("cyclonedds") is None:
-        pytest.skip("needs cyclonedds: pip install firstfix[dds]")
+        pytest.skip("needs cyclonedds: pip install '.[dds]'")
     domain = random.SystemRandom().randrange(1, 100)
     environment = {
         **os.environ,

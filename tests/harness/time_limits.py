@@ -25,6 +25,7 @@ LONGER: dict[str, tuple[int, str]] = {
     "hall_directory": (900, "builds a version of a real hall"),
     "optimised": (1500, "compiles the C++ client"),
     "sanitised": (1500, "compiles it once more, with sanitizers"),
+    "allowed_versions": (1500, "installs all packages and compiles the core"),
     "program": (1500, "cargo gets and compiles a robot of another DDS"),
 }
 

@@ -160,7 +160,7 @@ def one_of(world: ExportedWorld, number: int) -> str:
 
 
 def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorld, tmp_path: Path):
-    pytest.importorskip("rerun", reason="needs rerun-sdk (170 MB): pip install firstfix[rerun]")
+    pytest.importorskip("rerun", reason="needs rerun-sdk (170 MB): pip install '.[rerun]'")
     from rerun.chunk import RrdReader
 
     out = tmp_path / "hall.rrd"
@@ -221,7 +221,7 @@ def test_the_newest_queries_and_an_even_part_of_the_map(
 @pytest.mark.parametrize("ending", [".mcap", ".rrd"])
 def test_a_file_that_is_there_stays(way: list[str], tmp_path: Path, capsys, ending: str):
     if ending == ".rrd":
-        pytest.importorskip("rerun", reason="needs rerun-sdk (170 MB): pip install firstfix[rerun]")
+        pytest.importorskip("rerun", reason="needs rerun-sdk (170 MB): pip install '.[rerun]'")
     out = tmp_path / f"hall{ending}"
     out.write_text("mine")
     assert ended("export", out, "--map", "hall", *way) == 2

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any
 
 from firstfix.builds.shared_stages import SharedStages
-from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption
+from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption, pip_install
 from firstfix.store.store import Store
 from firstfix.store.url import StoreUrl
 
@@ -135,7 +135,7 @@ class DaskExecutor(ChunkExecutor):
         try:
             from distributed import Client
         except ImportError:
-            raise InvalidOption("an executor dask:// needs Dask: pip install 'firstfix[dask]'") from None
+            raise InvalidOption(f"an executor dask:// needs Dask: {pip_install('.[dask]')}") from None
         end = time.monotonic() + self._away_s
         while True:
             if cancelled():

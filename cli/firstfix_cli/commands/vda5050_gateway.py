@@ -63,7 +63,7 @@ def vda5050_gateway(
     has no order, its scan is localized, and it is sent the instant action initPosition. Only an answer that
     is localized is sent. The command runs until it is interrupted.
     """
-    from firstfix.errors import InvalidOption
+    from firstfix.errors import InvalidOption, pip_install
 
     from ..answerer import answerer
     from ..vda5050_gateway.fix_seeker import Fleet
@@ -76,7 +76,7 @@ def vda5050_gateway(
         if (error.name or "").partition(".")[0] != "paho":
             raise
         raise ModuleNotFoundError(
-            "VDA 5050 needs the package paho-mqtt: pip install 'firstfix[vda5050]'", name=error.name
+            f"VDA 5050 needs the package paho-mqtt: {pip_install('.[vda5050]')}", name=error.name
         ) from None
 
     address, entries = BrokerAddress.parse(broker), read_fleets(fleets)

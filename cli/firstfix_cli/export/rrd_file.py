@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from firstfix.answer.localization import Verdict
+from firstfix.errors import pip_install
 from firstfix.transform import Matrix, quaternion_of
 
 from .kept_query import GUESS_FRAME, MAP_FRAME, SENSOR_FRAME, UNPLACED_FRAME, KeptQuery
@@ -79,8 +80,10 @@ def rrd_file(folder: Path, name: str) -> Iterator[RrdFile]:
     """
     try:
         import rerun
-    except ModuleNotFoundError:
-        raise ModuleNotFoundError("an .rrd file needs rerun: pip install 'firstfix[rerun]'") from None
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"an .rrd file needs rerun: {pip_install('.[rerun]')}", name=error.name
+        ) from None
 
     recording = rerun.RecordingStream(name)
     recording.save(folder / "out")

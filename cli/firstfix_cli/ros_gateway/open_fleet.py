@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
-from firstfix.errors import InvalidOption
+from firstfix.errors import InvalidOption, pip_install
 from firstfix_ros.robot.answerer import Answerer
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
@@ -106,7 +106,7 @@ def _dds_fleet(
         if (error.name or "").partition(".")[0] != "cyclonedds":
             raise
         raise ModuleNotFoundError(
-            "DDS needs the package cyclonedds: pip install 'firstfix[dds]'", name=error.name
+            f"DDS needs the package cyclonedds: {pip_install('.[dds]')}", name=error.name
         ) from None
     fleet = DdsFleet(Participant(domain), ask, config, topics=topics, log_line=log_line)
     return OpenFleet("on DDS", fleet, CANNOT)

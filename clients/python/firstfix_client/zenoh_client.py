@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
-from firstfix.errors import FirstfixError, InvalidOption
+from firstfix.errors import FirstfixError, InvalidOption, pip_install
 from firstfix.ids import check_map_id
 from firstfix.scan.sequence import ScanSequence
 from firstfix.wire.endpoints import Links
@@ -246,7 +246,7 @@ def _zenoh() -> Any:
         import zenoh
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            "ZenohClient needs eclipse-zenoh: pip install 'firstfix-client[zenoh]', or 'firstfix[zenoh]'",
+            f"ZenohClient needs eclipse-zenoh: {pip_install('./clients/python[zenoh]', '.[zenoh]')}",
             name=error.name,
         ) from None
     return zenoh

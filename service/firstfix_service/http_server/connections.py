@@ -152,8 +152,7 @@ class Connections:
         """Finds a place for a new connection.
 
         If there is no place, a connection that waits for its caller is ended: one of the same address if that
-            has too
-        many connections, otherwise one of the address with the most connections.
+        has too many connections, otherwise one of the address with the most connections.
         """
         use = self._place(connection)
         if use is ConnectionUse.NONE:

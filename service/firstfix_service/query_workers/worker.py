@@ -1,12 +1,12 @@
 """A process that answers queries, one at a time.
 
-    python -m firstfix_service.query_workers.worker QUERIES CONTROL BODIES CAPACITY MAX_DECODED SHARE
+    python -m firstfix_service.query_workers.worker QUERIES CONTROL BODIES CAPACITY COUNTS
 
-QUERIES and CONTROL are sockets to the service, BODIES is the file of its ``BodyMemory`` with CAPACITY bytes.
-A body may have MAX_DECODED bytes without its content encoding. SHARE is that of the localized queries whose
-sightings are counted. One socket carries queries; the other carries versions to load and to drop, and
-sightings, so that these do not delay queries. The process ends when the service ends for any reason, because
-the kernel then closes the sockets.
+QUERIES and CONTROL are sockets to the service, BODIES is the file of its ``BodyMemory`` with CAPACITY bytes:
+all three are numbers of open files. COUNTS is 1 if the sightings of localized queries are counted, or 0.
+One socket carries queries; the other carries versions to load and to drop, and sightings, so that these do
+not delay queries. The process ends when the service ends for any reason, because the kernel then closes the
+sockets.
 """
 
 from __future__ import annotations

@@ -1,0 +1,66 @@
+"""The program ``firstfix`` where packages of its extras are not installed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from waiting import LIMIT_S
+
+# In the words of a package that is not installed. A None in `sys.modules` has others.
+PROGRAM = """
+import sys
+from importlib.abc import MetaPathFinder
+
+class Missing(MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name in {missing!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Missing())
+sys.argv = ["firstfix", *{arguments!r}]
+from firstfix_cli.entry import run
+run()
+"""
+SERVICE = (
+    "faiss",
+    "fastapi",
+    "obstore",
+    "rosbags",
+    "scipy",
+    "yaml",
+    "zenoh",
+)  # of [service], not of [gateway]
+GATEWAY = ("ros-gateway", "--map", "hall", "--url", "http://localhost:1")
+BAG = ("localize", "--bag", "drive.bag", "--map", "hall", "--url", "http://localhost:1")
+
+
+@pytest.mark.parametrize(
+    ("missing", "arguments", "said"),
+    [
+        (
+            ("typer",),
+            ("--help",),
+            "the command line needs typer: pip install '.[gateway]' or '.[service]' in",
+        ),
+        (("rosbags",), BAG, "the package rosbags is not installed: pip install '.[service]' in the checkout"),
+        # It goes on until it looks for a ROS 2: the extra has all that it needs until then.
+        ((*SERVICE, "rclpy"), GATEWAY, "no ROS 2 for this Python"),
+        (
+            (*SERVICE, "cyclonedds"),
+            (*GATEWAY, "--dds"),
+            "DDS needs the package cyclonedds: pip install '.[dds]'",
+        ),
+    ],
+)
+def test_what_is_missing_is_said_with_what_to_install(
+    missing: tuple[str, ...], arguments: tuple[str, ...], said: str
+):
+    command = [sys.executable, "-c", PROGRAM.format(missing=missing, arguments=arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    assert done.returncode == 2, done.stderr
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) <= 2
+    assert "Traceback" not in done.stderr
