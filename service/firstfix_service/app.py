@@ -15,7 +15,7 @@ from firstfix.engine.localizer import Localizer
 from . import problems
 from .http_api.answer_room import AnswerRoom, CountedAnswers
 from .http_api.bodies.request_body import WhilePermitted
-from .http_api.edge import AnonymousThrottle, RequestLog, authorize, check_routes
+from .http_api.edge import RequestLog, authorize, check_routes
 from .http_api.openapi import DocumentedApp
 from .http_api.routes import (
     builds,
@@ -32,6 +32,7 @@ from .http_api.routes import (
     versions,
 )
 from .http_api.routes.console import answer_counts, answer_events, caller, cloud, overlay, page
+from .http_api.turns import Turns
 from .settings import Settings
 from .startup.composition import compose
 from .startup.retry import PlainStartError, RetryingStart
@@ -119,8 +120,9 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     localize.add_route(app)
     for module in _ROUTES:
         app.include_router(module.router)
+    caller.sensors_json()  # made here, not while queries wait
     if settings.console:
-        page.page_files()  # packed here, not while queries wait
+        page.page_files()  # packed here, too
         app.include_router(page.router)
     check_routes(app)
     problems.add_handlers(app)
@@ -128,8 +130,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     room = AnswerRoom(settings.max_unsent_bytes)
     metrics.unsent_bytes.set_function(lambda: room.taken_bytes)
     app.add_middleware(CountedAnswers, room=room)
-    throttle = AnonymousThrottle()
-    trusted = settings.trusted_proxies
-    app.add_middleware(RequestLog, metrics=metrics, requests=requests, trusted=trusted, throttle=throttle)
+    trusted, turns = settings.trusted_proxies, Turns()
+    app.add_middleware(RequestLog, metrics=metrics, requests=requests, trusted=trusted, turns=turns)
     app.add_middleware(PlainStartError)
     return app

@@ -282,3 +282,11 @@ def test_without_zenoh_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "zenoh", None)
     with pytest.raises(ModuleNotFoundError, match=r"firstfix\[zenoh\]"):
         ZenohClient("tcp/localhost:7447")
+
+
+def test_a_config_that_is_no_path_is_refused_without_its_content():
+    config = zenoh.Config()
+    config.insert_json5("transport/auth/usrpwd", '{"user": "robot", "password": "secret-word"}')
+    with pytest.raises(InvalidOption, match="path of a file") as refused:
+        ZenohClient(config=config)
+    assert "secret-word" not in str(refused.value)

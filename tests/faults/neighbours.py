@@ -2,10 +2,10 @@
 
     python -m tests.faults neighbours [--seconds 10] [--flood NAME] [--root CHECKOUT] [--json FILE]
 
-Every flood of ``tests.faults.flooders`` in turn. The first caller asks ten times a second, up to four queries
-at a time. All are to be answered, with a p99 of at most twice the one alone plus the time of one query
-of the flood. --root takes the service of another checkout, which has a .venv; several times for
-a comparison.
+Every flood of ``tests.faults.floods`` in turn, then 250 connections of one key on each route of the app. The
+first caller asks ten times a second, up to four queries at a time. All are to be answered, with a p99 of at
+most twice the one alone plus the time of one query of the flood, and probes of health within a second.
+--root takes the service of another checkout, which has a .venv; several times for a comparison.
 """
 
 from __future__ import annotations
@@ -37,13 +37,16 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
 from tests.claimed import free_port
 
-from .flooders import FLOODS, HEAVY_POINTS, LARGEST_POINTS, XYZ, random_returns
+from .flooders import all_floods
+from .floods import HEAVY_POINTS, LARGEST_POINTS, XYZ, random_returns
 
 MAP = "yard"
 EVERY_S, MOST_AT_ONCE = 0.1, 4
 TIMEOUT_S = 120.0  # of a query: it is then lost
 SETTLE_S = 120.0  # at most, until the service has nothing more to do with the last flood
-OWN_ADDRESS = "127.0.0.11"
+OWN_ADDRESS, PROBE_ADDRESS = "127.0.0.11", "127.0.0.12"
+PROBE_EVERY_S, PROBE_WITHIN_S = 0.25, 1.0  # orchestrators give up after a second, and end the service
+PROBES = ("/healthz", "/readyz")
 WARM_UP_QUERIES = 20
 LEAD_S = 4.0  # of the flood, before the other caller asks beside it
 ROOT = Path(__file__).parents[2]
@@ -74,14 +77,15 @@ class Seen:
 
 
 def neighbours(
-    version: Path, folder: Path, *, seconds: float, root: Path = ROOT, floods: Sequence[str] = tuple(FLOODS)
+    version: Path, folder: Path, *, seconds: float, floods: Sequence[str], root: Path = ROOT
 ) -> dict[str, Any]:
-    """The figures of every flood; ``failed`` of each ``robot`` is to be empty.
+    """The figures of each flood; ``failed`` of each ``robot`` is to be empty.
 
     Args:
         version: folder of a version's files.
         folder: empty; of the service.
         seconds: of each flood, and of each time alone before it.
+        floods: names of ``all_floods``.
         root: the checkout whose service is asked.
     """
     store = folder / "store"
@@ -99,16 +103,18 @@ def neighbours(
             heavy = Body(XYZ, random_returns(LARGEST_POINTS if name == "largest scans" else HEAVY_POINTS))
             one_query_s = _post(one.url, theirs, heavy)
             with _flooded(one, name, (digest, theirs), seconds) as flooder:
-                beside = asyncio.run(_ask(one.url, ours, body, seconds))
+                beside, probed_s = asyncio.run(_ask_and_probe(one.url, ours, body, seconds))
             _wait_until_idle(one)
             quiet, met = alone.figures(), beside.figures()
             bar_ms = 2 * quiet["p99_ms"] + one_query_s * 1e3
+            is_in_time = met["p99_ms"] <= bar_ms and probed_s <= PROBE_WITHIN_S
             figures["floods"][name] = {
                 "alone": quiet,
                 "robot": met,
                 "one_query_ms": round(one_query_s * 1e3),
                 "bar_ms": round(bar_ms),
-                "held": not met["failed"] and met["p99_ms"] <= bar_ms,
+                "probe_max_ms": round(probed_s * 1e3, 1),
+                "held": not met["failed"] and is_in_time,
                 "flooder": dict(flooder),
             }
             print(_row(name, figures["floods"][name]), flush=True)
@@ -116,8 +122,8 @@ def neighbours(
 
 
 HEAD = (
-    f"{'flood':<18}{'answered':>10}{'p50':>8}{'p99':>8}{'max':>8}{'alone':>8}{'p99':>7}{'query':>7}{'bar':>7}"
-    "  held  failed; what the flooder met"
+    f"{'flood':<58}{'answered':>10}{'p50':>8}{'p99':>8}{'max':>8}{'alone':>8}{'p99':>7}{'query':>7}{'bar':>7}"
+    f"{'probe':>7}  held  failed; what the flooder met"
 )
 
 
@@ -125,8 +131,9 @@ def _row(name: str, one: dict[str, Any]) -> str:
     met, quiet = one["robot"], one["alone"]
     answered = f"{met['answered']}/{met['asked']}"
     return (
-        f"{name:<18}{answered:>10}{met['p50_ms']:>8.0f}{met['p99_ms']:>8.0f}{met['max_ms']:>8.0f}"
+        f"{name:<58}{answered:>10}{met['p50_ms']:>8.0f}{met['p99_ms']:>8.0f}{met['max_ms']:>8.0f}"
         f"{quiet['p50_ms']:>8.0f}{quiet['p99_ms']:>7.0f}{one['one_query_ms']:>7}{one['bar_ms']:>7}"
+        f"{one['probe_max_ms']:>7.0f}"
         f"  {'yes' if one['held'] else 'NO':<4}  {met['failed'] or 'none'}; {one['flooder']}"
     )
 
@@ -190,6 +197,29 @@ async def _ask(url: str, key: str, body: Body, seconds: float) -> Seen:
     return seen
 
 
+async def _ask_and_probe(url: str, key: str, body: Body, seconds: float) -> tuple[Seen, float]:
+    """Asks as ``_ask``, and probes health meanwhile. Returns also the seconds of the longest probe."""
+    probing = asyncio.create_task(_probe(url, round(seconds / PROBE_EVERY_S)))
+    seen = await _ask(url, key, body, seconds)
+    return seen, await probing
+
+
+async def _probe(url: str, times: int) -> float:
+    """Seconds of the longest probe, each on a connection of its own; infinite where one failed."""
+    longest_s = 0.0
+    for number in range(max(1, times)):
+        transport = httpx.AsyncHTTPTransport(local_address=PROBE_ADDRESS)
+        begin = time.perf_counter()
+        try:
+            async with httpx.AsyncClient(base_url=url, transport=transport, timeout=TIMEOUT_S) as http:
+                (await http.get(PROBES[number % len(PROBES)])).raise_for_status()
+        except httpx.HTTPError:
+            return np.inf
+        longest_s = max(longest_s, time.perf_counter() - begin)
+        await asyncio.sleep(PROBE_EVERY_S)
+    return longest_s
+
+
 def _post(url: str, key: str, body: Body) -> float:
     """Asks once, and returns the seconds that it takes."""
     begin = time.perf_counter()
@@ -250,7 +280,11 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="tests.faults neighbours", description=__doc__.split("\n\n")[0])
     parser.add_argument("--seconds", type=float, default=10.0, help="of each flood")
     parser.add_argument(
-        "--flood", action="append", choices=FLOODS, help="this one alone; several times: these"
+        "--flood",
+        action="append",
+        choices=all_floods(),
+        metavar="NAME",
+        help="this one alone; several times: these",
     )
     parser.add_argument(
         "--root", action="append", type=Path, help="checkout of the service; default: this one"
@@ -264,7 +298,7 @@ def main(arguments: Sequence[str]) -> int:
             print(f"\n{root.name}, milliseconds\n{HEAD}", flush=True)
             own = Path(folder) / f"service{number}"
             own.mkdir()
-            floods = chosen.flood or tuple(FLOODS)
+            floods = chosen.flood or tuple(all_floods())
             found.append(neighbours(version, own, seconds=chosen.seconds, root=root.resolve(), floods=floods))
     if chosen.json:
         chosen.json.write_text(json.dumps(found, indent=1) + "\n")

@@ -20,10 +20,13 @@ class Needs(NamedTuple):
     Attributes:
         rate: name of the limit that it counts against. A change counts for its map, because each one is an
             entry in that map's log.
+        has_queue: requests wait for their turn in a queue of their own. Otherwise each takes from the credit
+            of its caller; of these only refusals do.
     """
 
     scope: Scope
     rate: Rate = ""
+    has_queue: bool = False
 
 
 @dataclass(frozen=True)

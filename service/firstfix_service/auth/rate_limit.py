@@ -56,6 +56,10 @@ class RateLimit:
         self._keep(name, tokens)
         return max(0.0, -tokens / self._per_s)
 
+    def give_back(self, name: str) -> None:
+        """Gives one token back: what it was taken for is not done."""
+        self._keep(name, min(self._burst, self._tokens(name) + 1.0))
+
     def _tokens(self, name: str) -> float:
         now = self._clock()
         tokens, then = self._buckets.get(name, (self._burst, now))

@@ -1,4 +1,4 @@
-"""Edge of HTTP: who calls a route and may, the log line of each request, and what strangers wait for."""
+"""Edge of HTTP: who calls a route and may, whose turn it is, and the log line of each request."""
 
 from __future__ import annotations
 
@@ -22,15 +22,14 @@ from firstfix.errors import NotFound, ReadOnly, Unauthorized
 
 from ..auth.authenticate import Authenticator, Permission
 from ..auth.principal import Needs, Principal, Rate
-from ..auth.rate_limit import RateLimit
 from ..http_server.connections import Network, address_of
-from ..http_server.streams import DELAY_ANSWER, DelayAnswer
 from ..problems import problem_of
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
-from ..telemetry.request_scope import Requests, RequestScope, current_caller
+from ..telemetry.request_scope import Requests, RequestScope, current_caller, note
 from ..thread_pools import AUTH
 from .parts import part_of
+from .turns import PROBES, Turn, Turns, turn_of
 
 T = TypeVar("T")
 Route = TypeVar("Route", bound=Callable[..., Any])
@@ -39,24 +38,20 @@ _log = structlog.get_logger(__name__)
 TRANSPORT = "http"
 MAX_PATH_CHARS = 300  # a longer path is cut in the log
 CLIENT_GONE = 499  # nginx's status for it; nobody reads the answer
-STRANGERS_PER_S = 50.0  # of one address: these answers then take a few percent of a core
-BURST_S = 2.0  # a page and its files come at once, for several people behind one address
-MAX_DELAY_S = 2.0
-MAX_PROBE_DELAY_S = 0.25  # probes give up after a second, and one may share its address with a stranger
 _READING = frozenset({"GET", "HEAD", "OPTIONS"})
 _METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
-_PROBES = {"/healthz", "/readyz"}
-_QUIET = {*_PROBES, "/metrics"}
+_QUIET = {*PROBES, "/metrics"}
 _NOSNIFF = (b"x-content-type-options", b"nosniff")
 
 
-def needs(scope: Scope, rate: Rate = "") -> Callable[[Route], Route]:
+def needs(scope: Scope, rate: Rate = "", *, has_queue: bool = False) -> Callable[[Route], Route]:
     """Marks the function of a route with what its callers need.
 
     Args:
         rate: limit that requests count against. Reads of much data count as queries do.
+        has_queue: see ``Needs``.
     """
-    return lambda route: _marked(route, Needs(scope, rate))
+    return lambda route: _marked(route, Needs(scope, rate, has_queue))
 
 
 def public(route: Route) -> Route:
@@ -90,7 +85,7 @@ def check_routes(app: FastAPI) -> None:
 
 
 async def authorize(request: Request) -> None:
-    """Lets a request pass, or refuses it, before its body is read. A dependency of every route.
+    """Lets a request pass in its turn, or refuses it, before its body is read. A dependency of every route.
 
     Stores the ``Principal`` in ``request.state.caller`` and the ``Permission``, for later checks, in
     ``request.state.permission``. Checks the map or build in the path. Routes check the maps in a body or in
@@ -100,14 +95,20 @@ async def authorize(request: Request) -> None:
         Unauthorized, Forbidden, RateLimited: the request is refused.
         NotFound: the build belongs to a map that the caller may not see.
         ReadOnly: the request would change something. The store, which is opened read-only, refuses it too.
+        ClientDisconnect: the caller has gone before it was its turn.
     """
     needs, settings = needs_of(request.scope), _settings_of(request)
     metrics_are_open = settings.metrics_public or settings.auth != "on"
     if needs is None or (needs.scope is Scope.METRICS and metrics_are_open):
+        await turn_of(request).wait_to_begin()
         return  # also before the store has answered
     authenticator, map_id = part_of(request, Authenticator), request.path_params.get("map_id")
     credential, address = _credential(request), request.state.address
-    caller = await authenticator.authorize(credential, address, needs, map_id)
+    caller = await authenticator.authenticate(credential, address)
+    note(caller=caller.name)
+    if not needs.has_queue and await turn_of(request).wait_to_begin(caller.name):
+        caller = await authenticator.authenticate(credential, address)  # its key may be revoked by now
+    authenticator.permit(caller, needs, map_id)
     request.state.caller = caller
     request.state.permission = Permission(authenticator, credential, address, needs.scope, map_id)
     if (build_id := request.path_params.get("build_id")) is not None and not caller.sees_every_map:
@@ -203,33 +204,6 @@ async def cancel_on_disconnect(request: Request, work: Coroutine[Any, Any, T]) -
         watching.cancel()
 
 
-class AnonymousThrottle:
-    """Delays answers to strangers who ask too fast: they take little of the event loop that all share.
-
-    A stranger has no caller: it asks for the console's page or for health, or its credential is missing or
-    invalid. A refusal would take as much time as most of these answers, and the next request would come at
-    once. So the answer comes late instead, and nothing fails. Strangers are counted by address.
-    """
-
-    def __init__(self) -> None:
-        self._others, self._probes = (
-            RateLimit(what, STRANGERS_PER_S, BURST_S * STRANGERS_PER_S) for what in ("requests", "probes")
-        )
-
-    async def delay(self, scope: ASGIScope) -> None:
-        """Waits until the answer to a stranger may begin."""
-        delay: DelayAnswer | None = scope.get("extensions", {}).get(DELAY_ANSWER)
-        if delay is None:
-            return
-        address = scope["state"]["address"]
-        if scope["path"] in _PROBES:
-            wait_s = self._probes.take_on_credit(address, MAX_PROBE_DELAY_S)
-        else:
-            wait_s = self._others.take_on_credit(address, MAX_DELAY_S)
-        if wait_s:
-            await delay(wait_s)
-
-
 class RequestLog:
     """ASGI middleware that gives each request an id, a span, a log line, metrics, and a problem document.
 
@@ -243,7 +217,7 @@ class RequestLog:
         metrics: Metrics,
         requests: Requests,
         trusted: Iterable[Network],
-        throttle: AnonymousThrottle,
+        turns: Turns,
     ) -> None:
         self._app = app
         # Finding a series by its labels takes longer than counting in it. There are few series.
@@ -251,7 +225,7 @@ class RequestLog:
         self._seconds = cache(metrics.http_seconds.labels)
         self._requests = requests
         self._trusted = tuple(trusted)
-        self._throttle = throttle
+        self._turns = turns
 
     async def __call__(self, scope: ASGIScope, receive: Receive, send: Send) -> None:
         """Serves one request within its scope."""
@@ -260,7 +234,9 @@ class RequestLog:
             return
         headers = dict(scope["headers"])
         start = time.monotonic()
-        scope.setdefault("state", {})["address"] = address_of(scope, self._trusted)
+        state = scope.setdefault("state", {})
+        state["address"] = address_of(scope, self._trusted)
+        state["turn"] = Turn(self._turns, scope)
         with self._requests.scope(
             TRANSPORT,
             None if scope["path"] in _QUIET else scope["method"],
@@ -279,8 +255,9 @@ class RequestLog:
             if message["type"] == "http.response.start":
                 status = message["status"]
                 message = {**message, "headers": [*message["headers"], *own_headers]}
-                if not current_caller():
-                    await self._throttle.delay(scope)
+                caller = current_caller()
+                if not caller or status >= 400:  # else a queue has given it its turn
+                    await scope["state"]["turn"].wait_to_answer(caller)
             await send(message)
 
         try:

@@ -15,7 +15,7 @@ LONGEST_ANSWER_S = 300.0  # for a long answer to be taken in: its bytes stay in 
 App = Callable[[Any, Any, Any], Any]  # ASGI
 
 DELAY_ANSWER = "firstfix.delay_answer"  # extension of the ASGI scope: a ``DelayAnswer``
-DelayAnswer = Callable[[float], Awaitable[None]]
+DelayAnswer = Callable[[float], Awaitable[bool]]  # seconds; False: the caller has gone meanwhile
 
 RECEIVE_INTO = "firstfix.receive_into"  # extension of the ASGI scope: a ``ReceiveInto``
 
@@ -71,34 +71,35 @@ def limit_kernel_buffer(connection: socket.socket | None) -> None:
 
 
 class AnswerDelay:
-    """A wait before an answer begins.
+    """A wait before an answer begins, or before the work for it.
 
     No work is done for the caller meanwhile, so the connection gives its place to another if one is needed.
     """
 
     def __init__(self) -> None:
-        self._ended: asyncio.Event | None = None
+        self._ended = asyncio.Event()
+        self._is_under_way = False
 
     @property
     def is_under_way(self) -> bool:
         """True if an answer waits."""
-        return self._ended is not None
+        return self._is_under_way
 
-    async def wait(self, seconds: float) -> None:
-        """Waits for some seconds, or until the connection has ended."""
-        self._ended = asyncio.Event()
+    async def wait(self, seconds: float) -> bool:
+        """Waits for some seconds. Returns False, at once, when the connection has ended."""
+        self._is_under_way = True
         try:
             async with asyncio.timeout(seconds):
                 await self._ended.wait()
         except TimeoutError:
-            pass
+            return True
         finally:
-            self._ended = None
+            self._is_under_way = False
+        return False
 
     def end(self) -> None:
-        """Ends the wait."""
-        if self._ended is not None:
-            self._ended.set()
+        """Ends the wait, because the connection has ended."""
+        self._ended.set()
 
 
 class ReadingPace:

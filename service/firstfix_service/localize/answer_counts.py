@@ -65,12 +65,16 @@ class AnswerCounts:
     def of_maps(self, now_s: float) -> list[MapCounts]:
         """Returns the counts of all maps that were asked, by their ids."""
         with self._lock:
-            return [
-                MapCounts(
-                    map_id, steps.last_time_s, _within(steps, now_s, HOUR_S), _within(steps, now_s, DAY_S)
-                )
-                for map_id, steps in sorted(self._maps.items())
-            ]
+            map_ids = sorted(self._maps)
+        found = []
+        for map_id in map_ids:
+            with self._lock:  # of each map anew: the event loop counts answers meanwhile
+                steps = self._maps.get(map_id)
+                if steps is None:
+                    continue
+                hour, day = _within(steps, now_s, HOUR_S), _within(steps, now_s, DAY_S)
+                found.append(MapCounts(map_id, steps.last_time_s, hour, day))
+        return found
 
 
 def _within(steps: _Steps, now_s: float, length_s: float) -> Counted:

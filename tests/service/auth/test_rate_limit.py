@@ -76,3 +76,13 @@ def test_what_is_owed_is_paid_at_the_rate_and_no_debt_grows_without_end():
     clock.now += 100.0
     waits = [limit.take_on_credit("a", 1.5) for _ in range(4)]
     assert waits == [0.0, 0.0, 0.0, 0.5], "no more than the burst is saved"
+
+
+def test_what_is_given_back_shortens_the_waits_of_others_and_is_never_more_than_the_burst():
+    limit = RateLimit("requests", per_s=2.0, burst=2.0, clock=Clock())
+    assert [limit.take_on_credit("a", 5.0) for _ in range(4)] == [0.0, 0.0, 0.5, 1.0]
+    limit.give_back("a")
+    assert limit.take_on_credit("a", 5.0) == 1.0
+    for _ in range(9):
+        limit.give_back("a")
+    assert [limit.take_on_credit("a", 5.0) for _ in range(3)] == [0.0, 0.0, 0.5]

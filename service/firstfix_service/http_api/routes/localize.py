@@ -102,7 +102,7 @@ def add_route(app: FastAPI) -> None:
     )
 
 
-@needs(Scope.LOCALIZE, "localize")
+@needs(Scope.LOCALIZE, "localize", has_queue=True)
 async def localize(request: Request) -> Response:
     """The pose of a scan in a map, or the reasons why there is none.
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel
 
 import firstfix
 from firstfix.access.permissions import Scope
@@ -13,40 +12,41 @@ from firstfix.errors import Overloaded
 from ...telemetry.metrics import Metrics
 from ...telemetry.stall_watch import StallWatch
 from ...thread_pools import METRICS
-from ..edge import needs, public
+from ..edge import DirectRoute, needs, public
 from ..health import HealthCheck
-from ..parts import part
+from ..parts import part_of
 from ..schema.api_models import Health, Readiness
 
-router = APIRouter(tags=["operations"])
+router = APIRouter(tags=["operations"], route_class=DirectRoute)  # everybody may probe, and often
 
 
-@router.get("/healthz")
+@router.get("/healthz", response_model=Health)
 @public
-async def healthz(request: Request) -> Health:
+async def healthz(request: Request) -> Response:
     """Liveness: the process answers, and no part of it stands still.
 
     It fails while zenoh does not come back, and for 20 s after the event loop stood still for 5 s or longer.
     """
     _check_well(request)
-    return Health(status="ok", version=firstfix.__version__)
+    return _json(Health(status="ok", version=firstfix.__version__))
 
 
-@router.get("/readyz")
+@router.get("/readyz", response_model=Readiness)
 @public
-async def readyz(request: Request, health: Annotated[HealthCheck, part(HealthCheck)]) -> Readiness:
+async def readyz(request: Request) -> Response:
     """Readiness: the catalog was read, and as many maps are loaded as fit.
 
     The service stays ready when the store fails later, because loaded maps go on answering. It stops being
     ready FIRSTFIX_DRAIN_S before it ends.
     """
+    health = part_of(request, HealthCheck)
     _check_well(request)
     why_not = health.why_not_ready()
     if request.app.state.draining.is_set():
         why_not = "the service is about to stop"
     if why_not is not None:
         raise Overloaded(why_not)
-    return Readiness.model_validate({"status": "ready", **health.details()})
+    return _json(Readiness.model_validate({"status": "ready", **health.details()}))
 
 
 @router.get("/metrics", include_in_schema=False)
@@ -56,6 +56,10 @@ async def metrics(request: Request) -> Response:
     counted: Metrics = request.app.state.metrics
     body, media_type = await METRICS.run(counted.exposition, request.headers.get("accept", ""))
     return Response(body, headers={"Content-Type": media_type, "Vary": "Accept"})
+
+
+def _json(answer: BaseModel) -> Response:
+    return Response(answer.model_dump_json(), media_type="application/json")
 
 
 def _check_well(request: Request) -> None:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from firstfix.access.permissions import Scope
 from firstfix.answer.localization import Verdict
+from firstfix.answer.options import MAX_NUMBER
 from firstfix.catalog.query_samples import QuerySample, QuerySamples
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.ids import check_map_id
@@ -168,6 +169,8 @@ async def put_truth(sample_id: SampleId, request: Request, samples: SamplesDep, 
     truth = await read_model(request, Truth)
     caller.check_map(check_map_id(truth.map_id))
     if truth.T_map_sensor is not None:
+        if not all(abs(metres) <= MAX_NUMBER for metres in truth.T_map_sensor.position):
+            raise InvalidOption(f"T_map_sensor: a position is over {MAX_NUMBER:g} m from the map's origin")
         try:
             from_quaternion(truth.T_map_sensor.position, truth.T_map_sensor.quaternion)
         except ValueError as error:

@@ -112,6 +112,7 @@ def test_the_truth_is_kept_with_the_query(service: Service):
         {"map_id": "no such name!", "T_map_sensor": None},
         {"map_id": "hall", "T_map_sensor": {**POSE, "quaternion": [0, 0, 0, 0]}},
         {"map_id": "hall", "T_map_sensor": {**POSE, "position": [0, 0]}},
+        {"map_id": "hall", "T_map_sensor": {**POSE, "position": [0, -1e40, 0]}},
         {"map_id": "hall", "T_map_sensor": POSE, "more": 1},
     ],
 )

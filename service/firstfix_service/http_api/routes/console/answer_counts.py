@@ -13,6 +13,7 @@ from firstfix.access.permissions import Scope
 
 from ....localize.answer_counts import AnswerCounts, MapCounts
 from ....localize.recent_answers import RecentAnswers
+from ....thread_pools import METRICS
 from ...edge import CallerDep, needs
 from ...parts import part
 
@@ -55,7 +56,8 @@ class AnswerCountsList(BaseModel):
 
 @router.get("/counts")
 @needs(Scope.BUILD)
-async def get_answer_counts(
+@METRICS.route
+def get_answer_counts(
     counts: Annotated[AnswerCounts, part(AnswerCounts)],
     recent: Annotated[RecentAnswers, part(RecentAnswers)],
     caller: CallerDep,

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Request
+from functools import cache
+
+from fastapi import APIRouter, Request, Response
+from pydantic import TypeAdapter
 
 from firstfix.access.permissions import Scope
 from firstfix.sensor import preset, presets
@@ -28,8 +31,15 @@ async def get_caller(request: Request, caller: CallerDep) -> Caller:
     )
 
 
-@router.get("/sensors", tags=["maps"])
+@router.get("/sensors", tags=["maps"], response_model=list[Sensor])
 @needs(Scope.LOCALIZE)
-async def get_sensors() -> list[Sensor]:
+async def get_sensors() -> Response:
     """The sensor presets, by name. A build's config names one, or changes some of its values."""
-    return [Sensor.model_validate(preset(name).to_mapping()) for name in presets()]
+    return Response(sensors_json(), media_type="application/json")
+
+
+@cache
+def sensors_json() -> bytes:
+    """Presets as JSON. Made once: it takes as long as ten other answers."""
+    found = [Sensor.model_validate(preset(name).to_mapping()) for name in presets()]
+    return TypeAdapter(list[Sensor]).dump_json(found)
