@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import time
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -155,6 +156,16 @@ def test_the_record_has_the_times_without_a_collector(catalog: Catalog, tmp_path
     assert [stage["stage"] for stage in stages] == ALL
     assert [stage["cached"] for stage in stages] == [False, True, True, False]
     assert all(0 <= stage["seconds"] < 10 * LIMIT_S for stage in stages)
+
+
+def test_a_wall_clock_that_is_set_back_shortens_no_stage(monkeypatch: pytest.MonkeyPatch):
+    now_ns = time.time_ns()
+    trace = BuildTrace("build", "hall", None, {})
+    trace.tick("one")
+    monkeypatch.setattr(time, "time_ns", lambda: now_ns - 3_600_000_000_000)
+    trace.end("succeeded")
+    (one,) = trace.stages
+    assert one.seconds >= 0.0
 
 
 def test_late_ticks_change_nothing():
