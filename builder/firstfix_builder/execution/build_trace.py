@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING
 
 import firstfix
 from firstfix.builds.options import BuildOptions
+from firstfix.telemetry.library_logs import silence_libraries
+from firstfix.telemetry.redact import redactor
 from firstfix.telemetry.trace_context import TraceContext, is_tracing_wanted
 
 if TYPE_CHECKING:
@@ -243,8 +245,21 @@ _PLAIN = "%(asctime)s %(levelname)s %(name)s %(message)s"
 def set_up_build_log(options: BuildOptions) -> None:
     """Sets up the log of this process. Called by the ``main`` of a process, never by an import."""
     handler = logging.StreamHandler()
-    handler.setFormatter(_JsonLines(options.build_id) if options.log_json else logging.Formatter(_PLAIN))
+    handler.setFormatter(
+        _HidingSecrets(_JsonLines(options.build_id) if options.log_json else logging.Formatter(_PLAIN))
+    )
     logging.basicConfig(level=options.log_level.upper(), handlers=[handler], force=True)
+    silence_libraries()
+
+
+class _HidingSecrets(logging.Formatter):
+    def __init__(self, lines: logging.Formatter) -> None:
+        super().__init__()
+        self._lines = lines
+        self._redact = redactor()
+
+    def format(self, record: logging.LogRecord) -> str:
+        return self._redact(self._lines.format(record))
 
 
 class _JsonLines(logging.Formatter):

@@ -230,7 +230,7 @@ def run_worker(settings: Settings, *, concurrency: int, health_port: int | None)
         InvalidOption: the settings name no NATS server, or a file that cannot be used.
         StoreError: the store does not answer, or cannot be used.
     """
-    set_up_logging(settings.log_level, as_json=settings.log_json)
+    set_up_logging(settings)
     store = Store.open(settings.store)
     store.probe()
     metrics = Metrics()
