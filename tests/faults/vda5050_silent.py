@@ -28,11 +28,12 @@ from paho.mqtt.enums import CallbackAPIVersion
 from fake_service import FakeService
 from servers import free_port, running_mosquitto
 from vda5050_vehicle import MANUFACTURER, SimulatedVehicle, header, state
-from waiting import wait_until
+from waiting import let_pass, wait_until
 
 from .vda5050_fleet import POINTS, answer_of, end, scan_of
 
 STATES_EVERY_S, SCANS_EVERY_S = 10.0, 0.2
+AHEAD_S = 4.0  # of the real vehicle: the gateway waits for scans of the silent ones after 2 s
 FLEETS = f"""\
 fleets:
   trucks:
@@ -102,8 +103,9 @@ def vda5050_silent(folder: Path, *, silent: int, say: Callable[[str], None]) -> 
         wait_until(
             lambda: log.read_text().count("silent") >= min(silent, 1), what="the silent ones to be lost"
         )
-        began = time.monotonic()
+        let_pass(AHEAD_S)
         say(f"{silent} silent vehicles are lost")
+        began = time.monotonic()
         vehicle = SimulatedVehicle(port, "agv0", knows=False)
         stack.callback(vehicle.close)
         wait_until(lambda: vehicle.positions, what=f"the real vehicle's position: {log}")
