@@ -39,11 +39,16 @@ def remote_build(
             started = client.build_map(file, map_id, config=config or None, trajectory=trajectory)
         said = {"map_id": map_id, "build_id": started.build_id}
         if not wait:
-            return {**said, "state": started.state}
+            return {**said, "state": started.state, "waits_for": started.waits_for}
         with progress() as tell:
+            told: str | None = None
 
             def follow(status: BuildStatus) -> None:
+                nonlocal told
                 tell(status.stage or status.state, status.progress)
+                if status.waits_for not in (None, told):
+                    tell.say(f"the build waits: {status.waits_for}")
+                told = status.waits_for
 
             done = client.wait_for_build(started.build_id, progress=follow)
         report = client.report(map_id, str(done.version))

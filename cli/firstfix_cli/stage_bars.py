@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
-Progress: TypeAlias = Callable[[], AbstractContextManager[Callable[[str, float], None]]]
+
+class StageProgress(Protocol):
+    """Display of the stages of a build."""
+
+    def __call__(self, stage: str, fraction: float) -> None:
+        """Shows the share of a stage that is done, 0..1."""
+
+    def say(self, line: str) -> None:
+        """Shows a line above the stages."""
+
+
+Progress: TypeAlias = Callable[[], AbstractContextManager[StageProgress]]
 
 
 @contextmanager
-def stage_bars() -> Iterator[Callable[[str, float], None]]:
+def stage_bars() -> Iterator[StageProgress]:
     """Shows a progress bar for each stage, on standard error."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
@@ -22,11 +33,15 @@ def stage_bars() -> Iterator[Callable[[str, float], None]]:
         TimeElapsedColumn(),
     )
     tasks: dict[str, TaskID] = {}
-    with Progress(*columns, console=Console(stderr=True)) as bars:
 
-        def progress(stage: str, fraction: float) -> None:
+    class Bars:
+        def __call__(self, stage: str, fraction: float) -> None:
             if stage not in tasks:
                 tasks[stage] = bars.add_task(stage, total=1.0)
             bars.update(tasks[stage], completed=fraction)
 
-        yield progress
+        def say(self, line: str) -> None:
+            bars.console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+    with Progress(*columns, console=Console(stderr=True)) as bars:
+        yield Bars()

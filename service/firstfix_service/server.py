@@ -142,5 +142,5 @@ def serve(settings: Settings) -> None:
     Raises:
         SystemExit: the service could not start; the log says why.
     """
-    set_up_logging(settings.log_level, as_json=settings.log_json)
+    set_up_logging(settings)
     Server(create_app(settings), settings, owns_process=True).run()

@@ -6,21 +6,26 @@ or a store may be taken. Any other figure is a constant beside the code that rea
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sys
+from contextlib import suppress
 from ipaddress import IPv4Network, IPv6Network
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, SecretStr
+from pydantic import Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES, default_build_memory_bytes
+from firstfix.errors import InvalidOption
+from firstfix.store.url import StoreUrl
 
 MIB = 1 << 20
 GIB = 1 << 30
 NAME = "^[a-z0-9][a-z0-9_-]{0,62}$"  # of a replica
 SHARED_STAGES_BYTES = 100 * GIB
+STORE_DIGITS = 16  # of the digest of a store, in the name of its work folder
 
 
 def _cache_home() -> Path:
@@ -43,7 +48,7 @@ class Settings(BaseSettings):
     replica: str | None = Field(None, pattern=NAME, description="name of this replica; default: random")
     work_dir: Path = Field(
         default_factory=lambda: _cache_home() / "work",
-        description="folder of uploads in progress and of build stages",
+        description="folder of uploads in progress and of build stages; default: one for each store",
     )
     stalled_exit_s: float = Field(
         20.0, ge=0, description="time that the event loop or zenoh may stand still, then it ends; 0: never"
@@ -249,6 +254,17 @@ class Settings(BaseSettings):
     samples_store: str | None = Field(
         None, description="store URL or folder of the kept queries, below `samples/`; default: the store"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _give_each_store_a_work_folder(cls, given: Any) -> Any:
+        """Names the default after the store: one process at a time runs builds in a folder."""
+        if isinstance(given, dict) and given.get("work_dir") is None and isinstance(given.get("store"), str):
+            with suppress(InvalidOption):  # whoever opens the store tells what is wrong with its URL
+                identity = StoreUrl.parse(given["store"]).identity()
+                name = hashlib.sha256(identity.encode()).hexdigest()[:STORE_DIGITS]
+                return {**given, "work_dir": _cache_home() / "work" / name}
+        return given
 
     @property
     def nats_enabled(self) -> bool:

@@ -24,6 +24,7 @@ DRILLS = (
     "rot",
     "smoke",
     "vda5050_fleet",
+    "vda5050_silent",
     "zenoh_stranger",
 )
 

@@ -10,7 +10,9 @@ from vda5050.model import State
 from vda5050.model.instant_actions import InstantActions
 from vda5050.validation import SchemaValidator
 
+from firstfix_cli.vda5050_gateway.fix_seeker import MOST_TOPICS
 from tests.faults.vda5050_fleet import KINDS, vda5050_fleet
+from tests.faults.vda5050_silent import vda5050_silent
 from vda5050_vehicle import state
 
 pytestmark = pytest.mark.slow
@@ -35,6 +37,13 @@ def test_every_lost_vehicle_is_initialised_or_named_and_none_while_it_drives(tmp
         else:
             assert (action["actionType"], action["blockingType"]) == ("initializePosition", "NONE")
     assert versions == {"2.0.0", "2.1.0", "3.0.0"}
+
+
+def test_vehicles_that_send_no_scan_do_not_hold_up_one_that_does(tmp_path: Path):
+    """All of them were lost before it: two rounds of topics would have to end before its turn."""
+    figures = vda5050_silent(tmp_path, silent=70, say=print)
+    assert figures["exit_code"] == 0, (tmp_path / "gateway.log").read_text()
+    assert figures["given_up"] < MOST_TOPICS
 
 
 def test_the_simulated_vehicles_speak_the_protocol():

@@ -74,6 +74,13 @@ def answer_of(number: int, kind: str) -> Localization:
     )
 
 
+def scan_of(number: int) -> bytes:
+    """The scan of a vehicle, which the service tells apart from others."""
+    points = np.zeros((POINTS + number, 3), np.float32)
+    points[:, 0] = np.arange(len(points))
+    return encode_scan(Scan(points))
+
+
 @contextmanager
 def scan_server(get: Callable[[str], bytes | None]) -> Iterator[str]:
     """The URL of a server that gives scans by the last part of the path; None: it has none."""
@@ -134,9 +141,7 @@ class Fleet:
         if kind == "drives off" and number not in self._drove_off:
             self._drove_off.add(number)
             self.vehicles[number].drive(True)
-        points = np.zeros((POINTS + number, 3), np.float32)
-        points[:, 0] = np.arange(len(points))
-        return encode_scan(Scan(points))
+        return scan_of(number)
 
     def stop_driving(self) -> None:
         for number, kind in self.kinds.items():
@@ -178,7 +183,7 @@ def vda5050_fleet(
         command += ["--broker", f"mqtt://127.0.0.1:{port}", "--fleets", str(folder / "fleets.yaml")]
         with log.open("wb") as out:
             gateway = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
-        stack.callback(_end, gateway)
+        stack.callback(end, gateway)
         began = time.monotonic()
         wait_until(lambda: "connected to the broker" in log.read_text(), what=f"the gateway, {log}")
         for number in range(restarts):
@@ -241,7 +246,8 @@ def _is_right(vehicle: SimulatedVehicle, number: int) -> bool:
     )
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def end(process: subprocess.Popen[bytes]) -> None:
+    """Ends a process at once."""
     process.kill()
     process.wait()
 

@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING
 
 import firstfix
 from firstfix.builds.options import BuildOptions
+from firstfix.telemetry.library_logs import silence_libraries
+from firstfix.telemetry.redact import redactor
 from firstfix.telemetry.trace_context import TraceContext, is_tracing_wanted
 
 if TYPE_CHECKING:
@@ -68,6 +70,7 @@ class BuildTrace:
         self._lock = threading.Lock()
         self._stage = ""
         self._since_ns = 0
+        self._wall_ahead_ns = 0  # of the monotonic clock, at the start: spans are dated, ages are not
         self._cached: set[str] = set()
         self._chunks: dict[str, tuple[int, int]] = {}
         self._outcome: tuple[str, str | None] | None = None
@@ -82,7 +85,7 @@ class BuildTrace:
         _under_way.remove(self)
         self.end("interrupted", getattr(error, "code", None))
         if self._spans is not None and self._outcome is not None:
-            self._spans.end(*self._outcome)
+            self._spans.end(*self._outcome, self._wall_ns(time.monotonic_ns()))
 
     @property
     def stage(self) -> str:
@@ -122,20 +125,24 @@ class BuildTrace:
                 self._outcome = state, error_code
 
     def _begin(self) -> None:
-        self._since_ns = time.time_ns()
+        self._since_ns = time.monotonic_ns()
+        self._wall_ahead_ns = time.time_ns() - self._since_ns
         if is_tracing_wanted(self._environ):
-            self._spans = _Spans(self._about, self.trace, self._since_ns, self._environ)
+            self._spans = _Spans(self._about, self.trace, self._wall_ns(self._since_ns), self._environ)
             self.trace = self._spans.trace
 
     def _end_stage(self, error_code: str | None = None) -> None:
-        now_ns = time.time_ns()
+        now_ns = time.monotonic_ns()
         cached = self._stage in self._cached
         seconds = round((now_ns - self._since_ns) / 1e9, 3)
         time_of = StageTime(self._stage, seconds, cached, *self._chunks.get(self._stage, (0, 0)))
         self.stages.append(time_of)
         if self._spans is not None:
-            self._spans.stage(time_of, self._since_ns, now_ns, error_code)
+            self._spans.stage(time_of, self._wall_ns(self._since_ns), self._wall_ns(now_ns), error_code)
         self._since_ns = now_ns
+
+    def _wall_ns(self, moment_ns: int) -> int:
+        return moment_ns + self._wall_ahead_ns
 
 
 _inner: list[None] = []  # stages that run within other stages
@@ -211,12 +218,12 @@ class _Spans:
             span.set_status(self._trace.Status(self._trace.StatusCode.ERROR, error_code))
         span.end(end_ns)
 
-    def end(self, state: str, error_code: str | None) -> None:
+    def end(self, state: str, error_code: str | None, end_ns: int) -> None:
         self._build.set_attribute("firstfix.state", state)
         if error_code is not None:
             self._build.set_attribute("firstfix.code", error_code)
             self._build.set_status(self._trace.Status(self._trace.StatusCode.ERROR, error_code))
-        self._build.end()
+        self._build.end(end_ns)
         self._provider.shutdown()
 
 
@@ -238,8 +245,21 @@ _PLAIN = "%(asctime)s %(levelname)s %(name)s %(message)s"
 def set_up_build_log(options: BuildOptions) -> None:
     """Sets up the log of this process. Called by the ``main`` of a process, never by an import."""
     handler = logging.StreamHandler()
-    handler.setFormatter(_JsonLines(options.build_id) if options.log_json else logging.Formatter(_PLAIN))
+    handler.setFormatter(
+        _HidingSecrets(_JsonLines(options.build_id) if options.log_json else logging.Formatter(_PLAIN))
+    )
     logging.basicConfig(level=options.log_level.upper(), handlers=[handler], force=True)
+    silence_libraries()
+
+
+class _HidingSecrets(logging.Formatter):
+    def __init__(self, lines: logging.Formatter) -> None:
+        super().__init__()
+        self._lines = lines
+        self._redact = redactor()
+
+    def format(self, record: logging.LogRecord) -> str:
+        return self._redact(self._lines.format(record))
 
 
 class _JsonLines(logging.Formatter):

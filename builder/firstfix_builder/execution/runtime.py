@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import platform
 import sys
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 
 import firstfix
 
+from .library_versions import version_of
 from .source_hash import source_hash
 
 
@@ -29,6 +28,7 @@ class Runtime:
     numpy: str
     scipy: str
     open3d: str
+    faiss: str
     machine: str
 
     def differences(self, other: Runtime) -> str:
@@ -48,16 +48,9 @@ def this_runtime() -> Runtime:
         firstfix=firstfix.__version__,
         code=source_hash(),
         python=f"{sys.version_info.major}.{sys.version_info.minor}",
-        numpy=version("numpy"),
-        scipy=version("scipy"),
-        open3d=_open3d(),
+        numpy=version_of("numpy"),
+        scipy=version_of("scipy"),
+        open3d=version_of("open3d"),
+        faiss=version_of("faiss"),
         machine=platform.machine(),
     )
-
-
-def _open3d() -> str:
-    """Version of Open3D, from the package metadata: an import would take seconds."""
-    for name in ("open3d-cpu", "open3d"):
-        with suppress(PackageNotFoundError):
-            return version(name)
-    return "none"

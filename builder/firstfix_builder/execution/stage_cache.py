@@ -6,7 +6,8 @@ A repeated or resumed build skips the stages whose results are there.
     <root>/stages/<key>/stage.json    its name, and sha256 of every file
     <root>/stages/.<unique>/          a stage under way, or what a killed process left of one
 
-The key is the sha256 of the stage's name, the code's version, its inputs' hashes and its own config.
+The key is the sha256 of the stage's name, the code's version, the versions of the libraries that decide its
+result, its inputs' hashes and its own config.
 A stage is made in a folder of its own, which is renamed when the stage is complete. So a kill at any moment
 leaves either a stage or an unfinished folder. The lock of a process ends with the process, and an unfinished
 folder without a lock is removed.
@@ -37,6 +38,7 @@ from firstfix.errors import StoreUnavailable
 from firstfix.store.sha256 import sha256_of
 
 from .build_trace import mark_cached
+from .library_versions import libraries_of
 from .source_hash import source_hash
 
 DEFAULT_MAX_BYTES = 50_000_000_000
@@ -80,7 +82,7 @@ class StageCache:
         max_bytes: limit on the size of all stages; beyond it, the longest unused ones are removed.
         max_age_s: stages that were not used for this time are removed in any case.
         shared: where stages are fetched from and shared besides; None: nowhere.
-        code_version: of everything that makes a stage; by default ``source_hash``, so that a changed program
+        code_version: of the program that makes a stage; by default ``source_hash``, so that a changed one
             never reads the results of the former one.
     """
 
@@ -142,9 +144,19 @@ class StageCache:
         return found
 
     def key_of(self, name: str, inputs: Mapping[str, str], config: BaseModel | Mapping[str, Any]) -> str:
-        """Returns the key under which ``run`` finds a stage."""
+        """Returns the key under which ``run`` finds a stage.
+
+        Args:
+            name: of the stage; of a chunk with the kind of its work, after a slash.
+        """
         plain = config.model_dump(mode="json") if isinstance(config, BaseModel) else dict(config)
-        recipe = {"stage": name, "code": self._code_version, "inputs": dict(inputs), "config": plain}
+        recipe = {
+            "stage": name,
+            "code": self._code_version,
+            "libraries": libraries_of(name.partition("/")[0]),
+            "inputs": dict(inputs),
+            "config": plain,
+        }
         return hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()
 
     def fetched(self, key: str) -> StageResult:

@@ -197,7 +197,8 @@ def _given(
 def _lines(said: dict[str, Any]) -> list[str]:
     """Returns the content of ``--json`` as text."""
     if "version" not in said:
-        return [f"build {said['build_id']} of {said['map_id']} is {said['state']}"]
+        waits = [f"it waits: {said['waits_for']}"] if said["waits_for"] else []
+        return [f"build {said['build_id']} of {said['map_id']} is {said['state']}", *waits]
     counts = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in said["counts"].items())
     size = f", {said['bytes'] / 1e6:,.0f} MB" if "bytes" in said else ""  # a service does not report it
     state = "" if said["activated"] else ", NOT ACTIVATED"

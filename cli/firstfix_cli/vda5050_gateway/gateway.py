@@ -121,7 +121,9 @@ class Gateway:
         """Lets time pass, and goes on with what has been found. Call it often: mostly it does nothing."""
         for outcome in self._seeker.outcomes():
             followed = self._vehicles.get(outcome.vehicle)
-            if followed is not None:
+            if followed is None:
+                self._seeker.forget(outcome.vehicle)
+            else:
                 now_s = self._clock()
                 commands = followed.vehicle.take_outcome(outcome.attempt, outcome.result, now_s)
                 self._do(outcome.vehicle, followed, commands)
@@ -157,6 +159,7 @@ class Gateway:
         for name in silent:
             one = self._vehicles.pop(name)
             self._do(name, one, one.vehicle.lose_sight(now_s))  # what is sought for it is of no use
+            self._seeker.forget(name)
             self._is_full = False
         return bool(silent)
 

@@ -74,6 +74,7 @@ class BuildStatus:
         findings: what is wrong or noteworthy with the map and its version, once succeeded.
         stages: of a build that has ended, where one build was asked for: ``stage``, ``seconds``, ``cached``,
             ``chunks`` and ``chunks_reused`` of each.
+        waits_for: why a queued build does not begin; None: it begins in its turn.
     """
 
     build_id: str
@@ -88,6 +89,7 @@ class BuildStatus:
     stages: tuple[Mapping[str, Any], ...] = ()
     activated: bool = False
     findings: tuple[Finding, ...] = ()
+    waits_for: str | None = None
 
     @property
     def is_final(self) -> bool:
@@ -99,6 +101,7 @@ class BuildStatus:
         """Reads the service's JSON."""
         error = data.get("error") or {}
         version, provisional = data.get("version"), data.get("provisional_version")
+        waits_for = data.get("waits_for")
         return cls(
             build_id=build_id,
             map_id=str(data.get("map_id", "")),
@@ -112,6 +115,7 @@ class BuildStatus:
             stages=tuple(dict(stage) for stage in data.get("stages", ())),
             activated=data.get("activated", version is not None) is True,
             findings=tuple(Finding.from_mapping(one) for one in data.get("findings", ())),
+            waits_for=None if waits_for is None else str(waits_for),
         )
 
 

@@ -80,6 +80,7 @@ function Going({ build }: { build: Build }) {
   return (
     <>
       <Progress label={stageOf(build) || "waiting"} share={build.progress} />
+      {build.waits_for ? <small role="alert">It waits: {build.waits_for}.</small> : null}
       {times ? (
         <small>
           {duration(times.past_s)}

@@ -74,8 +74,10 @@ def translated(key: str, *, writing: bool = False) -> Iterator[None]:
     """Translate obstore's exceptions into ours. obstore reports a missing object as FileNotFoundError."""
     try:
         yield
-    except (exceptions.AlreadyExistsError, exceptions.PreconditionError, exceptions.NotSupportedError):
+    except (exceptions.AlreadyExistsError, exceptions.PreconditionError):
         raise
+    except (exceptions.NotSupportedError, NotImplementedError) as error:  # obstore raises the builtin one
+        raise StoreUnsafe(f"{key}: this store cannot do what is needed: {_brief(error)}") from None
     except FileNotFoundError as error:
         if writing:  # only the bucket, or the file to send, can be missing
             raise StoreUnavailable(f"{key}: {_brief(error)}") from None
@@ -93,14 +95,16 @@ class BucketWriter:
         self._backend = backend
 
     def create(self, key: str, data: bytes | Path) -> bool:
-        """Put with If-None-Match. Returns False if the key exists."""
+        """Put with If-None-Match. Returns False if the key exists.
+
+        Raises:
+            StoreUnsafe: the settings of the store have no such put.
+        """
         try:
             with translated(key, writing=True):
                 obstore.put(self._backend, key, data, mode="create")
         except (exceptions.AlreadyExistsError, exceptions.PreconditionError):
             return False
-        except exceptions.NotSupportedError:
-            raise StoreUnsafe("this store has no create-only put") from None
         return True
 
     def replace(self, key: str, data: bytes | Path) -> None:

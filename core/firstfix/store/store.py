@@ -19,7 +19,7 @@ from typing import Any
 
 import obstore
 
-from ..errors import InvalidOption, NotFound, ReadOnly, StoreError, StoreUnsafe, TooLarge
+from ..errors import InvalidOption, NotFound, ReadOnly, StoreError, StoreUnavailable, StoreUnsafe, TooLarge
 from .backend import BucketWriter, open_backend, translated
 from .object_keys import check_folder, check_key
 from .sha256 import sha256_of
@@ -28,6 +28,7 @@ from .url import StoreUrl
 from .writer import DirectoryWriter, Writer
 
 CHUNK_BYTES = 16 << 20
+NO_CREATE = "two builds could overwrite each other. Use one that honours If-None-Match"
 
 
 @dataclass(frozen=True)
@@ -285,22 +286,47 @@ class Store:
         A read-only store relies on nothing; it is only listed.
 
         Raises:
-            StoreUnsafe: the second put won.
+            StoreUnsafe: the second put won, or the store has no such puts.
         """
         if self._read_only:
             self.folders()
             return
         key = f"probe/{uuid.uuid4().hex}"
         try:
-            first, second = self.put_new(key, b"first"), self.put_new(key, b"second")
-            if not first or second or self.get(key) != b"first":
-                raise StoreUnsafe(
-                    "this store let a create-only put replace an object: two builds could overwrite each "
-                    "other. Use one that honours If-None-Match"
-                )
+            self.put_new(key, b"first")
+            if self.put_new(key, b"second"):
+                raise StoreUnsafe(f"this store let a create-only put replace an object: {NO_CREATE}")
+            if not self._has(key, b"first"):
+                raise StoreUnsafe(f"a create-only put made no object, or another one: {NO_CREATE}")
+        except StoreUnavailable as error:
+            if self._fails_to_create_alone():
+                raise StoreUnsafe(f"this store refuses create-only puts: {NO_CREATE} ({error})") from None
+            raise
         finally:
             with suppress(StoreError):
                 self.delete(key)
+
+    def _has(self, key: str, content: bytes) -> bool:
+        try:
+            return self.get(key) == content
+        except NotFound:
+            return False
+
+    def _fails_to_create_alone(self) -> bool:
+        """Returns whether the store takes a put, and create-only puts fail before and after it."""
+        key = f"probe/{uuid.uuid4().hex}"
+        try:
+            self.put(key, b"any")
+            try:
+                self.put_new(key, b"first")  # it exists: where such puts work, this one loses
+            except StoreUnavailable:
+                return True
+        except StoreError:
+            pass
+        finally:
+            with suppress(StoreError):
+                self.delete(key)
+        return False
 
     def now(self) -> datetime:
         """Current time of the store's clock, read from an object put just now.

@@ -12,6 +12,8 @@ own names (AWS_ACCESS_KEY_ID, GOOGLE_APPLICATION_CREDENTIALS, AZURE_STORAGE_ACCO
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +35,18 @@ _FLAG_OPTIONS = {
     "s3": frozenset({"allow_http", "virtual_hosted_style_request", "skip_signature"}),
     "gs": frozenset({"allow_http", "skip_signature"}),
     "az": frozenset({"allow_http", "skip_signature", "use_emulator"}),
+}
+# Variables that obstore reads where the URL has no such parameter: which server it is, and whose account.
+_WHERE_VARIABLES: dict[str, dict[str, tuple[str, ...]]] = {
+    "file": {},
+    "memory": {},
+    "s3": {"endpoint": ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT")},
+    "gs": {"endpoint": ("GOOGLE_BASE_URL",)},
+    "az": {
+        "endpoint": ("AZURE_STORAGE_ENDPOINT", "AZURE_ENDPOINT"),
+        "account_name": ("AZURE_STORAGE_ACCOUNT_NAME",),
+        "use_emulator": ("AZURE_STORAGE_USE_EMULATOR",),
+    },
 }
 _FLAGS = {"true": True, "1": True, "false": False, "0": False}
 
@@ -81,6 +95,21 @@ class StoreUrl:
         if not parts.netloc:
             raise InvalidOption(f"{scheme}:// needs a bucket")
         return cls(scheme, parts.netloc, unquote(parts.path).strip("/"), texts, flags)
+
+    def identity(self, environment: Mapping[str, str] = os.environ) -> str:
+        """Canonical text of which store this is: the same for every way to write its URL.
+
+        Args:
+            environment: variables; those that name a server or an account are part of it.
+        """
+        given = {**self.texts, **{name: str(value).lower() for name, value in self.flags.items()}}
+        where = {}
+        for name, variables in _WHERE_VARIABLES[self.scheme].items():
+            named = [given.get(name), *(environment.get(variable) for variable in variables)]
+            where[name] = next((value for value in named if value), "").rstrip("/")
+        # the same behind a symbolic link
+        place = str(Path(self.prefix).resolve()) if self.scheme == "file" else self.prefix
+        return json.dumps([self.scheme, self.bucket, place, where], sort_keys=True)
 
 
 def _options(scheme: str, query: str) -> tuple[dict[str, str], dict[str, bool]]:

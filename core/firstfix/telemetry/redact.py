@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from urllib.parse import quote, urlsplit
 
 HIDDEN = "***"
 # No pattern takes a quote or a backslash as part of a secret, so JSON stays valid. No pattern can begin
@@ -55,6 +56,7 @@ _SECRET_VARIABLE = re.compile(
 _PLACE_VARIABLE = re.compile(
     r"_(?:FILE|PATH|DIR)$|^FIRSTFIX_NATS_CREDENTIALS$|^GOOGLE_APPLICATION_CREDENTIALS$", re.IGNORECASE
 )
+_ENDPOINT_VARIABLE = re.compile(r"^OTEL_EXPORTER_OTLP_(?:[A-Z]+_)?ENDPOINT$")
 _MIN_CHARS = 8  # a shorter value could occur anywhere
 
 
@@ -72,21 +74,40 @@ def redact(text: str) -> str:
     return text
 
 
-def redactor(environment: Mapping[str, str] | None = None) -> Callable[[str], str]:
+def redactor(environment: Mapping[str, str] | None = None, urls: Iterable[str] = ()) -> Callable[[str], str]:
     """Returns a function that redacts a text and hides the secrets of the environment.
 
-    Secrets of the environment are the values of variables whose names imply one (AWS_SECRET_ACCESS_KEY, ...).
-    They are hidden as they are and as JSON writes them.
+    Secrets of the environment are the values of variables whose names imply one (AWS_SECRET_ACCESS_KEY, ...),
+    and the paths of OpenTelemetry's endpoints. They are hidden as they are and as JSON writes them.
 
     Args:
         environment: variables; None: those of this process, at the time of the call.
+        urls: whose paths and queries are secrets; their hosts stay.
     """
+    variables = os.environ if environment is None else environment
     values = {
         value
-        for name, value in (os.environ if environment is None else environment).items()
+        for name, value in variables.items()
         if _SECRET_VARIABLE.search(name) and not _PLACE_VARIABLE.search(name) and len(value) >= _MIN_CHARS
     }
+    endpoints = [value for name, value in variables.items() if _ENDPOINT_VARIABLE.search(name)]
+    for url in (*urls, *(url.removesuffix("/v1/traces") for url in endpoints)):
+        values |= _secret_parts(url)
     forms = values | {json.dumps(value)[1:-1] for value in values}
     # the longest first, since one may begin with another
     known = re.compile("|".join(re.escape(form) for form in sorted(forms, key=len, reverse=True)) or r"(?!)")
     return lambda text: redact(known.sub(HIDDEN, text))
+
+
+def _secret_parts(url: str) -> set[str]:
+    """Path and query of a URL, as it is written and as HTTP sends it; with the host where they are short."""
+    try:
+        parts = urlsplit(url)
+    except ValueError:
+        return {url}
+    path = parts.path.rstrip("/")
+    target = f"{path}?{parts.query}" if parts.query else path
+    if not target:
+        return set()
+    written = {target, quote(target, safe="/%?=&:+,;@!$'()*~")}
+    return {one if len(one) >= _MIN_CHARS else f"{parts.netloc}{one}" for one in written}

@@ -26,8 +26,8 @@ from firstfix.maintenance.build_end import end_build
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..thread_pools import MAINTENANCE
-from .process import WorkFolder
 from .runner import BuildRunner, Turn
+from .work_folder import WorkFolder
 
 
 class BuildQueue(Protocol):
@@ -41,11 +41,25 @@ class BuildQueue(Protocol):
     def running(self) -> str | None:
         """Id of the build that this process runs now."""
 
+    @property
+    def waits_for(self) -> str | None:
+        """Why no build begins, for its caller: no names of hosts or folders. None: they begin in turn."""
+
     async def submit(self, build_id: str) -> None:
         """Tells the queue that a new build is on record. Returns at once and raises nothing."""
 
     async def run(self) -> None:
         """Runs until cancelled. A running build is then stopped, and its next runner resumes it."""
+
+
+NOBODY_BUILDS = "this service runs no builds: one that does has to use the same store"
+
+
+def waits_for(queue: BuildQueue | None, state: str) -> str | None:
+    """Returns why a build in this state does not begin; None: it begins in its turn, or has begun."""
+    if state != "queued":
+        return None
+    return NOBODY_BUILDS if queue is None else queue.waits_for
 
 
 def cancel_build(catalog: Catalog, build_id: str) -> dict[str, Any]:
@@ -176,6 +190,7 @@ class EmbeddedBuildQueue:
         self._not_before: dict[str, float] = {}  # of builds that were put back: ``time.monotonic``
         self._wake = asyncio.Event()
         self._runner: BuildRunner | None = None
+        self.waits_for: str | None = None
 
     @property
     def running(self) -> str | None:
@@ -188,7 +203,7 @@ class EmbeddedBuildQueue:
 
     async def run(self) -> None:
         """Runs builds until it is cancelled."""
-        folder = await WorkFolder.wait_for(self._settings.work_dir)
+        folder = await WorkFolder.wait_for(self._settings.work_dir, self._settings, self._wait_for)
         self._runner = runner = BuildRunner(self._catalog, self._metrics, folder, self._settings)
         try:
             while True:
@@ -206,6 +221,9 @@ class EmbeddedBuildQueue:
                             await self._wake.wait()
         finally:
             folder.release()
+
+    def _wait_for(self, why: str | None) -> None:
+        self.waits_for = why
 
     async def _run_one(self, runner: BuildRunner) -> bool:
         """Runs the next build that nobody else runs. Returns False if there is none, or if it has to wait."""

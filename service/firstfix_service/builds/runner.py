@@ -34,7 +34,8 @@ from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..thread_pools import BUILDS
 from .build_watch import BuildWatch, build_limits
-from .process import STOP_GRACE_S, BuildProcess, WorkFolder, build_options
+from .process import STOP_GRACE_S, BuildProcess, build_options
+from .work_folder import WorkFolder
 
 _log = structlog.get_logger(__name__)
 MAX_ATTEMPTS = 3  # of a build that dies in the same stage each time: its machine may be at fault once

@@ -36,8 +36,8 @@ from ..thread_pools import BUILDS
 from ..thread_pools.background import end_if_cancelled, run_in_background
 from .nats.builds import NatsBuilds
 from .nats.queue import NatsBuildQueue
-from .process import WorkFolder
 from .runner import BuildRunner, Turn
+from .work_folder import WorkFolder
 
 _log = structlog.get_logger(__name__)
 PERIOD_S = 1.0
@@ -140,7 +140,7 @@ class BuildWorker:
         from nats.errors import Error
         from nats.errors import TimeoutError as NothingWaits
 
-        folder = await WorkFolder.wait_for(self._settings.work_dir / f"slot-{number}")
+        folder = await WorkFolder.wait_for(self._settings.work_dir / f"slot-{number}", self._settings)
         runner = BuildRunner(self._catalog, self._metrics, folder, self._settings)
         waiting: Any = None
         try:
@@ -230,7 +230,7 @@ def run_worker(settings: Settings, *, concurrency: int, health_port: int | None)
         InvalidOption: the settings name no NATS server, or a file that cannot be used.
         StoreError: the store does not answer, or cannot be used.
     """
-    set_up_logging(settings.log_level, as_json=settings.log_json)
+    set_up_logging(settings)
     store = Store.open(settings.store)
     store.probe()
     metrics = Metrics()

@@ -7,17 +7,25 @@ from typing import Any
 
 from firstfix.errors import FirstfixError
 
+from ..builds.queue import BuildQueue
 from ..localize.query_gate import QueryGate
 from ..maps.map_cache import MapCache
 from ..telemetry.metrics import Metrics
 
 
 class HealthCheck:
-    """State behind readiness. The poller reports each read of the catalog. Thread-safe."""
+    """State behind readiness. The poller reports each read of the catalog. Thread-safe.
 
-    def __init__(self, maps: MapCache, gate: QueryGate, metrics: Metrics) -> None:
+    Args:
+        builds: None: this service runs none.
+    """
+
+    def __init__(
+        self, maps: MapCache, gate: QueryGate, metrics: Metrics, builds: BuildQueue | None = None
+    ) -> None:
         self._maps = maps
         self._gate = gate
+        self._builds = builds
         self._read_at: float | None = None  # time.monotonic
         self._error: str | None = None
         self._started = time.monotonic()
@@ -54,4 +62,5 @@ class HealthCheck:
             "holding": None if placement is None else placement.summary(self._maps.held_loaded),
             "catalog": {"age_s": round(self.catalog_age_s(), 1), "error": self._error},
             "queries": self._gate.admitted,
+            "builds_wait_for": None if self._builds is None else self._builds.waits_for,
         }

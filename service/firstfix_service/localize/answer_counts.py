@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 HOUR_S, DAY_S = 3600.0, 86400.0
@@ -24,35 +26,41 @@ class MapCounts:
     """Answers about one map.
 
     Attributes:
-        last_time_s: of the last answer, since the epoch.
+        last_age_s: time since the last answer.
     """
 
     map_id: str
-    last_time_s: float
+    last_age_s: float
     hour: Counted
     day: Counted
 
 
 @dataclass
 class _Steps:
-    last_time_s: float = 0.0
+    last_s: float = 0.0
     counts: dict[int, list[int]] = field(default_factory=dict)  # step: [answered, localized]
 
 
 class AnswerCounts:
-    """Counts of this replica's answers. Thread-safe. They begin when it starts."""
+    """Counts of this replica's answers. Thread-safe. They begin when it starts.
 
-    def __init__(self) -> None:
+    Args:
+        clock: monotonic time in seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
         self._maps: OrderedDict[str, _Steps] = OrderedDict()
         self._lock = threading.Lock()
 
-    def add(self, map_id: str, is_localized: bool, now_s: float) -> None:
-        """Counts an answer that was given at a time since the epoch."""
+    def add(self, map_id: str, is_localized: bool) -> None:
+        """Counts an answer that is given now."""
+        now_s = self._clock()
         step = int(now_s // STEP_S)
         with self._lock:
             steps = self._maps.setdefault(map_id, _Steps())
             self._maps.move_to_end(map_id)
-            steps.last_time_s = now_s
+            steps.last_s = now_s
             if step not in steps.counts:
                 for old in [one for one in steps.counts if one <= step - DAY_S // STEP_S]:
                     del steps.counts[old]
@@ -62,8 +70,9 @@ class AnswerCounts:
             if len(self._maps) > MOST_MAPS:
                 self._maps.popitem(last=False)
 
-    def of_maps(self, now_s: float) -> list[MapCounts]:
+    def of_maps(self) -> list[MapCounts]:
         """Returns the counts of all maps that were asked, by their ids."""
+        now_s = self._clock()
         with self._lock:
             map_ids = sorted(self._maps)
         found = []
@@ -73,7 +82,7 @@ class AnswerCounts:
                 if steps is None:
                     continue
                 hour, day = _within(steps, now_s, HOUR_S), _within(steps, now_s, DAY_S)
-                found.append(MapCounts(map_id, steps.last_time_s, hour, day))
+                found.append(MapCounts(map_id, max(0.0, now_s - steps.last_s), hour, day))
         return found
 
 

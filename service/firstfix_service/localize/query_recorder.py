@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from functools import cache
 
 from firstfix.answer.localization import Verdict
@@ -101,7 +100,7 @@ class QueryRecorder:
             scope.status = _OK
             self._recent.add(scope.fields.get("caller", ""), transport, scope.seconds, answer)
             if answer.map_id and not scope.request_id.startswith(REPLAY):
-                self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED, time.time())
+                self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED)
         note(
             map_id=answer.map_id,
             map_version=answer.map_version,

@@ -140,8 +140,8 @@ async def compose(
     counts, webhooks = AnswerCounts(), await _start_webhooks(settings, metrics, stack)
     recorder = QueryRecorder(metrics, requests, recent, counts, sampler, webhooks)
     use_case = LocalizeUseCase(maps, coarse, gate, recorder)
-    health = HealthCheck(maps, gate, metrics)
     builds = start_builds(settings, catalog, metrics, stack)
+    health = HealthCheck(maps, gate, metrics, builds)
     if not settings.read_only:
         abandoned_objects_removal(catalog).start(stack)
         clock_comparison(store, metrics).start(stack)

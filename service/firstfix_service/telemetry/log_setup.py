@@ -9,13 +9,17 @@ from typing import TextIO
 
 import structlog
 
+from firstfix.telemetry.library_logs import silence_libraries
+
+from ..settings import Settings
 from .request_scope import LAST_LINES_WITHIN_S, LogLines, LogStream, hiding_secrets
 
 __all__ = ["LAST_LINES_WITHIN_S", "drain_log", "set_up_logging"]
 
 
-def set_up_logging(level: str, *, as_json: bool) -> None:
+def set_up_logging(settings: Settings) -> None:
     """Sets up the logs of this process. Called by ``serve``, never by an import."""
+    level, as_json = settings.log_level, settings.log_json
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
         structlog.stdlib.add_log_level,
@@ -31,7 +35,7 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
             structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback),
         ]
     )
-    last.append(hiding_secrets())
+    last.append(hiding_secrets([url.get_secret_value() for url in settings.webhook_urls]))
     handler = logging.StreamHandler(_stream(sys.stderr))
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
@@ -42,6 +46,7 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(level.upper())
+    silence_libraries()
     # Straight to the stream: the way through logging takes as long again, for each request.
     structlog.configure(
         processors=[*shared, *last],

@@ -13,7 +13,7 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -172,9 +172,13 @@ class LogLines:
     debug = warning = error = critical = info
 
 
-def hiding_secrets() -> structlog.typing.Processor:
-    """Returns the last log processor, which hides keys, tokens and passwords in the finished line."""
-    redact = redactor()
+def hiding_secrets(urls: Iterable[str]) -> structlog.typing.Processor:
+    """Returns the last log processor, which hides keys, tokens and passwords in the finished line.
+
+    Args:
+        urls: whose paths and queries are secrets.
+    """
+    redact = redactor(urls=urls)
 
     def hide(logger: Any, name: str, line: Any) -> str:
         return redact(str(line))

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import logging
+import threading
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from itertools import pairwise
 from pathlib import Path
 
@@ -24,6 +28,7 @@ from firstfix_builder.execution.build_trace import (
     within_a_stage,
 )
 from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.job import fetch_source
 from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
 from otlp_collector import Collector, running_collector
@@ -157,6 +162,16 @@ def test_the_record_has_the_times_without_a_collector(catalog: Catalog, tmp_path
     assert all(0 <= stage["seconds"] < 10 * LIMIT_S for stage in stages)
 
 
+def test_a_wall_clock_that_is_set_back_shortens_no_stage(monkeypatch: pytest.MonkeyPatch):
+    now_ns = time.time_ns()
+    trace = BuildTrace("build", "hall", None, {})
+    trace.tick("one")
+    monkeypatch.setattr(time, "time_ns", lambda: now_ns - 3_600_000_000_000)
+    trace.end("succeeded")
+    (one,) = trace.stages
+    assert one.seconds >= 0.0
+
+
 def test_late_ticks_change_nothing():
     trace = BuildTrace("b1", "hall", None, environ={})
     with trace:
@@ -182,6 +197,50 @@ def test_a_cached_stage_within_another_is_not_the_builds_own():
         trace.tick("two")
         trace.end("succeeded")
     assert [stage.cached for stage in trace.stages] == [False, False]
+
+
+class Refusing(BaseHTTPRequestHandler):
+    """It has no method: every request is answered with 501."""
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@contextmanager
+def refusing_server() -> Iterator[str]:
+    with HTTPServer(("127.0.0.1", 0), Refusing) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}"
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+@pytest.mark.parametrize("as_json", [True, False], ids=["json", "text"])
+def test_the_log_has_no_secret(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, as_json: bool
+):
+    """The log of a failed build is kept, and its last line may be the build's error."""
+    monkeypatch.setattr(fetch_source, "PAUSE_S", 0.0)
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "wJalrXUtnFEMI")
+    root = logging.getLogger()
+    before, level = root.handlers[:], root.level
+    try:
+        set_up_build_log(BuildOptions(build_id="b1", log_json=as_json, log_level="debug"))
+        with refusing_server() as url, pytest.raises(BuildFailed, match="answered 501"):
+            fetch_source.fetch_http(f"{url}/pathsecret/map.pcd", tmp_path / "map.pcd", 1000)
+        try:
+            raise BuildFailed("it refused wJalrXUtnFEMI and token=hunter2")
+        except BuildFailed:
+            logging.getLogger("somewhere").exception("failed")
+    finally:
+        root.handlers = before
+        root.setLevel(level)
+    written = capsys.readouterr().err
+    assert "it refused *** and token=***" in written
+    assert "pathsecret" not in written
 
 
 def test_lines_of_the_log_tell_build_and_stage(capsys: pytest.CaptureFixture[str]):

@@ -25,18 +25,15 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.vda5050_gateway import broker as broker_module
-from firstfix_cli.vda5050_gateway import fix_seeker
 from firstfix_cli.vda5050_gateway import gateway as gateway_module
 from firstfix_cli.vda5050_gateway.broker import PRESENCE, Broker, BrokerAddress, Login
-from firstfix_cli.vda5050_gateway.fix_seeker import FixSeeker, Fleet
+from firstfix_cli.vda5050_gateway.fix_seeker import Fleet
 from firstfix_cli.vda5050_gateway.fleets_file import FleetEntry
 from firstfix_cli.vda5050_gateway.gateway import Gateway
-from firstfix_cli.vda5050_gateway.planar_fix import NoFix
-from firstfix_cli.vda5050_gateway.topics import VehicleName
 from firstfix_cli.vda5050_gateway.vehicle import Patience
 from servers import free_port, program, running_mosquitto
 from vda5050_vehicle import MANUFACTURER, SimulatedVehicle, header, state
-from waiting import LIMIT_S, wait_until
+from waiting import wait_until
 
 T_MAP_BASE = make_transform(rotation_z(0.5), [12.0, -4.0, 0.3])
 MOUNTING = [0.2, 0.0, 0.7, 0.0, 0.0, 0.0, 1.0]
@@ -205,35 +202,6 @@ def test_memory_is_bounded_for_any_number_of_vehicles(monkeypatch: pytest.Monkey
     assert list(gateway.lines) == [f"uagv/v2/{MANUFACTURER}/new"]
     gateway.close()
     assert not sent
-
-
-def test_vehicles_without_a_scan_do_not_hold_up_others_and_scans_do_not_pile_up():
-    gate, results, topics = threading.Event(), [], []
-
-    def ask(scan: object, options: LocalizeOptions) -> Localization:
-        assert gate.wait(LIMIT_S)
-        return found(scan, options)
-
-    now = [0.0]
-    fleet = Fleet("trucks", entry("mqtt:scans/{serial}"), ask)
-    seeker = FixSeeker(topics.append, topics.remove, lambda: now[0])
-    names = [VehicleName("uagv", "v2", MANUFACTURER, f"agv{number}") for number in range(40)]
-    for name in names:
-        seeker.seek(fleet, name, 1)
-    assert len(topics) == fix_seeker.MOST_TOPICS
-    for number in range(10):
-        assert seeker.take_scan(f"scans/agv{number}", SCAN)
-    assert not seeker.take_scan("scans/agv39", SCAN)
-    assert [f"scans/agv{number}" in topics for number in range(6)] == [False] * 4 + [True] * 2
-    gate.set()
-    wait_until(lambda: results.extend(seeker.outcomes()) or len(results) == 4)
-    assert {one.vehicle for one in results} == set(names[:4])
-    now[0] = fix_seeker.TOPIC_WAIT_S + 1
-    late = seeker.outcomes() + seeker.outcomes()
-    assert all(isinstance(one.result, NoFix) and "no scan came" in one.result.reason for one in late)
-    assert set(topics) == {f"scans/agv{number}" for number in range(36, 40)}
-    seeker.drop(names[36], 1)
-    seeker.close()
 
 
 class Nothing:

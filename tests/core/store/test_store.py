@@ -258,6 +258,27 @@ def test_every_cloud_opens_by_its_url(monkeypatch: pytest.MonkeyPatch) -> None:
     assert StoreUrl.parse("relative").prefix == str(Path.cwd() / "relative")
 
 
+def test_a_store_has_one_identity_however_its_url_is_written(tmp_path: Path) -> None:
+    def identity(url: str, **environment: str) -> str:
+        return StoreUrl.parse(url).identity(environment)
+
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "maps")
+    assert (
+        identity(f"{tmp_path}/maps") == identity(f"file://{tmp_path}/link/") != identity(f"{tmp_path}/other")
+    )
+    assert identity("s3a://b/p/") == identity("s3://b/p?region=eu") != identity("s3://b/q")
+    there = identity("s3://b/p?endpoint=https://host/")
+    assert there == identity("s3://b/p", AWS_ENDPOINT_URL="https://host")
+    assert there == identity("s3://b/p", AWS_ENDPOINT="https://host", AWS_REGION="eu")
+    assert there == identity("s3://b/p?endpoint=https://host", AWS_ENDPOINT="https://other")
+    assert there != identity("s3://b/p")
+    named = identity("az://c/p?account_name=mine")
+    assert named == identity("az://c/p", AZURE_STORAGE_ACCOUNT_NAME="mine") != identity("az://c/p")
+    assert identity("az://c?use_emulator=true") == identity("az://c?use_emulator=1") != identity("az://c")
+    assert "secret" not in identity("s3://b", AWS_SECRET_ACCESS_KEY="secret")
+
+
 def test_what_killed_processes_left_is_removed_and_nothing_else(tmp_path: Path):
     store = Store.open(f"file://{tmp_path}")
     store.put("maps/hall/a", b"a")

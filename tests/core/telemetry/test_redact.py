@@ -118,6 +118,34 @@ def test_values_of_the_environment_are_hidden_whatever_their_form():
     assert redactor({})("nothing to hide") == "nothing to hide"
 
 
+def test_paths_and_queries_of_urls_are_hidden_and_their_hosts_stay():
+    urls = [
+        "https://fleet.example/hooks/T01/secret?x=1",
+        "https://short.example/ab",
+        "https://odd.example/a b/ü",
+        "https://plain.example/",
+        "https://[bad/secret",
+    ]
+    hide = redactor({}, urls)
+    cases = {
+        "POST https://fleet.example/hooks/T01/secret?x=1 307": "POST https://fleet.example*** 307",
+        "target b'/hooks/T01/secret?x=1'": "target b'***'",
+        "https://short.example/ab and /ab": "https://*** and /ab",
+        "https://odd.example/a b/ü": "https://***",
+        "https://odd.example/a%20b/%C3%BC": "https://odd.example***",
+        "https://plain.example/ and /": "https://plain.example/ and /",
+        "no https://[bad/secret": "no ***",
+    }
+    assert {text: hide(text) for text in cases} == cases
+
+
+def test_the_path_of_a_collector_is_hidden_but_for_the_usual_one():
+    hide = redactor({"OTEL_EXPORTER_OTLP_ENDPOINT": "https://c.example/otlp/secret"})
+    assert hide("url: /otlp/secret/v1/traces") == "url: ***/v1/traces"
+    usual = "http://c.example:4318/v1/traces: url: /v1/traces"
+    assert redactor({"OTEL_EXPORTER_OTLP_TRACES_ENDPOINT": "http://c.example:4318/v1/traces"})(usual) == usual
+
+
 @pytest.mark.timeout(600)
 @every_case(
     "line",

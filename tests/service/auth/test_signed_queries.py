@@ -24,10 +24,14 @@ class World:
         self.keys = ApiKeys(Store.open("memory://"))
         self.ring_s, self.now_s = 0.0, NOW_MS / 1000
         self.ring = KeyRing(self.keys, 100.0, lambda: self.ring_s)
-        self.queries = SignedQueries(self.ring, lambda: self.now_s)
+        self.ahead_s = 0.0  # of the service's wall clock; the robots' are right
+        self.start()
         self.now_s += 1000.0
         self.key = self.made_key()
         self._nonce = 0
+
+    def start(self) -> None:
+        self.queries = SignedQueries(self.ring, lambda: self.now_s + self.ahead_s, lambda: self.now_s)
 
     def made_key(self) -> SigningKey:
         made = SigningKey.of_api_key(self.keys.create("a", Grant.parse(["localize"], ["*"]))[1])
@@ -80,7 +84,7 @@ def test_a_wrong_clock_is_told_the_time(world: World, late_s: float):
 def test_a_query_is_remembered_as_long_as_it_is_in_time(world: World, late_s: float):
     attachment = world.signed(late_s)
     world.ask(attachment)
-    for _ in range(2 * REMEMBERED_S):
+    for _ in range(int(2 * REMEMBERED_S)):
         world.now_s += 1
         with suppress(ClockSkew):
             assert not world.ask(attachment)
@@ -94,9 +98,73 @@ def test_what_was_made_before_the_start_is_not_accepted(world: World):
     attachment = world.signed()
     world.ask(attachment)
     world.now_s += 1.0
-    world.queries = SignedQueries(world.ring, lambda: world.now_s)
+    world.start()
     with pytest.raises(ClockSkew):
         world.ask(attachment)
+
+
+def test_a_clock_that_is_set_back_after_the_start_serves_at_once(world: World):
+    world.ahead_s = 3600.0
+    world.start()
+    world.now_s += 5.0
+    with pytest.raises(ClockSkew):
+        world.ask(world.signed())
+    assert world.ask(world.signed(-3600.0)), "a robot that follows the service's clock"
+    world.ahead_s = 0.0
+    with pytest.raises(ClockSkew):
+        world.ask(world.signed(3.0))
+    world.now_s += 1.0
+    assert world.ask(world.signed())
+
+
+def test_a_clock_that_is_set_forward_after_the_start_serves_at_once(world: World):
+    world.ahead_s = -3600.0
+    world.start()
+    world.now_s += 5.0
+    with pytest.raises(ClockSkew):
+        world.ask(world.signed())
+    assert world.ask(world.signed(3600.0)), "a robot that follows the service's clock"
+    world.ahead_s = 0.0
+    assert world.ask(world.signed(3.0))
+
+
+def test_what_was_made_before_the_start_is_refused_when_the_clock_is_set_right(world: World):
+    before = world.signed()
+    world.ask(before)
+    world.now_s += 1.0
+    world.ahead_s = -3600.0
+    world.start()
+    world.now_s += 5.0
+    world.ahead_s = 0.0
+    with pytest.raises(ClockSkew):
+        world.ask(before)
+    assert world.ask(world.signed())
+
+
+def test_a_clock_that_is_set_back_makes_no_old_query_new(world: World):
+    """It was accepted and forgotten: a copy of it must not be accepted again."""
+    attachment = world.signed()
+    world.ask(attachment)
+    world.now_s += 3 * REMEMBERED_S
+    world.ask(world.signed())
+    world.ahead_s = 30.0 - 3 * REMEMBERED_S  # by the service's clock the first query is half a minute old
+    with pytest.raises(ClockSkew) as caught:
+        world.ask(attachment)
+    world.now_s += 1.0
+    late_s = world.now_s - caught.value.time_ms / 1000 - 1.0  # the robot follows the service's clock
+    assert world.ask(world.signed(late_s))
+
+
+def test_a_clock_that_is_set_back_forgets_no_later(world: World, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(signed_queries, "MAX_NONCES_PER_KEY", 5)
+    for _ in range(5):
+        world.ask(world.signed())
+    world.ahead_s = -3600.0
+    world.now_s += REMEMBERED_S + 1.0
+    with pytest.raises(ClockSkew):
+        world.ask(world.signed(3601.0))
+    world.now_s += 1.0
+    assert world.ask(world.signed(3600.0))
 
 
 def test_one_key_cannot_fill_the_memory_of_another(world: World, monkeypatch: pytest.MonkeyPatch):

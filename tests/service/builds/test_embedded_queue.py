@@ -18,7 +18,8 @@ from firstfix.builds.attempts import BuildAttempts
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
-from firstfix_service.builds.process import WorkFolder, memory_of_processes_bytes
+from firstfix_service.builds.process import memory_of_processes_bytes
+from firstfix_service.builds.work_folder import WorkFolder
 from waiting import wait_until
 
 PATCHED_CLI = Path(__file__).parents[2] / "faults" / "patched_cli.py"
@@ -102,15 +103,15 @@ def test_restarts_in_good_order_are_not_held_against_a_build(tmp_path: Path):
 
 def test_a_second_process_waits_for_the_work_folder(tmp_path: Path):
     folder = WorkFolder.take(tmp_path / "work")
-    assert folder is not None
-    assert WorkFolder.take(tmp_path / "work") is None
+    assert isinstance(folder, WorkFolder)
+    assert not isinstance(WorkFolder.take(tmp_path / "work"), WorkFolder)
     with building_service(tmp_path) as service:
         response = upload(service)
         assert status_of(service, response)["state"] == "queued"
         folder.release()
         assert wait_until_ended(service, response)["state"] == "succeeded"
     again = WorkFolder.take(tmp_path / "work")
-    assert again is not None
+    assert isinstance(again, WorkFolder)
     assert again.claimant == folder.claimant
     again.release()
 

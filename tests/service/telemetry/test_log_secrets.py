@@ -19,6 +19,7 @@ from service_world import SCAN_BODY, XYZ, free_port
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
 from firstfix.store.store import Store
+from firstfix_service.settings import Settings
 from firstfix_service.telemetry.log_setup import set_up_logging
 from waiting import LIMIT_S, wait_until
 
@@ -27,6 +28,7 @@ SECRETS = {
     "AZURE_STORAGE_ACCOUNT_KEY": "azure-key-0123456789==",
     "MY_DATABASE_PASSWORD": 'tricky "quoted" pass',
 }
+HOOK_PATH = "/hooks/T0123/pathsecret"
 WORDS = ("hunter2", "s1gn4ture", *SECRETS.values())
 
 
@@ -47,6 +49,8 @@ def test_nothing_secret_is_written(tmp_path: Path, as_json: bool):
         "FIRSTFIX_JWT_ISSUER": "x",
         "FIRSTFIX_JWT_AUDIENCE": "y",
         "FIRSTFIX_SOURCE_URLS": '["https://files.example.org/"]',
+        "FIRSTFIX_WEBHOOK_URLS": f'["https://fleet.invalid{HOOK_PATH}"]',
+        "FIRSTFIX_WEBHOOK_SECRET_FILE": str(tmp_path / "webhook-secret"),
     }
     code = """
 import sys
@@ -54,6 +58,7 @@ from firstfix_service.server import serve
 from firstfix_service.settings import Settings
 serve(Settings(store=sys.argv[1], port=int(sys.argv[2]), work_dir=sys.argv[1] + "-work"))
 """
+    (tmp_path / "webhook-secret").write_text("whsec_" + "QUJD" * 10)
     bodies = []
     with log.open("wb") as file:
         command = [sys.executable, "-c", code, str(store), str(port)]
@@ -73,6 +78,7 @@ serve(Settings(store=sys.argv[1], port=int(sys.argv[2]), work_dir=sys.argv[1] + 
                     http.get(f"/maps/{token}", headers=good),
                     http.get(f"/{token}?sig=s1gn4ture"),
                     http.get("/maps", headers={"X-Request-Id": token}),
+                    http.get(HOOK_PATH),
                     http.post(
                         f"/localize?map=hall&{token}=1&version={token}",
                         content=SCAN_BODY,
@@ -98,6 +104,7 @@ serve(Settings(store=sys.argv[1], port=int(sys.argv[2]), work_dir=sys.argv[1] + 
     text = log.read_text()
     assert "request" in text
     assert "refused a credential" in text
+    assert HOOK_PATH not in text
     for where, found in (("the log", text), *(("an answer", body) for body in bodies)):
         for secret in (
             token.split("_")[2],
@@ -134,7 +141,7 @@ def test_tracebacks_and_other_loggers_are_read_through(
 ):
     for name, value in SECRETS.items():
         monkeypatch.setenv(name, value)
-    set_up_logging("debug", as_json=as_json)
+    set_up_logging(Settings(store="memory://", log_level="debug", log_json=as_json))
     local_secret = SECRETS["MY_DATABASE_PASSWORD"]
     try:
         raise ValueError(f"https://robot:hunter2@host refused {local_secret}")
@@ -151,7 +158,7 @@ def test_tracebacks_and_other_loggers_are_read_through(
 
 
 def test_a_stranger_starts_no_line_in_the_console(console: None, capsys: pytest.CaptureFixture[str]):
-    set_up_logging("info", as_json=False)
+    set_up_logging(Settings(store="memory://", log_json=False))
     structlog.get_logger("ours").info("request", path="/a\r\n2030-01-01 [info] all is well\x1b[2J\u2028")
     written = re.sub(r"\x1b\[\d+m", "", capsys.readouterr().err)
     assert written.count("\n") == 1

@@ -48,7 +48,7 @@ def log(monkeypatch: pytest.MonkeyPatch) -> Iterator[Log]:
     handlers, level = root.handlers[:], root.level
     kept = Log()
     monkeypatch.setattr(sys, "stderr", kept.stream)
-    set_up_logging("info", as_json=True)
+    set_up_logging(Settings(store="memory://"))
     monkeypatch.undo()
     # loggers that were used before keep their old format
     for module in [m for name, m in sys.modules.items() if name.startswith("firstfix_service.")]:
@@ -234,8 +234,9 @@ def test_a_log_that_cannot_be_written_stops_no_request(tmp_path: Path):
     """The disk of the log is full, or its reader has gone."""
     code = """
 import structlog, sys
+from firstfix_service.settings import Settings
 from firstfix_service.telemetry.log_setup import set_up_logging
-set_up_logging("info", as_json=True)
+set_up_logging(Settings(store="memory://"))
 structlog.get_logger("hall").info("request", path="/localize")
 print("goes on", flush=True)
 """

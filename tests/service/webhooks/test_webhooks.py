@@ -6,10 +6,8 @@ import base64
 import hashlib
 import hmac
 import json
-import threading
 import time
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ import pytest
 from prometheus_client import generate_latest
 from pydantic import ValidationError
 from service_world import SCAN_BODY, XYZ, publish, running_service
+from webhook_receiver import Receiver
 
 from firstfix.answer.localization import Verdict
 from firstfix.errors import InvalidOption
@@ -30,56 +29,6 @@ from firstfix_service.webhooks.sender import WebhookPolicy, WebhookSender
 from waiting import LIMIT_S, let_pass, wait_until
 
 SECRETS = (bytes(range(32)), bytes(range(100, 124)))
-
-
-class Receiver:
-    """A receiver over HTTP.
-
-    Attributes:
-        statuses: of the next requests; afterwards all are 204.
-        gate: requests wait for it.
-        got: path, headers and body of each request.
-    """
-
-    def __init__(self) -> None:
-        self.statuses: list[int] = []
-        self.gate = threading.Event()
-        self.gate.set()
-        self.got: list[tuple[str, dict[str, str], bytes]] = []
-        receiver = self
-
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = "HTTP/1.1"
-
-            def do_GET(self) -> None:
-                receiver.got.append((self.path, {}, b""))
-
-            def do_POST(self) -> None:
-                body = self.rfile.read(int(self.headers["Content-Length"]))
-                headers = {name.lower(): value for name, value in self.headers.items()}
-                receiver.got.append((self.path, headers, body))
-                status = receiver.statuses.pop(0) if receiver.statuses else 204
-                receiver.gate.wait(LIMIT_S)
-                self.send_response(status)
-                if status in (301, 302, 307, 308):
-                    self.send_header("Location", "/elsewhere")
-                self.send_header("Content-Length", "0")
-                self.end_headers()
-
-            def log_message(self, *_: Any) -> None:
-                pass
-
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self._server.daemon_threads = True
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
-        self._thread.start()
-        self.url = f"http://127.0.0.1:{self._server.server_port}/fixes"
-
-    def close(self) -> None:
-        self.gate.set()
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
 
 
 @pytest.fixture

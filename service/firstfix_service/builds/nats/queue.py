@@ -50,6 +50,11 @@ class NatsBuildQueue:
         self._unfinished = UnfinishedBuilds(catalog, metrics)
         self._order = FairOrder()
 
+    @property
+    def waits_for(self) -> str | None:
+        """Why no build begins; None: build workers take them in turn."""
+        return None if self.builds.connected else "NATS does not answer"
+
     async def submit(self, build_id: str) -> None:
         """Wakes the queue."""
         self._wake.set()

@@ -16,11 +16,12 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.errors import FirstfixError, NotFound, StoreUnavailable, UnreadableRecord
 from firstfix.ids import check_map_id
 
+from ...builds.queue import BuildQueue, waits_for
 from ...builds.queue import cancel_build as cancel_build_anywhere
 from ...thread_pools import CHANGES, LISTS, READS
 from ..edge import CallerDep, PermissionDep, needs
 from ..event_stream import EventStreamsDep
-from ..parts import CatalogDep
+from ..parts import BuildPartsDep
 from ..schema.api_models import Build, BuildPage
 from ..schema.parameters import DEFAULT_LIMIT, After, BuildId, Limit
 
@@ -48,7 +49,7 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
 @needs(Scope.BUILD)
 @LISTS.route
 def get_builds(
-    catalog: CatalogDep,
+    builds: BuildPartsDep,
     caller: CallerDep,
     map_id: Annotated[str | None, Query(max_length=63, description="only builds of this map")] = None,
     state: Annotated[
@@ -64,6 +65,7 @@ def get_builds(
     """
     if map_id is not None:
         check_map_id(map_id)
+    catalog = builds.catalog
     older = [name for name in reversed(catalog.build_ids()) if after is None or name < after]
     found: list[dict[str, Any]] = []
     following = None
@@ -74,7 +76,7 @@ def get_builds(
             continue
         wanted = map_id in (None, status["map_id"]) and state in (None, status["state"])
         if wanted and caller.sees(status["map_id"]):
-            found.append({"build_id": build_id, **status})
+            found.append(_shown(builds.queue, build_id, status))
         if (len(found) == limit or looked_at == LOOKED_AT) and looked_at < len(older):
             following = build_id
             break
@@ -84,53 +86,58 @@ def get_builds(
 @router.get("/{build_id}")
 @needs(Scope.BUILD)
 @READS.route
-def get_build(build_id: BuildId, catalog: CatalogDep, response: Response) -> Build:
+def get_build(build_id: BuildId, builds: BuildPartsDep, response: Response) -> Build:
     """State, stage, progress, error, and the version of a build that has succeeded.
 
     Of a build that has ended also its stages, with what each has taken over from earlier builds.
 
     State `unreadable`: the build's record in the store is damaged.
     """
-    status = catalog.shown_status(build_id)
+    status = builds.catalog.shown_status(build_id)
+    shown = _shown(builds.queue, build_id, status)
     if status["state"] not in FINAL_STATES:
         response.headers["Retry-After"] = str(RETRY_AFTER_S)
-        return Build.model_validate({"build_id": build_id, **status})
-    return Build.model_validate({"build_id": build_id, **status, "stages": _stages(catalog, build_id)})
+        return Build.model_validate(shown)
+    return Build.model_validate({**shown, "stages": _stages(builds.catalog, build_id)})
 
 
 @router.delete("/{build_id}", status_code=202)
 @needs(Scope.BUILD)
 @CHANGES.route
-def cancel_build(build_id: BuildId, catalog: CatalogDep) -> Build:
+def cancel_build(build_id: BuildId, builds: BuildPartsDep) -> Build:
     """Asks the build to stop.
 
     A waiting build is cancelled at once, a running one within seconds. Its status says when.
     """
-    return Build.model_validate({"build_id": build_id, **cancel_build_anywhere(catalog, build_id)})
+    status = cancel_build_anywhere(builds.catalog, build_id)
+    return Build.model_validate(_shown(builds.queue, build_id, status))
 
 
 @router.get("/{build_id}/events", response_class=StreamingResponse, responses=_EVENTS)
 @needs(Scope.BUILD)
 async def get_build_events(
     build_id: BuildId,
-    catalog: CatalogDep,
+    builds: BuildPartsDep,
     streams: EventStreamsDep,
     caller: CallerDep,
     permission: PermissionDep,
 ) -> StreamingResponse:
     """The build's status as it changes, until it ends or the caller's key or token is no longer valid."""
-    status = await READS.run(catalog.build_status, build_id)
-    events = _events(catalog, build_id, status)
+    status = await READS.run(builds.catalog.build_status, build_id)
+    events = _events(builds.catalog, builds.queue, build_id, status)
     return streams.open(caller.name, permission, status["map_id"], events, LOOK_S)
 
 
-async def _events(catalog: Catalog, build_id: str, status: dict[str, Any]) -> AsyncIterator[bytes]:
+async def _events(
+    catalog: Catalog, queue: BuildQueue | None, build_id: str, status: dict[str, Any]
+) -> AsyncIterator[bytes]:
     """Events until the build ends."""
     sent: dict[str, Any] | None = None
     while status["state"] not in FINAL_STATES:
-        if status != sent:
-            yield _event("progress", build_id, status)
-            sent = status
+        shown = _shown(queue, build_id, status)
+        if shown != sent:
+            yield _event("progress", shown)
+            sent = shown
         yield b""
         try:
             status = await READS.run(catalog.build_status, build_id)
@@ -138,11 +145,15 @@ async def _events(catalog: Catalog, build_id: str, status: dict[str, Any]) -> As
             _log.warning("cannot read the build's status", build_id=build_id, error=str(error))
         except FirstfixError:  # its record was removed
             return
-    yield _event("end", build_id, status)
+    yield _event("end", _shown(queue, build_id, status))
 
 
-def _event(name: str, build_id: str, status: dict[str, Any]) -> bytes:
-    data = json.dumps({"build_id": build_id, **status}, separators=(",", ":"))
+def _shown(queue: BuildQueue | None, build_id: str, status: dict[str, Any]) -> dict[str, Any]:
+    return {"build_id": build_id, **status, "waits_for": waits_for(queue, status["state"])}
+
+
+def _event(name: str, shown: dict[str, Any]) -> bytes:
+    data = json.dumps(shown, separators=(",", ":"))
     return f"event: {name}\ndata: {data}\n\n".encode()
 
 

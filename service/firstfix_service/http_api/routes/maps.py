@@ -16,6 +16,7 @@ from firstfix.errors import Conflict, NotFound, UnsupportedFormat
 from firstfix.ids import is_name, new_build_id
 
 from ...auth.principal import Principal
+from ...builds.queue import waits_for
 from ...telemetry.request_scope import with_traceparent
 from ...thread_pools import CHANGES, COPIES, LISTS, READS
 from ..bodies.form import form_directory
@@ -69,7 +70,8 @@ async def post_map(
         await builds.queue.submit(build_id)
     status = await READS.run(builds.catalog.build_status, build_id)
     headers = {"Location": f"/builds/{build_id}", "Retry-After": str(RETRY_AFTER_S)}
-    return JSONResponse({"build_id": build_id, **status}, 202, headers)
+    shown = {"build_id": build_id, **status, "waits_for": waits_for(builds.queue, status["state"])}
+    return JSONResponse(shown, 202, headers)
 
 
 @router.get("")

@@ -13,6 +13,7 @@ from firstfix.maintenance.patch import patch_request
 from firstfix.maintenance.rebuild import record_again
 
 from ...auth.principal import Principal
+from ...builds.queue import waits_for
 from ...telemetry.request_scope import with_traceparent
 from ...thread_pools import COPIES, READS
 from ..edge import CallerDep, needs
@@ -59,7 +60,8 @@ async def post_patch(
         await builds.queue.submit(build_id)
     status = await READS.run(builds.catalog.build_status, build_id)
     headers = {"Location": f"/builds/{build_id}", "Retry-After": str(RETRY_AFTER_S)}
-    return JSONResponse({"build_id": build_id, **status}, 202, headers)
+    shown = {"build_id": build_id, **status, "waits_for": waits_for(builds.queue, status["state"])}
+    return JSONResponse(shown, 202, headers)
 
 
 def _record(

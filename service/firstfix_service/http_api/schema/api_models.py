@@ -193,6 +193,11 @@ class Build(BaseModel):
         None,
         description="digest of the provisional version that the build has published, also if it failed later",
     )
+    waits_for: str | None = Field(
+        None,
+        description="of a queued build: why it does not begin, as far as the service sees that was asked; "
+        "null: it begins in its turn",
+    )
     stages: list[BuildStage] = Field(
         [], description="stages of a build that has ended, in `GET /builds/{build_id}`; else empty"
     )
@@ -316,6 +321,9 @@ class Readiness(BaseModel):
     holding: Holding | None = Field(description="null: the replicas do not share the maps")
     catalog: CatalogHealth
     queries: int = Field(description="number of queries that wait or run")
+    builds_wait_for: str | None = Field(
+        None, description="why no build begins; null: they begin in turn, or another service runs them"
+    )
 
 
 class Caller(BaseModel):

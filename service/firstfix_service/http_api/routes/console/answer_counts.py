@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from datetime import datetime, timezone
+from datetime import datetime, timedelta, timezone
 from typing import Annotated
 
 from fastapi import APIRouter
@@ -38,7 +37,7 @@ class MapAnswerCounts(BaseModel):
     @classmethod
     def of(cls, counts: MapCounts) -> MapAnswerCounts:
         """Returns the model of a map's counts."""
-        last = datetime.fromtimestamp(counts.last_time_s, timezone.utc)
+        last = datetime.now(timezone.utc) - timedelta(seconds=counts.last_age_s)
         return cls(
             map_id=counts.map_id,
             last_time=last.isoformat(timespec="seconds"),
@@ -63,5 +62,5 @@ def get_answer_counts(
     caller: CallerDep,
 ) -> AnswerCountsList:
     """How many queries of the caller's maps this replica answered lately. Replays are not counted."""
-    found = [MapAnswerCounts.of(one) for one in counts.of_maps(time.time()) if caller.sees(one.map_id)]
+    found = [MapAnswerCounts.of(one) for one in counts.of_maps() if caller.sees(one.map_id)]
     return AnswerCountsList(replica=recent.replica, maps=found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
@@ -12,31 +13,56 @@ from firstfix_service.localize import answer_counts
 from firstfix_service.localize.answer_counts import DAY_S, HOUR_S, AnswerCounts, Counted
 from waiting import wait_until
 
-NOW_S = 1_800_000_000.0
+NOW_S = 1_000_000.0
+
+
+class Counting:
+    """Counts of answers, with a clock that the test sets."""
+
+    def __init__(self) -> None:
+        self.now_s = NOW_S
+        self.counts = AnswerCounts(lambda: self.now_s)
+
+    def add(self, map_id: str, is_localized: bool, now_s: float) -> None:
+        self.now_s = now_s
+        self.counts.add(map_id, is_localized)
 
 
 def test_answers_are_counted_for_an_hour_and_a_day():
-    counts = AnswerCounts()
-    counts.add("hall", True, NOW_S - DAY_S - 600)
-    counts.add("hall", False, NOW_S - 2 * HOUR_S)
-    counts.add("hall", True, NOW_S - 60)
-    counts.add("yard", False, NOW_S)
-    hall, yard = counts.of_maps(NOW_S)
+    counting = Counting()
+    counting.add("hall", True, NOW_S - DAY_S - 600)
+    counting.add("hall", False, NOW_S - 2 * HOUR_S)
+    counting.add("hall", True, NOW_S - 60)
+    counting.add("yard", False, NOW_S)
+    hall, yard = counting.counts.of_maps()
     assert (hall.map_id, hall.hour, hall.day) == ("hall", Counted(1, 1), Counted(2, 1))
-    assert (yard.map_id, yard.hour, yard.last_time_s) == ("yard", Counted(1, 0), NOW_S)
-    (hall, _) = counts.of_maps(NOW_S + HOUR_S + 600)
+    assert (hall.last_age_s, yard.last_age_s) == (60.0, 0.0)
+    assert (yard.map_id, yard.hour) == ("yard", Counted(1, 0))
+    counting.now_s = NOW_S + HOUR_S + 600
+    (hall, _) = counting.counts.of_maps()
     assert (hall.hour, hall.day) == (Counted(), Counted(2, 1))
 
 
 def test_the_counts_of_many_maps_take_bounded_memory(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(answer_counts, "MOST_MAPS", 3)
-    counts = AnswerCounts()
+    counting = Counting()
     for number in range(5):
-        counts.add(f"map-{number}", True, NOW_S + number)
-    assert [one.map_id for one in counts.of_maps(NOW_S)] == ["map-2", "map-3", "map-4"]
+        counting.add(f"map-{number}", True, NOW_S + number)
+    assert [one.map_id for one in counting.counts.of_maps()] == ["map-2", "map-3", "map-4"]
     for step in range(1000):
-        counts.add("map-4", True, NOW_S + step * answer_counts.STEP_S)
-    assert len(counts._maps["map-4"].counts) <= DAY_S / answer_counts.STEP_S + 1
+        counting.add("map-4", True, NOW_S + step * answer_counts.STEP_S)
+    assert len(counting.counts._maps["map-4"].counts) <= DAY_S / answer_counts.STEP_S + 1
+
+
+def test_a_wall_clock_that_is_set_back_moves_no_answers(monkeypatch: pytest.MonkeyPatch):
+    """Answers that were counted while the clock was a day ahead would be of the last hour for a day."""
+    counting = Counting()
+    monkeypatch.setattr(time, "time", lambda: NOW_S + DAY_S)
+    counting.add("hall", True, NOW_S)
+    monkeypatch.setattr(time, "time", lambda: NOW_S)
+    counting.now_s += 2 * HOUR_S
+    (hall,) = counting.counts.of_maps()
+    assert (hall.hour, hall.day, hall.last_age_s) == (Counted(), Counted(1, 1), 2 * HOUR_S)
 
 
 def test_a_replica_tells_what_it_answered(service: Service):

@@ -1,0 +1,120 @@
+"""Stores without create-only puts are refused with a reason: servers that ignore or refuse If-None-Match."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from firstfix.errors import StoreError, StoreUnavailable, StoreUnsafe
+from firstfix.store.store import Store
+from s3_stand_in import Way, s3_stand_in
+from waiting import LIMIT_S, wait_until
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_store_with_create_only_puts_is_taken():
+    with s3_stand_in("honours") as server:
+        store = Store.open(server.url)
+        store.probe()
+        assert (store.put_new("k", b"1"), store.put_new("k", b"2")) == (True, False)
+        assert store.get("k") == b"1"
+        assert store.list() == ["k"], "the probe leaves nothing"
+
+
+@pytest.mark.parametrize(
+    ("way", "says"),
+    [
+        ("ignores", "let a create-only put replace an object"),
+        ("412", "a create-only put made no object"),
+        ("501", "refuses create-only puts.*501 Not Implemented"),
+        ("400", "refuses create-only puts.*400 Bad Request"),
+        ("405", "refuses create-only puts.*405 Method Not Allowed"),
+    ],
+)
+def test_a_store_without_them_is_refused(way: Way, says: str):
+    with s3_stand_in(way) as server:
+        with pytest.raises(StoreUnsafe, match=says) as caught:
+            Store.open(server.url).probe()
+        assert "honours If-None-Match" in str(caught.value)
+        assert not server.objects, "the probe leaves nothing"
+
+
+def test_a_store_that_refuses_everything_is_not_called_unsafe(monkeypatch: pytest.MonkeyPatch):
+    with s3_stand_in("503") as server:
+        monkeypatch.setattr(server, "put", lambda *_: 503)
+        with pytest.raises(StoreUnavailable):
+            Store.open(server.url).probe()
+    with s3_stand_in("403") as server, pytest.raises(StoreError, match="refuses these credentials") as caught:
+        Store.open(server.url).probe()
+    assert not isinstance(caught.value, StoreUnsafe)
+
+
+def test_a_store_that_fails_for_a_moment_is_not_called_unsafe(monkeypatch: pytest.MonkeyPatch):
+    with s3_stand_in("400") as server:
+        store = Store.open(server.url)
+        put = store.put
+
+        def recover(key: str, data: bytes) -> None:
+            server.way = "honours"
+            put(key, data)
+
+        monkeypatch.setattr(store, "put", recover)
+        with pytest.raises(StoreUnavailable):
+            store.probe()
+        store.probe()
+
+
+@pytest.fixture
+def switched_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What people set for servers without If-None-Match."""
+    monkeypatch.setenv("AWS_CONDITIONAL_PUT", "disabled")
+
+
+def test_create_only_puts_that_are_switched_off_are_told(switched_off: None):
+    with s3_stand_in("honours") as server:
+        store = Store.open(server.url)
+        for attempt in (store.probe, lambda: store.put_new("a", b"1")):
+            with pytest.raises(StoreUnsafe, match="conditional put is disabled"):
+                attempt()
+        assert not server.objects
+        store.put("a", b"1")
+        assert store.get("a") == b"1"
+
+
+def shell(folder: Path, *command: str) -> subprocess.Popen[str]:
+    folders = {"FIRSTFIX_WORK_DIR": str(folder), "FIRSTFIX_CACHE_DIR": str(folder)}
+    with (folder / "log").open("w") as log:
+        return subprocess.Popen(
+            [sys.executable, "-m", "firstfix_cli.main", *command],
+            env={**os.environ, **folders},
+            stdout=log,
+            stderr=log,
+            text=True,
+        )
+
+
+def test_a_service_says_so_without_a_traceback(switched_off: None, tmp_path: Path):
+    """It ends, or says so again and again where that took it longer than a start may take."""
+    with s3_stand_in("honours") as server:
+        service = shell(tmp_path, "serve", "--port", "0", "--store", server.url)
+        try:
+            log = tmp_path / "log"
+            wait_until(lambda: "conditional put is disabled" in log.read_text())
+        finally:
+            service.kill()
+            service.wait()
+    assert "Traceback" not in log.read_text()
+
+
+def test_a_command_that_writes_says_so_without_a_traceback(switched_off: None, tmp_path: Path):
+    with s3_stand_in("honours") as server:
+        command = ["keys", "create", "--name", "robot", "--scope", "localize", "--store", server.url]
+        assert shell(tmp_path, *command).wait(LIMIT_S) != 0
+    said = (tmp_path / "log").read_text()
+    assert "conditional put is disabled" in said
+    assert "Traceback" not in said
