@@ -23,14 +23,13 @@ from ..map_search import MapSearch
 from ..preprocess import PreparedQuery
 from ..registered_candidate import features_of
 from ..stopwatch import Stopwatch
-from .facts import MEASURED, facts_of
+from .facts import MEASURED, facts_of, is_on_a_line
 from .input_findings import input_finding
 from .other_forms import BETTER, other_forms
 from .place_findings import mounting_finding, reasons_found
 from .viewpoint import best_viewpoint, is_elsewhere, is_even, is_map_origin, is_suspect
 
 FLAT = 0.01  # plane ratio of a 2-D LiDAR's scan
-ALONG_LINE = 0.5  # least correlation of two coordinates; of right scans it is at most 0.3
 MOST_TIME = 2.0  # of the other forms, over that of the query
 _SLOWER = 1.5  # than the forms before it, at worst
 
@@ -137,7 +136,7 @@ def _by_points(answer: Localization, query: AskedQuery, facts: ScanFacts) -> Fin
     found = input_finding(facts, query.dropped)
     if found is not None:
         return found
-    if _is_on_a_line(query.part):
+    if is_on_a_line(query.part):
         return scan_kinds.TRANSPOSED.found()
     if facts.rings == 1 or (facts.plane_ratio is not None and facts.plane_ratio < FLAT):
         return scan_kinds.ONE_PLANE.found({"in_range": facts.in_range})
@@ -154,14 +153,6 @@ def _by_points(answer: Localization, query: AskedQuery, facts: ScanFacts) -> Fin
             }
         )
     return None
-
-
-def _is_on_a_line(part: NDArray[np.float32]) -> bool:
-    """Returns whether (m, 3) points lie on the line x = y = z."""
-    points = part.astype(np.float64)
-    if len(points) < MEASURED or not np.ptp(points, axis=0).all():
-        return False
-    return bool(np.corrcoef(points.T).min() > ALONG_LINE)
 
 
 def _by_other_forms(answer: Localization, query: AskedQuery, watch: Stopwatch) -> Finding | None:

@@ -19,6 +19,7 @@ RING_BIN_DEG = 0.1
 ONE_RING_DEG = 1.0
 SHARP_M = 3.0  # from here, a centimetre is 0.2 degrees at most
 MOST_RINGS = 160
+OFF_LINE = 0.3  # of points on a line; of right scans it is 0.4 at least, of arrays (3, n) 0.21 at most
 _LEAST = 10  # points: fewer have no shape
 _FILLED = 0.5  # of the bins between the lowest and the highest point: with more, they are in no rings
 _BINS = np.degrees(1.0) / RING_BIN_DEG  # of the sine, from 0 to 1: towards the poles they are wider
@@ -83,6 +84,19 @@ def plane_ratio_of(points: NDArray[np.float32]) -> float:
     scatter = exact.T @ exact - total[:, None] * (total / len(exact))
     least, most = eigenvalue_bounds(scatter.tolist())
     return math.sqrt(max(least, 0.0) / max(most, 1e-12))
+
+
+def is_on_a_line(part: NDArray[np.float32]) -> bool:
+    """Returns whether (m, 3) points lie on the line x = y = z: by their distances from it over their ranges.
+
+    Correlated coordinates alone do not show it: those of a part of the turn at 45 degrees are.
+    """
+    points = part.astype(np.float64)
+    squares = float(np.sum(points**2))
+    if len(points) < MEASURED or squares == 0:
+        return False
+    off = points - points.mean(axis=1, keepdims=True)
+    return math.sqrt(float(np.sum(off**2)) / squares) < OFF_LINE
 
 
 def eigenvalue_bounds(matrix: Sequence[Sequence[float]]) -> tuple[float, float]:

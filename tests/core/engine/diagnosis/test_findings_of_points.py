@@ -8,7 +8,7 @@ import pytest
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.scan_facts import ScanFacts
 from firstfix.engine.config import PreprocessConfig
-from firstfix.engine.diagnosis.facts import MEASURED, eigenvalue_bounds, facts_of
+from firstfix.engine.diagnosis.facts import MEASURED, eigenvalue_bounds, facts_of, is_on_a_line
 from firstfix.engine.diagnosis.input_findings import input_finding
 from firstfix.engine.diagnosis.other_forms import LEAST_SCALE, MOST_SCALE, from_polar, scales
 from firstfix.errors import InvalidOption, InvalidScan
@@ -133,3 +133,14 @@ def test_all_kinds_are_whole():
         assert kind.text.endswith((".", "?"))
         assert all((kind.symptom, kind.remedy, kind.doc)), code
         assert kind.severity in Severity
+
+
+def test_an_array_3_n_lies_on_a_line_and_parts_of_a_turn_do_not():
+    for sensor in ("vlp-16", "os0-64", "osdome-64", "mid-360"):
+        points = room(sensor).astype(np.float32)
+        assert is_on_a_line(at_most(points[: len(points) // 3 * 3].T.copy().reshape(-1, 3), MEASURED)), sensor
+        azimuth_deg = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+        for heading_deg in (-135, 45):
+            part = points[np.abs(azimuth_deg - heading_deg) < 30]
+            assert not is_on_a_line(at_most(part, MEASURED)), (sensor, heading_deg)
+    assert not is_on_a_line(np.zeros((MEASURED, 3), np.float32))

@@ -14,7 +14,16 @@ from benchmarks.common.datasets import GARAGE, HALL, STREET, STREET_128, YARD, D
 from every_case import every_case
 from firstfix.decode import read_scan_file
 from firstfix.engine.diagnosis.facts import MEASURED
-from firstfix.engine.diagnosis.viewpoint import best_viewpoint, is_elsewhere, is_even, is_suspect
+from firstfix.engine.diagnosis.viewpoint import (
+    AWAY_M,
+    ELSEWHERE,
+    ELSEWHERE_DESPITE_POSE,
+    Viewpoint,
+    best_viewpoint,
+    is_elsewhere,
+    is_even,
+    is_suspect,
+)
 from firstfix.scan.reduction import at_most
 from firstfix.sensor import SensorModel, preset
 from firstfix.transform import from_quaternion, make_transform, rotation_z
@@ -25,6 +34,7 @@ from storey_world import storey
 
 Points = NDArray[np.float32]
 AT_ORIGIN = np.eye(4)
+AT_A_PLACE = make_transform(np.eye(3), [7.0, 3.0, 1.0])
 TRUCK = "two on a truck, in its middle"  # which no room of the storey has place for
 LIDARS = {  # positions on the robot, of which the first is the scan's frame
     "two on a robot": ([0.0, 0.0, 0.0], [-0.8, 0.4, 0.0]),
@@ -123,6 +133,44 @@ def test_shifted_scans_are_refused_and_their_viewpoint_is_named(name: str):
             assert np.linalg.norm(viewpoint.position_m - offset_m) < 2.5
         at_the_maps_origin = points + np.float32([5.0, 0.0, 0.0])
         assert is_refused(at_the_maps_origin, AT_ORIGIN)
+
+
+WIDTHS_DEG = (180, 120, 90, 60)
+ROUND = ("vlp-16", "os1-64", "pandar64")  # with rings far apart, near each other, and both
+
+
+def part_of_turn(points: Points, width_deg: float, heading_deg: float) -> Points:
+    off_deg = np.degrees(np.arctan2(points[:, 1], points[:, 0])) - heading_deg
+    return points[np.abs((off_deg + 180) % 360 - 180) < width_deg / 2]
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_parts_of_a_turn_pass_and_shifted_ones_are_mostly_refused(name: str):
+    make, _, spots = PLACES[name]
+    simulator = Simulator(make().vertices, make().triangles)
+    shifted = []
+    for number, sensor in enumerate(ROUND):
+        x, y = spots[number % len(spots)]
+        T_map_sensor = make_transform(rotation_z(0.7 * number), [x, y, 1.2])
+        points = seen(simulator, preset(sensor), T_map_sensor)
+        for width_deg in WIDTHS_DEG:
+            for heading_deg in (0, 135):
+                part = part_of_turn(points, width_deg, heading_deg)
+                assert not is_refused(part, AT_A_PLACE), (sensor, width_deg, heading_deg)
+                assert not is_refused(part), (sensor, width_deg, heading_deg)
+                shifted.append(is_refused(part + np.float32([8.0, -6.0, 0.0])))
+    assert np.mean(shifted) > 0.5
+
+
+def test_a_pose_is_turned_away_by_more_evidence_only():
+    for evidence in (ELSEWHERE, ELSEWHERE_DESPITE_POSE):
+        for off, refused in ((-0.05, False), (0.05, True)):
+            viewpoint = Viewpoint(np.array([AWAY_M + 1, 0, 0]), 4.0, (evidence + off) / 4.0, 0.5)
+            is_free = evidence == ELSEWHERE
+            assert is_elsewhere(viewpoint, None if is_free else AT_A_PLACE) == refused
+            assert is_elsewhere(viewpoint, AT_ORIGIN) == (refused or not is_free)
+    near = Viewpoint(np.array([AWAY_M - 0.1, 0, 0]), 4.0, 1.0, 4.0)
+    assert not is_elsewhere(near, None)
 
 
 def test_a_map_is_even_and_a_scan_is_not():
