@@ -16,6 +16,7 @@ DRILLS = (
     "frozen",
     "fuzz_bodies",
     "fuzz_files",
+    "impostors",
     "kill_builds",
     "lossy_dds",
     "neighbours",
