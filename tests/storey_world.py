@@ -45,7 +45,7 @@ def storey() -> SmallWorld:
 
 
 def building() -> SmallWorld:
-    """Returns two storeys under a roof, each with a wing that is its mirror image. A few rooms have a thing more."""
+    """Returns two storeys under a roof, each with its mirrored wing. A few rooms have a thing more."""
     one = storey()
     wing = SmallWorld(one.vertices * [1, -1, 1] + [0, 2 * WING_Y, 0], one.triangles[:, ::-1])
     roof: list[Box] = [((11, WING_Y, -0.1), (32.4, 2 * WING_Y + 5.4, 0.2))]

@@ -1,4 +1,4 @@
-"""Worlds of places that look alike, their maps built without a trajectory, and scans taken there in motion."""
+"""Worlds of places that look alike, mapped without a trajectory, and scans taken there in motion."""
 
 from __future__ import annotations
 
@@ -62,7 +62,8 @@ def motion_of(kind: str, rng: np.random.Generator) -> Motion:
     turn_rad_s = np.radians(rng.uniform(-FASTEST_DEG_S, FASTEST_DEG_S))
     x, y = (0.0, 0.0) if kind == "turning" else (speed_m_s * np.cos(heading), speed_m_s * np.sin(heading))
     turn = 0.0 if kind == "straight" else turn_rad_s
-    return Motion((float(x), float(y), 0.0, 0.0, 0.0, float(turn)), Sweep(stamp=float(rng.choice([0.0, 0.5]))))
+    sweep = Sweep(stamp=float(rng.choice([0.0, 0.5])))
+    return Motion((float(x), float(y), 0.0, 0.0, 0.0, float(turn)), sweep)
 
 
 def office(seed: int) -> ImpostorWorld:

@@ -2,10 +2,10 @@
 
     python -m tests.faults impostors [--count N] [--worlds NAME ...] [--seed N] [--root PATH] [--json FILE]
 
-Each world is mapped without a trajectory. Scans are simulated with the robot's true motion (straight on, turning
-by up to 120 degrees a second, or both) and are sent with the times of their points. An answer is *false* if it is
-``localized`` over 1 m or 10 degrees from the truth: the drill ends with an error. *Doubted* ones do no harm to a
-robot: the best place is wrong and has a probability above 0.5, but no pose was given.
+Each world is mapped without a trajectory. Scans are simulated with the robot's true motion (straight on,
+turning by up to 120 degrees a second, or both) and are sent with the times of their points. An answer is
+*false* if it is ``localized`` over 1 m or 10 degrees from the truth: the drill ends with an error. *Doubted*
+ones do no harm to a robot: the best place is wrong and has a probability above 0.5, but no pose was given.
 """
 
 from __future__ import annotations

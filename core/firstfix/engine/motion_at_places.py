@@ -1,7 +1,7 @@
 """The motion during a scan, solved at each place that is compared (docs/method.md section 7).
 
-A scan has one motion, wherever it is compared. A place that fits no better than another may only have got a poor
-minimum of its motion. So each that could rival the best one is also given the motion that was found there.
+A scan has one motion, wherever it is compared. A place that fits worse than another may only have got a poor
+minimum of its motion. So each that could rival the best one is solved again from the motion found there.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..transform import Matrix, inverse
 from .registration.align import MapSurface, Registration, Registrations
 from .registration.surface import Surface
 
-# Two places whose motions differ by less have the same one: no point of a scan moves by more than a few centimetres.
+# Two places whose motions differ by less have the same one: it moves points by a few centimetres.
 _SAME_M_S, _SAME_RAD_S = 0.2, 0.05
 
 
@@ -31,7 +31,7 @@ class MotionAtPlaces:
     def __init__(self, surface: MapSurface, scan: Surface, rival_from: float) -> None:
         self._surface, self._scan, self._rival_from = surface, scan, rival_from
         self._solved: dict[int, Registration] = {}
-        self._compared: dict[int, NDArray[np.float64]] = {}  # the best one's twist, that a row was solved with
+        self._compared: dict[int, NDArray[np.float64]] = {}  # twist of the best one, by row
 
     @property
     def T_level_sensor(self) -> NDArray[np.float64]:

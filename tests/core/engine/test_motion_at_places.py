@@ -27,7 +27,8 @@ def at(x: float) -> np.ndarray:
 def rigid(scores: list[float]) -> Registrations:
     """Registrations at x = 0, 10, 20, ..., each askew."""
     T = np.array([at(10.0 * number) @ ASKEW for number in range(len(scores))])
-    return Registrations(T, np.array(scores), np.array(scores), np.zeros((len(T), 6, 6)), np.ones(len(T), bool))
+    score, count = np.array(scores), len(T)
+    return Registrations(T, score, score, np.zeros((count, 6, 6)), np.ones(count, bool))
 
 
 @dataclass
