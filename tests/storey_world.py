@@ -1,4 +1,4 @@
-"""A storey with three rooms that look alike. Only the motion from room to room tells them apart."""
+"""A storey with three rooms that look alike, and a building of such storeys."""
 
 from __future__ import annotations
 
@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 
 ROOMS_X = (0.0, 9.0, 22.0)  # of their middles: 9 m apart, and 13 m
 SENSOR_Z = 0.8
+STOREY_M = 3.4
 CONFIG = {"sensor": SENSOR, "learn_keys": {"scans": 200}, "self_test": {"queries": 12, "outside": 6}}
 
+WING_Y = 4.8  # of the wall between the two wings
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]  # middle, size
 
 
@@ -40,6 +42,27 @@ def storey() -> SmallWorld:
     for x in ROOMS_X:
         boxes += [((x + dx, dy, z), size) for (dx, dy, z), size in _room()]
     return mesh_of(boxes)
+
+
+def building() -> SmallWorld:
+    """Returns two storeys under a roof, each with its mirrored wing. A few rooms have a thing more."""
+    one = storey()
+    wing = SmallWorld(one.vertices * [1, -1, 1] + [0, 2 * WING_Y, 0], one.triangles[:, ::-1])
+    roof: list[Box] = [((11, WING_Y, -0.1), (32.4, 2 * WING_Y + 5.4, 0.2))]
+    own: list[Box] = [  # in four of the twelve rooms
+        ((9.5, 1.6, 0.5), (1.4, 0.6, 1.0)),
+        ((23.8, 1.2, STOREY_M + 0.9), (0.6, 1.2, 1.8)),
+        ((1.6, 2 * WING_Y - 1.8, 0.4), (0.9, 0.9, 0.8)),
+        ((8.2, 2 * WING_Y + 0.4, STOREY_M + 0.7), (0.5, 1.5, 1.4)),
+    ]
+    parts = [one, wing, raised(one), raised(wing), raised(mesh_of(roof), 2 * STOREY_M), mesh_of(own)]
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    triangles = [part.triangles + start for part, start in zip(parts, starts, strict=False)]
+    return SmallWorld(np.concatenate([part.vertices for part in parts]), np.concatenate(triangles))
+
+
+def raised(part: SmallWorld, by_m: float = STOREY_M) -> SmallWorld:
+    return SmallWorld(part.vertices + [0, 0, by_m], part.triangles)
 
 
 def storey_version(once_a_run: OnceARun) -> BuildResult:

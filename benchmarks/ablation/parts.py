@@ -46,10 +46,15 @@ class HastySurface(MapSurface):
     """A map whose fine alignments stop after few iterations, and are believed wherever they are then."""
 
     def align_fine(
-        self, scan: Surface, T_level_sensor: NDArray[np.float64], iterations: int = FEW_ITERATIONS
+        self,
+        scan: Surface,
+        T_level_sensor: NDArray[np.float64],
+        iterations: int = FEW_ITERATIONS,
+        *,
+        twist: NDArray[np.float64] | None = None,
     ) -> Registrations:
         """See ``MapSurface.align_fine``."""
-        found = super().align_fine(scan, T_level_sensor, iterations)
+        found = super().align_fine(scan, T_level_sensor, iterations, twist=twist)
         return replace(found, rests=np.ones(len(found), bool))
 
 

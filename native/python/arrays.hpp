@@ -5,6 +5,7 @@
 #include <nanobind/ndarray.h>
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstring>
 #include <initializer_list>
@@ -14,6 +15,7 @@
 #include <vector>
 
 #include "firstfix/bit_exact/vectors.hpp"
+#include "firstfix/scan/deskew.hpp"
 
 namespace firstfix::python {
 
@@ -53,9 +55,19 @@ inline PoseMatrix pose_of(const In<double, nb::shape<4, 4>>& array) {
   return pose;
 }
 
-inline Vector6 twist_of(const In<double, nb::shape<6>>& array) {
+inline Vector6 vector6_of(const In<double, nb::shape<6>>& array) {
+  Vector6 vector;
+  std::memcpy(vector.data(), array.data(), sizeof vector);
+  return vector;
+}
+
+// A twist, linear then angular.
+inline Vector6 twist_of(const double* numbers) {
   Vector6 twist;
-  std::memcpy(twist.data(), array.data(), sizeof twist);
+  for (std::size_t k = 0; k < 6; ++k) {
+    require(std::fabs(numbers[k]) <= (k < 3 ? kMaxLinearMS : kMaxAngularRadS), "the twist is too fast");
+    twist[k] = numbers[k];
+  }
   return twist;
 }
 

@@ -22,6 +22,7 @@ namespace {
 using Points = In<float, nb::shape<-1, 3>>;
 using Poses = In<double, nb::shape<-1, 4, 4>>;
 using Twist = In<double, nb::shape<6>>;
+using Twists = In<double, nb::shape<-1, 6>>;
 constexpr int kMostIterations = 1000;  // a caller's slip must not keep a thread for hours
 
 nb::ndarray<nb::numpy, std::int32_t> nearest(const Grid& grid, Points points) {
@@ -93,15 +94,18 @@ auto align_all(const Grid& grid, Points points, Points normals, Flags oriented, 
 }
 
 auto align_all_moving(const Grid& grid, Points points, Points normals, Flags oriented, Times time_s, Poses T_start,
-                      Twist scale, int iterations, float reach_m, float half_angle, float inlier_distance_m) {
+                      Twists twist_start, Twist scale, int iterations, float reach_m, float half_angle,
+                      float inlier_distance_m) {
   const std::size_t scan_points = points.shape(0), poses = T_start.shape(0);
   check(points, normals, oriented, iterations, {reach_m, half_angle, inlier_distance_m});
   check_times(time_s, scan_points);
   for (std::size_t k = 0; k < 6; ++k) {
     require(scale.data()[k] >= 1e-9 && scale.data()[k] <= 1e9, "the scale of a twist is not positive, or too large");
   }
+  require(twist_start.shape(0) == poses, "T_start and twist_start differ in length");
   std::vector<PoseMatrix> T = poses_of(T_start);
   std::vector<Vector6> twist(poses);
+  for (std::size_t pose = 0; pose < poses; ++pose) twist[pose] = twist_of(twist_start.data() + 6 * pose);
   std::vector<Matrix6> information(poses);
   std::vector<double> inlier_ratio(poses), alignment_score(poses);
   std::vector<std::uint8_t> rests(poses);
@@ -109,7 +113,7 @@ auto align_all_moving(const Grid& grid, Points points, Points normals, Flags ori
     MovingScan scan(vectors_of(points), vectors_of(normals), bytes_of(oriented), time_s.data());
     PairFinder finder(grid.view, scan.seen());
     for (std::size_t pose = 0; pose < poses; ++pose) {
-      rests[pose] = align_moving(finder, scan, {iterations, reach_m, half_angle}, twist_of(scale), T[pose], twist[pose],
+      rests[pose] = align_moving(finder, scan, {iterations, reach_m, half_angle}, vector6_of(scale), T[pose], twist[pose],
                                  information[pose]);
       const AlignmentQuality quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
       inlier_ratio[pose] = quality.inlier_ratio;
@@ -168,8 +172,8 @@ void bind_registration(nb::module_& module) {
              nb::arg("T_start"), nb::arg("iterations"), nb::arg("reach_m"), nb::arg("half_angle"),
              nb::arg("inlier_distance_m"));
   module.def("align_moving", &align_all_moving, nb::arg("grid"), nb::arg("points"), nb::arg("normals"),
-             nb::arg("oriented"), nb::arg("time_s"), nb::arg("T_start"), nb::arg("scale"), nb::arg("iterations"),
-             nb::arg("reach_m"), nb::arg("half_angle"), nb::arg("inlier_distance_m"));
+             nb::arg("oriented"), nb::arg("time_s"), nb::arg("T_start"), nb::arg("twist_start"), nb::arg("scale"),
+             nb::arg("iterations"), nb::arg("reach_m"), nb::arg("half_angle"), nb::arg("inlier_distance_m"));
   module.def("agreement", &agreement_of_all, nb::arg("grid"), nb::arg("coarse"), nb::arg("points"), nb::arg("normals"),
              nb::arg("oriented"), nb::arg("T_level_sensor"), nb::arg("inlier_distance_m"));
   module.def("told", &told_by, nb::arg("grid"), nb::arg("points"), nb::arg("T_level_sensor"), nb::arg("axes"),

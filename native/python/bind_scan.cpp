@@ -137,11 +137,9 @@ void bind_scan(nb::module_& module) {
       "deskew",
       [](Vectors<float> points, Times time_s, In<double, nb::shape<6>> twist) {
         check_times(time_s, points.shape(0));
-        for (int k = 0; k < 6; ++k) {
-          require(std::fabs(twist.data()[k]) <= (k < 3 ? kMaxLinearMS : kMaxAngularRadS), "the twist is too fast");
-        }
+        const Vector6 checked = twist_of(twist.data());
         std::vector<float> deskewed(points.size());
-        without_gil([&] { deskew(vectors_of(points), time_s.data(), twist_of(twist), deskewed.data()); });
+        without_gil([&] { deskew(vectors_of(points), time_s.data(), checked, deskewed.data()); });
         return array_of(std::move(deskewed), {points.shape(0), 3});
       },
       "points"_a, "time_s"_a, "twist"_a);

@@ -89,6 +89,7 @@ void align_moving_once(Hostile& random) {
     PoseMatrix T = pose(random, wrong_scan);
     Matrix6 information;
     Vector6 twist;
+    for (double& one : twist) one = random.chance(0.5) ? 0 : random.floats(1, 20, 0)[0];
     const bool is_clean = are_numbers(T.data(), 16) && wrong_scan == 0;
     align_moving(finder, scan, {static_cast<int>(random.number(0, 12)), 0.5F, 0.06F}, scale, T, twist, information);
     const AlignmentQuality quality = quality_at(finder, count, T, 0.15F);

@@ -17,6 +17,7 @@ DRILLS = (
     "fuzz_bodies",
     "fuzz_files",
     "half_turns",
+    "impostors",
     "kill_builds",
     "lossy_dds",
     "neighbours",

@@ -98,6 +98,11 @@ def _aligned() -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.boo
     return FEW[::5] + np.float32(0.05), NORMALS[::5], SURFACE.oriented[::5]
 
 
+def _starts() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Poses, and the twists there."""
+    return np.array([np.eye(4), T_MAP_SENSOR]), np.array([np.zeros(6), [0.4, -0.1, 0, 0, 0, 0.7]])
+
+
 def _returns() -> NDArray[np.float32]:
     """Returns that half fit the tiles of ``_tiles``: every other one has come closer."""
     away = (FEW - T_MAP_SENSOR[:3, 3].astype(np.float32)) @ T_MAP_SENSOR[:3, :3].astype(np.float32)
@@ -204,7 +209,7 @@ CASES: dict[str, Callable[[Any], Any]] = {
         _grid(native), FEW, T_MAP_SENSOR, np.stack([R_LEVEL_SENSOR, np.eye(3)]), 0.4
     ),
     "align_moving": lambda native: native.align_moving(
-        _grid(native), *_aligned(), TIMES[::5], np.eye(4)[None], np.ones(6), 5, 0.4, 0.5, 0.13
+        _grid(native), *_aligned(), TIMES[::5], *_starts(), np.ones(6), 5, 0.4, 0.5, 0.13
     ),
     "distinct_poses": lambda native: native.distinct_poses(
         np.array([make_transform(np.eye(3), at) for at in FEW[:200] / 20]), 0.5, 0.2, 50

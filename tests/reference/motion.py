@@ -36,6 +36,7 @@ def align_moving(
     grid: SurfaceGrid,
     scan: Surface,
     T_start: NDArray[np.float64],
+    twist_start: NDArray[np.float64],
     scale: NDArray[np.float64],
     iterations: int,
     reach_m: float,
@@ -44,9 +45,11 @@ def align_moving(
     """Aligned pose (4, 4) at time 0, its information (6, 6) and the twist (6,) in the sensor frame.
 
     Args:
+        twist_start: (6,) in the sensor frame.
         scale: (6,) of the twist, linear then angular, along the level axes.
     """
-    T, twist, level_twist = T_start.copy(), np.zeros(6), np.zeros(6)  # level_twist: angular then linear
+    T, twist, R = T_start.copy(), twist_start, T_start[:3, :3]
+    level_twist = np.concatenate([R @ twist[3:], R @ twist[:3]])  # angular then linear
     sigma = np.roll(scale, 3)
     hessian, variance = np.zeros((12, 12)), NOISE_M**2
     for _ in range(iterations):

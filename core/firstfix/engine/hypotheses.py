@@ -14,6 +14,7 @@ from ..answer.prior import Prior
 from .candidates import Candidates
 from .index import FreeSpaceShares, MapIndex
 from .local_search import best_near
+from .motion_at_places import MotionAtPlaces, together
 from .preprocess import PreparedQuery, spots_of
 from .registered_candidate import NOT_MEASURED, RegisteredCandidate, distinct, features_of, ranked
 from .registration.align import Agreement, Registration, Registrations
@@ -38,19 +39,29 @@ class HypothesisSearch:
         self._ranking = index.config.ranking
         self._tried = np.empty((0, 4, 4))  # all starts
         self._starts = np.empty((0, 4, 4))  # of those that were aligned
+        self._twist_start = np.empty((0, 6))  # by which the scan was deskewed then; 0: it was not
         self._template = np.empty(0, np.int64)
         self._aligned: list[Registrations] = []  # batch by batch
-        self._in_motion: dict[int, Registration] = {}  # by row: a later run does not solve it again
+        self._in_motion = (
+            None
+            if prepared.sparse.time_s is None
+            else MotionAtPlaces(index.surface, prepared.sparse, _HOPEFUL_FROM)
+        )
         self._free_space: dict[bytes, FreeSpaceShares] = {}  # by pose: a later run does not check it again
         self._agreement: dict[bytes, Agreement] = {}  # the same, of the few points
         self._beside: dict[bytes, RegisteredCandidate | None] = {}  # by pose: the better one beside it
 
-    def run(self, candidates: Candidates) -> list[RegisteredCandidate]:
+    def run(
+        self, candidates: Candidates, twist: NDArray[np.float64] | None = None
+    ) -> list[RegisteredCandidate]:
         """Distinct poses that the prior allows, best first: of these candidates and of all earlier runs.
 
         Only the best and its close rivals are aligned finely, and only if the best may still be accepted.
+
+        Args:
+            twist: (6,) motion of the scan where these candidates come from; None: not known.
         """
-        checked = ranked(self._check_free_space(self._register(candidates)))
+        checked = ranked(self._check_free_space(self._register(candidates, twist)))
         if not checked or not self._may_be_accepted(checked):
             return self._with_agreements(checked)
         return self._finely_measured(self._refine(checked))
@@ -93,16 +104,22 @@ class HypothesisSearch:
         ]
         return [*best, *self._with_agreements(best_first[1:])]
 
-    def untried(self, candidates: Candidates) -> Candidates:
-        """The candidates that start near no start, and no aligned pose, of an earlier run."""
-        return candidates.at(self._untried(candidates.T_level_sensor))
+    def untried(self, candidates: Candidates, twist: NDArray[np.float64] | None = None) -> Candidates:
+        """The candidates that start near no start, and no aligned pose, of an earlier run.
 
-    def _register(self, candidates: Candidates) -> list[RegisteredCandidate]:
+        Args:
+            twist: as for ``run``.
+        """
+        return candidates.at(self._untried(candidates.T_level_sensor, twist))
+
+    def _register(
+        self, candidates: Candidates, twist: NDArray[np.float64] | None
+    ) -> list[RegisteredCandidate]:
         """Aligns all new candidates with few points: coarsely, then the good ones on the map's own points.
 
         Returns the best ones that may compete, of all runs: distinct poses that the prior allows, best first.
         """
-        self._align(self.untried(candidates))
+        self._align(self.untried(candidates, twist), twist)
         if not self._aligned:
             return []
         aligned = Registrations.together(self._aligned)
@@ -131,10 +148,11 @@ class HypothesisSearch:
         registered.sort(key=lambda one: -one.registration.alignment_score)
         return registered
 
-    def _align(self, candidates: Candidates) -> None:
+    def _align(self, candidates: Candidates, twist: NDArray[np.float64] | None) -> None:
         if not len(candidates):
             return
-        surface, sparse, T = self._index.surface, self._prepared.sparse, candidates.T_level_sensor
+        surface, T = self._index.surface, candidates.T_level_sensor
+        sparse = self._prepared.sparse.deskewed(twist)
         near, score = surface.align_coarse(sparse, T)
         self._tried = np.concatenate([self._tried, T])
         is_hopeful = score >= _HOPEFUL_FROM * score.max()
@@ -142,16 +160,26 @@ class HypothesisSearch:
             if not len(rows):
                 return
             self._starts = np.concatenate([self._starts, T[rows]])
+            known = np.tile(np.zeros(6) if twist is None else twist, (len(rows), 1))
+            self._twist_start = np.concatenate([self._twist_start, known])
             self._template = np.concatenate([self._template, candidates.template[rows]])
             self._aligned.append(surface.align(sparse, near[rows]))
             if self._aligned[-1].alignment_score.max() >= _EXPLAINED_FROM:
                 return
 
-    def _untried(self, T_level_sensor: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Rows of (k, 4, 4) starts that are near no start, and no aligned pose, of an earlier run."""
+    def _untried(
+        self, T_level_sensor: NDArray[np.float64], twist: NDArray[np.float64] | None
+    ) -> NDArray[np.intp]:
+        """Rows of (k, 4, 4) starts that are near no start, and no aligned pose, of an earlier run.
+
+        With a motion, starts are where the sensor would be, and not where the skewed scan would lie.
+        """
         if not self._aligned:
             return np.arange(len(T_level_sensor))
-        known = np.concatenate([self._tried, *(part.T_level_sensor for part in self._aligned)])
+        if twist is None or self._in_motion is None:
+            known = np.concatenate([self._tried, *(part.T_level_sensor for part in self._aligned)])
+        else:
+            known = self._in_motion.T_level_sensor
         off_m = np.linalg.norm(T_level_sensor[:, None, :3, 3] - known[None, :, :3, 3], axis=2)
         trace = np.einsum("kij,nij->kn", T_level_sensor[:, :3, :3], known[:, :3, :3])
         same_cosine = math.cos(math.radians(self._ranking.same_start_deg))
@@ -163,13 +191,9 @@ class HypothesisSearch:
 
         Wrong places gain by it as well as the right one, so all that are compared get it.
         """
-        sparse = self._prepared.sparse
-        if sparse.time_s is None:
+        if self._in_motion is None:
             return (aligned[row] for row in rows.tolist())
-        new = np.array([row for row in rows.tolist() if row not in self._in_motion], np.int64)
-        solved = self._index.surface.align_fine(sparse, aligned.T_level_sensor[new])
-        self._in_motion.update(zip(new.tolist(), solved, strict=True))
-        return (self._in_motion[row] for row in rows.tolist())
+        return self._in_motion.solve(aligned, self._twist_start, rows)
 
     def _allowed(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
         """The candidates that the prior allows."""
@@ -210,7 +234,8 @@ class HypothesisSearch:
         """
         close = checked[0].support - self._ranking.rival_within
         near = [candidate for candidate in checked if candidate.support > close][: self._ranking.max_refined]
-        aligned = self._index.surface.align_fine(self._prepared.dense, self._best_minima_near(near))
+        T_level_sensor, twist = self._best_minima_near(near), together(one.registration for one in near)
+        aligned = self._index.surface.align_fine(self._prepared.dense, T_level_sensor, twist=twist)
         refined = (
             self._with_free_space(replace(candidate, registration=registration, agreement=NOT_MEASURED))
             for candidate, registration in zip(near, aligned, strict=True)
@@ -220,8 +245,23 @@ class HypothesisSearch:
     def _best_minima_near(self, candidates: Sequence[RegisteredCandidate]) -> NDArray[np.float64]:
         """Each candidate's pose, or one beside it that is clearly better, aligned smoothly: (k, 4, 4).
 
-        One beside a pose that slid up or down is on the floor again.
+        One beside a pose that slid up or down is on the floor again. A scan in motion is compared as each
+        candidate's own motion deskews it: a skewed one fits best where it is askew.
         """
+        sparse, dense = self._prepared.sparse, self._prepared.dense
+        if self._in_motion is None:
+            return self._best_minima(candidates, sparse, dense)
+        return np.concatenate(
+            [
+                self._best_minima([one], sparse.deskewed(twist), dense.deskewed(twist))
+                for one in candidates
+                for twist in [one.registration.twist]
+            ]
+        )
+
+    def _best_minima(
+        self, candidates: Sequence[RegisteredCandidate], sparse: Surface, dense: Surface
+    ) -> NDArray[np.float64]:
         surface, count = self._index.surface, len(candidates)
         risen_m = np.array([one.start_z_m - one.registration.T_level_sensor[2, 3] for one in candidates])
         slid = np.abs(risen_m) > self._ranking.slid_m
@@ -230,13 +270,13 @@ class HypothesisSearch:
         starts = starts.repeat(number, axis=1)  # (k, starts of each, 4, 4)
         starts[:, : len(_BESIDE), :2, 3] += self._ranking.neighbour_m * _BESIDE
         starts[slid, -1, 2, 3] += risen_m[slid]
-        aligned = surface.align(self._prepared.sparse, starts.reshape(-1, 4, 4))
+        aligned = surface.align(sparse, starts.reshape(-1, 4, 4))
         T, score = aligned.T_level_sensor.reshape(starts.shape), aligned.alignment_score.reshape(count, -1)
         beside = 1 + score[:, 1:].argmax(axis=1)  # the first column is the pose itself
         rivalled = np.flatnonzero(score.max(axis=1) > score[:, 0] + self._ranking.maybe_better_by)
         # few points may mistake which is better, and by how much: many points decide
         both = np.concatenate([T[:, 0], T[rivalled, beside[rivalled]]])
-        smooth = surface.align_smoothly(self._prepared.dense, both)
+        smooth = surface.align_smoothly(dense, both)
         own, other = smooth.alignment_score[:count], smooth.alignment_score[count:]
         is_better = other > own[rivalled] + self._ranking.better_by
         best = np.arange(count)

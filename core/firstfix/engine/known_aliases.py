@@ -54,7 +54,8 @@ def rivals_among(
 
     First all are screened together with the pose. Those that are not far behind it are then aligned with few
     points, and so is the pose: with many points it would look better than its aliases for that reason alone.
-    Free space is not checked at the aliases: it only lowers support.
+    Free space is not checked at the aliases: it only lowers support. A scan in motion is deskewed by the
+    motion at the pose, which it would have at an alias as well.
 
     Args:
         aliases: to be tried.
@@ -66,7 +67,7 @@ def rivals_among(
         return aliases
     index, T_best = best.index, best.registration.T_level_sensor
     surface, ranking, calibration = index.surface, index.config.ranking, index.calibration
-    config = index.config.search.aliases
+    config, sparse = index.config.search.aliases, sparse.deskewed(best.registration.twist)
     _, screened = surface.screen(sparse, np.concatenate([T_best[None], aliases.T_level_sensor]))
     order = np.argsort(-screened[1:], kind="stable")[: config.tried]
     aliases = aliases.at(order[screened[1:][order] >= screened[0] - config.behind])

@@ -41,7 +41,8 @@ def best_near(
 ) -> Registration | None:
     """The best alignment from starts beside an aligned pose, or None: none is better than the pose itself.
 
-    All starts are aligned with few points, the best few and the pose itself with many.
+    All starts are aligned with few points, deskewed by the pose's motion, the best few and the pose itself
+    with many.
 
     Args:
         offsets_m: (k, 2) of the starts, in the level frame.
@@ -49,7 +50,7 @@ def best_near(
     starts = np.repeat(registration.T_level_sensor[None], len(offsets_m) + 1, axis=0)
     starts[1:, :2, 3] += offsets_m
     few = query.sparse.at_most(config.points, surface.config.map_voxel_m)
-    aligned = surface.align(few, starts)
+    aligned = surface.align(few.deskewed(registration.twist), starts)
     score = aligned.alignment_score
     best = 1 + np.argsort(-score[1:], kind="stable")
     own_first = np.concatenate([[0], best[score[best] > score[0] - config.worse_by]])
@@ -60,6 +61,9 @@ def best_near(
     if not len(best):
         return None
     own = registration.T_level_sensor[None]
-    refined = surface.align_fine(query.dense, np.concatenate([own, aligned.T_level_sensor[best]]))
+    twist = None if registration.twist is None else np.tile(registration.twist, (1 + len(best), 1))
+    refined = surface.align_fine(
+        query.dense, np.concatenate([own, aligned.T_level_sensor[best]]), twist=twist
+    )
     found = refined[int(np.argmax(refined.alignment_score))]
     return found if found.alignment_score > refined.alignment_score[0] + config.better_by else None

@@ -111,11 +111,12 @@ class MapSearch:
         if not index.calibration.accepts(features_of(best), min_probability):
             return
         with self._watch.stage("aliases"):
-            aliases = known_aliases(index, best[0].registration.T_level_sensor, self._options.prior)
-            aliases = self._hypotheses.untried(aliases)
+            placed = best[0].registration
+            aliases = known_aliases(index, placed.T_level_sensor, self._options.prior)
+            aliases = self._hypotheses.untried(aliases, placed.twist)
             rivals = rivals_among(aliases, best[0], self._prepared.sparse, min_probability)
         if len(rivals):
-            self._register(rivals)
+            self._register(rivals, placed.twist)
 
     def _expected_s(self, step: Step) -> float:
         """Seconds that a step takes, at worst: measured by the first one, which always runs."""
@@ -151,9 +152,9 @@ class MapSearch:
             candidates = screened_candidates(index, self._prepared, levelled, options, effort)
         self._register(candidates)
 
-    def _register(self, candidates: Candidates) -> None:
+    def _register(self, candidates: Candidates, twist: NDArray[np.float64] | None = None) -> None:
         with self._watch.stage("register"):
-            self.registered = self._hypotheses.run(candidates)
+            self.registered = self._hypotheses.run(candidates, twist)
             if self.registered and self._index.config.search.widened > 1:
                 self._search_near()
 

@@ -18,7 +18,25 @@ from firstfix.transform import make_transform, rotation_z
 APART_M = 10.0  # candidate i stands at x = 10 i
 NEVER_SURE = Calibration(bias=-100)
 SCAN = SimpleNamespace(view_deskewed=lambda twist: twist, T_last_scan=np.eye(4))
-STILL, DENSE = SimpleNamespace(time_s=None), SimpleNamespace(time_s=None)
+
+
+@dataclass
+class MadeUpScan:
+    """Points of which only the motion is told by which they are deskewed."""
+
+    time_s: np.ndarray | None = None
+    deskewed_by: list[np.ndarray] = field(default_factory=list)
+    is_deskewed: bool = False
+
+    def deskewed(self, twist):
+        if twist is None:
+            return self
+        self.deskewed_by.append(twist)
+        return replace(self, is_deskewed=True)
+
+
+STILL, DENSE = MadeUpScan(), MadeUpScan()
+MOTION = np.array([1.0, 0, 0, 0, 0, 0.5])
 PREPARED = SimpleNamespace(spots=1, sparse=STILL, dense=DENSE, scans=(SCAN,))
 
 
@@ -66,7 +84,9 @@ class MadeUpMap:
     def align_smoothly(self, scan, starts):
         return self.align(scan, starts)
 
-    def align_fine(self, scan, starts):
+    ranking = RANKING
+
+    def align_fine(self, scan, starts, *, twist=None):
         self.refined += starts[:, 0, 3].tolist()
         return self.align(scan, starts)
 
@@ -256,19 +276,18 @@ def test_a_later_run_does_not_check_the_same_poses_again():
 
 def test_the_motion_is_solved_at_every_place_that_is_compared():
     """Sparse points at all of them, dense ones at those that are refined. Free space is that of both."""
-    twist, views = np.array([1.0, 0, 0, 0, 0, 0.5]), []
+    views = []
 
     class Moving(MadeUpMap):
-        def align_fine(self, scan, starts):
+        def align_fine(self, scan, starts, *, twist=None):
             found = super().align_fine(scan, starts)
-            return replace(found, twist=np.tile(twist, (len(starts), 1)))
+            return replace(found, twist=np.tile(MOTION, (len(starts), 1)))
 
         def seen_through(self, surface, view, T):
             views.append(view)
             return super().seen_through(surface, view, T)
 
-    deskewed_by = []
-    timed = SimpleNamespace(time_s=np.zeros(3), deskewed=deskewed_by.append)
+    timed = MadeUpScan(np.zeros(3))
     made_up = Moving([0.9, 0.85, 0.7], [0.0] * 3)
     index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
     prepared = SimpleNamespace(spots=1, sparse=timed, dense=timed, scans=(SCAN,))
@@ -277,10 +296,61 @@ def test_the_motion_is_solved_at_every_place_that_is_compared():
     assert made_up.refined[:3] == [0.0, APART_M, 2 * APART_M]
     assert made_up.refined[3:5] == [0.0, APART_M]
     assert all(candidate.registration.twist is not None for candidate in found)
-    assert all(one is not None for one in deskewed_by)  # each place by its own motion
-    assert len(deskewed_by) >= len(found)
+    assert np.array_equal(timed.deskewed_by, np.tile(MOTION, (len(timed.deskewed_by), 1)))
+    assert len(timed.deskewed_by) >= len(found)
     assert len(views) >= 3
     assert all(view is not None for view in views)
     sparse_again = [*made_up.refined]
     search.run(standing_at([]))
     assert made_up.refined == [*sparse_again, *sparse_again[3:]]  # only the places that are refined again
+
+
+def test_a_skewed_scan_is_not_moved_to_a_minimum_that_only_a_skewed_scan_has():
+    """Beside each place stands a better minimum for the scan as it was taken."""
+
+    class Moving(MadeUpMap):
+        def align(self, scan, starts):
+            self.is_deskewed = scan.is_deskewed
+            return super().align(scan, starts)
+
+        def align_fine(self, scan, starts, *, twist=None):
+            self.started_with.append(twist)
+            found = super().align_fine(replace(scan, is_deskewed=True), starts)
+            return replace(found, twist=np.tile(MOTION, (len(starts), 1)))
+
+        def _score(self, T):
+            return self.scores[number_of(T)] if self.is_deskewed else super()._score(T)
+
+    made_up = Moving([0.9, 0.85], [0.0] * 2, better_beside={0: 0.97, 1: 0.96})
+    made_up.started_with = []
+    index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
+    timed = MadeUpScan(np.zeros(3))
+    prepared = SimpleNamespace(spots=1, sparse=timed, dense=timed, scans=(SCAN,))
+    found = HypothesisSearch(index, prepared).run(standing_at([0.0, APART_M]))
+    assert [one.registration.T_level_sensor[0, 3] for one in found] == [0.0, APART_M]
+    assert [one.registration.alignment_score for one in found] == [0.9, 0.85]
+    assert np.array_equal(made_up.started_with[-1], np.tile(MOTION, (2, 1)))  # each with its own motion
+
+
+def test_candidates_with_a_motion_are_compared_with_poses_in_motion():
+    """A skewed scan lies askew where it is aligned rigidly: known aliases stand where the sensor would be."""
+    moved_m = 0.5
+
+    class Moving(MadeUpMap):
+        def align_fine(self, scan, starts, *, twist=None):
+            found = super().align_fine(scan, starts)
+            there = starts.copy()
+            there[:, 0, 3] += moved_m
+            return replace(found, T_level_sensor=there, twist=np.tile(MOTION, (len(starts), 1)))
+
+    made_up = Moving([0.9, 0.85], [0.0] * 2)
+    index = MapIndex(EngineConfig(), NEVER_SURE, None, made_up, made_up)
+    timed = MadeUpScan(np.zeros(3))
+    search = HypothesisSearch(index, SimpleNamespace(spots=1, sparse=timed, dense=timed, scans=(SCAN,)))
+    search.run(standing_at([0.0]))
+    assert len(search.untried(standing_at([0.0, moved_m]))) == 1
+    untried = search.untried(standing_at([0.0, moved_m]), MOTION)
+    assert untried.T_level_sensor[:, 0, 3].tolist() == [0.0]
+    before = len(timed.deskewed_by)
+    search.run(standing_at([APART_M]), MOTION)
+    assert np.array_equal(timed.deskewed_by[before], MOTION)  # the new one is aligned deskewed

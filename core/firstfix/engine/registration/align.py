@@ -198,15 +198,28 @@ class MapSurface:
         )
 
     def align_fine(
-        self, scan: Surface, T_level_sensor: NDArray[np.float64], iterations: int = _FINE_ITERATIONS
+        self,
+        scan: Surface,
+        T_level_sensor: NDArray[np.float64],
+        iterations: int = _FINE_ITERATIONS,
+        *,
+        twist: NDArray[np.float64] | None = None,
     ) -> Registrations:
         """Aligns on the map's own points until nothing moves, from (k, 4, 4) aligned poses.
 
         Where the times of the scan's points are known, the motion during the scan is solved too.
+
+        Args:
+            scan: as it was taken, not deskewed.
+            twist: (k, 6) with which the motion begins, if it is solved: that by which the scan was deskewed
+                where the poses were aligned. None: at rest.
         """
         reach_m, half_angle = self.config.fine_distance_m, self.ranking.fine_angle
         if scan.time_s is not None:
-            return self._align_moving(scan, scan.time_s, T_level_sensor, iterations, reach_m, half_angle)
+            twist = np.zeros((len(T_level_sensor), 6)) if twist is None else twist
+            return self._align_moving(
+                scan, scan.time_s, T_level_sensor, twist, iterations, reach_m, half_angle
+            )
         return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, half_angle)
 
     def faced_information(self, scan: Surface, registration: Registration) -> NDArray[np.float64]:
@@ -246,6 +259,7 @@ class MapSurface:
         scan: Surface,
         time_s: NDArray[np.float32],
         T_start: NDArray[np.float64],
+        twist_start: NDArray[np.float64],
         iterations: int,
         reach_m: float,
         half_angle: float,
@@ -257,6 +271,7 @@ class MapSurface:
             scan.oriented,
             time_s,
             T_start,
+            twist_start,
             np.array(self.ranking.twist_scale),
             iterations,
             reach_m,

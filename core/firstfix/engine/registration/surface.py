@@ -82,14 +82,17 @@ class Surface:
     def deskewed(self, twist: NDArray[np.float64] | None) -> Surface:
         """Surface of a scan as it would have been seen at its stamp. None, or no times, changes nothing.
 
-        The normals stay: in the time of a scan they turn less than they are noisy.
-
         Args:
             twist: (6,) m/s then rad/s, in the sensor frame.
         """
         if twist is None or self.time_s is None:
             return self
-        return replace(self, points=native.deskew(self.points, self.time_s, twist))
+        turn = np.concatenate([np.zeros(3), twist[3:]])
+        return replace(
+            self,
+            points=native.deskew(self.points, self.time_s, twist),
+            normals=native.deskew(self.normals, self.time_s, turn),
+        )
 
     def thinned(self, voxel_m: float) -> Surface:
         """Surface of the mean point of every voxel, one for each main direction of its normals."""

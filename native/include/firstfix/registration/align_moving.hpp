@@ -126,6 +126,13 @@ inline void pose_information(const double* hessian, Matrix6& information) {
   }
 }
 
+// Shortens a vector to what each axis of any frame may have. Rounding as the frame is turned does not exceed it either.
+inline void limit(double* vector, double most) {
+  const double length = std::sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]);
+  if (length <= most) return;
+  for (int k = 0; k < 3; ++k) vector[k] *= most * (1 - 1e-9) / length;
+}
+
 // Turns a twist by R, the rotation of a pose (4, 4), or by its inverse.
 inline void turn_twist(const PoseMatrix& T, bool inverse, const Vector6& twist, Vector6& turned) {
   for (int half = 0; half < 6; half += 3) {
@@ -142,14 +149,14 @@ inline void turn_twist(const PoseMatrix& T, bool inverse, const Vector6& twist, 
 //
 // finder: of scan.seen(). scale: (6,) of the twist about 0, linear then angular, along the level axes: a tiny one keeps an axis still. The prior is
 // Cauchy's: it keeps a standing sensor still, and does not hold a fast one back.
-// T_level_sensor: the start, then the aligned pose at time 0. twist: of the sensor, linear then angular, in the
-// sensor frame; it starts at 0. information: of the pose, over rotation then translation. Returns whether pose and twist came to
-// rest within the iterations.
+// T_level_sensor: the start, then the aligned pose at time 0. twist: the start, then that of the sensor, linear then angular, in
+// the sensor frame: 0, or what is known of it. The prior is about rest whatever the start. information: of the pose, over rotation
+// then translation. Returns whether pose and twist came to rest within the iterations.
 inline bool align_moving(PairFinder& finder, MovingScan& scan, const AlignParameters& parameters, const Vector6& scale,
                          PoseMatrix& T_level_sensor, Vector6& twist, Matrix6& information) {
   const auto points = static_cast<double>(scan.seen().count);
-  Vector6 level_twist{}, prior{};  // linear then angular; prior: over rotation then translation
-  twist.fill(0);
+  Vector6 level_twist, prior{};  // linear then angular; prior: over rotation then translation
+  detail::turn_twist(T_level_sensor, false, twist, level_twist);
   scan.deskew(twist);
   MovingEquations equations;
   bool rests = false;
@@ -171,12 +178,14 @@ inline bool align_moving(PairFinder& finder, MovingScan& scan, const AlignParame
     double turned = 0, moved = 0, changed = 0;
     for (int k = 0; k < 3; ++k) {
       T_level_sensor[4 * k + 3] += step[3 + k];
-      level_twist[k] = std::min(std::max(level_twist[k] + step[9 + k], -kMaxLinearMS), kMaxLinearMS);
-      level_twist[3 + k] = std::min(std::max(level_twist[3 + k] + step[6 + k], -kMaxAngularRadS), kMaxAngularRadS);
+      level_twist[k] += step[9 + k];
+      level_twist[3 + k] += step[6 + k];
       turned = std::max(turned, std::fabs(step[k]));
       moved = std::max(moved, std::fabs(step[3 + k]));
       changed = std::max({changed, std::fabs(step[6 + k]), std::fabs(step[9 + k])});
     }
+    detail::limit(&level_twist[0], kMaxLinearMS);
+    detail::limit(&level_twist[3], kMaxAngularRadS);
     detail::turn_twist(T_level_sensor, true, level_twist, twist);
     scan.deskew(twist);
     rests = turned <= kStillRad && moved <= kStillM && changed <= kStillTwist;

@@ -27,7 +27,9 @@ def times_by_azimuth(points: np.ndarray) -> np.ndarray:
     return (-np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) * 0.1).astype(np.float32)
 
 
-def align_moving(grid: SurfaceGrid, scan: Surface, starts: np.ndarray, scale=TWIST_SCALE, **parameters):
+def align_moving(
+    grid: SurfaceGrid, scan: Surface, starts: np.ndarray, scale=TWIST_SCALE, twists=None, **parameters
+):
     return native.align_moving(
         grid.tables,
         scan.points,
@@ -35,6 +37,7 @@ def align_moving(grid: SurfaceGrid, scan: Surface, starts: np.ndarray, scale=TWI
         scan.oriented,
         scan.time_s,
         starts,
+        np.zeros((len(starts), 6)) if twists is None else twists,
         scale,
         inlier_distance_m=0.15,
         **{**FINE, **parameters},
@@ -71,7 +74,7 @@ def test_poses_and_twists_are_those_of_numpy(place: RecordedPlace, scale: np.nda
         scan = skewed(query.dense, TWIST)
         turn = Rotation.from_rotvec(rng.normal(0, 0.02, 3)).as_matrix()
         start = T @ make_transform(turn, rng.uniform(-0.1, 0.1, 3))
-        wanted, information, twist = reference.align_moving(grid, scan, start, scale, **FINE)
+        wanted, information, twist = reference.align_moving(grid, scan, start, np.zeros(6), scale, **FINE)
         found = align_moving(grid, scan, start[None], scale)
         metres, degrees = pose_error(wanted, found[0][0])
         assert metres < 0.003
@@ -84,13 +87,14 @@ def test_poses_and_twists_are_those_of_numpy(place: RecordedPlace, scale: np.nda
         assert abs(found[2] - score).max() < 1e-3
 
 
-def test_one_step_is_that_of_numpy(place: RecordedPlace):
+@pytest.mark.parametrize("known", [np.zeros(6), TWIST + 0.2], ids=["from rest", "from a twist"])
+def test_one_step_is_that_of_numpy(place: RecordedPlace, known: np.ndarray):
     query, T = place.scans[0]
     scan = skewed(query.dense, TWIST)
     wanted, information, twist = reference.align_moving(
-        place.surface.fine, scan, T, TWIST_SCALE, **{**FINE, "iterations": 1}
+        place.surface.fine, scan, T, known, TWIST_SCALE, **{**FINE, "iterations": 1}
     )
-    found = align_moving(place.surface.fine, scan, T[None], iterations=1)
+    found = align_moving(place.surface.fine, scan, T[None], twists=known[None], iterations=1)
     np.testing.assert_allclose(found[0][0], wanted, atol=1e-5)
     np.testing.assert_allclose(found[-1][0], twist, atol=1e-3)
     np.testing.assert_allclose(found[3][0], information, atol=1e-4 * np.abs(information).max())
@@ -162,6 +166,10 @@ def test_twists_and_scales_out_of_range_are_refused():
     for wrong in (np.full(6, np.nan), np.full(6, 101.0), np.array([0, 0, 0, 0, 0, 21.0])):
         with pytest.raises(ValueError, match="too fast"):
             native.deskew(scan.points, scan.time_s, wrong)
+        with pytest.raises(ValueError, match="too fast"):
+            align_moving(grid, scan, np.eye(4)[None], twists=wrong[None])
+    with pytest.raises(ValueError, match="differ in length"):
+        align_moving(grid, scan, np.eye(4)[None], twists=np.zeros((2, 6)))
     for wrong in (np.zeros(6), np.full(6, np.nan), -np.ones(6)):
         with pytest.raises(ValueError, match="not positive"):
             align_moving(grid, scan, np.eye(4)[None], wrong)
