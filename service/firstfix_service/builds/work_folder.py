@@ -84,15 +84,18 @@ class WorkFolder:
         except BlockingIOError:
             os.close(handle)
             return Holder.read(lock)
-        said = json.dumps({"pid": os.getpid(), "store": store}).encode()
-        os.ftruncate(handle, 0)
-        os.pwrite(handle, said, 0)
-        claimant = uuid.uuid4().hex
-        with suppress(FileNotFoundError):
-            claimant = (path / "queue.id").read_text().strip() or claimant
-        part = path / ".queue.id.part"
-        part.write_text(claimant)
-        part.replace(path / "queue.id")
+        try:
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, json.dumps({"pid": os.getpid(), "store": store}).encode(), 0)
+            claimant = uuid.uuid4().hex
+            with suppress(FileNotFoundError):
+                claimant = (path / "queue.id").read_text().strip() or claimant
+            part = path / ".queue.id.part"
+            part.write_text(claimant)
+            part.replace(path / "queue.id")
+        except OSError:  # a full disk
+            os.close(handle)
+            raise
         return cls(path, handle, claimant)
 
     @classmethod

@@ -193,6 +193,16 @@ def test_a_service_that_runs_no_builds_says_so_of_those_that_wait(tmp_path: Path
     assert (ended["state"], ended["waits_for"]) == ("succeeded", None)
 
 
+def test_a_folder_that_cannot_be_written_is_given_back(tmp_path: Path):
+    (tmp_path / ".queue.id.part").mkdir()
+    with pytest.raises(IsADirectoryError):
+        WorkFolder.take(tmp_path, "a")
+    (tmp_path / ".queue.id.part").rmdir()
+    found = WorkFolder.take(tmp_path, "a")
+    assert isinstance(found, WorkFolder)
+    found.release()
+
+
 def test_who_has_the_folder_stands_in_its_lock(tmp_path: Path):
     assert Holder.read(tmp_path / "none") == Holder()
     (tmp_path / "odd").write_text('{"pid": "x"}')
