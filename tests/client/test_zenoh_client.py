@@ -280,7 +280,7 @@ def test_a_config_file_is_read(router, replica, tmp_path):
 
 def test_without_zenoh_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "zenoh", None)
-    with pytest.raises(ModuleNotFoundError, match=r"firstfix\[zenoh\]"):
+    with pytest.raises(ModuleNotFoundError, match=r"clients/python\[zenoh\]"):
         ZenohClient("tcp/localhost:7447")
 
 

@@ -101,7 +101,6 @@ class BuildStatus:
         """Reads the service's JSON."""
         error = data.get("error") or {}
         version, provisional = data.get("version"), data.get("provisional_version")
-        waits_for = data.get("waits_for")
         return cls(
             build_id=build_id,
             map_id=str(data.get("map_id", "")),
@@ -115,7 +114,7 @@ class BuildStatus:
             stages=tuple(dict(stage) for stage in data.get("stages", ())),
             activated=data.get("activated", version is not None) is True,
             findings=tuple(Finding.from_mapping(one) for one in data.get("findings", ())),
-            waits_for=None if waits_for is None else str(waits_for),
+            waits_for=data.get("waits_for"),
         )
 
 

@@ -202,8 +202,8 @@ class ZenohClient(MapCalls, BuildCalls):
         return work(lambda: self.descriptor_parameters(map_id))
 
     def _settings(self, endpoint: str | None, config: Path | str | None) -> Any:
-        if not isinstance(config, (str, Path, type(None))):  # its text may hold a password
-            raise InvalidOption(f"zenoh config is the path of a file, not {type(config).__name__}")
+        if not isinstance(config, (str, Path, type(None))):
+            raise InvalidOption("zenoh config: not the path of a file")  # its text may hold a password
         try:
             settings = self._zenoh.Config() if config is None else self._zenoh.Config.from_file(str(config))
             settings.insert_json5("transport/link/rx/max_message_size", str(MAX_MESSAGE_BYTES))

@@ -41,7 +41,10 @@ def search_by(monkeypatch, clock):
         cascade = SimpleNamespace(templates=range(5000))
         index = SimpleNamespace(config=EngineConfig(), calibration=Calibration(), cascade=cascade)
         search = MapSearch(
-            index, SimpleNamespace(scans=("scan",)), options, Stopwatch(options.deadline_from(100.0))
+            index,
+            SimpleNamespace(scans=("scan",), sparse=SimpleNamespace(time_s=None)),
+            options,
+            Stopwatch(options.deadline_from(100.0)),
         )
 
         def note(step: Step) -> None:

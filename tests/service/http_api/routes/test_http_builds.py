@@ -12,6 +12,7 @@ import pytest
 from service_world import Service, running_service
 
 from firstfix.builds.records import new_status
+from firstfix_service.builds.queue import NOBODY_BUILDS
 from waiting import LIMIT_S, wait_until
 
 
@@ -80,7 +81,8 @@ def test_events_until_the_end(recorder: Service):
         assert response.headers["cache-control"] == "no-store"
         lines = response.iter_lines()
         found = events(lines)
-        assert next(found) == ("progress", {"build_id": "b1", **new_status("queued", map_id="hall")})
+        queued = {"build_id": "b1", **new_status("queued", map_id="hall"), "waits_for": NOBODY_BUILDS}
+        assert next(found) == ("progress", queued)
         worker = threading.Thread(target=work)
         worker.start()
         rest = []
