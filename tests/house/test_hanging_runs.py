@@ -213,7 +213,7 @@ def test_a_run_ends_at_its_limit_with_names_and_stacks(folder: Path, options: li
 
 
 def test_stacks_of_two_workers_are_not_mixed(folder: Path):
-    """Workers printed into one pipe, 2 s apart: one that was late on a busy machine tore the lines of another.
+    """Workers printed into one pipe, 2 s apart: one that was late on a busy machine tore another's lines.
 
     Now each prints into a file of its own, which the controller prints once the worker has ended.
     """
