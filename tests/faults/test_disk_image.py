@@ -19,8 +19,8 @@ HOLD_S = 0.5
 def test_power_is_back_though_a_container_held_the_mount(tmp_path: Path):
     """A process with mounts of its own has a copy of this mount until it ends.
 
-    It ended by its own clock, on a busy machine before its mounts were looked at. Now it ends once the disk is
-    unmounted here.
+    It ended by its own clock, on a busy machine before its mounts were looked at. Now it ends once the disk
+    is unmounted here.
     """
     if why := why_no_images():
         pytest.skip(why)
