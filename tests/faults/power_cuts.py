@@ -131,7 +131,7 @@ def _not_serving(deployment: Deployment) -> list[str]:
 
 
 def is_another(active: Callable[[], str | None], shown: Callable[[], str | None]) -> bool:
-    """Whether another version than the active one is shown.
+    """Returns whether another version than the active one is shown.
 
     A build that goes on after the cut may activate its version between the two looks. Then both look again.
     """
