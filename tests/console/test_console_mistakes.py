@@ -1,7 +1,4 @@
-"""The console in a real browser: what it must not let a person believe, and what nobody may do by one click.
-
-Only four files have its tests: each worker of pytest that has one starts a browser and a service.
-"""
+"""The console in a real browser: what it lets nobody believe, and what nobody may do by one click."""
 
 from __future__ import annotations
 
@@ -364,6 +361,16 @@ def test_what_is_not_accessible_is_found(page):
     page.js("document.querySelector('main').append(document.createElement('button'))")
     assert any(one.startswith("button-name: <button>") for one in violations(page))
     page.js("document.querySelector('main > button:last-child').remove()")
+    page.prefers("dark")
+    assert violations(page, of_colours=True) == []
+    page.js(
+        "{ const faint = document.createElement('p'); faint.textContent = 'faint';"
+        " faint.style.color = 'light-dark(#000, #333)'; document.querySelector('main').append(faint); }"
+    )
+    assert any(one.startswith("color-contrast: <p ") for one in violations(page, of_colours=True))
+    page.prefers("light")
+    assert violations(page) == []
+    page.js("document.querySelector('main > p:last-child').remove()")
 
 
 # A phone

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
-from harness.dead_workers import OF_THE_ENGINE, pytest_collection_modifyitems
+from harness.dead_workers import OF_THE_ENGINE, FilesOfTheDead, pytest_collection_modifyitems
 from waiting import LIMIT_S, wait_until
 
 TESTS = Path(__file__).parents[1]
@@ -146,6 +146,15 @@ def test_the_engine_s_tests_begin_first():
     items = [SimpleNamespace(nodeid=name) for name in names]
     pytest_collection_modifyitems(items)
     assert [item.nodeid for item in items] == [names[1], names[3], names[0], names[2]]
+
+
+def test_the_console_s_tests_share_a_worker():
+    worker_of = object.__new__(FilesOfTheDead)._split_scope
+    files = [path for path in (TESTS / "console").glob("test_*.py") if "world" in path.read_text()]
+    assert len(files) > 1
+    assert len({worker_of(f"tests/console/{path.name}::test_x") for path in files}) == 1
+    alone = "tests/console/test_page_units.py"
+    assert worker_of(f"{alone}::test_x") == alone
 
 
 def test_a_worker_that_is_killed_holds_up_nobody_and_leaves_nothing(folder: Path):
