@@ -20,8 +20,6 @@ from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.commands.localize import lines_of
 from firstfix_cli.main import run
 
-pytestmark = pytest.mark.slow
-
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 TUTORIALS = {name: (DOCS / "tutorials" / f"{name}.md").read_text() for name in ("your-own-map", "ambiguous")}
 POSE = make_transform(rotation_z(-1.0), [-7.7, 1.8, 1.0])

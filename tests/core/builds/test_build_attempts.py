@@ -16,8 +16,6 @@ from firstfix.errors import BuildAttemptsExceeded
 from firstfix.store.store import Store
 from waiting import let_pass, wait_until
 
-pytestmark = pytest.mark.slow
-
 LONG_S, SHORT_S = 3000.0, 3.0  # leases: one that does not run out in a test, and one that does
 
 

@@ -21,8 +21,6 @@ from firstfix.maintenance.garbage import Ages, collect_garbage
 from firstfix.store.store import Store
 from frequent_snapshots import EVERY
 
-pytestmark = pytest.mark.slow
-
 MADE_ANEW = ("stages/1/a", "uploads/1/a", "idempotency/a", "samples/a.body", "changes/00000001.json")
 
 
