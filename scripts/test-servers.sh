@@ -59,7 +59,7 @@ have() { local name; for name in "$@"; do command -v "$name" >/dev/null || retur
 
 build versitygw github.com/versity/versitygw/cmd/versitygw@v1.8.0
 have mosquitto || [ -x /usr/sbin/mosquitto ] || system_packages "the tests of VDA 5050" mosquitto
-have chromium || system_packages "the console's tests" chromium
+have chromium-headless-shell || have chromium || system_packages "the console's tests" chromium-headless-shell
 { have cmake c++ make pkg-config && pkg-config --exists libzstd libcurl libcrypto nlohmann_json; } ||
   system_packages "the C++ client's tests" \
     cmake g++ make pkg-config libzstd-dev libcurl4-openssl-dev libssl-dev nlohmann-json3-dev

@@ -5,8 +5,6 @@ import pytest
 from benchmarks.scale.extent import EXTENTS, QUICK
 from benchmarks.scale.spent import read_cost, spent
 
-pytestmark = pytest.mark.slow
-
 
 def test_what_was_spent_before_a_kill_counts(tmp_path):
     cost = tmp_path / "stage.json"

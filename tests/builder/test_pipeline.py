@@ -20,8 +20,6 @@ from firstfix.store.store import Store
 from firstfix_builder.pipeline import build_version
 from small_world import COARSE_CONFIG
 
-pytestmark = pytest.mark.slow
-
 # A process for each build, forked from one that has imported what they need. Prints how each of them ended.
 BUILD_AND_DIE = """
 import json, os, sys
@@ -54,6 +52,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_a_build_killed_in_every_stage_ends_with_the_same_digest(small_map, coarse_version, tmp_path):
     script = tmp_path / "build_and_die.py"
     script.write_text(BUILD_AND_DIE)
@@ -204,6 +203,7 @@ def test_a_config_file_is_yaml_or_json(tmp_path: Path):
         BuildConfig.from_file(tmp_path / "c.yaml")
 
 
+@pytest.mark.slow
 def test_sessions_stand_in_the_manifest(small_world, tmp_path):
     rng = np.random.default_rng(2)
     corner = small_world.vertices[small_world.triangles]  # (t, 3, 3)

@@ -39,8 +39,6 @@ from firstfix_builder.job.reporter import BuildReporter
 from firstfix_builder.job.run_build import run_build
 from waiting import LIMIT_S, let_pass, wait_until
 
-pytestmark = pytest.mark.slow
-
 STAGES = ("one", "two")
 
 
@@ -441,6 +439,7 @@ def test_an_object_elsewhere_on_the_same_server_is_a_source(s3_url: str, tmp_pat
         assert place.catalog.build_status(build_id)["error"]["code"] == code
 
 
+@pytest.mark.slow
 def test_the_command_line_with_the_real_pipeline(place: Place) -> None:
     def run(*arguments: str) -> int:
         command = [sys.executable, "-m", "firstfix_builder.worker", "--store", place.url, *arguments]

@@ -164,12 +164,11 @@ def test_nobody_there_is_said_so():
 
 
 def test_a_service_that_comes_up_in_time_is_reached():
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        address = listener.getsockname()
+    port = free_port()  # one that the kernel gave could be another's before the service comes up
 
     def answer_once() -> None:
         let_pass(0.4)
-        with socket.create_server(address) as late:
+        with socket.create_server(("127.0.0.1", port)) as late:
             connection, _ = late.accept()
             with connection:
                 connection.recv(65_536)
@@ -178,7 +177,7 @@ def test_a_service_that_comes_up_in_time_is_reached():
     thread = threading.Thread(target=answer_once, daemon=True)
     thread.start()
     retry = RetryPolicy(attempts=10_000, first_wait_s=0.05, max_wait_s=0.05)
-    assert Client(f"http://127.0.0.1:{address[1]}", retry=retry, timeout_s=LIMIT_S).maps() == []
+    assert Client(f"http://127.0.0.1:{port}", retry=retry, timeout_s=LIMIT_S).maps() == []
     thread.join(LIMIT_S)
 
 

@@ -59,7 +59,7 @@ def main() -> None:
 
 def first_view_s(browser: Browser, origin: str, view: str, shown: str, chosen: argparse.Namespace) -> float:
     """Returns the seconds from the page's request until the view is there, by the browser's own clock."""
-    with browser.page(origin) as page:
+    with browser.page(origin, is_first_visit=True) as page:
         page.call("Network.setCacheDisabled", cacheDisabled=True)
         page.call("Emulation.setCPUThrottlingRate", rate=chosen.slowed)
         if chosen.mbit:

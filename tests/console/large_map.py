@@ -88,7 +88,7 @@ def main() -> None:
         ):
             service.catalog.publish(MAP, drawn, Manifest.for_directory(drawn))
             origin = f"http://{HOST}:{service.url.rpartition(':')[2]}"
-            with browser.page(origin) as page:
+            with browser.page(origin, is_first_visit=True) as page:
                 print(json.dumps(measured(browser, page, chosen.layers), indent=2))
                 page.map_picture()
 

@@ -42,6 +42,8 @@ _KEYS = {
     "ArrowDown": ("ArrowDown", 40, ""),
 }
 _SHIFT = 8
+_LOOK_MS = 40  # from one look of a waiting page to the next
+_LOOKS_MS = 2000  # until it says that there is nothing yet
 Picture = NDArray[np.uint8]  # (h, w, 3)
 
 
@@ -108,8 +110,17 @@ class Page:
         self.until(f"!!find({json.dumps(selector)}, {json.dumps(words)})", f"{selector} {words!r}")
 
     def until(self, expression: str, what: str = "") -> None:
+        """Waits until an expression holds. The page looks itself: to be asked costs it more than to look."""
+        looks = (
+            f"(async () => {{ const end = performance.now() + {_LOOKS_MS};"
+            f" for (;;) {{ if ({expression}) return true; if (performance.now() > end) return false;"
+            f" await new Promise((next) => setTimeout(next, {_LOOK_MS})); }} }})()"
+        )
+        self._wait(lambda: self.js(looks), what or expression)
+
+    def _wait(self, condition: Callable[[], object], what: str) -> None:
         try:
-            wait_until(lambda: self.js(expression), LIMIT_S, what or expression)
+            wait_until(condition, LIMIT_S, what)
         except AssertionError as error:
             raise AssertionError(f"{error}; {self.problems}; the page says: {self.text()[:2000]}") from None
 
@@ -135,9 +146,10 @@ class Page:
         """Opens an address below the console, "#/maps/hall" for instance, as from a link in a message."""
         self.call("Page.navigate", url="about:blank")
         self.call("Page.navigate", url=f"{self.origin}/console/{address}")
-        self.until(
+        there = (
             "document.readyState === 'complete' && !!globalThis.find && !!document.querySelector('#app *')"
         )
+        self._wait(lambda: self.js(there), address)  # asked again and again: a page that looks may be left
 
     def click(self, selector: str, words: str = "") -> None:
         """Clicks an element once it rests; again, if it has moved away from under the mouse all the same."""

@@ -1,7 +1,4 @@
-"""The console in a real browser: the page of a map. Is it good, what is on it, and can it be read?
-
-Only four files have its tests: each worker of pytest that has one starts a browser and a service.
-"""
+"""The console in a real browser: the page of a map. Is it good, what is on it, and can it be read?"""
 
 from __future__ import annotations
 
@@ -18,8 +15,6 @@ from firstfix_client import Client
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow
-
-HEAT = ((229, 72, 77), (255, 197, 61), (48, 164, 108))  # none, half, all
 
 
 def test_a_map_says_first_whether_it_is_good_and_what_was_found(page, world, small_version, coarse_version):
@@ -78,17 +73,6 @@ def test_what_real_scans_showed_is_beside_the_simulated_ones(page, world, small_
     page.wait("[aria-label='Is it good?'] details", kept)
     page.map_picture()  # all of it is there before the map goes
     assert world.service.http.delete("/maps/of_scans", headers=world.headers("admin")).is_success
-
-
-def test_the_heat_of_a_map_has_a_legend(page, world):
-    page.open("#/maps/yard?layers=")
-    before = page.map_picture()
-    page.click("[aria-label='Is it good?'] button", "Show where it is good")
-    page.wait("[aria-label='Colours of the places']", "half")
-    wait_until(lambda: difference(before, page.map_picture()) > 0.1)
-    legend = page.picture(".legend-of-heat .heat")
-    assert all(pixels_of(legend, colour, 16) > 0 for colour in HEAT)
-    page.until("location.hash.includes('layers=localizability')")
 
 
 def test_places_mapped_in_part_are_crossed_in_the_heat(page, world, small_version):

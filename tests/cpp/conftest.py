@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from cpp_build import REPO, SANITISED, Build, build, require_toolchain
+from cpp_build import OPTIMISED, REPO, SANITISED, Build, build, require_toolchain
 
 from once_a_run import OnceARun
 
@@ -17,11 +17,18 @@ OPTIMISED_FOLDER, SANITISED_FOLDER = REPO / "build/cpp-optimised", REPO / "build
 
 
 @pytest.fixture(scope="session")
-def optimised(once_a_run: OnceARun) -> Build:
-    """The library, the example and the tests with optimisation, as on a robot. Every warning is an error."""
+def optimised_tests(once_a_run: OnceARun) -> Build:
+    """The tests alone with optimisation, as on a robot. Every warning is an error."""
     require_toolchain()
-    once_a_run.folder("cpp-optimised", lambda folder: build(OPTIMISED_FOLDER, "-O1"))
+    once_a_run.folder("cpp-tests", lambda folder: build(OPTIMISED_FOLDER, OPTIMISED, "firstfix_tests"))
     return Build(OPTIMISED_FOLDER)
+
+
+@pytest.fixture(scope="session")
+def optimised(optimised_tests: Build, once_a_run: OnceARun) -> Build:
+    """With them the library and the example."""
+    once_a_run.folder("cpp-optimised", lambda folder: build(OPTIMISED_FOLDER, OPTIMISED))
+    return optimised_tests
 
 
 @pytest.fixture(scope="session")

@@ -16,6 +16,7 @@ from waiting import LIMIT_S
 REPO = Path(__file__).resolve().parents[2]
 
 LIBRARIES = ("libzstd", "libcurl", "libcrypto", "nlohmann_json")
+OPTIMISED = "-O1"
 SANITISED = "-O0 -fsanitize=address,undefined -fno-sanitize-recover=all"
 
 

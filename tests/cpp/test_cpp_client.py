@@ -21,8 +21,6 @@ from clients.conformance.generate import FOLDER
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.errors import DescriptorMismatch, Overloaded
 
-pytestmark = pytest.mark.slow
-
 PLACE = {"latitude_deg": 47.05, "longitude_deg": 8.3, "height_m": 480.0, "x_axis_deg": 0.0}
 POINTS = 1000  # of the scan that the program sends
 
@@ -35,7 +33,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
         yield running
 
 
-@pytest.mark.parametrize("kind", ["optimised", "sanitised"])
+@pytest.mark.parametrize("kind", ["optimised_tests", pytest.param("sanitised", marks=pytest.mark.slow)])
 def test_the_golden_vectors(kind: str, request: pytest.FixtureRequest):
     done = request.getfixturevalue(kind).run("firstfix_tests", "conformance", FOLDER)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -43,6 +41,7 @@ def test_the_golden_vectors(kind: str, request: pytest.FixtureRequest):
     assert f"{count} passed, 0 failed" in done.stdout
 
 
+@pytest.mark.slow
 def test_a_wrong_vector_is_seen(sanitised: Build, tmp_path: Path):
     index = json.loads((FOLDER / "index.json").read_text())
     expected = [vector for vector in index["vectors"] if "body" in vector["expected"]][:2]
@@ -55,11 +54,13 @@ def test_a_wrong_vector_is_seen(sanitised: Build, tmp_path: Path):
     assert "0 passed, 2 failed" in done.stdout
 
 
+@pytest.mark.slow
 def test_damaged_bytes_and_senseless_calls_are_errors(sanitised: Build):
     done = sanitised.run("firstfix_tests", "hostile", FOLDER)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["scan.xyz", "scan.pcd", "text.pcd"])
 def test_the_example_localizes_a_file(optimised: Build, service: Service, tmp_path: Path, name: str):
     points = np.random.default_rng(0).uniform(-9, 9, (70, 3)).astype("<f4")
@@ -79,6 +80,7 @@ def pcd(points: np.ndarray, text: bool) -> bytes:
     return head + b"".join(struct.pack("<H3f", 3, *point) for point in points.tolist())
 
 
+@pytest.mark.slow
 def test_files_of_no_use_are_errors(optimised: Build, service: Service, tmp_path: Path):
     for name, content in {
         "cut.pcd": pcd(np.ones((5, 3), np.float32), False)[:-1],
@@ -95,6 +97,7 @@ def test_files_of_no_use_are_errors(optimised: Build, service: Service, tmp_path
         )
 
 
+@pytest.mark.slow
 def test_every_form_of_a_query_is_answered(sanitised: Build, service: Service):
     def call(name: str, map_id: str = "hall") -> str:
         return sanitised.run("firstfix_tests", "calls", service.url, name, map_id, 20).stdout.strip()
@@ -112,6 +115,7 @@ def test_every_form_of_a_query_is_answered(sanitised: Build, service: Service):
     assert call("scan", "../maps?x=1&") == "error invalid_option"
 
 
+@pytest.mark.slow
 def test_a_geographic_pose(sanitised: Build, service: Service):
     def call() -> str:
         return sanitised.run("firstfix_tests", "calls", service.url, "geopose", "hall", 20).stdout
@@ -124,6 +128,7 @@ def test_a_geographic_pose(sanitised: Build, service: Service):
     assert longitude == pytest.approx(8.3, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_errors_of_the_service_keep_their_code(sanitised: Build, tmp_path: Path):
     behaviour = Behaviour(raises=DescriptorMismatch("other parameters"))
     with running_service(tmp_path, zenoh=False, behaviour=behaviour) as running:
@@ -164,6 +169,7 @@ REJECTED = json.dumps(Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
 BUSY = json.dumps({"code": Overloaded.code, "detail": "full"}).encode()
 
 
+@pytest.mark.slow
 def test_a_busy_service_is_asked_again(sanitised: Build):
     with answering((503, {"Retry-After": "0"}, BUSY), (502, {}, b"<html>"), (200, {}, REJECTED)) as (
         url,
@@ -181,6 +187,7 @@ def test_a_busy_service_is_asked_again(sanitised: Build):
     assert key == "Bearer ffx_secret"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("answer", "code", "times"),
     [
@@ -198,6 +205,7 @@ def test_what_is_worth_no_other_try(sanitised: Build, answer, code: str, times: 
     assert len(asked) == times
 
 
+@pytest.mark.slow
 def test_nobody_there_and_nobody_in_time(sanitised: Build, service: Service, tmp_path: Path):
     def call(url: str) -> str:
         return sanitised.run("firstfix_tests", "calls", url, "scan", "hall", 5).stdout
@@ -213,6 +221,7 @@ def test_nobody_there_and_nobody_in_time(sanitised: Build, service: Service, tmp
         assert call(url) == "error invalid_option\n"
 
 
+@pytest.mark.slow
 def test_it_is_found_where_it_was_installed(optimised: Build, tmp_path: Path):
     subprocess.run(["cmake", "--install", optimised.folder, "--prefix", tmp_path / "prefix"], check=True)
     (tmp_path / "CMakeLists.txt").write_text(

@@ -27,8 +27,6 @@ from firstfix_builder.simulation.simulate import Simulator
 from small_world import COARSE_CONFIG, SENSOR
 from storey_world import ROOMS_X, pose, scan_at, storey
 
-pytestmark = pytest.mark.slow
-
 HEAD_DOWN = np.diag([1.0, -1.0, -1.0])
 ON_ITS_SIDE = Rotation.from_euler("x", 90, degrees=True).as_matrix()
 NOSE_DOWN = Rotation.from_euler("y", 90, degrees=True).as_matrix()

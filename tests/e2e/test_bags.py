@@ -18,8 +18,6 @@ from firstfix_builder.simulation.simulate import Simulator
 from firstfix_cli.bags.replay import Replay, replay
 from ros_samples import BAG_KINDS, cloud_of_points, stores_of, write_bag
 
-pytestmark = pytest.mark.slow
-
 S = 10**9
 BASE_LIDAR = from_quaternion([0.2, 0.0, 0.7], [0, 0, 0.6, 0.8])
 
@@ -124,6 +122,7 @@ HALL_POSES = np.array(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["ros1.bag", "ros2_mcap", "ros2_sqlite3"])
 def test_the_real_bags_localize_in_the_hall(hall_localizer: Localizer, ending: str):
     path = SHARED / "formats" / "converted" / f"hall_3scans_pointcloud2.{ending}"

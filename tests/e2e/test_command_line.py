@@ -14,16 +14,12 @@ import numpy as np
 import pytest
 import yaml
 
+from commands import Said, firstfix
 from firstfix.transform import quaternion_of
 from firstfix.wire import scan as wire
 from firstfix_cli.local_service import LocalService, local_service
-from small_world import CONFIG, SENSOR
+from small_world import CONFIG, SENSOR, begun_as
 from waiting import LIMIT_S
-
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.timeout(1200),
-]  # a map is built by commands, each a process of its own
 
 PLACE = "yard"
 
@@ -38,22 +34,25 @@ class Shop:
     service: LocalService
 
 
-def firstfix(*arguments: object, code: int = 0) -> str:
-    """Runs a command, checks its exit code and returns its output."""
+def in_a_process(*arguments: object, code: int = 0) -> Said:
+    """Runs a command as a process of its own and checks its exit code."""
     command = [sys.executable, "-m", "firstfix_cli.main", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=3 * LIMIT_S, check=False)
     assert done.returncode == code, done.stderr
-    return done.stdout
+    return Said(done.stdout, done.stderr)
 
 
 @pytest.fixture(scope="module")
-def shop(small_map, small_scans, tmp_path_factory) -> Iterator[Shop]:
+def shop(small_map, small_scans, small_version, tmp_path_factory) -> Iterator[Shop]:
     root = tmp_path_factory.mktemp("shop")
+    # A command that understood the config otherwise would not go on from these stages.
+    begun_as(small_version, root / "work" / PLACE / "build")
     sensor, config, store = root / "sensor.yaml", root / "build.yaml", root / "store"
     sensor.write_text(yaml.safe_dump(SENSOR))
     config.write_text(yaml.safe_dump({name: CONFIG[name] for name in CONFIG if name != "sensor"}))
     arguments = ["--map-id", PLACE, "--store", store, "--work", root / "work", "--json"]
-    built = json.loads(firstfix("build", small_map, *arguments, "--sensor", sensor, "--config", config))
+    given = [*arguments, "--sensor", sensor, "--config", config]
+    built = json.loads(in_a_process("build", small_map, *given).out)
     with (root / "poses.csv").open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["scan", "tx", "ty", "tz", "qx", "qy", "qz", "qw"])
@@ -85,31 +84,32 @@ def test_a_build_says_what_it_made(shop, small_version):
 
 def test_the_map_is_there_and_active(shop):
     for way in ("http", "store"):
-        listed = json.loads(firstfix("maps", "ls", *ways(shop)[way], "--json"))
+        listed = json.loads(firstfix("maps", "ls", *ways(shop)[way], "--json").out)
         assert listed == {"maps": [{"map_id": PLACE, "active_version": shop.built["version"]}]}
     shown = [
-        json.loads(firstfix("maps", "show", PLACE, *ways(shop)[way], "--json")) for way in ("http", "store")
+        json.loads(firstfix("maps", "show", PLACE, *ways(shop)[way], "--json").out)
+        for way in ("http", "store")
     ]
     assert shown[0] == shown[1]
-    assert "self-test, 40 perturbed scans" in firstfix("maps", "show", PLACE, "--store", shop.store)
+    assert "self-test, 40 perturbed scans" in firstfix("maps", "show", PLACE, "--store", shop.store).out
 
 
 @pytest.mark.parametrize("way", ["http", "zenoh", "store"])
 def test_every_way_gives_the_same_fix(shop, small_scans, way):
     scan = shop.poses.parent / "07.ffscan"
-    answer = json.loads(firstfix("localize", scan, "--map", PLACE, *ways(shop)[way], "--json"))
+    answer = json.loads(firstfix("localize", scan, "--map", PLACE, *ways(shop)[way], "--json").out)
     assert answer["verdict"] == "localized"
     assert answer["map_version"] == shop.built["version"]
     assert np.linalg.norm(np.subtract(answer["T_map_sensor"]["position"], small_scans[7][1][:3, 3])) < 0.05
-    told = firstfix("localize", scan, "--map", PLACE, *ways(shop)[way])
+    told = firstfix("localize", scan, "--map", PLACE, *ways(shop)[way]).out
     assert told.startswith("localized, probability")
     assert f"version {shop.built['version'][:12]}" in told
 
 
 def test_a_hopeless_scan_is_rejected_with_its_exit_code(shop, tmp_path):
     np.save(tmp_path / "dust.npy", np.random.default_rng(0).normal(0, 0.3, (5000, 3)))
-    told = firstfix("localize", tmp_path / "dust.npy", "--map", PLACE, *ways(shop)["http"], code=4)
-    assert told.startswith("rejected")
+    told = in_a_process("localize", tmp_path / "dust.npy", "--map", PLACE, *ways(shop)["http"], code=4)
+    assert told.out.startswith("rejected")
 
 
 def test_an_evaluation_over_the_service_with_its_picture(shop, tmp_path):
@@ -117,7 +117,7 @@ def test_an_evaluation_over_the_service_with_its_picture(shop, tmp_path):
     told = firstfix(
         "evaluate", shop.poses, "--map", PLACE, *ways(shop)["http"], "--store", shop.store,
         "--random-yaw", 3, "--json", figures, "--plot", picture,
-    )  # fmt: skip
+    ).out  # fmt: skip
     assert "8 scans" in told
     report = json.loads(figures.read_text())
     assert report["n"] == 8
@@ -142,14 +142,7 @@ def test_zenoh_and_the_engine_agree_with_http(shop, tmp_path):
     assert reports[0]["median_error_m"] == pytest.approx(reports[2]["median_error_m"], abs=0.005)
 
 
-def test_the_service_process_is_gone_afterwards(small_map, tmp_path):
+def test_the_service_process_is_gone_afterwards(tmp_path):
     with local_service(tmp_path / "service", tmp_path / "store") as service:
-        assert firstfix("maps", "ls", "--url", service.url) == ""
-    assert "no answer from" in _stderr("maps", "ls", "--url", service.url, code=1)
-
-
-def _stderr(*arguments: object, code: int = 2) -> str:
-    command = [sys.executable, "-m", "firstfix_cli.main", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
-    assert done.returncode == code
-    return done.stderr
+        assert firstfix("maps", "ls", "--url", service.url).out == ""
+    assert "no answer from" in firstfix("maps", "ls", "--url", service.url, code=1).error

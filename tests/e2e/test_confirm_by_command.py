@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,10 +12,11 @@ import httpx
 import pytest
 import yaml
 
+from commands import firstfix
 from firstfix.transform import quaternion_of
 from firstfix_cli.local_service import local_service
 from firstfix_client import Client
-from small_world import CONFIG, SENSOR
+from small_world import CONFIG, SENSOR, begun_as
 from waiting import LIMIT_S, wait_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]  # two builds by a service
@@ -40,13 +38,11 @@ class Robots:
 
     def run(self, *arguments: object, code: int = 0) -> str:
         """Runs a command, checks its exit code and returns its output."""
-        command = [sys.executable, "-m", "firstfix_cli.main", *map(str, arguments)]
-        environment = os.environ | {"FIRSTFIX_URL": self.url, "FIRSTFIX_STORE": str(self.store)}
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=3 * LIMIT_S, check=False, env=environment
-        )
-        assert done.returncode == code, done.stderr
-        return done.stdout + done.stderr
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("FIRSTFIX_URL", self.url)
+            patch.setenv("FIRSTFIX_STORE", str(self.store))
+            said = firstfix(*arguments, code=code)
+        return said.out + said.error
 
     def kept(self) -> list[dict[str, Any]]:
         """The kept queries, oldest first."""
@@ -65,11 +61,13 @@ class Robots:
 
 
 @pytest.fixture(scope="module")
-def robots(small_map, small_scans, tmp_path_factory) -> Iterator[Robots]:
+def robots(small_map, small_scans, small_version, tmp_path_factory) -> Iterator[Robots]:
     root = tmp_path_factory.mktemp("robots")
     sensor, config = root / "sensor.yaml", root / "build.yaml"
     sensor.write_text(yaml.safe_dump(SENSOR))
-    config.write_text(yaml.safe_dump({name: CONFIG[name] for name in CONFIG if name != "sensor"}))
+    stages = {name: CONFIG[name] for name in CONFIG if name != "sensor"}
+    config.write_text(yaml.safe_dump({**stages, "provisional": False}))
+    begun_as(small_version, root / "service" / "work" / "build")
     poses = [",".join(map(str, [*T[:3, 3], *quaternion_of(T)])) for _, T in small_scans[:ASKED]]
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(root / "cache"))

@@ -11,8 +11,6 @@ from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import pose_error
 from storey_world import ROOMS_X, pose, scan_at, storey, storey_version
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def localizer(once_a_run):

@@ -19,8 +19,6 @@ from firstfix.errors import CorruptVersion
 from firstfix.transform import pose_error
 from storey_world import ROOMS_X, pose, scan_at, storey, storey_version
 
-pytestmark = pytest.mark.slow
-
 HERE, WRONG = pose(ROOMS_X[0], 0.3, 40), pose(ROOMS_X[1], 0.3, 40)
 
 

@@ -25,8 +25,6 @@ from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import COARSE_CONFIG, SENSOR
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def version(small_map, tmp_path_factory):

@@ -14,8 +14,6 @@ from firstfix.transform import pose_error
 from firstfix_builder.pipeline import build_version
 from small_world import CONFIG, SmallWorld
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def yard(small_version):

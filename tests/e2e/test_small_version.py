@@ -25,8 +25,6 @@ from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import SENSOR
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def localizer(small_version):

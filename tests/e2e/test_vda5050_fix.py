@@ -24,7 +24,6 @@ from firstfix_cli.vda5050_gateway.gateway import Gateway
 from servers import free_port, running_mosquitto
 from vda5050_vehicle import MANUFACTURER, SimulatedVehicle
 
-pytestmark = pytest.mark.slow
 MOUNTING = [0.3, 0.0, 0.8, 0.0, 0.0, 1.0, 0.0]  # it looks back
 
 

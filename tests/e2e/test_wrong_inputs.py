@@ -26,7 +26,7 @@ from firstfix_cli.local_service import LocalService, local_service
 from firstfix_cli.main import run
 from waiting import LIMIT_S
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = pytest.mark.timeout(600)
 
 TABLE = Path(__file__).with_name("wrong_inputs.json")
 MAP_POINTS = 250_000

@@ -7,11 +7,10 @@ from pathlib import Path
 import pytest
 
 from tests.faults.disk_image import why_no_images
-from tests.faults.power_cuts import power_cuts
-
-pytestmark = pytest.mark.slow
+from tests.faults.power_cuts import is_another, power_cuts
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_power_cuts_take_nothing_that_was_acknowledged(tmp_path: Path):
     if why := why_no_images():
@@ -22,3 +21,10 @@ def test_power_cuts_take_nothing_that_was_acknowledged(tmp_path: Path):
     for name in ("lost", "torn", "broken", "not_serving", "not_succeeded"):
         assert not figures[name], name
     assert figures["file_system_is_whole"]
+
+
+def test_a_version_that_a_build_activates_between_two_looks_is_not_taken_for_hidden():
+    active = iter(["old", "new", "new", "new"])
+    assert not is_another(lambda: next(active), lambda: "new")
+    assert is_another(lambda: "new", lambda: "old")
+    assert is_another(lambda: None, lambda: "old")

@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import socket
 import subprocess
 import sys
 import tempfile
@@ -213,7 +212,9 @@ def wait_until_shown(looker: Any, is_shown: bool) -> None:
 
 def run(root: Path, folder: Path, *, queries: int, false_tokens: int, late: bool) -> dict[str, Any]:
     """Returns a row for each of the stranger's ways, for what he sends again, and for his notices."""
-    ports = two_ports()
+    from tests.claimed import free_port
+
+    ports = [free_port(), free_port()]
     table: dict[str, Any] = {}
     with contextlib.ExitStack() as stack:
         service = Process(root, folder / "service.log", "serve", str(folder / "a"), *map(str, ports), "on")
@@ -289,14 +290,11 @@ def selector(key: str, parameters: dict[str, str]) -> Any:
     return zenoh.Selector(key, parameters)
 
 
-def two_ports() -> list[int]:
-    with socket.create_server(("127.0.0.1", 0)) as one, socket.create_server(("127.0.0.1", 0)) as two:
-        return [one.getsockname()[1], two.getsockname()[1]]
-
-
 def tell_lies(root: Path, folder: Path, lies: int = 3) -> dict[str, Any]:
     """Tells a watching robot of false versions; returns how many true changes it still reports."""
-    ports = two_ports()
+    from tests.claimed import free_port
+
+    ports = [free_port(), free_port()]
     endpoint = f"tcp/127.0.0.1:{ports[0]}"
     service = Process(root, folder / "service.log", "serve", str(folder / "b"), *map(str, ports), "off")
     watching = Process(root, folder / "watch.log", "watch", endpoint)

@@ -30,12 +30,17 @@ OF_THE_ENGINE = {
     "tests/robots/test_composed_gateway.py",
 }
 
+# One browser and one service for all of them.
+OF_THE_CONSOLE = "tests/console/test_console_"
+
 
 class FilesOfTheDead(LoadFileScheduling):
     """Files go to one worker each. What a dead one had not begun goes to another."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = super()._split_scope(nodeid)
+        if file.startswith(OF_THE_CONSOLE):
+            return "the console's"
         return "the engine's" if file in OF_THE_ENGINE else file
 
     def remove_node(self, node: WorkerController) -> str | None:

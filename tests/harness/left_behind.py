@@ -50,14 +50,16 @@ class LeftBehind:
         found = []
         for process in self._root.children(recursive=True):
             with suppress(psutil.NoSuchProcess):
-                command = " ".join(process.cmdline())  # a zombie has none
-                if command and process.pid != os.getpid() and not any(own in command for own in _PYTHONS_OWN):
+                # The command may be empty: it is for a moment when a program begins.
+                command, status = " ".join(process.cmdline()), process.status()
+                ours = process.pid == os.getpid() or any(own in command for own in _PYTHONS_OWN)
+                if not ours and status != psutil.STATUS_ZOMBIE:
                     found.append(process)
         return found
 
     def _name(self, process: psutil.Process) -> str:
         with suppress(psutil.NoSuchProcess):
-            command = " ".join(process.cmdline())[:200]
+            command = " ".join(process.cmdline())[:200] or process.name()
             return f"{command} (first seen in {self._first_seen.get(process, 'the end of the run')})"
         return f"process {process.pid}, which has ended just now"
 

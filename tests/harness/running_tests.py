@@ -8,12 +8,17 @@ import signal
 import threading
 import time
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import psutil
 import pytest
 
+if TYPE_CHECKING:
+    from xdist.workermanage import WorkerController
+
 SILENT_S = 60.0
-_STACKS_S = 2.0  # for a worker to print them
+_STACKS_S = 10.0  # a worker that is stopped, or not yet set up, has none
+_STEP_S = 0.02
 
 
 class RunningTests:
@@ -25,6 +30,7 @@ class RunningTests:
         self._began: dict[str, float] = {}
         self._last_end = time.monotonic()
         self._over = threading.Event()
+        self._stacks: dict[WorkerController, int] = {}  # descriptors
         threading.Thread(target=self._watch, name="running-tests", daemon=True).start()
         signal.signal(signal.SIGTERM, self._end)
 
@@ -37,6 +43,27 @@ class RunningTests:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.when == "???":  # its worker died
             self._ended(report.nodeid)
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_configure_node(self, node: WorkerController) -> None:
+        """Gives a worker a file in memory for its stacks.
+
+        Into one pipe, workers would print at once, piece by piece, and names would be torn from their lines.
+        """
+        self._stacks[node] = os.memfd_create("stacks")
+        node.workerinput["stacks"] = f"/proc/{os.getpid()}/fd/{self._stacks[node]}"
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: WorkerController) -> None:
+        os.close(self._stacks.pop(node))
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_sessionfinish(self) -> None:
+        """Prints the stacks that were asked for. They are whole: xdist has ended the workers."""
+        for node, file in self._stacks.items():
+            if stacks := os.pread(file, os.fstat(file).st_size, 0):
+                self._out.write(f"\nstacks of {node.gateway.id}:\n{stacks.decode(errors='replace')}")
+        self._out.flush()
 
     def pytest_unconfigure(self) -> None:
         self._over.set()
@@ -61,19 +88,26 @@ class RunningTests:
 
     def _end(self, *_: object) -> None:
         """Prints names and stacks, then has pytest end with its summary."""
+        self._over.set()  # nothing else is told between the lines
         self._tell("asked to end")
         if self._has_workers:
             for reaper in psutil.Process().children():
                 with suppress(psutil.NoSuchProcess):  # that of a worker which has just ended
                     reaper.send_signal(signal.SIGUSR2)
-                time.sleep(_STACKS_S)  # one after the other: printed piece by piece, they would mix
+            end = time.monotonic() + _STACKS_S
+            while not self._all_have_begun_to_print() and time.monotonic() < end:
+                time.sleep(_STEP_S)
         else:
             faulthandler.dump_traceback(self._out, all_threads=True)
         pytest.exit("asked to end", returncode=pytest.ExitCode.INTERRUPTED)  # others have no summary
 
+    def _all_have_begun_to_print(self) -> bool:
+        return all(os.fstat(file).st_size for file in self._stacks.values())
+
 
 def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
-        faulthandler.register(signal.SIGUSR2, os.fdopen(os.dup(2), "w"), all_threads=True)
+        stacks = os.open(config.workerinput["stacks"], os.O_WRONLY)
+        faulthandler.register(signal.SIGUSR2, stacks, all_threads=True)
     elif not config.option.collectonly:
         config.pluginmanager.register(RunningTests(config), "running_tests")

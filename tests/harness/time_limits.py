@@ -23,6 +23,7 @@ LONGER: dict[str, tuple[int, str]] = {
     "coarse_version": (600, "the same"),
     "cloud_version": (600, "the same"),
     "hall_directory": (900, "builds a version of a real hall"),
+    "optimised_tests": (1500, "compiles the C++ client's tests"),
     "optimised": (1500, "compiles the C++ client"),
     "sanitised": (1500, "compiles it once more, with sanitizers"),
     "allowed_versions": (1500, "installs all packages and compiles the core"),

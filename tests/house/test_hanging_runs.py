@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
-from harness.dead_workers import OF_THE_ENGINE, pytest_collection_modifyitems
+from harness.dead_workers import OF_THE_ENGINE, FilesOfTheDead, pytest_collection_modifyitems
 from waiting import LIMIT_S, wait_until
 
 TESTS = Path(__file__).parents[1]
@@ -57,6 +58,21 @@ def test_after_them():
     pass
 """
 
+ORPHAN = "import os, time; os.close(1); time.sleep(600)"
+THREADS = 90  # faulthandler prints no more than 100
+MANY_THREADS = f"""
+import pathlib, threading, time
+
+def one_of_many():
+    time.sleep(600)
+
+def test_hangs():
+    for _ in range({THREADS}):
+        threading.Thread(target=one_of_many, daemon=True).start()
+    pathlib.Path("begun-{{name}}").touch()
+    time.sleep(600)
+"""
+
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
@@ -87,9 +103,13 @@ def running(mark: str) -> list[int]:
 
 
 def orphan(mark: str) -> str:
-    """A test's first line: it starts a process whose parent ends, in a session of its own."""
-    command = ["setsid", "--fork", sys.executable, "-c", "import time; time.sleep(600)", mark]
-    return f"    __import__('subprocess').run({command!r}, check=True)\n"
+    """A test's first line: it starts a process whose parent ends, in a session of its own.
+
+    The line is over when the process has closed its output. The parent ends earlier, when its child may still
+    have the parent's command, by which the run would then name it.
+    """
+    command = ["setsid", "--fork", sys.executable, "-c", ORPHAN, mark]
+    return f"    __import__('subprocess').run({command!r}, check=True, stdout=-1)\n"
 
 
 def hanging(mark: str) -> str:
@@ -128,6 +148,15 @@ def test_the_engine_s_tests_begin_first():
     assert [item.nodeid for item in items] == [names[1], names[3], names[0], names[2]]
 
 
+def test_the_console_s_tests_share_a_worker():
+    worker_of = object.__new__(FilesOfTheDead)._split_scope
+    files = [path for path in (TESTS / "console").glob("test_*.py") if "world" in path.read_text()]
+    assert len(files) > 1
+    assert len({worker_of(f"tests/console/{path.name}::test_x") for path in files}) == 1
+    alone = "tests/console/test_page_units.py"
+    assert worker_of(f"{alone}::test_x") == alone
+
+
 def test_a_worker_that_is_killed_holds_up_nobody_and_leaves_nothing(folder: Path):
     mark = f"left-by-{folder}"
     (folder / "test_a.py").write_text(
@@ -151,10 +180,25 @@ def test_what_tests_leave_behind_is_named_and_ended(folder: Path, options: list[
     run = start(folder, *options)
     said = ended(run)
     assert "1 passed" in said
-    assert f"left behind by the tests: {sys.executable} -c import time; time.sleep(600) {mark}" in said
+    assert f"left behind by the tests: {sys.executable} -c {ORPHAN} {mark}" in said
     assert "first seen in test_a.py" in said
     assert run.returncode == 1
     assert running(mark) == []
+
+
+def test_a_process_without_a_command_is_left_behind_too(folder: Path):
+    """So looks one that begins a program just now: it was taken for a zombie, and the run passed."""
+    (folder / "test_a.py").write_text(
+        "import subprocess\n"
+        "def test_one():\n"
+        "    global left\n"
+        "    left = subprocess.Popen([''], executable='/bin/cat', stdin=subprocess.PIPE)\n"
+        "    while open(f'/proc/{left.pid}/comm').read() != 'cat\\n': pass\n"
+    )
+    run = start(folder)
+    said = ended(run)
+    assert "left behind by the tests: cat (first seen in test_a.py)" in said
+    assert run.returncode == 1
 
 
 @pytest.mark.parametrize("options", [[], WORKERS])
@@ -175,6 +219,24 @@ def test_a_run_ends_at_its_limit_with_names_and_stacks(folder: Path, options: li
     assert "Exit: asked to end" in said, "the summary"
     assert run.returncode == pytest.ExitCode.INTERRUPTED
     assert running(mark) == []
+
+
+def test_stacks_of_two_workers_are_not_mixed(folder: Path):
+    """Workers printed into one pipe, 2 s apart: one that was late on a busy machine tore another's lines.
+
+    Now each prints into a file of its own, which the controller prints once the worker has ended.
+    """
+    for name in "ab":
+        (folder / f"test_{name}.py").write_text(MANY_THREADS.format(name=name))
+    run = start(folder, *WORKERS)
+    wait_until(lambda: len(list(folder.glob("begun-*"))) == 2)
+    run.send_signal(signal.SIGTERM)
+    said = ended(run)
+    assert run.returncode == pytest.ExitCode.INTERRUPTED, said[-2000:]
+    _, *parts = re.split("stacks of gw[01]:\n", said)
+    frame = re.compile(r'test_(.)\.py", line \d+ in (one_of_many|test_hangs)\n')
+    frames = [sorted(frame.findall(part)) for part in parts]
+    assert sorted(frames) == [[(name, "one_of_many")] * THREADS + [(name, "test_hangs")] for name in "ab"]
 
 
 def test_a_command_that_does_not_listen_is_killed():

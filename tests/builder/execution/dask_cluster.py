@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from servers import free_port
 from waiting import wait_until
 
 PATIENCE_S = 300.0  # a busy machine starts a worker slowly
@@ -35,9 +35,7 @@ class DaskCluster:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
         self._path = (_ROOT / "core", _ROOT / "builder", *path)
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self._port = int(probe.getsockname()[1])
+        self._port = free_port()  # its own also while no scheduler runs: one is started again
         self._scheduler: subprocess.Popen[bytes] | None = None
         self._started = 0
         self.workers: list[subprocess.Popen[bytes]] = []

@@ -16,8 +16,6 @@ from firstfix.store.store import Store
 from firstfix_builder.job import fetch_source as module
 from firstfix_builder.job.fetch_source import SourceFetch, fetch_http
 
-pytestmark = pytest.mark.slow
-
 DATA = bytes(range(256)) * 500
 Answer = Callable[[BaseHTTPRequestHandler], None]
 

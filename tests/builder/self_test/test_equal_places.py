@@ -24,8 +24,6 @@ from firstfix_builder.simulation.boxes import Boxes
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import COARSE_CONFIG, SmallWorld
 
-pytestmark = pytest.mark.slow
-
 STOREY_M = 3.5
 SENSOR = SensorModel("rings", tuple(np.linspace(-20, 20, 9).tolist()), 2.0, 0.1, 60.0, 0.8)
 LOWER = make_transform(rotation_z(0.5), [1.0, 0.8, 0.8])

@@ -59,10 +59,7 @@ def test_a_build_asks_the_keyframes_that_are_not_in_its_map(run: Path, tmp_path:
     assert tested["mapped"]["places"] > 0, "the poses are the trajectory"
     built.manifest.verify_directory(built.directory)
 
-    again = build_version(run, config, tmp_path / "again")
-    assert again.manifest.digest == built.manifest.digest
-
-    with as_one_file(run) as archive:
+    with as_one_file(run) as archive:  # from nothing: the same scans are held out, and answered the same
         packed = build_version(archive, config, tmp_path / "packed")
     assert packed.manifest.self_test["real"] == real
 

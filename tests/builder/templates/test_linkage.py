@@ -14,8 +14,6 @@ from scipy.spatial.distance import squareform
 
 from firstfix_builder.templates.linkage import Pairs, agglomerate
 
-pytestmark = pytest.mark.slow
-
 LINKAGES = ("complete", "average", "single")
 # distances are float32: as thresholds the test takes numbers that these are compared with exactly
 THRESHOLDS = tuple(float(np.float32(t)) for t in (0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.9))

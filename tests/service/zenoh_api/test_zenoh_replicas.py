@@ -6,6 +6,7 @@ view of a single replica is tested over sessions on loopback.
 
 from __future__ import annotations
 
+import asyncio
 import json
 import random
 import signal
@@ -13,6 +14,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,10 +28,11 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.rendezvous import rendezvous_order
 from firstfix.store.store import Store
 from firstfix_client import RetryPolicy, ZenohClient
+from firstfix_service import server
 from firstfix_service.settings import Settings
 from firstfix_service.zenoh_api.config import client_config, session_config
 from firstfix_service.zenoh_api.replicas import ZenohReplicas
-from waiting import LIMIT_S, let_pass, wait_until
+from waiting import LIMIT_S, let_pass, wait_until, wait_until_async
 
 pytestmark = pytest.mark.slow
 
@@ -178,9 +181,19 @@ def test_a_replica_counts_from_when_it_joins_until_it_closes(watch):
     wait_until(lambda: seen.views == [{"r1", "r2"}, {"r1"}])
 
 
-def test_a_replica_that_is_about_to_stop_leaves_its_maps_and_goes_on_answering(tmp_path: Path):
+def test_a_replica_that_is_about_to_stop_leaves_its_maps_and_goes_on_answering(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """It went on for 4 s, in which a busy machine may not come to ask. Now it goes on until it was asked."""
+    asked = threading.Event()
+
+    async def until_asked(_: float) -> None:
+        await wait_until_async(asked.is_set)
+
+    monkeypatch.setattr(server, "asyncio", SimpleNamespace(**{**vars(asyncio), "sleep": until_asked}))
     publish(Catalog(Store.open(str(tmp_path / "store"))), "hall", "1", tmp_path / "made")
-    with running_service(tmp_path, holders=1, drain_s=4.0) as service:
+    with running_service(tmp_path, holders=1, drain_s=LIMIT_S) as service, ExitStack() as stack:
+        stack.callback(asked.set)
 
         def shows(key: str) -> bool:
             return bool(list(service.session.liveliness().get(key, timeout=5)))

@@ -143,9 +143,10 @@ async def main(directory):
     app = create_app(Settings(store=f"{directory}/s", cache_dir=f"{directory}/c", work_dir=f"{directory}/w",
                               zenoh=True, zenoh_listen=(), run_builds=True))
     async with app.router.lifespan_context(app):
+        while not {"zenoh", "firstfix.native"} <= set(sys.modules):  # a busy machine loads them later
+            await asyncio.sleep(0.02)
         await asyncio.sleep(0.3)
         heavy = {"open3d", "firstfix_builder", "firstfix_client"} & set(sys.modules)
-        assert "zenoh" in sys.modules and "firstfix.native" in sys.modules
     print("heavy:", sorted(heavy))
 
 asyncio.run(main(sys.argv[1]))
