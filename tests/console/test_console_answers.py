@@ -158,6 +158,8 @@ def test_a_link_to_a_simulated_scan_restores_it_and_the_pose_by_hand(page):
     page.press("Enter")
     page.click("label.check", "Lay the scan at the pose by hand")
     page.click("label.check", "Search only around it")
+    # A busy page asked once for this change and the next one: two queries came, and three were waited for.
+    wait_until(lambda: page.asked.count("POST /localize") == 2)
     page.fill("Within (m)", "30")
     page.js(
         "find('button', 'Turn').click()"
