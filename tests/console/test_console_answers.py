@@ -445,13 +445,12 @@ def _kept(world):
 
 
 def test_a_robot_that_is_seldom_localized_has_an_alert_with_a_link(page, world, tmp_path):
-    elsewhere = tmp_path / "elsewhere.ffscan"
-    points_m = np.random.default_rng(1).uniform(-6, 6, (4000, 3))
-    elsewhere.write_bytes(encode_scan(Scan.from_points(points_m)))
+    few = tmp_path / "few.ffscan"
+    few.write_bytes(encode_scan(Scan.from_points(np.eye(3) * 5)))
     page.open("#/live?map=yard")
     page.wait("[role=status]", "Connected")
     for _ in range(12):
-        assert world.ask(elsewhere, "reader")["verdict"] == "rejected"
+        assert world.ask(few, "reader")["verdict"] == "rejected"
     page.click(".alerts a", "answers were localized")
     page.wait(".alerts a[aria-current=true]", "answers were localized")
     assert page.has(".robots tr.shown-robot .verdict", "rejected")
@@ -470,6 +469,7 @@ def test_answers_that_somebody_judged_wrong_have_alerts_until_they_are_judged_ri
     elsewhere = tmp_path / "elsewhere.ffscan"
     points_m = np.random.default_rng(1).uniform(-6, 6, (4000, 3))
     elsewhere.write_bytes(encode_scan(Scan.from_points(points_m)))
+    page.hasten()
     page.open("#/live?map=yard")
     page.wait("[role=status]", "Connected")
     localized, rejected = _newly_kept(world, file), _newly_kept(world, elsewhere)
@@ -517,6 +517,7 @@ def _judge(world, sample_id, T_map_sensor) -> None:
 def test_a_build_of_the_map_that_failed_has_an_alert_with_a_link(page, world, tmp_path):
     broken = tmp_path / "broken.ply"
     broken.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1000000\n")
+    page.hasten()
     page.open("#/live?map=yard")
     page.wait("[role=status]", "Connected")
     with Client(world.service.url, api_key=world.keys["admin"]) as client:
