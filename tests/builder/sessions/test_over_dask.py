@@ -16,7 +16,7 @@ from firstfix.store.store import Store
 from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.pipeline import build_version
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a cluster is started, and two sessions aligned
 
 
 def provisional(folder: Path, work: Path, options: BuildOptions) -> BuildResult:
