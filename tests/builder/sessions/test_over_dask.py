@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from building import building, session
 from dask_cluster import dask_cluster
+from merged_sessions import MergedSessions
 
 from firstfix.builds.config import BuildConfig
 from firstfix.builds.options import BuildOptions
@@ -16,21 +16,7 @@ from firstfix.store.store import Store
 from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.pipeline import build_version
 
-pytestmark = pytest.mark.slow
-
-PLACE, STEP_M = building(21), 0.14
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two sessions of one building, the second of which has to be aligned."""
-    made = tmp_path_factory.mktemp("sessions")
-    entries = []
-    for number, (from_m, to_m) in enumerate([(0.0, 20.5), (11.0, 32.0)]):
-        session(PLACE, from_m, to_m, seed=number + 1, step_m=STEP_M).write(made / f"s{number}")
-        entries.append({"source": f"s{number}/cloud.npy", "trajectory": f"s{number}/poses.txt"})
-    (made / "sessions.yaml").write_text(json.dumps({"sessions": entries}))
-    return made
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a cluster is started, and two sessions aligned
 
 
 def provisional(folder: Path, work: Path, options: BuildOptions) -> BuildResult:
@@ -48,8 +34,11 @@ def provisional(folder: Path, work: Path, options: BuildOptions) -> BuildResult:
     return found[0]
 
 
-def test_sessions_and_a_provisional_version_are_the_same_as_with_threads(folder: Path, tmp_path: Path):
-    near = provisional(folder, tmp_path / "near", BuildOptions())
+def test_sessions_and_a_provisional_version_are_the_same_as_with_threads(
+    two_sessions: MergedSessions, tmp_path: Path
+):
+    folder = two_sessions.source
+    near = provisional(folder, two_sessions.begin(tmp_path / "near"), BuildOptions())
     store = tmp_path / "store"
     with dask_cluster(tmp_path / "dask", 2) as cluster:
         far = provisional(folder, tmp_path / "far", BuildOptions(executor=cluster.url, store=str(store)))

@@ -5,64 +5,38 @@ from __future__ import annotations
 import json
 import shutil
 import zipfile
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 from building import Building, Session, building, session
-from threadpoolctl import threadpool_limits
+from merged_sessions import (
+    ENDS_M,
+    FROM_M,
+    HERE,
+    described,
+    first_session,
+    read_map,
+    sparser_session,
+)
 
-from firstfix.builds.config import BuildConfig
 from firstfix.errors import BuildFailed, InvalidOption, MalformedData
 from firstfix.transform import inverse, rotation_angle_deg, transform_points
-from firstfix_builder.execution.chunks import ChunkCache
-from firstfix_builder.execution.local_executor import LocalExecutor
-from firstfix_builder.execution.stage_cache import StageCache
-from firstfix_builder.sessions.stages import SessionStages
 
 pytestmark = pytest.mark.slow
 
-HERE, TWIN = building(21), building(21, things=5)
-ENDS_M = (0.0, 20.5)  # of the first session; the second one's overlap is 30 % of the building
-FROM_M = 11.0
+TWIN = building(21, things=5)
 
 
 @pytest.fixture(scope="module")
-def work(tmp_path_factory):
+def work(two_sessions, tmp_path_factory):
     """Stages of all tests here: the first session is always the same one."""
-    return tmp_path_factory.mktemp("work")
+    return two_sessions.begin(tmp_path_factory.mktemp("stages") / "work")
 
 
 @pytest.fixture(scope="module")
 def first():
-    return session(HERE, *ENDS_M, seed=1)
-
-
-def read_map(folder: Path, work: Path, trajectory: Path | None = None) -> Path:
-    """The files of the stage."""
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as threads:
-        cache = StageCache(work)
-        stages = SessionStages(
-            cache,
-            ChunkCache(cache, LocalExecutor(work, threads, threads)),
-            lambda *_: None,
-            lambda: False,
-            BuildConfig(),
-            threads,
-        )
-        return stages.read_map(folder, trajectory).directory
-
-
-def described(folder: Path, sessions: list[Session], **others: object) -> Path:
-    """A folder with the sessions; ``others`` are of the last one's entry."""
-    listed = []
-    for number, one in enumerate(sessions):
-        one.write(folder / f"s{number}")
-        listed.append({"source": f"s{number}/cloud.npy", "trajectory": f"s{number}/poses.txt"})
-    listed[-1] |= others
-    (folder / "sessions.yaml").write_text(json.dumps({"sessions": listed}))
-    return folder
+    return first_session()
 
 
 def errors(files: Path, sessions: list[Session], place: Building) -> tuple[float, float]:
@@ -79,17 +53,19 @@ def truth(sessions: list[Session]) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("place", "step_m"), [(HERE, 0.14), (building(21, moved=0.3), 0.08)], ids=["sparser", "moved"]
+    "second",
+    [sparser_session, lambda: session(building(21, moved=0.3), FROM_M, 32.0, seed=2)],
+    ids=["sparser", "moved"],
 )
-def test_two_halves_are_aligned(tmp_path, work, first, place, step_m):
-    sessions = [first, session(place, FROM_M, 32.0, seed=2, step_m=step_m)]
+def test_two_halves_are_aligned(tmp_path, work, first, second):
+    sessions = [first, second()]
     files = read_map(described(tmp_path, sessions), work)
     off_m, off_deg = errors(files, sessions, HERE)
     assert off_m < 0.05
     assert off_deg < 0.2
-    [_, second] = json.loads((files / "sessions.json").read_text())
-    assert second["aligned"]
-    assert 5 <= second["evidence"]["places_agreeing"] <= second["evidence"]["places_asked"]
+    [_, placed] = json.loads((files / "sessions.json").read_text())
+    assert placed["aligned"]
+    assert 5 <= placed["evidence"]["places_agreeing"] <= placed["evidence"]["places_asked"]
     whole = transform_points(
         inverse(sessions[0].T_world_session), HERE.corners
     )  # the map is in the first session's frame
