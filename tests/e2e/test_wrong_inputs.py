@@ -15,7 +15,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from wrong_inputs import WRONG_INPUTS, RightScan, ply, written
+from wrong_inputs import WRONG_INPUTS, RightScan, kitti, ply, written
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.decode import SUFFIXES
@@ -112,6 +112,15 @@ def test_wrong_inputs_are_named(service, right, tmp_path, capsys):
         TABLE.write_text(json.dumps(table, indent=1) + "\n")
     for row, kept in zip(table, json.loads(TABLE.read_text()), strict=True):
         assert told(row) == told(kept)
+
+
+def test_intensities_from_0_to_1_are_told_by_the_fit_of_the_other_columns(service, right, tmp_path):
+    first = np.arange(len(right.points)) % 97 / 96
+    path = tmp_path / "scan.bin"
+    path.write_bytes(kitti(np.column_stack([first, right.points[:, :2]]), right.points[:, 2]))
+    row = by_http(service, path, {})
+    assert row["code"] == "columns_shifted"
+    assert "fits" in row["text"]
 
 
 def is_right_or_none(row: Row, right: RightScan) -> bool:

@@ -95,6 +95,17 @@ def test_the_right_map_has_no_finding(right: Points, tmp_path: Path, capsys: pyt
     assert "nothing found" in capsys.readouterr().out
 
 
+def test_a_scan_with_its_intensity_first_is_named(
+    right: Points, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "map.npy").write_bytes(npy(right))
+    (tmp_path / "scan.npy").write_bytes(npy(np.column_stack([np.arange(len(right)) % 97, right])[:3000]))
+    run_ended(["check", str(tmp_path / "map.npy"), str(tmp_path / "scan.npy"), "--json"], 2)
+    of_map, of_scan = json.loads(capsys.readouterr().out)["files"]
+    assert [finding["code"] for finding in of_scan["findings"]] == ["columns_shifted"]
+    assert not of_map["findings"]
+
+
 def run_ended(arguments: list[str], code: int) -> None:
     with pytest.raises(SystemExit) as ended:
         run(arguments)

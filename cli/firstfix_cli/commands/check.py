@@ -90,8 +90,9 @@ def _of_scan(path: Path) -> dict[str, Any]:
     from ..limited_reader import read_scan
 
     scan = read_scan(path)
-    facts = facts_of(scan, at_most(scan.points, MEASURED), scan.dropped, PreprocessConfig())
-    found = input_finding(facts, scan.dropped)
+    part = at_most(scan.points, MEASURED)
+    facts = facts_of(scan, part, scan.dropped, PreprocessConfig())
+    found = input_finding(facts, part, scan.dropped)
     median = "" if facts.median_range_m is None else f", median range {facts.median_range_m:,.1f} m"
     text = f"{facts.points:,} points, {facts.in_range:,} of them in range{median}"
     return _record(path, text, [] if found is None else [found])

@@ -63,6 +63,12 @@ TRANSPOSED = _kind(
     "(3, n).",
     "Transpose the array: scans are (n, 3), one row for each point.",
 )
+COLUMNS_SHIFTED = _kind(
+    "columns_shifted",
+    "The intensity is the first column",
+    "The columns are intensity, x, y, z: {evidence}.",
+    "Send x, y, z first, then the intensity.",
+)
 ONE_PLANE = _kind(
     "one_plane",
     "The points are those of one ring, or of a 2-D LiDAR",
@@ -99,13 +105,6 @@ MIRRORED = _kind(
     "An axis has the wrong sign, or two axes are swapped (Unity, Gazebo, left-handed drivers)",
     "The scan fits when mirrored in {axis} (inliers {inlier_ratio:.2f} against {inlier_ratio_as_sent:.2f}).",
     "Turn the sign of one axis in the driver: x is forward, y left, z up. Two swapped axes look the same.",
-)
-COLUMNS_SHIFTED = _kind(
-    "columns_shifted",
-    "The intensity is the first column",
-    "The scan fits with its columns taken as intensity, x, y, z (inliers {inlier_ratio:.2f} against "
-    "{inlier_ratio_as_sent:.2f}).",
-    "Send x, y, z first, then the intensity.",
 )
 POLAR = _kind(
     "polar",

@@ -23,7 +23,7 @@ from ..map_search import MapSearch
 from ..preprocess import PreparedQuery
 from ..registered_candidate import features_of
 from ..stopwatch import Stopwatch
-from .facts import MEASURED, facts_of, is_on_a_line
+from .facts import MEASURED, facts_of
 from .input_findings import input_finding
 from .other_forms import BETTER, other_forms
 from .place_findings import mounting_finding, reasons_found
@@ -133,11 +133,9 @@ def _wrong_frame(answer: Localization, query: AskedQuery, facts: ScanFacts) -> F
 
 def _by_points(answer: Localization, query: AskedQuery, facts: ScanFacts) -> Finding | None:
     """The finding by the points of a scan that was not localized."""
-    found = input_finding(facts, query.dropped)
+    found = input_finding(facts, query.part, query.dropped)
     if found is not None:
         return found
-    if is_on_a_line(query.part):
-        return scan_kinds.TRANSPOSED.found()
     if facts.rings == 1 or (facts.plane_ratio is not None and facts.plane_ratio < FLAT):
         return scan_kinds.ONE_PLANE.found({"in_range": facts.in_range})
     if Reason.TOO_FEW_POINTS in answer.reasons:

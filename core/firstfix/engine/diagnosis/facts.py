@@ -19,6 +19,9 @@ RING_BIN_DEG = 0.1
 ONE_RING_DEG = 1.0
 SHARP_M = 3.0  # from here, a centimetre is 0.2 degrees at most
 MOST_RINGS = 160
+WHOLE = 0.7  # of the decimetres in x, the whole metres: intensities 0.97 at least, right scans 0.22 at most
+LEAST_LEVELS = 10  # of an intensity: fewer are chance
+_DECIMETRES = 10.0  # in a metre
 OFF_LINE = 0.3  # of points on a line; of right scans it is 0.4 at least, of arrays (3, n) 0.21 at most
 _LEAST = 10  # points: fewer have no shape
 _FILLED = 0.5  # of the bins between the lowest and the highest point: with more, they are in no rings
@@ -97,6 +100,27 @@ def is_on_a_line(part: NDArray[np.float32]) -> bool:
         return False
     off = points - points.mean(axis=1, keepdims=True)
     return math.sqrt(float(np.sum(off**2)) / squares) < OFF_LINE
+
+
+def is_intensity_first(part: NDArray[np.float32]) -> bool:
+    """Returns whether x of (m, 3) points is an intensity or a ring: whole numbers, none below 0.
+
+    A right scan whose x is never negative, because it looks forward only, has few whole numbers among them.
+    """
+    x, y, _ = part.T
+    if float(x.min(initial=0)) < -0.5 / _DECIMETRES:  # as exact as a range image
+        return False
+    # a scan that was thinned to a grid of metres has whole numbers in y too
+    return _has_whole_metres_only(x) and not _has_whole_metres_only(y)
+
+
+def _has_whole_metres_only(values_m: NDArray[np.float32]) -> bool:
+    """Returns whether nearly all of (m,) coordinates are whole numbers, of several values.
+
+    Each decimetre counts once: a wall at a whole distance has many points, and says nothing.
+    """
+    decimetres = np.unique(np.rint(values_m * _DECIMETRES))
+    return len(decimetres) >= LEAST_LEVELS and float(np.mean(decimetres % _DECIMETRES == 0)) > WHOLE
 
 
 def eigenvalue_bounds(matrix: Sequence[Sequence[float]]) -> tuple[float, float]:

@@ -24,6 +24,7 @@ USUAL_SCALES = {0.3048: "feet", 1 / 1.1: "", 1.1: "", 0.95: "", 1.05: "", 0.1: "
 LEAST_SCALE, MOST_SCALE = 0.01, 100.0  # by the height above the floor
 _SAME_SCALE = 0.03
 _SCALE_TEXT = ", as from {}"
+_FITS_TEXT = "with them the scan fits (inliers {inlier_ratio:.2f} against {inlier_ratio_as_sent:.2f})"
 _MOST_TURN = 2 * np.pi + 0.01
 _DEGREES = 360.0
 
@@ -99,10 +100,14 @@ def from_polar(points: NDArray[np.float32]) -> NDArray[np.float32] | None:
 def _of_columns(scan: Scan, options: LocalizeOptions) -> Iterator[OtherForm]:
     if scan.intensity is not None and float(np.ptp(scan.intensity)) > 0:
         shifted = np.column_stack([scan.points[:, 1:], scan.intensity])
-        yield _of_points(shifted, options, scan_kinds.COLUMNS_SHIFTED.found)
+        yield _of_points(shifted, options, _columns_shifted)
     polar = from_polar(scan.points)
     if polar is not None:
         yield _of_points(polar, options, scan_kinds.POLAR.found)
+
+
+def _columns_shifted(numbers: Numbers) -> Finding:
+    return scan_kinds.COLUMNS_SHIFTED.found(numbers, evidence=_FITS_TEXT.format(**numbers))
 
 
 def _without_options(scan: Scan, options: LocalizeOptions) -> Iterator[OtherForm]:

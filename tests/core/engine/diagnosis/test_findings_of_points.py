@@ -20,6 +20,7 @@ from firstfix.sensor import preset
 
 RNG = np.random.default_rng(5)
 LIMITS = PreprocessConfig()
+NONE = np.empty((0, 3), np.float32)
 
 
 def room(sensor: str = "vlp-16") -> np.ndarray:
@@ -32,7 +33,7 @@ def room(sensor: str = "vlp-16") -> np.ndarray:
 
 def found(points: np.ndarray) -> Finding | None:
     scan = Scan.from_points(points)
-    return input_finding(facts(scan), scan.dropped)
+    return input_finding(facts(scan), at_most(scan.points, MEASURED), scan.dropped)
 
 
 def facts(scan: Scan) -> ScanFacts:
@@ -83,7 +84,8 @@ def test_what_a_robot_dropped_is_told_to_the_service():
     assert dropped.too_far > 0.9 * len(room())
     with pytest.raises(InvalidOption, match="below 0"):
         LocalizeOptions.from_strings({"dropped": "1,-1,0,0"})
-    assert input_finding(ScanFacts(8000, 0, 0, 6e3), Dropped(0, 8000, 6e3, 6e3)).code == "unit_millimetres"
+    told = input_finding(ScanFacts(8000, 0, 0, 6e3), NONE, Dropped(0, 8000, 6e3, 6e3))
+    assert told.code == "unit_millimetres"
 
 
 def test_a_transposed_array_is_no_scan():
