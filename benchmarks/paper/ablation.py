@@ -15,7 +15,7 @@ from firstfix.engine.config import ClusterConfig, SearchConfig
 from firstfix.engine.retrieval.cascade import Clusters
 from firstfix_builder.templates.cluster import cluster_templates
 
-from .matching import make_cascade, run_cascade, success
+from .matching import CascadeRun, make_cascade, run_cascade, success
 from .scene import DESCRIPTORS, PAPER, Scene, Taken
 from .tables import K
 
@@ -56,14 +56,18 @@ VARIANTS = (
 def ablate(scene: Scene, own: Taken, perturbed: Taken) -> list[dict[str, Any]]:
     """Success of every variant, with the templates as queries and with held-out perturbed ones."""
     made: dict[Any, Clusters] = {}
+    ran: dict[Any, list[CascadeRun]] = {}  # the unchanged choices stand among the values of each
     rows = []
     for variant, how, templates, asked in _each(scene, (own, perturbed)):
         key = (variant.scans, variant.signed, variant.cluster)
         if key not in made:
             made[key] = _clusters(how, templates, variant)
-        cascade = make_cascade(templates, made[key], SearchConfig(engine="kdtree"), variant.scans)
-        cascade = replace(cascade, descriptor=how)
-        runs = [run_cascade(cascade, described, variant.clusters_searched) for described in asked]
+        case = (*key, how, variant.clusters_searched)
+        if case not in ran:
+            cascade = make_cascade(templates, made[key], SearchConfig(engine="kdtree"), variant.scans)
+            cascade = replace(cascade, descriptor=how)
+            ran[case] = [run_cascade(cascade, described, variant.clusters_searched) for described in asked]
+        runs = ran[case]
         row = {
             "choice": variant.choice,
             "value": variant.value,

@@ -59,7 +59,7 @@ class Sizes:
 
 
 FULL = Sizes(100_000, 8.0, 20_000, 10_000, 1_000, 200, 100_000, 800)
-QUICK = Sizes(2_000, 4.5, 300, 300, 100, 10, 150, 120)
+QUICK = Sizes(2_000, 4.5, 120, 120, 100, 10, 150, 120)
 
 
 def run(quick: bool) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import pytest
 from benchmarks.paper import published
 from benchmarks.paper.suite import run
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # all tables are measured at once
 
 # clusters by constraint and threshold as measured; another processor rounds a little differently
 CLUSTERS = {
