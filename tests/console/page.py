@@ -56,6 +56,7 @@ class Page:
         self.problems: list[str] = []
         self.expected: list[str] = []  # texts of errors that the test provokes
         self.asked: list[str] = []  # "GET /path" of each request
+        self.window_px = (0, 0)
         self._downloads = downloads
 
     def begin(self) -> None:
@@ -242,6 +243,7 @@ class Page:
         )
 
     def size(self, width: int, height: int, *, phone: bool = False) -> None:
+        self.window_px = (width, height)
         self.call(
             "Emulation.setDeviceMetricsOverride",
             width=width,

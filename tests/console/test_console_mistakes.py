@@ -364,12 +364,12 @@ def test_what_is_not_accessible_is_found(page):
     assert violations(page, of_colours=True) == []
     page.js(
         "{ const faint = document.createElement('p'); faint.textContent = 'faint';"
-        " faint.style.color = 'light-dark(#000, #333)'; document.querySelector('main').append(faint); }"
+        " faint.style.color = 'light-dark(#000, #333)'; document.querySelector('main').prepend(faint); }"
     )
     assert any(one.startswith("color-contrast: <p ") for one in violations(page, of_colours=True))
     page.prefers("light")
     assert violations(page) == []
-    page.js("document.querySelector('main > p:last-child').remove()")
+    page.js("document.querySelector('main > p:first-child').remove()")
 
 
 # A phone
