@@ -126,6 +126,8 @@ class Fleet:
             for number in range(count)
         ]
         self.scans_given = 0
+        # Held while the gateway has no broker: a vehicle that drives off then cannot tell it in time.
+        self.told = threading.Lock()
         self._drove_off: set[int] = set()
         for number, kind in self.kinds.items():
             if kind == "drives first":
@@ -140,7 +142,8 @@ class Fleet:
             return None
         if kind == "drives off" and number not in self._drove_off:
             self._drove_off.add(number)
-            self.vehicles[number].drive(True)
+            with self.told:
+                self.vehicles[number].drive(True)
         return scan_of(number)
 
     def stop_driving(self) -> None:
@@ -185,13 +188,21 @@ def vda5050_fleet(
             gateway = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
         stack.callback(end, gateway)
         began = time.monotonic()
-        wait_until(lambda: "connected to the broker" in log.read_text(), what=f"the gateway, {log}")
+
+        def wait_until_connected(times: int) -> None:
+            wait_until(
+                lambda: log.read_text().count("connected to the broker") >= times, what=f"the gateway, {log}"
+            )
+
+        wait_until_connected(1)
         for number in range(restarts):
             _let_some_end(fleet, number, restarts)
             say(f"restart {number + 1} of the broker after {time.monotonic() - began:.1f} s")
-            broker.close()
-            time.sleep(rng.uniform(0.1, 1.0))
-            broker.enter_context(running_mosquitto(folder, port))
+            with fleet.told:
+                broker.close()
+                time.sleep(rng.uniform(0.1, 1.0))
+                broker.enter_context(running_mosquitto(folder, port))
+                wait_until_connected(2 + number)
         fleet.stop_driving()
 
         def ended(number: int, kind: str) -> bool:
