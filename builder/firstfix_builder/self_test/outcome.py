@@ -28,6 +28,9 @@ class Outcome:
         is_mirrored: whether the scan is the mirror image of one taken in the map.
         unequal_by: see ``equal_places.unequal_by``.
         min_margin: of this map: places whose support differs by less tie.
+        aliases: numbers of the hypotheses that are known aliases of the best one.
+        lead_lost: see ``alias_leads.lead_lost``.
+        alias_margin: of this map: known aliases whose support differs by less tie.
         ranking: the numbers of this map.
     """
 
@@ -39,6 +42,9 @@ class Outcome:
     is_real: bool = False
     unequal_by: float | None = None
     min_margin: float = Calibration().min_margin
+    aliases: tuple[int, ...] = ()
+    lead_lost: float | None = None
+    alias_margin: float = Calibration().alias_margin
     ranking: RankingConfig = RANKING
 
     @classmethod
@@ -77,7 +83,11 @@ class Outcome:
     @property
     def evidence(self) -> MatchFeatures | None:
         """Match features of the best hypothesis, None if there is none."""
-        return self.ranking.match_features(self._fits, self.min_margin) if self._fits else None
+        if not self._fits:
+            return None
+        return self.ranking.match_features(
+            self._fits, self.min_margin, aliases=self.aliases, aliases_tied_within=self.alias_margin
+        )
 
     @property
     def right_among_tied(self) -> bool:
