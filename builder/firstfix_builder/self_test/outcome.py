@@ -30,7 +30,6 @@ class Outcome:
         min_margin: of this map: places whose support differs by less tie.
         aliases: numbers of the hypotheses that are known aliases of the best one.
         lead_lost: see ``alias_leads.lead_lost``.
-        alias_margin: of this map: known aliases whose support differs by less tie.
         ranking: the numbers of this map.
     """
 
@@ -44,7 +43,6 @@ class Outcome:
     min_margin: float = Calibration().min_margin
     aliases: tuple[int, ...] = ()
     lead_lost: float | None = None
-    alias_margin: float = Calibration().alias_margin
     ranking: RankingConfig = RANKING
 
     @classmethod
@@ -82,12 +80,11 @@ class Outcome:
 
     @property
     def evidence(self) -> MatchFeatures | None:
-        """Match features of the best hypothesis, None if there is none."""
-        if not self._fits:
-            return None
-        return self.ranking.match_features(
-            self._fits, self.min_margin, aliases=self.aliases, aliases_tied_within=self.alias_margin
-        )
+        """Match features of the best hypothesis, None if there is none.
+
+        Known aliases do not tie here: what is close to them teaches most about probability and threshold.
+        """
+        return self.ranking.match_features(self._fits, self.min_margin) if self._fits else None
 
     @property
     def right_among_tied(self) -> bool:
@@ -97,8 +94,15 @@ class Outcome:
 
     def accepted_by(self, calibration: Calibration) -> bool:
         """Returns whether the calibrated localizer would call this localized."""
-        found = self.evidence
-        return found is not None and calibration.accepts(found)
+        if not self._fits:
+            return False
+        found = self.ranking.match_features(
+            self._fits,
+            self.min_margin,
+            aliases=self.aliases,
+            aliases_tied_within=calibration.alias_margin,
+        )
+        return calibration.accepts(found)
 
     @property
     def without_the_truth(self) -> MatchFeatures | None:

@@ -161,7 +161,6 @@ def run_self_test(
         replace(
             outcome,
             min_margin=min_margin,
-            alias_margin=alias_margin,
             aliases=aliases_among(localizer.index, outcome.answer),
             ranking=ranking,
         )
