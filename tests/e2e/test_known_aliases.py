@@ -120,6 +120,16 @@ def test_a_clear_place_stays_localized(index):
     assert "aliases" in after.timings_ms
 
 
+@pytest.mark.parametrize(("alias_margin", "verdict"), [(0.1, Verdict.LOCALIZED), (0.2, Verdict.AMBIGUOUS)])
+def test_an_alias_ties_within_the_width_that_the_map_learned(index, alias_margin, verdict):
+    """The scan fits the room that looks alike worse by 0.16: things that move may take more."""
+    there = pose(24.0, 3.0, 180)
+    calibration = replace(index.calibration, alias_margin=alias_margin)
+    answer = Localizer(replace(index, calibration=calibration)).localize(scan_at(storey(), there, 4))
+    assert answer.verdict is verdict
+    assert is_at(answer.hypotheses[0].T_map_sensor, there)
+
+
 def test_every_room_knows_the_others(index):
     templates = index.cascade.templates
     rooms = np.array(ROOMS_X)

@@ -28,6 +28,8 @@ class Outcome:
         is_mirrored: whether the scan is the mirror image of one taken in the map.
         unequal_by: see ``equal_places.unequal_by``.
         min_margin: of this map: places whose support differs by less tie.
+        aliases: numbers of the hypotheses that are known aliases of the best one.
+        lead_lost: see ``alias_leads.lead_lost``.
         ranking: the numbers of this map.
     """
 
@@ -39,6 +41,8 @@ class Outcome:
     is_real: bool = False
     unequal_by: float | None = None
     min_margin: float = Calibration().min_margin
+    aliases: tuple[int, ...] = ()
+    lead_lost: float | None = None
     ranking: RankingConfig = RANKING
 
     @classmethod
@@ -76,7 +80,10 @@ class Outcome:
 
     @property
     def evidence(self) -> MatchFeatures | None:
-        """Match features of the best hypothesis, None if there is none."""
+        """Match features of the best hypothesis, None if there is none.
+
+        Known aliases do not tie here: what is close to them teaches most about probability and threshold.
+        """
         return self.ranking.match_features(self._fits, self.min_margin) if self._fits else None
 
     @property
@@ -87,8 +94,15 @@ class Outcome:
 
     def accepted_by(self, calibration: Calibration) -> bool:
         """Returns whether the calibrated localizer would call this localized."""
-        found = self.evidence
-        return found is not None and calibration.accepts(found)
+        if not self._fits:
+            return False
+        found = self.ranking.match_features(
+            self._fits,
+            self.min_margin,
+            aliases=self.aliases,
+            aliases_tied_within=calibration.alias_margin,
+        )
+        return calibration.accepts(found)
 
     @property
     def without_the_truth(self) -> MatchFeatures | None:

@@ -26,6 +26,7 @@ from firstfix.transform import Matrix, inverse, make_transform
 
 from ..simulation.perturb import ScanCase, ScanSimulation, elsewhere
 from ..simulation.simulate import Simulator
+from .alias_leads import SCANS, alias_tie_width, aliases_among, lead_lost
 from .equal_places import is_in_map, mirrored, tie_width, unequal_by
 from .localizability import QueriedPlace, grid_of
 from .outcome import RIGHT_M, Outcome
@@ -119,9 +120,9 @@ def run_self_test(
             outcomes = [Outcome.nowhere(number, answer)]
         else:
             by = unequal_by(answer, simulator, sensor, case.T_level_sensor, T_level_map, ranking)
-            outcomes = [
-                replace(Outcome.here(number, answer, case.T_level_sensor, T_map_level), unequal_by=by)
-            ]
+            lost = lead_lost(localizer, here, case, asked_with) if number < SCANS else None
+            outcome = Outcome.here(number, answer, case.T_level_sensor, T_map_level)
+            outcomes = [replace(outcome, unequal_by=by, lead_lost=lost)]
             if number < config.mirrored:
                 image = localizer.localize(mirrored(scan, sensor), asked_with)
                 if not _is_right(image, case):
@@ -153,14 +154,25 @@ def run_self_test(
     outcomes = [outcome for of_query in executor.map(run, range(len(queries))) for outcome in of_query]
     outcomes += executor.map(run_real, range(len(real.scans)))
     min_margin = tie_width([outcome.unequal_by for outcome in outcomes])
-    outcomes = [replace(outcome, min_margin=min_margin, ranking=ranking) for outcome in outcomes]
+    alias_margin = alias_tie_width(
+        [outcome.lead_lost for outcome in outcomes], min_margin, ranking.max_margin
+    )
+    outcomes = [
+        replace(
+            outcome,
+            min_margin=min_margin,
+            aliases=aliases_among(localizer.index, outcome.answer),
+            ranking=ranking,
+        )
+        for outcome in outcomes
+    ]
     of_mirrored, of_real = mirrored_weight(len(inside), config.mirrored), real.weight(len(inside))
 
     def weight_of(outcome: Outcome) -> float:
         return of_mirrored if outcome.is_mirrored else of_real if outcome.is_real else 1.0
 
     cases = _cases(outcomes, weight_of)
-    calibration = replace(fit(cases), min_margin=min_margin)
+    calibration = replace(fit(cases), min_margin=min_margin, alias_margin=alias_margin)
     seen = judged(cases, calibration)
     seen += [Judged(-1.0, False, o.is_in_map, weight_of(o)) for o in outcomes if o.evidence is None]
     threshold = choose(seen, config.max_false_accept)

@@ -13,13 +13,14 @@ from .traversable import connected_parts
 
 COVERED = 0.8  # share of a storey that has something overhead
 OVER_FLOOR = 0.5  # share of a roof that has a floor below it
+WALLED = 0.4  # share of the rim of a storey without a ceiling; a roof falls away there, or has a parapet
 COMPARABLE = 0.2  # of the main floor's area: a storey, and not a cupboard
 
 
 class JoinedParts:
     """Joins the parts of tiles that are added in order, row by row of larger tiles.
 
-    Of the borders of tiles it holds those of two rows at a time, and of each part four numbers.
+    Of the borders of tiles it holds those of two rows at a time, and of each part six numbers.
     """
 
     def __init__(self) -> None:
@@ -31,7 +32,7 @@ class JoinedParts:
         self._links: list[list[tuple[NDArray[np.int64], NDArray[np.int64]]]] = [[], []]
         self._pairs: list[NDArray[np.int64]] = []
         self._start = [0]
-        self._area: list[NDArray[np.int64]] = []  # each (p, 3): all, covered, above
+        self._area: list[NDArray[np.int64]] = []  # each (p, 5), as for ``_drivable``
         self._passed: list[NDArray[np.bool_]] = []
 
     def add(self, tile: tuple[int, int], floors: TileFloors) -> None:
@@ -46,7 +47,9 @@ class JoinedParts:
         first = self._start[-1]
         self._borders[1].append((floors.border, floors.border_part + np.int64(first)))
         self._links[1].append((floors.link, floors.link_part + np.int64(first)))
-        self._area.append(np.column_stack([floors.area, floors.covered, floors.above]))
+        self._area.append(
+            np.column_stack([floors.area, floors.covered, floors.above, floors.rim, floors.walled])
+        )
         self._passed.append(floors.passed)
         self._start.append(first + len(floors.area))
 
@@ -68,7 +71,7 @@ class JoinedParts:
         if by_trajectory:
             chosen[part[np.concatenate(self._passed)]] = True
         else:
-            area = np.zeros((len(chosen), 3), np.int64)
+            area = np.zeros((len(chosen), 5), np.int64)
             np.add.at(area, part, np.concatenate(self._area))
             chosen[_drivable(*area.T)] = True
         found: NDArray[np.bool_] = chosen[part]
@@ -84,7 +87,7 @@ class JoinedParts:
     @property
     def cells(self) -> NDArray[np.int64]:
         """(parts,) cells of each part."""
-        return np.concatenate([np.zeros((0, 3), np.int64), *self._area])[:, 0]
+        return np.concatenate([np.zeros((0, 5), np.int64), *self._area])[:, 0]
 
     def _join(self) -> None:
         """Joins the parts of this row of tiles, and those with the row before."""
@@ -106,17 +109,26 @@ def _joined(
 
 
 def _drivable(
-    area: NDArray[np.int64], covered: NDArray[np.int64], above: NDArray[np.int64]
+    area: NDArray[np.int64],
+    covered: NDArray[np.int64],
+    above: NDArray[np.int64],
+    rim: NDArray[np.int64],
+    walled: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """The largest part that is no roof, and the other storeys of comparable size.
+
+    A storey has a ceiling, or walls where it ends: often a map ends below the ceiling, or was cut there.
 
     Args:
         area: (p,) cells of each connected part.
         covered: of them with something overhead.
         above: of them with another floor below, anywhere in the column.
+        rim: sides of cells at which the part ends.
+        walled: of them with a wall.
     """
-    roof = (above / area > OVER_FLOOR) & (covered / area < COVERED)
+    is_inside = (covered >= COVERED * area) | (walled >= WALLED * np.maximum(rim, 1))
+    roof = (above / area > OVER_FLOOR) & ~is_inside
     main = int(np.argmax(np.where(roof.all() | ~roof, area, 0)))
-    storey = (covered / area >= COVERED) & (area >= COMPARABLE * area[main])
+    storey = is_inside & (area >= COMPARABLE * area[main])
     storey[main] = True
     return np.flatnonzero(storey)

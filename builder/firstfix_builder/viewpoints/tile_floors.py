@@ -17,6 +17,7 @@ from .floors import Grid, Surfaces, find_surfaces, fit_planes
 from .tiles import MAX_COLUMN, Tiling
 from .trajectory_floor import with_trajectory_floor
 from .traversable import connected_parts, gap_strides, has_room, passable_pairs
+from .walled_rim import rim_and_walls
 
 PLANE_REACH_M = 0.5
 HEAD_ROOM_M = 0.1  # over the sensor
@@ -66,6 +67,7 @@ class TileFloors:
         part: (n,) of each point.
         area, covered, above: (p,) cells of each part; of them with something overhead; and of them above
             another floor.
+        rim, walled: (p,) sides of cells at which a part ends; and of them those with a wall.
         passed: (p,) whether the trajectory passed over a part.
         border, border_part: (b,) numbers of the floors near the tile's edge, and their parts.
         link, link_part: (k,) numbers of floors of other tiles, and the part here that each is joined to.
@@ -76,6 +78,8 @@ class TileFloors:
     area: NDArray[np.int64]
     covered: NDArray[np.int64]
     above: NDArray[np.int64]
+    rim: NDArray[np.int64]
+    walled: NDArray[np.int64]
     passed: NDArray[np.bool_]
     border: NDArray[np.int64]
     border_part: NDArray[np.int32]
@@ -111,13 +115,14 @@ def tile_floors(
     last = low + sampling.tiling.side_cells
     inside = np.all((floors.column >= low) & (floors.column < last), axis=1)
     own = np.flatnonzero(inside)
+    max_slope = float(np.tan(np.radians(config.max_slope_deg)))
     pairs = passable_pairs(
         simulator,
         grid,
         floors,
         own,
         step_m=config.step_height_m,
-        max_slope=float(np.tan(np.radians(config.max_slope_deg))),
+        max_slope=max_slope,
         bridge_gap_m=config.bridge_gap_m,
         height_m=sampling.height_m,
     )
@@ -133,6 +138,15 @@ def tile_floors(
     edge = inside & near_edge
     mine, my_part = floors.subset(own), part[own]
     count = int(my_part.max(initial=-1)) + 1
+    rim, walls = rim_and_walls(
+        simulator,
+        grid,
+        floors,
+        own,
+        step_m=config.step_height_m,
+        max_slope=max_slope,
+        radius_m=config.footprint_radius_m,
+    )
     points, point_part = _floor_points(grid, mine, my_part, sampling.tiling.spacing_m)
     return TileFloors(
         points,
@@ -140,6 +154,8 @@ def tile_floors(
         np.bincount(my_part, minlength=count),
         np.bincount(my_part[np.isfinite(mine.headroom_m)], minlength=count),
         np.bincount(my_part[_over_another(grid, standing, mine)], minlength=count),
+        np.bincount(my_part, weights=rim, minlength=count).astype(np.int64),
+        np.bincount(my_part, weights=walls, minlength=count).astype(np.int64),
         np.isin(np.arange(count), my_part[passed[own]]),
         number[edge],
         part[edge].astype(np.int32),

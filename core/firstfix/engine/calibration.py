@@ -41,6 +41,7 @@ class Calibration:
         max_free_space_violation: nor does a pose that more of the scan's directions contradict.
         min_margin: poses tie if their support differs by less: the answer is then ambiguous, however good
             they are.
+        alias_margin: the same for the best pose and its known aliases; ``min_margin`` or more.
         cases: number of self-test cases it was fitted on; 0: it is the prior.
         among_tied: weights of the model for poses that tie, bias first; empty: they are the others.
     """
@@ -57,6 +58,7 @@ class Calibration:
     min_margin: float = 0.05
     cases: int = 0
     among_tied: tuple[float, ...] = ()
+    alias_margin: float = 0.05
 
     @property
     def weights(self) -> NDArray[np.float64]:
@@ -126,13 +128,13 @@ class Calibration:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
-        """Reads what ``to_mapping`` returned, in this release or before there was ``among_tied``.
+        """Reads what ``to_mapping`` returned, also before there were ``among_tied`` and ``alias_margin``.
 
         Raises:
             IncompatibleVersion: it was fitted on other features.
             ValueError: a field is none.
         """
-        values = {"among_tied": (), **data}
+        values = {"among_tied": (), "alias_margin": data.get("min_margin"), **data}
         different = set(values) ^ {field.name for field in fields(cls)}
         if different:
             raise IncompatibleVersion(

@@ -6,6 +6,8 @@ accepted, because the right one was never compared with it. The templates around
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +17,7 @@ from ..answer.prior import Prior
 from ..transform import Matrix
 from .candidates import YAW_SLACK_DEG, Candidates
 from .index import MapIndex
+from .ranking import RankingConfig
 from .registered_candidate import RegisteredCandidate, distinct, features_of
 from .registration.surface import Surface
 from .retrieval.cascade import Templates
@@ -67,10 +70,8 @@ def rivals_among(
         return aliases
     index, T_best = best.index, best.registration.T_level_sensor
     surface, ranking, calibration = index.surface, index.config.ranking, index.calibration
-    config, sparse = index.config.search.aliases, sparse.deskewed(best.registration.twist)
-    _, screened = surface.screen(sparse, np.concatenate([T_best[None], aliases.T_level_sensor]))
-    order = np.argsort(-screened[1:], kind="stable")[: config.tried]
-    aliases = aliases.at(order[screened[1:][order] >= screened[0] - config.behind])
+    sparse = sparse.deskewed(best.registration.twist)
+    aliases = not_far_behind(index, aliases, T_best, sparse)
     if not len(aliases):
         return aliases
     starts = np.concatenate([T_best[None], aliases.T_level_sensor])
@@ -84,13 +85,49 @@ def rivals_among(
             return other.registration.alignment_score > own.alignment_score + ranking.maybe_better_by
         lead = own_support - other.support
         led = replace(alone, margin=best.spots * lead)
-        return lead < calibration.min_margin or not calibration.accepts(led, min_probability)
+        return lead < calibration.alias_margin or not calibration.accepts(led, min_probability)
 
     placed = [
         RegisteredCandidate(index, best.map_id, template, registration)
         for template, registration in zip(aliases.template.tolist(), others, strict=True)
     ]
     return aliases.at(np.flatnonzero([is_rival(one) for one in placed]))
+
+
+def not_far_behind(
+    index: MapIndex, aliases: Candidates, T_level_sensor: Matrix, sparse: Surface
+) -> Candidates:
+    """The few aliases of a pose at which a glance finds the scan to fit nearly as well.
+
+    Args:
+        T_level_sensor: (4, 4) the pose.
+        sparse: the scan's few points, deskewed.
+    """
+    config = index.config.search.aliases
+    _, screened = index.surface.screen(sparse, np.concatenate([T_level_sensor[None], aliases.T_level_sensor]))
+    order = np.argsort(-screened[1:], kind="stable")[: config.tried]
+    return aliases.at(order[screened[1:][order] >= screened[0] - config.behind])
+
+
+def with_aliases_marked(
+    registered: Sequence[RegisteredCandidate], prior: Prior | None
+) -> list[RegisteredCandidate]:
+    """The candidates of one map, best first, with those marked that are known aliases of the best."""
+    index, T_level_sensor = registered[0].index, [one.registration.T_level_sensor for one in registered]
+    aliases = known_aliases(index, T_level_sensor[0], prior).T_level_sensor
+    found = is_any_of(aliases, np.array(T_level_sensor), index.config.ranking)
+    return [replace(one, is_alias=is_alias) for one, is_alias in zip(registered, found.tolist(), strict=True)]
+
+
+def is_any_of(
+    aliases: NDArray[np.float64], T_level_sensor: NDArray[np.float64], ranking: RankingConfig
+) -> NDArray[np.bool_]:
+    """(n,) which of (n, 4, 4) poses are nearly the same as one of (k, 4, 4) aliases."""
+    off_m = np.linalg.norm(T_level_sensor[:, None, :3, 3] - aliases[None, :, :3, 3], axis=2)
+    trace = np.einsum("nij,kij->nk", T_level_sensor[:, :3, :3], aliases[:, :3, :3])
+    same_cosine = math.cos(math.radians(ranking.same_pose_deg))
+    found: NDArray[np.bool_] = ((off_m < ranking.same_pose_m) & (trace > 1 + 2 * same_cosine)).any(axis=1)
+    return found
 
 
 def _floor_m(templates: Templates, rows: NDArray[np.integer]) -> NDArray[np.float64]:

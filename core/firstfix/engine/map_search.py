@@ -16,7 +16,7 @@ from .candidates import Candidates, candidates_of_scan, find_candidates
 from .config import EffortConfig
 from .hypotheses import HypothesisSearch
 from .index import MapIndex
-from .known_aliases import known_aliases, rivals_among
+from .known_aliases import known_aliases, rivals_among, with_aliases_marked
 from .level_hypotheses import level_hypotheses
 from .local_search import offsets_along, offsets_around
 from .preprocess import PreparedQuery, PreparedScan
@@ -98,7 +98,9 @@ class MapSearch:
             self.registered = self._hypotheses.run(candidates)
 
     def try_aliases(self, min_probability: float | None) -> None:
-        """Lets the known aliases of the best pose compete, if it would be accepted and there is time for it.
+        """Lets the known aliases of the best pose compete, if it would be accepted.
+
+        Those that were not registered yet are tried if there is time for it.
 
         Args:
             min_probability: threshold to use instead of the calibration's own.
@@ -106,10 +108,14 @@ class MapSearch:
         index, best = self._index, self.registered
         config = index.config.search
         expected_s = SLOWER * self._narrow_s * config.aliases.tried / config.candidates
-        if index.aliases is None or expected_s > self._watch.left_s:
+        if index.aliases is None or not index.calibration.accepts(features_of(best), min_probability):
             return
-        if not index.calibration.accepts(features_of(best), min_probability):
-            return
+        if expected_s <= self._watch.left_s:
+            self._register_aliases(min_probability)
+        self.registered = with_aliases_marked(self.registered, self._options.prior)
+
+    def _register_aliases(self, min_probability: float | None) -> None:
+        index, best = self._index, self.registered
         with self._watch.stage("aliases"):
             placed = best[0].registration
             aliases = known_aliases(index, placed.T_level_sensor, self._options.prior)

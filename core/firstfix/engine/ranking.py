@@ -8,9 +8,9 @@ who changes one changes the manifest's format.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import log
+from math import inf, log, nextafter
 from typing import Any
 
 import numpy as np
@@ -150,6 +150,8 @@ class RankingConfig(BaseModel):
         tied_within: float,
         number: int = 0,
         supports: Sequence[float] | None = None,
+        aliases: Collection[int] = (),
+        aliases_tied_within: float = 0.0,
     ) -> MatchFeatures:
         """Match features of one pose, given the qualities of all poses that compete.
 
@@ -160,10 +162,16 @@ class RankingConfig(BaseModel):
             tied_within: poses tie if their support differs by less.
             number: of the pose.
             supports: of all poses, where they are known already.
+            aliases: numbers of the poses that are known aliases of this one.
+            aliases_tied_within: these tie if their support differs by less, and so do all poses that the scan
+                fits better than one of these.
         """
         if supports is None:
             supports = [self.support(quality) for quality in qualities]
         own = supports[number]
+        apart = [abs(supports[alias] - own) for alias in aliases]
+        furthest = max((by for by in apart if by < aliases_tied_within), default=0.0)
+        tied_within = max(tied_within, nextafter(furthest, inf))
         rivals = [support for support in supports if abs(support - own) >= tied_within]
         margin = self.max_margin if len(supports) == 1 else own - (max(rivals) if rivals else min(supports))
         return MatchFeatures(qualities[number], margin, len(supports) - len(rivals), self)

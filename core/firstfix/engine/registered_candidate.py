@@ -36,6 +36,7 @@ class RegisteredCandidate:
         start_z_m: height, in the level frame, at which the alignment began: the sensor's above the template's
             floor. nan: not known.
         spots: number of spots where the query's scans were taken.
+        is_alias: whether it is a known alias of the best candidate of its map.
     """
 
     index: MapIndex
@@ -46,6 +47,7 @@ class RegisteredCandidate:
     agreement: Agreement = NOT_MEASURED
     start_z_m: float = math.nan
     spots: int = 1
+    is_alias: bool = False
 
     @cached_property  # each of a hundred candidates is compared with all others
     def quality(self) -> AlignmentQuality:
@@ -108,10 +110,15 @@ def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> Match
     mean over the scans, so the margin counts once for each spot (docs/method.md section 7).
     """
     one = ranked[number]
+    aliases = [
+        n for n, other in enumerate(ranked) if not number and other.is_alias and other.map_id == one.map_id
+    ]
     features = one.index.config.ranking.match_features(
         [candidate.quality for candidate in ranked],
         one.index.calibration.min_margin,
         number,
         [candidate.support for candidate in ranked],
+        aliases,
+        one.index.calibration.alias_margin,
     )
     return features if one.spots == 1 else replace(features, margin=one.spots * features.margin)

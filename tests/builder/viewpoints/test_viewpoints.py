@@ -95,6 +95,36 @@ def test_storeys_without_stairs_are_both_found_when_nothing_says_where_the_robot
     assert len(found) == 160  # the roof at 6 m has none
 
 
+def test_a_storey_whose_ceiling_the_map_lacks_is_no_roof():
+    """Rooms with furniture in both storeys. Nobody mapped the upper one's ceiling."""
+    upper = [
+        floor(0, 0, 10, 8, 3.1),
+        *walls(0, 0, 10, 8, 5.5),
+        box((4.9, 0, 3.0), (5.1, 3, 5.5)),
+        box((4.9, 4.2, 3.0), (5.1, 8, 5.5)),
+        box((1, 1, 3.0), (2.5, 2, 3.8)),
+        box((7, 5, 3.0), (9, 6, 4.1)),
+    ]
+    found = sample([*room(), *upper])
+    lower, high = np.abs(found.floor_z) < 0.01, np.abs(found.floor_z - 3.1) < 0.01
+    assert lower.sum() == 80
+    assert high.sum() > 65
+    assert (lower | high).all()
+
+
+@pytest.mark.parametrize("parapet_m", [0.0, 0.4, 1.1])
+def test_a_roof_is_none_though_things_stand_on_it(parapet_m: float):
+    """A parapet, the house of a lift and a unit: no robot drives there."""
+    roof = [
+        floor(0, 0, 10, 8, 3.1),
+        *walls(0, 0, 10, 8, 3.1 + parapet_m),
+        box((1, 1, 3.0), (2.5, 3, 5.6)),
+        box((6, 5, 3.0), (7.5, 6, 4.2)),
+    ]
+    found = sample([*room(), *roof])
+    assert np.abs(found.floor_z).max() < 0.01
+
+
 def test_a_closed_wall_is_not_passed_and_a_door_is():
     left, right = (0, 0, 4.9, 8), (5.1, 0, 10, 8)
     closed = sample([*room(), box((4.95, 0, -0.1), (5.05, 8, 3))], path((1.0, 1.0, 1.0)))

@@ -52,6 +52,19 @@ def test_places_that_tie_are_no_rivals_of_each_other():
     assert match_features(fits, TIED, 3).margin == pytest.approx(-0.3)
 
 
+def test_known_aliases_tie_within_a_width_of_their_own_and_so_does_what_lies_between():
+    fits = [fit_of(1.0), fit_of(0.9), fit_of(0.86), fit_of(0.8), fit_of(0.6)]
+
+    def tied(aliases: list[int], within: float) -> int:
+        return match_features(fits, TIED, aliases=aliases, aliases_tied_within=within).tied
+
+    assert tied([], 0.15) == 1
+    assert tied([2], 0.15) == 3
+    assert tied([2], 0.13) == 1
+    assert tied([2, 4], 0.15) == 3
+    assert match_features(fits, TIED, aliases=[2], aliases_tied_within=0.15).margin == pytest.approx(0.2)
+
+
 def test_where_all_places_tie_no_margin_is_claimed():
     """The best rival was not compared: it may be as good as the weakest of those that tie."""
     fits = [fit_of(1.0), fit_of(0.98), fit_of(0.96)]
@@ -162,8 +175,10 @@ def test_round_trip():
     with_ties = fitted.with_ties_as_in(Calibration.fit(*cases(200, 4)))
     assert Calibration.from_mapping(json.loads(json.dumps(with_ties.to_mapping()))) == with_ties
     earlier = fitted.to_mapping()
-    del earlier["among_tied"]
+    del earlier["among_tied"], earlier["alias_margin"]
     assert Calibration.from_mapping(earlier) == fitted
+    wide = Calibration.from_mapping({**earlier, "min_margin": 0.08})
+    assert wide.alias_margin == 0.08, "as all places tied"
     with pytest.raises(ValueError, match="fields"):
         Calibration.from_mapping({**fitted.to_mapping(), "among_tied": [1.0, 2.0]})
     for other in ({"nonsense": 1}, {"bias": -12.0, "inlier_ratio": 18.0, "margin": 8.0}):

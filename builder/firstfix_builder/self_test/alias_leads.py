@@ -1,0 +1,100 @@
+"""Known aliases of a map: how much of the lead of the true place do things lose that moved?
+
+A scan that nothing disturbs fits its own place at least as well as any alias of it. So where an alias leads
+by some support, disturbances took at least as much from the true place. What they take is measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from firstfix.answer.localization import Localization
+from firstfix.answer.options import LocalizeOptions
+from firstfix.builds.config import PerturbConfig
+from firstfix.engine.candidates import Candidates
+from firstfix.engine.hypotheses import HypothesisSearch
+from firstfix.engine.index import MapIndex
+from firstfix.engine.known_aliases import is_any_of, known_aliases, not_far_behind
+from firstfix.engine.localizer import Localizer
+from firstfix.engine.stopwatch import Stopwatch
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
+from firstfix.transform import Matrix, inverse, pose_error
+
+from ..simulation.perturb import ScanCase, ScanSimulation
+
+SCANS = 60  # of the self-test's, whose leads are measured
+_TIED, _LEAST_SCANS = 0.9, 20  # share of the losses that is less than the width, and scans to learn it from
+_FOUND_M, _FOUND_DEG = 0.5, 5.0  # from the true pose
+
+
+def alias_tie_width(lost: Sequence[float | None], min_margin: float, max_margin: float) -> float:
+    """Difference of support below which known aliases tie, from what the scans' ``lead_lost`` were.
+
+    Of few places with aliases nothing is learned.
+
+    Args:
+        min_margin: below which all places tie.
+        max_margin: a larger one counts as this.
+    """
+    found = [by for by in lost if by is not None]
+    if len(found) < _LEAST_SCANS:
+        return min_margin
+    most = min(float(np.quantile(found, _TIED)), max_margin)
+    return max(min_margin, math.ceil(most * 1e4) / 1e4)
+
+
+def lead_lost(
+    localizer: Localizer, simulation: ScanSimulation, case: ScanCase, options: LocalizeOptions
+) -> float | None:
+    """Support that a scan's disturbances take from the lead of its place over the best known alias.
+
+    None if no known alias explains the scan nearly as well, or the true place cannot be aligned.
+    """
+    undisturbed = PerturbConfig(
+        noise_m=simulation.config.noise_m,
+        dropout=simulation.config.dropout,
+        occluders=0,
+        strangers=0,
+        unmapped=0,
+        vanished=0,
+    )
+    calm = ScanSimulation(simulation.simulator, simulation.sensor, undisturbed)
+    before, after = (
+        _lead(localizer, one.scan(case), case.T_level_sensor, options) for one in (calm, simulation)
+    )
+    return None if before is None or after is None else before - after
+
+
+def aliases_among(index: MapIndex, answer: Localization) -> tuple[int, ...]:
+    """Numbers of the hypotheses of an answer that are known aliases of the best one."""
+    if not answer.hypotheses:
+        return ()
+    T_level_sensor = inverse(index.T_map_level) @ [one.T_map_sensor for one in answer.hypotheses]
+    aliases = known_aliases(index, T_level_sensor[0], None).T_level_sensor
+    return tuple(np.flatnonzero(is_any_of(aliases, T_level_sensor, index.config.ranking)).tolist())
+
+
+def _lead(localizer: Localizer, scan: Scan, T_level_sensor: Matrix, options: LocalizeOptions) -> float | None:
+    """Lead in support of a true pose over the best of its known aliases."""
+    index = localizer.index
+    prepared = localizer.prepare(ScanSequence.single(scan), options, Stopwatch(math.inf))
+    aliases = known_aliases(index, T_level_sensor, None)
+    if prepared is None or not len(aliases):
+        return None
+    aliases = not_far_behind(index, aliases, T_level_sensor, prepared.sparse)
+    if not len(aliases):
+        return None
+    own = Candidates(aliases.template[:1], T_level_sensor[None], np.ones(1))
+    placed = HypothesisSearch(index, prepared).run(Candidates.merged([own, aliases]))
+    off = [pose_error(T_level_sensor, one.registration.T_level_sensor) for one in placed]
+    true = [
+        one.support for one, (m, deg) in zip(placed, off, strict=True) if m < _FOUND_M and deg < _FOUND_DEG
+    ]
+    elsewhere = [
+        one.support for one, (m, _) in zip(placed, off, strict=True) if m > index.config.ranking.same_pose_m
+    ]
+    return max(true) - max(elsewhere) if true and elsewhere else None
