@@ -88,7 +88,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("needs scikit-build-core: scripts/setup.sh installs it")
     folder = tmp_path_factory.mktemp("wheel")
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
-    command += ["--no-index", "-C", "wheel.cmake=false", "--wheel-dir", str(folder), str(REPO)]
+    command += ["--no-index", "--config-settings", "wheel.cmake=false", "--wheel-dir", str(folder), str(REPO)]
     subprocess.run(command, check=True, capture_output=True)
     (built,) = folder.glob("*.whl")
     return built
