@@ -55,7 +55,14 @@ def search_by(monkeypatch, clock):
             support = RANKING.support(quality)
             at_rest = SimpleNamespace(rests=True)
             search.registered = [
-                SimpleNamespace(index=index, quality=quality, support=support, spots=1, registration=at_rest)
+                SimpleNamespace(
+                    index=index,
+                    quality=quality,
+                    support=support,
+                    spots=1,
+                    registration=at_rest,
+                    is_alias=False,
+                )
             ]
 
         monkeypatch.setattr(
