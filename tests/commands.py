@@ -11,7 +11,7 @@ import pytest
 
 @dataclass(frozen=True)
 class Said:
-    """What a command has written: on standard output, and on standard error."""
+    """Texts of a command: on standard output, and on standard error."""
 
     out: str
     error: str

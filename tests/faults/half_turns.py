@@ -1,6 +1,6 @@
 """Scans of a part of the turn: a LiDAR that sees a sector must not be taken for one in a wrong frame.
 
-    python -m tests.faults half_turns [--places hall,street,yard,office] [--every N] [--work DIR]
+    python -m tests.faults half_turns [--places hall,street,yard,office] [--scans N] [--work DIR]
     python -m tests.faults half_turns --built DIR [...]
 
 Held-out scans of the real places are cut to windows of 240 to 60 degrees at every 45 degrees of azimuth.
@@ -14,6 +14,7 @@ code are compared on the same maps.
 from __future__ import annotations
 
 import argparse
+import random
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -41,6 +42,7 @@ Points = NDArray[np.float32]
 OFFICE = "office"  # a world of ``firstfix world``
 PLACES = {place.name: place for place in (HALL, STREET, YARD)}
 WORK = Path("build/half_turns")
+SEED = 2  # of the scans that are drawn
 FULL_DEG = 360
 WIDTHS_DEG = (240, 180, 120, 90, 60)
 HEADINGS_DEG = tuple(range(-180, 180, 45))
@@ -67,7 +69,7 @@ def windows(points: Points) -> Iterator[tuple[int, Points]]:
 
 @dataclass(frozen=True)
 class Told:
-    """What was answered to a scan that was taken at a known pose.
+    """Answer to a scan that was taken at a known pose.
 
     Attributes:
         named: said to be in a wrong frame, whatever the verdict.
@@ -129,7 +131,7 @@ def main(arguments: Sequence[str]) -> int:
         formatter_class=argparse.RawTextHelpFormatter,
     )
     parser.add_argument("--places", default=",".join((*PLACES, OFFICE)), help="names, with commas")
-    parser.add_argument("--every", type=int, default=1, help="of the places' scans")
+    parser.add_argument("--scans", type=int, metavar="N", help="of each place, drawn by chance; default: all")
     folder = parser.add_mutually_exclusive_group()
     folder.add_argument("--work", type=Path, default=WORK)
     folder.add_argument("--built", type=Path, help="folder of PLACE/version, which nothing is built in")
@@ -145,7 +147,10 @@ def main(arguments: Sequence[str]) -> int:
             print(f"{place.path} is not there")
             return 2
         localizer = _built(work) if given.built else _build(place, work)
-        told = ask(localizer, scans_of(place)[:: given.every])
+        scans = scans_of(place)
+        if given.scans is not None:
+            scans = random.Random(SEED).sample(scans, min(given.scans, len(scans)))
+        told = ask(localizer, scans)
         print("\n".join(_windows_table(name, told)), flush=True)
         failures += _failures(name, told)
     print("\n".join(failures) or "all as it must be")

@@ -1,4 +1,4 @@
-"""Where the time of a run goes: seconds and processor seconds of each test, its processes counted.
+"""Seconds and processor seconds of each test of a run, its processes counted.
 
     make test PYTEST_ARGS="-n 4 --dist loadfile --times=build/times.csv"
     python tests/harness/processor_time.py build/times.csv     # by folder and file, the dearest first

@@ -45,7 +45,7 @@ class MergedSessions:
 
     @classmethod
     def of(cls, folder: Path) -> MergedSessions:
-        """Those of a folder in which they were made."""
+        """Sessions of a folder in which they were made."""
         return cls(folder / "source", folder / "stages")
 
     def begin(self, work: Path) -> Path:

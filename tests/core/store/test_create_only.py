@@ -71,7 +71,7 @@ def test_a_store_that_fails_for_a_moment_is_not_called_unsafe(monkeypatch: pytes
 
 @pytest.fixture
 def switched_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What people set for servers without If-None-Match."""
+    """The setting that people give servers without If-None-Match."""
     monkeypatch.setenv("AWS_CONDITIONAL_PUT", "disabled")
 
 
