@@ -1,4 +1,4 @@
-"""What pages, notebooks and messages say to install is there: folders of the checkout, and their extras."""
+"""Install lines of pages, notebooks and messages name folders of the checkout, and extras, that are there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What few processes of their kind run is imported late: it would be a third of the start of each of them."""
+"""Imports that few processes of a kind need come late: they would be a third of the start of each of them."""
 
 import subprocess
 import sys

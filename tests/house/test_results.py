@@ -60,7 +60,7 @@ def test_the_page_of_figures_is_short():
 
 
 def test_the_readme_names_no_commit_by_hand():
-    """What is told there of a commit is generated, so that it is of the result that is shown."""
+    """Commits are named by generated text alone, so that they are those of the results that are shown."""
     by_hand = PART.sub("", (REPO / "README.md").read_text())
     assert "Measured at" not in by_hand
     assert not HASH.findall(by_hand)

@@ -1,4 +1,4 @@
-"""Whoever asks too fast waits before any work is done: callers count by name, strangers by address."""
+"""Callers who ask too fast wait before any work is done. They count by name, strangers by address."""
 
 from __future__ import annotations
 
