@@ -20,6 +20,7 @@ def source_hash() -> str:
     """
     digest = hashlib.sha256(native.source_digest.encode())
     for package in (Path(firstfix.__file__).parent, Path(firstfix_builder.__file__).parent):
-        for path in sorted(package.rglob("*.py")):
+        taught = package.rglob("taught/*")  # what ships with the release decides a version, too
+        for path in sorted([*package.rglob("*.py"), *taught]):
             digest.update(f"{path.relative_to(package)}\0{sha256_of(path)}\n".encode())
     return digest.hexdigest()

@@ -16,8 +16,8 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.builds.config import PerturbConfig
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.hypotheses import HypothesisSearch
-from firstfix.engine.index import MapIndex
-from firstfix.engine.known_aliases import is_any_of, known_aliases, not_far_behind
+from firstfix.engine.known_aliases import PARTED_T, is_any_of, known_aliases, not_far_behind
+from firstfix.engine.lead import lead_t
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.stopwatch import Stopwatch
 from firstfix.scan.scan import Scan
@@ -69,13 +69,27 @@ def lead_lost(
     return None if before is None or after is None else before - after
 
 
-def aliases_among(index: MapIndex, answer: Localization) -> tuple[int, ...]:
-    """Numbers of the hypotheses of an answer that are known aliases of the best one."""
-    if not answer.hypotheses:
+def aliases_among(
+    localizer: Localizer, scan: Scan, answer: Localization, options: LocalizeOptions
+) -> tuple[int, ...]:
+    """Numbers of the hypotheses of an answer that are known aliases of the best one.
+
+    Those are left out over which the best one leads all around.
+    """
+    index = localizer.index
+    prepared = localizer.prepare(ScanSequence.single(scan), options, Stopwatch(math.inf))
+    if prepared is None or not answer.hypotheses:
         return ()
     T_level_sensor = inverse(index.T_map_level) @ [one.T_map_sensor for one in answer.hypotheses]
     aliases = known_aliases(index, T_level_sensor[0], None).T_level_sensor
-    return tuple(np.flatnonzero(is_any_of(aliases, T_level_sensor, index.config.ranking)).tolist())
+    found = [
+        n for n in np.flatnonzero(is_any_of(aliases, T_level_sensor, index.config.ranking)).tolist() if n
+    ]
+    if not found:
+        return ()
+    placed_m = [prepared.dense.moved(T_level_sensor[number]).points for number in (0, *found)]
+    t = lead_t(index.surface, placed_m, T_level_sensor[0, :3, 3])
+    return tuple(number for number, of_it in zip(found, t.tolist(), strict=True) if of_it < PARTED_T)
 
 
 def _lead(localizer: Localizer, scan: Scan, T_level_sensor: Matrix, options: LocalizeOptions) -> float | None:

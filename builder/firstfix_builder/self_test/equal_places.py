@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from firstfix.answer.localization import Localization
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.ranking import RankingConfig
-from firstfix.scan.levelling import turned
-from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, pose_error
 
@@ -28,12 +27,12 @@ _COMPARED_RAYS, _LEAST_RAYS = 2000, 100
 _LEVEL_M = 0.2  # nearer to the floor or the ceiling, a surface tells no places apart
 _FOUND_M, _FOUND_DEG = 0.2, 2.0  # from the true pose
 _ELSEWHERE_M = 1.0
-_COMPARED = 3  # rivals of one scan
+_COMPARED = 3  # rivals of one scan that are no equals: more will hardly be
 _TIE, _LEAST_SCANS = 0.95, 20  # share of the equal places that tie, and scans of such places to learn it from
 
 
 def tie_width(unequal: Sequence[float | None]) -> float:
-    """Difference of support below which poses of a map tie, from what its scans' ``unequal_by`` were.
+    """Difference of support below which poses of a map tie, from its scans' ``EqualPlaces.unequal_by``.
 
     So wide that all but one in twenty equal places tie. Of few equal places nothing is learned.
     """
@@ -44,40 +43,62 @@ def tie_width(unequal: Sequence[float | None]) -> float:
     return max(Calibration().min_margin, math.floor(most * 1e4 + 1) / 1e4)
 
 
-def unequal_by(
+@dataclass(frozen=True)
+class EqualPlaces:
+    """Places among the hypotheses of one scan's answer that are equal to the true one.
+
+    Attributes:
+        numbers: of the hypotheses.
+        unequal_by: largest difference of support between the true place and one of them; None: there is none.
+    """
+
+    numbers: tuple[int, ...] = ()
+    unequal_by: float | None = None
+
+
+NO_EQUALS = EqualPlaces()
+
+
+def equal_places(
     answer: Localization,
     simulator: Simulator,
     sensor: SensorModel,
     T_level_sensor: Matrix,
     T_level_map: Matrix,
     ranking: RankingConfig,
-) -> float | None:
-    """Largest difference of support between the true place and an equal one, for one scan's answer.
+) -> EqualPlaces:
+    """Looks for equals of the true place among its rivals, the closest in support first.
 
-    None if the true place was not found, or none of its closest rivals is its equal.
+    None are found if the true place was not.
 
     Args:
         T_level_sensor: (4, 4) where the scan was taken.
     """
     poses = [
-        (one.quality, T_level_map @ one.T_map_sensor) for one in answer.hypotheses if one.quality is not None
+        (number, ranking.support(one.quality), T_level_map @ one.T_map_sensor)
+        for number, one in enumerate(answer.hypotheses)
+        if one.quality is not None
     ]
-    off = [pose_error(T_level_sensor, T) for _, T in poses]
+    off = [pose_error(T_level_sensor, T) for _, _, T in poses]
     true = next((n for n, (m, deg) in enumerate(off) if m < _FOUND_M and deg < _FOUND_DEG), None)
     if true is None:
-        return None
-    own = ranking.support(poses[true][0])
+        return NO_EQUALS
+    own = poses[true][1]
     rivals = [
-        (by, T)
-        for (quality, T), (off_m, _) in zip(poses, off, strict=True)
-        if off_m > _ELSEWHERE_M and (by := abs(ranking.support(quality) - own)) < ranking.max_margin
+        (abs(support - own), number, T)
+        for (number, support, T), (off_m, _) in zip(poses, off, strict=True)
+        if off_m > _ELSEWHERE_M and abs(support - own) < ranking.max_margin
     ]
-    equal = [
-        by
-        for by, T in sorted(rivals, key=lambda rival: rival[0])[:_COMPARED]
-        if share_seen_alike(simulator, sensor, T_level_sensor, T) > _EQUAL_RAYS
-    ]
-    return max(equal, default=None)
+    equal: dict[int, float] = {}
+    others = 0
+    for by, number, T in sorted(rivals, key=lambda rival: rival[0]):
+        if share_seen_alike(simulator, sensor, T_level_sensor, T) > _EQUAL_RAYS:
+            equal[number] = by
+        else:
+            others += 1
+        if others == _COMPARED:
+            break
+    return EqualPlaces(tuple(sorted(equal)), max(equal.values(), default=None))
 
 
 def share_seen_alike(
@@ -85,20 +106,15 @@ def share_seen_alike(
     sensor: SensorModel,
     T_level_one: Matrix,
     T_level_other: Matrix,
-    R_other_one: Matrix | None = None,
 ) -> float:
     """Share of a sensor's rays, 0..1, that meet the same at two poses. 0 if there are too few to tell.
 
     Floor and ceiling do not count: they are the same in every room.
-
-    Args:
-        R_other_one: (3, 3) by which each ray is turned, or mirrored, at the other pose. None: it is the same.
     """
     rays = Rays.of_sensor(sensor).directions
     some = Rays.of(rays[np.random.default_rng(len(rays)).integers(len(rays), size=_COMPARED_RAYS)])
-    there = some if R_other_one is None else Rays.of(turned(some.directions, R_other_one))
     own = next(simulator.ranges(T_level_one[None], sensor, some))[0]
-    found = next(simulator.ranges(T_level_other[None], sensor, there))[0]
+    found = next(simulator.ranges(T_level_other[None], sensor, some))[0]
     height_m = some.turned(T_level_one).directions[:, 2] * own
     met = np.isfinite(own)
     if not met.any():
@@ -107,31 +123,3 @@ def share_seen_alike(
     tells = met & (height_m > floor_m + _LEVEL_M) & (height_m < ceiling_m - _LEVEL_M)
     same = np.abs(own[tells] - found[tells]) < _ALIKE_M + _ALIKE_SHARE * own[tells]
     return float(same.mean()) if len(same) >= _LEAST_RAYS else 0.0
-
-
-_MIRROR = np.diag([1.0, -1.0, 1.0])
-_SAME_RAYS = 0.8  # more rays that meet the same: the mirror image is in the map
-
-
-def mirrored(scan: Scan, sensor: SensorModel) -> Scan:
-    """The scan with the robot's left and right exchanged. Up stays up."""
-    return Scan.from_points(turned(scan.points, _mirror_of(sensor)))
-
-
-def is_in_map(
-    simulator: Simulator, sensor: SensorModel, T_level_sensor: Matrix, T_level_found: Matrix
-) -> bool:
-    """Returns whether the map has the mirror image of a place, at the pose where a mirrored scan was found.
-
-    Args:
-        T_level_sensor: (4, 4) of the scan before it was mirrored.
-        T_level_found: (4, 4) where its mirror image was found.
-    """
-    share = share_seen_alike(simulator, sensor, T_level_sensor, T_level_found, _mirror_of(sensor))
-    return share > _SAME_RAYS
-
-
-def _mirror_of(sensor: SensorModel) -> Matrix:
-    """(3, 3) in the sensor's frame."""
-    mirror: Matrix = sensor.R_base_sensor.T @ _MIRROR @ sensor.R_base_sensor
-    return mirror

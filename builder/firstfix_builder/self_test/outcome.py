@@ -12,6 +12,8 @@ from firstfix.engine.calibration import Calibration
 from firstfix.engine.ranking import RANKING, MatchFeatures, RankingConfig
 from firstfix.transform import Matrix, pose_error
 
+from .equal_places import NO_EQUALS, EqualPlaces
+
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
 ABSENT_BEYOND_M = 3.0  # from the true place: what is nearer would not be in the map without it either
 
@@ -21,12 +23,11 @@ class Outcome:
     """One query and its answer.
 
     Attributes:
-        query: number; a scan and its mirror image have the same.
+        query: number.
         T_level_sensor: (4, 4) where the scan was taken, or None: at no place of the map.
         errors_m: of each hypothesis in turn; infinite where it is turned by over RIGHT_DEG too.
         is_real: whether the scan is a real one.
-        is_mirrored: whether the scan is the mirror image of one taken in the map.
-        unequal_by: see ``equal_places.unequal_by``.
+        equals: those of the true place among the hypotheses.
         min_margin: of this map: places whose support differs by less tie.
         aliases: numbers of the hypotheses that are known aliases of the best one.
         lead_lost: see ``alias_leads.lead_lost``.
@@ -37,9 +38,8 @@ class Outcome:
     answer: Localization
     T_level_sensor: Matrix | None
     errors_m: tuple[float, ...]
-    is_mirrored: bool = False
     is_real: bool = False
-    unequal_by: float | None = None
+    equals: EqualPlaces = NO_EQUALS
     min_margin: float = Calibration().min_margin
     aliases: tuple[int, ...] = ()
     lead_lost: float | None = None
@@ -54,9 +54,9 @@ class Outcome:
         return cls(query, answer, T_level_sensor, errors_m)
 
     @classmethod
-    def nowhere(cls, query: int, answer: Localization, is_mirrored: bool = False) -> Outcome:
+    def nowhere(cls, query: int, answer: Localization) -> Outcome:
         """The outcome of a scan whose place is not in the map."""
-        return cls(query, answer, None, (np.inf,) * len(answer.hypotheses), is_mirrored)
+        return cls(query, answer, None, (np.inf,) * len(answer.hypotheses))
 
     @property
     def is_in_map(self) -> bool:
@@ -114,11 +114,13 @@ class Outcome:
         found = self.evidence
         if found is None or not self.right_among_tied:
             return None
-        tied, others = self.answer.hypotheses[: found.tied], self.answer.hypotheses[found.tied :]
+        tied = self.answer.hypotheses[: found.tied]
         elsewhere = [
             other.quality
-            for other in others
-            if other.quality is not None
+            for number, other in enumerate(self.answer.hypotheses)
+            if number >= found.tied
+            and number not in self.equals.numbers
+            and other.quality is not None
             and all(pose_error(one.T_map_sensor, other.T_map_sensor)[0] > ABSENT_BEYOND_M for one in tied)
         ]
         # of one alone the margin is not known

@@ -15,8 +15,8 @@ from firstfix.engine.ranking import MatchFeatures
 
 from .threshold import Judged
 
-# Of a scan as if its place were not in the map, and of a mirror image, against a scan of the map: one query
-# in six is such a scan. Robots are mostly where their map is (docs/method.md section 7).
+# Of a scan as if its place were not in the map, against a scan of the map. Robots are mostly where their map
+# is (docs/method.md section 7).
 ABSENT_WEIGHT = 0.1
 FOLDS = 5
 BINS = 10
@@ -43,17 +43,12 @@ class Case:
     is_in_map: bool = True
 
 
-def mirrored_weight(queries: int, mirrored: int) -> float:
-    """Weight of each mirror image: together they weigh ABSENT_WEIGHT of the queries, however few they are."""
-    return ABSENT_WEIGHT * queries / max(1, min(mirrored, queries))
-
-
 def fit(cases: Sequence[Case]) -> Calibration:
     """The calibration that the cases teach.
 
     Which margin a place without an equal needs is learned from such places alone. Scans whose best places tie
-    are left out there, together with their mirror images and hard negatives: alone these would teach that
-    nothing is ever right. How likely one of several places that tie is right, all cases teach.
+    are left out there, together with their hard negatives: alone these would teach that nothing is ever
+    right. How likely one of several places that tie is right, all cases teach.
     """
     tied = {case.query for case in cases if case.asked and case.evidence.tied > 1}
     single = [case for case in cases if case.query not in tied and case.evidence.tied == 1]
@@ -139,7 +134,7 @@ def judged(cases: Sequence[Case], calibration: Calibration) -> list[Judged]:
         if not case.right:
             claim = max(claim, calibration.probability(case.evidence))
         claimed = claim if model.accepts(case.evidence, 0.0) else -1.0
-        found.append(Judged(claimed, case.right, case.is_in_map, case.weight))
+        found.append(Judged(claimed, case.right, case.is_in_map, case.weight, case.asked))
     return found
 
 

@@ -1,7 +1,8 @@
 """The self-test of a version, before it is published.
 
-Perturbed scans are simulated between the templates, and in a place that is not in the map. The real localizer
-answers them. The results are the success rate of the version, and the calibration of its probabilities.
+Perturbed scans are simulated between the templates, and scans of strange places ship with the release. The
+real localizer answers them. The results are the success rate of the version, and the calibration of its
+probabilities.
 """
 
 from __future__ import annotations
@@ -14,43 +15,43 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.builds.config import SelfTestConfig
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import BuildCancelled
+from firstfix.scan.compact import CompactScan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, inverse, make_transform
 
-from ..simulation.perturb import ScanCase, ScanSimulation, elsewhere
+from ..simulation.perturb import ScanCase, ScanSimulation
 from ..simulation.simulate import Simulator
 from .alias_leads import SCANS, alias_tie_width, aliases_among, lead_lost
-from .equal_places import is_in_map, mirrored, tie_width, unequal_by
+from .equal_places import equal_places, tie_width
 from .localizability import QueriedPlace, grid_of
 from .outcome import RIGHT_M, Outcome
 from .real_scans import RealScans, disagreeing
-from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, judged, mirrored_weight, reliability_of
+from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, judged, reliability_of
+from .strangers import drawn_strangers
+from .taught_outcomes import taught_outcomes
 from .threshold import TOLD, Judged, choose
 
-SURE = 0.5  # a mirror image that was found with a higher probability may be in the map
 LIMITS_M = (0.05, 0.2, 0.5, 1)
 
 
 @dataclass(frozen=True)
 class SelfTest:
-    """Results of ``queries`` perturbed scans in the map and ``outside`` scans from elsewhere.
+    """Results of ``queries`` perturbed scans in the map and ``outside`` scans of strange places.
 
     Attributes:
-        mirrored: number of mirror images of the queries that were asked, without those that are in the map.
         success: by limit, such as "0.2m": share of the queries whose best hypothesis is within the limit.
         among: the same for any hypothesis: the place was found, but not necessarily ranked first.
         localized: share of the queries answered ``localized``.
         median_error_m: of the best hypotheses; None if half of the queries or more have none.
         false_accepts: number of answers ``localized`` that were off by over 1 m or 10 degrees, or outside.
         reliability: result of ``reliability.reliability_of`` for all of them.
-        false_accept_bound: result of ``reliability.bound_of``, with mirror images and hard negatives.
+        false_accept_bound: result of ``reliability.bound_of``, with hard negatives.
         threshold: result of ``threshold.choose`` for the config's promise; ``others``: for those of ``TOLD``.
         localizability: result of ``localizability.grid_of`` for the queries; the build adds what
             ``mapped_places.MappedPlaces`` knows.
@@ -63,7 +64,6 @@ class SelfTest:
 
     queries: int
     outside: int
-    mirrored: int
     success: dict[str, float]
     among: dict[str, float]
     localized: float
@@ -99,36 +99,28 @@ def run_self_test(
     templates = localizer.index.cascade.templates
     here = ScanSimulation(simulator, sensor, config.perturb)
     inside = here.cases(templates.position_m, localizer.index.config.spacing_m, config.queries, rng)
-    strange = ScanSimulation(Simulator(*elsewhere(rng)), sensor, config.perturb)
-    places = np.column_stack(
-        [rng.uniform(-15, 15, (200, 2)), np.full(200, float(np.median(templates.height_m)))]
-    )
-    outside = strange.cases(places, 1.0, config.outside, rng)
-    queries = [*((here, case) for case in inside), *((strange, case) for case in outside)]
+    queries: list[ScanCase | CompactScan] = [*inside, *drawn_strangers(config.outside, rng)]
     asked_with = LocalizeOptions(T_base_sensor=make_transform(sensor.R_base_sensor, np.zeros(3)))
     T_map_level, ranking = localizer.index.T_map_level, localizer.index.config.ranking
     T_level_map = inverse(T_map_level)
     done = 0
 
-    def run(number: int) -> list[Outcome]:
+    def run(number: int) -> Outcome:
         if cancelled():
             raise BuildCancelled("cancelled during the self-test")
-        simulation, case = queries[number]
-        scan = simulation.scan(case)
-        answer = localizer.localize(scan, asked_with)
-        if simulation is strange:
-            outcomes = [Outcome.nowhere(number, answer)]
+        case = queries[number]
+        if isinstance(case, CompactScan):
+            outcome = Outcome.nowhere(number, localizer.localize(case))
         else:
-            by = unequal_by(answer, simulator, sensor, case.T_level_sensor, T_level_map, ranking)
+            scan = here.scan(case)
+            answer = localizer.localize(scan, asked_with)
+            equals = equal_places(answer, simulator, sensor, case.T_level_sensor, T_level_map, ranking)
             lost = lead_lost(localizer, here, case, asked_with) if number < SCANS else None
             outcome = Outcome.here(number, answer, case.T_level_sensor, T_map_level)
-            outcomes = [replace(outcome, unequal_by=by, lead_lost=lost)]
-            if number < config.mirrored:
-                image = localizer.localize(mirrored(scan, sensor), asked_with)
-                if not _is_right(image, case):
-                    outcomes.append(Outcome.nowhere(number, image, is_mirrored=True))
+            aliases = aliases_among(localizer, scan, answer, asked_with)
+            outcome = replace(outcome, equals=equals, lead_lost=lost, aliases=aliases)
         ticked()
-        return outcomes
+        return outcome
 
     def run_real(number: int) -> Outcome:
         if cancelled():
@@ -144,16 +136,9 @@ def run_self_test(
         done += 1
         progress(done / (len(queries) + len(real.scans)))
 
-    def _is_right(image: Localization, case: ScanCase) -> bool:
-        """Returns whether the mirror image of the case's place was found, because the map has it too."""
-        if image.probability < SURE or not image.hypotheses:
-            return False
-        found = T_level_map @ image.hypotheses[0].T_map_sensor
-        return is_in_map(simulator, sensor, case.T_level_sensor, found)
-
-    outcomes = [outcome for of_query in executor.map(run, range(len(queries))) for outcome in of_query]
+    outcomes = list(executor.map(run, range(len(queries))))
     outcomes += executor.map(run_real, range(len(real.scans)))
-    min_margin = tie_width([outcome.unequal_by for outcome in outcomes])
+    min_margin = tie_width([outcome.equals.unequal_by for outcome in outcomes])
     alias_margin = alias_tie_width(
         [outcome.lead_lost for outcome in outcomes], min_margin, ranking.max_margin
     )
@@ -161,26 +146,31 @@ def run_self_test(
         replace(
             outcome,
             min_margin=min_margin,
-            aliases=aliases_among(localizer.index, outcome.answer),
             ranking=ranking,
         )
         for outcome in outcomes
     ]
-    of_mirrored, of_real = mirrored_weight(len(inside), config.mirrored), real.weight(len(inside))
+    of_real = real.weight(len(inside))
 
     def weight_of(outcome: Outcome) -> float:
-        return of_mirrored if outcome.is_mirrored else of_real if outcome.is_real else 1.0
+        return of_real if outcome.is_real else 1.0
 
     cases = _cases(outcomes, weight_of)
     calibration = replace(fit(cases), min_margin=min_margin, alias_margin=alias_margin)
     seen = judged(cases, calibration)
     seen += [Judged(-1.0, False, o.is_in_map, weight_of(o)) for o in outcomes if o.evidence is None]
-    threshold = choose(seen, config.max_false_accept)
-    calibration = replace(calibration, min_probability=threshold.min_probability)
+    taught = taught_outcomes()
+    threshold = choose(seen, config.max_false_accept, taught.ceiling(config.max_false_accept))
+    calibration = replace(
+        calibration,
+        min_probability=threshold.min_probability,
+        search_until=choose(seen, config.max_false_accept, None).min_probability,
+    )
     simulated = [outcome for outcome in outcomes if not outcome.is_real]
     tested = _queried_places(simulated, calibration, T_level_map)
     bound = bound_of(cases, unanswered=sum(o.evidence is None for o in outcomes))
-    told = {**threshold.to_mapping(), "others": [choose(seen, share).to_mapping() for share in TOLD]}
+    others = [choose(seen, share, taught.ceiling(share)).to_mapping() for share in TOLD]
+    told = {**threshold.to_mapping(), "others": others, "taught": taught.to_mapping()}
     found = _summary(simulated, calibration, cases, bound, told, grid_of(tested))
     compared = _of_real(found, [o for o in outcomes if o.is_real], calibration, real, of_real)
     found = replace(found, real=compared)
@@ -209,8 +199,8 @@ def _cases(outcomes: Sequence[Outcome], weight_of: Callable[[Outcome], float]) -
     for outcome in outcomes:
         weight = weight_of(outcome)
         if outcome.evidence is not None:
-            right, asked = outcome.right_among_tied, not outcome.is_mirrored
-            cases.append(Case(outcome.query, outcome.evidence, right, weight, asked, outcome.is_in_map))
+            right = outcome.right_among_tied
+            cases.append(Case(outcome.query, outcome.evidence, right, weight, is_in_map=outcome.is_in_map))
         absent = outcome.without_the_truth
         if absent is not None:
             rare = ABSENT_WEIGHT * weight
@@ -226,14 +216,12 @@ def _summary(
     threshold: dict[str, Any],
     localizability: list[dict[str, object]],
 ) -> SelfTest:
-    asked = [outcome for outcome in outcomes if not outcome.is_mirrored]
-    inside = [outcome for outcome in asked if outcome.T_level_sensor is not None]
+    inside = [outcome for outcome in outcomes if outcome.T_level_sensor is not None]
     errors = np.array([outcome.first_error_m for outcome in inside])
-    accepted = [o for o in asked if o.accepted_by(calibration)]
+    accepted = [o for o in outcomes if o.accepted_by(calibration)]
     return SelfTest(
         queries=len(inside),
-        outside=len(asked) - len(inside),
-        mirrored=len(outcomes) - len(asked),
+        outside=len(outcomes) - len(inside),
         success=_shares(errors),
         among=_shares(np.array([outcome.least_error_m for outcome in inside])),
         localized=_localized(inside, calibration),

@@ -1,7 +1,8 @@
 """The threshold of a map: from which probability on an answer is ``localized`` (docs/method.md section 11).
 
 A user says how many of these answers may be wrong. The self-test finds the lowest threshold that keeps this,
-with all its cases: scans of the map, and scans whose place the map lacks.
+with all its cases: scans of the map, and scans whose place the map lacks. Its few cases can rarely show it,
+so many maps have taught a ceiling.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from firstfix.engine.false_accept_bound import THRESHOLDS, upper_bound
 FLOOR = 0.9  # an answer more doubtful than this is never `localized`, however right the others are
 ABSENT_SHARE = 1 / 9  # of queries come from a place that the map lacks (docs/method.md section 7)
 TOLD = (0.01, 0.005, 0.001)  # what else the report tells of
-RATE, EACH = "rate", "each answer"
+RATE, MANY_MAPS, EACH = "rate", "many maps", "each answer"
 STEPS = 1_000_000  # in which a threshold is told
 
 
@@ -32,12 +33,28 @@ class Judged:
         right: whether that place, or one that ties with it, is right.
         is_in_map: whether the scan was taken in the map.
         weight: of the case among those in the map, or among those that are not.
+        asked: whether the query was really asked; else it is a hard negative.
     """
 
     claimed: float
     right: bool
     is_in_map: bool
     weight: float = 1.0
+    asked: bool = True
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """A threshold that many maps have taught: no map's is higher.
+
+    Attributes:
+        min_probability: it accepts no wrong answer in any of them.
+        bound: 0..1, with 95 % confidence no larger share of the answers ``localized`` is wrong, in all of
+            them together.
+    """
+
+    min_probability: float
+    bound: float
 
 
 @dataclass(frozen=True)
@@ -49,8 +66,9 @@ class Threshold:
         min_probability: the threshold.
         localized: share of the scans in the map that it accepts.
         bound: 0..1, with 95 % confidence no larger share of the answers ``localized`` is wrong.
-        kept_by: "rate": the cases show that the share is kept; "each answer": they are too few to show it,
-            so each answer is as probable as the promise asks.
+        kept_by: "rate": the map's own cases show that the share is kept; "many maps": they are too few to
+            show it, and the threshold is the ceiling, at which those of many maps show it; "each answer":
+            neither do, so each answer is as probable as the promise asks.
     """
 
     max_false_accept: float
@@ -64,27 +82,43 @@ class Threshold:
         return asdict(self)
 
 
-def choose(cases: Sequence[Judged], max_false_accept: float) -> Threshold:
+def choose(cases: Sequence[Judged], max_false_accept: float, ceiling: Ceiling | None) -> Threshold:
     """The lowest threshold that keeps a promise. Who allows more is never given a higher one.
 
-    No threshold is chosen that accepts a wrong place among the cases. The rate of wrong answers counts where
-    the cases show it. Where they are too few, each answer must be as probable as the promise asks.
+    The map's own cases may show the rate of wrong answers: then it is the lowest one that keeps the promise
+    and accepts no wrong place among them. Else each answer must be as probable as the promise asks, and more
+    than the most probable wrong case. But it is never above the ceiling, unless the map's own scans refute
+    that.
 
     Args:
         max_false_accept: largest share of the answers ``localized`` that may be wrong.
+        ceiling: for this share; None: many maps have taught none.
     """
     seen = _Seen.of(cases)
     least = max(FLOOR, seen.above_the_worst)
     each = max(least, round(1 - max_false_accept, 6))
     shown = (one for one in THRESHOLDS if one >= least and seen.bound(one) <= max_false_accept)
     chosen = min(next(shown, each), each)
-    return Threshold(
-        max_false_accept,
-        chosen,
-        round(seen.localized(chosen), 4),
-        seen.bound(chosen),
-        RATE if seen.bound(chosen) <= max_false_accept else EACH,
-    )
+    bound = seen.bound(chosen)
+    kept_by = RATE if bound <= max_false_accept else EACH
+    if (
+        ceiling is not None
+        and ceiling.min_probability < chosen
+        and not _refuted(cases, ceiling.min_probability, max_false_accept)
+    ):
+        chosen, bound, kept_by = ceiling.min_probability, ceiling.bound, MANY_MAPS
+    return Threshold(max_false_accept, chosen, round(seen.localized(chosen), 4), bound, kept_by)
+
+
+def bound_at(cases: Sequence[Judged], threshold: float) -> float:
+    """Upper bound, with 95 % confidence, of the wrong share of the answers ``localized`` (equation 11.2)."""
+    return _Seen.of(cases).bound(threshold)
+
+
+def _refuted(cases: Sequence[Judged], threshold: float, max_false_accept: float) -> bool:
+    """Returns whether scans that were asked show, with 95 % confidence, that a threshold breaks a promise."""
+    accepted = [case.right for case in cases if case.asked and case.claimed >= threshold]
+    return 1 - upper_bound(sum(accepted), len(accepted)) > max_false_accept
 
 
 @dataclass(frozen=True)

@@ -165,7 +165,8 @@ class SelfTestConfig(Stage):
     """Numbers of simulated queries of the self-test, inside and outside the map.
 
     Attributes:
-        mirrored: number of the queries whose mirror image is asked, too: a place that is not in the map.
+        queries: scans in the map, at places between the templates.
+        outside: scans of strange places, at most as many as ship with the release.
         max_false_accept: share of the answers ``localized`` that may be wrong. The map's threshold follows.
         held_out: largest number of keyframes that a map is made without, to be asked, too; 0: none. Only of
             maps that are made of their scans, a tenth of them at most.
@@ -174,8 +175,7 @@ class SelfTestConfig(Stage):
     """
 
     queries: int = Field(120, ge=0, le=100_000)
-    outside: int = Field(30, ge=0, le=100_000)
-    mirrored: int = Field(60, ge=0, le=100_000)
+    outside: int = Field(48, ge=0, le=100_000)
     max_false_accept: float = Field(0.005, gt=0, le=0.1)
     held_out: int = Field(40, ge=0, le=200)
     confirmed: int = Field(40, ge=0, le=200)

@@ -23,7 +23,15 @@ from .ranking import MatchFeatures
 # Standard deviation of a map's weights around the prior's: SPREAD times the weight, for the bias SPREAD_BIAS.
 SPREAD, SPREAD_BIAS = 0.4, 4.0
 # Fields of ``Calibration``, in the order of ``MatchFeatures.vector``.
-WEIGHTS = ("bias", "alignment_score", "free_space", "beside_surface", "same_plane", "margin")
+WEIGHTS = (
+    "bias",
+    "alignment_score",
+    "free_space",
+    "beside_surface",
+    "same_plane",
+    "margin",
+    "removed_surface",
+)
 
 
 @dataclass(frozen=True)
@@ -34,9 +42,12 @@ class Calibration:
 
     Attributes:
         bias: of the model.
-        alignment_score, free_space, beside_surface, same_plane, margin: its weights. They are never negative:
-            a better fit never makes an answer less likely.
+        alignment_score, free_space, beside_surface, same_plane, margin, removed_surface: its weights. They
+            are never negative: a better fit never makes an answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query gives its own threshold.
+        search_until: below it the search goes on, though the answer may be ``localized``: it is the threshold
+            that the map's own cases show, where many maps have taught a lower one. What is searched for less
+            is less often right.
         min_inlier_ratio: below it a pose does not explain the scan at all.
         max_free_space_violation: nor does a pose that more of the scan's directions contradict.
         min_margin: poses tie if their support differs by less: the answer is then ambiguous, however good
@@ -52,6 +63,7 @@ class Calibration:
     beside_surface: float = 2.5
     same_plane: float = 1.66
     margin: float = 21.1
+    removed_surface: float = 0.8
     min_probability: float = 0.995
     min_inlier_ratio: float = 0.4
     max_free_space_violation: float = 0.1
@@ -59,10 +71,11 @@ class Calibration:
     cases: int = 0
     among_tied: tuple[float, ...] = ()
     alias_margin: float = 0.05
+    search_until: float = 0.995
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(6,) weights of the model, bias first."""
+        """(7,) weights of the model, bias first."""
         return np.array(self._model)
 
     @cached_property
@@ -91,6 +104,10 @@ class Calibration:
         explains = quality.inlier_ratio >= self.min_inlier_ratio
         explains &= quality.free_space_violation <= self.max_free_space_violation
         return explains and features.tied == 1 and self.probability(features) >= needed
+
+    def ends_search(self, features: MatchFeatures) -> bool:
+        """Returns whether a pose is so surely right that nothing else is searched for."""
+        return self.accepts(features, self.search_until)
 
     @classmethod
     def fit(cls, features: Sequence[MatchFeatures], right: ArrayLike, weight: ArrayLike) -> Calibration:
@@ -128,19 +145,27 @@ class Calibration:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
-        """Reads what ``to_mapping`` returned, also before there were ``among_tied`` and ``alias_margin``.
+        """Reads what ``to_mapping`` returned, also before it had all fields.
 
         Raises:
             IncompatibleVersion: it was fitted on other features.
             ValueError: a field is none.
         """
-        values = {"among_tied": (), "alias_margin": data.get("min_margin"), **data}
+        missing: dict[str, Any] = {
+            "among_tied": (),
+            "alias_margin": data.get("min_margin"),
+            "search_until": data.get("min_probability"),
+            "removed_surface": 0.0,
+        }
+        values = missing | dict(data)
         different = set(values) ^ {field.name for field in fields(cls)}
         if different:
             raise IncompatibleVersion(
                 f"the version was calibrated for another ranking ({', '.join(sorted(different))}): {REBUILD}"
             )
         among_tied = tuple(map(float, values["among_tied"]))
+        if among_tied and "removed_surface" not in data:
+            among_tied = (*among_tied, 0.0)
         if among_tied and len(among_tied) != len(WEIGHTS):
             raise ValueError(f"fields of a calibration: {len(among_tied)} weights for poses that tie")
         return cls(**{**values, "among_tied": among_tied})

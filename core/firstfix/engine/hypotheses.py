@@ -213,7 +213,7 @@ class HypothesisSearch:
                 if candidate.support < min(supports[1], supports[0] - self._ranking.rival_within):
                     break
                 checked[:1] = self._with_agreements(checked[:1])
-                if self._index.calibration.accepts(features_of([*checked, candidate])):
+                if self._index.calibration.ends_search(features_of([*checked, candidate])):
                     break
             checked.append(self._with_free_space(candidate))
             checked.sort(key=lambda one: -one.support)

@@ -17,10 +17,15 @@ from ..answer.prior import Prior
 from ..transform import Matrix
 from .candidates import YAW_SLACK_DEG, Candidates
 from .index import MapIndex
+from .lead import lead_t
 from .ranking import RankingConfig
 from .registered_candidate import RegisteredCandidate, distinct, features_of
 from .registration.surface import Surface
 from .retrieval.cascade import Templates
+
+# A lead in score over an alias that is this many times its standard error is no accident of one thing that
+# moved (docs/experiments.md, "Which leads over a look-alike can be trusted").
+PARTED_T = 2.5
 
 
 def known_aliases(index: MapIndex, T_level_sensor: Matrix, prior: Prior | None) -> Candidates:
@@ -110,13 +115,32 @@ def not_far_behind(
 
 
 def with_aliases_marked(
-    registered: Sequence[RegisteredCandidate], prior: Prior | None
+    registered: Sequence[RegisteredCandidate], dense: Surface, prior: Prior | None
 ) -> list[RegisteredCandidate]:
-    """The candidates of one map, best first, with those marked that are known aliases of the best."""
-    index, T_level_sensor = registered[0].index, [one.registration.T_level_sensor for one in registered]
+    """The candidates of one map, best first, with those marked that are known aliases of the best.
+
+    An alias over which the best place leads all around is none for this scan.
+
+    Args:
+        dense: the scan's many points.
+    """
+    best, index = registered[0], registered[0].index
+    T_level_sensor = np.array([one.registration.T_level_sensor for one in registered])
     aliases = known_aliases(index, T_level_sensor[0], prior).T_level_sensor
-    found = is_any_of(aliases, np.array(T_level_sensor), index.config.ranking)
-    return [replace(one, is_alias=is_alias) for one, is_alias in zip(registered, found.tolist(), strict=True)]
+    close = [
+        number
+        for number in np.flatnonzero(is_any_of(aliases, T_level_sensor, index.config.ranking)).tolist()
+        if number and abs(best.support - registered[number].support) < index.calibration.alias_margin
+    ]
+    if not close:
+        return list(registered)
+    placed_m = [
+        dense.deskewed(one.registration.twist).moved(one.registration.T_level_sensor).points
+        for one in (best, *(registered[number] for number in close))
+    ]
+    t = lead_t(index.surface, placed_m, T_level_sensor[0, :3, 3])
+    alike = {number for number, of_it in zip(close, t.tolist(), strict=True) if of_it < PARTED_T}
+    return [replace(one, is_alias=number in alike) for number, one in enumerate(registered)]
 
 
 def is_any_of(

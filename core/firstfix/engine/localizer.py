@@ -244,7 +244,7 @@ def _search(searches: Sequence[MapSearch]) -> None:
     """Climbs the effort levels until a place explains the scan: most scans need the first step alone."""
     for search in searches:
         search.take(Step.NARROW)
-        if not search.is_accepted:
+        if not search.is_settled:
             search.take(Step.WIDE)
     for step in (Step.OTHER_UPS, Step.EXHAUSTIVE):
         if any(_explain_scan(search.registered) for search in searches if search.registered):
@@ -269,7 +269,7 @@ def _one_explains_scan(searches: Sequence[MapSearch]) -> bool:
         return False
     best = max(found, key=lambda search: search.registered[0].support)
     best.take(Step.NARROW)
-    return best.is_accepted
+    return best.is_settled
 
 
 def _explain_scan(registered: Sequence[RegisteredCandidate]) -> bool:
@@ -279,4 +279,4 @@ def _explain_scan(registered: Sequence[RegisteredCandidate]) -> bool:
     """
     best = features_of(registered)
     is_convincing = best.quality.inlier_ratio >= best.ranking.convincing_inlier_ratio
-    return is_convincing and registered[0].index.calibration.accepts(best.without_rivals)
+    return is_convincing and registered[0].index.calibration.ends_search(best.without_rivals)

@@ -59,11 +59,13 @@ class MapSearch:
         self.registered: list[RegisteredCandidate] = []
 
     @property
-    def is_accepted(self) -> bool:
-        """Returns whether the best pose may be answered ``localized``."""
+    def is_settled(self) -> bool:
+        """Returns whether the best pose is so surely right that nothing else is searched for."""
         best = self.registered
         return (
-            bool(best) and best[0].registration.rests and self._index.calibration.accepts(features_of(best))
+            bool(best)
+            and best[0].registration.rests
+            and self._index.calibration.ends_search(features_of(best))
         )
 
     def take(self, step: Step) -> None:
@@ -112,7 +114,7 @@ class MapSearch:
             return
         if expected_s <= self._watch.left_s:
             self._register_aliases(min_probability)
-        self.registered = with_aliases_marked(self.registered, self._options.prior)
+        self.registered = with_aliases_marked(self.registered, self._prepared.dense, self._options.prior)
 
     def _register_aliases(self, min_probability: float | None) -> None:
         index, best = self._index, self.registered
@@ -167,7 +169,7 @@ class MapSearch:
     def _search_near(self) -> None:
         """Searches beside the best place: along its free direction if it would be the answer, else around."""
         best, config = self.registered[0].registration, self._index.config.nearby
-        offsets_m = offsets_along(config, best) if self.is_accepted else offsets_around(config)
+        offsets_m = offsets_along(config, best) if self.is_settled else offsets_around(config)
         if len(offsets_m):
             self.registered = self._hypotheses.search_near(self.registered, offsets_m)
 

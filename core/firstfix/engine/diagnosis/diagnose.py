@@ -169,7 +169,7 @@ def _by_other_forms(answer: Localization, query: AskedQuery, watch: Stopwatch) -
             return None
         search = query.ask(form.scan, form.options)
         longest_s = max(longest_s, time.monotonic() - began)
-        if search is None or not search.is_accepted:
+        if search is None or not search.is_settled:
             continue
         ratio = features_of(search.registered).quality.inlier_ratio
         if ratio > sent_ratio + BETTER:

@@ -1,0 +1,101 @@
+"""What many maps have taught: outcomes of natural scans in maps of known truth, which ship with the release.
+
+A map's own self-test has some two hundred cases, and the most probable of its wrong ones says little: the
+next map's will have another. Thousands of scans in many maps show how probable natural wrong answers get at
+all.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import hashlib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from firstfix.engine.false_accept_bound import THRESHOLDS
+
+from .threshold import FLOOR, Ceiling, Judged, bound_at
+
+# Made by `python -m benchmarks.outcomes table`.
+PATH = Path(__file__).parent / "taught" / "outcomes.csv.gz"
+COLUMNS = ("map", "place", "sensor", "own_threshold", "kind", "claimed", "right")
+HERE, ELSEWHERE, ALIKE = "here", "elsewhere", "alike"
+
+
+@dataclass(frozen=True)
+class TaughtOutcome:
+    """One answer to a natural scan: a real one, or one that is not disturbed as the self-test's are.
+
+    Attributes:
+        map: name of the map that was asked.
+        place: maps of one place have the same.
+        own_threshold: that the map's own self-test shows.
+        kind: HERE: a scan of the map; ELSEWHERE: of another place; ALIKE: of another building of the same
+            kind, which no threshold keeps out for sure.
+        case: with the probability that the map's own calibration gave it.
+    """
+
+    map: str
+    place: str
+    sensor: str
+    own_threshold: float
+    kind: str
+    case: Judged
+
+
+@dataclass(frozen=True)
+class TaughtOutcomes:
+    """Outcomes of many maps.
+
+    Attributes:
+        version: digest of the table, for the manifest.
+    """
+
+    rows: tuple[TaughtOutcome, ...]
+    version: str
+
+    def ceiling(self, max_false_accept: float, *, but_of: str | None = None) -> Ceiling | None:
+        """The ceiling that keeps a promise; None if no threshold does.
+
+        Scans of look-alikes do not count: what is missing from a map is not known to it.
+
+        Args:
+            max_false_accept: largest share of the answers ``localized`` that may be wrong.
+            but_of: place whose maps do not count; None: all count.
+        """
+        cases = [row.case for row in self.rows if row.kind != ALIKE and row.place != but_of]
+        wrong = max((case.claimed for case in cases if not case.right), default=0.0)
+        for threshold in THRESHOLDS:
+            if threshold >= FLOOR and threshold > wrong:
+                bound = bound_at(cases, threshold)
+                if bound <= max_false_accept:
+                    return Ceiling(threshold, bound)
+        return None
+
+    def to_mapping(self) -> dict[str, Any]:
+        """What the manifest says of the table."""
+        return {
+            "version": self.version,
+            "maps": len({row.map for row in self.rows}),
+            "answers": len(self.rows),
+        }
+
+
+@cache
+def taught_outcomes() -> TaughtOutcomes:
+    """The table of this release."""
+    data = PATH.read_bytes()
+    return TaughtOutcomes(
+        tuple(_outcome(row) for row in csv.DictReader(gzip.decompress(data).decode().splitlines())),
+        hashlib.sha256(data).hexdigest()[:12],
+    )
+
+
+def _outcome(row: dict[str, str]) -> TaughtOutcome:
+    case = Judged(float(row["claimed"]), row["right"] == "1", row["kind"] == HERE)
+    return TaughtOutcome(
+        row["map"], row["place"], row["sensor"], float(row["own_threshold"]), row["kind"], case
+    )
