@@ -29,7 +29,6 @@ CONFIG = {
     "self_test": {
         "queries": 32,
         "outside": 8,
-        "mirrored": 8,
         "perturb": {"occluders": 1, "strangers": 0, "unmapped": 0, "vanished": 0},
     },
 }

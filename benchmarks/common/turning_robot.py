@@ -33,4 +33,5 @@ def write_turning_robot(source: Path, out: Path) -> None:
     write_rows(out / "trajectory.csv", POSE, [numbers_of(poses[k]) for k in mapped])
     write_rows(out / "eval.csv", ("scan", *POSE), [[f"{k}.pcd", *numbers_of(poses[k])] for k in asked])
     for k in asked:
+        (out / f"{k}.pcd").unlink(missing_ok=True)
         (out / f"{k}.pcd").symlink_to((source / f"{k}.pcd").resolve())

@@ -39,7 +39,7 @@ QUICK = Change(
     {
         **SIGNED_DISTANCE,
         "viewpoints": {"spacing_m": 8.0},
-        "self_test": {"queries": 20, "outside": 4, "mirrored": 4},
+        "self_test": {"queries": 20, "outside": 4},
     },
 )
 

@@ -60,7 +60,7 @@ def house(world: ConsoleWorld, house_file: Path) -> str:
                 "sensor": "vlp-16",
                 "activate": {"min_localized": 0},
                 "learn_keys": {"scans": 0},
-                "self_test": {"queries": 12, "outside": 2, "mirrored": 0},
+                "self_test": {"queries": 12, "outside": 2},
             }
             client.wait_for_build(client.build_map(house_file, "house", config=config).build_id)
     return "house"

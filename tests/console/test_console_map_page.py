@@ -159,7 +159,7 @@ def test_the_scale_is_that_of_the_picture(page):
 @pytest.fixture(scope="module")
 def mended(world, small_world, cloud_version, tmp_path_factory) -> Iterator[tuple[str, str]]:
     """The map "mended" and a patch of it that waits: the versions before and after, built by the service."""
-    config = {**CONFIG, "self_test": {**CONFIG["self_test"], "queries": 20, "outside": 2, "mirrored": 2}}
+    config = {**CONFIG, "self_test": {**CONFIG["self_test"], "queries": 20, "outside": 2}}
     start = datetime.now(timezone.utc) - timedelta(days=5)
     folder = tmp_path_factory.mktemp("mended")
     yard = ChangedYard(small_world, folder, world.service.settings.store, "mended", start)

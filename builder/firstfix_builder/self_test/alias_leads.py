@@ -20,6 +20,7 @@ from firstfix.engine.known_aliases import PARTED_T, is_any_of, known_aliases, no
 from firstfix.engine.lead import lead_t
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.stopwatch import Stopwatch
+from firstfix.scan.compact import CompactScan
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, pose_error
@@ -70,7 +71,7 @@ def lead_lost(
 
 
 def aliases_among(
-    localizer: Localizer, scan: Scan, answer: Localization, options: LocalizeOptions
+    localizer: Localizer, scan: Scan | CompactScan, answer: Localization, options: LocalizeOptions
 ) -> tuple[int, ...]:
     """Numbers of the hypotheses of an answer that are known aliases of the best one.
 

@@ -27,6 +27,7 @@ class Outcome:
         T_level_sensor: (4, 4) where the scan was taken, or None: at no place of the map.
         errors_m: of each hypothesis in turn; infinite where it is turned by over RIGHT_DEG too.
         is_real: whether the scan is a real one.
+        is_rough: whether it is a simulated one that was disturbed more than real ones are.
         equals: those of the true place among the hypotheses.
         min_margin: of this map: places whose support differs by less tie.
         aliases: numbers of the hypotheses that are known aliases of the best one.
@@ -39,6 +40,7 @@ class Outcome:
     T_level_sensor: Matrix | None
     errors_m: tuple[float, ...]
     is_real: bool = False
+    is_rough: bool = False
     equals: EqualPlaces = NO_EQUALS
     min_margin: float = Calibration().min_margin
     aliases: tuple[int, ...] = ()

@@ -48,6 +48,8 @@ class SelfTest:
         success: by limit, such as "0.2m": share of the queries whose best hypothesis is within the limit.
         among: the same for any hypothesis: the place was found, but not necessarily ranked first.
         localized: share of the queries answered ``localized``.
+        parts: number of ``queries``, ``success`` and ``localized`` of those disturbed "as real" scans are,
+            and of those disturbed "roughly".
         median_error_m: of the best hypotheses; None if half of the queries or more have none.
         false_accepts: number of answers ``localized`` that were off by over 1 m or 10 degrees, or outside.
         reliability: result of ``reliability.reliability_of`` for all of them.
@@ -67,6 +69,7 @@ class SelfTest:
     success: dict[str, float]
     among: dict[str, float]
     localized: float
+    parts: dict[str, dict[str, Any]]
     median_error_m: float | None
     false_accepts: int
     reliability: dict[str, Any]
@@ -97,9 +100,19 @@ def run_self_test(
     """
     rng = np.random.default_rng(config.seed)
     templates = localizer.index.cascade.templates
-    here = ScanSimulation(simulator, sensor, config.perturb)
-    inside = here.cases(templates.position_m, localizer.index.config.spacing_m, config.queries, rng)
-    queries: list[ScanCase | CompactScan] = [*inside, *drawn_strangers(config.outside, rng)]
+    rough = ScanSimulation(simulator, sensor, config.perturb_roughly)
+    roughly = round(config.rough * config.queries)
+    parts = (
+        (rough, roughly),
+        (ScanSimulation(simulator, sensor, config.perturb), config.queries - roughly),
+    )
+    inside = [
+        (simulation, case)
+        for simulation, count in parts
+        for case in simulation.cases(templates.position_m, localizer.index.config.spacing_m, count, rng)
+    ]
+    queries: list[tuple[ScanSimulation, ScanCase] | CompactScan]
+    queries = [*inside, *drawn_strangers(config.outside, rng)]
     asked_with = LocalizeOptions(T_base_sensor=make_transform(sensor.R_base_sensor, np.zeros(3)))
     T_map_level, ranking = localizer.index.T_map_level, localizer.index.config.ranking
     T_level_map = inverse(T_map_level)
@@ -108,17 +121,19 @@ def run_self_test(
     def run(number: int) -> Outcome:
         if cancelled():
             raise BuildCancelled("cancelled during the self-test")
-        case = queries[number]
-        if isinstance(case, CompactScan):
-            outcome = Outcome.nowhere(number, localizer.localize(case))
+        asked = queries[number]
+        if isinstance(asked, CompactScan):
+            outcome = Outcome.nowhere(number, localizer.localize(asked))
         else:
-            scan = here.scan(case)
+            simulation, case = asked
+            scan = simulation.scan(case)
             answer = localizer.localize(scan, asked_with)
             equals = equal_places(answer, simulator, sensor, case.T_level_sensor, T_level_map, ranking)
-            lost = lead_lost(localizer, here, case, asked_with) if number < SCANS else None
+            lost = lead_lost(localizer, rough, case, asked_with) if number < SCANS else None
             outcome = Outcome.here(number, answer, case.T_level_sensor, T_map_level)
             aliases = aliases_among(localizer, scan, answer, asked_with)
-            outcome = replace(outcome, equals=equals, lead_lost=lost, aliases=aliases)
+            is_rough = simulation is rough
+            outcome = replace(outcome, equals=equals, lead_lost=lost, aliases=aliases, is_rough=is_rough)
         ticked()
         return outcome
 
@@ -126,10 +141,12 @@ def run_self_test(
         if cancelled():
             raise BuildCancelled("cancelled during the self-test")
         one = real.scans[number]
-        answer = localizer.localize(one.scan, real.options_of(number, asked_with))
-        query = real.query(number, len(queries))
+        options = real.options_of(number, asked_with)
+        answer = localizer.localize(one.scan, options)
+        outcome = Outcome.here(real.query(number, len(queries)), answer, one.T_sensor, T_map_level)
+        aliases = aliases_among(localizer, one.scan, answer, options)
         ticked()
-        return replace(Outcome.here(query, answer, one.T_sensor, T_map_level), is_real=True)
+        return replace(outcome, aliases=aliases, is_real=True)
 
     def ticked() -> None:
         nonlocal done
@@ -142,14 +159,7 @@ def run_self_test(
     alias_margin = alias_tie_width(
         [outcome.lead_lost for outcome in outcomes], min_margin, ranking.max_margin
     )
-    outcomes = [
-        replace(
-            outcome,
-            min_margin=min_margin,
-            ranking=ranking,
-        )
-        for outcome in outcomes
-    ]
+    outcomes = [replace(outcome, min_margin=min_margin, ranking=ranking) for outcome in outcomes]
     of_real = real.weight(len(inside))
 
     def weight_of(outcome: Outcome) -> float:
@@ -225,6 +235,10 @@ def _summary(
         success=_shares(errors),
         among=_shares(np.array([outcome.least_error_m for outcome in inside])),
         localized=_localized(inside, calibration),
+        parts={
+            "as real": _part([outcome for outcome in inside if not outcome.is_rough], calibration),
+            "roughly": _part([outcome for outcome in inside if outcome.is_rough], calibration),
+        },
         median_error_m=_median(errors),
         false_accepts=sum(not o.right for o in accepted),
         reliability=reliability_of(cases),
@@ -232,6 +246,14 @@ def _summary(
         threshold=threshold,
         localizability=localizability,
     )
+
+
+def _part(outcomes: Sequence[Outcome], calibration: Calibration) -> dict[str, Any]:
+    return {
+        "queries": len(outcomes),
+        "success": _shares(np.array([outcome.first_error_m for outcome in outcomes])),
+        "localized": _localized(outcomes, calibration),
+    }
 
 
 def _of_real(

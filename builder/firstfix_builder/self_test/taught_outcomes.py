@@ -10,14 +10,16 @@ from __future__ import annotations
 import csv
 import gzip
 import hashlib
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from firstfix.engine.false_accept_bound import THRESHOLDS
+from firstfix.engine.false_accept_bound import THRESHOLDS, upper_bound
 
-from .threshold import FLOOR, Ceiling, Judged, bound_at
+from .threshold import ABSENT_SHARE, FLOOR, STEPS, Ceiling, Judged
 
 # Made by `python -m benchmarks.outcomes table`.
 PATH = Path(__file__).parent / "taught" / "outcomes.csv.gz"
@@ -66,11 +68,12 @@ class TaughtOutcomes:
             max_false_accept: largest share of the answers ``localized`` that may be wrong.
             but_of: place whose maps do not count; None: all count.
         """
-        cases = [row.case for row in self.rows if row.kind != ALIKE and row.place != but_of]
-        wrong = max((case.claimed for case in cases if not case.right), default=0.0)
+        rows = [row for row in self.rows if row.place != but_of]
+        here = [row.case for row in rows if row.kind == HERE]
+        elsewhere = [row.case.claimed for row in rows if row.kind == ELSEWHERE]
         for threshold in THRESHOLDS:
-            if threshold >= FLOOR and threshold > wrong:
-                bound = bound_at(cases, threshold)
+            if threshold >= FLOOR:
+                bound = _wrong_at_most(here, elsewhere, threshold)
                 if bound <= max_false_accept:
                     return Ceiling(threshold, bound)
         return None
@@ -99,3 +102,15 @@ def _outcome(row: dict[str, str]) -> TaughtOutcome:
     return TaughtOutcome(
         row["map"], row["place"], row["sensor"], float(row["own_threshold"]), row["kind"], case
     )
+
+
+def _wrong_at_most(here: Sequence[Judged], elsewhere: Sequence[float], threshold: float) -> float:
+    """Upper bound of the wrong share of the answers ``localized`` (docs/method.md equation 11.3)."""
+    accepted = [case.right for case in here if case.claimed >= threshold]
+    strange = sum(claimed >= threshold for claimed in elsewhere)
+    if not accepted or not elsewhere:
+        return 1.0
+    localized = (1 - ABSENT_SHARE) * len(accepted) / len(here)
+    wrong = localized * upper_bound(len(accepted) - sum(accepted), len(accepted))
+    false = ABSENT_SHARE * upper_bound(strange, len(elsewhere))
+    return math.ceil((wrong + false) / (localized + false) * STEPS) / STEPS

@@ -45,10 +45,10 @@ class Judged:
 
 @dataclass(frozen=True)
 class Ceiling:
-    """A threshold that many maps have taught: no map's is higher.
+    """A threshold at which many maps together keep a promise: no map's is higher.
 
     Attributes:
-        min_probability: it accepts no wrong answer in any of them.
+        min_probability: the threshold.
         bound: 0..1, with 95 % confidence no larger share of the answers ``localized`` is wrong, in all of
             them together.
     """
@@ -108,11 +108,6 @@ def choose(cases: Sequence[Judged], max_false_accept: float, ceiling: Ceiling | 
     ):
         chosen, bound, kept_by = ceiling.min_probability, ceiling.bound, MANY_MAPS
     return Threshold(max_false_accept, chosen, round(seen.localized(chosen), 4), bound, kept_by)
-
-
-def bound_at(cases: Sequence[Judged], threshold: float) -> float:
-    """Upper bound, with 95 % confidence, of the wrong share of the answers ``localized`` (equation 11.2)."""
-    return _Seen.of(cases).bound(threshold)
 
 
 def _refuted(cases: Sequence[Judged], threshold: float, max_false_accept: float) -> bool:

@@ -166,6 +166,7 @@ class SelfTestConfig(Stage):
 
     Attributes:
         queries: scans in the map, at places between the templates.
+        rough: share of the queries that are disturbed more than real scans are.
         outside: scans of strange places, at most as many as ship with the release.
         max_false_accept: share of the answers ``localized`` that may be wrong. The map's threshold follows.
         held_out: largest number of keyframes that a map is made without, to be asked, too; 0: none. Only of
@@ -175,12 +176,15 @@ class SelfTestConfig(Stage):
     """
 
     queries: int = Field(120, ge=0, le=100_000)
+    rough: float = Field(1 / 3, ge=0, le=1)
     outside: int = Field(48, ge=0, le=100_000)
     max_false_accept: float = Field(0.005, gt=0, le=0.1)
     held_out: int = Field(40, ge=0, le=200)
     confirmed: int = Field(40, ge=0, le=200)
     seed: int = 20
-    perturb: PerturbConfig = PerturbConfig()
+    # As much as real scans of the shared sets differ from their maps, or a little more (docs/experiments.md).
+    perturb: PerturbConfig = PerturbConfig(occluders=2, strangers=1, unmapped=1)
+    perturb_roughly: PerturbConfig = PerturbConfig()
 
 
 class ActivateConfig(Stage):

@@ -23,15 +23,7 @@ from .ranking import MatchFeatures
 # Standard deviation of a map's weights around the prior's: SPREAD times the weight, for the bias SPREAD_BIAS.
 SPREAD, SPREAD_BIAS = 0.4, 4.0
 # Fields of ``Calibration``, in the order of ``MatchFeatures.vector``.
-WEIGHTS = (
-    "bias",
-    "alignment_score",
-    "free_space",
-    "beside_surface",
-    "same_plane",
-    "margin",
-    "removed_surface",
-)
+WEIGHTS = ("bias", "alignment_score", "free_space", "beside_surface", "same_plane", "margin")
 
 
 @dataclass(frozen=True)
@@ -42,8 +34,8 @@ class Calibration:
 
     Attributes:
         bias: of the model.
-        alignment_score, free_space, beside_surface, same_plane, margin, removed_surface: its weights. They
-            are never negative: a better fit never makes an answer less likely.
+        alignment_score, free_space, beside_surface, same_plane, margin: its weights. They are never negative:
+            a better fit never makes an answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query gives its own threshold.
         search_until: below it the search goes on, though the answer may be ``localized``: it is the threshold
             that the map's own cases show, where many maps have taught a lower one. What is searched for less
@@ -63,7 +55,6 @@ class Calibration:
     beside_surface: float = 2.5
     same_plane: float = 1.66
     margin: float = 21.1
-    removed_surface: float = 0.8
     min_probability: float = 0.995
     min_inlier_ratio: float = 0.4
     max_free_space_violation: float = 0.1
@@ -75,7 +66,7 @@ class Calibration:
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(7,) weights of the model, bias first."""
+        """(6,) weights of the model, bias first."""
         return np.array(self._model)
 
     @cached_property
@@ -145,7 +136,7 @@ class Calibration:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
-        """Reads what ``to_mapping`` returned, also before it had all fields.
+        """Reads what ``to_mapping`` returned, also before it had all of these fields.
 
         Raises:
             IncompatibleVersion: it was fitted on other features.
@@ -155,7 +146,6 @@ class Calibration:
             "among_tied": (),
             "alias_margin": data.get("min_margin"),
             "search_until": data.get("min_probability"),
-            "removed_surface": 0.0,
         }
         values = missing | dict(data)
         different = set(values) ^ {field.name for field in fields(cls)}
@@ -164,8 +154,6 @@ class Calibration:
                 f"the version was calibrated for another ranking ({', '.join(sorted(different))}): {REBUILD}"
             )
         among_tied = tuple(map(float, values["among_tied"]))
-        if among_tied and "removed_surface" not in data:
-            among_tied = (*among_tied, 0.0)
         if among_tied and len(among_tied) != len(WEIGHTS):
             raise ValueError(f"fields of a calibration: {len(among_tied)} weights for poses that tie")
         return cls(**{**values, "among_tied": among_tied})

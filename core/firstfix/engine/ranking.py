@@ -32,7 +32,7 @@ class RankingConfig(BaseModel):
         seen_free_weight, seen_free_offset: the same of the share in seen-free space, which is 0 where the map
             does not know it. The offset lets people and parked things pass.
         best_score, least_share: keep the logarithms of perfect values finite.
-        worst_score, violation_offset, beside_offset, same_plane_offset, removed_offset: for the probability.
+        worst_score, violation_offset, beside_offset, same_plane_offset: for the probability.
         max_margin: a larger margin counts as this. About two in three right places have more.
         unlikely_m_s, unlikely_rad_s: speeds at which a motion is half as likely as rest. A wrong place often
             needs one that no robot has there.
@@ -76,7 +76,6 @@ class RankingConfig(BaseModel):
     violation_offset: float
     beside_offset: float
     same_plane_offset: float
-    removed_offset: float
     max_margin: float
     unlikely_m_s: float
     unlikely_rad_s: float
@@ -244,7 +243,7 @@ _UNSTORED: dict[str, Any] = {
     "unregistered_lead": 52.1,
 }
 # Numbers that came later, and change nothing in a version without them: it has no file that they are about.
-_LATER: dict[str, Any] = {"seen_free_weight": 0.07, "seen_free_offset": 0.05, "removed_offset": 0.01}
+_LATER: dict[str, Any] = {"seen_free_weight": 0.07, "seen_free_offset": 0.05}
 # With 0.0003, one direction of 2,500 moved the support by 0.05: as much as parts two places.
 _CHANGED: dict[str, Any] = {"least_share": 0.001}
 RANKING = RankingConfig.model_validate(_UNSTORED | _LATER | _CHANGED)  # of versions that are made now
@@ -275,7 +274,10 @@ class MatchFeatures:
 
     @property
     def vector(self) -> NDArray[np.float64]:
-        """(6,) inputs of the logistic model (equation 7.2). A larger value never lowers the probability."""
+        """(5,) inputs of the logistic model (equation 7.2). A larger value never lowers the probability.
+
+        A removed surface does not count here, but in the margin: things leave, wherever the scan was taken.
+        """
         return np.array(self.inputs)
 
     @property
@@ -289,5 +291,4 @@ class MatchFeatures:
             -log(ranking.beside_offset + quality.beside_surface),
             -log(ranking.same_plane_offset + quality.same_plane),
             min(self.margin, ranking.max_margin),
-            -log(ranking.removed_offset + quality.removed_surface),
         )

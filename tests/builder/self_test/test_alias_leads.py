@@ -69,8 +69,9 @@ def test_what_moved_costs_the_true_room_a_part_of_its_lead(version: BuildResult)
 @pytest.mark.slow
 def test_the_other_rooms_are_known_as_aliases_of_the_best_hypothesis(version: BuildResult):
     index = MapIndex.load(version.directory)
-    answer = Localizer(index).localize(scan_at(storey(), pose(ROOMS_X[0], 0.3, 40), 4))
-    found = aliases_among(index, answer)
+    localizer, scan = Localizer(index), scan_at(storey(), pose(ROOMS_X[0], 0.3, 40), 4)
+    answer = localizer.localize(scan)
+    found = aliases_among(localizer, scan, answer, LocalizeOptions())
     assert 0 not in found
     away_m = [
         abs(answer.hypotheses[n].T_map_sensor[0, 3] - answer.hypotheses[0].T_map_sensor[0, 3]) for n in found

@@ -17,8 +17,9 @@ from firstfix.engine.ranking import RANKING
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, make_transform, rotation_z
 from firstfix_builder.job.build_job import BuildResult
-from firstfix_builder.self_test import equal_places, run
-from firstfix_builder.self_test.equal_places import share_seen_alike, tie_width, unequal_by
+from firstfix_builder.self_test import equal_places as equal_places_module
+from firstfix_builder.self_test import run
+from firstfix_builder.self_test.equal_places import EqualPlaces, equal_places, share_seen_alike, tie_width
 from firstfix_builder.self_test.real_scans import RealScans
 from firstfix_builder.simulation.boxes import Boxes
 from firstfix_builder.simulation.simulate import Simulator
@@ -51,8 +52,8 @@ def support(score: float) -> float:
     return RANKING.support(AlignmentQuality(0.95, score, 0.0))
 
 
-def differ_by(found: Localization, world: Simulator) -> float | None:
-    return unequal_by(found, world, SENSOR, LOWER, np.eye(4), RANKING)
+def equals_of(found: Localization, world: Simulator) -> EqualPlaces:
+    return equal_places(found, world, SENSOR, LOWER, np.eye(4), RANKING)
 
 
 def test_storeys_of_one_plan_are_seen_alike_until_one_is_furnished():
@@ -67,18 +68,19 @@ def test_storeys_of_one_plan_are_seen_alike_until_one_is_furnished():
 def test_the_supports_of_equal_places_tell_how_far_they_differ(first: str):
     scores = (0.95, 0.92) if first == "the true one" else (0.92, 0.95)
     places = sorted(zip((LOWER, UPPER), scores, strict=True), key=lambda place: -place[1])
-    by = differ_by(answer(*places), two_storeys())
-    assert by == pytest.approx(support(0.95) - support(0.92))
+    found = equals_of(answer(*places), two_storeys())
+    assert found.unequal_by == pytest.approx(support(0.95) - support(0.92))
+    assert found.numbers == ((1,) if first == "the true one" else (0,))
 
 
 def test_what_is_no_equal_place_tells_nothing():
     furnished = two_storeys(([-2.0, 0.0, 1.0 + STOREY_M], [0.5, 1.5, 1.0]))
     both = answer((LOWER, 0.95), (UPPER, 0.92))
-    assert differ_by(both, furnished) is None, "the storeys differ"
+    assert equals_of(both, furnished) == EqualPlaces(), "the storeys differ"
     far = answer((LOWER, 0.95), (UPPER, 0.3))
-    assert differ_by(far, two_storeys()) is None, "the margin is as large as any"
+    assert equals_of(far, two_storeys()) == EqualPlaces(), "the margin is as large as any"
     missed = answer((UPPER, 0.95))
-    assert differ_by(missed, two_storeys()) is None, "the place was not found"
+    assert equals_of(missed, two_storeys()) == EqualPlaces(), "the place was not found"
 
 
 def test_equal_places_tie_but_for_rare_ones():
@@ -97,14 +99,14 @@ def test_of_few_equal_places_nothing_is_learned():
 def test_a_maps_own_width_is_measured_by_its_self_test(
     coarse_version: BuildResult, small_world: SmallWorld, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(run, "unequal_by", lambda *_: 0.12)
-    monkeypatch.setattr(equal_places, "_LEAST_SCANS", 2)
+    monkeypatch.setattr(run, "equal_places", lambda *_: EqualPlaces((), 0.12))
+    monkeypatch.setattr(equal_places_module, "_LEAST_SCANS", 2)
     with ThreadPoolExecutor(1) as executor:
         _, calibration, _, _ = run.run_self_test(
             Localizer(MapIndex.load(coarse_version.directory, Calibration())),
             Simulator(small_world.vertices, small_world.triangles),
             BuildConfig.parse(COARSE_CONFIG).sensor_model,
-            SelfTestConfig(queries=2, mirrored=0, outside=1),
+            SelfTestConfig(queries=2, outside=1),
             RealScans(),
             executor,
             lambda done: None,

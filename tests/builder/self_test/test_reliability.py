@@ -11,7 +11,6 @@ from firstfix_builder.self_test.reliability import (
     bound_of,
     draw_reliability,
     fit,
-    mirrored_weight,
     reliability_of,
 )
 
@@ -74,12 +73,6 @@ def test_equal_places_teach_how_likely_one_of_them_is_right():
     assert taught.probability(absent) < 0.1
     alone = replace(weak, tied=1)
     assert taught.probability(alone) == Calibration().probability(alone)
-
-
-def test_few_mirror_images_weigh_as_much_as_all():
-    assert mirrored_weight(120, 60) * 60 == mirrored_weight(120, 120) * 120 == ABSENT_WEIGHT * 120
-    assert mirrored_weight(40, 60) == ABSENT_WEIGHT  # there are only 40
-    assert np.isfinite(mirrored_weight(120, 0))
 
 
 def test_nothing_asked_leaves_the_prior_and_no_claim():

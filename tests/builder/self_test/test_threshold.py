@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firstfix_builder.self_test.threshold import FLOOR, Judged, choose
+from firstfix_builder.self_test.threshold import FLOOR, Ceiling, Judged, choose
 
 
 def cases(in_map: list[float], wrong: list[float], absent: list[float]) -> list[Judged]:
@@ -16,7 +16,7 @@ def cases(in_map: list[float], wrong: list[float], absent: list[float]) -> list[
 
 
 def test_the_rate_is_shown_by_enough_cases():
-    found = choose(cases([0.9999] * 100 + [0.93] * 20, [], [0.5] * 199 + [0.92]), 0.005)
+    found = choose(cases([0.9999] * 100 + [0.93] * 20, [], [0.5] * 199 + [0.92]), 0.005, None)
     assert (found.min_probability, found.kept_by) == (0.95, "rate")  # 0.9 would accept one of the absent
     assert found.localized == round(100 / 120, 4)
     of_negatives = 1 - 0.05 ** (1 / 200)
@@ -26,23 +26,23 @@ def test_the_rate_is_shown_by_enough_cases():
 
 def test_how_sure_the_answers_claim_to_be_does_not_count():
     """The cases are the evidence: claims below the promise that were all right are no reason against it."""
-    found = choose(cases([0.93] * 120, [], [0.5] * 200), 0.005)
+    found = choose(cases([0.93] * 120, [], [0.5] * 200), 0.005, None)
     assert (found.min_probability, found.localized, found.kept_by) == (FLOOR, 1.0, "rate")
 
 
 def test_where_few_cases_show_no_rate_each_answer_keeps_the_promise():
-    found = choose(cases([0.9999] * 20, [], [0.1] * 20), 0.005)
+    found = choose(cases([0.9999] * 20, [], [0.1] * 20), 0.005, None)
     assert (found.min_probability, found.kept_by) == (0.995, "each answer")
     assert found.bound > 0.005
-    assert choose([], 0.005).min_probability == 0.995
-    assert choose([], 0.1).min_probability == FLOOR
+    assert choose([], 0.005, None).min_probability == 0.995
+    assert choose([], 0.1, None).min_probability == FLOOR
 
 
 @pytest.mark.parametrize("worst", [0.3, 0.92, 0.9951, 0.99999, 1.0])
 def test_no_wrong_case_is_accepted(worst: float):
     for wrong, absent in (([worst], []), ([], [worst])):
         for share in (0.1, 0.01, 0.005, 0.001):
-            found = choose(cases([0.9999999] * 400, wrong, [0.2] * 300 + absent), share)
+            found = choose(cases([0.9999999] * 400, wrong, [0.2] * 300 + absent), share, None)
             assert found.min_probability > worst or worst == 1.0
             assert FLOOR <= found.min_probability <= 1
 
@@ -57,9 +57,35 @@ def test_a_larger_promise_never_needs_a_higher_threshold(seed: int):
         rng.beta(0.3, 6, int(rng.integers(0, 400))).tolist(),
     )
     shares = np.geomspace(1e-4, 0.1, 40).tolist()
-    found = [choose(drawn, share) for share in shares]
+    found = [choose(drawn, share, None) for share in shares]
     thresholds = [one.min_probability for one in found]
     assert thresholds == sorted(thresholds, reverse=True)
     assert [one.localized for one in found] == sorted(one.localized for one in found)
     assert all(one.bound <= one.max_false_accept for one in found if one.kept_by == "rate")
     assert min(thresholds) >= FLOOR
+
+
+def test_the_most_probable_wrong_case_of_one_map_does_not_lift_it_above_the_ceiling():
+    hard = cases([0.9999] * 60 + [0.993] * 60, [], [0.5] * 100 + [0.9998])
+    alone, taught = choose(hard, 0.005, None), choose(hard, 0.005, Ceiling(0.99, 0.004))
+    assert (alone.min_probability, alone.localized) == (0.999801, 0.5)
+    assert (taught.min_probability, taught.localized) == (0.99, 1.0)
+    assert (taught.kept_by, taught.bound) == ("many maps", 0.004)
+
+
+def test_a_map_that_shows_its_own_rate_keeps_its_own_threshold():
+    shown = cases([0.9999] * 100 + [0.93] * 20, [], [0.5] * 199 + [0.92])
+    assert choose(shown, 0.005, Ceiling(0.99, 0.004)) == choose(shown, 0.005, None)
+
+
+@pytest.mark.parametrize(("wrong", "kept_by"), [(1, "many maps"), (4, "each answer")])
+def test_scans_that_were_asked_may_refute_the_ceiling(wrong: int, kept_by: str):
+    """One of 121 localized at the wrong place is no proof against 1 in 200; four are."""
+    found = choose(cases([0.9999] * 117, [0.999] * wrong, []), 0.005, Ceiling(0.99, 0.004))
+    assert found.kept_by == kept_by
+
+
+def test_hard_negatives_that_nobody_asked_refute_nothing():
+    hard = [Judged(0.9995, False, False, 0.1, asked=False)] * 20
+    found = choose([*cases([0.9999] * 117, [], []), *hard], 0.005, Ceiling(0.99, 0.004))
+    assert found.kept_by == "many maps"
