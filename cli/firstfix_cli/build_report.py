@@ -31,6 +31,7 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
         f"  {_median(tested['median_error_m'])}, {tested['localized']:.0%} answered localized, "
         f"{tested['false_accepts']} false among them and {tested['outside']} scans from elsewhere",
     ]
+    lines += _part_lines(tested.get("parts", {}))
     lines += _real_lines(tested.get("real", {}))
     threshold = tested.get("threshold")
     if threshold is not None:
@@ -86,13 +87,27 @@ def _threshold_lines(threshold: Mapping[str, Any]) -> list[str]:
     """Returns what the version promises of its answers, and what other promises would cost."""
     promises = [threshold, *threshold["others"]]
     asked, *others = (f"1 in {1 / one['max_false_accept']:,.0f}" for one in promises)
-    shown = f"the self-test shows at most {threshold['bound']:.2%}"
-    how = shown if threshold["kept_by"] == "rate" else f"each answer by itself; {shown}"
+    shown = f"at most {threshold['bound']:.2%}"
+    how = {
+        "rate": f"the self-test shows {shown}",
+        "many maps": f"many maps show {shown}",
+        "each answer": f"each answer by itself; the self-test shows {shown}",
+    }[threshold["kept_by"]]
     shares = (f"{one['localized']:.0%} at {other}" for one, other in zip(promises[1:], others, strict=True))
     return [
         f"  localized from probability {threshold['min_probability']:g}: at most {asked} wrong ({how})",
         f"  localized, by how many may be wrong: {', '.join(shares)}",
     ]
+
+
+def _part_lines(parts: Mapping[str, Any]) -> list[str]:
+    """Returns how many scans were localized by how roughly they were disturbed, if there are both kinds."""
+    told = [
+        f"{part['localized']:.0%} of {part['queries']} disturbed {how}"
+        for how, part in parts.items()
+        if part["queries"]
+    ]
+    return [f"  localized: {', '.join(told)}"] if len(told) > 1 else []
 
 
 def _days(told: Mapping[str, Any]) -> str:

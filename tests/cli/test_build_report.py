@@ -36,6 +36,19 @@ def test_the_promise_and_the_cost_of_others_are_told():
         "  localized from probability 0.999: at most 1 in 1,000 wrong "
         "(each answer by itself; the self-test shows at most 0.40%)"
     )
+    taught = threshold(0.005, 0.99, 0.8, 0.0041, "many maps")
+    lines = self_test_lines({**TESTED, "threshold": {**taught, "others": [loose, usual, strict]}})
+    assert lines[2] == (
+        "  localized from probability 0.99: at most 1 in 200 wrong (many maps show at most 0.41%)"
+    )
+
+
+def test_both_parts_of_the_self_test_are_told():
+    parts = {"as real": {"queries": 80, "localized": 0.95}, "roughly": {"queries": 40, "localized": 0.6}}
+    lines = self_test_lines({**TESTED, "parts": parts})
+    assert lines[2] == "  localized: 95% of 80 disturbed as real, 60% of 40 disturbed roughly"
+    only = {**parts, "roughly": {"queries": 0, "localized": 0.0}}
+    assert self_test_lines({**TESTED, "parts": only}) == self_test_lines(TESTED)
 
 
 def test_real_and_simulated_success_stand_side_by_side():
