@@ -13,10 +13,18 @@ from numpy.typing import NDArray
 from ..answer.prior import Prior
 from .candidates import Candidates
 from .index import FreeSpaceShares, MapIndex
+from .known_aliases import is_any_of
 from .local_search import best_near
 from .motion_at_places import MotionAtPlaces, together
 from .preprocess import PreparedQuery, spots_of
-from .registered_candidate import NOT_MEASURED, RegisteredCandidate, distinct, features_of, ranked
+from .registered_candidate import (
+    NOT_CHECKED,
+    NOT_MEASURED,
+    RegisteredCandidate,
+    distinct,
+    features_of,
+    ranked,
+)
 from .registration.align import Agreement, Registration, Registrations
 from .registration.surface import Surface
 
@@ -26,6 +34,7 @@ _HOPEFUL_FROM = 0.85
 # Alignment score from which on a place explains a scan so well that hopeless ones are no rivals. A scan that
 # no place explains needs them: they tell that it is of another place.
 _EXPLAINED_FROM = 0.85
+NO_POSES = np.empty((0, 4, 4))
 _BESIDE = np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
 
 
@@ -50,9 +59,13 @@ class HypothesisSearch:
         self._free_space: dict[bytes, FreeSpaceShares] = {}  # by pose: a later run does not check it again
         self._agreement: dict[bytes, Agreement] = {}  # the same, of the few points
         self._beside: dict[bytes, RegisteredCandidate | None] = {}  # by pose: the better one beside it
+        self._unchecked: Sequence[RegisteredCandidate] = ()  # of the last run, where it stopped
 
     def run(
-        self, candidates: Candidates, twist: NDArray[np.float64] | None = None
+        self,
+        candidates: Candidates,
+        twist: NDArray[np.float64] | None = None,
+        aliases: NDArray[np.float64] = NO_POSES,
     ) -> list[RegisteredCandidate]:
         """Distinct poses that the prior allows, best first: of these candidates and of all earlier runs.
 
@@ -60,8 +73,9 @@ class HypothesisSearch:
 
         Args:
             twist: (6,) motion of the scan where these candidates come from; None: not known.
+            aliases: (k, 4, 4) known aliases of the best pose.
         """
-        checked = ranked(self._check_free_space(self._register(candidates, twist)))
+        checked = ranked(self._check_free_space(self._register(candidates, twist), aliases))
         if not checked or not self._may_be_accepted(checked):
             return self._with_agreements(checked)
         return self._finely_measured(self._refine(checked))
@@ -88,7 +102,9 @@ class HypothesisSearch:
             self._beside[pose] = (
                 None
                 if registration is None
-                else replace(found[0], registration=registration, agreement=NOT_MEASURED)
+                else replace(
+                    found[0], registration=registration, free_space=NOT_CHECKED, agreement=NOT_MEASURED
+                )
             )
         beside = self._beside[pose]
         if beside is None or not self._allowed([beside]):
@@ -103,6 +119,14 @@ class HypothesisSearch:
             replace(one, agreement=agreement) for one, agreement in zip(best_first, agreements, strict=False)
         ]
         return [*best, *self._with_agreements(best_first[1:])]
+
+    def leaves_out(self, best: RegisteredCandidate, aliases: NDArray[np.float64]) -> bool:
+        """Returns whether the last run left out a place that would tie with the best, as a known alias.
+
+        Args:
+            aliases: (k, 4, 4) known aliases of the best pose.
+        """
+        return bool(self._tied_aliases(best, aliases))
 
     def untried(self, candidates: Candidates, twist: NDArray[np.float64] | None = None) -> Candidates:
         """The candidates that start near no start, and no aligned pose, of an earlier run.
@@ -144,8 +168,8 @@ class HypothesisSearch:
             for row, registration in zip(rows.tolist(), self._with_motion(aligned, rows), strict=True)
         ]
         registered += self._allowed(one for one in self._beside.values() if one is not None)
-        # the motion may have changed the order
-        registered.sort(key=lambda one: -one.registration.alignment_score)
+        # the motion may have changed the order, and an unlikely one counts against a place
+        registered.sort(key=lambda one: -one.quality.alignment_score)
         return registered
 
     def _align(self, candidates: Candidates, twist: NDArray[np.float64] | None) -> None:
@@ -200,25 +224,53 @@ class HypothesisSearch:
         prior = self._prior
         return [one for one in registered if prior is None or prior.allows(one.T_map_sensor)]
 
-    def _check_free_space(self, registered: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
+    def _check_free_space(
+        self, registered: Sequence[RegisteredCandidate], aliases: NDArray[np.float64]
+    ) -> list[RegisteredCandidate]:
         """The candidates that may be the best or its best rival, with their free space checked.
 
         The check only lowers support. So it stops at the first candidate that is too weak already, or that
-        could not keep the best one from being accepted.
+        could not keep the best one from being accepted. Known aliases of the best one tie sooner: of what is
+        left they are checked, too.
+
+        Args:
+            registered: in the order of the support that they have at most.
         """
         checked: list[RegisteredCandidate] = []
-        for candidate in registered:
+        self._unchecked = ()
+        for number, candidate in enumerate(registered):
             if len(checked) > 1:
-                supports = [other.support for other in checked]
-                if candidate.support < min(supports[1], supports[0] - self._ranking.rival_within):
-                    break
                 checked[:1] = self._with_agreements(checked[:1])
-                if self._index.calibration.ends_search(features_of([*checked, candidate])):
+                if self._is_settled(checked, candidate):
+                    self._unchecked = registered[number:]
+                    checked += map(self._with_free_space, self._tied_aliases(checked[0], aliases))
                     break
             checked.append(self._with_free_space(candidate))
             checked.sort(key=lambda one: -one.support)
         checked[:1] = self._with_agreements(checked[:1])
         return checked
+
+    def _is_settled(self, checked: Sequence[RegisteredCandidate], following: RegisteredCandidate) -> bool:
+        """Returns whether no candidate from the following one on can change the answer, but known aliases.
+
+        Args:
+            checked: best first.
+        """
+        supports = [other.support for other in checked]
+        if following.support < min(supports[1], supports[0] - self._ranking.rival_within):
+            return True
+        return self._index.calibration.ends_search(features_of([*checked, following]))
+
+    def _tied_aliases(
+        self, best: RegisteredCandidate, aliases: NDArray[np.float64]
+    ) -> list[RegisteredCandidate]:
+        """The unchecked candidates at (k, 4, 4) known aliases of the best one, near enough to it to tie."""
+        least = best.support - self._index.calibration.alias_margin
+        near = [one for one in self._unchecked if one.support > least]
+        if not near or not len(aliases):
+            return []
+        at = is_any_of(aliases, np.array([one.registration.T_level_sensor for one in near]), self._ranking)
+        return [one for one, is_alias in zip(near, at.tolist(), strict=True) if is_alias]
 
     def _may_be_accepted(self, checked: Sequence[RegisteredCandidate]) -> bool:
         """Returns whether fine alignment is worth its time. Always so while the calibration is the prior."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..answer.options import LocalizeOptions
 from .candidates import Candidates, candidates_of_scan, find_candidates
 from .config import EffortConfig
-from .hypotheses import HypothesisSearch
+from .hypotheses import NO_POSES, HypothesisSearch
 from .index import MapIndex
 from .known_aliases import known_aliases, rivals_among, with_aliases_marked
 from .level_hypotheses import level_hypotheses
@@ -121,10 +121,10 @@ class MapSearch:
         with self._watch.stage("aliases"):
             placed = best[0].registration
             aliases = known_aliases(index, placed.T_level_sensor, self._options.prior)
-            aliases = self._hypotheses.untried(aliases, placed.twist)
-            rivals = rivals_among(aliases, best[0], self._prepared.sparse, min_probability)
-        if len(rivals):
-            self._register(rivals, placed.twist)
+            untried = self._hypotheses.untried(aliases, placed.twist)
+            rivals = rivals_among(untried, best[0], self._prepared.sparse, min_probability)
+        if len(rivals) or self._hypotheses.leaves_out(best[0], aliases.T_level_sensor):
+            self._register(rivals, placed.twist, aliases.T_level_sensor)
 
     def _expected_s(self, step: Step) -> float:
         """Seconds that a step takes, at worst: measured by the first one, which always runs."""
@@ -160,9 +160,14 @@ class MapSearch:
             candidates = screened_candidates(index, self._prepared, levelled, options, effort)
         self._register(candidates)
 
-    def _register(self, candidates: Candidates, twist: NDArray[np.float64] | None = None) -> None:
+    def _register(
+        self,
+        candidates: Candidates,
+        twist: NDArray[np.float64] | None = None,
+        aliases: NDArray[np.float64] = NO_POSES,
+    ) -> None:
         with self._watch.stage("register"):
-            self.registered = self._hypotheses.run(candidates, twist)
+            self.registered = self._hypotheses.run(candidates, twist, aliases)
             if self.registered and self._index.config.search.widened > 1:
                 self._search_near()
 

@@ -354,3 +354,37 @@ def test_candidates_with_a_motion_are_compared_with_poses_in_motion():
     before = len(timed.deskewed_by)
     search.run(standing_at([APART_M]), MOTION)
     assert np.array_equal(timed.deskewed_by[before], MOTION)  # the new one is aligned deskewed
+
+
+CLEAR = Calibration(bias=-9, alignment_score=3, free_space=2, margin=15, alias_margin=0.2)
+RACING = np.array([12.0, 0, 0, 0, 0, 0])
+
+
+def test_places_that_need_an_unlikely_motion_do_not_end_the_check_before_a_place_that_needs_none():
+    """They align better, but count for less: the true place, where things have moved, is the best rival."""
+
+    class Moving(MadeUpMap):
+        def align_fine(self, scan, starts, *, twist=None):
+            twists = [RACING if number_of(T) in (1, 2) else np.zeros(6) for T in starts]
+            return replace(super().align_fine(scan, starts), twist=np.array(twists))
+
+    made_up = Moving([0.93, 0.91, 0.9, 0.85], [0.0] * 4)
+    index = MapIndex(EngineConfig(), CLEAR, None, made_up, made_up)
+    timed = MadeUpScan(np.zeros(3))
+    prepared = SimpleNamespace(spots=1, sparse=timed, dense=timed, scans=(SCAN,))
+    found = HypothesisSearch(index, prepared).run(standing_at([0.0, 10.0, 20.0, 30.0]))
+    assert [one.template for one in found] == [0, 3]
+
+
+def test_a_known_alias_is_checked_where_the_answer_would_be_clear_beside_another_place():
+    made_up = MadeUpMap([0.95, 0.9, 0.87, 0.7], [0.0, 0.3, 0.0, 0.0])
+    hypotheses = searching(made_up, calibration=CLEAR)
+    found = hypotheses.run(standing_at([0.0, 10.0, 20.0, 30.0]))
+    assert [one.template for one in found] == [0, 1]
+    near, far = (standing_at([x]).T_level_sensor for x in (20.3, 30.0))
+    assert hypotheses.leaves_out(found[0], near)
+    assert not hypotheses.leaves_out(found[0], far), "it is too weak to tie"
+    assert not hypotheses.leaves_out(found[0], np.empty((0, 4, 4)))
+    again = hypotheses.run(standing_at([]), aliases=np.concatenate([near, far]))
+    assert [one.template for one in again] == [0, 2, 1]
+    assert not hypotheses.leaves_out(again[0], far)
