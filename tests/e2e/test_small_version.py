@@ -20,6 +20,7 @@ from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import inverse, make_transform, pose_error, rotation_z
+from firstfix_builder.self_test.taught_outcomes import taught_outcomes
 from firstfix_builder.self_test.threshold import FLOOR
 from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
@@ -64,7 +65,8 @@ def test_the_threshold_is_chosen_by_the_self_test_and_reported(small_version, lo
     assert [other["max_false_accept"] for other in told["others"]] == [0.01, 0.005, 0.001]
     shares = [other["localized"] for other in told["others"]]
     assert shares == sorted(shares, reverse=True)
-    assert told == {**told["others"][1], "others": told["others"]}
+    more = {"others": told["others"], "taught": taught_outcomes().to_mapping()}
+    assert told == {**told["others"][1], **more}
 
 
 def test_of_several_maps_each_must_promise(localizer, small_scans):
