@@ -82,6 +82,26 @@ TRAJECTORY_ELSEWHERE = _kind(
     "Of {poses:,.0f} poses, {outside_share:.0%} lie over {margin_m:.0f} m outside the map.",
     "Give the poses in the map's own frame and in metres: T_map_sensor of this file, from the same run.",
 )
+TRAJECTORY_TURNED = _kind(
+    "trajectory_turned",
+    Severity.WARNING,
+    "The trajectory is turned or mirrored against the map",
+    "The trajectory of {poses:,.0f} poses fits the map far better {mirrored}turned by {turn_deg:.0f} "
+    "degrees: {nearer_share:.0%} nearer to the map's points.",
+    "Give the poses in the map's own frame: T_map_sensor of this file, x and y not exchanged, from the same "
+    "run. Without --trajectory the map is built, too.",
+    holds_back=True,
+)
+TRAJECTORY_MAYBE_TURNED = _kind(
+    "trajectory_maybe_turned",
+    Severity.WARNING,
+    "The trajectory may be turned or mirrored against the map",
+    "The trajectory of {poses:,.0f} poses fits the map better {mirrored}turned by {turn_deg:.0f} degrees: "
+    "{nearer_share:.0%} nearer to the map's points, and {copy_touching_share:.0%} of the poses at a surface "
+    "in place of {touching_share:.0%}.",
+    "Open map and trajectory in one viewer: do the poses lie on the mapping run's way? Then all is well. "
+    "Otherwise give them in the map's own frame: T_map_sensor of this file, from the same run.",
+)
 MAP_NOT_LEVEL = _kind(
     "map_not_level",
     Severity.WARNING,
