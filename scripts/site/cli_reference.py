@@ -25,7 +25,11 @@ def _add(parts: list[str], command: Any, path: str, depth: int) -> None:
             _add(parts, child, f"{path} {name}", depth + 1)
         return
     arguments = [parameter for parameter in command.params if parameter.param_type_name == "argument"]
-    options = [parameter for parameter in command.params if parameter.param_type_name == "option"]
+    options = [
+        parameter
+        for parameter in command.params
+        if parameter.param_type_name == "option" and not parameter.hidden
+    ]
     usage = " ".join([path, *(_metavar(argument) for argument in arguments), "[OPTIONS]" if options else ""])
     parts.append(f"    {usage.strip()}")
     rows = [f"| `{_metavar(argument)}` | {_help(argument)} |" for argument in arguments]

@@ -102,5 +102,9 @@ def test_keyframes_that_were_held_out_are_counted_and_those_that_stay_too():
     ]
 
 
+def test_the_share_of_places_that_were_found_comes_first():
+    assert self_test_lines({**TESTED, "found": 0.9})[1].startswith("  90% of the places found, ")
+
+
 def test_versions_from_before_have_no_such_lines():
     assert len(self_test_lines(TESTED)) == 2

@@ -97,6 +97,12 @@ def test_the_verdict_is_the_exit_code(service, scan, capsys, count, code, says):
     assert err == ""
 
 
+def test_the_old_name_of_the_floor_names_the_new_one(tmp_path, capsys):
+    arguments = ["build", tmp_path / "x.ply", "--map-id", "hall", "--store", tmp_path, "--min-localized", 0.3]
+    assert ended(arguments) == 2
+    assert "--min-localized is --min-found now" in capsys.readouterr().err
+
+
 def test_the_places_of_an_ambiguous_answer_are_shown(service, scan, capsys):
     ended(["localize", scan(AMBIGUOUS), "--map", "hall", "--url", service.url])
     assert capsys.readouterr().out.count("maybe") == 2

@@ -58,7 +58,7 @@ def house(world: ConsoleWorld, house_file: Path) -> str:
             # its storeys look alike, so that its self-test localizes few scans; and nobody asks it
             config = {
                 "sensor": "vlp-16",
-                "activate": {"min_localized": 0},
+                "activate": {"min_found": 0},
                 "learn_keys": {"scans": 0},
                 "self_test": {"queries": 12, "outside": 2},
             }

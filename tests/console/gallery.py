@@ -256,7 +256,7 @@ def _builds(world: ConsoleWorld, folder: Path) -> Iterator[None]:
     broken, building = folder / "broken.ply", folder / "house.ply"
     broken.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1000000\n")
     house().write(building)
-    config = {"sensor": "vlp-16", "activate": {"min_localized": 0}}
+    config = {"sensor": "vlp-16", "activate": {"min_found": 0}}
     with Client(world.service.url, api_key=world.keys["admin"]) as client:
         client.build_map(broken, "depot", config=config)
         running = client.build_map(building, "office", config=config).build_id

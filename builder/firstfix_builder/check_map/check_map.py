@@ -18,6 +18,7 @@ from .precision import check_precision
 from .shape import Shape
 from .surfaces import surfaces
 from .trajectory import check_trajectory
+from .turned_trajectory import check_turned
 from .unit import check_unit
 from .up import check_up
 
@@ -54,6 +55,7 @@ def _checks(data: MapData, poses: NDArray[np.float64] | None) -> Iterator[Callab
     yield lambda: _flat(shape)
     if poses is not None:
         yield lambda: check_trajectory(points, poses)
+        yield lambda: check_turned(points, poses, -data.origin)
     yield lambda: check_up(surfaces(points, up.VOXEL_M, up.MAX_POINTS))
     yield lambda: check_doubled_walls(surfaces(points, doubled_walls.VOXEL_M, doubled_walls.MAX_POINTS))
 

@@ -95,6 +95,8 @@ def run_build(
             def publish_provisional(built: BuildResult) -> None:
                 if reporter.is_cancelled():
                     raise BuildCancelled("cancelled before the provisional version was published")
+                if catalog.reason_to_hold(map_id, built.manifest, ActivateConfig()) is not None:
+                    return  # the full version's status will say why
                 version = catalog.publish(map_id, built.directory, built.manifest, build_id=build_id)
                 if version in catalog.state(map_id).provisional:
                     reporter.provisional_version = version

@@ -24,11 +24,13 @@ class QueriedPlace:
         position_m: (3,) where it was taken, in the index's levelled frame.
         outcome: "localized" with a right pose; "unsure", no pose; or "wrong".
         rival_m: (3,) the most similar place elsewhere, or None.
+        found: whether it is the best place of the answer, or ties with it.
     """
 
     position_m: NDArray[np.float64]
     outcome: str
     rival_m: NDArray[np.float64] | None
+    found: bool
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ class SeenFloor:
 def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:
     """Returns the cells of CELL_M in which scans were taken.
 
-    Each has the number of its scans, the number that localized, and the cell that the others resembled most.
+    Each has the number of its scans, of those that localized, of those that were wrong, of those whose place
+    was found, and the cell that the unsure ones resembled most.
     Where the mapping run is known, ``MappedPlaces.told_of`` adds how much of the space there it never saw.
     Cells are counted from the frame's origin.
     """
@@ -69,6 +72,7 @@ def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:
                 "scans": len(here),
                 "localized": sum(place.outcome == "localized" for place in here),
                 "wrong": sum(place.outcome == "wrong" for place in here),
+                "found": sum(place.found for place in here),
                 "taken_for": list(_most(unsure)) if unsure else None,
             }
         )

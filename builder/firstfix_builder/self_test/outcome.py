@@ -96,15 +96,24 @@ class Outcome:
 
     def accepted_by(self, calibration: Calibration) -> bool:
         """Returns whether the calibrated localizer would call this localized."""
+        found = self._judged_by(calibration)
+        return found is not None and calibration.accepts(found)
+
+    def found_by(self, calibration: Calibration) -> bool:
+        """Returns whether the right place is the best one, or ties with it for the verdict."""
+        found = self._judged_by(calibration)
+        return found is not None and min(self.errors_m[: found.tied]) <= RIGHT_M
+
+    def _judged_by(self, calibration: Calibration) -> MatchFeatures | None:
+        """Match features of the best hypothesis for the verdict: its known aliases tie, too."""
         if not self._fits:
-            return False
-        found = self.ranking.match_features(
+            return None
+        return self.ranking.match_features(
             self._fits,
             self.min_margin,
             aliases=self.aliases,
             aliases_tied_within=calibration.alias_margin,
         )
-        return calibration.accepts(found)
 
     @property
     def without_the_truth(self) -> MatchFeatures | None:

@@ -48,7 +48,9 @@ class SelfTest:
         success: by limit, such as "0.2m": share of the queries whose best hypothesis is within the limit.
         among: the same for any hypothesis: the place was found, but not necessarily ranked first.
         localized: share of the queries answered ``localized``.
-        parts: number of ``queries``, ``success`` and ``localized`` of those disturbed "as real" scans are,
+        found: share of the queries whose place is the best hypothesis, or ties with it. Equal storeys and
+            known aliases tie: they make a map no worse.
+        parts: ``queries``, ``success``, ``found`` and ``localized`` of those disturbed "as real" scans are,
             and of those disturbed "roughly".
         median_error_m: of the best hypotheses; None if half of the queries or more have none.
         false_accepts: number of answers ``localized`` that were off by over 1 m or 10 degrees, or outside.
@@ -59,7 +61,8 @@ class SelfTest:
             ``mapped_places.MappedPlaces`` knows.
         real: the same of the real scans that were asked too: their number ``asked``, the ``weight`` of each
             among the calibration's cases, ``success``, ``localized``, ``median_error_m`` and
-            ``false_accepts``; ``disagree``, which of these differ from those of the simulated scans by more
+            ``false_accepts``; ``of_source``, how many of the scans came with the map's source, and how many
+            of them were found; ``disagree``, which shares differ from those of the simulated scans by more
             than chance; ``left_out``, with reasons; ``held_out``, ``RealScans.parts``; and ``confirmed``,
             ``RealScans.confirmations``.
     """
@@ -69,6 +72,7 @@ class SelfTest:
     success: dict[str, float]
     among: dict[str, float]
     localized: float
+    found: float
     parts: dict[str, dict[str, Any]]
     median_error_m: float | None
     false_accepts: int
@@ -200,7 +204,8 @@ def _queried_places(
         elsewhere = [at for at in found if np.linalg.norm(at - here) > RIGHT_M]
         accepted = outcome.accepted_by(calibration)
         named = ("localized" if outcome.right else "wrong") if accepted else "unsure"
-        places.append(QueriedPlace(here, named, elsewhere[0] if elsewhere else None))
+        rival = elsewhere[0] if elsewhere else None
+        places.append(QueriedPlace(here, named, rival, outcome.found_by(calibration)))
     return places
 
 
@@ -235,6 +240,7 @@ def _summary(
         success=_shares(errors),
         among=_shares(np.array([outcome.least_error_m for outcome in inside])),
         localized=_localized(inside, calibration),
+        found=_share([o.found_by(calibration) for o in inside]),
         parts={
             "as real": _part([outcome for outcome in inside if not outcome.is_rough], calibration),
             "roughly": _part([outcome for outcome in inside if outcome.is_rough], calibration),
@@ -252,6 +258,7 @@ def _part(outcomes: Sequence[Outcome], calibration: Calibration) -> dict[str, An
     return {
         "queries": len(outcomes),
         "success": _shares(np.array([outcome.first_error_m for outcome in outcomes])),
+        "found": _share([outcome.found_by(calibration) for outcome in outcomes]),
         "localized": _localized(outcomes, calibration),
     }
 
@@ -264,6 +271,11 @@ def _of_real(
         return {}
     errors = np.array([outcome.first_error_m for outcome in outcomes])
     success, localized = _shares(errors), _localized(outcomes, calibration)
+    of_source = [
+        o.found_by(calibration)
+        for o, one in zip(outcomes, real.scans, strict=True)
+        if one.confirmation is None
+    ]
     return {
         "asked": len(outcomes),
         "weight": round(weight, 4),
@@ -271,6 +283,7 @@ def _of_real(
         "localized": localized,
         "median_error_m": _median(errors),
         "false_accepts": sum(o.accepted_by(calibration) and not o.right for o in outcomes),
+        "of_source": {"asked": len(of_source), "found": sum(of_source)},
         "disagree": disagreeing(
             {**success, "localized": localized},
             {**found.success, "localized": found.localized},
@@ -283,7 +296,11 @@ def _of_real(
 
 
 def _localized(outcomes: Sequence[Outcome], calibration: Calibration) -> float:
-    return round(float(np.mean([o.accepted_by(calibration) for o in outcomes])), 4) if outcomes else 0.0
+    return _share([o.accepted_by(calibration) for o in outcomes])
+
+
+def _share(of: Sequence[bool]) -> float:
+    return round(float(np.mean(of)), 4) if of else 0.0
 
 
 def _median(errors_m: NDArray[np.float64]) -> float | None:

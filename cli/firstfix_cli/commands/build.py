@@ -70,14 +70,16 @@ def build(
         float | None,
         typer.Option(help="Metres in one unit of the map file and its poses: 0.001 for millimetres."),
     ] = None,
-    min_localized: Annotated[
+    min_found: Annotated[
         float | None,
         typer.Option(
-            help="Activate the version if the self-test localized this share of its scans [default: 0.5].",
+            help="Activate the version if the self-test found the places of this share of its scans "
+            "[default: 0.7].",
             min=0,
             max=1,
         ),
     ] = None,
+    min_localized: Annotated[float | None, typer.Option(hidden=True)] = None,
     work: Annotated[
         Path | None,
         typer.Option(help="With --store: folder for finished stages, so that a build can resume."),
@@ -104,15 +106,19 @@ def build(
 ) -> None:
     """Build a map version, test it and publish it.
 
-    The new version becomes the active one, unless too few scans of its self-test were localized, or clearly
-    fewer than with the active version: then it is published only. With --store the build runs on this
+    The new version becomes the active one, unless its self-test found the places of too few of its scans, or
+    of clearly fewer than with the active version, or a finding of the map holds it back: then it is published
+    only. With --store the build runs on this
     machine; otherwise a service does it, at --url. A folder with a sessions.yaml is merged from the
     sessions that the file lists.
     """
+    from firstfix.builds.config import MIN_LOCALIZED_IS_GONE
     from firstfix.errors import InvalidOption
     from firstfix.ids import check_map_id
 
     check_map_id(map_id)
+    if min_localized is not None:
+        raise InvalidOption(MIN_LOCALIZED_IS_GONE.format(old="--min-localized", new="--min-found"))
     if store is None:
         if work is not None:
             raise InvalidOption("--work needs --store")
@@ -120,7 +126,7 @@ def build(
             raise InvalidOption("--executor needs --store")
         from ..remote_build import remote_build
 
-        given = _given(config, sensor, axis, scale, min_localized)
+        given = _given(config, sensor, axis, scale, min_found)
         with _source(source, trajectory, merge) as (whole, poses):
             said = remote_build(whole, map_id, given, poses, url, stage_bars, wait=not no_wait)
     else:
@@ -137,7 +143,7 @@ def build(
             max_templates=max_templates or None,
             log_level="critical",  # what went wrong is in the error
         )
-        given = _given(config, sensor, axis, scale, min_localized)
+        given = _given(config, sensor, axis, scale, min_found)
         with _source(source, trajectory, merge) as (whole, poses):
             said = local_build(whole, map_id, given, poses, options, stage_bars)
     typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
@@ -162,7 +168,7 @@ def _given(
     sensor: str | None,
     axis: Axis | None,
     scale: float | None = None,
-    min_localized: float | None = None,
+    min_found: float | None = None,
 ) -> dict[str, Any]:
     """Returns the given config: the file, with the options of the command line put over it."""
     import yaml
@@ -180,8 +186,8 @@ def _given(
             values["axis"] = axis.value
         if scale is not None:
             values["scale"] = scale
-        if min_localized is not None:
-            values["activate"] = {**(values.get("activate") or {}), "min_localized": min_localized}
+        if min_found is not None:
+            values["activate"] = {**(values.get("activate") or {}), "min_found": min_found}
         if sensor is not None:
             reading = sensor
             is_file = sensor.endswith((".yaml", ".yml", ".json"))

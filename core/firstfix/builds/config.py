@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from ..engine.config import (
     ClusterConfig,
@@ -187,16 +187,32 @@ class SelfTestConfig(Stage):
     perturb_roughly: PerturbConfig = PerturbConfig()
 
 
+MIN_LOCALIZED_IS_GONE = (
+    "{old} is {new} now: the least share of the self-test's scans whose place is found, localized or not"
+)
+
+
 class ActivateConfig(Stage):
     """When a version that was built is activated by itself. Otherwise it is published only, with the reason.
 
     Attributes:
-        min_localized: least share of the self-test's scans in the map that are localized; 0: any.
-        max_loss: by so much that share may be less than the active version's; 1: by any.
+        min_found: least share of the self-test's scans in the map whose place is found: it is the best one,
+            or ties with the best; 0: any.
+        min_real_found: the same of real scans that the map's source holds out. A version is held back if so
+            few are found by chance in less than 1 of 20 cases; 0: never.
+        max_loss: by so much the first share may be less than the active version's; 1: by any.
     """
 
-    min_localized: float = Field(0.5, ge=0, le=1)
+    min_found: float = Field(0.7, ge=0, le=1)
+    min_real_found: float = Field(0.8, ge=0, le=1)
     max_loss: float = Field(0.1, ge=0, le=1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _renamed(cls, values: Any) -> Any:
+        if isinstance(values, dict) and "min_localized" in values:
+            raise ValueError(MIN_LOCALIZED_IS_GONE.format(old="min_localized", new="min_found"))
+        return values
 
 
 PatchMode = Literal["off", "propose", "activate"]

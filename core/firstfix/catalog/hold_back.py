@@ -1,4 +1,7 @@
-"""Versions that are published and not activated: by their self-test, or worse than the active version."""
+"""Versions that are published and not activated.
+
+Their map's check holds them back, or their self-test does, or they are worse than the active version.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,21 @@ from typing import Any
 from ..builds.config import ActivateConfig, PatchMode
 from ..findings.finding import Finding
 from ..findings.map_kinds import (
+    MAP_HELD_BACK,
     PATCH_OUTDATED,
     PATCH_PROPOSED,
     PATCH_WORSE,
     SELF_TEST_LOW,
+    SELF_TEST_NONE,
+    SELF_TEST_REAL_LOW,
     SELF_TEST_WORSE,
 )
+from ..findings.registry import KINDS
 from .manifest import Manifest
+from .version_findings import findings_of
 
 BY_CHANCE = 0.1  # a patch that loses scans at unchanged places is worse if chance does so less often
+REAL_BY_CHANCE = 0.05  # real scans are too few found if chance does so less often: 1 of 1 wrong tells nothing
 _ROUNDING = 1e-6
 
 
@@ -26,27 +35,47 @@ def reason_to_hold(
 ) -> Finding | None:
     """Finding because of which a version is not activated; None: it is activated.
 
-    A version without a self-test has no reason: it is provisional, or its config wanted none. A patched
-    version has further reasons.
+    A patched version has further reasons. A provisional one has no self-test, and a config may want none.
 
     Args:
         active: manifest of the active version; None: the map has none.
         patch: what becomes of patched versions.
     """
+    words = {"map_id": map_id, "version": manifest.digest}
+    held = [one.code for one in findings_of(manifest) if one.code in KINDS and KINDS[one.code].holds_back]
+    if held:
+        return MAP_HELD_BACK.found(None, codes=", ".join(held), **words)
+    if manifest.provisional:
+        return None
     patched = manifest.source.get("patch")
     if patched is not None:
-        held = _reason_to_hold_patch(map_id, manifest, patched, active, patch)
-        if held is not None:
-            return held
-    localized = _localized(manifest)
-    if localized is None:
+        reason = _reason_to_hold_patch(map_id, manifest, patched, active, patch)
+        if reason is not None:
+            return reason
+    return _reason_of_self_test(manifest, active, config, words)
+
+
+def _reason_of_self_test(
+    manifest: Manifest, active: Manifest | None, config: ActivateConfig, words: Mapping[str, str]
+) -> Finding | None:
+    """The reasons against a version whose self-test asked nothing, found too little, or less than before."""
+    tested = manifest.self_test
+    if not tested.get("queries"):
+        wanted = int((manifest.config.get("self_test") or {}).get("queries", 0))
+        return SELF_TEST_NONE.found({"wanted": wanted}, **words) if wanted else None
+    found = _found(tested)
+    if found < config.min_found:
+        return SELF_TEST_LOW.found({"found": found, "least": config.min_found}, **words)
+    real = (tested.get("real") or {}).get("of_source") or {"asked": 0, "found": 0}
+    if _chance_of_so_few(real["found"], real["asked"], config.min_real_found) < REAL_BY_CHANCE:
+        return SELF_TEST_REAL_LOW.found({**real, "least": config.min_real_found}, **words)
+    if active is None or not active.self_test.get("queries"):
         return None
-    words = {"map_id": map_id, "version": manifest.digest}
-    if localized < config.min_localized:
-        return SELF_TEST_LOW.found({"localized": localized, "least": config.min_localized}, **words)
-    before = None if active is None else _localized(active)
-    if before is not None and localized < before - config.max_loss - _ROUNDING:
-        return SELF_TEST_WORSE.found({"localized": localized, "before": before}, **words)
+    before = _found(active.self_test)
+    if "found" not in active.self_test:  # right first is compared with right first
+        found = _right_first(tested)
+    if found < before - config.max_loss - _ROUNDING:
+        return SELF_TEST_WORSE.found({"found": found, "before": before}, **words)
     return None
 
 
@@ -78,6 +107,16 @@ def _chance_of(lost: int, won: int) -> float:
     return sum(math.comb(count, k) for k in range(lost, count + 1)) / 2**count
 
 
-def _localized(manifest: Manifest) -> float | None:
-    """Share of the self-test's scans in the map that were localized; None: none was asked."""
-    return float(manifest.self_test["localized"]) if manifest.self_test.get("queries") else None
+def _chance_of_so_few(count: int, of: int, share: float) -> float:
+    """Probability that at most ``count`` of so many scans are found if this share of them is: binomial."""
+    return sum(math.comb(of, k) * share**k * (1 - share) ** (of - k) for k in range(count + 1))
+
+
+def _found(tested: Mapping[str, Any]) -> float:
+    """Share of a self-test's scans whose place was found; of an earlier release's, of those right first."""
+    return float(tested["found"]) if "found" in tested else _right_first(tested)
+
+
+def _right_first(tested: Mapping[str, Any]) -> float:
+    """Share of a self-test's scans whose best place was right, within 1 m."""
+    return float(tested["success"]["1m"])

@@ -19,6 +19,7 @@ class FindingKind:
         text: sentence with the names of numbers and words in braces, as for ``str.format``.
         remedy: what helps, in the same form.
         doc: path of the documents' page, from the repository's root.
+        holds_back: whether a version of a map that has it is published, and not activated by itself.
     """
 
     code: str
@@ -27,6 +28,7 @@ class FindingKind:
     text: str
     remedy: str
     doc: str
+    holds_back: bool = False
 
     def found(self, numbers: Mapping[str, float] | None = None, **words: str) -> Finding:
         """The finding with these numbers, each rounded as the text says, and words that are no numbers.

@@ -8,8 +8,11 @@ from .kind import FindingKind
 PAGE = "docs/how-to/is-my-map-good.md"
 
 
-def _kind(code: str, severity: Severity, symptom: str, text: str, remedy: str) -> FindingKind:
-    return FindingKind(code, severity, symptom, text, remedy, PAGE)
+def _kind(
+    code: str, severity: Severity, symptom: str, text: str, remedy: str, *, holds_back: bool = False
+) -> FindingKind:
+    """The kind. An error always holds a version back: of merged sessions, it does not refuse the map."""
+    return FindingKind(code, severity, symptom, text, remedy, PAGE, holds_back or severity is Severity.ERROR)
 
 
 MAP_UNIT = _kind(
@@ -79,6 +82,26 @@ TRAJECTORY_ELSEWHERE = _kind(
     "Of {poses:,.0f} poses, {outside_share:.0%} lie over {margin_m:.0f} m outside the map.",
     "Give the poses in the map's own frame and in metres: T_map_sensor of this file, from the same run.",
 )
+TRAJECTORY_TURNED = _kind(
+    "trajectory_turned",
+    Severity.WARNING,
+    "The trajectory is turned or mirrored against the map",
+    "The trajectory of {poses:,.0f} poses fits the map far better {mirrored}turned by {turn_deg:.0f} "
+    "degrees: {nearer_share:.0%} nearer to the map's points.",
+    "Give the poses in the map's own frame: T_map_sensor of this file, x and y not exchanged, from the same "
+    "run. Without --trajectory the map is built, too.",
+    holds_back=True,
+)
+TRAJECTORY_MAYBE_TURNED = _kind(
+    "trajectory_maybe_turned",
+    Severity.WARNING,
+    "The trajectory may be turned or mirrored against the map",
+    "The trajectory of {poses:,.0f} poses fits the map better {mirrored}turned by {turn_deg:.0f} degrees: "
+    "{nearer_share:.0%} nearer to the map's points, and {copy_touching_share:.0%} of the poses at a surface "
+    "in place of {touching_share:.0%}.",
+    "Open map and trajectory in one viewer: do the poses lie on the mapping run's way? Then all is well. "
+    "Otherwise give them in the map's own frame: T_map_sensor of this file, from the same run.",
+)
 MAP_NOT_LEVEL = _kind(
     "map_not_level",
     Severity.WARNING,
@@ -86,6 +109,7 @@ MAP_NOT_LEVEL = _kind(
     "The largest flat surface is not level: across y lie {level_y_share:.0%} of the surface, across z "
     "{level_z_share:.0%}. Does y point up?",
     "Give --axis y-up (build config: axis: y-up) if it does. Otherwise turn the map: z is up.",
+    holds_back=True,
 )
 MAP_DOUBLED_WALLS = _kind(
     "map_doubled_walls",
@@ -110,21 +134,48 @@ MAP_IN_PART = _kind(
     "of the space around them was never seen.",
     "Drive through them while mapping. The picture of localizability hatches them.",
 )
+MAP_HELD_BACK = _kind(
+    "map_held_back",
+    Severity.WARNING,
+    "The map has a finding with which no version is activated",
+    "The map's check found {codes}: the version is published, and not activated.",
+    "Do what that finding says, and build again. To serve it all the same: firstfix maps activate {map_id} "
+    "{version}.",
+)
+SELF_TEST_NONE = _kind(
+    "self_test_none",
+    Severity.WARNING,
+    "The self-test asked nothing",
+    "The self-test was to ask {wanted:,.0f} scans in this map, and found no place to take one at: the "
+    "version is published, and not activated.",
+    "Look at the preview: is the floor there, and the trajectory on it? A version without a self-test is "
+    "activated if the build config says so: self_test: {{queries: 0}}. To serve this one all the same: "
+    "firstfix maps activate {map_id} {version}.",
+)
 SELF_TEST_LOW = _kind(
     "self_test_low",
     Severity.WARNING,
-    "Few scans of the self-test were localized",
-    "The self-test localized {localized:.0%} of its scans in this map, and a version is activated from "
+    "The self-test does not find its own places",
+    "The self-test found the places of {found:.0%} of its scans in this map, and a version is activated from "
     "{least:.0%} on: it is published, and not activated.",
     "Look at the other findings. To serve it all the same: firstfix maps activate {map_id} {version}, or "
-    "build with a lower --min-localized (build config: activate: min_localized).",
+    "build with a lower --min-found (build config: activate: min_found).",
+)
+SELF_TEST_REAL_LOW = _kind(
+    "self_test_real_low",
+    Severity.WARNING,
+    "Held-out real scans are not found",
+    "Of {asked:,.0f} held-out real scans the places of {found:,.0f} were found. That is less than "
+    "{least:.0%} by more than chance: the version is published, and not activated.",
+    "Is the sensor the one that mapped, and are the scans of this map? To serve it all the same: firstfix "
+    "maps activate {map_id} {version}, or build with a lower activate: min_real_found in the build config.",
 )
 SELF_TEST_WORSE = _kind(
     "self_test_worse",
     Severity.WARNING,
     "The new version is worse than the active one",
-    "The self-test localized {localized:.0%} of its scans, and {before:.0%} with the active version: it is "
-    "published, and not activated.",
+    "The self-test found the places of {found:.0%} of its scans, and of {before:.0%} with the active "
+    "version: it is published, and not activated.",
     "Compare the two versions. To serve it all the same: firstfix maps activate {map_id} {version}.",
 )
 MAP_PATCHED = _kind(

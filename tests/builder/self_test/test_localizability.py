@@ -16,22 +16,23 @@ pytestmark = pytest.mark.slow
 FAR = np.array([41.0, 0.5, 1.0])
 
 
-def place(x: float, outcome: str, rival=None) -> QueriedPlace:
-    return QueriedPlace(np.array([x, 0.5, 1.0]), outcome, rival)
+def place(x: float, outcome: str, rival=None, found=None) -> QueriedPlace:
+    is_found = outcome == "localized" if found is None else found
+    return QueriedPlace(np.array([x, 0.5, 1.0]), outcome, rival, is_found)
 
 
 def test_cells_count_what_happened_in_them_and_name_what_they_resemble():
     places = [
         place(0.5, "localized"),
-        place(1.0, "unsure", FAR),
+        place(1.0, "unsure", FAR, found=True),
         place(1.5, "wrong", FAR),
         place(2.0, "unsure", np.array([-30.0, 0, 0])),
         place(-0.5, "localized", FAR),
     ]
     left, right = grid_of(places)
-    assert left == {"cell": [-1, 0], "scans": 1, "localized": 1, "wrong": 0, "taken_for": None}
+    assert left == {"cell": [-1, 0], "scans": 1, "localized": 1, "wrong": 0, "found": 1, "taken_for": None}
     far = [int(FAR[0] // CELL_M), 0]
-    assert right == {"cell": [0, 0], "scans": 4, "localized": 1, "wrong": 1, "taken_for": far}
+    assert right == {"cell": [0, 0], "scans": 4, "localized": 1, "wrong": 1, "found": 2, "taken_for": far}
     json.dumps(grid_of(places))
 
 

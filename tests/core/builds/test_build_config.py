@@ -36,6 +36,7 @@ def test_nothing_given_is_a_config():
         ({"sensor": "vlp-17"}, r"sensor: .*no sensor preset 'vlp-17'"),
         ({"sensor": {"preset": "vlp-16", "beams": 3}}, r"sensor: .*beams"),
         ({"sensor": {"preset": "vlp-16", "min_range_m": "a"}}, "sensor"),
+        ({"activate": {"min_localized": 0.5}}, r"activate: min_localized is min_found now: .*whose place"),
         ([], "build config"),
     ],
 )

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from firstfix.builds.config import ActivateConfig, PatchMode
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
+from firstfix.findings.finding import Severity
+from firstfix.findings.map_kinds import MAP_DOUBLED_WALLS, MAP_NOT_LEVEL, PAGE
+from firstfix.findings.registry import KINDS
 from firstfix.store.store import Store
 
 BY_DEFAULT = ActivateConfig()
+MAP_DOUBLED_WALLS_FOUND = MAP_DOUBLED_WALLS.found({"doubled_share": 0.2, "apart_m": 0.4}, places="(1, 2)")
 
 
 class Maker:
@@ -22,18 +27,18 @@ class Maker:
         self.catalog = Catalog(Store.open(str(folder / "store")))
         self.folder = folder
 
-    def manifest(self, localized: float | None, label: str = "", *, provisional: bool = False) -> Manifest:
-        directory = self.folder / f"{localized}{label}"
+    def manifest(self, found: float | None, label: str = "", **made: Any) -> Manifest:
+        directory = self.folder / f"{found}{label}"
         directory.mkdir(exist_ok=True)
-        (directory / "index.bin").write_bytes(f"{localized} {label}".encode())
-        tested = {} if localized is None else {"queries": 120, "localized": localized}
-        return Manifest.for_directory(directory, self_test=tested, provisional=provisional)
+        (directory / "index.bin").write_bytes(f"{found} {label}".encode())
+        tested = {} if found is None else {"queries": 120, "found": found, "success": {"1m": found - 0.1}}
+        return Manifest.for_directory(directory, **{"self_test": tested, **made})
 
-    def build(self, localized: float | None, config: ActivateConfig = BY_DEFAULT, **made: bool) -> str | None:
+    def build(self, found: float | None, activate: ActivateConfig = BY_DEFAULT, **made: Any) -> str | None:
         """Returns the code of the finding because of which the version was not activated."""
-        manifest = self.manifest(localized, **made)
-        held = self.catalog.reason_to_hold("hall", manifest, config)
-        directory = self.folder / f"{localized}"
+        manifest = self.manifest(found, **made)
+        held = self.catalog.reason_to_hold("hall", manifest, activate)
+        directory = self.folder / f"{found}"
         self.catalog.publish("hall", directory, manifest, activate=held is None, build_id="b")
         assert manifest.digest in self.catalog.state("hall").published or manifest.provisional
         return None if held is None else held.code
@@ -51,29 +56,29 @@ def maker(tmp_path: Path) -> Maker:
 def test_a_version_below_the_floor_is_published_and_the_one_before_serves(maker: Maker):
     assert maker.build(0.9) is None
     before = maker.active
-    assert maker.build(0.49) == "self_test_low"
+    assert maker.build(0.69) == "self_test_low"
     assert maker.active == before
     assert len(maker.catalog.versions("hall")) == 2
 
 
 def test_a_version_that_is_clearly_worse_than_the_active_one_is_not_activated(maker: Maker):
-    assert maker.build(0.9) is None
-    assert maker.build(0.81) is None, "within 10 points"
+    assert maker.build(0.95) is None
+    assert maker.build(0.86) is None, "within 10 points"
     before = maker.active
-    assert maker.build(0.7) == "self_test_worse"
+    assert maker.build(0.75) == "self_test_worse"
     assert maker.active == before
-    assert maker.build(0.7, ActivateConfig(max_loss=1.0)) is None
+    assert maker.build(0.75, ActivateConfig(max_loss=1.0)) is None
     assert maker.active != before
 
 
 def test_the_user_may_say_otherwise(maker: Maker):
-    assert maker.build(0.2, ActivateConfig(min_localized=0.0)) is None
+    assert maker.build(0.2, ActivateConfig(min_found=0.0)) is None
     assert maker.active is not None
     assert maker.build(None) is None, "its config wanted no self-test"
 
 
 def test_the_active_version_is_not_held_back_when_it_is_built_again(maker: Maker):
-    maker.build(0.3, ActivateConfig(min_localized=0.0))
+    maker.build(0.3, ActivateConfig(min_found=0.0))
     before = maker.active
     assert maker.build(0.3) is None
     assert maker.active == before
@@ -87,6 +92,67 @@ def test_a_first_map_that_fails_serves_nothing_not_even_provisionally(maker: Mak
     assert len(maker.catalog.versions("hall")) == 1, "the provisional version is retired"
 
 
+@pytest.mark.parametrize("provisional", [False, True])
+def test_a_finding_whose_kind_says_so_holds_every_version_back(maker: Maker, provisional: bool):
+    findings = [MAP_DOUBLED_WALLS_FOUND, MAP_NOT_LEVEL.found({"level_y_share": 0.4, "level_z_share": 0.1})]
+    source = {"findings": [one.to_mapping() for one in findings]}
+    held = maker.catalog.reason_to_hold(
+        "hall", maker.manifest(0.99, source=source, provisional=provisional), BY_DEFAULT
+    )
+    assert held is not None
+    assert held.code == "map_held_back"
+    assert "found map_not_level:" in held.text
+    assert "firstfix maps activate hall " in held.remedy
+    warned = {"findings": [MAP_DOUBLED_WALLS_FOUND.to_mapping(), {**findings[0].to_mapping(), "code": "new"}]}
+    assert maker.build(0.99, source=warned) is None, "a warning alone, or a finding of a later release"
+
+
+def test_which_findings_hold_a_version_back():
+    held = {code for code, kind in KINDS.items() if kind.holds_back}
+    errors = {code for code, kind in KINDS.items() if kind.severity is Severity.ERROR and kind.doc == PAGE}
+    assert held == errors | {"map_not_level", "trajectory_turned"}
+
+
+def test_a_self_test_that_asked_nothing_though_it_should_holds_back(maker: Maker):
+    asked_nothing = {"queries": 0, "found": 0.0, "success": {"1m": 0.0}}
+    wanted = {"self_test": {"queries": 120}}
+    assert maker.build(0.0, self_test=asked_nothing, config=wanted) == "self_test_none"
+    assert maker.build(None, config={"self_test": {"queries": 0}}) is None
+    assert maker.build(None, config=wanted, provisional=True) is None
+
+
+@pytest.mark.parametrize(
+    ("found", "asked", "is_held"),
+    [
+        (0, 0, False),
+        (0, 1, False),  # one wrong scan is no evidence
+        (0, 2, True),
+        (1, 3, False),
+        (0, 3, True),
+        (2, 5, False),
+        (1, 5, True),
+        (6, 10, False),
+        (5, 10, True),
+        (27, 40, True),
+        (28, 40, False),
+    ],
+)
+def test_real_scans_hold_back_if_too_few_are_found_by_more_than_chance(
+    maker: Maker, found: int, asked: int, is_held: bool
+):
+    tested = {"queries": 120, "found": 0.95, "real": {"of_source": {"asked": asked, "found": found}}}
+    assert maker.build(0.95, self_test=tested) == ("self_test_real_low" if is_held else None)
+    any_real = ActivateConfig(min_real_found=0.0)
+    assert maker.build(0.95, any_real, self_test={**tested, "found": 0.96}) is None
+
+
+def test_versions_of_an_earlier_release_are_judged_by_right_first(maker: Maker):
+    earlier = {"queries": 120, "localized": 0.2, "success": {"1m": 0.85}}
+    assert maker.build(0.85, self_test=earlier) is None
+    assert maker.build(0.84) == "self_test_worse", "right first .74, and .85 before"
+    assert maker.build(0.86) is None, "right first .76"
+
+
 def test_a_person_may_activate_it(maker: Maker):
     maker.build(0.2)
     (version,) = maker.catalog.versions("hall")
@@ -98,6 +164,7 @@ COMPARED = {"places": 40, "localized_before": 36, "localized_after": 36, "lost":
     "wrong_before": 0,
     "wrong_after": 0,
 }
+PATCH = {"queries": 9, "robots": 2, "areas": [], "added_points": 1, "removed_points": 0, "compared": COMPARED}
 
 
 @pytest.mark.parametrize(
@@ -116,7 +183,7 @@ def test_a_patch_must_not_be_worse_where_nothing_has_changed(
     maker: Maker, told: dict[str, int], mode: PatchMode, held: str | None
 ):
     maker.build(0.9)
-    record = {"base": maker.active, "compared": {**COMPARED, **told}}
+    record = {**PATCH, "base": maker.active, "compared": {**COMPARED, **told}}
     patched = replace(maker.manifest(0.9, "patched"), source={"patch": record})
     found = maker.catalog.reason_to_hold("hall", patched, BY_DEFAULT, mode)
     assert (None if found is None else found.code) == held
@@ -124,7 +191,7 @@ def test_a_patch_must_not_be_worse_where_nothing_has_changed(
 
 def test_a_patch_of_a_version_that_is_no_longer_active_waits(maker: Maker):
     maker.build(0.9)
-    record = {"base": "0" * 64, "compared": COMPARED}
+    record = {**PATCH, "base": "0" * 64}
     patched = replace(maker.manifest(0.9, "patched"), source={"patch": record})
     found = maker.catalog.reason_to_hold("hall", patched, BY_DEFAULT, "activate")
     assert found is not None
@@ -133,8 +200,8 @@ def test_a_patch_of_a_version_that_is_no_longer_active_waits(maker: Maker):
 
 def test_a_patch_with_a_bad_self_test_is_not_activated_either(maker: Maker):
     maker.build(0.9)
-    record = {"base": maker.active, "compared": COMPARED}
-    patched = replace(maker.manifest(0.7, "patched"), source={"patch": record})
+    record = {**PATCH, "base": maker.active}
+    patched = replace(maker.manifest(0.75, "patched"), source={"patch": record})
     found = maker.catalog.reason_to_hold("hall", patched, BY_DEFAULT, "activate")
     assert found is not None
     assert found.code == "self_test_worse"

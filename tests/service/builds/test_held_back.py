@@ -16,14 +16,14 @@ from firstfix_client import BuildStatus
 from waiting import let_pass, wait_until
 
 
-def built(service: Service, label: str, localized: float, **config: object) -> dict[str, object]:
+def built(service: Service, label: str, found: float, **config: object) -> dict[str, object]:
     """The status of a build of the map "hall", whose version answers x = label."""
 
     def build_version(job: BuildJob) -> BuildResult:
         directory = job.work / f"version-{label}"
         directory.mkdir(parents=True)
         (directory / "label.txt").write_text(label)
-        tested = {"queries": 120, "localized": localized}
+        tested = {"queries": 120, "found": found, "success": {"1m": found}}
         return BuildResult(directory, Manifest.for_directory(directory, self_test=tested))
 
     response = upload(service, **config)
@@ -53,7 +53,7 @@ def test_the_service_goes_on_with_the_version_before(tmp_path: Path):
         assert bad["activated"] is False
         (finding,) = bad["findings"]
         assert finding["code"] == "self_test_low"
-        assert finding["numbers"] == {"localized": 0.3, "least": 0.5}
+        assert finding["numbers"] == {"found": 0.3, "least": 0.7}
         assert f"firstfix maps activate hall {bad['version']}" in finding["remedy"]
         assert BuildStatus.from_mapping("b", bad).findings[0].code == "self_test_low"
         events = service.http.get(f"/builds/{bad['build_id']}/events").text
@@ -73,6 +73,6 @@ def test_the_service_goes_on_with_the_version_before(tmp_path: Path):
 
 def test_the_options_of_the_build_say_otherwise(tmp_path: Path):
     with running_service(tmp_path, zenoh=False) as service:
-        assert built(service, "1", 0.3, activate={"min_localized": 0.2})["activated"] is True
+        assert built(service, "1", 0.3, activate={"min_found": 0.2})["activated"] is True
         wait_until(lambda: service.http.get("/maps/hall").status_code == 200)
         assert served(service) == 1.0
