@@ -16,8 +16,7 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.builds.config import PerturbConfig
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.hypotheses import HypothesisSearch
-from firstfix.engine.known_aliases import PARTED_T, is_any_of, known_aliases, not_far_behind
-from firstfix.engine.lead import lead_t
+from firstfix.engine.known_aliases import are_parted, is_any_of, known_aliases, not_far_behind
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.stopwatch import Stopwatch
 from firstfix.scan.compact import CompactScan
@@ -89,8 +88,8 @@ def aliases_among(
     if not found:
         return ()
     placed_m = [prepared.dense.moved(T_level_sensor[number]).points for number in (0, *found)]
-    t = lead_t(index.surface, placed_m, T_level_sensor[0, :3, 3])
-    return tuple(number for number, of_it in zip(found, t.tolist(), strict=True) if of_it < PARTED_T)
+    is_parted = are_parted(index.surface, T_level_sensor[[0, *found], :3, 3], placed_m)
+    return tuple(number for number, parted in zip(found, is_parted.tolist(), strict=True) if not parted)
 
 
 def _lead(localizer: Localizer, scan: Scan, T_level_sensor: Matrix, options: LocalizeOptions) -> float | None:

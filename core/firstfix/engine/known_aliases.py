@@ -20,12 +20,14 @@ from .index import MapIndex
 from .lead import lead_t
 from .ranking import RankingConfig
 from .registered_candidate import RegisteredCandidate, distinct, features_of
+from .registration.align import MapSurface
 from .registration.surface import Surface
 from .retrieval.cascade import Templates
 
 # A lead in score over an alias that is this many times its standard error is no accident of one thing that
 # moved (docs/experiments.md, "Which leads over a look-alike can be trusted").
-PARTED_T = 2.5
+_PARTED_T = 2.5
+_STACKED_M, _STOREY_M = 2.0, 1.5  # nearer on the level, and further in height: a room above another
 
 
 def known_aliases(index: MapIndex, T_level_sensor: Matrix, prior: Prior | None) -> Candidates:
@@ -138,9 +140,25 @@ def with_aliases_marked(
         dense.deskewed(one.registration.twist).moved(one.registration.T_level_sensor).points
         for one in (best, *(registered[number] for number in close))
     ]
-    t = lead_t(index.surface, placed_m, T_level_sensor[0, :3, 3])
-    alike = {number for number, of_it in zip(close, t.tolist(), strict=True) if of_it < PARTED_T}
+    alike = np.array(close)[~are_parted(index.surface, T_level_sensor[[0, *close], :3, 3], placed_m)]
     return [replace(one, is_alias=number in alike) for number, one in enumerate(registered)]
+
+
+def are_parted(
+    surface: MapSurface, at_m: NDArray[np.float64], placed_m: Sequence[NDArray[np.float32]]
+) -> NDArray[np.bool_]:
+    """(k,) which of k aliases a scan tells apart from the best place, which leads over them all around.
+
+    Rooms above each other are never told apart: one plan is furnished twice, and furniture moves.
+
+    Args:
+        at_m: (k + 1, 3) of the sensor, in the level frame, at the best place and at its aliases.
+        placed_m: (n, 3) points of the scan, in the level frame, as they lie at each.
+    """
+    away_m = np.abs(at_m[1:] - at_m[0])
+    is_stacked = (np.hypot(away_m[:, 0], away_m[:, 1]) < _STACKED_M) & (away_m[:, 2] > _STOREY_M)
+    found: NDArray[np.bool_] = (lead_t(surface, placed_m, at_m[0]) >= _PARTED_T) & ~is_stacked
+    return found
 
 
 def is_any_of(

@@ -6,7 +6,7 @@ import numpy as np
 from box_scenes import box, floor, sampled, walls
 
 from firstfix.engine.config import RegistrationConfig
-from firstfix.engine.known_aliases import PARTED_T
+from firstfix.engine.known_aliases import are_parted
 from firstfix.engine.lead import lead_t
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
@@ -37,11 +37,11 @@ def t_of_the_first_room(first: list[tuple[float, float]], other: list[tuple[floa
 
 def test_furniture_all_around_parts_two_rooms():
     moved = [(x + 0.7, y) for x, y in DESKS]
-    assert t_of_the_first_room(DESKS, moved) > PARTED_T
+    assert t_of_the_first_room(DESKS, moved) > 2.5
 
 
 def test_one_desk_does_not():
-    assert 0 < t_of_the_first_room(DESKS, [(2.6, 1.0), *DESKS[1:]]) < PARTED_T
+    assert 0 < t_of_the_first_room(DESKS, [(2.6, 1.0), *DESKS[1:]]) < 2.5
 
 
 def test_equal_rooms_lead_by_nothing():
@@ -54,3 +54,15 @@ def test_where_the_other_room_fits_better_t_is_negative():
     scan = points_of(room(0, DESKS), 1).astype(np.float32)
     (t,) = lead_t(surface, [scan, scan + np.float32([APART_M, 0, 0])], MIDDLE).tolist()
     assert t < -1
+
+
+def test_rooms_above_each_other_are_never_told_apart():
+    mapped = points_of([*room(0, DESKS), *room(APART_M, [])], 0)
+    above = mapped[mapped[:, 0] > APART_M - 1] - [APART_M, 0, 0] + [0, 0, 4]
+    surface = MapSurface.of(
+        Surface.around(np.concatenate([mapped, above])), RegistrationConfig(map_voxel_m=0.1)
+    )
+    scan = points_of(room(0, DESKS), 1).astype(np.float32)
+    offsets_m = np.float32([[0, 0, 0], [APART_M, 0, 0], [0, 0, 4]])
+    placed_m = [scan + offset_m for offset_m in offsets_m]
+    assert are_parted(surface, MIDDLE + offsets_m, placed_m).tolist() == [True, False]
