@@ -1,5 +1,6 @@
 """Steps of the effort levels, on a map whose searches are made up: order, deadline, and what is reused."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -36,10 +37,14 @@ def clock(monkeypatch) -> Clock:
 def search_by(monkeypatch, clock):
     """Returns a function that makes a search whose steps take 10 ms each and are noted in a list."""
 
-    def make(options: LocalizeOptions, found_by: Step | None = None):
+    def make(
+        options: LocalizeOptions,
+        found_by: Step | None = None,
+        calibration: Calibration = Calibration(),  # noqa: B008
+    ):
         taken: list[Step] = []
         cascade = SimpleNamespace(templates=range(5000))
-        index = SimpleNamespace(config=EngineConfig(), calibration=Calibration(), cascade=cascade)
+        index = SimpleNamespace(config=EngineConfig(), calibration=calibration, cascade=cascade)
         search = MapSearch(
             index,
             SimpleNamespace(scans=("scan",), sparse=SimpleNamespace(time_s=None)),
@@ -89,6 +94,19 @@ def test_the_search_ends_at_the_level_that_finds_the_place(search_by, number):
     search, taken = search_by(LocalizeOptions(), found_by=ALL[number])
     localizer_module._search([search])
     assert taken == ALL[: number + 1]
+
+
+def test_a_place_that_is_localized_ends_the_search_only_if_the_map_s_own_cases_say_so(search_by):
+    """Many maps may have taught a lower threshold: what is searched for less is less often right."""
+    sure = Calibration(min_probability=0.9, search_until=0.9)
+    search, taken = search_by(LocalizeOptions(), found_by=Step.NARROW, calibration=sure)
+    localizer_module._search([search])
+    assert taken == [Step.NARROW]
+    search, taken = search_by(
+        LocalizeOptions(), found_by=Step.NARROW, calibration=replace(sure, search_until=1.0)
+    )
+    localizer_module._search([search])
+    assert taken[:2] == [Step.NARROW, Step.WIDE]
 
 
 def test_a_scan_of_another_place_takes_every_step_once(search_by):

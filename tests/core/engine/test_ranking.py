@@ -175,10 +175,12 @@ def test_round_trip():
     with_ties = fitted.with_ties_as_in(Calibration.fit(*cases(200, 4)))
     assert Calibration.from_mapping(json.loads(json.dumps(with_ties.to_mapping()))) == with_ties
     earlier = fitted.to_mapping()
-    del earlier["among_tied"], earlier["alias_margin"]
+    del earlier["among_tied"], earlier["alias_margin"], earlier["search_until"]
     assert Calibration.from_mapping(earlier) == fitted
     wide = Calibration.from_mapping({**earlier, "min_margin": 0.08})
     assert wide.alias_margin == 0.08, "as all places tied"
+    strict = Calibration.from_mapping({**earlier, "min_probability": 0.999})
+    assert strict.search_until == 0.999, "its threshold ended the search"
     with pytest.raises(ValueError, match="fields"):
         Calibration.from_mapping({**fitted.to_mapping(), "among_tied": [1.0, 2.0]})
     for other in ({"nonsense": 1}, {"bias": -12.0, "inlier_ratio": 18.0, "margin": 8.0}):
