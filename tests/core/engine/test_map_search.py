@@ -40,7 +40,7 @@ def search_by(monkeypatch, clock):
     def make(
         options: LocalizeOptions,
         found_by: Step | None = None,
-        calibration: Calibration = Calibration(),  # noqa: B008
+        calibration: Calibration = Calibration(),
     ):
         taken: list[Step] = []
         cascade = SimpleNamespace(templates=range(5000))
