@@ -63,10 +63,14 @@ def lead_lost(
         vanished=0,
     )
     calm = ScanSimulation(simulation.simulator, simulation.sensor, undisturbed)
-    before, after = (
-        _lead(localizer, one.scan(case), case.T_level_sensor, options) for one in (calm, simulation)
-    )
-    return None if before is None or after is None else before - after
+    aliases = known_aliases(localizer.index, case.T_level_sensor, None)
+    if not len(aliases):
+        return None
+    before = _lead(localizer, calm.scan(case), case.T_level_sensor, aliases, options)
+    if before is None:
+        return None
+    after = _lead(localizer, simulation.scan(case), case.T_level_sensor, aliases, options)
+    return None if after is None else before - after
 
 
 def aliases_among(
@@ -77,27 +81,30 @@ def aliases_among(
     Those are left out over which the best one leads all around.
     """
     index = localizer.index
-    prepared = localizer.prepare(ScanSequence.single(scan), options, Stopwatch(math.inf))
-    if prepared is None or not answer.hypotheses:
+    if not answer.hypotheses:
         return ()
     T_level_sensor = inverse(index.T_map_level) @ [one.T_map_sensor for one in answer.hypotheses]
     aliases = known_aliases(index, T_level_sensor[0], None).T_level_sensor
     found = [
         n for n in np.flatnonzero(is_any_of(aliases, T_level_sensor, index.config.ranking)).tolist() if n
     ]
-    if not found:
+    prepared = None
+    if found:
+        prepared = localizer.prepare(ScanSequence.single(scan), options, Stopwatch(math.inf))
+    if prepared is None:
         return ()
     placed_m = [prepared.dense.moved(T_level_sensor[number]).points for number in (0, *found)]
     is_parted = are_parted(index.surface, T_level_sensor[[0, *found], :3, 3], placed_m)
     return tuple(number for number, parted in zip(found, is_parted.tolist(), strict=True) if not parted)
 
 
-def _lead(localizer: Localizer, scan: Scan, T_level_sensor: Matrix, options: LocalizeOptions) -> float | None:
+def _lead(
+    localizer: Localizer, scan: Scan, T_level_sensor: Matrix, aliases: Candidates, options: LocalizeOptions
+) -> float | None:
     """Lead in support of a true pose over the best of its known aliases."""
     index = localizer.index
     prepared = localizer.prepare(ScanSequence.single(scan), options, Stopwatch(math.inf))
-    aliases = known_aliases(index, T_level_sensor, None)
-    if prepared is None or not len(aliases):
+    if prepared is None:
         return None
     aliases = not_far_behind(index, aliases, T_level_sensor, prepared.sparse)
     if not len(aliases):

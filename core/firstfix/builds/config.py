@@ -177,7 +177,7 @@ class SelfTestConfig(Stage):
 
     queries: int = Field(120, ge=0, le=100_000)
     rough: float = Field(1 / 3, ge=0, le=1)
-    outside: int = Field(48, ge=0, le=100_000)
+    outside: int = Field(24, ge=0, le=100_000)
     max_false_accept: float = Field(0.005, gt=0, le=0.1)
     held_out: int = Field(40, ge=0, le=200)
     confirmed: int = Field(40, ge=0, le=200)
