@@ -34,6 +34,7 @@ from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.event_stream import EventStreams
 from ..http_api.health import HealthCheck
 from ..http_api.parts import BuildParts, LocalizeParts, MapParts, Parts, UploadParts
+from ..http_api.made_once import MadeOnce
 from ..http_server.connections import ConnectionLimits
 from ..localize.answer_counts import AnswerCounts
 from ..localize.query_gate import QueryGate
@@ -66,6 +67,7 @@ from ..webhooks.sender import WebhookPolicy, WebhookSender
 from .settings_summary import settings_summary
 
 # At the same time, of all callers and of one
+MOST_CHANGES, MAX_CHANGES_BYTES = 64, 32 << 20  # versions whose changes are kept as they are told
 MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # with their scans in memory
 MAX_UPLOAD_STREAMS, MAX_UPLOAD_STREAMS_PER_CALLER = 16, 4  # 32 MiB of memory each
 MAX_EVENT_STREAMS, MAX_EVENT_STREAMS_PER_CALLER = 128, 16  # pages of the console, and who waits for a build
@@ -165,7 +167,14 @@ async def compose(
         counts,
         EventStreams(event_streams, closing),
         LocalizeParts(use_case, bodies, maps, georeference_cache, metrics, overlays, settings.max_body_bytes),
-        MapParts(catalog, maps, georeferences, georeference_cache, sightings),
+        MapParts(
+            catalog,
+            maps,
+            georeferences,
+            georeference_cache,
+            sightings,
+            MadeOnce(MOST_CHANGES, MAX_CHANGES_BYTES),
+        ),
         BuildParts(catalog, builds, BuildQuota.of(settings, usage), usage),
         UploadParts(
             store,
