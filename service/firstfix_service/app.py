@@ -13,6 +13,7 @@ import firstfix
 from firstfix.engine.localizer import Localizer
 
 from . import problems
+from .auth.turns import Turns
 from .http_api.answer_room import AnswerRoom, CountedAnswers
 from .http_api.bodies.request_body import WhilePermitted
 from .http_api.edge import RequestLog, authorize, check_routes
@@ -32,7 +33,6 @@ from .http_api.routes import (
     versions,
 )
 from .http_api.routes.console import answer_counts, answer_events, caller, cloud, overlay, page
-from .http_api.turns import Turns
 from .settings import Settings
 from .startup.composition import compose
 from .startup.retry import PlainStartError, RetryingStart
@@ -87,7 +87,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     Raises:
         TypeError: a route does not say what its callers need.
     """
-    metrics, requests = Metrics(), Requests()
+    metrics, requests, turns = Metrics(), Requests(), Turns()
     watch = StallWatch(metrics.event_loop_lag, settings.stalled_exit_s)
 
     @asynccontextmanager
@@ -95,7 +95,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
         state = app.state
         async with RetryingStart(
             lambda stack: compose(
-                settings, metrics, requests, watch, load, state.closing, state.draining, stack
+                settings, metrics, requests, turns, watch, load, state.closing, state.draining, stack
             )
         ) as state.start:
             watch.start(asyncio.get_running_loop())
@@ -130,7 +130,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     room = AnswerRoom(settings.max_unsent_bytes)
     metrics.unsent_bytes.set_function(lambda: room.taken_bytes)
     app.add_middleware(CountedAnswers, room=room)
-    trusted, turns = settings.trusted_proxies, Turns()
+    trusted = settings.trusted_proxies
     app.add_middleware(RequestLog, metrics=metrics, requests=requests, trusted=trusted, turns=turns)
     app.add_middleware(PlainStartError)
     return app

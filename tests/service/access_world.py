@@ -11,7 +11,9 @@ from service_world import SCAN_BODY, XYZ, Reply, Service
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
-from waiting import LIMIT_S
+from firstfix.errors import Unauthorized
+from firstfix_service.auth.authenticate import Authenticator
+from waiting import LIMIT_S, wait_until
 
 HEADERS = {"Content-Type": XYZ}
 
@@ -26,6 +28,21 @@ class LaterClock(datetime):
 
 def give(service: Service, *scopes: str, maps: tuple[str, ...] = ("*",), **more: Any) -> str:
     return ApiKeys(service.catalog.store).create("test", Grant.parse(scopes, maps), **more)[1]
+
+
+def known(service: Service, *scopes: str, **more: Any) -> str:
+    """A new key which the service has read: what shows this counts for another key."""
+    key = give(service, *scopes, **more)
+    wait_until(lambda: _is_known(service, key))
+    return key
+
+
+def _is_known(service: Service, key: str) -> bool:
+    ring = service.app.state.start.parts[Authenticator].keys
+    try:
+        return bool(ring.principal(key))
+    except Unauthorized:
+        return False
 
 
 def localize(service: Service, key: str | None, query: str = "?map=hall") -> httpx.Response:

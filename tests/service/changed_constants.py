@@ -28,7 +28,7 @@ CONSTANTS = {
     "changes_per_min": "auth.authenticate.CHANGES_PER_MIN",
     "auth_failures_per_min": "auth.authenticate.AUTH_FAILURES_PER_MIN",
     "jwt_leeway_s": "auth.token_verifier.LEEWAY_S",
-    "requests_per_s": "http_api.turns.REQUESTS_PER_S",
+    "requests_per_s": "auth.turns.REQUESTS_PER_S",
     "max_builds_per_caller": "builds.quota.MAX_UNFINISHED",
     "build_attempts": "builds.runner.MAX_ATTEMPTS",
     "build_niceness": "builds.process.NICENESS",

@@ -22,6 +22,7 @@ from firstfix.errors import NotFound, ReadOnly, Unauthorized
 
 from ..auth.authenticate import Authenticator, Permission
 from ..auth.principal import Needs, Principal, Rate
+from ..auth.turns import Turns
 from ..http_server.connections import Network, address_of
 from ..problems import problem_of
 from ..settings import Settings
@@ -29,7 +30,7 @@ from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests, RequestScope, current_caller, note
 from ..thread_pools import AUTH
 from .parts import part_of
-from .turns import PROBES, Turn, Turns, turn_of
+from .turns import PROBES, Turn, turn_of
 
 T = TypeVar("T")
 Route = TypeVar("Route", bound=Callable[..., Any])

@@ -27,6 +27,8 @@ from .bodies.disk_space import DiskSpace
 from .bodies.request_body import BodyReader, Pace
 from .bodies.uploads import UploadQuota
 from .concurrency_limit import ConcurrencyLimit
+from .encoded_changes import EncodedChanges
+from .made_once import MadeOnce
 
 Part = TypeVar("Part")
 Parts = Mapping[type, Any]  # by their types
@@ -54,6 +56,7 @@ class MapParts:
     georeferences: Georeferences
     georeference_cache: GeoreferenceCache
     sightings: SightingsKeeper
+    changes: MadeOnce[EncodedChanges]
 
 
 @dataclass(frozen=True)

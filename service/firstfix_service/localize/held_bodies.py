@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
+from dataclasses import dataclass
 
 from firstfix.errors import Overloaded
 
@@ -62,3 +63,29 @@ class HeldBodies:
         if caller and held > body_bytes and held > self._max_bytes // 2:
             raise Overloaded("too many bodies of this caller arrive at the same time: try again")
         self._of_caller[caller] = held
+
+
+@dataclass
+class HeldBody:
+    """A whole body that counts from before it is known who asks.
+
+    Attributes:
+        caller: for whom it counts; empty: for nobody yet.
+    """
+
+    bodies: HeldBodies
+    size: int
+    caller: str = ""
+
+    def name_caller(self, caller: str) -> None:
+        """Counts the body for its caller.
+
+        Raises:
+            Overloaded: as ``HeldBodies.name_caller``.
+        """
+        self.bodies.name_caller(caller, self.size)
+        self.caller = caller
+
+    def give_back(self) -> None:
+        """Ends the count."""
+        self.bodies.give_back(self.caller, self.size)

@@ -25,6 +25,7 @@ from firstfix.errors import InvalidOption, StoreUnavailable
 from firstfix.store.store import Store
 
 from ..auth.authenticate import Authenticator, open_authenticator
+from ..auth.turns import Turns
 from ..builds.quota import BuildQuota
 from ..builds.start import start_builds
 from ..http_api.bodies.disk_space import MIN_FREE_BYTES, DiskSpace
@@ -33,6 +34,7 @@ from ..http_api.bodies.uploads import UploadQuota
 from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.event_stream import EventStreams
 from ..http_api.health import HealthCheck
+from ..http_api.made_once import MadeOnce
 from ..http_api.parts import BuildParts, LocalizeParts, MapParts, Parts, UploadParts
 from ..http_server.connections import ConnectionLimits
 from ..localize.answer_counts import AnswerCounts
@@ -65,6 +67,7 @@ from ..thread_pools.background import close_within, run_in_background
 from ..webhooks.sender import WebhookPolicy, WebhookSender
 from .settings_summary import settings_summary
 
+MOST_CHANGES, MAX_CHANGES_BYTES = 64, 32 << 20  # versions whose changes are kept as they are told
 # At the same time, of all callers and of one
 MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # with their scans in memory
 MAX_UPLOAD_STREAMS, MAX_UPLOAD_STREAMS_PER_CALLER = 16, 4  # 32 MiB of memory each
@@ -79,6 +82,7 @@ async def compose(
     settings: Settings,
     metrics: Metrics,
     requests: Requests,
+    turns: Turns,
     watch: StallWatch,
     load: Callable[[Path], Localizer] | None,
     closing: asyncio.Event,
@@ -88,6 +92,7 @@ async def compose(
     """Starts all parts in order; the stack stops them in reverse. After an error it can be tried again.
 
     Args:
+        turns: of all who ask.
         watch: gets the pulses of the parts that may hang.
         load: loads a version's folder in this process; None: query workers are processes.
         closing: set when the service begins to stop.
@@ -165,7 +170,14 @@ async def compose(
         counts,
         EventStreams(event_streams, closing),
         LocalizeParts(use_case, bodies, maps, georeference_cache, metrics, overlays, settings.max_body_bytes),
-        MapParts(catalog, maps, georeferences, georeference_cache, sightings),
+        MapParts(
+            catalog,
+            maps,
+            georeferences,
+            georeference_cache,
+            sightings,
+            MadeOnce(MOST_CHANGES, MAX_CHANGES_BYTES),
+        ),
         BuildParts(catalog, builds, BuildQuota.of(settings, usage), usage),
         UploadParts(
             store,
@@ -182,7 +194,9 @@ async def compose(
     parts = {type(part): part for part in made}
     update_zenoh = None
     if settings.zenoh_enabled:
-        update_zenoh = await _start_zenoh(settings, parts, gate, replica, requests, watch, draining, stack)
+        update_zenoh = await _start_zenoh(
+            settings, parts, gate, replica, requests, turns, watch, draining, stack
+        )
 
     def polled() -> None:
         health.catalog_read()
@@ -274,6 +288,7 @@ async def _start_zenoh(
     gate: QueryGate,
     replica: str,
     requests: Requests,
+    turns: Turns,
     watch: StallWatch,
     draining: asyncio.Event,
     stack: AsyncExitStack,
@@ -296,6 +311,7 @@ async def _start_zenoh(
         localize.use_case,
         gate.bodies,
         parts[Authenticator],
+        turns,
         loop,
         requests,
         pulse,

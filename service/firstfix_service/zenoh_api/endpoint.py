@@ -30,7 +30,8 @@ import zenoh
 from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
 
 from ..auth.authenticate import Authenticator
-from ..localize.held_bodies import HeldBodies
+from ..auth.turns import Turns
+from ..localize.held_bodies import HeldBodies, HeldBody
 from ..localize.use_case import LocalizeUseCase
 from ..settings import Settings
 from ..telemetry.request_scope import Requests, current_caller, note
@@ -38,6 +39,7 @@ from ..telemetry.stall_watch import Pulse
 from .callers import ZenohCallers
 from .config import session_config
 from .query import ANY_MAP, TRANSPORT, key_of, logged_query, read_query, reply_error, reply_ok
+from .refusals import Refusals
 from .replies import ReplyThreads
 from .threads import SessionWatch
 
@@ -58,6 +60,7 @@ class ZenohEndpoint:
         use_case: LocalizeUseCase,
         bodies: HeldBodies,
         authenticator: Authenticator,
+        turns: Turns,
         loop: asyncio.AbstractEventLoop,
         requests: Requests,
         pulse: Pulse,
@@ -66,6 +69,7 @@ class ZenohEndpoint:
 
         Args:
             bodies: those in memory, of HTTP too.
+            turns: of all who ask, over HTTP too.
             pulse: of the session's watch.
 
         Raises:
@@ -75,6 +79,7 @@ class ZenohEndpoint:
         self._use_case = use_case
         self._bodies = bodies
         self._callers = ZenohCallers(settings, authenticator)
+        self._refusals = Refusals(turns)
         self._loop = loop
         self._requests = requests
         self._max_body_bytes = settings.max_body_bytes
@@ -192,17 +197,16 @@ class ZenohEndpoint:
             _log.warning("no reply could be sent", error=repr(error))
 
     async def _answer(self, query: Any, size: int, arrived: float) -> None:
-        owner = ""  # for whom the body counts
+        held = HeldBody(self._bodies, size)
         with logged_query(self._requests, query, arrived), ExitStack() as stack:
-            stack.callback(lambda: self._bodies.give_back(owner, size))
+            stack.callback(held.give_back)
             caller = self._callers.look(query)
             try:
                 principal = await self._callers.admit(caller, query)
                 note(caller=principal.name)
                 if self.replies.is_full_for(principal.name):
                     raise Overloaded(_NOT_READ)
-                self._bodies.name_caller(principal.name, size)
-                owner = principal.name
+                held.name_caller(principal.name)
                 shared_key, asked = read_query(query, principal, self._use_case.served, arrived)
                 self._use_case.check_room(asked)
                 body = b"" if query.payload is None else query.payload.to_bytes()
@@ -211,7 +215,7 @@ class ZenohEndpoint:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))
                 self._use_case.count(TRANSPORT, error)
-                await self._reply(query, partial(reply_error, query, error, caller))
+                await self._refuse(query, partial(reply_error, query, error, caller), held)
                 # Its frames hold the body in a reference cycle, which only the garbage collector would free.
                 error.__traceback__ = None
                 return
@@ -220,6 +224,14 @@ class ZenohEndpoint:
             own = f"{shared_key}/{self.replica}"
             key = own if query.key_expr.intersects(zenoh.KeyExpr(own)) else shared_key
             await self._reply(query, partial(reply_ok, query, caller, key, *answer.content))
+
+    async def _refuse(self, query: Any, send: Callable[[], None], held: HeldBody) -> None:
+        self._replying += 1  # it takes no place while it waits
+        try:
+            await self._refusals.wait(current_caller(), held)
+        finally:
+            self._replying -= 1
+        await self._reply(query, send)
 
     async def _reply(self, query: Any, send: Callable[[], None]) -> None:
         self._replying += 1

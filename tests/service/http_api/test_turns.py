@@ -12,18 +12,16 @@ from typing import Any
 
 import httpx
 import pytest
-from access_world import give, localize
+from access_world import known, localize
 from fastapi.routing import iter_route_contexts
 from raw_connection import all_of, connect
 from service_world import Service, publish, running_service
 
 from firstfix.access.api_keys import ApiKeys
-from firstfix.errors import Unauthorized
 from firstfix_service.app import create_app
+from firstfix_service.auth import turns
 from firstfix_service.auth.authenticate import Authenticator
-from firstfix_service.http_api import turns
-from firstfix_service.http_api.edge import needs_of
-from firstfix_service.http_api.turns import (
+from firstfix_service.auth.turns import (
     BURST_S,
     MAX_PROBE_WAIT_S,
     MAX_STRANGER_WAIT_S,
@@ -31,6 +29,7 @@ from firstfix_service.http_api.turns import (
     REQUESTS_PER_S,
     Turns,
 )
+from firstfix_service.http_api.edge import needs_of
 from firstfix_service.http_server.streams import AnswerDelay
 from firstfix_service.settings import Settings
 from waiting import wait_until
@@ -131,21 +130,6 @@ def slow(tmp_path: Path) -> Iterator[Service]:
 def flooder(slow: Service) -> str:
     """Its key."""
     return known(slow, "localize")
-
-
-def known(service: Service, *scopes: str, **more: Any) -> str:
-    """A new key which the service has read: what shows this counts for another key."""
-    key = give(service, *scopes, **more)
-    wait_until(lambda: _is_known(service, key))
-    return key
-
-
-def _is_known(service: Service, key: str) -> bool:
-    ring = service.app.state.start.parts[Authenticator].keys
-    try:
-        return bool(ring.principal(key))
-    except Unauthorized:
-        return False
 
 
 def request_of(path: str, key: str) -> bytes:
@@ -254,15 +238,15 @@ def test_connections_of_one_caller_together_keep_to_the_rate():
     """Counts answers of a flood by a clock of its own: each connection asks as soon as it has its answer."""
     clock = Clock()
     all_turns = Turns(clock)
-    credit, at_most_s = all_turns.credit_of("/sensors", "key:flooder")
+    credit = all_turns.credit_of("key:flooder")
     asking = [(0.0, number) for number in range(250)]
     answered = 0
     while asking[0][0] < 60.0:
         clock.now, number = heapq.heappop(asking)
         answered += 1
-        heapq.heappush(asking, (clock.now + credit.take_on_credit("key:flooder", at_most_s), number))
+        heapq.heappush(asking, (clock.now + credit.take("key:flooder"), number))
     assert answered <= REQUESTS_PER_S * (BURST_S + 60.0) + 250
-    assert credit.take_on_credit("key:robot", at_most_s) == 0.0
+    assert credit.take("key:robot") == 0.0
 
 
 def test_a_query_within_its_rate_does_not_wait_and_its_refusals_do(tmp_path: Path, held):

@@ -16,10 +16,14 @@ from service_world import XYZ, Service, publish, running_service
 from changed_hall import Hall, driven, pose, standing
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
+from firstfix.catalog.sightings.changes import changes_of
+from firstfix.catalog.sightings.record import SightingsRecord
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.scan.scan import Scan
 from firstfix_cli.main import run
+from firstfix_service.http_api import encoded_changes
+from firstfix_service.http_api.parts import MapParts
 from firstfix_service.query_workers.query import ServedVersion
 from firstfix_service.query_workers.sightings.counter import MAX_WAITING, SightingCounter
 from waiting import wait_until
@@ -290,6 +294,42 @@ def test_what_was_never_mapped_is_told_from_what_is_new(
     said = capsys.readouterr().out
     assert ("unmapped" in said) == ("unmapped" in kinds)
     assert ("not told apart" in said) == ("unmapped" not in kinds)
+
+
+def test_changes_are_made_once_for_each_state_however_they_are_asked_for(
+    replicas: Callable[..., Service], monkeypatch: pytest.MonkeyPatch
+):
+    made: list[int] = []
+
+    def count(record: SightingsRecord, **more: Any) -> dict[str, Any]:
+        made.append(sum(day.tally.sightings for day in record.days.values()))
+        return changes_of(record, **more)
+
+    one, other = replicas("one", sightings_flush_s=3600.0), replicas("other", sightings_flush_s=3600.0)
+    version = publish(one.catalog, "hall", "1", one.scratch)
+    wait_until(lambda: all(each.http.get("/readyz").json().get("maps") == 1 for each in (one, other)))
+    ask(one, range(8))
+    monkeypatch.setattr(encoded_changes, "changes_of", count)
+    asked = [changes(one)] + [
+        changes(one, limit=limit, cells=cells, grid=grid)
+        for limit in (1, 3, 1000)
+        for cells in (False, True)
+        for grid in (False, True)
+    ]
+    assert asked[0] == changes(one, version=version)
+    assert made == []
+    assert asked[0]["sightings"] == 8
+    assert asked[-1]["grid"]["cells_found"] == asked[0]["seen_cells"]
+    assert asked[0]["areas"] == [
+        {name: value for name, value in area.items() if name != "cell_list"} for area in asked[-1]["areas"]
+    ]
+    ask(one, range(8, 9))
+    assert changes(one)["sightings"] == 9
+    one.app.state.start.parts[MapParts].sightings.flush()
+    for _ in range(3):
+        assert changes(other)["sightings"] == 9, "a part in the store is seen at once"
+        assert changes(one)["sightings"] == 9
+    assert made == [9, 9, 9], "a new count, its move to the store, and the other replica"
 
 
 def test_what_finds_no_place_is_dropped():

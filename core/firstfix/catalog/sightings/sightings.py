@@ -52,6 +52,13 @@ class Sightings:
         """All sightings of a version. Damaged objects are skipped; ``Store.unreadable`` reports them."""
         return self._look(folder, lambda merged, parts: merged[1].plus(self._read_parts(folder, parts)))
 
+    def state(self, folder: VersionFolder) -> tuple[int, tuple[str, ...]]:
+        """What ``read`` would read: number of the merged record, and names of all parts.
+
+        Objects never change, so while this stays the same, so does what they tell.
+        """
+        return self._last_merged(folder), tuple(self._names(folder))
+
     def merge(self, folder: VersionFolder, today: datetime) -> bool:
         """Sum up the parts of a version, if there are many. Returns whether this was done.
 
@@ -84,7 +91,7 @@ class Sightings:
     def _look(self, folder: VersionFolder, use: Callable[[tuple[int, SightingsRecord], list[str]], T]) -> T:
         """Call ``use`` with the last merged record and its number, and the names of the parts not in it."""
         for _ in range(_MAX_LOOKS):
-            number = max(scan_after(self._store, f"{_folder(folder)}/merged", 0), default=0)
+            number = self._last_merged(folder)
             names = self._names(folder)
             try:
                 merged = self._read_one(folder, f"merged/{number:06d}.json") if number else EMPTY
@@ -94,6 +101,10 @@ class Sightings:
             except NotFound:  # merged and removed meanwhile
                 continue
         raise StoreUnavailable(f"{_folder(folder)}: its parts were merged while they were read")
+
+    def _last_merged(self, folder: VersionFolder) -> int:
+        """Number of the valid merged record; 0: there is none."""
+        return max(scan_after(self._store, f"{_folder(folder)}/merged", 0), default=0)
 
     def _names(self, folder: VersionFolder) -> list[str]:
         own = _folder(folder)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from datetime import datetime, timezone
 
 import structlog
@@ -51,6 +51,18 @@ class SightingsKeeper:
             stored = self._stored.read(folder)
         now = datetime.now(timezone.utc)
         return stored if own is None else stored.plus([("", SightingsRecord.of(own, now))])
+
+    def state(self, map_id: str, version: str) -> Hashable:
+        """A mark of what ``read`` would tell: while the mark stays the same, so does that.
+
+        Raises:
+            NotFound, StoreError: as ``read``.
+        """
+        folder = self._catalog.folder_of(map_id, version)
+        self._collect()
+        with self._lock:
+            own = self._pending.get((map_id, version))
+            return self._stored.state(folder), 0 if own is None else own.sightings
 
     def flush(self) -> None:
         """Store the counts, and merge the parts in the store if there are many.
