@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+
+_HELPS = {
+    "second_scan": "a second scan from 1 to 2 m further on, or a prior",
+    "prior": "a prior, as what looks alike is above, below or beside it",
+    "other_height": "a scan from another height, or a second one from 1 to 2 m further on",
+    "drive_through": "driving through it while mapping, as it was mapped in part",
+}
 
 
 def reused_lines(stages: Iterable[Mapping[str, Any]]) -> list[str]:
@@ -64,6 +72,7 @@ def _left_out_lines(tested: Mapping[str, Any]) -> list[str]:
     if share:
         lines.append(f"{max(share, 0.01):.0%} of the seen floor has no template: not reachable")
     lines += _in_part_lines(tested.get("mapped") or {})
+    lines += _not_said_lines(tested.get("localizability") or ())
     moving = tested.get("moving") or {}
     if moving.get("left_out"):
         lines.append(f"{moving['left_out']:.1%} of the points left out: later rays passed through them")
@@ -87,6 +96,16 @@ def _in_part_lines(mapped: Mapping[str, Any]) -> list[str]:
     )
     count = f"{mapped['in_part']} of {mapped['places']} places"
     return [f"{count} were mapped in part, from a door or from afar{compared}"]
+
+
+def _not_said_lines(grid: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Returns how many places are known and not said, and what helps there; no line if none is."""
+    silent = Counter(one["helps"] for one in grid if "helps" in one)
+    if not silent:
+        return []
+    helps = [f"  {_HELPS.get(code, code)}: {count}" for code, count in sorted(silent.items())]
+    count = f"{silent.total()} of {len(grid)} places are known and not said"
+    return [f"{count}: the right one is the best or ties, and is not sure. What helps there:", *helps]
 
 
 def _threshold_lines(threshold: Mapping[str, Any]) -> list[str]:

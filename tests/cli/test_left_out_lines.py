@@ -10,6 +10,16 @@ TESTED = {
 }
 
 
+def test_places_that_are_known_and_not_said_are_counted_with_what_helps():
+    cells = [{"scans": 1, "helps": code} for code in ("prior", "second_scan", "second_scan")]
+    lines = self_test_lines({"queries": 0, "localizability": [*cells, {"scans": 2}]})
+    assert lines[1].startswith("3 of 4 places are known and not said")
+    assert lines[2:] == [
+        "  a prior, as what looks alike is above, below or beside it: 1",
+        "  a second scan from 1 to 2 m further on, or a prior: 2",
+    ]
+
+
 def test_points_of_moving_things_and_scans_that_were_not_used_are_told():
     moving = {"scans": 4, "left_out": 0.008, "passed": 0.008, "not_used": {}}
     said = "0.8% of the points left out: later rays passed through them"

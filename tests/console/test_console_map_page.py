@@ -93,6 +93,33 @@ def test_places_mapped_in_part_are_crossed_in_the_heat(page, world, small_versio
     assert world.service.http.delete("/maps/in_part", headers=world.headers("admin")).is_success
 
 
+def test_places_that_are_known_and_not_said_are_told_with_what_helps(page, world, small_version):
+    page.open("#/maps/yard")
+    page.wait("[aria-label='Is it good?'] dt", "Right place first, or among those that tie")
+
+    manifest = small_version.manifest
+    first, second, *others = [
+        {name: value for name, value in one.items() if name != "helps"}
+        for one in manifest.self_test["localizability"]
+    ]
+    silent = [{**first, "helps": "second_scan"}, {**second, "helps": "drive_through"}]
+    told = {**manifest.self_test, "localizability": [*silent, *others], "localized": 0.2, "found": 0.9}
+    world.service.catalog.publish(
+        "silent", small_version.directory, type(manifest)(**{**vars(manifest), "self_test": told})
+    )
+    page.open("#/maps/silent")
+    page.wait("[aria-label='Is it good?'] .grade", "fair")
+    page.click("[aria-label='Is it good?'] summary", f"2 of {len(others) + 2} places are known and not said")
+    page.wait(
+        "[aria-label='Is it good?'] details li", "a second scan from 1 to 2 m further on, or a prior: 1"
+    )
+    page.wait(
+        "[aria-label='Is it good?'] details", "driving through it while mapping, as it was mapped in part: 1"
+    )
+    page.map_picture()  # all of it is there before the map goes
+    assert world.service.http.delete("/maps/silent", headers=world.headers("admin")).is_success
+
+
 def test_versions_and_kept_queries_of_a_map_are_on_its_page(page, world):
     world.ask(world.scans[0][0])
     older = world.versions[0][:12]

@@ -56,7 +56,7 @@ def _checks(data: MapData, poses: NDArray[np.float64] | None) -> Iterator[Callab
     if poses is not None:
         yield lambda: check_trajectory(points, poses)
         yield lambda: check_turned(points, poses, -data.origin)
-    yield lambda: check_up(surfaces(points, up.VOXEL_M, up.MAX_POINTS))
+    yield lambda: check_up(surfaces(points, up.VOXEL_M, up.MAX_POINTS), poses)
     yield lambda: check_doubled_walls(surfaces(points, doubled_walls.VOXEL_M, doubled_walls.MAX_POINTS))
 
 

@@ -14,6 +14,8 @@ from ..index.top_view import TopView
 
 CELL_M = 4.0
 _COLOURS = {"localized": "tab:green", "unsure": "tab:orange", "wrong": "tab:red"}
+# What helps where a place is known and not said.
+SECOND_SCAN, PRIOR, OTHER_HEIGHT, DRIVE_THROUGH = "second_scan", "prior", "other_height", "drive_through"
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,8 @@ def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:
     """Returns the cells of CELL_M in which scans were taken.
 
     Each has the number of its scans, of those that localized, of those that were wrong, of those whose place
-    was found, and the cell that the unsure ones resembled most.
+    was found, and the cell that the unsure ones resembled most. A cell that is known and not said, as half of
+    its places or more were found and fewer localized, has what ``helps``.
     Where the mapping run is known, ``MappedPlaces.told_of`` adds how much of the space there it never saw.
     Cells are counted from the frame's origin.
     """
@@ -66,17 +69,29 @@ def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:
     grid: list[dict[str, object]] = []
     for cell, here in sorted(cells.items()):
         unsure = Counter(_cell(s.rival_m) for s in here if s.outcome != "localized" and s.rival_m is not None)
+        taken_for = _most(unsure) if unsure else None
+        localized = sum(place.outcome == "localized" for place in here)
+        found = sum(place.found for place in here)
+        is_silent = 2 * localized < len(here) <= 2 * found
         grid.append(
             {
                 "cell": list(cell),
                 "scans": len(here),
-                "localized": sum(place.outcome == "localized" for place in here),
+                "localized": localized,
                 "wrong": sum(place.outcome == "wrong" for place in here),
-                "found": sum(place.found for place in here),
-                "taken_for": list(_most(unsure)) if unsure else None,
+                "found": found,
+                "taken_for": None if taken_for is None else list(taken_for),
+                **({"helps": _helps(cell, taken_for)} if is_silent else {}),
             }
         )
     return grid
+
+
+def _helps(cell: tuple[int, int], taken_for: tuple[int, int] | None) -> str:
+    """What helps a scan of a place that resembles another one, or none: then it sees too little."""
+    if taken_for is None:
+        return OTHER_HEIGHT
+    return PRIOR if taken_for == cell else SECOND_SCAN  # above, below or beside it: a few metres tell nothing
 
 
 def cells_of(positions_m: NDArray[np.floating]) -> list[tuple[int, int]]:

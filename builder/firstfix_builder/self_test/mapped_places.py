@@ -14,7 +14,7 @@ from firstfix.sensor import SensorModel
 
 from ..index.carve import poses_needed
 from ..simulation.simulate import Simulator
-from .localizability import cells_of
+from .localizability import DRIVE_THROUGH, cells_of
 from .never_seen import never_seen
 
 # Of the space. In a mapped office 1 of 113 scans above it was localized, and half of the 367 below. On a
@@ -80,12 +80,16 @@ class MappedPlaces:
         return sorted(cells, key=lambda cell: (-self.never_seen[cell], cell))
 
     def told_of(self, grid: Sequence[Mapping[str, Any]]) -> list[dict[str, object]]:
-        """The cells of ``localizability.grid_of``, each with its share ``never_seen`` and ``in_part``."""
+        """The cells of ``localizability.grid_of``, each with its share ``never_seen`` and ``in_part``.
+
+        Driving through helps those in part that are known and not said.
+        """
         told: list[dict[str, object]] = []
         for one in grid:
             share = self.never_seen.get((one["cell"][0], one["cell"][1]))
             known = {} if share is None else {"never_seen": share, "in_part": share > IN_PART}
-            told.append({**one, **known})
+            drive = {"helps": DRIVE_THROUGH} if "helps" in one and known.get("in_part") else {}
+            told.append({**one, **known, **drive})
         return told
 
     def to_mapping(self, grid: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import { ErrorText } from "../ui/ErrorText";
 import { count, percent, size } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 import { RealScans, realFacts } from "./RealScans";
-import { cellsOf, localizedShare, type SpotCell } from "./spots";
+import { cellsOf, helpAt, localizedShare, type SpotCell } from "./spots";
 
 export interface QualityProps {
   map: string;
@@ -42,6 +42,7 @@ export function Quality({ map, version, showHeat }: QualityProps) {
         ))}
       </dl>
       {real ? <RealScans {...real} /> : null}
+      <NotSaid cells={cells} />
       <div class="row">
         <a href={link(["maps", map, "try"], details.value.active ? {} : { version })}>Try a scan in it</a>
         {showHeat && cells.length ? <button onClick={showHeat}>Show where it is good</button> : null}
@@ -50,10 +51,32 @@ export function Quality({ map, version, showHeat }: QualityProps) {
   );
 }
 
+/** The places that are known and not said, by what helps there. */
+function NotSaid({ cells }: { cells: SpotCell[] }) {
+  const helps = cells.map(helpAt).filter((help) => help);
+  if (!helps.length) return null;
+  return (
+    <details>
+      <summary>
+        {helps.length} of {cells.length} places are known and not said
+      </summary>
+      <p>The right place is the best there, or ties with it, and is not sure enough to be said. What helps:</p>
+      <ul class="lines">
+        {[...new Set(helps)].map((help) => (
+          <li key={help}>
+            {help}: {helps.filter((one) => one === help).length}
+          </li>
+        ))}
+      </ul>
+    </details>
+  );
+}
+
 function factsOf(manifest: Manifest, cells: SpotCell[]): [string, string][] {
   const { self_test: test, counts = {}, sensor } = manifest;
   const facts: [string, string | null][] = [
     ["Localized in its self-test", test?.localized === undefined ? null : `${percent(test.localized)} of ${test.queries ?? "its"} scans`],
+    ["Right place first, or among those that tie", test?.found === undefined ? null : percent(test.found)],
     ["Sure and wrong", test?.false_accepts === undefined ? null : String(test.false_accepts)],
     ["Best place within 0.2 m", test?.success?.["0.2m"] === undefined ? null : percent(test.success["0.2m"])],
     ["Median error", (test?.median_error_m ?? -1) >= 0 ? `${(100 * test!.median_error_m!).toFixed(1)} cm` : null],

@@ -1,7 +1,7 @@
 // What the self-test says about one place, and which places it is confused with.
 
 import { metres, percent } from "../ui/text";
-import { localizedShare, type SpotCell, type SpotGrid } from "./spots";
+import { helpAt, localizedShare, type SpotCell, type SpotGrid } from "./spots";
 
 const LISTED = 12;
 
@@ -28,6 +28,11 @@ export function SpotPanel({ grid, chosen, choose }: SpotPanelProps) {
           <p>
             {percent(localizedShare(chosen))} of {chosen.scans} scans were localized, {chosen.wrong} wrongly.
           </p>
+          {helpAt(chosen) ? (
+            <p>
+              Known and not said: the right place is best or ties in {chosen.found} scans. What helps is {helpAt(chosen)}.
+            </p>
+          ) : null}
           {chosen.in_part ? (
             <p>
               Mapped in part, from a door or from afar: {percent(chosen.never_seen ?? 0)} of the space around was never

@@ -13,6 +13,20 @@ export interface SpotCell {
   taken_for: [number, number] | null;
   never_seen?: number; // share of the space around; none: not known
   in_part?: boolean; // mapped from a door or from afar
+  found?: number; // scans whose right place is the best or ties; none: by an earlier release
+  helps?: string; // a code of HELPS: the place is known and not said, as half are found and fewer localized
+}
+
+const HELPS: Record<string, string> = {
+  second_scan: "a second scan from 1 to 2 m further on, or a prior",
+  prior: "a prior, as what looks alike is above, below or beside it",
+  other_height: "a scan from another height, or a second one from 1 to 2 m further on",
+  drive_through: "driving through it while mapping, as it was mapped in part",
+};
+
+/** What helps where a place is known and not said; empty where it is said, or not known. */
+export function helpAt({ helps }: SpotCell): string {
+  return helps === undefined ? "" : HELPS[helps] ?? helps;
 }
 
 type Triple = [number, number, number];

@@ -45,6 +45,7 @@ interface ComparedVersions {
 interface SelfTest {
   queries?: number;
   localized?: number; // share of the scans that were taken in the map
+  found?: number; // share whose right place is the best or ties; a version is activated by it
   false_accepts?: number; // answers "localized" at a wrong place
   median_error_m?: number | null;
   success?: Record<string, number>; // share whose best place is near enough, whatever the verdict: "0.2m"
@@ -65,6 +66,7 @@ export interface RealScansTest {
 const USUAL_LEAST = 0.995; // of a version without a threshold of its own
 const GOOD = 0.8;
 const FAIR = 0.5;
+const FOUND = 0.7; // with fewer found, a version is not activated by itself
 
 /** The manifest is open in the API: other programs may have put more into it, and older ones less. */
 export function manifestOf(details: Schemas["MapDetails"] | Schemas["VersionDetails"] | null): Manifest {
@@ -83,7 +85,7 @@ export interface Judgement {
 
 /** What the self-test says in a word, and what to do. */
 export function judged(manifest: Manifest): Judgement {
-  const { localized, false_accepts: wrong = 0 } = manifest.self_test ?? {};
+  const { localized, found, false_accepts: wrong = 0 } = manifest.self_test ?? {};
   if (manifest.provisional) {
     return { grade: "unknown", text: "It is provisional: coarse and untested, until its build has ended." };
   }
@@ -92,12 +94,12 @@ export function judged(manifest: Manifest): Judgement {
     return { grade: "poor", text: "Its self-test found answers that were sure and wrong. See where places look alike." };
   }
   if (localized >= GOOD) return { grade: "good", text: "Most scans of its self-test were localized." };
-  if (localized >= FAIR) {
+  if (found === undefined ? localized >= FAIR : found >= FOUND) {
     return { grade: "fair", text: "In some places a robot has to ask again. The layer of where a robot finds itself shows them." };
   }
   return {
     grade: "poor",
-    text: "Few scans of its self-test were localized. Check unit, upward axis and sensor of the build, and see where it fails.",
+    text: "The places of few scans of its self-test are known. Check unit, upward axis and sensor of the build, and see where it fails.",
   };
 }
 

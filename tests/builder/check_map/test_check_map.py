@@ -85,6 +85,17 @@ def test_a_map_has_the_findings(right: np.ndarray, change, poses, expected: list
     assert codes(change(right), None if poses is None else poses(right)) == expected
 
 
+def test_a_way_that_is_flat_along_y_tells_that_y_points_up_where_walls_hide_it(right: np.ndarray):
+    is_floor = np.abs(right[:, 2]) < 0.05
+    walled = np.concatenate([right[is_floor][::3], right[~is_floor]])  # more wall than floor
+    turn = np.linspace(0, 2 * np.pi, 40)
+    way = np.column_stack([5 * np.cos(turn), 3.5 * np.sin(turn), np.full(40, 0.8)])
+    yup = [1, 2, 0]
+    assert codes(walled, poses_at(way)) == []
+    assert codes(walled[:, yup]) == [], "without a trajectory it may be right"
+    assert codes(walled[:, yup], poses_at(way[:, yup])) == ["map_not_level"]
+
+
 def test_a_wrong_unit_is_refused_with_the_scale_to_give(right: np.ndarray):
     for factor, scale in ((1000, "0.001"), (100, "0.01"), (0.01, "100"), (0.001, "1000")):
         with pytest.raises(UnfitMap, match=f"--scale {scale} "):

@@ -32,8 +32,22 @@ def test_cells_count_what_happened_in_them_and_name_what_they_resemble():
     left, right = grid_of(places)
     assert left == {"cell": [-1, 0], "scans": 1, "localized": 1, "wrong": 0, "found": 1, "taken_for": None}
     far = [int(FAR[0] // CELL_M), 0]
-    assert right == {"cell": [0, 0], "scans": 4, "localized": 1, "wrong": 1, "found": 2, "taken_for": far}
+    counts = {"scans": 4, "localized": 1, "wrong": 1, "found": 2}
+    assert right == {"cell": [0, 0], **counts, "taken_for": far, "helps": "second_scan"}
     json.dumps(grid_of(places))
+
+
+def test_a_cell_that_is_known_and_not_said_names_what_helps():
+    unsure = place(1.0, "unsure", FAR, found=True)
+    (cell,) = grid_of([unsure, place(1.5, "unsure", FAR), place(2.0, "localized")])
+    assert cell["helps"] == "second_scan"
+    (cell,) = grid_of([place(1.0, "unsure", np.array([2.5, 0.5, 4.0]), found=True)])
+    assert cell["helps"] == "prior", "the storey above"
+    (cell,) = grid_of([place(1.0, "unsure", found=True)])
+    assert cell["helps"] == "other_height", "nothing looks like it"
+    for others in ([place(1.5, "localized")], [place(1.5, "unsure"), place(2.0, "unsure")]):
+        (cell,) = grid_of([unsure, *others])
+        assert "helps" not in cell, "half are localized, or fewer are found"
 
 
 def test_no_spots_are_no_cells():

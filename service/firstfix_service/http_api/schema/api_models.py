@@ -89,8 +89,10 @@ class VersionReport(BaseModel):
     bounds: list[list[float]] = Field(description="lowest and highest local coordinates, metres")
     self_test: dict[str, Any] = Field(
         description="success, false accepts, `reliability` of the probabilities, and `localizability`: where "
-        "in the map a robot can find itself. With the poses of the mapping run, `mapped` and each cell's "
-        "`never_seen` and `in_part` say which places it saw from a door or from afar alone"
+        "in the map a robot can find itself. A cell that is known and not said has what `helps` there: "
+        "`second_scan`, `prior`, `other_height` or `drive_through`. With the poses of the mapping run, "
+        "`mapped` and each cell's `never_seen` and `in_part` say which places it saw from a door or from "
+        "afar alone"
     )
     findings: list[Finding] = Field(
         [], description="what is wrong or noteworthy with the map, and what helps"
