@@ -33,6 +33,7 @@ from .outcome import RIGHT_M, Outcome
 from .real_scans import RealScans, disagreeing
 from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, judged, mirrored_weight, reliability_of
 from .threshold import TOLD, Judged, choose
+from .with_prior import PriorAsks, PriorOutcome, teach_with_prior
 
 SURE = 0.5  # a mirror image that was found with a higher probability may be in the map
 LIMITS_M = (0.05, 0.2, 0.5, 1)
@@ -59,6 +60,7 @@ class SelfTest:
             ``false_accepts``; ``disagree``, which of these differ from those of the simulated scans by more
             than chance; ``left_out``, with reasons; ``held_out``, ``RealScans.parts``; and ``confirmed``,
             ``RealScans.confirmations``.
+        with_prior: ``TaughtWithPrior.report``.
     """
 
     queries: int
@@ -74,6 +76,7 @@ class SelfTest:
     threshold: dict[str, Any]
     localizability: list[dict[str, object]]
     real: dict[str, Any] = field(default_factory=dict)
+    with_prior: dict[str, Any] = field(default_factory=dict)
 
     def to_mapping(self) -> dict[str, Any]:
         """Returns the results as JSON values."""
@@ -142,7 +145,7 @@ def run_self_test(
     def ticked() -> None:
         nonlocal done
         done += 1
-        progress(done / (len(queries) + len(real.scans)))
+        progress(done / (2 * len(queries) + len(real.scans)))
 
     def _is_right(image: Localization, case: ScanCase) -> bool:
         """Returns whether the mirror image of the case's place was found, because the map has it too."""
@@ -153,6 +156,18 @@ def run_self_test(
 
     outcomes = [outcome for of_query in executor.map(run, range(len(queries))) for outcome in of_query]
     outcomes += executor.map(run_real, range(len(real.scans)))
+    priors = PriorAsks(localizer, simulator, sensor, asked_with, config.seed)
+
+    def run_with_prior(outcome: Outcome) -> list[PriorOutcome]:
+        if cancelled():
+            raise BuildCancelled("cancelled during the self-test")
+        simulation, case = queries[outcome.query]
+        found = priors.outcomes(outcome, simulation.scan(case))
+        ticked()
+        return found
+
+    free = [o for o in outcomes if not o.is_real and not o.is_mirrored]
+    with_prior = [outcome for of_query in executor.map(run_with_prior, free) for outcome in of_query]
     min_margin = tie_width([outcome.unequal_by for outcome in outcomes])
     alias_margin = alias_tie_width(
         [outcome.lead_lost for outcome in outcomes], min_margin, ranking.max_margin
@@ -177,13 +192,16 @@ def run_self_test(
     seen += [Judged(-1.0, False, o.is_in_map, weight_of(o)) for o in outcomes if o.evidence is None]
     threshold = choose(seen, config.max_false_accept)
     calibration = replace(calibration, min_probability=threshold.min_probability)
+    taught = teach_with_prior(with_prior, calibration, config.max_false_accept)
+    if taught is not None:
+        calibration = replace(calibration, with_prior=taught.calibration)
     simulated = [outcome for outcome in outcomes if not outcome.is_real]
     tested = _queried_places(simulated, calibration, T_level_map)
     bound = bound_of(cases, unanswered=sum(o.evidence is None for o in outcomes))
     told = {**threshold.to_mapping(), "others": [choose(seen, share).to_mapping() for share in TOLD]}
     found = _summary(simulated, calibration, cases, bound, told, grid_of(tested))
     compared = _of_real(found, [o for o in outcomes if o.is_real], calibration, real, of_real)
-    found = replace(found, real=compared)
+    found = replace(found, real=compared, with_prior={} if taught is None else taught.report)
     return found, calibration, bound, tested
 
 
