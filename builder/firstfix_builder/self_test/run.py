@@ -30,10 +30,10 @@ from .alias_leads import SCANS, alias_tie_width, aliases_among, lead_lost
 from .equal_places import is_in_map, mirrored, tie_width, unequal_by
 from .localizability import QueriedPlace, grid_of
 from .outcome import RIGHT_M, Outcome
+from .prior_asks import PriorAsks, PriorOutcome, teach_with_prior
 from .real_scans import RealScans, disagreeing
 from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, judged, mirrored_weight, reliability_of
 from .threshold import TOLD, Judged, choose
-from .with_prior import PriorAsks, PriorOutcome, teach_with_prior
 
 SURE = 0.5  # a mirror image that was found with a higher probability may be in the map
 LIMITS_M = (0.05, 0.2, 0.5, 1)
