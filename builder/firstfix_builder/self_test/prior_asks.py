@@ -45,7 +45,7 @@ class TaughtWithPrior:
         calibration: of such queries.
         report: number of scans asked with a ``right`` and with a ``wrong`` prior, the share ``found`` of the
             former whose best place is right, the share ``localized`` of them, the number of
-            ``false_accepts``, and the ``threshold``, the result of ``threshold.choose``.
+            ``false_accepts``, and ``min_probability``, the threshold.
     """
 
     calibration: Calibration
@@ -179,7 +179,9 @@ def teach_with_prior(
     """The calibration of queries with a prior; None if none of them had an answer.
 
     One prior in nine is taken to be wrong, an assumption about robots like that on scans from elsewhere. What
-    cannot be told teaches nothing: the best place of a wrong prior that is as good as the true one.
+    cannot be told teaches nothing: the best place of a wrong prior that is as good as the true one. Who gives
+    a wrong prior once gives it again, so a rate of wrong answers is not enough: each answer is as probable as
+    the promise asks.
 
     Args:
         asked: by ``PriorAsks``.
@@ -196,8 +198,8 @@ def teach_with_prior(
     calibration = replace(fit(cases), min_margin=of_all.min_margin, alias_margin=of_all.alias_margin)
     never = [one.outcome for one in told if _case(one, of_wrong) is None]
     seen = judged(cases, calibration) + [Judged(-1.0, one.right, one.is_in_map) for one in never]
-    threshold = choose(seen, max_false_accept)
-    calibration = replace(calibration, min_probability=threshold.min_probability)
+    chosen = choose(seen, max_false_accept).min_probability
+    calibration = replace(calibration, min_probability=max(chosen, round(1 - max_false_accept, 6)))
 
     def is_accepted(one: PriorOutcome) -> bool:
         return not one.is_refused and one.outcome.accepted_by(calibration)
@@ -209,7 +211,7 @@ def teach_with_prior(
         "found": _share(one.outcome.right for one in right),
         "localized": _share(is_accepted(one) for one in right),
         "false_accepts": sum(not one.outcome.right for one in accepted),
-        "threshold": threshold.to_mapping(),
+        "min_probability": calibration.min_probability,
     }
     return TaughtWithPrior(calibration, report)
 

@@ -53,7 +53,7 @@ def test_it_is_surer_than_of_a_query_without_one(taught):
     assert right.accepted_by(taught.calibration)
     assert taught.report["localized"] == taught.report["found"] == 1.0
     assert (taught.report["right"], taught.report["wrong"]) == (100, 100)
-    assert taught.report["threshold"]["kept_by"] == "rate"
+    assert taught.calibration.min_probability == taught.report["min_probability"] == 0.995
 
 
 def test_no_wrong_prior_is_accepted(taught):
