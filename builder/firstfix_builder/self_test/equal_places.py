@@ -22,7 +22,7 @@ from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator
 
 _ALIKE_M, _ALIKE_SHARE = 0.1, 0.02  # of ranges: what is nearer is the same surface
-_EQUAL_RAYS = 0.97  # more rays that meet the same: the places are equal
+EQUAL = 0.97  # share of rays; more that meet the same: the places are equal
 _COMPARED_RAYS, _LEAST_RAYS = 2000, 100
 _LEVEL_M = 0.2  # nearer to the floor or the ceiling, a surface tells no places apart
 _FOUND_M, _FOUND_DEG = 0.2, 2.0  # from the true pose
@@ -92,7 +92,7 @@ def equal_places(
     equal: dict[int, float] = {}
     others = 0
     for by, number, T in sorted(rivals, key=lambda rival: rival[0]):
-        if share_seen_alike(simulator, sensor, T_level_sensor, T) > _EQUAL_RAYS:
+        if share_seen_alike(simulator, sensor, T_level_sensor, T) > EQUAL:
             equal[number] = by
         else:
             others += 1

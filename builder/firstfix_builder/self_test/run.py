@@ -31,6 +31,7 @@ from .alias_leads import SCANS, alias_tie_width, aliases_among, lead_lost
 from .equal_places import equal_places, tie_width
 from .localizability import QueriedPlace, grid_of
 from .outcome import RIGHT_M, Outcome
+from .prior_asks import PriorAsks, PriorOutcome, teach_with_prior
 from .real_scans import RealScans, disagreeing
 from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, judged, reliability_of
 from .strangers import drawn_strangers
@@ -65,6 +66,7 @@ class SelfTest:
             of them were found; ``disagree``, which shares differ from those of the simulated scans by more
             than chance; ``left_out``, with reasons; ``held_out``, ``RealScans.parts``; and ``confirmed``,
             ``RealScans.confirmations``.
+        with_prior: ``TaughtWithPrior.report``.
     """
 
     queries: int
@@ -81,6 +83,7 @@ class SelfTest:
     threshold: dict[str, Any]
     localizability: list[dict[str, object]]
     real: dict[str, Any] = field(default_factory=dict)
+    with_prior: dict[str, Any] = field(default_factory=dict)
 
     def to_mapping(self) -> dict[str, Any]:
         """Returns the results as JSON values."""
@@ -155,10 +158,22 @@ def run_self_test(
     def ticked() -> None:
         nonlocal done
         done += 1
-        progress(done / (len(queries) + len(real.scans)))
+        progress(done / (2 * len(queries) + len(real.scans)))
 
     outcomes = list(executor.map(run, range(len(queries))))
     outcomes += executor.map(run_real, range(len(real.scans)))
+    priors = PriorAsks(localizer, simulator, sensor, asked_with, config.seed)
+
+    def run_with_prior(outcome: Outcome) -> list[PriorOutcome]:
+        if cancelled():
+            raise BuildCancelled("cancelled during the self-test")
+        asked = queries[outcome.query]
+        found = priors.outcomes(outcome, asked if isinstance(asked, CompactScan) else asked[0].scan(asked[1]))
+        ticked()
+        return found
+
+    free = [outcome for outcome in outcomes if not outcome.is_real]
+    with_prior = [outcome for of_query in executor.map(run_with_prior, free) for outcome in of_query]
     min_margin = tie_width([outcome.equals.unequal_by for outcome in outcomes])
     alias_margin = alias_tie_width(
         [outcome.lead_lost for outcome in outcomes], min_margin, ranking.max_margin
@@ -180,6 +195,9 @@ def run_self_test(
         min_probability=threshold.min_probability,
         search_until=choose(seen, config.max_false_accept, None).min_probability,
     )
+    of_priors = teach_with_prior(with_prior, calibration, config.max_false_accept)
+    if of_priors is not None:
+        calibration = replace(calibration, with_prior=of_priors.calibration)
     simulated = [outcome for outcome in outcomes if not outcome.is_real]
     tested = _queried_places(simulated, calibration, T_level_map)
     bound = bound_of(cases, unanswered=sum(o.evidence is None for o in outcomes))
@@ -187,7 +205,7 @@ def run_self_test(
     told = {**threshold.to_mapping(), "others": others, "taught": taught.to_mapping()}
     found = _summary(simulated, calibration, cases, bound, told, grid_of(tested))
     compared = _of_real(found, [o for o in outcomes if o.is_real], calibration, real, of_real)
-    found = replace(found, real=compared)
+    found = replace(found, real=compared, with_prior={} if of_priors is None else of_priors.report)
     return found, calibration, bound, tested
 
 

@@ -47,6 +47,8 @@ class Calibration:
         alias_margin: the same for the best pose and its known aliases; ``min_margin`` or more.
         cases: number of self-test cases it was fitted on; 0: it is the prior.
         among_tied: weights of the model for poses that tie, bias first; empty: they are the others.
+        with_prior: calibration of queries with a prior, for which only what lies in it competes (see
+            ``with_prior.judging``); None: they are judged as the others.
     """
 
     bias: float = -20.1
@@ -63,6 +65,7 @@ class Calibration:
     among_tied: tuple[float, ...] = ()
     alias_margin: float = 0.05
     search_until: float = 0.995
+    with_prior: Calibration | None = None
 
     @property
     def weights(self) -> NDArray[np.float64]:
@@ -131,8 +134,13 @@ class Calibration:
         return cls(**rounded, cases=len(truth))
 
     def to_mapping(self) -> dict[str, Any]:
-        """Values by name, ready for JSON."""
-        return asdict(self)
+        """Values by name, ready for JSON; ``with_prior`` only if there is one."""
+        values = asdict(self)
+        if self.with_prior is None:
+            del values["with_prior"]
+        else:
+            values["with_prior"] = self.with_prior.to_mapping()
+        return values
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
@@ -146,6 +154,7 @@ class Calibration:
             "among_tied": (),
             "alias_margin": data.get("min_margin"),
             "search_until": data.get("min_probability"),
+            "with_prior": None,
         }
         values = missing | dict(data)
         different = set(values) ^ {field.name for field in fields(cls)}
@@ -156,7 +165,9 @@ class Calibration:
         among_tied = tuple(map(float, values["among_tied"]))
         if among_tied and len(among_tied) != len(WEIGHTS):
             raise ValueError(f"fields of a calibration: {len(among_tied)} weights for poses that tie")
-        return cls(**{**values, "among_tied": among_tied})
+        taught = values["with_prior"]
+        with_prior = None if taught is None else cls.from_mapping(taught)
+        return cls(**{**values, "among_tied": among_tied, "with_prior": with_prior})
 
 
 def _logistic(x: ArrayLike) -> NDArray[np.float64]:

@@ -25,6 +25,7 @@ from .ranking import RankingConfig
 from .registered_candidate import RegisteredCandidate, features_of
 from .stopwatch import Stopwatch
 from .verdict import judge, threshold_of
+from .with_prior import judging
 
 
 class SearchesMap(Protocol):
@@ -100,7 +101,7 @@ class Localizer:
         Args:
             prepared: by this localizer's ``prepare``.
         """
-        return MapSearch(self.index, prepared, options, watch, map_id)
+        return MapSearch(judging(self.index, options), prepared, options, watch, map_id)
 
     def unregistered(
         self, scan: ScanDescriptor, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.options import LocalizeOptions
+from ..answer.prior import Prior
 from .candidates import Candidates, candidates_of_scan, find_candidates
 from .config import EffortConfig
 from .hypotheses import NO_POSES, HypothesisSearch
@@ -19,6 +20,7 @@ from .index import MapIndex
 from .known_aliases import known_aliases, rivals_among, with_aliases_marked
 from .level_hypotheses import level_hypotheses
 from .local_search import offsets_along, offsets_around
+from .outside_prior import aliases_outside, lead_outside, own_pose
 from .preprocess import PreparedQuery, PreparedScan
 from .registered_candidate import RegisteredCandidate, distinct, features_of
 from .stopwatch import Stopwatch
@@ -114,6 +116,8 @@ class MapSearch:
             return
         if expected_s <= self._watch.left_s:
             self._register_aliases(min_probability)
+            if self._options.prior is not None:
+                self._compare_outside(self._options.prior)
         self.registered = with_aliases_marked(self.registered, self._prepared.dense, self._options.prior)
 
     def _register_aliases(self, min_probability: float | None) -> None:
@@ -125,6 +129,20 @@ class MapSearch:
             rivals = rivals_among(untried, best[0], self._prepared.sparse, min_probability)
         if len(rivals) or self._hypotheses.leaves_out(best[0], aliases.T_level_sensor):
             self._register(rivals, placed.twist, aliases.T_level_sensor)
+
+    def _compare_outside(self, prior: Prior) -> None:
+        """Compares the best pose with places outside the prior, if an alias there fits nearly as well."""
+        index, best, prepared = self._index, self.registered[0], self._prepared
+        with self._watch.stage("aliases"):
+            aliases = aliases_outside(best, prior, prepared.sparse)
+            if not len(aliases):
+                return
+            described = [one.described_by(index.cascade.descriptor) for one in prepared.scans]
+            anywhere = replace(self._options, prior=None)
+            similar = find_candidates(index, described, prepared.scans, anywhere)
+            apart = HypothesisSearch(index, prepared, map_id=best.map_id)
+            found = apart.run(Candidates.merged([own_pose(best), aliases, similar]), best.registration.twist)
+            self.registered = [replace(best, outside_lead=lead_outside(found, prior)), *self.registered[1:]]
 
     def _expected_s(self, step: Step) -> float:
         """Seconds that a step takes, at worst: measured by the first one, which always runs."""

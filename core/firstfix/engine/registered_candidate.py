@@ -37,6 +37,7 @@ class RegisteredCandidate:
             floor. nan: not known.
         spots: number of spots where the query's scans were taken.
         is_alias: whether it is a known alias of the best candidate of its map.
+        outside_lead: support by which a known alias outside the query's prior is better; 0: none is.
     """
 
     index: MapIndex
@@ -48,6 +49,7 @@ class RegisteredCandidate:
     start_z_m: float = math.nan
     spots: int = 1
     is_alias: bool = False
+    outside_lead: float = 0.0
 
     @cached_property  # each of a hundred candidates is compared with all others
     def quality(self) -> AlignmentQuality:
@@ -76,6 +78,11 @@ class RegisteredCandidate:
         """
         information = self.index.surface.faced_information(scan, self.registration)
         return replace(self, registration=replace(self.registration, information=information))
+
+    @property
+    def is_better_outside(self) -> bool:
+        """Returns whether the scan fits a place outside the prior clearly better: the prior is wrong then."""
+        return self.outside_lead >= self.index.calibration.alias_margin
 
     @property
     def T_map_sensor(self) -> Matrix:
@@ -107,7 +114,8 @@ def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> Match
     """Match features of one of the ranked candidates, for the calibration of its own map.
 
     The evidence of several spots adds up: places that look alike from one rarely do from all. Support is a
-    mean over the scans, so the margin counts once for each spot (docs/method.md section 7).
+    mean over the scans, so the margin counts once for each spot (docs/method.md section 7). Places outside a
+    prior are rivals only if they are better: which of those that tie is right, the prior says.
     """
     one = ranked[number]
     aliases = [
@@ -121,4 +129,6 @@ def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> Match
         aliases,
         one.index.calibration.alias_margin,
     )
+    if one.is_better_outside:
+        features = replace(features, margin=min(features.margin, -one.outside_lead))
     return features if one.spots == 1 else replace(features, margin=one.spots * features.margin)

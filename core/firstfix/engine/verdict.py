@@ -33,6 +33,8 @@ def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Lo
         for candidate, share in zip(ranked, _shares(ranked, features.tied, probability), strict=True)
     )
     reason = _why_not_localized(features, calibration, threshold_of(best.index, options))
+    if reason in (None, Reason.SEVERAL_PLACES) and best.is_better_outside:
+        reason = Reason.LOW_PROBABILITY  # a better place is known, and the prior excludes it
     if reason is None and not best.registration.rests:
         reason = Reason.NOT_CONVERGED
     if reason is not None:

@@ -167,7 +167,7 @@ SEVERAL_PLACES = _kind(
     "several_places",
     "Several places look alike",
     "{places:.0f} places explain the scan about as well.",
-    "Drive some metres and ask again, or follow the answer's hint; a prior or a sequence of scans helps.",
+    "Send a prior, or a second scan from where the answer's hint leads; without one, none near would tell.",
     Severity.WARNING,
 )
 THROUGH_SURFACES = _kind(

@@ -67,6 +67,7 @@ def search_by(monkeypatch, clock):
                     spots=1,
                     registration=at_rest,
                     is_alias=False,
+                    is_better_outside=False,
                 )
             ]
 

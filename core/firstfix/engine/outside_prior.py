@@ -1,0 +1,46 @@
+"""Is a prior wrong? Where the best place in it has aliases outside, the scan is compared with these, too.
+
+Those that are as good do not count: which of them is right, the prior says. One that is clearly better shows
+that the prior is wrong: the scan was taken there. Most places have no alias, and a prior saves the search of
+the whole map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..answer.prior import Prior
+from .candidates import Candidates
+from .known_aliases import known_aliases, not_far_behind
+from .registered_candidate import RegisteredCandidate
+from .registration.surface import Surface
+
+
+def aliases_outside(best: RegisteredCandidate, prior: Prior, sparse: Surface) -> Candidates:
+    """The known aliases of a pose that a prior excludes, if the scan may fit them as well.
+
+    Args:
+        best: the pose, in the prior.
+        sparse: the scan's few points.
+    """
+    index, T_level_sensor = best.index, best.registration.T_level_sensor
+    found = known_aliases(index, T_level_sensor, None)
+    is_outside = ~prior.allows_each(index.T_map_level @ found.T_level_sensor)
+    found = found.at(np.flatnonzero(is_outside))
+    if not len(found):
+        return found
+    return not_far_behind(index, found, T_level_sensor, sparse.deskewed(best.registration.twist))
+
+
+def own_pose(best: RegisteredCandidate) -> Candidates:
+    """The pose itself, to be aligned anew as its rivals are."""
+    return Candidates(np.array([best.template]), best.registration.T_level_sensor[None], np.ones(1))
+
+
+def lead_outside(found: Sequence[RegisteredCandidate], prior: Prior) -> float:
+    """Support by which the best pose outside a prior is better than the best one in it; 0 if none is."""
+    inside = [one.support for one in found if prior.allows(one.T_map_sensor)]
+    outside = [one.support for one in found if not prior.allows(one.T_map_sensor)]
+    return max(0.0, max(outside) - max(inside)) if inside and outside else 0.0
