@@ -35,6 +35,7 @@ from .threshold import ABSENT_SHARE, Judged, choose
 YAW_RANGE_DEG = 45.0  # of the priors with a heading: every other one
 _OFF_CENTRE = 0.9  # of radius and range, within which the truth lies in a right prior
 _LEAST = 0.5  # probability from which on an answer is looked at closely, whatever threshold the map gets
+MOST, OTHERS = 72, 24  # queries of a map that are asked with priors, and of these such as do not tie
 _PLACES = 8  # drawn from the map, to find one that a wrong prior can be about
 
 
@@ -74,6 +75,21 @@ class PriorOutcome:
     def can_be_told(self, min_margin: float) -> bool:
         """Returns whether the answer can be known to be wrong: its place is not as good as the true one."""
         return not self.is_equal and (self.behind is None or self.behind >= min_margin)
+
+
+def worth_a_prior(free: Sequence[Outcome], rng: np.random.Generator) -> list[Outcome]:
+    """Queries that are asked again with priors, by chance: those whose best places tie, and some others.
+
+    A prior changes most where places tie. Elsewhere few are enough to see what it changes.
+
+    Args:
+        free: outcomes without a prior.
+    """
+    chosen: dict[bool, list[Outcome]] = {True: [], False: []}
+    for row in rng.permutation(len(free)).tolist():
+        evidence = free[row].evidence
+        chosen[evidence is not None and evidence.tied > 1].append(free[row])
+    return [*chosen[True][: MOST - OTHERS], *chosen[False][:OTHERS]]
 
 
 @dataclass(frozen=True)
