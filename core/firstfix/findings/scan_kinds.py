@@ -167,7 +167,7 @@ SEVERAL_PLACES = _kind(
     "several_places",
     "Several places look alike",
     "{places:.0f} places explain the scan about as well.",
-    "Send a prior, or a second scan from where the answer's hint leads; without a hint, none near would tell.",
+    "Send a prior, or a second scan from where the answer's hint leads; without one, none near would tell.",
     Severity.WARNING,
 )
 THROUGH_SURFACES = _kind(
