@@ -48,10 +48,10 @@ def taught():
 
 
 def test_it_is_surer_than_of_a_query_without_one(taught):
-    right = Outcome.here(0, answer(0.83), HERE, np.eye(4))
-    assert not right.accepted_by(Calibration())
-    assert right.accepted_by(taught.calibration)
-    assert taught.report["localized"] == taught.report["found"] == 1.0
+    right = [one.outcome.evidence for one in asked(100, seed=2) if one.outcome.is_in_map]
+    for evidence in right:
+        assert taught.calibration.probability(evidence) > Calibration().probability(evidence)
+    assert taught.report["found"] == 1.0
     assert (taught.report["right"], taught.report["wrong"]) == (100, 100)
     assert taught.calibration.min_probability == taught.report["min_probability"] == 0.995
 
@@ -68,7 +68,8 @@ def test_a_place_as_good_as_the_true_one_teaches_nothing(taught, as_good):
     assert teach_with_prior([*asked(100), twin], Calibration(), MAX_FALSE_ACCEPT) == taught
     worse = replace(twin, behind=0.3, is_equal=False)
     strict = teach_with_prior([*asked(100), worse], Calibration(), MAX_FALSE_ACCEPT)
-    assert strict.calibration.min_probability > taught.calibration.min_probability
+    evidence = worse.outcome.evidence
+    assert strict.calibration.probability(evidence) < taught.calibration.probability(evidence)
 
 
 def test_what_the_engine_refuses_is_counted_and_does_not_raise_the_threshold(taught):
