@@ -20,7 +20,7 @@ from .index import MapIndex
 from .known_aliases import known_aliases, rivals_among, with_aliases_marked
 from .level_hypotheses import level_hypotheses
 from .local_search import offsets_along, offsets_around
-from .outside_prior import aliases_outside, lead_outside, own_pose
+from .outside_prior import aliases_outside, lead_outside
 from .preprocess import PreparedQuery, PreparedScan
 from .registered_candidate import RegisteredCandidate, distinct, features_of
 from .stopwatch import Stopwatch
@@ -141,8 +141,9 @@ class MapSearch:
             anywhere = replace(self._options, prior=None)
             similar = find_candidates(index, described, prepared.scans, anywhere)
             apart = HypothesisSearch(index, prepared, map_id=best.map_id)
-            found = apart.run(Candidates.merged([own_pose(best), aliases, similar]), best.registration.twist)
-            self.registered = [replace(best, outside_lead=lead_outside(found, prior)), *self.registered[1:]]
+            found = apart.run(Candidates.merged([aliases, similar]), best.registration.twist)
+            lead = lead_outside(found, best, prior)
+            self.registered = [replace(best, outside_lead=lead), *self.registered[1:]]
 
     def _expected_s(self, step: Step) -> float:
         """Seconds that a step takes, at worst: measured by the first one, which always runs."""

@@ -34,13 +34,7 @@ def aliases_outside(best: RegisteredCandidate, prior: Prior, sparse: Surface) ->
     return not_far_behind(index, found, T_level_sensor, sparse.deskewed(best.registration.twist))
 
 
-def own_pose(best: RegisteredCandidate) -> Candidates:
-    """The pose itself, to be aligned anew as its rivals are."""
-    return Candidates(np.array([best.template]), best.registration.T_level_sensor[None], np.ones(1))
-
-
-def lead_outside(found: Sequence[RegisteredCandidate], prior: Prior) -> float:
-    """Support by which the best pose outside a prior is better than the best one in it; 0 if none is."""
-    inside = [one.support for one in found if prior.allows(one.T_map_sensor)]
+def lead_outside(found: Sequence[RegisteredCandidate], best: RegisteredCandidate, prior: Prior) -> float:
+    """Support by which the best of the found poses outside a prior is better than the one in it, or 0."""
     outside = [one.support for one in found if not prior.allows(one.T_map_sensor)]
-    return max(0.0, max(outside) - max(inside)) if inside and outside else 0.0
+    return max(0.0, max(outside) - best.support) if outside else 0.0

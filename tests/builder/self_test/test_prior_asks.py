@@ -23,9 +23,9 @@ SCAN = Scan.from_points(np.ones((10, 3)))
 MAX_FALSE_ACCEPT = 0.005
 
 
-def answer(score: float, T_map_sensor=HERE, verdict=Verdict.LOCALIZED) -> Localization:
+def answer(score: float, T_map_sensor=HERE, verdict=Verdict.LOCALIZED, beside=0.07) -> Localization:
     """Returns the answer of a bare hall: few planes, so a free query would not be sure of it."""
-    quality = AlignmentQuality(score, score, 0.0, 0.0, 0.07, 0.25)
+    quality = AlignmentQuality(score, score, 0.0, 0.0, beside, 0.25)
     pose = T_map_sensor if verdict is Verdict.LOCALIZED else None
     hypotheses = (Hypothesis(T_map_sensor, quality, 0.5, 0),)
     return Localization(verdict, T_map_sensor=pose, hypotheses=hypotheses)
@@ -37,7 +37,7 @@ def asked(count: int, seed: int = 1) -> list[PriorOutcome]:
     for query in range(count):
         right = answer(rng.uniform(0.82, 0.95))
         found.append(PriorOutcome(Outcome.here(query, right, HERE, np.eye(4))))
-        wrong = Outcome.nowhere(query, answer(rng.uniform(0.3, 0.65)))
+        wrong = Outcome.nowhere(query, answer(rng.uniform(0.3, 0.6), beside=0.15))
         found.append(PriorOutcome(wrong, behind=0.3))
     return found
 
@@ -47,11 +47,12 @@ def taught():
     return teach_with_prior(asked(100), Calibration(), MAX_FALSE_ACCEPT)
 
 
-def test_it_is_surer_than_of_a_query_without_one(taught):
-    right = Outcome.here(0, answer(0.83), HERE, np.eye(4))
-    assert not right.accepted_by(Calibration())
-    assert right.accepted_by(taught.calibration)
-    assert taught.report["localized"] == taught.report["found"] == 1.0
+def test_it_parts_right_priors_from_wrong_ones(taught):
+    claimed = {True: [], False: []}
+    for one in asked(100, seed=2):
+        claimed[one.outcome.is_in_map].append(taught.calibration.probability(one.outcome.evidence))
+    assert min(claimed[True]) > 0.95 > 0.8 > max(claimed[False])
+    assert taught.report["found"] == 1.0
     assert (taught.report["right"], taught.report["wrong"]) == (100, 100)
     assert taught.calibration.min_probability == taught.report["min_probability"] == 0.995
 
@@ -68,7 +69,8 @@ def test_a_place_as_good_as_the_true_one_teaches_nothing(taught, as_good):
     assert teach_with_prior([*asked(100), twin], Calibration(), MAX_FALSE_ACCEPT) == taught
     worse = replace(twin, behind=0.3, is_equal=False)
     strict = teach_with_prior([*asked(100), worse], Calibration(), MAX_FALSE_ACCEPT)
-    assert strict.calibration.min_probability > taught.calibration.min_probability
+    evidence = worse.outcome.evidence
+    assert strict.calibration.probability(evidence) < taught.calibration.probability(evidence)
 
 
 def test_what_the_engine_refuses_is_counted_and_does_not_raise_the_threshold(taught):

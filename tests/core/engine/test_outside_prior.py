@@ -45,9 +45,9 @@ def test_a_better_one_refutes_the_prior_whatever_the_caller_takes():
     assert features_of([replace(place(0, 0.95), outside_lead=0.09)]).margin == -0.09
 
 
-def test_the_lead_is_that_of_the_best_place_outside_over_the_best_one_inside():
+def test_the_lead_is_that_of_the_best_place_outside():
     inside, outside = place(1, 0.9), place(20, 0.94)
-    lead = outside.support - inside.support
-    assert lead_outside([place(-2, 0.7), inside, outside, place(30, 0.8)], PRIOR) == pytest.approx(lead)
-    assert lead_outside([place(1, 0.94), place(20, 0.9)], PRIOR) == 0.0
-    assert lead_outside([outside], PRIOR) == 0.0, "the best one inside was not compared"
+    found = [place(-2, 0.97), outside, place(30, 0.8)]
+    assert lead_outside(found, inside, PRIOR) == pytest.approx(outside.support - inside.support)
+    assert lead_outside([place(20, 0.8)], inside, PRIOR) == 0.0
+    assert lead_outside([], inside, PRIOR) == 0.0
