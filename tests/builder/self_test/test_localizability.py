@@ -91,6 +91,11 @@ def test_a_map_without_a_trajectory_does_not_say_what_was_seen(small_version):
 
 def test_a_version_carries_grid_and_picture(small_version):
     found = small_version.manifest.self_test["localizability"]
-    assert sum(cell["scans"] for cell in found) == small_version.manifest.self_test["queries"]
+    tested = small_version.manifest.self_test
+    assert sum(cell["scans"] for cell in found) == tested["queries"]
+    assert sum(cell["found"] for cell in found) / tested["queries"] == pytest.approx(
+        tested["found"], abs=1e-4
+    )
+    assert tested["localized"] <= tested["found"] <= 1
     assert (small_version.directory / "localizability.png").stat().st_size > 1000
     assert "localizability.png" in small_version.manifest.files

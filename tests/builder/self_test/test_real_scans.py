@@ -89,7 +89,8 @@ def test_a_build_asks_the_real_scans_and_leaves_out_bad_ones(small_world: SmallW
     tested = built.manifest.self_test
     real = tested["real"]
     assert tested["queries"] == 4, "simulated scans are counted alone"
-    assert real["asked"] == 7
+    assert real["asked"] == real["of_source"]["asked"] == 7
+    assert 3 < real["of_source"]["found"] <= 7
     assert real["weight"] == round(4 / 7, 4)
     assert real["left_out"].keys() == {"7.npy", "unknown.npy"}
     assert "does not fit the map" in real["left_out"]["7.npy"]
@@ -131,6 +132,7 @@ def test_a_build_asks_confirmed_queries_and_keeps_no_scan_of_them(
     built = build_version(small_map, config, coarse_work, confirmed=confirmed)
     real = built.manifest.self_test["real"]
     assert real["asked"] == real["confirmed"]["asked"] == 3
+    assert real["of_source"] == {"asked": 0, "found": 0}, "robots bring these"
     assert (real["confirmed"]["robots"], real["confirmed"]["told_by"]) == (1, 1)
     assert real["left_out"].keys() == {ids[0]}
     assert "does not fit the map" in real["left_out"][ids[0]]
