@@ -26,7 +26,6 @@ from firstfix.transform import Matrix, inverse, pose_error
 
 from ..simulation.perturb import ScanCase, ScanSimulation
 
-SCANS = 60  # of the self-test's, whose leads are measured
 _TIED, _LEAST_SCANS = 0.9, 20  # share of the losses that is less than the width, and scans to learn it from
 _FOUND_M, _FOUND_DEG = 0.5, 5.0  # from the true pose
 

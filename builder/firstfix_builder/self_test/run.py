@@ -25,7 +25,7 @@ from firstfix.transform import inverse, make_transform
 
 from ..simulation.perturb import ScanCase, ScanSimulation
 from ..simulation.simulate import Simulator
-from .alias_leads import SCANS, alias_tie_width, aliases_among, lead_lost
+from .alias_leads import alias_tie_width, aliases_among, lead_lost
 from .equal_places import equal_places, tie_width
 from .localizability import QueriedPlace, grid_of
 from .outcome import Outcome
@@ -84,7 +84,7 @@ def run_self_test(
             scan = simulation.scan(case)
             answer = localizer.localize(scan, asked_with)
             equals = equal_places(answer, simulator, sensor, case.T_level_sensor, T_level_map, ranking)
-            lost = lead_lost(localizer, rough, case, asked_with) if number < SCANS else None
+            lost = None if simulation is rough else lead_lost(localizer, simulation, case, asked_with)
             outcome = Outcome.here(number, answer, case.T_level_sensor, T_map_level)
             aliases = aliases_among(localizer, scan, answer, asked_with)
             is_rough = simulation is rough
