@@ -35,7 +35,7 @@ from .threshold import ABSENT_SHARE, Judged, choose
 YAW_RANGE_DEG = 45.0  # of the priors with a heading: every other one
 _OFF_CENTRE = 0.9  # of radius and range, within which the truth lies in a right prior
 _LEAST = 0.5  # probability from which on an answer is looked at closely, whatever threshold the map gets
-MOST, OTHERS = 72, 24  # queries of a map that are asked with priors, and of these such as do not tie
+MOST, OTHERS = 64, 16  # queries of a map that are asked with priors, and of these such as do not tie
 _PLACES = 8  # drawn from the map, to find one that a wrong prior can be about
 
 
