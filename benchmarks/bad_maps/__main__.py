@@ -62,7 +62,7 @@ def _row(one: Judged) -> dict[str, object]:
 
 
 def is_right(one: Judged) -> bool:
-    """Whether a bad map did not pass, and the check found nothing in a good one, or its build is activated."""
+    """Whether a bad map did not pass, and of a good one nothing was found, or its build is activated."""
     if one.case.fault != GOOD:
         return one.outcome != PASSED
     return one.outcome == PASSED or (one.found is not None and one.outcome == WARNED)
