@@ -79,7 +79,7 @@ def build(
             max=1,
         ),
     ] = None,
-    min_localized: Annotated[float | None, typer.Option(hidden=True)] = None,
+    min_localized: Annotated[float | None, typer.Option(hidden=True, help="Gone: --min-found.")] = None,
     work: Annotated[
         Path | None,
         typer.Option(help="With --store: folder for finished stages, so that a build can resume."),
