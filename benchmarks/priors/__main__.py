@@ -1,0 +1,5 @@
+"""``python -m benchmarks.priors``: see ``suite``."""
+
+from .suite import main
+
+main()
