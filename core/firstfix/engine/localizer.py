@@ -56,7 +56,7 @@ class Localizer:
     """Answers queries against one map version. Thread-safe.
 
     Args:
-        explains: a rejected scan is tried in other forms, to say why.
+        explains: a scan that does not fit as it was sent is tried in other forms, to say why.
     """
 
     def __init__(self, index: MapIndex, *, explains: bool = True) -> None:

@@ -88,7 +88,7 @@ def _why_not_localized(
         return None
     if best.tied > 1 and calibration.probability(best) >= best.ranking.likely:
         return Reason.SEVERAL_PLACES
-    if would_do(best.without_rivals):
+    if calibration.accepts(best.without_rivals, max(needed, calibration.search_until)):
         return Reason.SEVERAL_PLACES
     if would_do(replace(best, quality=replace(best.quality, free_space_violation=0.0))):
         return Reason.FREE_SPACE_VIOLATION

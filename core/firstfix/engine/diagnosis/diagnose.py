@@ -31,6 +31,7 @@ from .viewpoint import best_viewpoint, is_elsewhere, is_even, is_map_origin, is_
 
 FLAT = 0.01  # plane ratio of a 2-D LiDAR's scan
 MOST_TIME = 2.0  # of the other forms, over that of the query
+_FITS_FROM = 0.85  # inlier ratio of places that tie; poorer ones tie because nothing fits
 _SLOWER = 1.5  # than the forms before it, at worst
 
 
@@ -81,8 +82,8 @@ def diagnosed(answer: Localization, query: AskedQuery, watch: Stopwatch, *, expl
     """The answer with the facts of its scan and its findings. One of another viewpoint is not localized.
 
     Args:
-        explains: a rejected scan is tried in other forms, if the deadline allows, in at most
-            twice the time that the query has taken.
+        explains: a scan that does not fit as it was sent is tried in other forms, if the deadline allows, in
+            at most twice the time that the query has taken.
     """
     facts = query.facts
     if answer.verdict is not Verdict.LOCALIZED:
@@ -101,11 +102,17 @@ def _why_not_localized(
 ) -> tuple[Finding, ...]:
     """The cause, if one is found: by the points, by another form, by the viewpoint. Then the reason."""
     cause = _by_points(answer, query, facts)
-    if cause is None and explains and answer.verdict is Verdict.REJECTED:  # else it fits as it was sent
+    if cause is None and explains and not _fits_as_sent(answer):
         cause = _by_other_forms(answer, query, watch)
     if cause is None:
         cause = _wrong_frame(answer, query, facts)
     return (*(() if cause is None else (cause,)), *reasons_found(answer))
+
+
+def _fits_as_sent(answer: Localization) -> bool:
+    """Returns whether a scan fits several places so well that no other form of it need be tried."""
+    quality = answer.hypotheses[0].quality if answer.hypotheses else None
+    return answer.verdict is Verdict.AMBIGUOUS and quality is not None and quality.inlier_ratio >= _FITS_FROM
 
 
 def _wrong_frame(answer: Localization, query: AskedQuery, facts: ScanFacts) -> Finding | None:
