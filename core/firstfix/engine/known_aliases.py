@@ -121,7 +121,8 @@ def with_aliases_marked(
 ) -> list[RegisteredCandidate]:
     """The candidates of one map, best first, with those marked that are known aliases of the best.
 
-    An alias over which the best place leads all around is none for this scan.
+    An alias over which the best place leads all around is none for this scan. In motion a lead is no such
+    evidence: each place has three unknowns more, to fit the scan all around.
 
     Args:
         dense: the scan's many points.
@@ -134,6 +135,8 @@ def with_aliases_marked(
         for number in np.flatnonzero(is_any_of(aliases, T_level_sensor, index.config.ranking)).tolist()
         if number and abs(best.support - registered[number].support) < index.calibration.alias_margin
     ]
+    if best.registration.is_in_motion:
+        return [replace(one, is_alias=number in close) for number, one in enumerate(registered)]
     if not close:
         return list(registered)
     placed_m = [

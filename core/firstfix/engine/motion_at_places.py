@@ -12,11 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transform import Matrix, inverse
-from .registration.align import MapSurface, Registration, Registrations
+from .registration.align import SLOW_M_S, SLOW_RAD_S, MapSurface, Registration, Registrations
 from .registration.surface import Surface
-
-# Two places whose motions differ by less have the same one: it moves points by a few centimetres.
-_SAME_M_S, _SAME_RAD_S = 0.2, 0.05
 
 
 class MotionAtPlaces:
@@ -98,7 +95,8 @@ def together(registrations: Iterable[Registration]) -> NDArray[np.float64] | Non
 
 
 def _is_same(one: NDArray[np.float64] | None, other: NDArray[np.float64]) -> bool:
+    """Returns whether two motions differ by one that is slow."""
     if one is None:
         return False
     off = one - other
-    return bool(np.linalg.norm(off[:3]) < _SAME_M_S and np.linalg.norm(off[3:]) < _SAME_RAD_S)
+    return bool(np.linalg.norm(off[:3]) < SLOW_M_S and np.linalg.norm(off[3:]) < SLOW_RAD_S)

@@ -24,6 +24,7 @@ from .surface_grid import SurfaceGrid
 
 # Where walls face one way only, an alignment creeps a few centimetres an iteration. A dozen do elsewhere.
 _FINE_ITERATIONS = 60
+SLOW_M_S, SLOW_RAD_S = 0.2, 0.05  # slower, a motion during a scan moves its points by a few centimetres
 _FINE_FILE, _COARSE_FILE = "surface_fine.safetensors", "surface_coarse.safetensors"
 
 
@@ -48,6 +49,14 @@ class Registration:
     information: NDArray[np.float64]
     rests: bool = True
     twist: NDArray[np.float64] | None = None
+
+    @property
+    def is_in_motion(self) -> bool:
+        """Returns whether a motion was solved that moves points by more than a few centimetres."""
+        if self.twist is None:
+            return False
+        fast = np.linalg.norm(self.twist[:3]) > SLOW_M_S or np.linalg.norm(self.twist[3:]) > SLOW_RAD_S
+        return bool(fast)
 
 
 @dataclass(frozen=True)
