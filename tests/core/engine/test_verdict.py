@@ -118,6 +118,28 @@ def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():
     assert judged(doubtful, calibration=strict, min_probability=0.01).verdict is Verdict.LOCALIZED
 
 
+@pytest.mark.parametrize(
+    ("twist", "verdict"),
+    [
+        (np.zeros(6), Verdict.LOCALIZED),
+        (np.array([0.1, 0, 0, 0, 0, 0.01]), Verdict.LOCALIZED),
+        (np.array([0.5, 0, 0, 0, 0, 0]), Verdict.REJECTED),
+        (np.array([0, 0, 0, 0, 0, 1.0]), Verdict.REJECTED),
+    ],
+    ids=["at rest", "hardly moving", "driving", "turning"],
+)
+def test_a_scan_in_motion_needs_what_the_map_s_own_cases_ask_for(twist, verdict):
+    """What many maps have taught is of scans at rest."""
+    good = place(0, 0.95)
+    moving = replace(good, registration=replace(good.registration, twist=twist))
+    sure = judged(good).probability
+    taught = replace(CALIBRATION, min_probability=sure - 0.01, search_until=1.0)
+    answer = judged(moving, calibration=taught)
+    assert answer.probability > sure - 0.01
+    assert answer.verdict is verdict
+    assert judged(moving, calibration=taught, min_probability=0.5).verdict is Verdict.LOCALIZED
+
+
 def test_no_place_is_no_candidate():
     assert judged().reasons == (Reason.NO_CANDIDATE,)
 
