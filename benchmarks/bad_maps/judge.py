@@ -1,4 +1,4 @@
-"""What becomes of a map: by its check alone, which takes seconds, or by a whole build and the gate."""
+"""Judgement of a map: by its check alone, which takes seconds, or by a whole build and the gate."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ REFUSED, HELD, WARNED, PASSED = "refused", "held back", "warned", "passed"
 
 @dataclass(frozen=True)
 class Judged:
-    """What became of one map.
+    """Outcome of one map.
 
     Attributes:
         outcome: REFUSED, HELD, WARNED or PASSED.

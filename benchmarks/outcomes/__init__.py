@@ -1,1 +1,1 @@
-"""What many maps teach every build: outcomes of scans in maps of known truth, and scans of strange places."""
+"""Lessons of many maps for every build: outcomes of scans of known truth, and scans of strange places."""

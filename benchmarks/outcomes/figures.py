@@ -1,4 +1,4 @@
-"""What the table of outcomes shows, each map judged by what the maps of other places teach."""
+"""Figures of the table of outcomes, each map judged by what the maps of other places teach."""
 
 from __future__ import annotations
 

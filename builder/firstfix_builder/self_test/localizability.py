@@ -88,7 +88,7 @@ def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:
 
 
 def _helps(cell: tuple[int, int], taken_for: tuple[int, int] | None) -> str:
-    """What helps a scan of a place that resembles another one, or none: then it sees too little."""
+    """The remedy for a scan of a place that resembles another one, or none: then it sees too little."""
     if taken_for is None:
         return OTHER_HEIGHT
     return PRIOR if taken_for == cell else SECOND_SCAN  # above, below or beside it: a few metres tell nothing

@@ -1,4 +1,4 @@
-"""What many maps have taught: outcomes of natural scans in maps of known truth, which ship with the release.
+"""Lessons of many maps: outcomes of natural scans in maps of known truth, which ship with the release.
 
 A map's own self-test has some two hundred cases, and the most probable of its wrong ones says little: the
 next map's will have another. Thousands of scans in many maps show how probable natural wrong answers get at
