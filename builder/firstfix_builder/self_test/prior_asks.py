@@ -41,7 +41,7 @@ _PLACES = 8  # drawn from the map, to find one that a wrong prior can be about
 
 @dataclass(frozen=True)
 class TaughtWithPrior:
-    """What queries with a prior taught.
+    """Lesson of the queries with a prior.
 
     Attributes:
         calibration: of such queries.

@@ -120,8 +120,7 @@ def run_self_test(
         ticked()
         return found
 
-    simulated = [outcome for outcome in outcomes if not outcome.is_real]
-    asked_again = worth_a_prior(simulated, rng)
+    asked_again = worth_a_prior([outcome for outcome in outcomes if not outcome.is_real], rng)
     with_prior = [one for several in executor.map(run_with_prior, asked_again) for one in several]
     min_margin = tie_width([outcome.equals.unequal_by for outcome in outcomes])
     alias_margin = alias_tie_width(

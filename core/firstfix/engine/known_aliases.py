@@ -135,10 +135,10 @@ def with_aliases_marked(
         for number in np.flatnonzero(is_any_of(aliases, T_level_sensor, index.config.ranking)).tolist()
         if number and abs(best.support - registered[number].support) < index.calibration.alias_margin
     ]
-    if best.registration.is_in_motion:
-        return [replace(one, is_alias=number in close) for number, one in enumerate(registered)]
     if not close:
         return list(registered)
+    if best.registration.is_in_motion:
+        return [replace(one, is_alias=number in close) for number, one in enumerate(registered)]
     placed_m = [
         dense.deskewed(one.registration.twist).moved(one.registration.T_level_sensor).points
         for one in (best, *(registered[number] for number in close))

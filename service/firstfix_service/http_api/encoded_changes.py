@@ -13,7 +13,7 @@ from .schema.parameters import MAX_LIMIT
 
 @dataclass(frozen=True)
 class EncodedChanges:
-    """What takes time is done: an answer of any length, with cells or without, only joins pieces.
+    """Changes in encoded pieces: an answer of any length, with cells or without, only joins them.
 
     Attributes:
         head: an object of all that comes before the areas.

@@ -10,7 +10,7 @@ from typing import Generic, Protocol, TypeVar
 
 
 class HasSize(Protocol):
-    """What can be kept."""
+    """Something of a known size, so that it can be kept."""
 
     @property
     def size_bytes(self) -> int:

@@ -53,7 +53,7 @@ class Sightings:
         return self._look(folder, lambda merged, parts: merged[1].plus(self._read_parts(folder, parts)))
 
     def state(self, folder: VersionFolder) -> tuple[int, tuple[str, ...]]:
-        """What ``read`` would read: number of the merged record, and names of all parts.
+        """State of what is stored: number of the merged record, and names of all parts.
 
         Objects never change, so while this stays the same, so does what they tell.
         """
