@@ -56,7 +56,7 @@ bench: setup  ## the suites of benchmarks/ (ARGS="real --quick")
 	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m benchmarks.run $(ARGS)
 
 scoreboard: setup $(if $(findstring --check,$(ARGS)),,all-test-servers)  ## measure this commit for the pages (ARGS="real peers", ARGS=--quick, ARGS=--check)
-	@PATH="$(CURDIR)/$(bin):$$PATH" PYTHONPATH=tests $(bin)/python -m benchmarks.scoreboard $(ARGS)
+	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m benchmarks.scoreboard $(ARGS)
 	@$(if $(findstring --check,$(ARGS)),,$(bin)/python scripts/generate.py)
 
 faults: setup all-test-servers  ## the fault drills of tests/faults (ARGS="power_cuts --cuts 50")

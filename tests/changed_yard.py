@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from small_world import SENSOR, SmallWorld
+from tests.small_world import SENSOR, SmallWorld
 
 if TYPE_CHECKING:  # a plugin too, and open3d: both are imported when a test needs them
     from firstfix.answer.localization import Localization
     from firstfix.engine.localizer import Localizer
     from firstfix_builder.job.build_job import BuildResult
     from firstfix_builder.simulation.simulate import Simulator
-    from once_a_run import OnceARun
+    from tests.once_a_run import OnceARun
 
 CONFIG = {
     "sensor": SENSOR,
@@ -39,7 +39,7 @@ MONDAY = datetime(2026, 3, 2, 9, tzinfo=timezone.utc)
 
 def write_cloud(world: SmallWorld, path: Path) -> Path:
     """Writes the yard as a mapping run sees it before anything has changed."""
-    from changed_hall import surface_points
+    from tests.changed_hall import surface_points
 
     points, _ = surface_points(world.vertices[world.triangles], 0.1)
     seen = (np.abs(points) < [8.05, 6.05, 4.0]).all(axis=1) & (points[:, 2] > -0.05)

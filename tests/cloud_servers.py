@@ -14,7 +14,7 @@ from email.utils import formatdate
 import httpx
 import pytest
 
-from servers import free_port, program, running
+from tests.servers import free_port, program, running
 
 CONTAINER = "firstfix-tests"
 _ACCOUNT = "tests"

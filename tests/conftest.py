@@ -15,27 +15,27 @@ from urllib.parse import urlsplit
 import hypothesis
 import pytest
 
-from servers import free_port, running_versitygw
+from tests.servers import free_port, running_versitygw
 
 if TYPE_CHECKING:  # a plugin below: pytest wants to be the first to import it
-    from toxiproxy import Link, Toxiproxy
+    from tests.toxiproxy import Link, Toxiproxy
 
 pytest_plugins = [
-    "harness.time_limits",
-    "harness.running_tests",
-    "harness.dead_workers",
-    "harness.left_behind",
-    "harness.skips",
-    "harness.processor_time",
-    "frequent_snapshots",
-    "patient_clients",
-    "one_tls_context",
-    "once_a_run",
-    "small_world",
-    "changed_yard",
-    "real_hall",
-    "cloud_servers",
-    "toxiproxy",
+    "tests.harness.time_limits",
+    "tests.harness.running_tests",
+    "tests.harness.dead_workers",
+    "tests.harness.left_behind",
+    "tests.harness.skips",
+    "tests.harness.processor_time",
+    "tests.frequent_snapshots",
+    "tests.patient_clients",
+    "tests.one_tls_context",
+    "tests.once_a_run",
+    "tests.small_world",
+    "tests.changed_yard",
+    "tests.real_hall",
+    "tests.cloud_servers",
+    "tests.toxiproxy",
 ]
 
 BUCKET = "firstfix-tests"
@@ -48,6 +48,11 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 # The tests start hundreds of processes. Where they may not keep bytecode, each compiles all it imports anew.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# Programs that tests start import `tests.…` as the tests do.
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
+)
 
 # The same examples in every run, and no limit on how long one may take.
 hypothesis.settings.register_profile("firstfix", deadline=None, derandomize=True, database=None)

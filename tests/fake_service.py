@@ -16,7 +16,7 @@ from starlette.routing import Route
 from firstfix.answer.localization import Localization
 from firstfix.scan.scan import Scan
 from firstfix.wire import scan as wire
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 VERSIONS = ["aa" * 32, "ab" * 32]
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.common.datasets import HALL
-from needs import of_recordings
-from once_a_run import OnceARun
+from tests.needs import of_recordings
+from tests.once_a_run import OnceARun
 
 
 @pytest.fixture(scope="session")

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from claimed import free_port as free_port
-from needs import needs
-from waiting import wait_until
+from tests.claimed import free_port as free_port
+from tests.needs import needs
+from tests.waiting import wait_until
 
 
 def program(name: str, how_to_get_it: str) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # a plugin too, and open3d: both are imported when a test needs them
     from firstfix_builder.job.build_job import BuildResult
-    from once_a_run import OnceARun
+    from tests.once_a_run import OnceARun
 
 
 @dataclass(frozen=True)

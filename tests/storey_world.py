@@ -13,11 +13,11 @@ from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform, rotation_z
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import SENSOR, SmallWorld
+from tests.small_world import SENSOR, SmallWorld
 
 if TYPE_CHECKING:
     from firstfix_builder.job.build_job import BuildResult
-    from once_a_run import OnceARun
+    from tests.once_a_run import OnceARun
 
 ROOMS_X = (0.0, 9.0, 22.0)  # of their middles: 9 m apart, and 13 m
 SENSOR_Z = 0.8

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from servers import free_port, program, running
-from waiting import LIMIT_S
+from tests.servers import free_port, program, running
+from tests.waiting import LIMIT_S
 
 
 class Toxiproxy:

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ros_samples
 from benchmarks.common.datasets import Dataset, PoseTable
 from benchmarks.common.koide import CLOUDS, TruePoses, draw_scans, write_drawn_scans
 from firstfix.decode import read_scan_file
 from firstfix.transform import from_quaternion, pose_error, quaternion_of
 from firstfix_cli.poses_csv import read_poses_csv
+from tests import ros_samples
 
 S = 10**9
 START_S = 1_699_000_000

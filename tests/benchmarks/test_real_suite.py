@@ -23,7 +23,7 @@ from firstfix.engine.localizer import Localizer
 from firstfix.transform import make_transform, quaternion_of
 from firstfix_cli.poses_csv import read_poses_csv
 from firstfix_worlds.write_world import pcd_of_points
-from small_world import SENSOR
+from tests.small_world import SENSOR
 
 POSES = "tx,ty,tz,qx,qy,qz,qw"
 NUMBERED = f"""scan,split,{POSES},fine_tx,fine_ty,fine_tz,fine_qx,fine_qy,fine_qz,fine_qw

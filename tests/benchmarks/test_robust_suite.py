@@ -23,7 +23,7 @@ from firstfix.engine.false_accept_bound import upper_bound
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.transform import make_transform, rotation_z
-from small_world import CONFIG, SENSOR, begun_as
+from tests.small_world import CONFIG, SENSOR, begun_as
 
 SOME = (
     Case("clean", CLEAN),

@@ -17,7 +17,7 @@ from firstfix_builder.index.views import FAR, NEAR
 from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.simulation import local_simulator
-from small_world import COARSE_CONFIG
+from tests.small_world import COARSE_CONFIG
 
 pytestmark = pytest.mark.slow
 

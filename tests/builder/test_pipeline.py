@@ -18,7 +18,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.errors import BuildCancelled, BuildFailed, InvalidOption, MalformedData
 from firstfix.store.store import Store
 from firstfix_builder.pipeline import build_version
-from small_world import COARSE_CONFIG
+from tests.small_world import COARSE_CONFIG
 
 # A process for each build, forked from one that has imported what they need. Prints how each of them ended.
 BUILD_AND_DIE = """

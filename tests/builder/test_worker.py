@@ -37,7 +37,7 @@ from firstfix_builder.job import reporter as build_reporter
 from firstfix_builder.job.build_job import MEMORY_REACHED, BuildJob, BuildResult
 from firstfix_builder.job.reporter import BuildReporter
 from firstfix_builder.job.run_build import run_build
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 STAGES = ("one", "two")
 

@@ -15,7 +15,7 @@ import pytest
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.sources import put_source
 from firstfix.store.store import Store
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 pytestmark = pytest.mark.slow
 

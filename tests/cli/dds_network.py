@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.dds_loopback import LOOPBACK
-from waiting import LIMIT_S, wait_until
+from tests.waiting import LIMIT_S, wait_until
 
 HERE = Path(__file__).resolve().parent
 
@@ -26,7 +26,7 @@ class RobotProgram:
             "namespace": namespace,
             "best_effort": best_effort,
         }
-        path = os.pathsep.join([str(HERE), str(HERE.parent), *sys.path])
+        path = os.pathsep.join(sys.path)
         self.program = subprocess.Popen(
             [sys.executable, str(HERE / "dds_robot.py"), json.dumps(arguments)],
             stdin=subprocess.PIPE,

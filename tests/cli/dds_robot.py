@@ -22,10 +22,10 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 from rosbags.typesys import get_types_from_msg
 
-import ros_samples
 from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.ros_gateway.dds.messages import TYPES, body_of, sample_of
-from ros_samples import ROS2, cdr
+from tests import ros_samples
+from tests.ros_samples import ROS2, cdr
 
 POSE, TF = "geometry_msgs/msg/PoseWithCovarianceStamped", "tf2_msgs/msg/TFMessage"
 RESPONSE = "std_srvs/msg/Trigger_Response"

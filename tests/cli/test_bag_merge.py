@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ros_samples
-from every_case import every_case
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import InvalidOption, MalformedData, NotFound, TooLarge
 from firstfix.scan.scan import MAX_POINTS, Scan
 from firstfix.transform import from_quaternion, inverse, transform_points
 from firstfix_cli.bags.replay import Replay, Replayed, replay
-from ros_samples import cloud, cloud_of_points, write_bag
+from tests import ros_samples
+from tests.every_case import every_case
+from tests.ros_samples import cloud, cloud_of_points, write_bag
 
 MS = 10**6
 START = 1_000_000 * MS

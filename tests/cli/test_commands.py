@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fake_service import VERSIONS, FakeService
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.transform import make_transform, quaternion_of, rotation_z
 from firstfix_cli.main import run
+from tests.fake_service import VERSIONS, FakeService
 
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 FIT = AlignmentQuality(0.8, 0.7, 0.01)

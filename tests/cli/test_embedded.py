@@ -31,8 +31,8 @@ from firstfix_cli.answerer import answerer
 from firstfix_cli.embedded import EmbeddedLocalizer
 from firstfix_cli.local_service import local_service
 from firstfix_client import Client
-from ros_samples import cdr, cloud_of_points
-from waiting import LIMIT_S, wait_until
+from tests.ros_samples import cdr, cloud_of_points
+from tests.waiting import LIMIT_S, wait_until
 
 OPTIONS = LocalizeOptions()
 OUTSIDE = ("exists", "folders", "get", "list", "scan", "sha256", "size", "download", "names")

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 # In the words of a package that is not installed. A None in `sys.modules` has others.
 PROGRAM = """

@@ -8,7 +8,7 @@ import pytest
 
 from firstfix_cli import free_port as module
 from firstfix_cli.free_port import free_port
-from servers import free_port as claimed_port
+from tests.servers import free_port as claimed_port
 
 
 def _alone(port: int) -> range:

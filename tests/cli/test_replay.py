@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ros_samples
-from fake_service import FakeService
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.transform import from_quaternion, inverse, make_transform, rotation_z
 from firstfix_cli.main import run
-from ros_samples import BAG_KINDS, cloud_of_points, stores_of, write_bag
+from tests import ros_samples
+from tests.fake_service import FakeService
+from tests.ros_samples import BAG_KINDS, cloud_of_points, stores_of, write_bag
 
 S = 10**9
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])

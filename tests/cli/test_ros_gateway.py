@@ -18,7 +18,6 @@ import pytest
 import zenoh
 import zenoh.ext
 
-from fake_service import FakeService
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.ros import imu, point_cloud2, pose_message, tf_message
@@ -40,10 +39,11 @@ from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.ros_gateway.fleet import RosGateway, open_session
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Output, Topics
-from ros_samples import ROS2, cdr, cloud_of_points, transforms
-from ros_samples import imu as imu_message
-from servers import free_port
-from waiting import LIMIT_S, wait_until
+from tests.fake_service import FakeService
+from tests.ros_samples import ROS2, cdr, cloud_of_points, transforms
+from tests.ros_samples import imu as imu_message
+from tests.servers import free_port
+from tests.waiting import LIMIT_S, wait_until
 
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 FOUND = Localization(Verdict.LOCALIZED, (), POSE, None, np.eye(6), 0.99)

@@ -16,12 +16,7 @@ import pytest
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
-from dds_network import RobotProgram
-from dds_robot import POSE as POSE_TYPE
-from dds_robot import T_BASE_LIDAR, T_ODOM_BASE
 
-import ros_samples
-from fake_service import FakeService
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.quality import AlignmentQuality
@@ -35,10 +30,15 @@ from firstfix_cli.ros_gateway.dds.qos import reliable
 from firstfix_cli.ros_gateway.dds.trigger_service import request_header, trigger_reply
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Output, Topics
-from ros_samples import ROS2, cdr
+from tests import ros_samples
 from tests.claimed import any_domain
+from tests.cli.dds_network import RobotProgram
+from tests.cli.dds_robot import POSE as POSE_TYPE
+from tests.cli.dds_robot import T_BASE_LIDAR, T_ODOM_BASE
 from tests.dds_loopback import LOOPBACK
-from waiting import LIMIT_S, wait_until
+from tests.fake_service import FakeService
+from tests.ros_samples import ROS2, cdr
+from tests.waiting import LIMIT_S, wait_until
 
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 COVARIANCE = 0.01 * np.eye(6)

@@ -12,9 +12,9 @@ import yaml
 from firstfix.builds.config import BuildConfig
 from firstfix.sensor import SensorModel, preset
 from firstfix_cli.main import run
-from measured_room import room_scan
-from needs import RECORDED as DATA
-from needs import recorded
+from tests.measured_room import room_scan
+from tests.needs import RECORDED as DATA
+from tests.needs import recorded
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:

@@ -7,13 +7,13 @@ import threading
 from collections.abc import Callable
 
 import uvicorn
-from fake_answers import problem_bytes
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from waiting import LIMIT_S
+from tests.client.fake_answers import problem_bytes
+from tests.waiting import LIMIT_S
 
 
 class AnswerServer:

@@ -8,7 +8,7 @@ from pathlib import Path
 from clients.conformance.compare import alike, difference
 from clients.conformance.generate import FOLDER, write
 from clients.conformance.plain_form import plain_form
-from every_case import every_case
+from tests.every_case import every_case
 
 VECTORS = json.loads((FOLDER / "index.json").read_text())["vectors"]
 MAX_FOLDER_BYTES = 400_000

@@ -7,8 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from answer_server import AnswerServer, ok, problem
-from fake_answers import SCAN, answer_bytes
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.config import EngineConfig, OccupancyConfig, PcaScConfig
@@ -17,6 +15,8 @@ from firstfix.scan.compact import CompactScan, ScanDescriptor
 from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.wire import query as wire_query
 from firstfix_client import Client
+from tests.client.answer_server import AnswerServer, ok, problem
+from tests.client.fake_answers import SCAN, answer_bytes
 
 
 @pytest.fixture

@@ -9,16 +9,16 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from answer_server import AnswerServer, ok, problem
-from fake_answers import REJECTED, SCAN, answer_bytes
 from starlette.responses import Response
 
-from blocked_async_client import BlockedAsyncClient
 from firstfix.answer.localization import Verdict
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, RateLimited
 from firstfix_client import Client, HedgePolicy, RetryPolicy, ServiceUnreachable
-from servers import free_port
-from waiting import LIMIT_S, let_pass, wait_until, wait_until_async
+from tests.blocked_async_client import BlockedAsyncClient
+from tests.client.answer_server import AnswerServer, ok, problem
+from tests.client.fake_answers import REJECTED, SCAN, answer_bytes
+from tests.servers import free_port
+from tests.waiting import LIMIT_S, let_pass, wait_until, wait_until_async
 
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
 SOON = HedgePolicy(after_s=0.1)

@@ -8,8 +8,6 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from answer_server import AnswerServer, ok, problem
-from fake_answers import LOCALIZED, REJECTED, SCAN, T_MAP_SENSOR, answer_bytes
 from starlette.responses import Response
 
 from firstfix.answer.localization import Verdict
@@ -25,8 +23,10 @@ from firstfix.errors import (
 )
 from firstfix.wire import scan as wire
 from firstfix_client import Client, RetryPolicy, ServiceUnreachable
-from servers import free_port
-from waiting import LIMIT_S, let_pass
+from tests.client.answer_server import AnswerServer, ok, problem
+from tests.client.fake_answers import LOCALIZED, REJECTED, SCAN, T_MAP_SENSOR, answer_bytes
+from tests.servers import free_port
+from tests.waiting import LIMIT_S, let_pass
 
 QUICK = RetryPolicy(attempts=4, first_wait_s=0.01, max_wait_s=0.05)
 

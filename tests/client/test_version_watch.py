@@ -11,8 +11,8 @@ import pytest
 import zenoh
 
 from firstfix_client import VersionChange, ZenohClient
-from servers import free_port
-from waiting import LIMIT_S
+from tests.servers import free_port
+from tests.waiting import LIMIT_S
 
 
 class Teller:

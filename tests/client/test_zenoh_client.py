@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
-from fake_answers import SCAN, T_MAP_SENSOR, answer_bytes, problem_bytes
 
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
@@ -22,8 +21,9 @@ from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.wire import query as wire_query
 from firstfix.wire import scan as wire
 from firstfix_client import HedgePolicy, RetryPolicy, ServiceUnreachable, ZenohClient
-from servers import free_port
-from waiting import let_pass, wait_until
+from tests.client.fake_answers import SCAN, T_MAP_SENSOR, answer_bytes, problem_bytes
+from tests.servers import free_port
+from tests.waiting import let_pass, wait_until
 
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
 

@@ -6,7 +6,7 @@ import json
 from functools import cache
 from pathlib import Path
 
-from page import Page
+from tests.console.page import Page
 
 AXE = Path(__file__).parents[2] / "console/node_modules/axe-core/axe.min.js"
 _LEVELS = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa")

@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from page import Page
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from waiting import LIMIT_S, wait_until
+from tests.console.page import Page
+from tests.waiting import LIMIT_S, wait_until
 
 HOST = "console.test"  # a name without TLS, as robots' networks have it: browsers offer less there
 _WITHOUT_NETLINK = str(Path(__file__).with_name("without_netlink.py"))

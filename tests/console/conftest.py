@@ -6,16 +6,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import browser as browsers
 import pytest
-from accessible import AXE, violations
 
 from firstfix_client import Client
 from firstfix_service.http_api.routes.console.page import page_files
+from tests.console import browser as browsers
+from tests.console.accessible import AXE, violations
 
 if TYPE_CHECKING:
-    from console_world import ConsoleWorld
-    from page import Page
+    from tests.console.console_world import ConsoleWorld
+    from tests.console.page import Page
 
 WINDOW_PX = (960, 600)  # not larger: software GL takes time for each pixel of a map
 CHECKED_PX = (1280, 800)  # at the end: axe-core skips the text that one would have to scroll to
@@ -35,7 +35,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[browsers.Brows
 def world(
     browser, coarse_version, small_version, small_scans, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[ConsoleWorld]:
-    from console_world import running_console
+    from tests.console.console_world import running_console
 
     folder = tmp_path_factory.mktemp("console")
     with running_console(folder, browsers.HOST, (coarse_version, small_version), small_scans) as running:
@@ -45,7 +45,7 @@ def world(
 @pytest.fixture(scope="session")
 def house_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A house of two storeys as a mesh file."""
-    from console_world import house
+    from tests.console.console_world import house
 
     return house().write(tmp_path_factory.mktemp("house") / "house.ply")
 

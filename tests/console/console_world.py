@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from service_world import Service, running_service
-from token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
@@ -24,8 +22,10 @@ from firstfix.transform import Matrix
 from firstfix.wire.scan import encode_scan
 from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import SENSOR, SmallWorld
-from storey_world import Box, mesh_of
+from tests.service.service_world import Service, running_service
+from tests.service.token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
+from tests.small_world import SENSOR, SmallWorld
+from tests.storey_world import Box, mesh_of
 
 if TYPE_CHECKING:  # open3d
     from firstfix_builder.job.build_job import BuildResult

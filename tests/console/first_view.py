@@ -1,7 +1,7 @@
 """Times the first view of the console, of the start page and of a map, on a slow machine or over a thin line.
 
-python tests/console/first_view.py demo/store factory --slowed 4
-python tests/console/first_view.py demo/store factory --mbit 10 --latency-ms 20
+python -m tests.console.first_view demo/store factory --slowed 4
+python -m tests.console.first_view demo/store factory --mbit 10 --latency-ms 20
 
 The service has loaded its versions by then, and the browser keeps no file from one round to the next.
 """
@@ -10,21 +10,16 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 from statistics import median
 
 import httpx
 
-HERE = Path(__file__).resolve().parent
-sys.path += [str(HERE.parent), str(HERE.parent / "service")]
-
-from browser import HOST, Browser, running_browser  # noqa: E402
-from page import CANVAS, Page  # noqa: E402
-from service_world import running_service  # noqa: E402
-
-from waiting import wait_until  # noqa: E402
+from tests.console.browser import HOST, Browser, running_browser
+from tests.console.page import CANVAS, Page
+from tests.service.service_world import running_service
+from tests.waiting import wait_until
 
 LOOK = "const look = () => {shown} ? there(performance.now()) : setTimeout(look, 10);"
 

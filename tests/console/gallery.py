@@ -1,6 +1,6 @@
 """Makes a picture of each view of the console in its states: at both sizes, light and dark.
 
-    python tests/console/gallery.py docs/images/console [STATE ...]
+    python -m tests.console.gallery docs/images/console [STATE ...]
 
 It builds its maps (a minute the first time), runs its own services, and leaves one picture a state: a large
 and a small screen in the light colours above those in the dark ones. axe-core checks each of the four; with
@@ -17,34 +17,31 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-REPO = HERE.parents[1]
-sys.path += [str(REPO), str(HERE.parent), str(HERE.parent / "service")]
+import numpy as np
+from PIL import Image
 
-import numpy as np  # noqa: E402
-from accessible import violations  # noqa: E402
-from browser import HOST, Browser, running_browser  # noqa: E402
-from console_world import ConsoleWorld, house, running_console, scans_without_cabin  # noqa: E402
-from page import Page  # noqa: E402
-from PIL import Image  # noqa: E402
-from service_world import running_service  # noqa: E402
+from firstfix.access.api_keys import ApiKeys
+from firstfix.access.permissions import Grant
+from firstfix.builds.config import PerturbConfig
+from firstfix.engine.index import MapIndex
+from firstfix.scan.scan import Scan
+from firstfix.sensor import SensorModel
+from firstfix.transform import Matrix
+from firstfix.wire.scan import encode_scan
+from firstfix_builder.job.build_job import BuildResult
+from firstfix_builder.simulation.perturb import perturbed_scans
+from firstfix_builder.simulation.simulate import Simulator
+from firstfix_client import Client
+from tests.console.accessible import violations
+from tests.console.browser import HOST, Browser, running_browser
+from tests.console.console_world import ConsoleWorld, house, running_console, scans_without_cabin
+from tests.console.page import Page
+from tests.once_a_run import OnceARun
+from tests.service.service_world import running_service
+from tests.small_world import COARSE_CONFIG, CONFIG, SENSOR, SmallWorld, yard
+from tests.waiting import wait_until
 
-from firstfix.access.api_keys import ApiKeys  # noqa: E402
-from firstfix.access.permissions import Grant  # noqa: E402
-from firstfix.builds.config import PerturbConfig  # noqa: E402
-from firstfix.engine.index import MapIndex  # noqa: E402
-from firstfix.scan.scan import Scan  # noqa: E402
-from firstfix.sensor import SensorModel  # noqa: E402
-from firstfix.transform import Matrix  # noqa: E402
-from firstfix.wire.scan import encode_scan  # noqa: E402
-from firstfix_builder.job.build_job import BuildResult  # noqa: E402
-from firstfix_builder.simulation.perturb import perturbed_scans  # noqa: E402
-from firstfix_builder.simulation.simulate import Simulator  # noqa: E402
-from firstfix_client import Client  # noqa: E402
-from once_a_run import OnceARun  # noqa: E402
-from small_world import COARSE_CONFIG, CONFIG, SENSOR, SmallWorld, yard  # noqa: E402
-from waiting import wait_until  # noqa: E402
-
+REPO = Path(__file__).resolve().parents[2]
 WORK = REPO / "build" / "gallery"
 LARGE, SMALL = (1440, 900), (390, 844)
 SCALE = 0.5  # of the large screen, in the picture

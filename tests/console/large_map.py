@@ -1,6 +1,6 @@
 """Measures the browser with a large map: its memory, how soon the points are there, and what a frame costs.
 
-    python tests/console/large_map.py VERSION --points 50000000 --templates 1000000
+    python -m tests.console.large_map VERSION --points 50000000 --templates 1000000
 
 VERSION is the folder of a built version; its cloud is replaced by that of a made-up building. Software draws
 the picture here, which takes most of a frame, so that a movement is drawn with fewer points; ``script_ms``
@@ -11,22 +11,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
-HERE = Path(__file__).resolve().parent
-sys.path += [str(HERE.parents[1]), str(HERE.parent), str(HERE.parent / "service")]
-
-from browser import HOST, Browser, running_browser  # noqa: E402
-from page import CANVAS, Page  # noqa: E402
-from service_world import running_service  # noqa: E402
-
-from benchmarks.common.large_cloud import version_with_cloud  # noqa: E402
-from benchmarks.common.memory import descendants, pss_of_family  # noqa: E402
-from firstfix.catalog.manifest import Manifest  # noqa: E402
-from waiting import let_pass  # noqa: E402
+from benchmarks.common.large_cloud import version_with_cloud
+from benchmarks.common.memory import descendants, pss_of_family
+from firstfix.catalog.manifest import Manifest
+from tests.console.browser import HOST, Browser, running_browser
+from tests.console.page import CANVAS, Page
+from tests.service.service_world import running_service
+from tests.waiting import let_pass
 
 MAP = "campus"
 MIB = 1 << 20

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from waiting import wait_until
+from tests.waiting import wait_until
 
 LIMIT_S = 120.0
 CANVAS = ".map-canvas"

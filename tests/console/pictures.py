@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from page import Picture
+
+from tests.console.page import Picture
 
 AGREES, CONTRADICTS, UNEXPLAINED = (51, 199, 89), (255, 59, 48), (255, 204, 0)
 LOCALIZED = (52, 168, 83)  # the mark of a pose

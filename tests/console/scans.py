@@ -6,14 +6,13 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from page import CANVAS
-from pictures import AGREES, CONTRADICTS, pixels_of
-
 from firstfix.transform import Matrix
+from tests.console.page import CANVAS
+from tests.console.pictures import AGREES, CONTRADICTS, pixels_of
 
 if TYPE_CHECKING:
-    from console_world import ConsoleWorld
-    from page import Page
+    from tests.console.console_world import ConsoleWorld
+    from tests.console.page import Page
 
 
 def try_scan(page: Page, file: Path, map_id: str = "yard") -> None:

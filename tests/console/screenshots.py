@@ -1,6 +1,6 @@
 """Makes the documentation's pictures of the console, from maps of a store and scans of one of them.
 
-    python tests/console/screenshots.py demo/store demo/factory/poses.csv docs/images
+    python -m tests.console.screenshots demo/store demo/factory/poses.csv docs/images
 
 The store is copied, so nothing in it changes.
 """
@@ -9,23 +9,19 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-sys.path += [str(HERE.parent), str(HERE.parent / "service")]
+import httpx
+import numpy as np
+from PIL import Image
 
-import httpx  # noqa: E402
-import numpy as np  # noqa: E402
-from browser import HOST, running_browser  # noqa: E402
-from page import Page  # noqa: E402
-from PIL import Image  # noqa: E402
-from service_world import running_service  # noqa: E402
-
-from firstfix.decode import read_scan_file  # noqa: E402
-from firstfix.wire.scan import MEDIA_TYPE, encode_scan  # noqa: E402
-from firstfix_cli.poses_csv import read_poses_csv  # noqa: E402
+from firstfix.decode import read_scan_file
+from firstfix.wire.scan import MEDIA_TYPE, encode_scan
+from firstfix_cli.poses_csv import read_poses_csv
+from tests.console.browser import HOST, running_browser
+from tests.console.page import Page
+from tests.service.service_world import running_service
 
 COLOURS = (256, 192, 128, 96, 64)  # of a palette: as many as the size allows
 MOST_BYTES = 195_000

@@ -12,22 +12,6 @@ from datetime import datetime, timezone
 
 import numpy as np
 import pytest
-from accessible import violations
-from browser import HOST
-from console_world import MARKUP
-from page import CANVAS
-from pictures import (
-    difference,
-    place_in,
-)
-from scans import (
-    change_answers,
-    click_the_map,
-    localized_scan,
-    places_of,
-    scan_colours,
-    try_scan,
-)
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -36,7 +20,23 @@ from firstfix.scan.scan import Scan
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.main import app
 from firstfix_client import Client
-from waiting import wait_until
+from tests.console.accessible import violations
+from tests.console.browser import HOST
+from tests.console.console_world import MARKUP
+from tests.console.page import CANVAS
+from tests.console.pictures import (
+    difference,
+    place_in,
+)
+from tests.console.scans import (
+    change_answers,
+    click_the_map,
+    localized_scan,
+    places_of,
+    scan_colours,
+    try_scan,
+)
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 

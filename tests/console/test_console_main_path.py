@@ -6,11 +6,11 @@ import json
 
 import numpy as np
 import pytest
-from console_world import room
-from pictures import LOCALIZED, PLOT_LOCALIZED, difference, pixels_of
-from scans import localized_scan, places_of, said_chance, scan_colours, try_scan
 
-from waiting import wait_until
+from tests.console.console_world import room
+from tests.console.pictures import LOCALIZED, PLOT_LOCALIZED, difference, pixels_of
+from tests.console.scans import localized_scan, places_of, said_chance, scan_colours, try_scan
+from tests.waiting import wait_until
 
 HEAT = ((229, 72, 77), (255, 197, 61), (48, 164, 108))  # none, half, all
 

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
 
 import pytest
-from page import CANVAS, Picture
-from pictures import ADDED, GONE, difference, drawn_pixels, pixels_of
 
-from changed_yard import CONFIG, ChangedYard
 from firstfix_client import Client
-from waiting import wait_until
+from tests.changed_yard import CONFIG, ChangedYard
+from tests.console.page import CANVAS, Picture
+from tests.console.pictures import ADDED, GONE, difference, drawn_pixels, pixels_of
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -9,9 +9,18 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from console_world import MARKUP, scans_without_cabin
-from page import CANVAS, Picture
-from pictures import (
+
+from firstfix.builds.options import reported_stages
+from firstfix.catalog.sightings.sightings import Sightings
+from firstfix.engine.changes.cells import keys_of
+from firstfix.engine.changes.sighting import Sighting
+from firstfix.engine.changes.tally import UNMAPPED, Tally
+from firstfix.engine.index import MapIndex
+from firstfix.wire.scan import encode_scan
+from firstfix_client import Client
+from tests.console.console_world import MARKUP, scans_without_cabin
+from tests.console.page import CANVAS, Picture
+from tests.console.pictures import (
     ADDED,
     GONE,
     UNEXPLAINED,
@@ -22,17 +31,8 @@ from pictures import (
     reddened,
     view_of,
 )
-
-from firstfix.builds.options import reported_stages
-from firstfix.catalog.sightings.sightings import Sightings
-from firstfix.engine.changes.cells import keys_of
-from firstfix.engine.changes.sighting import Sighting
-from firstfix.engine.changes.tally import UNMAPPED, Tally
-from firstfix.engine.index import MapIndex
-from firstfix.wire.scan import encode_scan
-from firstfix_client import Client
-from small_world import SENSOR
-from waiting import let_pass, wait_until
+from tests.small_world import SENSOR
+from tests.waiting import let_pass, wait_until
 
 pytestmark = pytest.mark.slow
 

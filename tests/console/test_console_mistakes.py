@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 
-import browser as browsers
 import numpy as np
 import pytest
-from accessible import violations
-from pictures import AGREES, HINT, difference, pixels_of
-from scans import (
+
+from firstfix.scan.scan import Scan
+from firstfix.wire.scan import decode_scan, encode_scan
+from tests.console import browser as browsers
+from tests.console.accessible import violations
+from tests.console.pictures import AGREES, HINT, difference, pixels_of
+from tests.console.scans import (
     change_answers,
     click_the_map,
     localized_scan,
@@ -18,11 +21,8 @@ from scans import (
     scan_colours,
     try_scan,
 )
-from service_world import running_service
-
-from firstfix.scan.scan import Scan
-from firstfix.wire.scan import decode_scan, encode_scan
-from waiting import let_pass, wait_until
+from tests.service.service_world import running_service
+from tests.waiting import let_pass, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
-from cloud_files import pcd, ply, random_cloud
 
-from every_case import every_case
 from firstfix.decode import MEDIA_TYPES, SUFFIXES, decode_query, read_scan_file
 from firstfix.errors import MalformedData, NotFound, TooLarge, UnsupportedFormat
 from firstfix.scan.scan import MAX_POINTS, Scan
 from firstfix.wire.content_encoding import undo_content_encoding
+from tests.core.formats.cloud_files import pcd, ply, random_cloud
+from tests.every_case import every_case
 from tests.faults.hostile_bodies import good_bodies
 
 CLOUD = random_cloud(300)

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-from cpp_build import OPTIMISED, REPO, SANITISED, Build, build, require_toolchain
 
-from once_a_run import OnceARun
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "service"))  # service_world
+from tests.cpp.cpp_build import OPTIMISED, REPO, SANITISED, Build, build, require_toolchain
+from tests.once_a_run import OnceARun
 
 # They stay, so that only what has changed is compiled again.
 OPTIMISED_FOLDER, SANITISED_FOLDER = REPO / "build/cpp-optimised", REPO / "build/cpp-sanitised"

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from needs import needs
-from waiting import LIMIT_S
+from tests.needs import needs
+from tests.waiting import LIMIT_S
 
 REPO = Path(__file__).resolve().parents[2]
 

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cpp_build import Build
-from service_world import Behaviour, Service, publish, running_service
 
 from clients.conformance.generate import FOLDER
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.errors import DescriptorMismatch, Overloaded
+from tests.cpp.cpp_build import Build
+from tests.service.service_world import Behaviour, Service, publish, running_service
 
 PLACE = {"latitude_deg": 47.05, "longitude_deg": 8.3, "height_m": 480.0, "x_axis_deg": 0.0}
 POINTS = 1000  # of the scan that the program sends

@@ -3,7 +3,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from engine import running_engine
+
+from tests.deploy.engine import running_engine
 
 
 @pytest.fixture(scope="module")

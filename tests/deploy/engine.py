@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from firstfix import native
-from needs import needs
-from waiting import wait_until
+from tests.needs import needs
+from tests.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
 LOCK = Path("/tmp/firstfix-images.lock")  # of whoever uses the engine

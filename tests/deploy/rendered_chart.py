@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
-from servers import program
-from waiting import LIMIT_S
+from tests.servers import program
+from tests.waiting import LIMIT_S
 
 REPO = Path(__file__).resolve().parents[2]
 CHART = REPO / "deploy" / "kubernetes" / "firstfix"

@@ -19,10 +19,10 @@ import pytest
 import tomllib
 from numpy.typing import NDArray
 
-from claimed import free_port
-from needs import needs
-from small_world import CONFIG, SENSOR, SmallWorld
-from waiting import wait_until
+from tests.claimed import free_port
+from tests.needs import needs
+from tests.small_world import CONFIG, SENSOR, SmallWorld
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 

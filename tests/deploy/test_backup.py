@@ -22,9 +22,9 @@ from firstfix.maintenance.rebuild import rebuild
 from firstfix.store.store import Store
 from firstfix.transform import pose_error
 from firstfix_client import Client
-from servers import free_port, running
-from small_world import CONFIG
-from waiting import LIMIT_S
+from tests.servers import free_port, running
+from tests.small_world import CONFIG
+from tests.waiting import LIMIT_S
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "back-up.md").read_text()
 MAPS, BACKUP = "s3://maps", "s3://maps-backup"

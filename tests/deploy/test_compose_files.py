@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 import yaml
 import zenoh
-from engine import ROOT
 
 from firstfix.access.api_keys import parse_token
-from servers import program
+from tests.deploy.engine import ROOT
+from tests.servers import program
 
 COMPOSE = ROOT / "deploy" / "compose"
 FILE = yaml.safe_load((COMPOSE / "compose.yaml").read_text())

@@ -8,11 +8,11 @@ from urllib.parse import urljoin
 
 import httpx
 import pytest
-from service_world import SCAN_BODY, XYZ, publish, running_service
 
 from firstfix_service.http_api.routes.console import page
-from servers import free_port, program, running
-from waiting import LIMIT_S, wait_until
+from tests.servers import free_port, program, running
+from tests.service.service_world import SCAN_BODY, XYZ, publish, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "console.md"
 BASICS = "defaults\n  mode http\n  timeout connect 5s\n  timeout client 60s\n  timeout server 60s\n"

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 import typer
 import yaml
-from engine import ROOT, compose
 
 from firstfix_cli.main import app
+from tests.deploy.engine import ROOT, compose
 
 COMPOSE = ROOT / "deploy" / "compose"
 BASE = yaml.safe_load((COMPOSE / "compose.yaml").read_text())

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from engine import ROOT
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
@@ -25,7 +24,8 @@ from firstfix.errors import StoreError
 from firstfix.store.store import Store
 from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
-from servers import free_port, running_versitygw
+from tests.deploy.engine import ROOT
+from tests.servers import free_port, running_versitygw
 
 SCRIPT = ROOT / "deploy" / "compose" / "prepare-gateway.py"
 SECRETS = {"SERVICE_SECRET_KEY": "s-service-secret", "WORKER_SECRET_KEY": "s-worker-secret"}

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from engine import BASE, build_images, docker
 
 import firstfix
 from firstfix import native
 from firstfix_service.http_api.routes.console.page import MEDIA_TYPES
 from tests.dds_loopback import LOOPBACK
-from waiting import wait_until
+from tests.deploy.engine import BASE, build_images, docker
+from tests.waiting import wait_until
 
 IMAGE = "firstfix-service:latest"
 NATIVE = Path(native.__file__).parent

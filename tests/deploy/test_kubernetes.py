@@ -14,11 +14,20 @@ import kubernetes_validate
 import pytest
 import yaml
 from fastapi.testclient import TestClient
-from rendered_chart import CHART, EXAMPLES, REPO, Refused, environment, of_kind, pod_specs, rendered
 
 from firstfix_service.app import create_app
 from firstfix_service.server import STOP_WITHIN_S
 from firstfix_service.settings import Settings
+from tests.deploy.rendered_chart import (
+    CHART,
+    EXAMPLES,
+    REPO,
+    Refused,
+    environment,
+    of_kind,
+    pod_specs,
+    rendered,
+)
 
 pytestmark = pytest.mark.slow
 

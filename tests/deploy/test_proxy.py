@@ -16,8 +16,8 @@ import pytest
 from benchmarks.common.balancer import SHIPPED, Balancer, balancer
 from firstfix_service.http_server.connections import BODY_TIMEOUT_S
 from firstfix_service.http_server.protocol import LINGER_S
-from servers import free_port, program
-from waiting import LIMIT_S, wait_until
+from tests.servers import free_port, program
+from tests.waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -8,9 +8,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from engine import ROOT, build_images, compose, docker
 
-from servers import free_port
+from tests.deploy.engine import ROOT, build_images, compose, docker
+from tests.servers import free_port
 
 
 @pytest.mark.slow

@@ -9,8 +9,6 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from access_world import get, give
-from service_world import Service, running_service
 
 from firstfix.answer.localization import Verdict
 from firstfix.catalog.manifest import FILE_NAME, Manifest
@@ -18,8 +16,10 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix_service.query_workers.query import CHOSEN_MAPS
 from firstfix_service.query_workers.worker import load_localizer
-from small_world import COARSE_CONFIG, SmallWorld
-from waiting import wait_until
+from tests.service.access_world import get, give
+from tests.service.service_world import Service, running_service
+from tests.small_world import COARSE_CONFIG, SmallWorld
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 TYPE = "application/vnd.firstfix.xyz"

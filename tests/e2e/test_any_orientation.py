@@ -24,8 +24,8 @@ from firstfix.wire.query import MEDIA_TYPE, encode_query
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import COARSE_CONFIG, SENSOR
-from storey_world import ROOMS_X, pose, scan_at, storey
+from tests.small_world import COARSE_CONFIG, SENSOR
+from tests.storey_world import ROOMS_X, pose, scan_at, storey
 
 HEAD_DOWN = np.diag([1.0, -1.0, -1.0])
 ON_ITS_SIDE = Rotation.from_euler("x", 90, degrees=True).as_matrix()

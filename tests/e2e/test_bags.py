@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ros_samples
 from benchmarks.common.datasets import SHARED
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
@@ -16,7 +15,8 @@ from firstfix.engine.localizer import Localizer
 from firstfix.transform import from_quaternion, inverse, pose_error
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_cli.bags.replay import Replay, replay
-from ros_samples import BAG_KINDS, cloud_of_points, stores_of, write_bag
+from tests import ros_samples
+from tests.ros_samples import BAG_KINDS, cloud_of_points, stores_of, write_bag
 
 S = 10**9
 BASE_LIDAR = from_quaternion([0.2, 0.0, 0.7], [0, 0, 0.6, 0.8])

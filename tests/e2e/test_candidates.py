@@ -18,7 +18,7 @@ from firstfix.sensor import SensorModel
 from firstfix.transform import pose_error
 from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import SENSOR
+from tests.small_world import SENSOR
 
 
 @pytest.fixture(scope="module")

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 import yaml
 
-from commands import Said, firstfix
 from firstfix.transform import quaternion_of
 from firstfix.wire import scan as wire
 from firstfix_cli.local_service import LocalService, local_service
-from small_world import CONFIG, SENSOR, begun_as
-from waiting import LIMIT_S
+from tests.commands import Said, firstfix
+from tests.small_world import CONFIG, SENSOR, begun_as
+from tests.waiting import LIMIT_S
 
 PLACE = "yard"
 

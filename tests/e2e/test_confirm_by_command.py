@@ -12,13 +12,13 @@ import httpx
 import pytest
 import yaml
 
-from commands import firstfix
 from firstfix.answer.options import LocalizeOptions
 from firstfix.transform import quaternion_of
 from firstfix_cli.local_service import local_service
 from firstfix_client import Client
-from small_world import CONFIG, SENSOR, begun_as
-from waiting import LIMIT_S, wait_until
+from tests.commands import firstfix
+from tests.small_world import CONFIG, SENSOR, begun_as
+from tests.waiting import LIMIT_S, wait_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]  # two builds by a service
 

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dds_network import RobotProgram
-from dds_robot import T_BASE_LIDAR
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.catalog.catalog import Catalog
@@ -20,8 +18,10 @@ from firstfix.transform import from_quaternion, inverse, pose_error
 from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client
 from tests.claimed import any_domain
+from tests.cli.dds_network import RobotProgram
+from tests.cli.dds_robot import T_BASE_LIDAR
 from tests.dds_loopback import LOOPBACK
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 pytestmark = pytest.mark.slow
 

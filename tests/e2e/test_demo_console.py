@@ -13,8 +13,8 @@ from rich.console import Console
 from firstfix_cli.demo import offer_console
 from firstfix_cli.local_service import LocalService, local_service
 from firstfix_service.http_api.routes.console.page import page_files
-from servers import free_port
-from waiting import LIMIT_S, wait_until
+from tests.servers import free_port
+from tests.waiting import LIMIT_S, wait_until
 
 pytestmark = [
     pytest.mark.slow,

@@ -9,7 +9,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import pose_error
-from storey_world import ROOMS_X, pose, scan_at, storey, storey_version
+from tests.storey_world import ROOMS_X, pose, scan_at, storey, storey_version
 
 
 @pytest.fixture(scope="module")

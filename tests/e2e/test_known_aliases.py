@@ -17,7 +17,7 @@ from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.engine.retrieval.alias_table import FILE
 from firstfix.errors import CorruptVersion
 from firstfix.transform import pose_error
-from storey_world import ROOMS_X, pose, scan_at, storey, storey_version
+from tests.storey_world import ROOMS_X, pose, scan_at, storey, storey_version
 
 HERE, WRONG = pose(ROOMS_X[0], 0.3, 40), pose(ROOMS_X[1], 0.3, 40)
 

@@ -25,7 +25,7 @@ from firstfix.wire import sequence as wire_sequence
 from firstfix_builder.simulation.moving import Motion
 from firstfix_builder.simulation.perturb import ScanSimulation
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import SENSOR
+from tests.small_world import SENSOR
 
 TWIST = (1.0, 0.2, 0.0, 0.0, 0.0, 1.5)
 CASES = 12

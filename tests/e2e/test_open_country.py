@@ -16,7 +16,7 @@ from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_worlds.farm import farm
 from firstfix_worlds.write_world import ply_of_mesh
-from small_world import SENSOR
+from tests.small_world import SENSOR
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a version of a farm is built
 

@@ -8,7 +8,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.transform import pose_error
 from firstfix_builder.pipeline import build_version
-from small_world import CONFIG
+from tests.small_world import CONFIG
 
 pytestmark = pytest.mark.slow
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from changed_yard import GONE, NEW, ChangedYard
 from firstfix.builds.options import BuildOptions
 from firstfix.engine.index import MapIndex
 from firstfix_builder.job.run_build import run_build
 from firstfix_builder.worker import build_here
-from small_world import SmallWorld, begun_as
+from tests.changed_yard import GONE, NEW, ChangedYard
+from tests.small_world import SmallWorld, begun_as
 
 if TYPE_CHECKING:
     from firstfix_builder.job.build_job import BuildResult

@@ -19,8 +19,8 @@ from firstfix.transform import Matrix, from_quaternion, pose_error
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.read_map import read_map, read_trajectory
 from firstfix_worlds.write_world import pcd_of_points
-from needs import of_recordings
-from once_a_run import OnceARun
+from tests.needs import of_recordings
+from tests.once_a_run import OnceARun
 
 MAP_M, TRACK_M = 18.0, 7.0  # of the map and of the mapping run, round the place of the scan
 FOUND_M, FOUND_DEG = 0.2, 2.0

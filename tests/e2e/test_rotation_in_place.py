@@ -13,7 +13,7 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, pose_error, quaternion_of, transform_points
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.read_map import read_trajectory
-from needs import RECORDED, with_recorded
+from tests.needs import RECORDED, with_recorded
 
 FOLDER = RECORDED / "rotation_in_place_11"
 MAPPED, ASKED = range(0, 11, 2), (1, 5, 9)

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from changed_hall import standing
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.changes.cells import CELL_M, cells_of_keys
@@ -23,7 +22,8 @@ from firstfix.transform import make_transform
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import COARSE_CONFIG, SENSOR
+from tests.changed_hall import standing
+from tests.small_world import COARSE_CONFIG, SENSOR
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.errors import InvalidOption
 from firstfix.transform import pose_error
 from firstfix_builder.pipeline import build_version
-from small_world import CONFIG, SmallWorld
+from tests.small_world import CONFIG, SmallWorld
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from firstfix_builder.self_test.taught_outcomes import taught_outcomes
 from firstfix_builder.self_test.threshold import FLOOR
 from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import SENSOR
+from tests.small_world import SENSOR
 
 
 @pytest.fixture(scope="module")

@@ -21,8 +21,8 @@ from firstfix_cli.vda5050_gateway.broker import Broker, BrokerAddress, Login
 from firstfix_cli.vda5050_gateway.fix_seeker import Fleet
 from firstfix_cli.vda5050_gateway.fleets_file import FleetEntry
 from firstfix_cli.vda5050_gateway.gateway import Gateway
-from servers import free_port, running_mosquitto
-from vda5050_vehicle import MANUFACTURER, SimulatedVehicle
+from tests.servers import free_port, running_mosquitto
+from tests.vda5050_vehicle import MANUFACTURER, SimulatedVehicle
 
 MOUNTING = [0.3, 0.0, 0.8, 0.0, 0.0, 1.0, 0.0]  # it looks back
 

@@ -15,7 +15,6 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from wrong_inputs import WRONG_INPUTS, RightScan, kitti, ply, written
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.decode import SUFFIXES
@@ -24,7 +23,8 @@ from firstfix.transform import pose_error, pose_from_mapping
 from firstfix_cli.commands.localize import EXIT_CODES
 from firstfix_cli.local_service import LocalService, local_service
 from firstfix_cli.main import run
-from waiting import LIMIT_S
+from tests.e2e.wrong_inputs import WRONG_INPUTS, RightScan, kitti, ply, written
+from tests.waiting import LIMIT_S
 
 pytestmark = pytest.mark.timeout(600)
 

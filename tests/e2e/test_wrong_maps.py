@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wrong_maps import PNG, WRONG_MAPS, Points, npy, written
 
 from firstfix_cli.local_service import local_service
 from firstfix_cli.main import run
+from tests.e2e.wrong_maps import PNG, WRONG_MAPS, Points, npy, written
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

@@ -21,8 +21,8 @@ from firstfix.store.store import Store
 from firstfix.transform import inverse, make_transform, quaternion_of, rotation_z
 from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client, ScanSequence
-from storey_world import ROOMS_X, pose, scan_at, storey, storey_version
-from waiting import LIMIT_S
+from tests.storey_world import ROOMS_X, pose, scan_at, storey, storey_version
+from tests.waiting import LIMIT_S
 
 pytestmark = pytest.mark.timeout(900)  # an example may build a map
 

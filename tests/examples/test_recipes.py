@@ -21,7 +21,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import ros_samples
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.catalog.catalog import Catalog
@@ -31,9 +30,10 @@ from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion, inverse, transform_points
 from firstfix_cli.local_service import local_service
-from ros_samples import cloud_of_points, stores_of, write_bag
+from tests import ros_samples
 from tests.dds_loopback import LOOPBACK
-from waiting import LIMIT_S, wait_until
+from tests.ros_samples import cloud_of_points, stores_of, write_bag
+from tests.waiting import LIMIT_S, wait_until
 
 HOW_TO = Path(__file__).resolve().parents[2] / "docs" / "how-to"
 PAGES = ("bags.md", "embedded.md", "ros-recipes.md")

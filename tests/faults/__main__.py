@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import sys
 from importlib import import_module
-from pathlib import Path
 
 DRILLS = (
     "ends",
@@ -36,7 +35,6 @@ def main() -> int:
     parser.add_argument("drill", choices=DRILLS)
     parser.add_argument("options", nargs=argparse.REMAINDER, help="of the drill: see DRILL --help")
     chosen = parser.parse_args()
-    sys.path.append(str(Path(__file__).parents[1]))  # what the tests share
     drill = import_module(f"tests.faults.{chosen.drill}")
     return int(drill.main(chosen.options))
 

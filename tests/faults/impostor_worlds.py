@@ -23,8 +23,8 @@ from firstfix_builder.simulation.perturb import ScanSimulation
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_worlds.make_world import OTHER_SEED, _place, make_world
 from firstfix_worlds.write_world import ply_of_cloud
-from needs import RECORDED
-from storey_world import CONFIG, building
+from tests.needs import RECORDED
+from tests.storey_world import CONFIG, building
 
 HOSPITAL = RECORDED / "worlds/hospital_aws_1floor.ply"
 MOTIONS = ("straight", "turning", "both")

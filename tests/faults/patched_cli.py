@@ -2,14 +2,9 @@
 
 import json
 import os
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
-
-from changed_constants import changed_constants
 
 from firstfix_cli.main import run
+from tests.service.changed_constants import changed_constants
 
 if __name__ == "__main__":
     with changed_constants(json.loads(os.environ["CONSTANTS"])):

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from service_world import publish
 
 from benchmarks.common.programs import Replica
 from firstfix.catalog.catalog import Catalog
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from tests.faults.restart_clients import CLIENTS, replica_of, restart_under_queries
+from tests.service.service_world import publish
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # replicas are started again and again
 

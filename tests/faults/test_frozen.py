@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from servers import program
 from tests.faults.freezing.case import Case
 from tests.faults.freezing.part import Part
 from tests.faults.frozen import PARTS, frozen
 from tests.faults.nats_server import NEEDS_NATS, nats_server_program
-from waiting import LIMIT_S
+from tests.servers import program
+from tests.waiting import LIMIT_S
 
 pytestmark = pytest.mark.slow
 

@@ -13,7 +13,7 @@ from vda5050.validation import SchemaValidator
 from firstfix_cli.vda5050_gateway.fix_seeker import MOST_TOPICS
 from tests.faults.vda5050_fleet import KINDS, vda5050_fleet
 from tests.faults.vda5050_silent import vda5050_silent
-from vda5050_vehicle import state
+from tests.vda5050_vehicle import state
 
 pytestmark = pytest.mark.slow
 

@@ -29,14 +29,14 @@ from typing import Any
 
 import numpy as np
 
-from fake_service import FakeService
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix.wire.scan import encode_scan
-from servers import free_port, running_mosquitto
-from vda5050_vehicle import MANUFACTURER, SimulatedVehicle
-from waiting import wait_until
+from tests.fake_service import FakeService
+from tests.servers import free_port, running_mosquitto
+from tests.vda5050_vehicle import MANUFACTURER, SimulatedVehicle
+from tests.waiting import wait_until
 
 VERSIONS = ("2.0.0", "2.1.0", "3.0.0")  # of VDA 5050
 MAP_VERSION = "ab" * 32

@@ -25,10 +25,10 @@ from typing import Any
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from fake_service import FakeService
-from servers import free_port, running_mosquitto
-from vda5050_vehicle import MANUFACTURER, SimulatedVehicle, header, state
-from waiting import let_pass, wait_until
+from tests.fake_service import FakeService
+from tests.servers import free_port, running_mosquitto
+from tests.vda5050_vehicle import MANUFACTURER, SimulatedVehicle, header, state
+from tests.waiting import let_pass, wait_until
 
 from .vda5050_fleet import POINTS, answer_of, end, scan_of
 

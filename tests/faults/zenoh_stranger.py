@@ -37,11 +37,10 @@ SAID = "@said "
 
 def serve(folder: Path, ports: list[int], auth: str) -> None:
     """Two replicas of one store; prints where they are, and changes a version for each line that it reads."""
-    from service_world import publish, running_service
-
     from firstfix.access.api_keys import ApiKeys
     from firstfix.access.permissions import Grant
     from firstfix.store.store import Store
+    from tests.service.service_world import publish, running_service
 
     store = str(folder / "store")
     key = ApiKeys(Store.open(store)).create("robot", Grant.parse(["localize"], ["*"]))[1]
@@ -101,7 +100,6 @@ class Process:
     """A role in a process of the checkout."""
 
     def __init__(self, root: Path, log: Path, *arguments: str) -> None:
-        paths = ":".join(str(root / part) for part in ("tests", "tests/service"))
         with log.open("ab") as errors:
             self._process = subprocess.Popen(
                 [str(python_of(root)), str(Path(__file__).resolve()), *arguments],
@@ -109,7 +107,7 @@ class Process:
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 cwd=root,
-                env={"PATH": "/usr/bin:/bin", "PYTHONPATH": paths, "HOME": str(log.parent)},
+                env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(root), "HOME": str(log.parent)},
                 text=True,
             )
         self._log = log

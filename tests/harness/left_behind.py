@@ -9,7 +9,7 @@ from contextlib import suppress
 import psutil
 import pytest
 
-from harness.dead_workers import REAPER
+from tests.harness.dead_workers import REAPER
 
 LIMIT_S = 60.0  # for processes that end by themselves once what they belong to has ended
 _STEP_S = 0.05

@@ -4,7 +4,7 @@ import inspect
 
 import pytest
 
-from every_case import every_case
+from tests.every_case import every_case
 
 
 def test_all_cases_run_and_failed_ones_are_named():

@@ -13,21 +13,22 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
-from harness.dead_workers import OF_THE_ENGINE, FilesOfTheDead, pytest_collection_modifyitems
-from waiting import LIMIT_S, wait_until
+from tests.harness.dead_workers import OF_THE_ENGINE, FilesOfTheDead, pytest_collection_modifyitems
+from tests.waiting import LIMIT_S, wait_until
 
 TESTS = Path(__file__).parents[1]
 REAPER = [sys.executable, str(TESTS / "harness/reaper.py")]
 CONFTEST = """
-import harness.left_behind
-import harness.running_tests
-import harness.time_limits
+import tests.harness.left_behind
+import tests.harness.running_tests
+import tests.harness.time_limits
 
-harness.left_behind.LIMIT_S = 1
-harness.running_tests.SILENT_S = 1
-harness.time_limits.BACKSTOP_S = 1
+tests.harness.left_behind.LIMIT_S = 1
+tests.harness.running_tests.SILENT_S = 1
+tests.harness.time_limits.BACKSTOP_S = 1
 pytest_plugins = [
-    "harness.time_limits", "harness.running_tests", "harness.dead_workers", "harness.left_behind",
+    "tests.harness.time_limits", "tests.harness.running_tests",
+    "tests.harness.dead_workers", "tests.harness.left_behind",
 ]
 """
 WORKERS = ["-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "--max-worker-restart", "3"]
@@ -86,7 +87,11 @@ def start(folder: Path, *options: str, limit_s: float = 2 * LIMIT_S) -> subproce
     return subprocess.Popen(
         [*REAPER, "--limit-s", str(int(limit_s)), *pytest_command, *options],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(TESTS), "CI": ""},  # in CI pytest's summary has longer lines
+        env={
+            **os.environ,
+            "PYTHONPATH": str(TESTS.parent),
+            "CI": "",
+        },  # in CI pytest's summary has longer lines
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -243,13 +248,13 @@ def test_a_command_that_does_not_listen_is_killed():
     deaf = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(600)"
     code = f"""
 import sys
-from harness import reaper
+from tests.harness import reaper
 
 reaper.GRACE_S = 1
 sys.exit(reaper.run([sys.executable, "-c", {deaf!r}], 1))
 """
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=TESTS, capture_output=True, text=True, timeout=LIMIT_S
+        [sys.executable, "-c", code], cwd=TESTS.parent, capture_output=True, text=True, timeout=LIMIT_S
     )
     assert done.returncode == 128 + signal.SIGKILL
     assert "the limit of 1 s is reached" in done.stderr

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 import tomllib
-from test_house import tracked_texts
 
 from firstfix.errors import pip_install
 from firstfix_cli.missing_package import missing_package
+from tests.house.test_house import tracked_texts
 
 REPO = Path(__file__).resolve().parents[2]
 # A name in the place of a folder is looked up in an index, and none has firstfix.

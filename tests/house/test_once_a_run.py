@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from once_a_run import OnceARun
+from tests.once_a_run import OnceARun
 
 TESTS = Path(__file__).parents[1]
 MAKE = """
 import sys
 from pathlib import Path
-from once_a_run import OnceARun
+from tests.once_a_run import OnceARun
 
 root, then = Path(sys.argv[1]), sys.argv[2]
 

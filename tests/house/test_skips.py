@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from harness.skips import EVEN_IN_CI
-from needs import needs
-from waiting import LIMIT_S
+from tests.harness.skips import EVEN_IN_CI
+from tests.needs import needs
+from tests.waiting import LIMIT_S
 
 TESTS = Path(__file__).parents[1]
 FILES = {
@@ -26,7 +26,7 @@ FILES = {
 def run(folder: Path, options: list[str], **environment: str) -> subprocess.CompletedProcess[str]:
     for name, text in FILES.items():
         (folder / name).write_text(f"import pytest\n{text}\n")
-    (folder / "conftest.py").write_text('pytest_plugins = ["harness.skips"]\n')
+    (folder / "conftest.py").write_text('pytest_plugins = ["tests.harness.skips"]\n')
     command = [
         sys.executable,
         "-m",
@@ -43,7 +43,7 @@ def run(folder: Path, options: list[str], **environment: str) -> subprocess.Comp
     return subprocess.run(
         command,
         cwd=folder,
-        env={**inherited, "PYTHONPATH": str(TESTS), **environment},
+        env={**inherited, "PYTHONPATH": str(TESTS.parent), **environment},
         capture_output=True,
         text=True,
         timeout=LIMIT_S,

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from recorder import Call, recorded
 
 import firstfix.native
 from firstfix.errors import FirstfixError
+from tests.native.recorder import Call, recorded
 
 PAIRS = 40  # of wrong arguments at a time, for each call
 NUMBERS = (0, 1, -1, 2, 255, 2**31 - 1, 2**31, 2**63, -(2**63), 10**30)

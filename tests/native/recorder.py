@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
-import kernel_cases
+from tests.native import kernel_cases
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 PROGRAM = Path(__file__).with_name("hostile_calls.py")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernel_cases import FEW, STREET, T_MAP_SENSOR
 
 import firstfix.native as native
 from firstfix.engine.changes.block import SIZE, Block
@@ -12,7 +11,8 @@ from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.transform import make_transform, rotation_z
-from reference import changes
+from tests.native.kernel_cases import FEW, STREET, T_MAP_SENSOR
+from tests.reference import changes
 
 NEAR, FAR = PointTiles.of(STREET, 0.1), PointTiles.of(STREET, 0.4)
 AT = make_transform(rotation_z(0.7), [3.2, -1.1, 0.3])

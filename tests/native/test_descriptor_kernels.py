@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from every_case import every_case
 from firstfix import native
 from firstfix.bit_exact.accelerated import REFERENCES
 from firstfix.decode import read_scan_file
 from firstfix.descriptor import LayeredOccupancy
 from firstfix.native import choice
 from firstfix.scan.levelling import levelling_rotation
-from needs import recorded
-from reference.spread_out import spread_out
+from tests.every_case import every_case
+from tests.needs import recorded
+from tests.reference.spread_out import spread_out
 
 STREET = "kitti_drive0027_street/queries"
 EDGES_M = LayeredOccupancy.edges_m

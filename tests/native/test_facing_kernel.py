@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernel_cases import FEW, R_LEVEL_SENSOR, SURFACE, T_MAP_SENSOR
 
 import firstfix.native as native
 from firstfix.engine.registration.surface_grid import SurfaceGrid
-from reference.facing import told_in
+from tests.native.kernel_cases import FEW, R_LEVEL_SENSOR, SURFACE, T_MAP_SENSOR
+from tests.reference.facing import told_in
 
 AXES = np.stack([R_LEVEL_SENSOR, np.eye(3)])
 

@@ -8,12 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-import kernel_cases
 import numpy as np
-from recorder import kernels, recorded
 
 import firstfix.native
 from firstfix.native import choice
+from tests.native import kernel_cases
+from tests.native.recorder import kernels, recorded
 
 
 def digests(variant: str) -> dict[str, str]:

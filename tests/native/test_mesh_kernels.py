@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import firstfix.native as native
-import reference.mesh as oracle
+import tests.reference.mesh as oracle
 
 CELL_M = 0.25
 REACH, TRIM = 2.0, 1.25

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 REPO = Path(__file__).resolve().parents[2]
 SOURCES = REPO / "native/tests"

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import firstfix.native as native
-import reference.seen_free as oracle
+import tests.reference.seen_free as oracle
 from firstfix.engine.verification.seen_free import SeenFree
 from firstfix.transform import make_transform, rotation_z, transform_points
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from every_case import every_case
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.native import SeenSurface, TriangleTree, bundle_rays, column_means
 from firstfix.sensor import preset
@@ -15,6 +14,7 @@ from firstfix_builder.simulation.perturb import elsewhere
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator, upright
 from firstfix_builder.templates.make import scan_batch
+from tests.every_case import every_case
 
 NO_LIMIT_M = 1e6
 

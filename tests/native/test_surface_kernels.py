@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
-from test_scan_kernels import CLOUD, METRES, SCANS, WILD_CLOUD, scan
 
 import firstfix.native as native
-from every_case import every_case
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf, tables_around
-from reference.registration import nearest_points
-from reference.surface import neighbour_scatter, neighbour_scatter_by_side, thinned
+from tests.every_case import every_case
+from tests.native.test_scan_kernels import CLOUD, METRES, SCANS, WILD_CLOUD, scan
+from tests.reference.registration import nearest_points
+from tests.reference.surface import neighbour_scatter, neighbour_scatter_by_side, thinned
 
 
 def spread_along(normals: NDArray[np.floating], scatter: NDArray[np.float64]) -> NDArray[np.float64]:

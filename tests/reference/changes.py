@@ -9,7 +9,7 @@ from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.retrieval.tile_table import runs_around
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.transform import Matrix
-from reference.range_image import RangeImage
+from tests.reference.range_image import RangeImage
 
 TOLERANCE_M, TOLERANCE = np.float32(0.2), np.float32(0.02)
 NEAR_M, FINE_M, COARSE_COLUMNS = 1.5, 5.0, 180

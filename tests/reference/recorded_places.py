@@ -19,7 +19,7 @@ from firstfix.engine.registration.surface import Surface
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, from_quaternion
-from needs import recorded
+from tests.needs import recorded
 
 MAPS = {
     "hall": ("hilti_hall_indoor", "map_0.1m.binary.pcd", ("scan_044.pcd", "scan_124.pcd")),

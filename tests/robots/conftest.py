@@ -9,7 +9,7 @@ import pytest
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
-from once_a_run import OnceARun
+from tests.once_a_run import OnceARun
 from tests.robots import rust_robot
 
 

@@ -1,6 +1,6 @@
 """What passes where: robots on each distribution and middleware that is here, and each edge of the gateway.
 
-    PYTHONPATH=tests python -m tests.robots.matrix [--starts 5] [--also jazzy:rmw_cyclonedds_cpp=PREFIX]
+    python -m tests.robots.matrix [--starts 5] [--also jazzy:rmw_cyclonedds_cpp=PREFIX]
 
 It prints the rows of docs/reference/ros-matrix.md. ``--also`` names a middleware that was built elsewhere.
 """
@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fake_service import FakeService
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.scan.scan import Scan
 from tests.dds_loopback import LOOPBACK
+from tests.fake_service import FakeService
 from tests.robots.real_robots import Network, ros_robots
 from tests.robots.real_ros import DISTRIBUTIONS, FAST_DDS, real_ros
 from tests.robots.robot_program import write_points

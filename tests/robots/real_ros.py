@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from needs import needs
+from tests.needs import needs
 
 ROOT = Path(__file__).resolve().parents[2]
 DISTRIBUTIONS = ("jazzy", "kilted")

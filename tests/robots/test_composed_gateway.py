@@ -12,14 +12,14 @@ import httpx
 import pytest
 
 from benchmarks.common.datasets import HALL
-from servers import free_port
 from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
 from tests.deploy.engine import ROOT, build_images, compose, docker, running_engine
 from tests.robots import rust_robot
 from tests.robots.dds_world import check_pose, scenes
 from tests.robots.robot_program import BASE
-from waiting import wait_until
+from tests.servers import free_port
+from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]  # images are built
 

@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fake_service import FakeService
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.ros import pose_message
 from firstfix.ros.type_hashes import TYPE_HASHES
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from tests.dds_loopback import LOOPBACK
+from tests.fake_service import FakeService
 from tests.robots.real_robots import Network, RosRobots, ros_robots
 from tests.robots.real_ros import DISTRIBUTIONS, real_ros
 from tests.robots.robot_program import write_points
-from waiting import LIMIT_S, wait_until
+from tests.waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -15,7 +15,7 @@ from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
 from tests.robots.dds_world import scenes
 from tests.robots.lossy_network import Told, ask, lossy_link, robot_over
-from waiting import wait_until
+from tests.waiting import wait_until
 
 LOSS, ASKED, POINTS, WITHIN_M = 0.3, 3, 5000, 0.2
 SHORT_LEASE_S = 10.0  # Cyclone DDS's own

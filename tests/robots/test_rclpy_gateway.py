@@ -20,7 +20,7 @@ from tests.robots.dds_world import Scene, check_pose
 from tests.robots.real_robots import T_ODOM_BASE, Gateway, Network, RosRobots, numbers_of, ros_robots
 from tests.robots.real_ros import ONE_AND_OTHERS, real_ros
 from tests.robots.robot_program import T_BASE_SENSOR, write_points
-from waiting import wait_until
+from tests.waiting import wait_until
 
 MAP, WITHIN_M = "yard", 0.2
 OK, WARN, ERROR = 0, 1, 2

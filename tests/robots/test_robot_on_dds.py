@@ -14,7 +14,7 @@ from tests.claimed import any_domain
 from tests.robots import rust_robot
 from tests.robots.dds_world import Scene, check_pose, gateway, pose_after, scenes
 from tests.robots.robot_program import Robot
-from waiting import wait_until
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -16,7 +16,7 @@ from firstfix_cli.ros_gateway.dds import qos
 from firstfix_cli.ros_gateway.dds.participant import Participant
 from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
-from waiting import wait_until
+from tests.waiting import wait_until
 
 CLOUD, POSE = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/PoseWithCovarianceStamped"
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_handover import AWAY, HERE, T_MAP_ODOM, Robot
 
 from firstfix.ros.header import Stamp
 from firstfix.transform import inverse, make_transform
@@ -17,6 +16,7 @@ from firstfix_ros.robot.given_fix import GivenFix
 from firstfix_ros.robot.handover import Stage
 from firstfix_ros.robot.query import Fix
 from firstfix_ros.robot.status import diagnosis_of
+from tests.ros2.test_handover import AWAY, HERE, T_MAP_ODOM, Robot
 
 
 def restarted(robot: Robot, **config: Any) -> Robot:

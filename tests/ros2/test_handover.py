@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_robot_gateway import BASE_LIDAR, POSE, Bench, S, localized, tf
 
-from every_case import every_case
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.transform import Matrix, from_quaternion, inverse, make_transform, rotation_z
 from firstfix_ros.robot.handover import Stage
 from firstfix_ros.robot.topics import Input, Output
+from tests.every_case import every_case
+from tests.ros2.test_robot_gateway import BASE_LIDAR, POSE, Bench, S, localized, tf
 
 T_MAP_BASE = POSE @ inverse(BASE_LIDAR)
 T_MAP_ODOM = make_transform(rotation_z(1.0), [5.0, -3.0, 0.4])

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import ros_samples
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.quality import AlignmentQuality
@@ -22,7 +21,8 @@ from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.gateway import RobotGateway
 from firstfix_ros.robot.status import State
 from firstfix_ros.robot.topics import Input, Output
-from ros_samples import ROS2, cdr, cloud_of_points
+from tests import ros_samples
+from tests.ros_samples import ROS2, cdr, cloud_of_points
 
 S = 10**9
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_robot_gateway import BASE_LIDAR, REJECTED, Bench, S, hypothesis, localized, tf
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
@@ -15,6 +14,7 @@ from firstfix.transform import Matrix, inverse, make_transform, rotation_z
 from firstfix_ros.robot.status import State
 from firstfix_ros.robot.topics import Input, Output
 from firstfix_ros.robot.watch import Health
+from tests.ros2.test_robot_gateway import BASE_LIDAR, REJECTED, Bench, S, hypothesis, localized, tf
 
 RADIUS_M, SPEED_M_S = 8.0, 1.5
 

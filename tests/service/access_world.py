@@ -7,13 +7,13 @@ from typing import Any
 
 import httpx
 import zenoh
-from service_world import SCAN_BODY, XYZ, Reply, Service
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
 from firstfix.errors import Unauthorized
 from firstfix_service.auth.authenticate import Authenticator
-from waiting import LIMIT_S, wait_until
+from tests.service.service_world import SCAN_BODY, XYZ, Reply, Service
+from tests.waiting import LIMIT_S, wait_until
 
 HEADERS = {"Content-Type": XYZ}
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-from service_world import FAKE_WORKER, Service, running_service
 
 from firstfix.builds.records import FINAL_STATES
-from waiting import wait_until
+from tests.service.service_world import FAKE_WORKER, Service, running_service
+from tests.waiting import wait_until
 
 CLOUD = b"0 0 0\n1 1 1\n"
 

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 from pathlib import Path
 
-from service_world import Behaviour, publish
-
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from firstfix_service.maps.map_cache import MapCache
@@ -15,7 +13,8 @@ from firstfix_service.maps.served_maps import Leases
 from firstfix_service.query_workers.base import QueryWorkerThreads
 from firstfix_service.query_workers.query import ServedVersion
 from firstfix_service.telemetry.metrics import Metrics
-from waiting import LIMIT_S
+from tests.service.service_world import Behaviour, publish
+from tests.waiting import LIMIT_S
 
 
 class Cache(MapCache):

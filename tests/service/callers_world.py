@@ -12,11 +12,11 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import httpx
-from service_world import Service, running_service
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
 from firstfix.store.store import Store
+from tests.service.service_world import Service, running_service
 
 PART = "application/offset+octet-stream"
 CLOUD = b"0 0 0\n1 1 1\n"

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from service_world import Service, publish, running_service
+
+from tests.service.service_world import Service, publish, running_service
 
 
 @pytest.fixture

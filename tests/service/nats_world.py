@@ -16,9 +16,6 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from changed_constants import changed_constants
-from service_world import free_port
-
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.sources import put_source
@@ -29,7 +26,9 @@ from firstfix_service.settings import Settings
 from firstfix_service.telemetry.metrics import Metrics
 from tests.faults.nats_server import NatsServer
 from tests.faults.tiny_worker import config_telling
-from waiting import LIMIT_S, wait_until
+from tests.service.changed_constants import changed_constants
+from tests.service.service_world import free_port
+from tests.waiting import LIMIT_S, wait_until
 
 TINY_WORKER = (sys.executable, "-m", "tests.faults.tiny_worker")
 LEASE_S = 2.0

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import socket
 
-from service_world import Service
-
-from waiting import LIMIT_S
+from tests.service.service_world import Service
+from tests.waiting import LIMIT_S
 
 
 def connect(service: Service) -> socket.socket:

@@ -6,17 +6,12 @@ Settings come from the environment. ``FAKE_SECONDS``: time that a query takes.
 from __future__ import annotations
 
 import os
-import sys
-from pathlib import Path
-
-sys.path.append(str(Path(__file__).parents[1]))  # pytest has this path, a process of its own does not
-
-from service_world import Behaviour
 
 from firstfix_service.app import create_app
 from firstfix_service.server import Server
 from firstfix_service.settings import Settings
-from waiting import let_pass
+from tests.service.service_world import Behaviour
+from tests.waiting import let_pass
 
 
 class Gate:

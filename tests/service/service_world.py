@@ -14,7 +14,6 @@ from typing import Any
 import httpx
 import numpy as np
 import zenoh
-from changed_constants import changed_constants
 from fastapi import FastAPI
 
 from firstfix.answer.localization import Localization, Verdict
@@ -27,8 +26,9 @@ from firstfix.store.store import Store
 from firstfix_service.app import create_app
 from firstfix_service.server import Server
 from firstfix_service.settings import Settings
-from servers import free_port
-from waiting import LIMIT_S, wait_until
+from tests.servers import free_port
+from tests.service.changed_constants import changed_constants
+from tests.waiting import LIMIT_S, wait_until
 
 FAKE_WORKER = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))  # of builds
 XYZ = "application/vnd.firstfix.xyz"

@@ -8,20 +8,17 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import sys
 from pathlib import Path
-
-sys.path.append(str(Path(__file__).parents[1]))  # pytest has this path, a process of its own does not
 
 import numpy as np
 from fastapi import Request, Response
-from service_world import Behaviour, FakeLocalizer
 
 from firstfix.answer.localization import Hypothesis, Localization, Verdict
 from firstfix.answer.quality import AlignmentQuality
 from firstfix_service import server
 from firstfix_service.settings import Settings
-from waiting import let_pass, wait_until
+from tests.service.service_world import Behaviour, FakeLocalizer
+from tests.waiting import let_pass, wait_until
 
 MANY = 20_000  # hypotheses: more bytes than the buffers between two processes hold
 _create_app = server.create_app

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import httpx
 import pytest
-from callers_world import CLOUD, callers
 
 from firstfix.access.permissions import Grant, Scope
 from firstfix.builds.callers import CallerUsage
 from firstfix_service.auth.principal import Principal
 from firstfix_service.http_api.parts import UploadParts
-from waiting import wait_until
+from tests.service.callers_world import CLOUD, callers
+from tests.waiting import wait_until
 
 
 def refusal(answer: httpx.Response) -> tuple[int, str]:

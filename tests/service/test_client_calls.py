@@ -7,12 +7,12 @@ from pathlib import Path
 
 import httpx
 import pytest
-from service_world import Service, publish, running_service
 
 from firstfix.builds.records import new_status
 from firstfix.errors import ChecksumMismatch, DeadlineExceeded, NotFound
 from firstfix_client import Client, RetryPolicy
 from firstfix_client.steps import builds as build_steps
+from tests.service.service_world import Service, publish, running_service
 
 DATA = bytes(range(256)) * 200
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import httpx
 
-from servers import free_port
-from waiting import LIMIT_S, wait_until
+from tests.servers import free_port
+from tests.waiting import LIMIT_S, wait_until
 
 
 def test_it_is_not_ready_any_more_before_it_stops(tmp_path: Path):

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from access_world import give
-from exported_world import GUESSES, POSE, T0_NS, TRUTH, ExportedWorld, make_exported_world
-from service_world import Service, running_service
 
 from firstfix.catalog.query_samples import QuerySamples
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion
 from firstfix_cli.main import run
-from waiting import wait_until
+from tests.service.access_world import give
+from tests.service.exported_world import GUESSES, POSE, T0_NS, TRUTH, ExportedWorld, make_exported_world
+from tests.service.service_world import Service, running_service
+from tests.waiting import wait_until
 
 ONE_S = 1_000_000_000
 
@@ -300,7 +300,7 @@ def test_one_body_is_in_memory_at_a_time(world: ExportedWorld, tmp_path: Path, m
 
 
 def test_a_key_is_sent_and_a_version_without_a_cloud_says_so(tmp_path: Path, monkeypatch, capsys):
-    from service_world import publish
+    from tests.service.service_world import publish
 
     with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as service:
         publish(service.catalog, "hall", "1", service.scratch)

@@ -5,10 +5,10 @@ from http import HTTPStatus
 
 import httpx
 import pytest
-from service_world import Service
 
 from firstfix.errors import ClockSkew, FirstfixError, Overloaded, StoreUnavailable, all_errors
 from firstfix_service.problems import STATUS, TITLES, problem_of
+from tests.service.service_world import Service
 
 
 def test_every_error_class_has_its_own_row():

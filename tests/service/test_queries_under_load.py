@@ -15,7 +15,6 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from service_world import Service, running_service
 
 from firstfix.answer.localization import Localization
 from firstfix.catalog.manifest import Manifest
@@ -24,7 +23,8 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.service.service_world import Service, running_service
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 SHIFT_M = 100.0  # shift between versions, by which they are recognised
 pytestmark = pytest.mark.slow

@@ -11,12 +11,12 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from service_world import Service
 
 from firstfix.builds.records import new_status
 from firstfix.errors import Overloaded
 from firstfix_cli.main import run
-from waiting import wait_until
+from tests.service.service_world import Service
+from tests.waiting import wait_until
 
 
 def ended(*arguments: object) -> int:

@@ -13,7 +13,7 @@ from firstfix.errors import InvalidOption
 from firstfix.wire.endpoints import is_loopback
 from firstfix_service.security_check import check_security, open_zenoh
 from firstfix_service.settings import Settings
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 PUBLIC: list[dict[str, Any]] = [
     {"host": "0.0.0.0"},

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import httpx
 import pytest
-from service_world import publish
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
-from servers import free_port, running_versitygw
-from waiting import LIMIT_S, wait_until
+from tests.servers import free_port, running_versitygw
+from tests.service.service_world import publish
+from tests.waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
 

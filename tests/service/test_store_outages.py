@@ -7,13 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from service_world import Service, running_service
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
-from toxiproxy import Link
-from waiting import let_pass, wait_until
+from tests.service.service_world import Service, running_service
+from tests.toxiproxy import Link
+from tests.waiting import let_pass, wait_until
 
 pytestmark = pytest.mark.slow
 

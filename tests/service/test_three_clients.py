@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from service_world import Behaviour, FakeLocalizer, Service, publish, running_service
 
-from blocked_async_client import BlockedAsyncClient
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
@@ -22,6 +20,8 @@ from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix_client import Client, ZenohClient
+from tests.blocked_async_client import BlockedAsyncClient
+from tests.service.service_world import Behaviour, FakeLocalizer, Service, publish, running_service
 
 KINDS = ["http", "asyncio", "zenoh"]
 POINTS = np.random.default_rng(5).uniform(-20, 20, (800, 3))

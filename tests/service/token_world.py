@@ -13,7 +13,7 @@ import jwt
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 
 from firstfix_service.settings import Settings
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 ISSUER, AUDIENCE = "https://login.example.org/", "firstfix"
 KEYS: dict[str, Any] = {

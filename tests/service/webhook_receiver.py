@@ -6,7 +6,7 @@ import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 
 class Receiver:

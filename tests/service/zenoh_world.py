@@ -17,8 +17,8 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 
-from servers import free_port, running
-from waiting import wait_until
+from tests.servers import free_port, running
+from tests.waiting import wait_until
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "deploy" / "zenoh"
 _INSTALLED = "/etc/firstfix/zenoh"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from box_scenes import box, floor, walls
 
 from benchmarks.common.datasets import STREET, YARD
 from firstfix.sensor import preset
@@ -15,7 +14,8 @@ from firstfix_builder.read_map import read_trajectory
 from firstfix_builder.read_map.map_file import read_map_file
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator, upright
-from needs import of_recordings
+from tests.builder.box_scenes import box, floor, walls
+from tests.needs import of_recordings
 
 SENSOR = preset("vlp-16").coarser(3000)
 # A corridor of 40 m, with a room at one side of its first half.

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from servers import free_port
-from waiting import wait_until
+from tests.servers import free_port
+from tests.waiting import wait_until
 
 PATIENCE_S = 300.0  # a busy machine starts a worker slowly
 _ROOT = Path(__file__).resolve().parents[3]

@@ -31,8 +31,8 @@ from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.job import fetch_source
 from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
-from otlp_collector import Collector, running_collector
-from waiting import LIMIT_S
+from tests.otlp_collector import Collector, running_collector
+from tests.waiting import LIMIT_S
 
 TRACE, CALLER = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 TRACEPARENT = f"00-{TRACE}-{CALLER}-01"

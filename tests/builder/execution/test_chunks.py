@@ -29,9 +29,7 @@ from firstfix_builder.execution.chunks import (
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from firstfix_builder.mesh.map_tiles import by_nested_tiles
 from firstfix_builder.templates.make import TemplatesChunk, chunk_tile_m, template_chunks, write_templates
-
-sys.path.insert(0, str(Path(__file__).parent))
-from toy_chunks import Toy, keyed, runs
+from tests.builder.execution.toy_chunks import Toy, keyed, runs
 
 
 @pytest.fixture

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from dask_cluster import DaskCluster, dask_cluster
 
-from certificates import certificates
 from firstfix.builds.config import BuildConfig, ReconstructConfig
 from firstfix.builds.options import BuildOptions
 from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption
@@ -26,23 +23,22 @@ from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.places.tiled_points import TiledPoints
 from firstfix_builder.mesh.reconstruct import block_meshes, mesh_chunks
 from firstfix_builder.pipeline import build_version
-from servers import free_port
-from small_world import CONFIG
-
-sys.path.insert(0, str(Path(__file__).parent))
-from toy_chunks import Toy, keyed, runs
-
-from waiting import wait_until
+from tests.builder.execution.dask_cluster import DaskCluster, dask_cluster
+from tests.builder.execution.toy_chunks import Toy, keyed, runs
+from tests.certificates import certificates
+from tests.servers import free_port
+from tests.small_world import CONFIG
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
-HERE = Path(__file__).parent
+REPO = Path(__file__).parents[3]
 AWAY_S = 120.0
 
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
-    with dask_cluster(tmp_path_factory.mktemp("dask"), 2, path=(HERE,)) as cluster:
+    with dask_cluster(tmp_path_factory.mktemp("dask"), 2, path=(REPO,)) as cluster:
         yield cluster
 
 
@@ -186,7 +182,7 @@ def test_a_store_in_memory_is_no_other_machines():
 def test_workers_that_are_killed_cost_their_chunks(log: Path, numbers: StageResult, tmp_path: Path):
     gate = tmp_path / "gate"
     chunks = [Toy(n, str(log), str(gate) if n == 10 else "") for n in range(20)]
-    with dask_cluster(tmp_path / "dask", 0, path=(HERE,)) as cluster:
+    with dask_cluster(tmp_path / "dask", 0, path=(REPO,)) as cluster:
         first = cluster.start_worker()
         driver = Driver(cluster, tmp_path / "store", chunks, numbers)
         wait_until(lambda: runs(log, 10) == 1)
@@ -204,7 +200,7 @@ def test_workers_that_are_killed_cost_their_chunks(log: Path, numbers: StageResu
 def test_a_scheduler_that_is_killed_costs_what_was_under_way(log: Path, numbers: StageResult, tmp_path: Path):
     gate = tmp_path / "gate"
     chunks = [*(Toy(n, str(log)) for n in range(10)), Toy(10, str(log), str(gate)), Toy(11, str(log))]
-    with dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster:
+    with dask_cluster(tmp_path / "dask", 1, path=(REPO,)) as cluster:
         driver = Driver(cluster, tmp_path / "store", chunks, numbers)
         wait_until(lambda: runs(log, 10) >= 1)
         cluster.kill_scheduler()
@@ -222,7 +218,7 @@ def test_a_scheduler_that_stays_away_is_named_and_the_next_build_goes_on(
 ):
     gate = tmp_path / "gate"
     chunks = [*(Toy(n, str(log)) for n in range(5)), Toy(5, str(log), str(gate))]
-    with dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster:
+    with dask_cluster(tmp_path / "dask", 1, path=(REPO,)) as cluster:
         cluster.wait_for_workers(1)
         driver = Driver(cluster, tmp_path / "store", chunks, numbers, away_s=8.0)
         wait_until(lambda: runs(log, 5) >= 1)
@@ -240,7 +236,7 @@ def test_a_scheduler_that_stays_away_is_named_and_the_next_build_goes_on(
 
 def test_a_chunk_that_kills_its_workers_fails_the_build(log: Path, numbers: StageResult, tmp_path: Path):
     once = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}  # not 3: workers start slowly
-    with dask_cluster(tmp_path / "dask", 2, path=(HERE,), environment=once) as cluster:
+    with dask_cluster(tmp_path / "dask", 2, path=(REPO,), environment=once) as cluster:
         driver = Driver(cluster, tmp_path / "store", [Toy(1, str(log), fate="dies")], numbers)
         with pytest.raises(BuildFailed, match="every worker that ran a certain chunk died"):
             driver.end()
@@ -269,7 +265,7 @@ def test_over_tls_both_sides_show_their_certificates(log: Path, numbers: StageRe
         tls = "distributed.comm.tls"
         return {f"{tls}.ca-file": str(ca), f"{tls}.client.cert": str(pair), f"{tls}.client.key": str(pair)}
 
-    with dask_cluster(tmp_path / "dask", 1, path=(HERE,), tls=(ca, server)) as cluster:
+    with dask_cluster(tmp_path / "dask", 1, path=(REPO,), tls=(ca, server)) as cluster:
         cluster.wait_for_workers(1)
         assert BuildOptions(executor=cluster.url).scheduler == cluster.address
         with config.set(shown(client)):
@@ -282,7 +278,7 @@ def test_over_tls_both_sides_show_their_certificates(log: Path, numbers: StageRe
 
 
 def test_workers_with_other_code_are_refused(tmp_path: Path):
-    root, other = HERE.parents[2], tmp_path / "other"
+    root, other = REPO, tmp_path / "other"
     for part in ("core/firstfix", "builder/firstfix_builder"):
         shutil.copytree(root / part, other / Path(part).name)
     with (other / "firstfix_builder" / "templates.py").open("a") as file:

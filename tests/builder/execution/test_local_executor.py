@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,9 +16,7 @@ from firstfix.errors import BuildCancelled, BuildFailed
 from firstfix_builder.execution.chunks import ChunkBatch, ChunkResults, run_chunks
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageResult
-
-sys.path.insert(0, str(Path(__file__).parent))
-from toy_chunks import Toy, keyed, runs
+from tests.builder.execution.toy_chunks import Toy, keyed, runs
 
 
 @dataclass(frozen=True)

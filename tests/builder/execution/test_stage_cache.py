@@ -23,7 +23,7 @@ from firstfix.store.store import Store
 from firstfix_builder.execution import source_hash as source_hash_module
 from firstfix_builder.execution.source_hash import source_hash
 from firstfix_builder.execution.stage_cache import StageCache
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 X, Y = "1" * 64, "2" * 64
 

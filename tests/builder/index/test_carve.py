@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import reference.seen_free as oracle
+import tests.reference.seen_free as oracle
 from firstfix.engine.config import RegistrationConfig
 from firstfix.native import CarvedCells
 from firstfix.sensor import preset

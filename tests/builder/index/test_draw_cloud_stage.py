@@ -24,7 +24,7 @@ from firstfix_builder.index.cloud_octree import NO_NORMAL, POINT
 from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.sessions.stages import SessionStages
-from small_world import COARSE_CONFIG, SmallWorld, begun_as
+from tests.small_world import COARSE_CONFIG, SmallWorld, begun_as
 
 pytestmark = pytest.mark.slow
 THINNED_M = 0.1  # the first stage of a build puts means in the place of near points

@@ -10,7 +10,7 @@ from firstfix.engine.retrieval.cascade import PROJECTION_FILE, load_projection
 from firstfix.transform import pose_error
 from firstfix_builder.index.learn_keys import discriminants, scans_for
 from firstfix_builder.pipeline import build_version
-from small_world import COARSE_CONFIG, CONFIG, begun_as
+from tests.small_world import COARSE_CONFIG, CONFIG, begun_as
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,6 @@ from operator import add
 
 import numpy as np
 import pytest
-from box_scenes import box
 
 from firstfix.answer.localization import Reason, Verdict
 from firstfix.builds.config import BuildConfig, PerturbConfig
@@ -20,7 +19,8 @@ from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import SENSOR
+from tests.builder.box_scenes import box
+from tests.small_world import SENSOR
 
 pytestmark = pytest.mark.slow
 

@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
-from box_scenes import box, floor, sampled, walls
 from numpy.typing import NDArray
 
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.orient_normals import estimate_normals, orient_normals
+from tests.builder.box_scenes import box, floor, sampled, walls
 
 VOXEL_M = 0.15
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from box_scenes import box, floor, sampled
 from numpy.typing import NDArray
 
 from firstfix.builds.config import CleanConfig, ReconstructConfig
@@ -16,7 +15,8 @@ from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.places.tiled_points import TiledPoints
 from firstfix_builder.mesh.reconstruct import block_meshes, mesh_chunks
 from firstfix_builder.simulation.simulate import Simulator
-from needs import recorded
+from tests.builder.box_scenes import box, floor, sampled
+from tests.needs import recorded
 
 pytestmark = pytest.mark.slow
 

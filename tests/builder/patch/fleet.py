@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from changed_hall import SENSOR, Hall, free_poses, standing, with_error
 from firstfix.scan.scan import Scan
 from firstfix_builder.patch.confirm import Change, PatchRule, confirmed_changes
 from firstfix_builder.patch.observation import Observation, seen_by
 from firstfix_builder.simulation.boxes import Boxes
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
+from tests.changed_hall import SENSOR, Hall, free_poses, standing, with_error
 
 SeenAs = Callable[[NDArray[np.float32], NDArray[np.float64]], NDArray[np.float32]]
 SIZE_M = (16.0, 11.0, 4.0)

@@ -6,13 +6,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from patch.fleet import CHANGED, DAY_S, MAPPED, MOVED, RACK, WITH_BOTH, Fleet, changes_in, days, is_refused
 
 from firstfix.engine.changes.cells import CELL_M
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix_builder.patch.observation import Observation, seen_by
 from firstfix_builder.simulation.boxes import Boxes
+from tests.builder.patch.fleet import (
+    CHANGED,
+    DAY_S,
+    MAPPED,
+    MOVED,
+    RACK,
+    WITH_BOTH,
+    Fleet,
+    changes_in,
+    days,
+    is_refused,
+)
 
 pytestmark = pytest.mark.slow
 TWO = ("ann", "bob")

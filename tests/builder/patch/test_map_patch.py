@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from patch.fleet import CHANGED, MAPPED, MOVED, RACK, SIZE_M, Fleet, days
 
-from changed_hall import surface_points
 from firstfix.errors import CorruptVersion
 from firstfix_builder.patch.confirm import confirmed_changes
 from firstfix_builder.patch.map_patch import MapPatch, patch_of
 from firstfix_builder.patch.observation import seen_by
 from firstfix_builder.simulation.boxes import Boxes
+from tests.builder.patch.fleet import CHANGED, MAPPED, MOVED, RACK, SIZE_M, Fleet, days
+from tests.changed_hall import surface_points
 
 
 def on(boxes: Boxes, points: np.ndarray, within_m: float) -> np.ndarray:

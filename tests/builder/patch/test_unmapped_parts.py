@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from patch.fleet import FIXED, RACK, SIZE_M, Fleet, days
 
-from changed_hall import Hall, driven, standing
 from firstfix.engine.index import MapIndex
 from firstfix_builder.patch.confirm import Change, PatchRule, confirmed_changes
 from firstfix_builder.patch.map_patch import MapPatch, patch_of
 from firstfix_builder.patch.observation import Observation, Seen, seen_by
 from firstfix_builder.patch.stages import areas_of
 from firstfix_builder.simulation.boxes import Boxes
+from tests.builder.patch.fleet import FIXED, RACK, SIZE_M, Fleet, days
+from tests.changed_hall import Hall, driven, standing
 
 pytestmark = pytest.mark.slow
 TWO = ("ann", "bob")

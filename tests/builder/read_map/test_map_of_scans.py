@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mapping_run import drive, name_of, street, write_run
 from scipy.spatial import cKDTree
 
 from firstfix.builds.config import BuildConfig
@@ -25,6 +24,7 @@ from firstfix_builder.read_map.map_of_scans import VOXEL_M, is_map_of_scans, rea
 from firstfix_builder.sessions.stages import SessionStages
 from firstfix_builder.stage_files import MOVING_FILE
 from firstfix_cli.map_source import as_one_file
+from tests.builder.read_map.mapping_run import drive, name_of, street, write_run
 
 UTM = (353_071.25, 5_425_012.5, 31.0)
 

@@ -9,7 +9,7 @@ import pytest
 
 from firstfix.errors import InputError, MalformedData, UnsupportedFormat
 from firstfix_builder.read_map import read_map, read_trajectory
-from needs import RECORDED, with_recorded
+from tests.needs import RECORDED, with_recorded
 
 pytestmark = with_recorded("formats")
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from box_scenes import box, floor, walls
 from numpy.typing import NDArray
 
 from firstfix.builds.config import CleanConfig
@@ -19,6 +18,7 @@ from firstfix_builder.read_map.mapping_scans import FOLDER, POSES, MappingScans
 from firstfix_builder.read_map.without_moving import without_moving
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
+from tests.builder.box_scenes import box, floor, walls
 
 SENSOR = SensorModel("dense", tuple(np.linspace(-24, 16, 80).tolist()), 0.5, 0.5, 60.0, 1.8)
 POLES = [box((x, 4.8, 0), (x + 0.12, 4.92, 4)) for x in np.arange(-8.0, 40, 6.0)]

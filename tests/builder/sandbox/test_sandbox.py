@@ -35,7 +35,7 @@ from firstfix_builder.sandbox.kernel import SIGNALS_VERSION, landlock_version
 from firstfix_builder.sandbox.sandboxed_build import SandboxedBuild
 from firstfix_builder.sessions import stages as session_stages
 from firstfix_builder.worker import build_here
-from small_world import CONFIG
+from tests.small_world import CONFIG
 
 PROGRAM = (str(Path(__file__).with_name("sandbox_programs.py")),)
 SECRET = "a secret of the store"
@@ -221,8 +221,8 @@ def test_a_kernel_that_lacks_a_means_is_told_of(
         "from firstfix_builder.sandbox import confine, inside\n"
         "def refuse_system_calls(): raise OSError(38, 'not here')\n"
         "confine.refuse_system_calls = refuse_system_calls\n"
-        f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-        "from sandbox_programs import build_version\n"
+        f"sys.path.insert(0, {str(Path(__file__).parents[3])!r})\n"
+        "from tests.builder.sandbox.sandbox_programs import build_version\n"
         "sys.exit(inside.main(lambda: inside.Flows(build_version, build_version)))\n"
     )
     monkeypatch.setattr(f"{__name__}.PROGRAM", (str(program),))

@@ -15,8 +15,8 @@ from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.self_test.alias_leads import alias_tie_width, aliases_among, lead_lost
 from firstfix_builder.simulation.perturb import ScanSimulation
 from firstfix_builder.simulation.simulate import Simulator
-from once_a_run import OnceARun
-from storey_world import CONFIG, ROOMS_X, pose, scan_at, storey, storey_version
+from tests.once_a_run import OnceARun
+from tests.storey_world import CONFIG, ROOMS_X, pose, scan_at, storey, storey_version
 
 LEAST, MOST = Calibration().min_margin, RANKING.max_margin
 

@@ -23,7 +23,7 @@ from firstfix_builder.self_test.equal_places import EqualPlaces, equal_places, s
 from firstfix_builder.self_test.real_scans import RealScans
 from firstfix_builder.simulation.boxes import Boxes
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import COARSE_CONFIG, SmallWorld
+from tests.small_world import COARSE_CONFIG, SmallWorld
 
 STOREY_M = 3.5
 SENSOR = SensorModel("rings", tuple(np.linspace(-20, 20, 9).tolist()), 2.0, 0.1, 60.0, 0.8)

@@ -16,7 +16,7 @@ from firstfix_builder.read_map.mapping_scans import FOLDER
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_cli.map_source import as_one_file
-from small_world import COARSE_CONFIG, SENSOR, SmallWorld
+from tests.small_world import COARSE_CONFIG, SENSOR, SmallWorld
 
 pytestmark = pytest.mark.slow
 ORIGIN = np.array([353_000.0, 5_425_000.0, 30.0])

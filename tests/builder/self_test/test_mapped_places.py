@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from two_rooms import DRIVE, HEIGHT_M, SENSOR, seen_from, simulator
 
 from firstfix_builder.self_test.mapped_places import IN_PART, MOST_TOLD, MappedPlaces
 from firstfix_builder.simulation.simulate import upright
+from tests.builder.self_test.two_rooms import DRIVE, HEIGHT_M, SENSOR, seen_from, simulator
 
 LEFT, MIDDLE, RIGHT = (0, 0), (1, 0), (2, 0)
 

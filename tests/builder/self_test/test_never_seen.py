@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from two_rooms import DRIVE, HEIGHT_M, MESH, SENSOR, seen_from, simulator
 
 from firstfix.engine.verification.seen_free import SeenFree
 from firstfix_builder.self_test.never_seen import never_seen
 from firstfix_builder.simulation.simulate import Simulator
+from tests.builder.self_test.two_rooms import DRIVE, HEIGHT_M, MESH, SENSOR, seen_from, simulator
 
 LEFT = np.array([[1.5, 1.5, HEIGHT_M], [3.0, 3.0, HEIGHT_M], [4.5, 4.5, HEIGHT_M]])
 RIGHT = LEFT + [6.0, 0.0, 0.0]

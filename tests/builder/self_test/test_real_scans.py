@@ -19,7 +19,7 @@ from firstfix_builder.self_test.real_scans import MAX_WEIGHT, RealScans, disagre
 from firstfix_builder.self_test.reliability import FOLDS
 from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import COARSE_CONFIG, SmallWorld
+from tests.small_world import COARSE_CONFIG, SmallWorld
 
 WALL = np.random.default_rng(3).uniform([-5, 2.0, 0], [5, 2.0, 3], (4000, 3))
 

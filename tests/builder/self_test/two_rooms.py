@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from box_scenes import box, floor, sampled, walls
 
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.verification.seen_free import SeenFree
@@ -13,6 +12,7 @@ from firstfix_builder.index.carve import BACK_OFF_M, RAYS, merged, seen_free
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator, upright
+from tests.builder.box_scenes import box, floor, sampled, walls
 
 SENSOR = preset("os0-64")
 REGISTRATION = RegistrationConfig(map_voxel_m=0.125)

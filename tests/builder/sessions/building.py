@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from box_scenes import box, floor
 from numpy.typing import NDArray
 
 from firstfix.sensor import SensorModel, preset
@@ -14,6 +13,7 @@ from firstfix.transform import inverse, make_transform, rotation_z, transform_po
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
+from tests.builder.box_scenes import box, floor
 
 LENGTH_M, WIDTH_M, WALL_M, HEIGHT_M = 32.0, 11.0, 0.15, 2.8
 CORRIDOR_M = (4.5, 6.7)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from merged_sessions import MergedSessions
 
-from once_a_run import OnceARun
+from tests.builder.sessions.merged_sessions import MergedSessions
+from tests.once_a_run import OnceARun
 
 
 @pytest.fixture(scope="session")

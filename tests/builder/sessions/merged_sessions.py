@@ -9,7 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from building import Session, building, session
 from threadpoolctl import threadpool_limits
 
 from firstfix.builds.config import BuildConfig
@@ -17,6 +16,7 @@ from firstfix_builder.execution.chunks import ChunkCache
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.sessions.stages import SessionStages
+from tests.builder.sessions.building import Session, building, session
 
 HERE = building(21)
 ENDS_M = (0.0, 20.5)  # of the first session; the second one's overlap is 30 % of the building

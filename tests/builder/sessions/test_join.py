@@ -1,12 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
-from box_scenes import box, floor, sampled, walls
 
 from firstfix.engine.registration.surface import Surface
 from firstfix.transform import inverse, make_transform, rotation_z, transform_points
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.sessions.join import PlacedSurface
+from tests.builder.box_scenes import box, floor, sampled, walls
 
 SCENE = Mesh.joined(
     [floor(0, 0, 14, 9), *walls(0, 0, 14, 9), box((3, 2, 0), (4, 3.2, 1.1)), box((9, 5, 0), (9.8, 7, 1.6))]

@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
-from box_scenes import box, floor, sampled, walls
 
 from firstfix.engine.registration.surface import Surface
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.sessions.session_map import MovableObjects
+from tests.builder.box_scenes import box, floor, sampled, walls
 
 CUPBOARD = box((4, 3, 0), (5, 3.6, 1.8))
 ROOM = Mesh.joined([floor(0, 0, 10, 7), *walls(0, 0, 10, 7)])

@@ -6,8 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-from dask_cluster import dask_cluster
-from merged_sessions import MergedSessions
 
 from firstfix.builds.config import BuildConfig
 from firstfix.builds.options import BuildOptions
@@ -15,6 +13,8 @@ from firstfix.errors import BuildCancelled
 from firstfix.store.store import Store
 from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.pipeline import build_version
+from tests.builder.execution.dask_cluster import dask_cluster
+from tests.builder.sessions.merged_sessions import MergedSessions
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a cluster is started, and two sessions aligned
 

@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
-from box_scenes import box, floor, sampled, walls
 
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.sessions.merge import seen_through
 from firstfix_builder.simulation.simulate import Simulator
+from tests.builder.box_scenes import box, floor, sampled, walls
 
 ROOM = [floor(0, 0, 12, 8), *walls(0, 0, 12, 8)]
 CUPBOARD = box((5, 3, 0), (6, 4, 1.5))

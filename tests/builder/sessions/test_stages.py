@@ -9,8 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from building import Building, Session, building, session
-from merged_sessions import (
+
+from firstfix.errors import BuildFailed, InvalidOption, MalformedData
+from firstfix.transform import inverse, rotation_angle_deg, transform_points
+from tests.builder.sessions.building import Building, Session, building, session
+from tests.builder.sessions.merged_sessions import (
     ENDS_M,
     FROM_M,
     HERE,
@@ -19,9 +22,6 @@ from merged_sessions import (
     read_map,
     sparser_session,
 )
-
-from firstfix.errors import BuildFailed, InvalidOption, MalformedData
-from firstfix.transform import inverse, rotation_angle_deg, transform_points
 
 pytestmark = pytest.mark.slow
 

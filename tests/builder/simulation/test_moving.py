@@ -21,7 +21,7 @@ from firstfix_builder.simulation.moving import Motion, Sweep, moving_ranges, pos
 from firstfix_builder.simulation.perturb import ScanCase, ScanSimulation
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import SmallWorld
+from tests.small_world import SmallWorld
 
 CLEAN = PerturbConfig(noise_m=0, dropout=0, occluders=0, strangers=0)
 NOISY = PerturbConfig(noise_m=0.02, dropout=0.05, occluders=0, strangers=0)

@@ -8,7 +8,6 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from box_scenes import box, floor, walls
 from numpy.typing import NDArray
 
 from firstfix.builds.config import ViewpointConfig
@@ -21,6 +20,7 @@ from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.templates.fit_spacing import ROOM_SPACING_M, fitting_viewpoints, write_places
 from firstfix_builder.templates.view_distance import OPEN_SPACING_M, ViewRays
 from firstfix_builder.viewpoints.sample import DEFAULT_SPACING_M
+from tests.builder.box_scenes import box, floor, walls
 
 SENSOR = SensorModel("rings", tuple(np.linspace(-20, 20, 32).tolist()), 1.0, 0.1, 45.0, 0.8)
 

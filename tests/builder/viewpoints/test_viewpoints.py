@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from box_scenes import box, floor, quad, walls
 from numpy.typing import NDArray
 
 from firstfix.builds.config import ViewpointConfig
@@ -13,7 +12,8 @@ from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.viewpoints import tiles
 from firstfix_builder.viewpoints.sample import Viewpoints, sample_viewpoints
 from firstfix_builder.viewpoints.seen_floor import is_sparse
-from needs import recorded
+from tests.builder.box_scenes import box, floor, quad, walls
+from tests.needs import recorded
 
 MOUNT_M = 0.6
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from firstfix.scan.scan import Scan
-from ros_samples import cloud_of_points, stores_of, write_bag
+from tests.ros_samples import cloud_of_points, stores_of, write_bag
 
 Posed = tuple[Scan, NDArray[np.float64]]  # and T_map_sensor
 BEGIN_NS = 1_600_000_000_000_000_000

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
-from dataset_files import write_hilti, write_mulran
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from firstfix_builder.read_map import read_map
 from firstfix_cli.main import run
+from tests.cli.datasets.dataset_files import write_hilti, write_mulran
 
 
 def exit_code(*arguments: object) -> int:

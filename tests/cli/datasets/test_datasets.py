@@ -6,18 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dataset_files import (
-    BEGIN_NS,
-    FORMATS,
-    PERIOD_NS,
-    Format,
-    write_helipr,
-    write_hilti,
-    write_mulran,
-    write_nclt,
-)
 
-from every_case import every_case
 from firstfix.decode import read_scan_file
 from firstfix.errors import InputError, InvalidOption, MalformedData, NotFound
 from firstfix.scan.scan import Scan
@@ -28,7 +17,18 @@ from firstfix_cli.datasets.ground_truth import GroundTruth
 from firstfix_cli.datasets.mapping_run import write_mapping_run
 from firstfix_cli.datasets.names import Dataset
 from firstfix_cli.datasets.recording import one_a_place
-from needs import RECORDED, with_recorded
+from tests.cli.datasets.dataset_files import (
+    BEGIN_NS,
+    FORMATS,
+    PERIOD_NS,
+    Format,
+    write_helipr,
+    write_hilti,
+    write_mulran,
+    write_nclt,
+)
+from tests.every_case import every_case
+from tests.needs import RECORDED, with_recorded
 
 
 def drive(count: int = 6) -> tuple[np.ndarray, list[tuple[Scan, np.ndarray]]]:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from every_case import every_case
 from firstfix.errors import FirstfixError, NotFound
 from firstfix_cli.main import run
 from firstfix_cli.score.answers_csv import score
+from tests.every_case import every_case
 
 HEAD = "scan,tx,ty,tz,qx,qy,qz,qw"
 CASES = f"{HEAD}\na.pcd,1,2,0,0,0,0,1\nb.pcd,5,2,0,0,0,0,1\nelsewhere.pcd,,,,,,,\n"

@@ -29,7 +29,7 @@ from firstfix_cli.vda5050_gateway.fix_seeker import (
 from firstfix_cli.vda5050_gateway.fleets_file import FleetEntry
 from firstfix_cli.vda5050_gateway.planar_fix import NoFix, PlanarFix
 from firstfix_cli.vda5050_gateway.topics import VehicleName
-from waiting import LIMIT_S, wait_until
+from tests.waiting import LIMIT_S, wait_until
 
 T_MAP_BASE = make_transform(rotation_z(0.5), [12.0, -4.0, 0.3])
 SCAN = encode_scan(Scan(np.eye(3, dtype=np.float32).repeat(50, 0) * 5))

@@ -18,7 +18,6 @@ import pytest
 from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import CallbackAPIVersion
 
-from certificates import certificates
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.scan.scan import Scan
@@ -31,9 +30,10 @@ from firstfix_cli.vda5050_gateway.fix_seeker import Fleet
 from firstfix_cli.vda5050_gateway.fleets_file import FleetEntry
 from firstfix_cli.vda5050_gateway.gateway import Gateway
 from firstfix_cli.vda5050_gateway.vehicle import Patience
-from servers import free_port, program, running_mosquitto
-from vda5050_vehicle import MANUFACTURER, SimulatedVehicle, header, state
-from waiting import wait_until
+from tests.certificates import certificates
+from tests.servers import free_port, program, running_mosquitto
+from tests.vda5050_vehicle import MANUFACTURER, SimulatedVehicle, header, state
+from tests.waiting import wait_until
 
 T_MAP_BASE = make_transform(rotation_z(0.5), [12.0, -4.0, 0.3])
 MOUNTING = [0.2, 0.0, 0.7, 0.0, 0.0, 0.0, 1.0]

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from every_case import every_case
 from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.errors import FirstfixError, InputError, InvalidOption, MalformedData, NotFound, TooLarge
@@ -29,7 +28,8 @@ from firstfix_cli.vda5050_gateway.messages import MAX_STATE_BYTES, Connection, S
 from firstfix_cli.vda5050_gateway.planar_fix import NoFix, PlanarFix, planar_fix
 from firstfix_cli.vda5050_gateway.scan_address import ScanAddress
 from firstfix_cli.vda5050_gateway.topics import VehicleFilter, VehicleName
-from vda5050_vehicle import MANUFACTURER, header, state
+from tests.every_case import every_case
+from tests.vda5050_vehicle import MANUFACTURER, header, state
 
 SENDER = Sender(MANUFACTURER, "agv1")
 GOOD = """\

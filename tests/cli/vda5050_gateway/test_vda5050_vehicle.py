@@ -14,7 +14,7 @@ from firstfix_cli.vda5050_gateway.fleet_maps import FleetMap, FleetMaps
 from firstfix_cli.vda5050_gateway.messages import Sender, State, read_message
 from firstfix_cli.vda5050_gateway.planar_fix import NoFix, PlanarFix
 from firstfix_cli.vda5050_gateway.vehicle import Command, DropFix, Patience, Phase, Send, TakeFix, Vehicle
-from vda5050_vehicle import MANUFACTURER, state
+from tests.vda5050_vehicle import MANUFACTURER, state
 
 VERSION = "ab" * 32
 FIX = PlanarFix("hall", VERSION, 1.0, 2.0, 0.5)

@@ -7,7 +7,7 @@ import pytest
 from firstfix.errors import DeadlineExceeded
 from firstfix_client.steps.http_sender import retry_after_s
 from firstfix_client.steps.send import Deadline
-from waiting import let_pass
+from tests.waiting import let_pass
 
 
 @pytest.mark.parametrize(

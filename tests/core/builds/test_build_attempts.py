@@ -14,7 +14,7 @@ from firstfix.builds.attempts import LOST_PER_FAILURE, Attempt, AttemptEnd, Buil
 from firstfix.builds.records import new_status
 from firstfix.errors import BuildAttemptsExceeded
 from firstfix.store.store import Store
-from waiting import let_pass, wait_until
+from tests.waiting import let_pass, wait_until
 
 LONG_S, SHORT_S = 3000.0, 3.0  # leases: one that does not run out in a test, and one that does
 

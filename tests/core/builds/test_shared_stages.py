@@ -11,7 +11,7 @@ import pytest
 
 from firstfix.builds.shared_stages import SharedStages, collect_stages
 from firstfix.store.store import Store
-from interleavings import Step, run_every_order, run_interleaved
+from tests.interleavings import Step, run_every_order, run_interleaved
 
 KEY, OTHER = "a" * 64, "b" * 64
 

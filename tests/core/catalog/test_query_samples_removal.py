@@ -9,7 +9,7 @@ import pytest
 from firstfix.catalog.query_samples import QuerySample, QuerySamples
 from firstfix.errors import NotFound
 from firstfix.store.store import Store
-from interleavings import Step, run_every_order, run_interleaved
+from tests.interleavings import Step, run_every_order, run_interleaved
 
 ID = "20261123t120000000000-0123abcd"
 ANSWER = {"verdict": "rejected", "reasons": [], "probability": 0.1, "map_id": "hall"}

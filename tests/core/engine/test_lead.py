@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from box_scenes import box, floor, sampled, walls
 
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.known_aliases import are_parted
@@ -11,6 +10,7 @@ from firstfix.engine.lead import lead_t
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
 from firstfix_builder.mesh.mesh import Mesh
+from tests.builder.box_scenes import box, floor, sampled, walls
 
 APART_M = 20.0  # of two rooms of one plan
 MIDDLE = np.array([4.0, 3.0, 1.0])

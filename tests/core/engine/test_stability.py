@@ -16,7 +16,7 @@ from firstfix.scan.condense import condense
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import AnyScan, ScanSequence
 from firstfix.transform import Matrix, make_transform, pose_error, rotation_z
-from reference.recorded_places import MAPS, RecordedPlace, recorded_place
+from tests.reference.recorded_places import MAPS, RecordedPlace, recorded_place
 
 MOVED_M = 1e-5
 MOST_M, MOST_DEG = 0.02, 0.05

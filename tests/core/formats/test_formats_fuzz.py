@@ -7,18 +7,18 @@ import warnings
 
 import numpy as np
 import pytest
-from cloud_files import pcd, ply, random_cloud, text_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from every_case import every_case
 from firstfix.decode import decode_query
 from firstfix.errors import InputError
 from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.formats.scanner_bin import decode_scanner_bin
 from firstfix.formats.text import decode_text
 from firstfix.scan.scan import Scan
-from ros_samples import cdr, cloud
+from tests.core.formats.cloud_files import pcd, ply, random_cloud, text_rows
+from tests.every_case import every_case
+from tests.ros_samples import cdr, cloud
 
 pytestmark = pytest.mark.slow
 

@@ -5,12 +5,12 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from cloud_files import pcd, pcd_body, pcd_header, random_cloud
 
-from every_case import every_case
 from firstfix.errors import MalformedData, TooLarge
 from firstfix.formats.pcd import decode_pcd
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
+from tests.core.formats.cloud_files import pcd, pcd_body, pcd_header, random_cloud
+from tests.every_case import every_case
 
 ENCODINGS = ("ascii", "binary", "binary_compressed")
 

@@ -5,13 +5,13 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from cloud_files import ply, random_cloud, text_rows
 
-from every_case import every_case
 from firstfix.errors import MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.ply import decode_ply
 from firstfix.formats.ply_header import parse_ply_header
 from firstfix.formats.point_cloud import SCAN_LIMITS
+from tests.core.formats.cloud_files import ply, random_cloud, text_rows
+from tests.every_case import every_case
 
 ENCODINGS = ("ascii", "binary_little_endian", "binary_big_endian")
 

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from every_case import every_case
 from firstfix.errors import MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
 from firstfix.formats.raw_xyz import decode_xyz, decode_xyzi
 from firstfix.formats.scanner_bin import decode_scanner_bin
+from tests.every_case import every_case
 
 ROWS = np.random.default_rng(3).uniform(-80, 80, (500, 4)).astype("<f4")
 

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from every_case import every_case
 from firstfix.errors import MalformedData, TooLarge
 from firstfix.formats.npy import read_npy
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
 from firstfix.formats.text import decode_text
+from tests.every_case import every_case
 
 XYZ = np.array([[1.5, 2.0, -3.25], [512_345.678, 5_403_210.123, 295.5]])
 

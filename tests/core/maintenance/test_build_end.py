@@ -16,7 +16,7 @@ from firstfix.maintenance.build_end import end_build
 from firstfix.maintenance.repair import Repair
 from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
-from interleavings import run_interleaved
+from tests.interleavings import run_interleaved
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from firstfix.catalog.sources import put_source, source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.maintenance.garbage import Ages, collect_garbage, remove_abandoned
 from firstfix.store.store import Store
-from frequent_snapshots import EVERY
-from waiting import let_pass
+from tests.frequent_snapshots import EVERY
+from tests.waiting import let_pass
 
 NOW = Ages(things_s=-5, builds_s=-5)  # whatever its age
 

@@ -10,7 +10,7 @@ import pytest
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
-from interleavings import Step, run_every_order, run_interleaved
+from tests.interleavings import Step, run_every_order, run_interleaved
 
 pytestmark = pytest.mark.slow
 

@@ -19,7 +19,7 @@ from firstfix.maintenance.backup import copy_store
 from firstfix.maintenance.checked_objects import CheckedObjects
 from firstfix.maintenance.garbage import Ages, collect_garbage
 from firstfix.store.store import Store
-from frequent_snapshots import EVERY
+from tests.frequent_snapshots import EVERY
 
 MADE_ANEW = ("stages/1/a", "uploads/1/a", "idempotency/a", "samples/a.body", "changes/00000001.json")
 

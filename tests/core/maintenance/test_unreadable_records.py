@@ -34,7 +34,7 @@ from firstfix.maintenance.garbage import Ages, collect_garbage
 from firstfix.maintenance.record_kinds import FORMS, form_of, why_unreadable
 from firstfix.store.json_record import RecordKind, max_bytes
 from firstfix.store.store import Store
-from frequent_snapshots import EVERY
+from tests.frequent_snapshots import EVERY
 
 STAGES = ("a" * 64, "b" * 64)
 SAMPLES = ("20260101t000000000000-0000000a", "20260102t000000000000-0000000b")

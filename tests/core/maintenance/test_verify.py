@@ -21,7 +21,7 @@ from firstfix.maintenance.repair import QUARANTINE, Repair
 from firstfix.maintenance.verify import Verification
 from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
-from frequent_snapshots import EVERY
+from tests.frequent_snapshots import EVERY
 
 
 class Reads(Store):

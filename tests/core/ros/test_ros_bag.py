@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ros_samples
 from firstfix.errors import InputError, InvalidOption, MalformedData, NotFound, TooLarge, UnsupportedFormat
 from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.ros.bag import open_bag
 from firstfix.ros.point_cloud2 import decode_point_cloud2
-from ros_samples import BAG_KINDS, IMU, PACKED_BAG_KINDS, cloud_of_points, stores_of, write_bag
+from tests import ros_samples
+from tests.ros_samples import BAG_KINDS, IMU, PACKED_BAG_KINDS, cloud_of_points, stores_of, write_bag
 
 S = 10**9
 POINTS = [np.full((10 + number, 3), float(number)) for number in range(5)]

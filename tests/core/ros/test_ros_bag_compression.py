@@ -15,14 +15,14 @@ import yaml
 import zstandard
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-import ros_samples
-from every_case import every_case
 from firstfix.errors import InputError, MalformedData, TooLarge
 from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.ros import bag_compression
 from firstfix.ros.bag import open_bag
 from firstfix.ros.point_cloud2 import decode_point_cloud2
-from ros_samples import PACKED_BAG_KINDS, ROS2, cdr, cloud_of_points, write_bag
+from tests import ros_samples
+from tests.every_case import every_case
+from tests.ros_samples import PACKED_BAG_KINDS, ROS2, cdr, cloud_of_points, write_bag
 
 S = 10**9
 POINTS = [np.random.default_rng(n).normal(size=(500 + n, 3)).astype(np.float32) for n in range(4)]

@@ -6,9 +6,9 @@ import struct
 
 import pytest
 
-from every_case import every_case
 from firstfix.errors import MalformedData, UnsupportedFormat
 from firstfix.ros.cdr import MAX_TEXT_BYTES, CdrWriter, MessageReader
+from tests.every_case import every_case
 
 LITTLE, BIG = b"\x00\x01\x00\x00", b"\x00\x00\x00\x00"
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from every_case import every_case
 from firstfix.errors import InvalidOption
 from firstfix.ros.header import Stamp, check_frame
+from tests.every_case import every_case
 
 
 @every_case(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import ros_samples
-from every_case import every_case
 from firstfix.errors import InputError, MalformedData
 from firstfix.ros.header import Header, Stamp
 from firstfix.ros.imu import GravityWindow, ImuSample, decode_imu, down_of
-from ros_samples import ROS1, cdr
+from tests import ros_samples
+from tests.every_case import every_case
+from tests.ros_samples import ROS1, cdr
 
 UP = np.array([0.2, -0.1, 0.97]) / np.linalg.norm([0.2, -0.1, 0.97])
 S = 10**9

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from every_case import every_case
 from firstfix.decode import decode_query
 from firstfix.errors import UnsupportedFormat
 from firstfix.ros.media_types import POINT_CLOUD2
-from ros_samples import cdr, cloud_of_points
+from tests.every_case import every_case
+from tests.ros_samples import cdr, cloud_of_points
 
 
 @every_case(

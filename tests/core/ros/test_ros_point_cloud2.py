@@ -8,13 +8,13 @@ import tracemalloc
 import numpy as np
 import pytest
 
-import ros_samples
-from every_case import every_case
 from firstfix.errors import InputError, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
 from firstfix.ros.header import Stamp
 from firstfix.ros.point_cloud2 import decode_point_cloud2
-from ros_samples import ROS1, cdr, cloud, cloud_of_points
+from tests import ros_samples
+from tests.every_case import every_case
+from tests.ros_samples import ROS1, cdr, cloud, cloud_of_points
 
 OUSTER = [
     ("x", "f4"),

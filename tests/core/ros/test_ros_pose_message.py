@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from every_case import every_case
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.ros.header import Stamp
 from firstfix.ros.pose_message import TYPE, covariance_of_base, to_pose_cdr
 from firstfix.transform import from_quaternion, inverse, make_transform, rotation_z
-from ros_samples import ROS2
+from tests.every_case import every_case
+from tests.ros_samples import ROS2
 
 T_MAP_SENSOR = from_quaternion([12.5, -4.25, 1.75], [0.1, -0.2, 0.3, 0.9])
 T_BASE_SENSOR = make_transform(rotation_z(0.4), [0.5, -0.1, 1.2])

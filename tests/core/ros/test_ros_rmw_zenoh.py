@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 import zenoh
 
-from every_case import every_case
 from firstfix.errors import MalformedData
 from firstfix.ros import imu, point_cloud2, pose_message, tf_message
 from firstfix.ros.rmw_zenoh import (
@@ -20,7 +19,8 @@ from firstfix.ros.rmw_zenoh import (
     publishers_pattern,
 )
 from firstfix.ros.type_hashes import DIAGNOSTICS, POSE_ARRAY, TRIGGER
-from ros_samples import ROS2
+from tests.every_case import every_case
+from tests.ros_samples import ROS2
 
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 TALKER = (

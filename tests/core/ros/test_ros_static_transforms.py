@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import ros_samples
 from firstfix.errors import InputError, MalformedData, NotFound
 from firstfix.ros.static_transforms import StaticTransforms, decode_transforms
 from firstfix.transform import from_quaternion, inverse
-from ros_samples import ROS1, ROS2, cdr
+from tests import ros_samples
+from tests.ros_samples import ROS1, ROS2, cdr
 
 BASE_MAST = from_quaternion([0.1, 0.2, 1.0], [0, 0, 0.3, 0.9])
 MAST_LIDAR = from_quaternion([0.0, 0.0, 0.4], [0.1, 0, 0, 0.9])

@@ -6,7 +6,7 @@ import pytest
 from firstfix.errors import InvalidScan
 from firstfix.sensor import SensorModel, preset, presets
 from firstfix.sensor.measure import MeasuredScan, measure_sensor
-from measured_room import room_scan
+from tests.measured_room import room_scan
 
 ROWS = [name for name in presets() if preset(name).pattern == "rows"]
 ROSETTES = [name for name in presets() if preset(name).pattern == "rosette"]

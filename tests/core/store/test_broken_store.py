@@ -13,7 +13,7 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.errors import NotFound, StoreUnavailable
 from firstfix.store import backend as store_backend
 from firstfix.store.store import Store
-from toxiproxy import Link
+from tests.toxiproxy import Link
 
 pytestmark = pytest.mark.slow
 

@@ -11,8 +11,8 @@ import pytest
 
 from firstfix.errors import StoreError, StoreUnavailable, StoreUnsafe
 from firstfix.store.store import Store
-from s3_stand_in import Way, s3_stand_in
-from waiting import LIMIT_S, wait_until
+from tests.s3_stand_in import Way, s3_stand_in
+from tests.waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
 

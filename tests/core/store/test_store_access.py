@@ -12,8 +12,8 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.errors import ReadOnly, StoreError, StoreUnavailable
 from firstfix.store.aws_credentials import credentials_file
 from firstfix.store.store import Store
-from servers import free_port, running_versitygw
-from waiting import let_pass
+from tests.servers import free_port, running_versitygw
+from tests.waiting import let_pass
 
 BUCKET = "maps"
 REREAD_S = 0.5  # obstore goes on for a tenth of a second with what it has just read

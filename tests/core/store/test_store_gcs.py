@@ -9,9 +9,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from cloud_servers import CONTAINER
 from firstfix.errors import NotFound, StoreError
 from firstfix.store.store import Store
+from tests.cloud_servers import CONTAINER
 
 
 @pytest.fixture

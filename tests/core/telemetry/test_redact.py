@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from every_case import every_case
 from firstfix.telemetry.redact import _PATTERNS, HIDDEN, redact, redactor
+from tests.every_case import every_case
 
 KEY = f"ffx_0123456789ab_{'5e' * 32}"
 JWT = "eyJhbGciOiJFUzI1NiJ9.eyJzdWIiOiJyb2JvdCJ9.c2lnbmF0dXJl-_A"

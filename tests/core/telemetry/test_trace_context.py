@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-from every_case import every_case
 from firstfix.telemetry.trace_context import TraceContext, is_tracing_wanted
+from tests.every_case import every_case
 
 TRACE, SPAN = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 

@@ -9,9 +9,9 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from every_case import every_case
 from firstfix.errors import InputError, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.wire.content_encoding import undo_content_encoding
+from tests.every_case import every_case
 
 PLAIN = np.random.default_rng(5).integers(0, 20, 300_000, np.uint8).tobytes()
 

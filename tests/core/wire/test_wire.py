@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from every_case import every_case
 from firstfix.errors import (
     FirstfixError,
     InvalidOption,
@@ -23,7 +22,8 @@ from firstfix.errors import (
 )
 from firstfix.scan.scan import MAX_POINTS, Scan
 from firstfix.wire.scan import decode_scan, encode_scan
-from needs import recorded
+from tests.every_case import every_case
+from tests.needs import recorded
 
 HEADER_BYTES = 64
 

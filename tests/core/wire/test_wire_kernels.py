@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import firstfix.wire.scan  # noqa: F401  (its kernels)
-from every_case import every_case
 from firstfix import native
 from firstfix.bit_exact.accelerated import REFERENCES
 from firstfix.errors import FirstfixError
@@ -19,6 +18,7 @@ from firstfix.scan.reduction import COLUMNS, ROWS
 from firstfix.scan.scan import Scan
 from firstfix.wire.query import _LEVELS_M
 from firstfix.wire.range_image import _cosines_and_sines
+from tests.every_case import every_case
 
 SEEDS = st.integers(0, 2**32 - 1)
 

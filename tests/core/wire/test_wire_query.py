@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from every_case import every_case
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import (
     FirstfixError,
@@ -27,6 +26,7 @@ from firstfix.errors import (
 from firstfix.scan.compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
 from firstfix.scan.reduction import COLUMNS, ROWS
 from firstfix.wire.query import decode_query, encode_query
+from tests.every_case import every_case
 
 CELLS = ROWS * COLUMNS
 HEADER, COMPACT, DESCRIPTOR = 8, 22, 28  # bytes of the three headers

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from range_images import body_of, image_of, spinning
 
-from every_case import every_case
 from firstfix.decode import read_scan_file
 from firstfix.errors import InvalidOption, InvalidScan
 from firstfix.scan.scan import Scan
 from firstfix.wire.range_image import COLUMNS, ROWS
 from firstfix.wire.scan import decode_scan, encode_scan
-from needs import recorded
+from tests.core.wire.range_images import body_of, image_of, spinning
+from tests.every_case import every_case
+from tests.needs import recorded
 
 coordinates = st.floats(-900, 900, width=32)
 clouds = hnp.arrays(np.float32, st.tuples(st.integers(0, 80), st.just(3)), elements=coordinates)

@@ -10,12 +10,12 @@ import pytest
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from range_images import body_of, image_of, spinning
 
-from every_case import every_case
 from firstfix.errors import FirstfixError, MalformedData, TooLarge
 from firstfix.scan.scan import MAX_POINTS, Scan
 from firstfix.wire.scan import decode_scan
+from tests.core.wire.range_images import body_of, image_of, spinning
+from tests.every_case import every_case
 
 HEADER_BYTES = 36
 

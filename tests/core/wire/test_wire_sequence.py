@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from every_case import every_case
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import InputError, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.scan.compact import CompactScan, ScanDescriptor
@@ -15,6 +14,7 @@ from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import make_transform, rotation_z
 from firstfix.wire.query import encode_query
 from firstfix.wire.sequence import decode_scans, encode_scans
+from tests.every_case import every_case
 
 RNG = np.random.default_rng(0)
 SCANS = [Scan(RNG.uniform(-20, 20, (50 + 10 * n, 3)).astype(np.float32), None, 5.0 + n) for n in range(3)]

@@ -24,9 +24,7 @@ def main() -> None:
     parser.add_argument("--within", type=float, default=3.0, help="Seconds.")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    root = Path(__file__).resolve().parents[3]
     if "_ROS_WHEELS_BOOTSTRAP_COMPLETE" not in os.environ:
-        sys.path[:0] = [str(root), str(root / "tests")]
         from tests.claimed import any_domain
         from tests.robots.real_ros import real_ros
 
@@ -36,7 +34,6 @@ def main() -> None:
         os.execve(
             sys.executable, [sys.executable, "-m", "tests.robots.stand_ins", *sys.argv[1:]], environment
         )
-    sys.path[:0] = [str(root), str(root / "tests")]
     from . import scenarios
     from .site import Site
 

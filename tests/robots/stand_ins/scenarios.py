@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from waiting import let_pass, wait_until
+from tests.waiting import let_pass, wait_until
 
 from .autoware import InitialPoseAdaptor, PoseInitializer
 from .localizer import Localizer

@@ -19,8 +19,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from fake_service import FakeService
-from waiting import LIMIT_S, wait_until
+from tests.fake_service import FakeService
+from tests.waiting import LIMIT_S, wait_until
 
 from .robot import FIRST_POINTS, Answers, Robot
 

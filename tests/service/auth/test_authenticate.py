@@ -9,10 +9,8 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from access_world import LaterClock, ask_zenoh, get, give, localize
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.routing import APIRoute, iter_route_contexts
-from service_world import Service, publish, running_service
 from starlette.routing import Route
 
 from firstfix.access.api_keys import ApiKeys
@@ -26,7 +24,9 @@ from firstfix_service.auth.key_ring import KeyRing
 from firstfix_service.http_api.edge import authorize, check_routes, needs
 from firstfix_service.http_api.routes import garbage
 from firstfix_service.settings import Settings
-from waiting import wait_until
+from tests.service.access_world import LaterClock, ask_zenoh, get, give, localize
+from tests.service.service_world import Service, publish, running_service
+from tests.waiting import wait_until
 
 DAY_S = 86400.0
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import httpx
-from access_world import ask_zenoh, get, give, localize
-from service_world import publish, running_service
 
-from waiting import wait_until
+from tests.service.access_world import ask_zenoh, get, give, localize
+from tests.service.service_world import publish, running_service
+from tests.waiting import wait_until
 
 
 def test_queries_of_one_caller_are_limited_alone(tmp_path: Path):

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from service_world import publish, running_service
-from token_world import AUDIENCE, ISSUER, OTHER, Issuer, key_set, signed
 
 from firstfix.errors import FirstfixError, InvalidOption, Overloaded, Unauthorized
 from firstfix_service.auth import jwks as jwks_module
 from firstfix_service.auth.jwks import Jwks
-from waiting import wait_until, wait_until_async
+from tests.service.service_world import publish, running_service
+from tests.service.token_world import AUDIENCE, ISSUER, OTHER, Issuer, key_set, signed
+from tests.waiting import wait_until, wait_until_async
 
 
 @pytest.mark.parametrize(

@@ -11,16 +11,16 @@ from pathlib import Path
 
 import httpx
 import pytest
-from access_world import LaterClock, give, localize
 from jwt import api_jwt
-from service_world import XYZ, Service, publish, running_service
-from token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix_service.auth import key_ring
 from firstfix_service.auth.authenticate import Permission
 from firstfix_service.http_api.bodies import request_body
-from waiting import LIMIT_S, wait_until
+from tests.service.access_world import LaterClock, give, localize
+from tests.service.service_world import XYZ, Service, publish, running_service
+from tests.service.token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
+from tests.waiting import LIMIT_S, wait_until
 
 BUILD = "b1"
 

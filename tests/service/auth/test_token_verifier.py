@@ -15,13 +15,23 @@ from typing import Any
 import jwt
 import pytest
 from cryptography.hazmat.primitives import serialization
-from token_world import ALL_KEYS, KEYS, OTHER, SHORT, claims, key_set, public_jwk, settings, signed
 
 from firstfix.access.permissions import Scope
 from firstfix.errors import InvalidOption, Unauthorized
 from firstfix_service.auth import token_verifier
 from firstfix_service.auth.principal import Principal
 from firstfix_service.auth.token_verifier import TokenVerifier
+from tests.service.token_world import (
+    ALL_KEYS,
+    KEYS,
+    OTHER,
+    SHORT,
+    claims,
+    key_set,
+    public_jwk,
+    settings,
+    signed,
+)
 
 
 @pytest.fixture

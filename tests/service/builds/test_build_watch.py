@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from builds_world import building_service, upload, wait_until_ended
-from nats_world import nats_world
-from service_world import FAKE_WORKER
 
 from firstfix.errors import BuildError, BuildStalled, BuildTimedOut
 from firstfix_service.builds import runner
 from firstfix_service.builds.build_watch import BuildLimits, BuildWatch
 from tests.faults.nats_server import NEEDS_NATS, nats_server_program
-from waiting import wait_until
+from tests.service.builds_world import building_service, upload, wait_until_ended
+from tests.service.nats_world import nats_world
+from tests.service.service_world import FAKE_WORKER
+from tests.waiting import wait_until
 
 LIMITS = BuildLimits(timeout_s=1000.0, stall_s=100.0)
 

@@ -5,15 +5,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from builds_world import CLOUD, building_service, status_of, upload, wait_until_ended
-from service_world import Service, running_service
 
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.manifest import Manifest
 from firstfix.maintenance.rebuild import rebuild
 from firstfix.store.store import Store
 from firstfix_service.builds.process import NICENESS
-from waiting import wait_until
+from tests.service.builds_world import CLOUD, building_service, status_of, upload, wait_until_ended
+from tests.service.service_world import Service, running_service
+from tests.waiting import wait_until
 
 
 @pytest.fixture
@@ -155,7 +155,7 @@ def test_a_running_build_is_cancelled(tmp_path: Path):
 
 
 def test_queries_are_answered_while_a_build_runs(tmp_path: Path):
-    from service_world import publish
+    from tests.service.service_world import publish
 
     with building_service(tmp_path) as service:
         publish(service.catalog, "hall", "1", service.scratch)

@@ -11,8 +11,6 @@ import time
 from pathlib import Path
 
 import pytest
-from builds_world import building_service, status_of, upload, wait_until_ended
-from service_world import FAKE_WORKER, running_service
 
 from firstfix.builds.attempts import BuildAttempts
 from firstfix.builds.records import new_status
@@ -20,7 +18,9 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from firstfix_service.builds.process import memory_of_processes_bytes
 from firstfix_service.builds.work_folder import WorkFolder
-from waiting import wait_until
+from tests.service.builds_world import building_service, status_of, upload, wait_until_ended
+from tests.service.service_world import FAKE_WORKER, running_service
+from tests.waiting import wait_until
 
 PATCHED_CLI = Path(__file__).parents[2] / "faults" / "patched_cli.py"
 

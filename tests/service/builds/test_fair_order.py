@@ -6,17 +6,17 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from builds_world import building_service
-from callers_world import Caller, callers
 from hypothesis import given
 from hypothesis import strategies as st
-from nats_world import nats_world
 
 from firstfix.builds.records import FINAL_STATES
 from firstfix_service.builds.nats.builds import MAX_AHEAD
 from firstfix_service.builds.queue import FairOrder, UnfinishedBuild
 from tests.faults.nats_server import NEEDS_NATS, nats_server_program
-from waiting import wait_until
+from tests.service.builds_world import building_service
+from tests.service.callers_world import Caller, callers
+from tests.service.nats_world import nats_world
+from tests.waiting import wait_until
 
 
 def builds(owners: str) -> list[UnfinishedBuild]:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from builds_world import status_of, upload
-from service_world import Service, running_service
-
 from firstfix.builds.options import BuildOptions, ExitCode
 from firstfix.catalog.manifest import Manifest
 from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
 from firstfix_client import BuildStatus
-from waiting import let_pass, wait_until
+from tests.service.builds_world import status_of, upload
+from tests.service.service_world import Service, running_service
+from tests.waiting import let_pass, wait_until
 
 
 def built(service: Service, label: str, found: float, **config: object) -> dict[str, object]:

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import httpx
 import pytest
-from service_world import Service, running_service
 
 from firstfix.builds.callers import CallersKey, claim_build
 from firstfix_service.auth.principal import ANONYMOUS
 from firstfix_service.http_api.bodies.submission import NamedUrl, Submission
+from tests.service.service_world import Service, running_service
 
 BODY = {"map_id": "hall", "source": {"url": "s3://maps/hall.laz"}, "config": {"level": False}}
 

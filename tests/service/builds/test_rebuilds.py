@@ -7,15 +7,15 @@ import sys
 from pathlib import Path
 
 import pytest
-from builds_world import wait_until_ended
-from service_world import Service, running_service
-from test_incremental import CONFIG, corridor
 
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix_builder.pipeline import build_version
-from waiting import wait_until
+from tests.builder.test_incremental import CONFIG, corridor
+from tests.service.builds_world import wait_until_ended
+from tests.service.service_world import Service, running_service
+from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a map is built three times
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from firstfix_service.builds.process import kill_processes, memory_of_processes_bytes
-from waiting import wait_until
+from tests.waiting import wait_until
 
 ALLOCATE = "import sys; data = bytearray(b'x') * (100 << 20); print('ready', flush=True); sys.stdin.read()"
 

@@ -26,7 +26,7 @@ from firstfix_service.http_api.bodies.disk_space import DiskSpace
 from firstfix_service.http_api.bodies.form import FormFile
 from firstfix_service.http_api.bodies.submission import NamedUpload, Submission
 from firstfix_service.http_api.routes.maps import _record
-from interleavings import Step, run_every_order, run_interleaved
+from tests.interleavings import Step, run_every_order, run_interleaved
 
 CONTENT = b"0 0 0\n1 1 1\n"
 CALLER = Principal("key:0123456789ab")

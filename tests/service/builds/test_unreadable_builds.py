@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import pytest
-from metrics_world import value
-from service_world import Service
 
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from firstfix_service.builds.queue import UnfinishedBuilds
 from firstfix_service.telemetry.metrics import Metrics
+from tests.service.metrics_world import value
+from tests.service.service_world import Service
 
 BROKEN = [b"", b'{"map_id": "ha', b"[]", b'{"state": 3, "map_id": []}', b'{"a":' * 50_000]
 

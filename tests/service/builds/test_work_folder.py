@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from builds_world import CLOUD, building_service, status_of, upload, wait_until_ended
-from service_world import Service, running_service
 from structlog.testing import capture_logs
 
 from firstfix.errors import FirstfixError
@@ -23,7 +21,9 @@ from firstfix_service.builds import work_folder
 from firstfix_service.builds.queue import NOBODY_BUILDS
 from firstfix_service.builds.work_folder import Holder, WorkFolder
 from firstfix_service.settings import Settings
-from waiting import let_pass, wait_until
+from tests.service.builds_world import CLOUD, building_service, status_of, upload, wait_until_ended
+from tests.service.service_world import Service, running_service
+from tests.waiting import let_pass, wait_until
 
 pytestmark = pytest.mark.slow
 

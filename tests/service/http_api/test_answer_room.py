@@ -9,13 +9,13 @@ from pathlib import Path
 
 import httpx
 import pytest
-from access_world import give
-from service_world import Service, running_service
 
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS, Manifest
 from firstfix_service.http_api.answer_room import SMALL_BYTES
 from firstfix_service.http_server import connections
-from waiting import LIMIT_S, wait_until
+from tests.service.access_world import give
+from tests.service.service_world import Service, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
 

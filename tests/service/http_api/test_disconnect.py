@@ -9,9 +9,17 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, publish, running_service
 
-from waiting import LIMIT_S, wait_until
+from tests.service.service_world import (
+    SCAN_BODY,
+    XYZ,
+    Behaviour,
+    FakeLocalizer,
+    Service,
+    publish,
+    running_service,
+)
+from tests.waiting import LIMIT_S, wait_until
 
 
 @pytest.fixture

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
 from firstfix.decode import decode_query
 from firstfix.errors import InputError
 from firstfix.wire.content_encoding import undo_content_encoding
 from tests.faults.fuzz_bodies import Ask, fuzz, http_asker, zenoh_asker
 from tests.faults.hostile_bodies import Body, damaged, good_bodies
+from tests.service.service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
 BODIES_PER_ENCODING = 60  # tests/faults/fuzz_bodies.py sends 1,000
 MAX_GROWTH_BYTES = 300_000_000  # with the client in the same process; the benchmark holds 200 MB without

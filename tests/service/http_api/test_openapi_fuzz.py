@@ -19,7 +19,6 @@ from schemathesis.specs.openapi.checks import (
     response_schema_conformance,
     status_code_conformance,
 )
-from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
@@ -28,7 +27,8 @@ from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.decode import MEDIA_TYPES
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
-from waiting import LIMIT_S
+from tests.service.service_world import SCAN_BODY, XYZ, Service, publish, running_service
+from tests.waiting import LIMIT_S
 
 pytestmark = pytest.mark.slow
 

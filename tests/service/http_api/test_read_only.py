@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from fastapi.routing import iter_route_contexts
-from service_world import Service, publish, running_service
 
 from firstfix.access.permissions import Scope
 from firstfix.catalog.catalog import Catalog
@@ -14,7 +13,8 @@ from firstfix.errors import ReadOnly
 from firstfix.store.store import Store
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
-from waiting import wait_until
+from tests.service.service_world import Service, publish, running_service
+from tests.waiting import wait_until
 
 
 @pytest.fixture

@@ -12,10 +12,7 @@ from typing import Any
 
 import httpx
 import pytest
-from access_world import known, localize
 from fastapi.routing import iter_route_contexts
-from raw_connection import all_of, connect
-from service_world import Service, publish, running_service
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix_service.app import create_app
@@ -32,7 +29,10 @@ from firstfix_service.auth.turns import (
 from firstfix_service.http_api.edge import needs_of
 from firstfix_service.http_server.streams import AnswerDelay
 from firstfix_service.settings import Settings
-from waiting import wait_until
+from tests.service.access_world import known, localize
+from tests.service.raw_connection import all_of, connect
+from tests.service.service_world import Service, publish, running_service
+from tests.waiting import wait_until
 
 
 class Clock:

@@ -14,14 +14,22 @@ from pathlib import Path
 
 import httpx
 import pytest
-from access_world import give
-from service_world import SCAN_BODY, XYZ, Behaviour, Service, free_port, publish, running_service
 
 from firstfix_service.http_server import connections
 from firstfix_service.http_server import protocol as http_protocol
 from firstfix_service.http_server.connections import ConnectionLimits
 from firstfix_service.settings import Settings
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.service.access_world import give
+from tests.service.service_world import (
+    SCAN_BODY,
+    XYZ,
+    Behaviour,
+    Service,
+    free_port,
+    publish,
+    running_service,
+)
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 pytestmark = pytest.mark.slow
 

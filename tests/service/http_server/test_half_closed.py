@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from raw_connection import all_of, connect
-from service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
 
 from firstfix_service.http_api.event_stream import EventStreams
 from firstfix_service.http_server import connections
-from waiting import let_pass, wait_until
+from tests.service.raw_connection import all_of, connect
+from tests.service.service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
+from tests.waiting import let_pass, wait_until
 
 GET = b"GET /maps HTTP/1.%d\r\nHost: x\r\n\r\n"
 

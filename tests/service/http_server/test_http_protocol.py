@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from raw_connection import all_of, connect
-from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
-from waiting import wait_until
+from tests.service.raw_connection import all_of, connect
+from tests.service.service_world import SCAN_BODY, XYZ, Service, publish, running_service
+from tests.waiting import wait_until
 
 HEAD = b"POST /localize?map=hall HTTP/1.1\r\nHost: x\r\nContent-Type: " + XYZ.encode() + b"\r\n"
 GET = b"GET /healthz HTTP/1.1\r\nHost: x\r\n"

@@ -8,11 +8,11 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from raw_connection import all_of, connect
-from service_world import XYZ, Service, publish, running_service
 
 from firstfix_service.http_api.bodies.request_body import LONG_BYTES
-from waiting import let_pass, wait_until
+from tests.service.raw_connection import all_of, connect
+from tests.service.service_world import XYZ, Service, publish, running_service
+from tests.waiting import let_pass, wait_until
 
 POINTS = 100_000
 BODY = bytes(12 * POINTS)

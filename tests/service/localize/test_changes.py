@@ -10,10 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from access_world import get, give
-from service_world import XYZ, Service, publish, running_service
 
-from changed_hall import Hall, driven, pose, standing
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.catalog.sightings.changes import changes_of
@@ -26,7 +23,10 @@ from firstfix_service.http_api import encoded_changes
 from firstfix_service.http_api.parts import MapParts
 from firstfix_service.query_workers.query import ServedVersion
 from firstfix_service.query_workers.sightings.counter import MAX_WAITING, SightingCounter
-from waiting import wait_until
+from tests.changed_hall import Hall, driven, pose, standing
+from tests.service.access_world import get, give
+from tests.service.service_world import XYZ, Service, publish, running_service
+from tests.waiting import wait_until
 
 SIZE_M = (16.2, 10.2, 4.2)
 RACK = (9.2, 4.2, 0.0, 10.3, 6.3, 2.3)

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
-from service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
 
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.errors import FirstfixError, all_errors
@@ -19,7 +18,8 @@ from firstfix.scan.reduction import COLUMNS, ROWS
 from firstfix.scan.scan import Scan
 from firstfix.wire import query as wire_query
 from firstfix.wire import sequence as wire_sequence
-from waiting import wait_until
+from tests.service.service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
+from tests.waiting import wait_until
 
 both = pytest.mark.parametrize("transport", ["http", "zenoh"])
 

@@ -11,11 +11,19 @@ from typing import ClassVar
 from urllib.parse import urlsplit
 
 import pytest
-from service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, publish, running_service
 
 from firstfix.answer.localization import Localization
 from firstfix_service.http_api.parts import LocalizeParts
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.service.service_world import (
+    SCAN_BODY,
+    XYZ,
+    Behaviour,
+    FakeLocalizer,
+    Service,
+    publish,
+    running_service,
+)
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 BODY = SCAN_BODY[:720]
 LIMIT_BYTES = 1200  # for one body, and not for two

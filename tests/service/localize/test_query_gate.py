@@ -17,7 +17,7 @@ from firstfix_service.localize.query_gate import MAX_RETRY_AFTER_S, AskWorker, Q
 from firstfix_service.localize.slow_share import SLOW_S
 from firstfix_service.query_workers.base import QueryWorkerDied
 from firstfix_service.query_workers.query import Asker, EncodedAnswer, Query
-from waiting import let_pass, wait_until_async
+from tests.waiting import let_pass, wait_until_async
 
 
 class Held:

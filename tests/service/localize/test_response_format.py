@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import zenoh
 import zstandard
-from service_world import SCAN_BODY, XYZ, Reply, Service
 
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.ros.media_types import POINT_CLOUD2, POSE
 from firstfix.ros.pose_message import TYPE
-from ros_samples import ROS2, cdr, cloud_of_points
+from tests.ros_samples import ROS2, cdr, cloud_of_points
+from tests.service.service_world import SCAN_BODY, XYZ, Reply, Service
 
 BODY = cdr(cloud_of_points(np.ones((40, 3)), stamp_ns=1_700_000_000_123_456_789))
 both = pytest.mark.parametrize("transport", ["http", "zenoh"])

@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from access_world import give
-from service_world import SCAN_BODY, XYZ, FakeLocalizer, Service, publish, running_service
 
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
@@ -32,7 +30,9 @@ from firstfix_service.query_workers.answer_form import AnswerForm
 from firstfix_service.query_workers.encoded_answer import encoded_answer
 from firstfix_service.query_workers.query import AsGiven, Query
 from firstfix_service.telemetry.metrics import Metrics
-from waiting import wait_until
+from tests.service.access_world import give
+from tests.service.service_world import SCAN_BODY, XYZ, FakeLocalizer, Service, publish, running_service
+from tests.waiting import wait_until
 
 LOCALIZED_POINTS = 200  # a scan of so many is localized, every other one rejected
 

@@ -10,8 +10,10 @@ from pathlib import Path
 import httpx
 import pytest
 import zenoh
-from access_world import give
-from service_world import (
+
+from firstfix.answer.localization import Localization
+from tests.service.access_world import give
+from tests.service.service_world import (
     SCAN_BODY,
     XYZ,
     Behaviour,
@@ -21,9 +23,7 @@ from service_world import (
     publish,
     running_service,
 )
-
-from firstfix.answer.localization import Localization
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -13,14 +13,14 @@ from pathlib import Path
 import httpx
 import pytest
 import zenoh
-from service_world import client_session, free_port
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
-from servers import running
-from waiting import LIMIT_S, wait_until
+from tests.servers import running
+from tests.service.service_world import client_session, free_port
+from tests.waiting import LIMIT_S, wait_until
 
 CALL_LOG = Path(__file__).with_name("call_log")
 SERVE = """

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 import structlog
-from service_world import publish
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.sightings.sightings import MERGE_FROM, Sightings
@@ -23,6 +22,7 @@ from firstfix_service.query_workers.sightings import keeper as sightings
 from firstfix_service.query_workers.sightings.counter import Sighted
 from firstfix_service.query_workers.sightings.keeper import SightingsKeeper
 from firstfix_service.telemetry.metrics import Metrics
+from tests.service.service_world import publish
 
 AHEAD = timedelta(days=40)
 COUNTED = Tally.of(Sighting((1, 2, 3), *([[1, 2], [], [1], []])))  # type: ignore[arg-type]

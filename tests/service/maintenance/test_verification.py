@@ -6,7 +6,6 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from service_world import publish, running_service
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
@@ -14,7 +13,8 @@ from firstfix_service.maintenance import verification
 from firstfix_service.maintenance.verification import CALL_BYTES, verify_once
 from firstfix_service.settings import Settings
 from firstfix_service.telemetry.metrics import Metrics
-from waiting import wait_until
+from tests.service.service_world import publish, running_service
+from tests.waiting import wait_until
 
 
 @pytest.fixture

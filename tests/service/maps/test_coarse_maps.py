@@ -19,7 +19,7 @@ from firstfix_service.maps import coarse_maps
 from firstfix_service.maps.coarse_maps import CoarseMaps
 from firstfix_service.query_workers.query import CHOSEN_MAPS, MAX_MAPS
 from firstfix_service.telemetry.metrics import Metrics
-from waiting import let_pass, wait_until
+from tests.waiting import let_pass, wait_until
 
 CONFIG = OccupancyConfig(rings=4, sectors=16, max_range_m=20.0, layer_edges_m=(0.3, 1.0))
 NAMES = [f"m{k:02}" for k in range(MAX_MAPS + 4)]

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from service_world import Service, publish, running_service
 
 from firstfix.errors import FirstfixError, WorkerLost
-from waiting import wait_until
+from tests.service.service_world import Service, publish, running_service
+from tests.waiting import wait_until
 
 
 @pytest.fixture

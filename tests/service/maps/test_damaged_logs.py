@@ -6,12 +6,12 @@ import random
 from pathlib import Path
 
 import pytest
-from cache_world import World
 
 from firstfix.errors import NotFound
 from firstfix.maintenance.repair import Repair
 from firstfix.maintenance.verify import Verification
 from firstfix.store.store import Store
+from tests.service.cache_world import World
 
 
 @pytest.fixture

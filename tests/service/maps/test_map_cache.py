@@ -9,8 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from cache_world import World
-from service_world import FakeLocalizer
 from structlog.testing import capture_logs
 
 from firstfix.catalog.manifest import Manifest
@@ -19,7 +17,9 @@ from firstfix.store.store import Store
 from firstfix_service.maps import map_cache, version_loader
 from firstfix_service.maps.map_poller import MapPoller
 from firstfix_service.query_workers.query import ServedVersion
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.service.cache_world import World
+from tests.service.service_world import FakeLocalizer
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 
 @pytest.fixture

@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cache_world import Cache, World
-from service_world import FakeLocalizer
 
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.rendezvous import rendezvous_order
@@ -17,7 +15,9 @@ from firstfix.errors import StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_service.maps import loaded_versions
 from firstfix_service.maps.placement import Placement
-from waiting import let_pass, wait_until
+from tests.service.cache_world import Cache, World
+from tests.service.service_world import FakeLocalizer
+from tests.waiting import let_pass, wait_until
 
 NAMES = [f"map-{k:02}" for k in range(24)]
 REPLICAS = ["r1", "r2", "r3"]

@@ -16,7 +16,7 @@ from firstfix_service.maps.loaded_versions import Lease
 from firstfix_service.maps.version_loader import LOADERS, SharedLoads
 from firstfix_service.query_workers.query import ServedVersion
 from firstfix_service.telemetry.request_scope import Requests, note
-from waiting import LIMIT_S, wait_until
+from tests.waiting import LIMIT_S, wait_until
 
 
 class Loads:

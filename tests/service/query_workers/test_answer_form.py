@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from every_case import every_case
 from firstfix.errors import NotAcceptable
 from firstfix.ros.media_types import POSE
 from firstfix_service.query_workers.answer_form import GEOPOSE, AnswerForm
+from tests.every_case import every_case
 
 
 @every_case(

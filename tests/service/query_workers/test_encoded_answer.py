@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from every_case import every_case
 from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Hypothesis, Localization, Verdict
 from firstfix.answer.quality import AlignmentQuality
@@ -16,6 +15,7 @@ from firstfix.answer.scan_facts import ScanFacts
 from firstfix.findings.finding import Finding, Severity
 from firstfix.transform import make_transform, rotation_z
 from firstfix_service.query_workers.encoded_answer import encoded_answer, to_json
+from tests.every_case import every_case
 
 T = make_transform(rotation_z(0.3), [1.5, -2.0, 0.1])
 PLACE = Hypothesis(T, AlignmentQuality(0.9, 0.8, 0.01), 0.7, np.int64(3), "hall")  # type: ignore[arg-type]

@@ -28,7 +28,7 @@ from firstfix_service.localize.query_gate import AskWorker, QueryGate
 from firstfix_service.query_workers.processes import QueryWorkerProcesses
 from firstfix_service.query_workers.protocol import INLINE_BYTES
 from firstfix_service.query_workers.query import BodyFormat, EncodedAnswer, Query, ServedVersion
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 
 def test_a_query_worker_starts_without_scipy():

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from service_world import running_service
 
 from firstfix.errors import InvalidOption, StoreUnavailable, StoreUnsafe
 from firstfix.store.store import Store
 from firstfix_service.startup import retry as start
-from waiting import wait_until
+from tests.service.service_world import running_service
+from tests.waiting import wait_until
 
 
 @pytest.fixture(autouse=True)

@@ -14,14 +14,14 @@ from pathlib import Path
 import httpx
 import pytest
 import structlog
-from service_world import SCAN_BODY, XYZ, free_port
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
 from firstfix.store.store import Store
 from firstfix_service.settings import Settings
 from firstfix_service.telemetry.log_setup import set_up_logging
-from waiting import LIMIT_S, wait_until
+from tests.service.service_world import SCAN_BODY, XYZ, free_port
+from tests.waiting import LIMIT_S, wait_until
 
 SECRETS = {
     "AWS_SECRET_ACCESS_KEY": "wJalrXUtnFEMI/K7MDENG/bPxRfiCYEXAMPLEKEY",

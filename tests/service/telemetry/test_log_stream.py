@@ -9,7 +9,7 @@ import pytest
 
 from firstfix_service.telemetry import request_scope
 from firstfix_service.telemetry.request_scope import MAX_BYTES, LogStream
-from waiting import LIMIT_S, wait_until
+from tests.waiting import LIMIT_S, wait_until
 
 
 @pytest.fixture

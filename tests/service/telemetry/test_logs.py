@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 import structlog
-from service_world import Service, publish, running_service
 
 from firstfix.errors import StoreUnavailable
 from firstfix.native import choice
@@ -21,7 +20,8 @@ from firstfix_service.builds.process import last_message
 from firstfix_service.settings import Settings
 from firstfix_service.startup.settings_summary import settings_summary, without_secrets
 from firstfix_service.telemetry.log_setup import set_up_logging
-from waiting import LIMIT_S, wait_until
+from tests.service.service_world import Service, publish, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 TRACE, CALLER = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 TRACEPARENT = f"00-{TRACE}-{CALLER}-01"

@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from metrics_world import samples, value
 from prometheus_client import CollectorRegistry
 from prometheus_client.parser import text_string_to_metric_families
-from service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, publish, running_service
 
 import firstfix
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
@@ -28,7 +26,17 @@ from firstfix_service.builds.runner import STAGE_LABELS, count_build
 from firstfix_service.http_server.connections import EndReason
 from firstfix_service.telemetry.metered_store import OPERATIONS, metered
 from firstfix_service.telemetry.metrics import Metrics
-from waiting import LIMIT_S, wait_until
+from tests.service.metrics_world import samples, value
+from tests.service.service_world import (
+    SCAN_BODY,
+    XYZ,
+    Behaviour,
+    FakeLocalizer,
+    Service,
+    publish,
+    running_service,
+)
+from tests.waiting import LIMIT_S, wait_until
 
 DEPLOY = Path(__file__).resolve().parents[3] / "deploy"
 

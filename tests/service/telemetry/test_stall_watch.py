@@ -27,8 +27,8 @@ from firstfix_service.telemetry.stall_watch import (
     StallWatch,
     stacks_of_all_threads,
 )
-from servers import free_port
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.servers import free_port
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 STALLING_SERVICE = Path(__file__).parents[1] / "stalling_process.py"
 

@@ -10,11 +10,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from service_world import XYZ, Behaviour, Service, free_port, publish, running_service
 
 from firstfix.errors import StoreUnavailable
-from otlp_collector import Collector, SpanSeen, running_collector
-from waiting import LIMIT_S, wait_until
+from tests.otlp_collector import Collector, SpanSeen, running_collector
+from tests.service.service_world import XYZ, Behaviour, Service, free_port, publish, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 TRACE, CALLER = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 TRACEPARENT = f"00-{TRACE}-{CALLER}-01"

@@ -13,7 +13,7 @@ from structlog.testing import capture_logs
 from firstfix.errors import StoreUnavailable
 from firstfix_service.thread_pools import background
 from firstfix_service.thread_pools.background import PeriodicTask, close_within, run_in_background
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 
 @pytest.mark.parametrize("error", [StoreUnavailable("gone"), RuntimeError("a defect")])

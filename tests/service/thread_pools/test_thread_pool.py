@@ -14,10 +14,8 @@ from pathlib import Path
 
 import httpx
 import pytest
-from access_world import get, give
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute, iter_route_contexts
-from service_world import Service, running_service
 
 import firstfix_service
 from firstfix.access.api_keys import ApiKeys
@@ -27,7 +25,9 @@ from firstfix_service.http_api.bodies import submission
 from firstfix_service.settings import Settings
 from firstfix_service.telemetry.request_scope import Requests, note
 from firstfix_service.thread_pools import BUILDS, ThreadPool
-from waiting import LIMIT_S, wait_until
+from tests.service.access_world import get, give
+from tests.service.service_world import Service, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 SOURCES = sorted(Path(firstfix_service.__file__).parent.rglob("*.py"))
 SHARED = {"to_thread", "run_in_threadpool", "run_sync", "set_default_executor"}

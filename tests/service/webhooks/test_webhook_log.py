@@ -9,9 +9,7 @@ from collections.abc import Iterator
 import pytest
 import structlog
 from prometheus_client import generate_latest
-from webhook_receiver import Receiver
 
-from claimed import free_port
 from firstfix.answer.localization import Verdict
 from firstfix_service.query_workers.query import EncodedAnswer
 from firstfix_service.settings import Settings
@@ -20,7 +18,9 @@ from firstfix_service.telemetry.metrics import Metrics
 from firstfix_service.webhooks import sender as sender_module
 from firstfix_service.webhooks.event import AnswerEvent
 from firstfix_service.webhooks.sender import WebhookPolicy, WebhookSender
-from waiting import wait_until
+from tests.claimed import free_port
+from tests.service.webhook_receiver import Receiver
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 SECRET = "pathsecret"

@@ -14,8 +14,6 @@ from typing import Any
 import pytest
 from prometheus_client import generate_latest
 from pydantic import ValidationError
-from service_world import SCAN_BODY, XYZ, publish, running_service
-from webhook_receiver import Receiver
 
 from firstfix.answer.localization import Verdict
 from firstfix.errors import InvalidOption
@@ -26,7 +24,9 @@ from firstfix_service.telemetry.metrics import Metrics
 from firstfix_service.webhooks import sender as sender_module
 from firstfix_service.webhooks.event import AnswerEvent, signed_headers
 from firstfix_service.webhooks.sender import WebhookPolicy, WebhookSender
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.service.service_world import SCAN_BODY, XYZ, publish, running_service
+from tests.service.webhook_receiver import Receiver
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 SECRETS = (bytes(range(32)), bytes(range(100, 124)))
 

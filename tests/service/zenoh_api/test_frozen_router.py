@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from service_world import Service, publish, running_service
 
 from firstfix.answer.localization import Verdict
 from firstfix.scan.scan import Scan
 from firstfix_client import ZenohClient
-from servers import free_port, running
-from waiting import LIMIT_S, wait_until
+from tests.servers import free_port, running
+from tests.service.service_world import Service, publish, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -12,12 +12,12 @@ from typing import Any
 
 import orjson
 import zenoh
-from access_world import give
-from service_world import Service, client_session, publish, running_service
 
 from firstfix_service.localize.recent_answers import MOST_ANSWERS
 from firstfix_service.zenoh_api.answers import ANSWERS, MAX_BYTES, MOST_RECORDS
-from waiting import LIMIT_S, wait_until
+from tests.service.access_world import give
+from tests.service.service_world import Service, client_session, publish, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 RECORD = {
     "time_s": 1.7e9,

@@ -10,13 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
-from service_world import SCAN_BODY, XYZ, Service, client_session, free_port, publish, running_service
 
 import firstfix
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from firstfix_client import ZenohClient
-from waiting import LIMIT_S, wait_until
+from tests.service.service_world import (
+    SCAN_BODY,
+    XYZ,
+    Service,
+    client_session,
+    free_port,
+    publish,
+    running_service,
+)
+from tests.waiting import LIMIT_S, wait_until
 
 
 def get(service: Service, key: str) -> list[dict[str, Any]]:

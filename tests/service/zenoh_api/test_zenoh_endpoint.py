@@ -9,7 +9,12 @@ from typing import Any
 
 import pytest
 import zenoh
-from service_world import (
+
+from firstfix.errors import InvalidOption
+from firstfix_service.app import create_app
+from firstfix_service.settings import Settings
+from firstfix_service.zenoh_api.config import session_config
+from tests.service.service_world import (
     SCAN_BODY,
     XYZ,
     Behaviour,
@@ -19,12 +24,7 @@ from service_world import (
     publish,
     running_service,
 )
-
-from firstfix.errors import InvalidOption
-from firstfix_service.app import create_app
-from firstfix_service.settings import Settings
-from firstfix_service.zenoh_api.config import session_config
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 
 def tokens(session: Any, map_id: str) -> set[str]:

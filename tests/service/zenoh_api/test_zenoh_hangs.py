@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 import zenoh
-from service_world import publish, running_service
 
 from firstfix_service.zenoh_api import endpoint
 from firstfix_service.zenoh_api.replies import MOST_PER_CALLER, MOST_THREADS, ReplyThreads
-from waiting import LIMIT_S, wait_until
+from tests.service.service_world import publish, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 
 class HangingInfo:

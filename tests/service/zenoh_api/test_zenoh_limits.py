@@ -16,7 +16,11 @@ from pathlib import Path
 
 import httpx
 import zenoh
-from service_world import (
+
+from firstfix.catalog.catalog import Catalog
+from firstfix.store.store import Store
+from firstfix_service.telemetry.stall_watch import EXIT_STALLED
+from tests.service.service_world import (
     SCAN_BODY,
     XYZ,
     Behaviour,
@@ -26,11 +30,7 @@ from service_world import (
     publish,
     running_service,
 )
-
-from firstfix.catalog.catalog import Catalog
-from firstfix.store.store import Store
-from firstfix_service.telemetry.stall_watch import EXIT_STALLED
-from waiting import LIMIT_S, wait_until
+from tests.waiting import LIMIT_S, wait_until
 
 STALLING_SERVICE = Path(__file__).parents[1] / "stalling_process.py"
 ANSWERS_ASKED = 8

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from access_world import ask_zenoh, get, known
-from service_world import SCAN_BODY, Service, publish, running_service
 
 from firstfix_service.auth.turns import MAX_STRANGER_WAIT_S, MAX_WAIT_S
 from firstfix_service.zenoh_api import refusals
-from waiting import wait_until
+from tests.service.access_world import ask_zenoh, get, known
+from tests.service.service_world import SCAN_BODY, Service, publish, running_service
+from tests.waiting import wait_until
 
 WORKERS, QUEUE = 1, 1
 PLACES = 8 * (WORKERS + QUEUE)  # of all zenoh queries

@@ -20,8 +20,6 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
-from service_world import client_session, free_port, publish, running_service
-from zenoh_world import ZenohWorld
 
 from firstfix.answer.localization import Verdict
 from firstfix.catalog.catalog import Catalog
@@ -32,7 +30,9 @@ from firstfix_service import server
 from firstfix_service.settings import Settings
 from firstfix_service.zenoh_api.config import client_config, session_config
 from firstfix_service.zenoh_api.replicas import ZenohReplicas
-from waiting import LIMIT_S, let_pass, wait_until, wait_until_async
+from tests.service.service_world import client_session, free_port, publish, running_service
+from tests.service.zenoh_world import ZenohWorld
+from tests.waiting import LIMIT_S, let_pass, wait_until, wait_until_async
 
 pytestmark = pytest.mark.slow
 

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
-from service_world import SCAN_BODY, XYZ, publish
-from zenoh_world import ZenohWorld, make_certificates
 
 from firstfix.answer.localization import Verdict
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from firstfix_client import RetryPolicy, ServiceUnreachable, ZenohClient
-from waiting import LIMIT_S, let_pass, wait_until
+from tests.service.service_world import SCAN_BODY, XYZ, publish
+from tests.service.zenoh_world import ZenohWorld, make_certificates
+from tests.waiting import LIMIT_S, let_pass, wait_until
 
 SCAN = np.ones((50, 3), np.float32)
 PATIENT = RetryPolicy(attempts=200, first_wait_s=0.05, max_wait_s=0.2)

@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
-from access_world import give
-from service_world import SCAN_BODY, XYZ, Service, client_session, free_port, publish, running_service
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.answer.localization import Verdict
@@ -22,7 +20,17 @@ from firstfix.errors import Forbidden, InvalidOption, NotFound, Unauthorized
 from firstfix.wire.signature import Asked, QuerySignature, SigningKey
 from firstfix_client import RetryPolicy, ServiceUnreachable, ZenohClient
 from firstfix_client.drivers import zenoh_ask
-from waiting import LIMIT_S, wait_until
+from tests.service.access_world import give
+from tests.service.service_world import (
+    SCAN_BODY,
+    XYZ,
+    Service,
+    client_session,
+    free_port,
+    publish,
+    running_service,
+)
+from tests.waiting import LIMIT_S, wait_until
 
 SCAN = np.ones((50, 3), np.float32)
 KEY = "firstfix/hall/localize"

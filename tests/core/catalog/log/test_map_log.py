@@ -19,7 +19,7 @@ from firstfix.errors import Conflict
 from firstfix.store.json_record import record_json
 from firstfix.store.numbered import scan_after
 from firstfix.store.store import Store, StoredObject
-from frequent_snapshots import EVERY
+from tests.frequent_snapshots import EVERY
 
 A, B, C = "a" * 64, "b" * 64, "c" * 64
 PUB, ACT, RET = Event.PUBLISHED, Event.ACTIVATED, Event.RETIRED

@@ -12,7 +12,7 @@ import pytest
 from firstfix.catalog.uploads.uploads import SWEPT_AT_ONCE, Uploads
 from firstfix.errors import NotFound
 from firstfix.store.store import Store
-from interleavings import Step, run_every_order, run_interleaved
+from tests.interleavings import Step, run_every_order, run_interleaved
 
 DATA = bytes(range(200))
 

@@ -7,13 +7,13 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from changed_hall import SENSOR, free_poses, surface_points, warehouse, with_error
 from firstfix.engine.changes.areas import CellVotes, find_areas, newest_first
 from firstfix.engine.changes.cells import Spot, cells_of, keys_of
 from firstfix.engine.changes.collector import AGAIN_S, Collector
 from firstfix.engine.changes.sighting import Sighting, sighting_of
 from firstfix.engine.changes.tally import Tally
 from firstfix_builder.simulation.rays import Rays
+from tests.changed_hall import SENSOR, free_poses, surface_points, warehouse, with_error
 
 NOTHING = np.empty(0, np.int64)
 PLACE = np.sort(keys_of(np.array([[x, 4, 2] for x in range(4)])))

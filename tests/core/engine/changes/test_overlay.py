@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from changed_hall import Hall, pose, standing
 from firstfix.engine.changes.overlay import (
     AGREES,
     CONTRADICTS,
@@ -20,6 +19,7 @@ from firstfix.scan.compact import CompactScan
 from firstfix.scan.reduction import nearest_by_direction
 from firstfix.scan.scan import Scan
 from firstfix.transform import transform_points
+from tests.changed_hall import Hall, pose, standing
 
 SIZE_M = (16.0, 10.0, 4.0)
 RACK = (9.2, 4.2, 0.0, 10.3, 6.3, 2.3)

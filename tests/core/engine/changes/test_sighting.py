@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from changed_hall import Hall, pose, standing
 from firstfix.engine.changes.cells import cells_of, cells_of_keys, keys_of, slot_of, spot_of
 from firstfix.engine.changes.sighting import Sighting, sighting_of
 from firstfix.scan.compact import CompactScan
 from firstfix.scan.reduction import nearest_by_direction
 from firstfix.scan.scan import Scan
+from tests.changed_hall import Hall, pose, standing
 
 SIZE_M = (16.0, 10.0, 4.0)
 RACK = (9.2, 4.2, 0.0, 10.3, 6.3, 2.3)

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from changed_hall import Hall, driven, free_poses, standing, with_error
-from every_case import every_case
 from firstfix.engine.changes.areas import Area, find_areas
 from firstfix.engine.changes.cells import cells_of_keys, keys_of
 from firstfix.engine.changes.collector import Collector
@@ -17,6 +15,8 @@ from firstfix.engine.changes.sighting import Sighting, sighting_of
 from firstfix.engine.changes.tally import Tally
 from firstfix.engine.changes.unmapped import unmapped_of
 from firstfix.engine.index import MapIndex
+from tests.changed_hall import Hall, driven, free_poses, standing, with_error
+from tests.every_case import every_case
 
 SIZE_M = (16.0, 10.0, 4.0)
 SCREEN = (8.0, 2.0, 0.0, 8.4, 8.0, 2.6)

@@ -19,7 +19,7 @@ from firstfix.scan.reduction import at_most
 from firstfix.scan.scan import Scan
 from firstfix.sensor import preset, presets
 from firstfix.wire.scan import decode_scan, encode_scan
-from needs import RECORDED, of_recordings
+from tests.needs import RECORDED, of_recordings
 
 Points = NDArray[np.float32]
 RNG = np.random.default_rng(7)

@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.common.datasets import GARAGE, HALL, STREET, STREET_128, YARD, Dataset
-from every_case import every_case
 from firstfix.decode import read_scan_file
 from firstfix.engine.diagnosis.facts import MEASURED
 from firstfix.engine.diagnosis.viewpoint import (
@@ -28,9 +27,10 @@ from firstfix.scan.reduction import at_most
 from firstfix.sensor import SensorModel, preset
 from firstfix.transform import from_quaternion, make_transform, rotation_z
 from firstfix_builder.simulation.simulate import Simulator
-from needs import RECORDED, of_recordings
-from small_world import SmallWorld, yard
-from storey_world import storey
+from tests.every_case import every_case
+from tests.needs import RECORDED, of_recordings
+from tests.small_world import SmallWorld, yard
+from tests.storey_world import storey
 
 Points = NDArray[np.float32]
 AT_ORIGIN = np.eye(4)

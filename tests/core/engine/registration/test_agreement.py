@@ -10,8 +10,8 @@ from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.align import Agreement, MapSurface
 from firstfix.engine.registration.surface import Surface
 from firstfix.transform import make_transform
-from reference import registration as reference
-from reference.recorded_places import MAPS, recorded_place
+from tests.reference import registration as reference
+from tests.reference.recorded_places import MAPS, recorded_place
 
 INLIER_M = 0.15
 CONFIG = RegistrationConfig(inlier_distance_m=INLIER_M)

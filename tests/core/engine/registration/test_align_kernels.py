@@ -13,8 +13,8 @@ from firstfix import native
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.transform import make_transform, pose_error, transform_points
-from reference import registration as reference
-from reference.recorded_places import MAPS, RecordedPlace, recorded_place
+from tests.reference import registration as reference
+from tests.reference.recorded_places import MAPS, RecordedPlace, recorded_place
 
 FINE = {"iterations": 12, "reach_m": 0.5, "half_angle": 0.06}
 STEPS = {

@@ -13,7 +13,7 @@ from firstfix.engine.registration.covariance import pose_covariance
 from firstfix.engine.registration.facing import faced_information, principal_axes
 from firstfix.engine.registration.surface import Surface
 from firstfix.transform import make_transform, rotation_z
-from reference.facing import told
+from tests.reference.facing import told
 
 CONFIG = RegistrationConfig(
     map_voxel_m=0.1, coarse_voxel_m=0.5, fine_distance_m=0.4, inlier_distance_m=0.13, fine_iterations=60

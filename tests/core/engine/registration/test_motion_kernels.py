@@ -13,9 +13,9 @@ from firstfix.engine.ranking import RANKING
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.transform import make_transform, pose_error, rotation_z
-from reference import motion as reference
-from reference import registration
-from reference.recorded_places import MAPS, RecordedPlace, recorded_place
+from tests.reference import motion as reference
+from tests.reference import registration
+from tests.reference.recorded_places import MAPS, RecordedPlace, recorded_place
 
 FINE = {"iterations": 12, "reach_m": 0.5, "half_angle": 0.2}
 TWIST_SCALE = np.array(RANKING.twist_scale)

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from every_case import every_case
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.engine.retrieval.cascade import Templates
+from tests.every_case import every_case
 
 DESCRIPTOR = LayeredOccupancy(PolarGrid(2, 8, 10.0), (0.0, 1.0))
 

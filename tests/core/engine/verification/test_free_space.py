@@ -10,8 +10,8 @@ from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
 from firstfix.scan.reduction import RangeView
 from firstfix.transform import make_transform, rotation_z
-from reference import free_space as reference
-from reference.recorded_places import MAPS, recorded_place
+from tests.reference import free_space as reference
+from tests.reference.recorded_places import MAPS, recorded_place
 
 
 def box_surface(size: np.ndarray, spacing_m: float = 0.08) -> np.ndarray:

@@ -6,7 +6,7 @@ import pytest
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.scan.reduction import nearest_by_direction
 from firstfix.transform import make_transform
-from reference.free_space import around
+from tests.reference.free_space import around
 
 POINTS = np.random.default_rng(2).uniform([-31, 12, -2], [44, 61, 5], (4000, 3))
 TILES = PointTiles.of(POINTS, 0.01)  # so finely that every point stays

@@ -16,7 +16,7 @@ from firstfix_service.builds.nats.queue import NatsBuildQueue
 from firstfix_service.builds.worker import BuildWorker
 from firstfix_service.settings import Settings
 from firstfix_service.telemetry.metrics import Metrics
-from waiting import LIMIT_S
+from tests.waiting import LIMIT_S
 
 
 class DroppingBuilds:

@@ -11,14 +11,14 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from callers_world import Caller
-from service_world import Service, running_service
 
 from firstfix.catalog.uploads.parts import PART_BYTES
 from firstfix.errors import OutOfSpace
 from firstfix_service.http_api.bodies.disk_space import DiskSpace
 from firstfix_service.http_api.parts import UploadParts
-from waiting import wait_until
+from tests.service.callers_world import Caller
+from tests.service.service_world import Service, running_service
+from tests.waiting import wait_until
 
 MIB = 1 << 20
 Usage = namedtuple("Usage", "total used free")

@@ -9,13 +9,13 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from service_world import running_service
 
 from firstfix.errors import DeadlineExceeded
 from firstfix_service.http_api.bodies import request_body
 from firstfix_service.http_api.bodies.request_body import Pace, paced_pieces
 from firstfix_service.http_api.parts import UploadParts
-from waiting import wait_until
+from tests.service.service_world import running_service
+from tests.waiting import wait_until
 
 PACE = Pace(stall_s=30.0, min_bytes_per_s=1000, timeout_s=3600.0)
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import httpx
 import pytest
-from service_world import Service, running_service
 
 from firstfix.builds.records import new_status
 from firstfix_service.builds.queue import NOBODY_BUILDS
-from waiting import LIMIT_S, wait_until
+from tests.service.service_world import Service, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 
 @pytest.fixture

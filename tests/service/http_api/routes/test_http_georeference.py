@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
 
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.catalog.geopose import Georeference
 from firstfix.transform import from_quaternion, make_transform
+from tests.service.service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
 
 GEOPOSE = "application/geopose+json"
 PLACE = {"latitude_deg": 48.2649, "longitude_deg": 11.6713, "height_m": 529.4, "x_axis_deg": 30.0}

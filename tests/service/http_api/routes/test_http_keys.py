@@ -8,10 +8,10 @@ from typing import Any
 
 import httpx
 import pytest
-from access_world import give
-from service_world import Service, running_service
 
-from waiting import wait_until
+from tests.service.access_world import give
+from tests.service.service_world import Service, running_service
+from tests.waiting import wait_until
 
 NEW = {"name": "robot-7", "scopes": ["localize"], "maps": ["hall*"], "expires_in_days": 90}
 

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
-
-from waiting import LIMIT_S, wait_until
+from tests.service.service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 HEADERS = {"Content-Type": XYZ}
 

@@ -1,8 +1,7 @@
 from __future__ import annotations
 
-from service_world import Service, publish
-
-from waiting import wait_until
+from tests.service.service_world import Service, publish
+from tests.waiting import wait_until
 
 
 def test_maps_and_versions_are_listed(service: Service):

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from service_world import Service, running_service
 
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source, source_key
+from tests.service.service_world import Service, running_service
 
 
 @pytest.fixture

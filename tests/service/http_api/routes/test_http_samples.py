@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from access_world import give
-from service_world import SCAN_BODY, XYZ, Service, running_service
 
 from firstfix.catalog.query_samples import QuerySample, QuerySamples
-from waiting import wait_until
+from tests.service.access_world import give
+from tests.service.service_world import SCAN_BODY, XYZ, Service, running_service
+from tests.waiting import wait_until
 
 POSE = {"position": [1.0, 2.0, 3.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
 

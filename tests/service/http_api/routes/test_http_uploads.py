@@ -14,10 +14,10 @@ import httpx
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from service_world import Service, running_service
 
 from firstfix.catalog.uploads.parts import PART_BYTES
-from waiting import wait_until
+from tests.service.service_world import Service, running_service
+from tests.waiting import wait_until
 
 PART = {"Content-Type": "application/offset+octet-stream"}
 DATA = bytes(range(256)) * 100

@@ -4,10 +4,9 @@ import hashlib
 import time
 from pathlib import Path
 
-from service_world import Service, publish
-
 from firstfix.catalog.manifest import Manifest
-from waiting import wait_until
+from tests.service.service_world import Service, publish
+from tests.waiting import wait_until
 
 PNG = b"\x89PNG and so on"
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
-from service_world import Behaviour, Service, publish, running_service
 
 import firstfix
 from firstfix.answer.options import LocalizeOptions
@@ -16,7 +15,8 @@ from firstfix.store.store import Store
 from firstfix_service.app import create_app
 from firstfix_service.query_workers.answer_form import PARAMETERS
 from firstfix_service.settings import Settings
-from waiting import LIMIT_S, wait_until
+from tests.service.service_world import Behaviour, Service, publish, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 
 def test_alive_and_ready(service: Service):

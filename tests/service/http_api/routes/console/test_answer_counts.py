@@ -6,12 +6,12 @@ import time
 from pathlib import Path
 
 import pytest
-from access_world import get, give, localize
-from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
 from firstfix_service.localize import answer_counts
 from firstfix_service.localize.answer_counts import DAY_S, HOUR_S, AnswerCounts, Counted
-from waiting import wait_until
+from tests.service.access_world import get, give, localize
+from tests.service.service_world import SCAN_BODY, XYZ, Service, publish, running_service
+from tests.waiting import wait_until
 
 NOW_S = 1_000_000.0
 

@@ -12,8 +12,6 @@ from typing import Any
 import httpx
 import orjson
 import pytest
-from access_world import give
-from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
 from firstfix.answer.localization import Verdict
 from firstfix_service.auth.principal import Principal
@@ -21,7 +19,9 @@ from firstfix_service.http_api.routes.console import answer_events
 from firstfix_service.localize import recent_answers
 from firstfix_service.localize.recent_answers import RecentAnswers
 from firstfix_service.query_workers.query import EncodedAnswer
-from waiting import LIMIT_S, wait_until
+from tests.service.access_world import give
+from tests.service.service_world import SCAN_BODY, XYZ, Service, publish, running_service
+from tests.waiting import LIMIT_S, wait_until
 
 
 def events(response: httpx.Response) -> Iterator[dict[str, Any]]:

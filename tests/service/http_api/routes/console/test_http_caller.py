@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from service_world import Service
-
 from firstfix.sensor import SensorModel, preset, presets
+from tests.service.service_world import Service
 
 
 def test_without_authentication_everybody_may_do_everything(service: Service):

@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from service_world import Service
 
 from firstfix.catalog.manifest import Manifest
 from firstfix_builder.index.cloud_octree import POINT, CloudOctree
+from tests.service.service_world import Service
 
 
 @pytest.fixture

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from raw_connection import connect
-from service_world import XYZ, Service
 
-from changed_hall import Hall, pose, standing
 from firstfix.catalog.manifest import Manifest
 from firstfix.engine.config import ENGINE_FILE
 from firstfix_service.http_api.parts import LocalizeParts
 from firstfix_service.startup.composition import MOST_OVERLAYS_PER_CALLER
-from waiting import wait_until
+from tests.changed_hall import Hall, pose, standing
+from tests.service.raw_connection import connect
+from tests.service.service_world import XYZ, Service
+from tests.waiting import wait_until
 
 HALL = Hall((16.0, 10.0, 4.0), standing((9.2, 4.2, 0.0, 10.3, 6.3, 2.3)))
 AT = pose(4.1, 5.2)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import httpx
 import pytest
-from raw_connection import all_of, connect
-from service_world import Service, running_service
 
 from firstfix_service.http_api.routes.console import page as console_page
+from tests.service.raw_connection import all_of, connect
+from tests.service.service_world import Service, running_service
 
 SCRIPT = b"export const answer = 42;" * 100
 FILES = {
