@@ -137,9 +137,7 @@ def wheel(interpreter: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module", params=("lowest-direct", "highest"))
-def allowed_versions(
-    request: pytest.FixtureRequest, interpreter: str, wheel: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Installed]:
+def allowed_versions(request, interpreter, wheel, tmp_path_factory) -> Iterator[Installed]:
     """An environment with the lowest or the newest versions. Its files are hard links into uv's cache."""
     if request.param == "lowest-direct" and version_of(interpreter) not in OF_LOWEST:
         pytest.skip(needs(f"one of Python {', '.join(OF_LOWEST)}", "newer ones have no wheels of the lowest"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,9 +34,7 @@ def service(small_version, tmp_path_factory) -> Iterator[LocalService]:
         yield running
 
 
-def test_a_robot_is_found_where_it_stands(
-    service: LocalService, small_scans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_robot_is_found_where_it_stands(service, small_scans, tmp_path, monkeypatch):
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     options = LocalizeOptions(T_base_sensor=T_BASE_LIDAR)
     with Client(service.url) as client:  # some scans of the world are ambiguous

@@ -18,7 +18,7 @@ from tests.changed_yard import GONE, NEW, ChangedYard
 from tests.small_world import SmallWorld, begun_as
 
 if TYPE_CHECKING:
-    from firstfix_builder.job.build_job import BuildResult
+    pass
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -44,9 +44,7 @@ class Place(ChangedYard):
 
 
 @pytest.fixture(scope="module")
-def place(
-    small_world: SmallWorld, cloud_version: BuildResult, tmp_path_factory: pytest.TempPathFactory
-) -> Place:
+def place(small_world, cloud_version, tmp_path_factory) -> Place:
     folder = tmp_path_factory.mktemp("patched")
     begun_as(cloud_version, folder / "work")
     return Place(small_world, folder)

@@ -20,7 +20,6 @@ from firstfix_builder.pipeline import build_version
 from firstfix_builder.read_map import read_map, read_trajectory
 from firstfix_worlds.write_world import pcd_of_points
 from tests.needs import of_recordings
-from tests.once_a_run import OnceARun
 
 MAP_M, TRACK_M = 18.0, 7.0  # of the map and of the mapping run, round the place of the scan
 FOUND_M, FOUND_DEG = 0.2, 2.0
@@ -34,9 +33,7 @@ OURS = {dataset.name: dataset for dataset in DATASETS if not dataset.folder.star
 
 @pytest.mark.parametrize("name", OURS)
 @pytest.mark.timeout(900)
-def test_a_held_out_scan_finds_its_place(
-    name: str, once_a_run: OnceARun, tmp_path: Path, request: pytest.FixtureRequest
-):
+def test_a_held_out_scan_finds_its_place(name, once_a_run, tmp_path, request):
     if not OURS[name].available:
         pytest.skip(of_recordings(OURS[name].folder))
     dataset = OURS[name].converted(tmp_path)

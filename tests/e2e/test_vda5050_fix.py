@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from pathlib import Path
 
-import pytest
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
@@ -27,9 +25,7 @@ from tests.vda5050_vehicle import MANUFACTURER, SimulatedVehicle
 MOUNTING = [0.3, 0.0, 0.8, 0.0, 0.0, 1.0, 0.0]  # it looks back
 
 
-def test_a_lost_vehicle_gets_its_true_pose(
-    small_version, small_scans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_lost_vehicle_gets_its_true_pose(small_version, small_scans, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     store, port, stop = tmp_path / "store", free_port(), threading.Event()
     Catalog(Store.open(str(store))).publish("yard", small_version.directory, small_version.manifest)

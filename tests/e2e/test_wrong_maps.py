@@ -65,9 +65,7 @@ def said(arguments: list[str], folder: Path, capsys: pytest.CaptureFixture[str])
     return {"answer": "error", "text": text, **({"remedy": more.strip()} if more else {})}
 
 
-def test_wrong_maps_are_named(
-    right: Points, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_wrong_maps_are_named(right, tmp_path, capsys, monkeypatch):
     monkeypatch.delenv("FIRSTFIX_STORE", raising=False)
     table = []
     for number, wrong in enumerate(WRONG_MAPS):
@@ -95,9 +93,7 @@ def test_the_right_map_has_no_finding(right: Points, tmp_path: Path, capsys: pyt
     assert "nothing found" in capsys.readouterr().out
 
 
-def test_a_scan_with_its_intensity_first_is_named(
-    right: Points, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_scan_with_its_intensity_first_is_named(right, tmp_path, capsys):
     (tmp_path / "map.npy").write_bytes(npy(right))
     (tmp_path / "scan.npy").write_bytes(npy(np.column_stack([np.arange(len(right)) % 97, right])[:3000]))
     run_ended(["check", str(tmp_path / "map.npy"), str(tmp_path / "scan.npy"), "--json"], 2)

@@ -79,9 +79,7 @@ def test_what_a_map_was_made_of_does_not_stay(service: Service, tmp_path: Path):
 
 
 @pytest.mark.usefixtures("small_parts")
-def test_a_file_that_changes_while_it_is_read_is_no_map(
-    service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_file_that_changes_while_it_is_read_is_no_map(service, tmp_path, monkeypatch):
     monkeypatch.setattr(build_steps, "_sha256", lambda path: "0" * 64)
     with Client(service.url, retry=QUICK) as client, pytest.raises(ChecksumMismatch):
         client.build_map(file_of(tmp_path), "hall")

@@ -80,9 +80,7 @@ def near(points: np.ndarray, expected: np.ndarray, within_m: float) -> None:
         np.testing.assert_allclose(np.sort(points[:, axis]), np.sort(expected[:, axis]), atol=within_m)
 
 
-def test_an_mcap_holds_the_map_and_every_query(
-    way: list[str], world: ExportedWorld, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_an_mcap_holds_the_map_and_every_query(way, world, tmp_path, capsys):
     out = tmp_path / "hall.mcap"
     assert ended("export", out, "--map", "hall", *way) == 0
     assert "60,000 points" in (said := capsys.readouterr()).out
@@ -203,9 +201,7 @@ def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorl
     assert "ambiguous (several_places)" in found["/log", "text"][1][1][0]
 
 
-def test_the_newest_queries_and_an_even_part_of_the_map(
-    way: list[str], world: ExportedWorld, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_the_newest_queries_and_an_even_part_of_the_map(way, world, tmp_path, capsys):
     out = tmp_path / "hall.mcap"
     assert ended("export", out, "--map", "hall", *way, "--count", 2, "--points", 9000, "--json") == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -241,9 +237,7 @@ def test_a_file_that_is_there_stays(way: list[str], tmp_path: Path, capsys, endi
         ("none/a.mcap", ["--map", "hall"], "No such file or directory"),
     ],
 )
-def test_what_cannot_be_written_leaves_nothing(
-    way: list[str], tmp_path: Path, capsys, name: str, extra: list[str], says: str
-):
+def test_what_cannot_be_written_leaves_nothing(way, tmp_path, capsys, name, extra, says):
     assert ended("export", tmp_path / name, *extra, *way) == 2
     assert says in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
@@ -255,9 +249,7 @@ def test_a_service_or_a_store_but_not_both(world: ExportedWorld, tmp_path: Path,
     assert "only one of --url and --store" in capsys.readouterr().err
 
 
-def test_kept_queries_may_have_a_store_of_their_own(
-    world: ExportedWorld, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_kept_queries_may_have_a_store_of_their_own(world, tmp_path, capsys):
     Store.open(str(tmp_path / "kept")).put("samples/none", b"")
     arguments = ["export", tmp_path / "a.mcap", "--map", "hall", "--samples", tmp_path / "kept"]
     assert ended(*arguments) == 2
@@ -325,9 +317,7 @@ def test_a_damaged_cloud_is_an_error(tmp_path: Path, capsys):
     assert not (tmp_path / "a.mcap").exists()
 
 
-def test_kept_queries_are_listed_by_the_service_as_by_its_store(
-    way: list[str], world: ExportedWorld, capsys: pytest.CaptureFixture[str]
-):
+def test_kept_queries_are_listed_by_the_service_as_by_its_store(way, world, capsys):
     assert ended("samples", "ls", "--json", "--map", "hall", *way) == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     listed = [one["sample_id"] for one in said["samples"]]

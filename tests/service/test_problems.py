@@ -8,7 +8,6 @@ import pytest
 
 from firstfix.errors import ClockSkew, FirstfixError, Overloaded, StoreUnavailable, all_errors
 from firstfix_service.problems import STATUS, TITLES, problem_of
-from tests.service.service_world import Service
 
 
 def test_every_error_class_has_its_own_row():
@@ -54,9 +53,7 @@ def test_a_class_made_later_takes_its_parents_status():
         ("POST", "/maps", 415, "unsupported_format"),
     ],
 )
-def test_what_routes_and_framework_refuse(
-    shared_service: Service, method: str, path: str, status: int, code: str
-):
+def test_what_routes_and_framework_refuse(shared_service, method, path, status, code):
     response: httpx.Response = shared_service.http.request(method, path)
     assert response.headers["content-type"] == "application/problem+json"
     assert (response.status_code, response.json()["code"]) == (status, code)

@@ -38,9 +38,7 @@ def publish(catalog: Catalog, label: str, scratch: Path, blob_bytes: int = 300_0
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_what_is_loaded_goes_on_and_what_is_new_comes_after(
-    broken_s3: tuple[str, Link], s3_url: str, tmp_path: Path, fault: str
-):
+def test_what_is_loaded_goes_on_and_what_is_new_comes_after(broken_s3, s3_url, tmp_path, fault):
     url, link = broken_s3
     direct = Catalog(Store.open(s3_url))  # other processes reach the store
     publish(direct, "1", tmp_path / "made")

@@ -85,9 +85,7 @@ def test_an_app_does_not_start_with_a_route_that_asks_for_no_caller():
         check_routes(app)
 
 
-def test_a_route_that_says_nothing_is_for_administrators(
-    tmp_path: Path, keys: dict[str, str], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_route_that_says_nothing_is_for_administrators(tmp_path, keys, monkeypatch):
     with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as service:
         service.app.add_api_route("/forgotten", _forgotten)
         assert get(service, "/forgotten", keys["build"]).status_code == 403

@@ -97,9 +97,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(
-    tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(tmp_path, clock, monkeypatch):
     monkeypatch.setattr(runner, "build_limits", lambda settings: BuildLimits(1e6, stall_s=100.0))
     with building_service(tmp_path, build_lease_s=2, build_niceness=0) as service:
         hangs, after = upload(service, do="hang_with_a_child"), upload(service, "after")

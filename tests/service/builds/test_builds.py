@@ -98,9 +98,7 @@ def test_a_worker_that_asks_for_it_is_run_again(tmp_path: Path, monkeypatch: pyt
 
 
 @pytest.mark.slow
-def test_a_build_without_space_is_run_a_few_times_and_then_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-):
+def test_a_build_without_space_is_run_a_few_times_and_then_fails(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr("firstfix_service.builds.runner.PAUSES_S", (0.1, 0.2, 0.4))
     with building_service(tmp_path) as service:
         full = upload(service, "full", do="no_space")

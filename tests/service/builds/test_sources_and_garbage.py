@@ -71,9 +71,7 @@ def submission(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Submissi
 
 
 @pytest.mark.parametrize("first", ["post", "collect"])
-def test_a_build_that_was_taken_finds_its_source(
-    submission: Any, first: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_build_that_was_taken_finds_its_source(submission, first, tmp_path, monkeypatch):
     handed_in, prepare = submission
 
     def run(switches: tuple[int, ...]) -> list[Step]:
@@ -95,9 +93,7 @@ def test_a_build_that_was_taken_finds_its_source(
     run_every_order(run)
 
 
-def test_a_request_that_is_repeated_after_a_kill_finds_its_source(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_request_that_is_repeated_after_a_kill_finds_its_source(tmp_path, monkeypatch):
     (tmp_path / "a.xyz").write_bytes(CONTENT)
     handed_in = Submission(CALLER, "hall", FormFile(tmp_path / "a.xyz", "a.xyz"), None, {})
 
@@ -121,9 +117,7 @@ def test_a_request_that_is_repeated_after_a_kill_finds_its_source(
                 run(kill_at, (start, start + length))
 
 
-def test_a_collection_that_was_killed_leaves_nothing_for_ever(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_collection_that_was_killed_leaves_nothing_for_ever(tmp_path, monkeypatch):
     (tmp_path / "a.xyz").write_bytes(CONTENT)
     handed_in = Submission(CALLER, "hall", FormFile(tmp_path / "a.xyz", "a.xyz"), None, {})
 
@@ -143,9 +137,7 @@ def test_a_collection_that_was_killed_leaves_nothing_for_ever(
         run(kill_at)
 
 
-def test_a_map_that_is_built_once_more_finds_its_source(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_map_that_is_built_once_more_finds_its_source(tmp_path, monkeypatch):
     (tmp_path / "a.xyz").write_bytes(CONTENT)
     version = "a" * 64
 

@@ -176,9 +176,7 @@ def test_a_read_only_service_counts_nothing(replicas: Callable[..., Service]):
     assert (counted(service), changes(service)["sightings"]) == (0, 0)
 
 
-def test_a_pose_that_is_not_sure_is_not_counted(
-    replicas: Callable[..., Service], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_pose_that_is_not_sure_is_not_counted(replicas, monkeypatch):
     service = replicas("one")
     publish(service.catalog, "hall", "1", service.scratch)
     wait_until(lambda: service.http.get("/readyz").json().get("maps") == 1)
@@ -226,9 +224,7 @@ def test_a_caller_needs_a_key_for_the_map(replicas: Callable[..., Service]):
     assert [status(key) for key in (None, *keys.values())] == [401, 200, 403, 403]
 
 
-def test_the_command_line_lists_and_draws_them(
-    replicas: Callable[..., Service], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_the_command_line_lists_and_draws_them(replicas, tmp_path, capsys):
     service = replicas("one")
     publish(service.catalog, "hall", "1", service.scratch)
     wait_until(lambda: service.http.get("/readyz").json().get("maps") == 1)
@@ -257,12 +253,7 @@ def driven_maps() -> dict[str, MapIndex]:
 
 @pytest.mark.parametrize(("map_id", "kinds"), [("driven", {"new", "unmapped"}), ("unknown", {"new"})])
 def test_what_was_never_mapped_is_told_from_what_is_new(
-    replicas: Callable[..., Service],
-    driven_maps: dict[str, MapIndex],
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    map_id: str,
-    kinds: set[str],
+    replicas, driven_maps, capsys, tmp_path, map_id, kinds
 ):
     """A rack has come on the side of the mapping run, and one stood on the other side all the time."""
     service = replicas("one", load=lambda directory: KnowsItsPlace(driven_maps[map_id]))
@@ -296,9 +287,7 @@ def test_what_was_never_mapped_is_told_from_what_is_new(
     assert ("not told apart" in said) == ("unmapped" not in kinds)
 
 
-def test_changes_are_made_once_for_each_state_however_they_are_asked_for(
-    replicas: Callable[..., Service], monkeypatch: pytest.MonkeyPatch
-):
+def test_changes_are_made_once_for_each_state_however_they_are_asked_for(replicas, monkeypatch):
     made: list[int] = []
 
     def count(record: SightingsRecord, **more: Any) -> dict[str, Any]:

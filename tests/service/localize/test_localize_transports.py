@@ -12,7 +12,7 @@ import pytest
 import zstandard
 
 from firstfix.answer.localization import Localization, Verdict
-from firstfix.errors import FirstfixError, all_errors
+from firstfix.errors import all_errors
 from firstfix.scan.compact import CompactScan
 from firstfix.scan.reduction import COLUMNS, ROWS
 from firstfix.scan.scan import Scan
@@ -115,9 +115,7 @@ def test_both_refuse_with_the_same_bytes(shared_service: Service, case: str):
 
 
 @pytest.mark.parametrize("error", all_errors(), ids=lambda cls: cls.__name__)
-def test_every_error_crosses_both_alike(
-    shared_service: Service, error: type[FirstfixError], monkeypatch: pytest.MonkeyPatch
-):
+def test_every_error_crosses_both_alike(shared_service, error, monkeypatch):
     monkeypatch.setattr(shared_service.behaviour, "raises", error("the very reason"))
     http, zenoh = shared_service.ask("http"), shared_service.ask("zenoh")
     assert http.body == zenoh.body
@@ -125,9 +123,7 @@ def test_every_error_crosses_both_alike(
 
 
 @both
-def test_an_unexpected_error_tells_nothing(
-    shared_service: Service, transport: str, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_unexpected_error_tells_nothing(shared_service, transport, monkeypatch):
     monkeypatch.setattr(shared_service.behaviour, "raises", RuntimeError("secret path /etc/firstfix"))
     reply = shared_service.ask(transport)
     assert (reply.json["code"], reply.json["status"]) == ("internal", 500)

@@ -66,9 +66,7 @@ def test_the_pose_message_has_the_clouds_stamp_and_the_maps_frame(shared_service
 @pytest.mark.parametrize(
     ("encoding", "compress"), [("gzip", gzip.compress), ("zstd", zstandard.ZstdCompressor().compress)]
 )
-def test_the_stamp_is_found_under_a_content_encoding(
-    shared_service: Service, transport: str, encoding: str, compress
-):
+def test_the_stamp_is_found_under_a_content_encoding(shared_service, transport, encoding, compress):
     message = pose_of(ask(shared_service, transport, POSE, compress(BODY), content_encoding=encoding))
     assert message.header.stamp.nanosec == 123_456_789
 

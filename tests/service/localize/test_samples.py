@@ -286,9 +286,7 @@ def sample_id(service: Service) -> str:
     return kept_by(service).ids()[0]
 
 
-def test_kept_queries_are_listed_shown_fetched_and_removed(
-    service: Service, sample_id: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_kept_queries_are_listed_shown_fetched_and_removed(service, sample_id, tmp_path, capsys):
     where = ("--store", service.settings.store)
     assert ended("samples", "ls", *where) == 0
     line = capsys.readouterr().out
@@ -308,13 +306,7 @@ def test_kept_queries_are_listed_shown_fetched_and_removed(
     assert ended("samples", "show", sample_id, *where) == 2
 
 
-def test_kept_queries_are_asked_again(
-    service: Service,
-    sample_id: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_kept_queries_are_asked_again(service, sample_id, tmp_path, capsys, monkeypatch):
     def better(
         self: FakeLocalizer, scan: Scan, options: LocalizeOptions | None = None, *_: object
     ) -> Localization:
@@ -375,9 +367,7 @@ def test_only_who_may_read_kept_queries_asks_again_without_a_trace(tmp_path: Pat
     assert [len(kept.get(one).robot) for one in kept.ids()] == [16], "it has a key of its own"
 
 
-def test_a_query_that_cannot_be_asked_again_says_why(
-    service: Service, sample_id: str, capsys: pytest.CaptureFixture[str]
-):
+def test_a_query_that_cannot_be_asked_again_says_why(service, sample_id, capsys):
     asked = ("evaluate", "--samples", service.settings.store, "--map", "hall", "--url", service.url)
     assert ended(*asked, "--version", "0" * 64) == 0
     assert "rejected -> error: 1" in capsys.readouterr().out
@@ -385,9 +375,7 @@ def test_a_query_that_cannot_be_asked_again_says_why(
     assert "0 kept queries sent again" in capsys.readouterr().out
 
 
-def test_the_engine_in_this_process_can_be_asked(
-    service: Service, sample_id: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_the_engine_in_this_process_can_be_asked(service, sample_id, monkeypatch, capsys):
     def load(directory: Path) -> float:
         return float((directory / "label.txt").read_text())
 

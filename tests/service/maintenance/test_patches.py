@@ -39,9 +39,7 @@ def changed_map(catalog: Catalog, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("has_queue", [True, False])
-def test_due_patches_are_recorded_once_and_handed_to_the_queue(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_queue: bool
-):
+def test_due_patches_are_recorded_once_and_handed_to_the_queue(tmp_path, monkeypatch, has_queue):
     catalog = Catalog(Store.open("memory://"))
     changed_map(catalog, tmp_path)
     monkeypatch.setattr(Store, "now", lambda self: HOUR)

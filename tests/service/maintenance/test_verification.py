@@ -71,9 +71,7 @@ def test_it_reads_no_faster_than_it_may(catalog: Catalog, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("settings", [{}, {"verify_bytes_per_s": 0}, {"read_only": True}])
-def test_a_service_verifies_the_store_if_it_may_write(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: dict[str, object]
-):
+def test_a_service_verifies_the_store_if_it_may_write(tmp_path, monkeypatch, settings):
     monkeypatch.setattr(verification, "FIRST_AFTER_S", 0.0)
     begun: list[Settings] = []
 

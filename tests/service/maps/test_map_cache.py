@@ -479,9 +479,7 @@ def test_ids_that_were_made_up_leave_no_trace(world: World):
     assert not any((*traces, cache._loader._under_way, cache._loader._refused))
 
 
-def test_a_version_is_warmed_up_before_it_is_served_and_the_old_one_answers_until_then(
-    world: World, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_version_is_warmed_up_before_it_is_served_and_the_old_one_answers_until_then(world, monkeypatch):
     first = world.publish("hall", "1")
     cache = world.cache()
     while_warming: list[tuple[str, str | None, str]] = []
@@ -503,9 +501,7 @@ def test_a_version_is_warmed_up_before_it_is_served_and_the_old_one_answers_unti
     assert world.metric("firstfix_version_warm_ups_total", result="ok") == 3
 
 
-def test_a_warm_up_that_fails_is_logged_and_the_version_is_served(
-    world: World, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_warm_up_that_fails_is_logged_and_the_version_is_served(world, monkeypatch):
     version = world.publish("hall", "1")
     cache = world.cache()
 
@@ -522,9 +518,7 @@ def test_a_warm_up_that_fails_is_logged_and_the_version_is_served(
     assert world.metric("firstfix_version_warm_ups_total", result="failed") == 1
 
 
-def test_a_query_that_loads_a_version_does_not_wait_for_a_warm_up(
-    world: World, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_query_that_loads_a_version_does_not_wait_for_a_warm_up(world, monkeypatch):
     world.publish("hall", "1")
     cache, warmed = world.cache(), []
     monkeypatch.setattr(world.workers, "warm_up", lambda served: warmed.append(served) or 1)

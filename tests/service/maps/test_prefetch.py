@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -132,9 +131,7 @@ def test_without_room_for_all_only_the_first_holder_offers_a_map(world: World):
     assert cache.served.take_touched() >= {other, *seconds}
 
 
-def test_the_first_holders_maps_come_first_however_slowly_the_store_tells_of_them(
-    world: World, monkeypatch: pytest.MonkeyPatch
-):
+def test_the_first_holders_maps_come_first_however_slowly_the_store_tells_of_them(world, monkeypatch):
     firsts = held(REPLICAS)
     manifest = world.catalog.manifest
 
@@ -174,9 +171,7 @@ def test_replicas_that_change_during_the_first_poll_are_followed(world: World):
 
 @pytest.mark.parametrize("limits", [{"max_versions": 3}, {"max_bytes": 5}])
 @pytest.mark.parametrize("make", [World.cache, sharing], ids=["alone", "sharing"])
-def test_no_more_is_prefetched_than_there_is_room_for(
-    world: World, make: Callable[..., Cache], limits: dict[str, int]
-):
+def test_no_more_is_prefetched_than_there_is_room_for(world, make, limits):
     cache = make(world, **limits)
     cache.poll()
     size = sum(len(label) for label in world.behaviour.loads)
@@ -229,9 +224,7 @@ def test_a_stopped_prefetch_loads_nothing(world: World):
     wait_until(lambda: cache.served.version(NAMES[0]) is not None)
 
 
-def test_a_map_that_was_seen_before_its_version_was_activated_is_loaded(
-    world: World, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_map_that_was_seen_before_its_version_was_activated_is_loaded(world, monkeypatch):
     monkeypatch.setattr(loaded_versions, "MAX_AHEAD", 40)
     cache = world.cache(max_versions=40)
     cache.poll()

@@ -136,9 +136,7 @@ def console(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize("as_json", [True, False], ids=["json", "console"])
-def test_tracebacks_and_other_loggers_are_read_through(
-    console: None, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, as_json: bool
-):
+def test_tracebacks_and_other_loggers_are_read_through(console, capsys, monkeypatch, as_json):
     for name, value in SECRETS.items():
         monkeypatch.setenv(name, value)
     set_up_logging(Settings(store="memory://", log_level="debug", log_json=as_json))

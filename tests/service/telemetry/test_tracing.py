@@ -189,9 +189,7 @@ asyncio.run(main(sys.argv[1]))
     assert "sdk: []" in done.stdout, done.stderr
 
 
-def test_the_endpoint_can_be_switched_off_as_opentelemetry_says(
-    tmp_path: Path, collector: Collector, monkeypatch: pytest.MonkeyPatch
-):
+def test_the_endpoint_can_be_switched_off_as_opentelemetry_says(tmp_path, collector, monkeypatch):
     monkeypatch.setenv("OTEL_SDK_DISABLED", "true")
     with running_service(tmp_path, zenoh=False, behaviour=Behaviour()) as service:
         service.http.post("/localize", content=b"", headers={"Content-Type": XYZ})

@@ -92,16 +92,7 @@ WAYS = [
 @LEVELS
 @FORMS
 @pytest.mark.parametrize(("status", "result", "problem"), WAYS, ids=[str(status) for status, _, _ in WAYS])
-def test_an_answer(
-    log_state: None,
-    receiver: Receiver,
-    capsys: pytest.CaptureFixture[str],
-    level: str,
-    as_json: bool,
-    status: int,
-    result: str,
-    problem: str,
-):
+def test_an_answer(log_state, receiver, capsys, level, as_json, status, result, problem):
     receiver.statuses = [status] * 2
     sent(f"{receiver.origin}{PARTS}", level, as_json, result)
     assert receiver.got[0][0] == PARTS
@@ -111,14 +102,7 @@ def test_an_answer(
 
 @LEVELS
 @FORMS
-def test_a_timeout(
-    log_state: None,
-    receiver: Receiver,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    level: str,
-    as_json: bool,
-):
+def test_a_timeout(log_state, receiver, capsys, monkeypatch, level, as_json):
     monkeypatch.setattr(sender_module, "TIMEOUT_S", 0.2)
     receiver.gate.clear()
     sent(f"{receiver.origin}{PARTS}", level, as_json, "failed")
@@ -127,23 +111,14 @@ def test_a_timeout(
 
 @LEVELS
 @FORMS
-def test_a_refused_connection(
-    log_state: None, receiver: Receiver, capsys: pytest.CaptureFixture[str], level: str, as_json: bool
-):
+def test_a_refused_connection(log_state, receiver, capsys, level, as_json):
     sent(f"http://127.0.0.1:{free_port()}{PARTS}", level, as_json, "failed")
     check(capsys.readouterr().err, "ConnectError")
 
 
 @LEVELS
 @FORMS
-def test_a_defect(
-    log_state: None,
-    receiver: Receiver,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    level: str,
-    as_json: bool,
-):
+def test_a_defect(log_state, receiver, capsys, monkeypatch, level, as_json):
     """Its traceback has what the error says, which may be the URL."""
 
     def fail(*_: object) -> dict[str, str]:

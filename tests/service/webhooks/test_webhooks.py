@@ -105,9 +105,7 @@ def test_the_signature_is_that_of_standard_webhooks():
     assert headers["webhook-signature"] == "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE="
 
 
-def test_a_receiver_that_fails_gets_the_same_event_again(
-    sender: WebhookSender, receiver: Receiver, metrics: Metrics
-):
+def test_a_receiver_that_fails_gets_the_same_event_again(sender, receiver, metrics):
     receiver.statuses = [500, 404, 429]
     sender.offer(event())
     wait_until(lambda: counts(metrics).get("sent") == 1)
@@ -117,18 +115,14 @@ def test_a_receiver_that_fails_gets_the_same_event_again(
 
 
 @pytest.mark.parametrize("status", [302, 307, 308, 410])
-def test_a_redirect_is_not_followed_nor_asked_again(
-    sender: WebhookSender, receiver: Receiver, metrics: Metrics, status: int
-):
+def test_a_redirect_is_not_followed_nor_asked_again(sender, receiver, metrics, status):
     receiver.statuses = [status]
     sender.offer(event())
     wait_until(lambda: counts(metrics).get("failed") == 1)
     assert [path for path, _, _ in receiver.got] == ["/fixes"]
 
 
-def test_attempts_are_bounded(
-    sender: WebhookSender, receiver: Receiver, metrics: Metrics, monkeypatch: pytest.MonkeyPatch
-):
+def test_attempts_are_bounded(sender, receiver, metrics, monkeypatch):
     monkeypatch.setattr(sender_module, "MAX_ATTEMPTS", 3)
     receiver.statuses = [500] * 10
     sender.offer(event())
@@ -136,9 +130,7 @@ def test_attempts_are_bounded(
     assert len(receiver.got) == 3
 
 
-def test_a_slow_receiver_takes_no_more_than_its_room(
-    receiver: Receiver, sender: WebhookSender, metrics: Metrics, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_slow_receiver_takes_no_more_than_its_room(receiver, sender, metrics, monkeypatch):
     monkeypatch.setattr(sender_module, "MAX_WAITING", 20)
     receiver.gate.clear()
     for _ in range(50):  # returns at once, however slow the receiver is
@@ -151,9 +143,7 @@ def test_a_slow_receiver_takes_no_more_than_its_room(
     wait_until(lambda: counts(metrics).get("sent") == 21)
 
 
-def test_a_hanging_receiver_is_given_up_and_does_not_hold_up_the_stop(
-    receiver: Receiver, sender: WebhookSender, metrics: Metrics, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_hanging_receiver_is_given_up_and_does_not_hold_up_the_stop(receiver, sender, metrics, monkeypatch):
     monkeypatch.setattr(sender_module, "TIMEOUT_S", 0.3)
     receiver.gate.clear()
     sender.offer(event())
@@ -186,7 +176,7 @@ def write_secret(folder: Path, text: str | None = None) -> Path:
     ],
 )
 def test_settings_that_cannot_be_used_are_refused_without_a_secret_in_the_message(
-    tmp_path: Path, url: str, secret: str | None, says: str
+    tmp_path, url, secret, says
 ):
     file: Path | None = write_secret(tmp_path, secret or None)
     if secret == "missing":

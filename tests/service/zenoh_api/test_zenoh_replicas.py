@@ -181,9 +181,7 @@ def test_a_replica_counts_from_when_it_joins_until_it_closes(watch):
     wait_until(lambda: seen.views == [{"r1", "r2"}, {"r1"}])
 
 
-def test_a_replica_that_is_about_to_stop_leaves_its_maps_and_goes_on_answering(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_replica_that_is_about_to_stop_leaves_its_maps_and_goes_on_answering(tmp_path, monkeypatch):
     """It went on for 4 s, in which a busy machine may not come to ask. Now it goes on until it was asked."""
     asked = threading.Event()
 

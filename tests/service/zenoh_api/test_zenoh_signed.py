@@ -198,9 +198,7 @@ def test_a_client_with_a_key_that_is_not_known_is_told(service: Service, robot: 
 
 
 @pytest.mark.parametrize("ahead_s", [-86400.0 * 400, 3600.0])
-def test_a_robot_with_a_wrong_clock_asks_again(
-    service: Service, robot: Robot, monkeypatch: pytest.MonkeyPatch, ahead_s: float
-):
+def test_a_robot_with_a_wrong_clock_asks_again(service, robot, monkeypatch, ahead_s):
     class WrongTime:
         monotonic = staticmethod(time.monotonic)
         looks = 0

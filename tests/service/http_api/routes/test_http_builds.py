@@ -51,9 +51,7 @@ def test_builds_come_in_pages_newest_first(recorder: Service):
     assert recorder.http.get("/builds", params={"map_id": "A/b"}).status_code == 400
 
 
-def test_a_page_looks_at_so_many_records_and_says_where_to_go_on(
-    recorder: Service, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_page_looks_at_so_many_records_and_says_where_to_go_on(recorder, monkeypatch):
     monkeypatch.setattr("firstfix_service.http_api.routes.builds.LOOKED_AT", 2)
     for n in range(5):
         put(recorder, f"b{n}", "attic" if n == 0 else "hall")
