@@ -16,6 +16,10 @@ from tests.service.service_world import SCAN_BODY, XYZ, Reply, Service
 from tests.waiting import LIMIT_S, wait_until
 
 HEADERS = {"Content-Type": XYZ}
+KEYED: dict[str, Any] = {
+    "auth": "on",
+    "keys_refresh_s": 0.1,
+}  # a service that asks for keys, and hears of new ones
 
 
 class LaterClock(datetime):
@@ -24,6 +28,19 @@ class LaterClock(datetime):
     @classmethod
     def now(cls, tz: tzinfo | None = None) -> datetime:
         return datetime.now(tz) + timedelta(days=1)
+
+
+class Clock:
+    """A clock that stands until it is set."""
+
+    def __init__(self, now: float = 0.0) -> None:
+        self.now = now
+
+    def advance(self, seconds: float) -> None:
+        self.now += seconds
+
+    def __call__(self) -> float:
+        return self.now
 
 
 def give(service: Service, *scopes: str, maps: tuple[str, ...] = ("*",), **more: Any) -> str:
@@ -45,13 +62,16 @@ def _is_known(service: Service, key: str) -> bool:
         return False
 
 
+def bearer(key: str | None) -> dict[str, str]:
+    return {} if key is None else {"Authorization": f"Bearer {key}"}
+
+
 def localize(service: Service, key: str | None, query: str = "?map=hall") -> httpx.Response:
-    headers = HEADERS if key is None else {**HEADERS, "Authorization": f"Bearer {key}"}
-    return service.http.post(f"/localize{query}", content=SCAN_BODY, headers=headers)
+    return service.http.post(f"/localize{query}", content=SCAN_BODY, headers={**HEADERS, **bearer(key)})
 
 
 def get(service: Service, path: str, key: str | None) -> httpx.Response:
-    return service.http.get(path, headers={} if key is None else {"Authorization": f"Bearer {key}"})
+    return service.http.get(path, headers=bearer(key))
 
 
 def ask_zenoh(service: Service, key: str | None, map_id: str = "hall") -> Reply:

@@ -39,3 +39,16 @@ def status_of(service: Service, response: httpx.Response) -> dict[str, Any]:
 def wait_until_ended(service: Service, response: httpx.Response) -> dict[str, Any]:
     wait_until(lambda: status_of(service, response)["state"] in FINAL_STATES)
     return status_of(service, response)
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def order(work: Path) -> list[str]:
+    """Maps of the builds that the fake build process ran in a work folder, in order."""
+    path = work / "order.txt"
+    return [line.split()[0] for line in path.read_text().splitlines()] if path.exists() else []

@@ -1,24 +1,22 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 
-from tests.service.service_world import Service, publish, running_service
+from tests.service.fixtures import (
+    catalog,
+    closed,
+    logging_as_before,
+    receiver,
+    recorder,
+    service,
+    shared_service,
+    world,
+)
+
+__all__ = [
+    "catalog", "closed", "logging_as_before", "receiver", "recorder", "service", "shared_service", "world",
+]  # fmt: skip
 
 
-@pytest.fixture
-def service(tmp_path: Path) -> Iterator[Service]:
-    """A running service with a map "hall" whose version answers x = 1."""
-    with running_service(tmp_path) as running:
-        publish(running.catalog, "hall", "1", running.scratch)
-        yield running
-
-
-@pytest.fixture(scope="module")
-def shared_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """The same, one for all tests of a file: for tests that leave "hall" and the behaviour as they were."""
-    with running_service(tmp_path_factory.mktemp("service")) as running:
-        publish(running.catalog, "hall", "1", running.scratch)
-        yield running
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "serving(**settings): of the service that a test is given")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ from typing import Any
 
 import httpx
 import numpy as np
+import pytest
 import zenoh
 from fastapi import FastAPI
 
@@ -43,6 +45,7 @@ class Behaviour:
     gate: threading.Event | None = None  # wait for it before answering
     started: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(0))
     loads: list[str] = field(default_factory=list)
+    answers: Callable[..., Localization] | None = None  # given the localizer, and what it was given
 
     def load(self, directory: Path) -> FakeLocalizer:
         label = (directory / "label.txt").read_text()
@@ -59,12 +62,17 @@ class FakeLocalizer:
     label: float
     behaviour: Behaviour
 
-    def localize(self, scan: Scan, options: LocalizeOptions | None = None, *_: object) -> Localization:
+    def localize(self, scan: Scan, options: LocalizeOptions | None = None, *more: object) -> Localization:
         self.behaviour.started.release()
         if self.behaviour.gate is not None:
             assert self.behaviour.gate.wait(LIMIT_S)
         if self.behaviour.raises is not None:
             raise self.behaviour.raises
+        if self.behaviour.answers is not None:
+            return self.behaviour.answers(self, scan, options, *more)
+        return self.found(scan)
+
+    def found(self, scan: Scan) -> Localization:
         T = np.eye(4)
         T[:2, 3] = self.label, len(scan)
         return Localization(Verdict.LOCALIZED, (), T, None, np.eye(6), 0.9, timings_ms={"search": 1.5})
@@ -92,6 +100,20 @@ class Service:
     scratch: Path
     app: FastAPI
     stop: Callable[[], None]
+
+    def value(self, metric: str, **labels: str) -> float:
+        """The value of a metric; 0 where nothing was counted."""
+        return self.app.state.metrics.registry.get_sample_value(metric, labels) or 0.0
+
+    def part(self, kind: type) -> Any:
+        return self.app.state.start.parts[kind]
+
+    def wait_until_loaded(self, maps: int = 1) -> None:
+        wait_until(lambda: self.http.get("/readyz").json().get("maps") == maps)
+
+    def open_gate(self) -> None:
+        assert self.behaviour.gate is not None
+        self.behaviour.gate.set()
 
     def ask(self, transport: str, **query: Any) -> Reply:
         return {"http": self.ask_http, "zenoh": self.ask_zenoh}[transport](**query)
@@ -150,6 +172,49 @@ class Reply:
 def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
     with changed_constants({"min_free_bytes": 0, **changes}) as settings:
         yield from _running_service(directory, **settings)
+
+
+@contextmanager
+def served(
+    directory: Path, maps: dict[str, str] | None = None, *, is_gated: bool = False, **changes: Any
+) -> Iterator[Service]:
+    """A running service with these maps, each with the label of its version. Default: "hall", of label 1.
+
+    Args:
+        is_gated: its localizers wait until ``open_gate``.
+    """
+    if is_gated:
+        changes["behaviour"] = Behaviour(gate=threading.Event())
+    with running_service(directory, **changes) as service:
+        for map_id, label in ({"hall": "1"} if maps is None else maps).items():
+            publish(service.catalog, map_id, label, service.scratch)
+        yield service
+
+
+def serving(**settings: Any) -> pytest.MarkDecorator:
+    """Tells the fixture ``service`` (or, for all tests of a file, ``shared_service``) how to run."""
+    return pytest.mark.serving(**settings)
+
+
+def environment_of(folder: Path, **settings: object) -> dict[str, str]:
+    """The environment of a service in a process of its own, with everything in a folder."""
+    values = {
+        "store": folder / "store",
+        "work_dir": folder / "work",
+        "cache_dir": folder / "cache",
+        "run_builds": "false",
+        "workers": 1,
+        **settings,
+    }
+    return {**os.environ, **{f"FIRSTFIX_{name.upper()}": str(value) for name, value in values.items()}}
+
+
+def is_ready(url: str) -> bool:
+    """False, too, where nothing listens yet."""
+    try:
+        return httpx.get(f"{url}/readyz", timeout=LIMIT_S).is_success
+    except httpx.TransportError:
+        return False
 
 
 def _running_service(directory: Path, **changes: Any) -> Iterator[Service]:
