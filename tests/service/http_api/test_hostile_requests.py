@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +12,13 @@ from firstfix.errors import InputError
 from firstfix.wire.content_encoding import undo_content_encoding
 from tests.faults.fuzz_bodies import Ask, fuzz, http_asker, zenoh_asker
 from tests.faults.hostile_bodies import Body, damaged, good_bodies
-from tests.service.service_world import SCAN_BODY, XYZ, Service, publish, running_service
+from tests.service.service_world import SCAN_BODY, XYZ, Service, serving
+
+pytestmark = serving(is_shared=True)
 
 BODIES_PER_ENCODING = 60  # tests/faults/fuzz_bodies.py sends 1,000
 MAX_GROWTH_BYTES = 300_000_000  # with the client in the same process; the benchmark holds 200 MB without
 HEADERS = {"Content-Type": XYZ}
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """One service for all: a hostile request must not harm the next one."""
-    with running_service(tmp_path_factory.mktemp("service")) as running:
-        publish(running.catalog, "hall", "1", running.scratch)
-        yield running
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +47,7 @@ def outcome_of(data: bytes | memoryview, body: Body) -> tuple[str, bytes]:
     return type(scan).__name__, points.tobytes()
 
 
-def test_a_view_of_memory_is_read_as_bytes_are():
+def test_a_view_of_memory_is_decoded_like_bytes():
     """Workers read long bodies where the service wrote them, which is followed by older ones."""
     for body in good_bodies():
         for data in [body.data, *(damaged(body, np.random.default_rng(s)).data for s in range(20))]:
@@ -62,7 +55,7 @@ def test_a_view_of_memory_is_read_as_bytes_are():
             assert outcome_of(memory[: len(data)], body) == outcome_of(data, body)
 
 
-def test_damage_is_done_and_repeats():
+def test_the_damage_of_the_fuzzer_is_repeatable():
     for body in good_bodies():
         first, again = ([damaged(body, np.random.default_rng(s)) for s in range(20)] for _ in range(2))
         assert first == again
@@ -107,7 +100,7 @@ PATHS = [
 
 
 @pytest.mark.parametrize("method", ["GET", "POST", "DELETE"])
-def test_names_that_are_none_lead_nowhere(service: Service, method: str):
+def test_invalid_names_are_client_errors(service: Service, method: str):
     for path in PATHS:
         answer = service.http.request(method, path)
         assert 400 <= answer.status_code < 500, path[:40]
@@ -143,7 +136,7 @@ QUERIES = [
 ]
 
 
-def test_options_that_are_none_are_refused(service: Service):
+def test_invalid_options_are_client_errors(service: Service):
     for query in QUERIES:
         answer = service.http.post(f"/localize?{query}", content=SCAN_BODY, headers=HEADERS)
         assert 400 <= answer.status_code < 500, query[:40]
@@ -151,7 +144,8 @@ def test_options_that_are_none_are_refused(service: Service):
 
 
 @pytest.mark.parametrize("given", ["a\tb", "a b", "", "x" * 65, '{"a": 1}', "\xe9"])
-def test_a_request_id_is_taken_only_when_it_is_harmless(service: Service, given: str):
+def test_only_harmless_request_ids_are_taken(service: Service, given: str):
+    assert service.http.get("/healthz", headers={"X-Request-Id": "abc-1"}).headers["x-request-id"] == "abc-1"
     answer = service.http.get("/healthz", headers={"X-Request-Id": given.encode("latin-1")})
     assert answer.headers["x-request-id"] != given
     assert len(answer.headers["x-request-id"]) == 32
@@ -168,7 +162,7 @@ def test_a_request_id_is_taken_only_when_it_is_harmless(service: Service, given:
         ({"Content-Encoding": "deflate"}, 415),
     ],
 )
-def test_headers_that_are_none_are_refused(service: Service, headers: dict[str, str], status: int):
+def test_invalid_headers_are_refused(service: Service, headers: dict[str, str], status: int):
     sent = {name: value.encode("latin-1") for name, value in {**HEADERS, **headers}.items()}
     answer = service.http.post("/localize?map=hall", content=SCAN_BODY, headers=sent)
     assert answer.status_code == status
@@ -180,30 +174,42 @@ def deep(depth: int) -> str:
 
 
 @pytest.mark.parametrize(
-    "body",
+    ("body", "code"),
     [
-        deep(100_000),
-        "[" * 900_000,
-        '{"map_id": ' + "[" * 100_000,
-        '{"map_id": "hall", "source": {"url": "s3://b/x"}, "config": ' + deep(50_000) + "}",
-        '{"map_id": "hall", "source": {"url": "s3://b/\\u0000x"}}',
-        '{"map_id": "hall\\u0000", "source": {"url": "s3://b/x"}}',
-        '{"map_id": "../hall", "source": {"url": "s3://b/x"}}',
-        '{"map_id": ["hall"], "source": {"url": "s3://b/x"}}',
-        '{"map_id": "hall", "source": {"url": ' + "9" * 5000 + "}}",
-        '{"map_id": "hall", "source": {"url": 1e999}}',
-        "\ud800",
-        "null",
-        "",
-        "{" + ",".join(f'"k{n}": 1' for n in range(60_000)) + "}",
-        "9" * 900_000,
+        (deep(100_000), "malformed_data"),
+        ("[" * 900_000, "malformed_data"),
+        ('{"map_id": ' + "[" * 100_000, "malformed_data"),
+        (
+            '{"map_id": "hall", "source": {"url": "s3://b/x"}, "config": ' + deep(50_000) + "}",
+            "malformed_data",
+        ),
+        ('{"map_id": "hall", "source": {"url": "s3://b/\\u0000x"}}', "invalid_option"),
+        ('{"map_id": "hall\\u0000", "source": {"url": "s3://b/x"}}', "invalid_option"),
+        ('{"map_id": "../hall", "source": {"url": "s3://b/x"}}', "invalid_option"),
+        ('{"map_id": ["hall"], "source": {"url": "s3://b/x"}}', "invalid_option"),
+        ('{"map_id": "hall", "source": {"url": ' + "9" * 5000 + "}}", "malformed_data"),
+        ('{"map_id": "hall", "source": {"url": 1e999}}', "malformed_data"),
+        ('{"map_id": "hall"}', "invalid_option"),
+        ('{"map_id": "hall", "source": "s3://b/x"}', "invalid_option"),
+        ('{"map_id": "hall", "source": {"url": 7}}', "invalid_option"),
+        ('{"map_id": "hall", "source": {"url": "s3://b/x"}, "speed": 1}', "invalid_option"),
+        ('{"map_id": "hall", "source": {"url": "s3://b/x"}, "config": [1]}', "invalid_option"),
+        ("\ud800", "malformed_data"),
+        ("null", "malformed_data"),
+        ("{", "malformed_data"),
+        ("[1]", "malformed_data"),
+        ("", "malformed_data"),
+        ("{" + ",".join(f'"k{n}": 1' for n in range(60_000)) + "}", None),
+        ("9" * 900_000, "malformed_data"),
+        (" " * 2_000_000, "too_large"),
     ],
-    ids=lambda body: body[:30] or "empty",
+    ids=lambda body: (body or "")[:30] or "empty",
 )
-def test_json_that_is_meant_to_hurt_is_refused(service: Service, body: str):
+def test_hostile_json_is_refused(service: Service, body: str, code: str | None):
     data = body.encode("utf-8", "surrogatepass")
     answer = service.http.post("/maps", content=data, headers={"Content-Type": "application/json"})
     assert 400 <= answer.status_code < 500
+    assert code in (None, answer.json()["code"])
     assert len(answer.content) < 2000
     assert service.catalog.build_ids() == []
 
@@ -238,7 +244,7 @@ FORMS = {
 
 
 @pytest.mark.parametrize("kind", FORMS)
-def test_forms_that_are_meant_to_hurt_are_refused(service: Service, kind: str):
+def test_hostile_forms_are_refused(service: Service, kind: str):
     headers, before = {"Content-Type": "multipart/form-data; boundary=B"}, service.catalog.build_ids()
     answer = service.http.post("/maps", content=FORMS[kind], headers=headers)
     assert 400 <= answer.status_code < 500
@@ -256,7 +262,7 @@ def test_forms_that_are_meant_to_hurt_are_refused(service: Service, kind: str):
         "multipart/form-data; boundary=\xff",
     ],
 )
-def test_boundaries_that_are_none_are_refused(service: Service, content_type: str):
+def test_invalid_boundaries_are_refused(service: Service, content_type: str):
     headers = {"Content-Type": content_type.encode("latin-1")}
     answer = service.http.post("/maps", content=form(MAP), headers=headers)
     assert 400 <= answer.status_code < 500

@@ -90,7 +90,7 @@ def known(service: Service) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("call", CALLS, ids=lambda call: call.label)
-def test_every_call_keeps_its_promise(call: APIOperation, service: Service, known: dict[str, str]):
+def test_every_call_answers_as_the_document_says(call: APIOperation, service: Service, known: dict[str, str]):
     @settings(
         max_examples=EXAMPLES,
         deadline=None,

@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from tests.service.raw_connection import all_of, connect
-from tests.service.service_world import SCAN_BODY, XYZ, Service, publish, running_service
+from tests.service.service_world import SCAN_BODY, XYZ, Service, serving
 from tests.waiting import wait_until
+
+pytestmark = serving(zenoh=False, body_timeout_s=1.0)
 
 HEAD = b"POST /localize?map=hall HTTP/1.1\r\nHost: x\r\nContent-Type: " + XYZ.encode() + b"\r\n"
 GET = b"GET /healthz HTTP/1.1\r\nHost: x\r\n"
 FLOOD_BYTES = 64 << 20
-
-
-@pytest.fixture
-def service(tmp_path: Path) -> Iterator[Service]:
-    with running_service(tmp_path, zenoh=False, body_timeout_s=1.0) as running:
-        publish(running.catalog, "hall", "1", running.scratch)
-        yield running
 
 
 def exchange(service: Service, *pieces: bytes) -> bytes:
@@ -61,14 +54,14 @@ FLOODS = {
 
 
 @pytest.mark.parametrize("kind", FLOODS)
-def test_a_flood_that_is_no_body_is_cut_off(service: Service, kind: str):
+def test_an_endless_head_is_cut_off(service: Service, kind: str):
     sent, answer = flood(service, *FLOODS[kind])
     assert sent < FLOOD_BYTES, "the rest was not taken"
     assert b" 200 " not in answer.split(b"\r\n")[0]
     assert service.http.get("/healthz").is_success
 
 
-def test_a_head_of_fair_size_is_taken(service: Service):
+def test_a_head_of_30_kB_is_accepted(service: Service):
     padding = b"X-A: " + b"b" * 30_000 + b"\r\n"
     assert exchange(service, GET + padding + b"Connection: close\r\n\r\n").startswith(b"HTTP/1.1 200")
 
@@ -90,7 +83,7 @@ AMBIGUOUS = {
 
 
 @pytest.mark.parametrize("kind", AMBIGUOUS)
-def test_what_two_readers_could_read_differently_is_refused(service: Service, kind: str):
+def test_ambiguous_requests_are_refused(service: Service, kind: str):
     answer = exchange(service, AMBIGUOUS[kind])
     assert answer.startswith(b"HTTP/1.1 4") or answer == b""
     assert b"HTTP/1.1 200" not in answer
@@ -105,25 +98,25 @@ HEADERS_IN_ONE_SEND = {
 
 
 @pytest.mark.parametrize("kind", HEADERS_IN_ONE_SEND)
-def test_a_head_over_its_limits_is_refused_however_few_sends_it_takes(service: Service, kind: str):
+def test_a_head_over_its_limits_gets_431(service: Service, kind: str):
     assert exchange(service, HEADERS_IN_ONE_SEND[kind]).startswith(b"HTTP/1.1 431")
 
 
-def test_a_body_that_drips_is_given_up(service: Service):
+def test_a_body_that_stalls_gets_504(service: Service):
     with connect(service) as connection:
         connection.sendall(HEAD + b"Content-Length: 1200\r\n\r\n" + SCAN_BODY[:12])
         answer = connection.recv(1 << 16)
     assert answer.startswith(b"HTTP/1.1 504")
 
 
-def test_a_caller_that_leaves_is_forgotten(service: Service):
+def test_a_caller_that_leaves_frees_its_memory(service: Service):
     for _ in range(20):
         with connect(service) as connection:
             connection.sendall(HEAD + b"Content-Length: 1200\r\n\r\n" + SCAN_BODY[:600])
     wait_until(lambda: "firstfix_body_bytes 0.0" in service.http.get("/metrics").text)
 
 
-def test_many_requests_down_one_line_are_answered_in_order(service: Service):
+def test_pipelined_requests_are_answered_in_order(service: Service):
     one = GET + b"X-Request-Id: n%d\r\n\r\n"
     with connect(service) as connection:
         connection.sendall(b"".join(one % n for n in range(50)) + GET + b"Connection: close\r\n\r\n")
@@ -133,7 +126,7 @@ def test_many_requests_down_one_line_are_answered_in_order(service: Service):
 
 
 @pytest.mark.parametrize("upgrade", [b"websocket", b"h2c", b"nonsense"])
-def test_there_is_nothing_to_upgrade_to(service: Service, upgrade: bytes):
+def test_upgrades_are_ignored(service: Service, upgrade: bytes):
     key = b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
     head = b"GET /maps HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: " + upgrade + b"\r\n" + key
     assert b"HTTP/1.1 101" not in exchange(service, head + b"\r\n")

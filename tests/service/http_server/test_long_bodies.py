@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 
 from firstfix_service.http_api.bodies.request_body import LONG_BYTES
 from tests.service.raw_connection import all_of, connect
-from tests.service.service_world import XYZ, Service, publish, running_service
+from tests.service.service_world import XYZ, Service, serving
 from tests.waiting import let_pass, wait_until
 
+pytestmark = serving(is_shared=True, zenoh=False)
 POINTS = 100_000
 BODY = bytes(12 * POINTS)
 HEALTH = b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n"
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    with running_service(tmp_path_factory.mktemp("service"), zenoh=False) as running:
-        publish(running.catalog, "hall", "1", running.scratch)
-        assert running.ask_http().ok
-        yield running
 
 
 def head(length: int, *headers: str) -> bytes:
@@ -41,11 +32,6 @@ def answers(connection: socket.socket, count: int) -> bytes:
             return found
         found += piece
     return found
-
-
-def body_bytes_held(service: Service) -> float:
-    lines = service.http.get("/metrics").text.splitlines()
-    return next(float(line.split()[1]) for line in lines if line.startswith("firstfix_body_bytes "))
 
 
 def points_in(answer: bytes) -> list[int]:
@@ -71,7 +57,7 @@ def test_the_connection_goes_on_after_a_long_body(service: Service):
         assert answers(connection, 1).startswith(b"HTTP/1.1 200")
 
 
-def test_requests_may_follow_at_once(service: Service):
+def test_pipelined_requests_are_answered(service: Service):
     with connect(service) as connection:
         bodies = [bytes(12 * count) for count in (POINTS, 20, 60_000)]
         connection.sendall(b"".join(head(len(body)) + body for body in bodies) + HEALTH)
@@ -80,14 +66,14 @@ def test_requests_may_follow_at_once(service: Service):
         assert found.count(b"HTTP/1.1 200") == 4
 
 
-def test_a_body_just_long_enough(service: Service):
+def test_bodies_about_the_limit_of_long_ones_come_whole(service: Service):
     with connect(service) as connection:
         for length in (LONG_BYTES - LONG_BYTES % 12, LONG_BYTES + 12 - LONG_BYTES % 12):
             connection.sendall(head(length) + bytes(length))
             assert points_in(answers(connection, 1)) == [length // 12]
 
 
-def test_who_waits_for_100_continue_gets_it(service: Service):
+def test_100_continue_is_sent_to_a_caller_that_waits_for_it(service: Service):
     with connect(service) as connection:
         connection.sendall(head(len(BODY), "Expect: 100-continue"))
         assert connection.recv(1 << 16) == b"HTTP/1.1 100 Continue\r\n\r\n"
@@ -95,7 +81,7 @@ def test_who_waits_for_100_continue_gets_it(service: Service):
         assert points_in(answers(connection, 1)) == [POINTS]
 
 
-def test_a_caller_who_asks_for_the_end_gets_it(service: Service):
+def test_connection_close_is_honoured(service: Service):
     with connect(service) as connection:
         connection.sendall(head(len(BODY), "Connection: close") + BODY)
         found = all_of(connection)
@@ -104,11 +90,11 @@ def test_a_caller_who_asks_for_the_end_gets_it(service: Service):
 
 
 @pytest.mark.parametrize("sent", [1, 100_000, len(BODY) - 1])
-def test_a_caller_who_goes_leaves_nothing_behind(service: Service, sent: int):
+def test_a_caller_that_leaves_frees_its_memory(service: Service, sent: int):
     with connect(service) as connection:
         connection.sendall(head(len(BODY)) + BODY[:sent])
-        wait_until(lambda: body_bytes_held(service) >= sent)
-    wait_until(lambda: body_bytes_held(service) == 0)
+        wait_until(lambda: service.value("firstfix_body_bytes") >= sent)
+    wait_until(lambda: service.value("firstfix_body_bytes") == 0)
     with connect(service) as connection:
         connection.sendall(head(len(BODY)) + BODY[:sent])
         connection.shutdown(socket.SHUT_WR)
@@ -116,44 +102,41 @@ def test_a_caller_who_goes_leaves_nothing_behind(service: Service, sent: int):
     assert service.ask_http().ok
 
 
-def test_a_body_that_stops_is_given_up_and_its_rest_is_no_request(tmp_path: Path):
-    with running_service(tmp_path, zenoh=False, body_timeout_s=0.5) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
-        with connect(service) as connection:
-            connection.sendall(head(len(BODY)) + BODY[:100_000])
-            assert connection.recv(1 << 16).startswith(b"HTTP/1.1 504")
-            connection.sendall(HEALTH * 10)
-            assert b"HTTP/1.1" not in all_of(connection)
-        wait_until(lambda: body_bytes_held(service) == 0)
+@serving(zenoh=False, body_timeout_s=0.5)
+def test_a_body_that_stalls_gets_504_and_its_rest_is_no_request(service: Service):
+    with connect(service) as connection:
+        connection.sendall(head(len(BODY)) + BODY[:100_000])
+        assert connection.recv(1 << 16).startswith(b"HTTP/1.1 504")
+        connection.sendall(HEALTH * 10)
+        assert b"HTTP/1.1" not in all_of(connection)
+    wait_until(lambda: service.value("firstfix_body_bytes") == 0)
 
 
-def test_a_body_refused_on_the_way_smuggles_no_request(tmp_path: Path):
+@serving(zenoh=False, max_inflight_bytes=300_000)
+def test_a_body_refused_on_the_way_smuggles_no_request(service: Service):
     """The limit of all bodies is reached in the middle; what comes after it looks like requests."""
-    with running_service(tmp_path, zenoh=False, max_inflight_bytes=300_000) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
-        body = bytes(200_000) + HEALTH * 20_000
-        with connect(service) as connection:
-            connection.sendall(head(len(body)) + body[:150_000])
-            wait_until(lambda: body_bytes_held(service) >= 150_000)
-            with suppress(ConnectionError):
-                connection.sendall(body[150_000:] + HEALTH)
-            found = all_of(connection)
-        assert found.count(b"HTTP/1.1 ") <= 1
-        assert b" 200 " not in found
-        wait_until(lambda: body_bytes_held(service) == 0)
-        assert service.ask_http().ok
+    body = bytes(200_000) + HEALTH * 20_000
+    with connect(service) as connection:
+        connection.sendall(head(len(body)) + body[:150_000])
+        wait_until(lambda: service.value("firstfix_body_bytes") >= 150_000)
+        with suppress(ConnectionError):
+            connection.sendall(body[150_000:] + HEALTH)
+        found = all_of(connection)
+    assert found.count(b"HTTP/1.1 ") <= 1
+    assert b" 200 " not in found
+    wait_until(lambda: service.value("firstfix_body_bytes") == 0)
+    assert service.ask_http().ok
 
 
-def test_memory_is_taken_as_bytes_arrive(tmp_path: Path):
+@serving(zenoh=False, max_inflight_bytes=3_000_000)
+def test_memory_is_taken_as_bytes_arrive(service: Service):
     """Long bodies that are only announced leave room for the others."""
-    with running_service(tmp_path, zenoh=False, max_inflight_bytes=3_000_000) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
-        idle = [connect(service) for _ in range(30)]
-        for connection in idle:
-            connection.sendall(head(len(BODY)) + bytes(1200))
-        wait_until(lambda: body_bytes_held(service) >= 30 * 1200)
-        with connect(service) as connection:
-            connection.sendall(head(len(BODY)) + BODY)
-            assert points_in(answers(connection, 1)) == [POINTS]
-        for connection in idle:
-            connection.close()
+    idle = [connect(service) for _ in range(30)]
+    for connection in idle:
+        connection.sendall(head(len(BODY)) + bytes(1200))
+    wait_until(lambda: service.value("firstfix_body_bytes") >= 30 * 1200)
+    with connect(service) as connection:
+        connection.sendall(head(len(BODY)) + BODY)
+        assert points_in(answers(connection, 1)) == [POINTS]
+    for connection in idle:
+        connection.close()

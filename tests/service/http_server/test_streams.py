@@ -1,16 +1,18 @@
-"""Writes of an answer: a proxy sees all of a short one or nothing when the service is killed."""
+"""Writes of an answer, the pace at which callers take it in, and their addresses."""
 
 from __future__ import annotations
 
 import asyncio
+from ipaddress import ip_network
 from typing import Any
 
+import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
-from firstfix_service.http_server.connections import ConnectionLimits, Connections
+from firstfix_service.http_server.connections import ConnectionLimits, Connections, client_address
 from firstfix_service.http_server.protocol import LimitedHttpProtocol
-from firstfix_service.http_server.streams import PIECE_BYTES, in_pieces
+from firstfix_service.http_server.streams import PIECE_BYTES, ReadingPace, in_pieces
 from firstfix_service.settings import Settings
 
 REQUEST = b"%s / HTTP/1.1\r\nHost: x\r\nContent-Length: 0\r\n\r\n"
@@ -116,7 +118,7 @@ def test_a_long_piece_goes_out_in_short_writes():
         assert max(map(len, found)) < PIECE_BYTES + 300, "a piece, and a head"
 
 
-def test_others_have_their_turn_between_the_pieces_of_an_answer():
+def test_other_tasks_run_between_the_pieces_of_an_answer():
     async def exchange() -> list[int]:
         turns, seen = 0, []
 
@@ -144,3 +146,92 @@ def test_others_have_their_turn_between_the_pieces_of_an_answer():
     start, first, *others = asyncio.run(exchange())
     assert start == first, "the head and the first piece go out together"
     assert all(later > earlier for earlier, later in zip([first, *others], others, strict=False))
+
+
+PROXIES = (ip_network("10.0.0.0/8"), ip_network("fd00::/8"))
+
+
+@pytest.mark.parametrize(
+    ("peer", "forwarded", "address"),
+    [
+        ("192.0.2.1", [], "192.0.2.1"),
+        ("192.0.2.1", ["198.51.100.9"], "192.0.2.1"),  # written by a stranger
+        ("10.0.0.1", ["198.51.100.9"], "198.51.100.9"),
+        ("10.0.0.1", ["203.0.113.7, 198.51.100.9"], "198.51.100.9"),  # anybody can write the first one
+        ("10.0.0.1", ["203.0.113.7", "198.51.100.9, 10.0.0.2"], "198.51.100.9"),
+        ("10.0.0.1", ["10.0.0.3"], "10.0.0.3"),
+        ("10.0.0.1", [], "10.0.0.1"),
+        ("10.0.0.1", ["garbage"], "10.0.0.1"),
+        ("10.0.0.1", ["198.51.100.9, garbage"], "10.0.0.1"),
+        ("fd00::1", ["2001:db8:1:2:3:4:5:6"], "2001:db8:1:2::/64"),
+        ("::ffff:192.0.2.1", [], "192.0.2.1"),
+        ("2001:db8:1:2:3:4:5:7", [], "2001:db8:1:2::/64"),
+        (None, ["198.51.100.9"], "unknown"),
+        ("testclient", [], "unknown"),
+    ],
+)
+def test_the_address_is_that_of_the_nearest_caller_behind_the_proxies(
+    peer: str | None, forwarded: list[str], address: str
+):
+    assert client_address(peer, forwarded, PROXIES) == address
+
+
+def test_forwarded_addresses_are_ignored_without_trusted_proxies():
+    assert client_address("10.0.0.1", ["198.51.100.9"], ()) == "10.0.0.1"
+
+
+ANSWER_S = 30.0
+LARGE = 4_000_000
+
+
+def is_cut_off(size_bytes: int, taken_per_s: float, seconds: int = 600) -> bool:
+    """Returns whether a caller is too slow that takes an answer in at an even pace."""
+    pace = ReadingPace(ANSWER_S)
+    pace.begin(size_bytes, 0)
+    pace.wrote(size_bytes)
+    pace.paused(0.0)
+    left = (round(max(0, size_bytes - taken_per_s * second)) for second in range(seconds))
+    return any(unsent and pace.is_too_slow(float(second), unsent) for second, unsent in enumerate(left))
+
+
+def test_a_slow_network_may_take_a_short_answer_in_at_its_pace():
+    assert not is_cut_off(100_000, 500)
+    assert is_cut_off(100_000, 200)
+
+
+def test_the_pace_grows_with_the_answer():
+    for taken_per_s, cut_off in ((0, True), (750, True), (10_000, True), (15_000, False)):
+        assert is_cut_off(LARGE, taken_per_s) is cut_off, taken_per_s
+
+
+def test_a_pause_for_each_piece_does_not_begin_the_measurement_anew():
+    pace, piece, now = ReadingPace(ANSWER_S), 65_536, 0.0
+    pace.begin(LARGE, 0)
+    for _ in range(3):
+        pace.wrote(piece)
+        pace.paused(now)
+        now += 20.0  # less than a caller may wait with any answer
+        if pace.is_too_slow(now, 0):
+            return
+        pace.resumed(now)
+    raise AssertionError("a piece in 20 s is too slow for 4 MB")
+
+
+def test_only_the_time_in_which_the_caller_takes_nothing_counts():
+    pace = ReadingPace(ANSWER_S)
+    pace.begin(0, 0)
+    for hour in range(10):  # a stream of events
+        pace.wrote(100)
+        assert not pace.is_too_slow(3600.0 * hour, 0)
+    pace.paused(36_000.0)
+    assert not pace.is_too_slow(36_029.0, 0)
+    assert pace.is_too_slow(36_040.0, 0)
+
+
+def test_unsent_bytes_of_an_earlier_answer_do_not_count():
+    pace = ReadingPace(ANSWER_S)
+    pace.begin(1000, 60_000)
+    pace.wrote(1000)
+    pace.paused(0.0)
+    assert pace.is_too_slow(ANSWER_S + 1, 61_000)
+    assert not pace.is_too_slow(ANSWER_S + 1, 60_000)

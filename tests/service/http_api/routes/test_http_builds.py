@@ -5,21 +5,14 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import httpx
 import pytest
 
 from firstfix.builds.records import new_status
 from firstfix_service.builds.queue import NOBODY_BUILDS
-from tests.service.service_world import Service, running_service
+from tests.service.service_world import Service, serving
 from tests.waiting import LIMIT_S, wait_until
-
-
-@pytest.fixture
-def recorder(tmp_path: Path) -> Iterator[Service]:
-    with running_service(tmp_path, zenoh=False, max_event_streams=2) as service:
-        yield service
 
 
 def put(service: Service, build_id: str, map_id: str = "hall", state: str = "queued") -> None:
@@ -51,7 +44,7 @@ def test_builds_come_in_pages_newest_first(recorder: Service):
     assert recorder.http.get("/builds", params={"map_id": "A/b"}).status_code == 400
 
 
-def test_a_page_looks_at_so_many_records_and_says_where_to_go_on(recorder, monkeypatch):
+def test_a_page_reads_a_bounded_number_of_records_and_says_where_to_go_on(recorder, monkeypatch):
     monkeypatch.setattr("firstfix_service.http_api.routes.builds.LOOKED_AT", 2)
     for n in range(5):
         put(recorder, f"b{n}", "attic" if n == 0 else "hall")
@@ -63,7 +56,7 @@ def test_a_page_looks_at_so_many_records_and_says_where_to_go_on(recorder, monke
     assert (found, pages) == (["b0"], 3)
 
 
-def test_events_until_the_end(recorder: Service):
+def test_events_come_until_the_build_ends(recorder: Service):
     put(recorder, "b1")
 
     def work() -> None:
@@ -94,33 +87,29 @@ def test_events_until_the_end(recorder: Service):
     assert (name, last["state"], last["version"]) == ("end", "succeeded", "a" * 64)
 
 
-def test_a_build_that_has_ended_says_so_at_once(recorder: Service):
+def test_the_stream_of_an_ended_build_ends_at_once(recorder: Service):
     put(recorder, "b1", state="failed")
     ((name, _),) = events(iter(recorder.http.get("/builds/b1/events").text.splitlines()))
     assert name == "end"
     assert recorder.http.get("/builds/none/events").status_code == 404
 
 
-def test_streams_are_bounded_and_given_back(recorder: Service):
-    put(recorder, "b1")
-    with httpx.Client(base_url=recorder.url, timeout=LIMIT_S) as other:
+@serving(zenoh=False, max_event_streams=2, maps={})
+def test_streams_are_bounded_and_given_back(service: Service):
+    put(service, "b1")
+    with httpx.Client(base_url=service.url, timeout=LIMIT_S) as other:
         with (
             other.stream("GET", "/builds/b1/events") as first,
             other.stream("GET", "/builds/b1/events") as second,
         ):
             streams = [response.iter_lines() for response in (first, second)]
             assert [next(lines) for lines in streams] == ["event: progress"] * 2
-            refused = recorder.http.get("/builds/b1/events")
+            refused = service.http.get("/builds/b1/events")
             assert (refused.status_code, refused.json()["code"]) == (503, "overloaded")
-        wait_until(lambda: _opens(recorder))
+        wait_until(lambda: is_open(service, "/builds/b1/events"))
 
 
-def _opens(service: Service) -> bool:
-    with service.http.stream("GET", "/builds/b1/events") as response:
-        return response.status_code == 200
-
-
-def test_silence_is_filled_with_comments(recorder: Service, monkeypatch: pytest.MonkeyPatch):
+def test_a_silent_stream_carries_heartbeats(recorder: Service, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("firstfix_service.http_api.event_stream.HEARTBEAT_S", 0.5)
     put(recorder, "b1")
     with recorder.http.stream("GET", "/builds/b1/events") as response:
@@ -136,13 +125,18 @@ def test_a_record_that_is_removed_ends_the_stream(recorder: Service):
         assert "event: end" not in list(lines)
 
 
-def test_streams_do_not_keep_the_service_from_stopping(tmp_path: Path):
-    with running_service(tmp_path, zenoh=False) as service:
-        put(service, "b1")
-        stream = service.http.stream("GET", "/builds/b1/events")
-        response = stream.__enter__()
-        lines = response.iter_lines()
-        assert next(lines) == "event: progress"
-        service.stop()
-        assert "event: end" not in list(lines), "it ended in good order, the build goes on"
-        stream.__exit__(None, None, None)
+@serving(zenoh=False, maps={})
+def test_open_streams_do_not_hold_up_the_stop(service: Service):
+    put(service, "b1")
+    stream = service.http.stream("GET", "/builds/b1/events")
+    response = stream.__enter__()
+    lines = response.iter_lines()
+    assert next(lines) == "event: progress"
+    service.stop()
+    assert "event: end" not in list(lines), "it ended in good order, the build goes on"
+    stream.__exit__(None, None, None)
+
+
+def is_open(service: Service, path: str) -> bool:
+    with service.http.stream("GET", path) as response:
+        return response.status_code == 200

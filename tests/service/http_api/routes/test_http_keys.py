@@ -2,39 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
-from tests.service.access_world import give
-from tests.service.service_world import Service, running_service
+from tests.service.access_world import bearer, known
+from tests.service.service_world import Service
 from tests.waiting import wait_until
 
 NEW = {"name": "robot-7", "scopes": ["localize"], "maps": ["hall*"], "expires_in_days": 90}
 
 
-@pytest.fixture
-def closed(tmp_path: Path) -> Iterator[Service]:
-    with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as running:
-        yield running
-
-
-def headers(token: str) -> dict[str, str]:
-    return {"Authorization": f"Bearer {token}"}
-
-
 def status_of(service: Service, token: str) -> int:
-    return service.http.get("/caller", headers=headers(token)).status_code
+    return service.http.get("/caller", headers=bearer(token)).status_code
 
 
 @pytest.fixture
 def admin(closed: Service) -> dict[str, str]:
-    token = give(closed, "admin")
-    wait_until(lambda: status_of(closed, token) == 200)
-    return headers(token)
+    return bearer(known(closed, "admin"))
 
 
 def test_a_key_is_made_used_and_revoked(closed: Service, admin: dict[str, str]):
@@ -42,7 +28,7 @@ def test_a_key_is_made_used_and_revoked(closed: Service, admin: dict[str, str]):
     assert made.status_code == 201
     token = made.json()["token"]
     wait_until(lambda: status_of(closed, token) == 200)
-    assert closed.http.get("/caller", headers=headers(token)).json()["maps"] == ["hall*"]
+    assert closed.http.get("/caller", headers=bearer(token)).json()["maps"] == ["hall*"]
     listed = closed.http.get("/keys", headers=admin)
     assert token not in listed.text
     assert "sha256" not in listed.text
@@ -68,7 +54,7 @@ def test_a_key_is_made_used_and_revoked(closed: Service, admin: dict[str, str]):
         {"more": 1},
     ],
 )
-def test_a_key_that_means_nothing_is_refused(closed: Service, admin: dict[str, str], wrong: dict[str, Any]):
+def test_an_invalid_key_is_refused(closed: Service, admin: dict[str, str], wrong: dict[str, Any]):
     before = len(closed.http.get("/keys", headers=admin).json()["keys"])
     assert closed.http.post("/keys", json={**NEW, **wrong}, headers=admin).status_code == 400
     assert len(closed.http.get("/keys", headers=admin).json()["keys"]) == before
@@ -79,13 +65,12 @@ def test_only_an_administrator_of_all_maps_manages_keys(closed: Service):
 
     def answers(token: str) -> list[httpx.Response]:
         return [
-            closed.http.get("/keys", headers=headers(token)),
+            closed.http.get("/keys", headers=bearer(token)),
             closed.http.post(
-                "/keys", json={**NEW, "scopes": ["admin"], "maps": ["*"]}, headers=headers(token)
+                "/keys", json={**NEW, "scopes": ["admin"], "maps": ["*"]}, headers=bearer(token)
             ),
-            closed.http.delete("/keys/0123456789ab", headers=headers(token)),
+            closed.http.delete("/keys/0123456789ab", headers=bearer(token)),
         ]
 
-    for token in (give(closed, "build"), give(closed, "admin", maps=("hall",))):
-        wait_until(lambda token=token: status_of(closed, token) == 200)
+    for token in (known(closed, "build"), known(closed, "admin", maps=("hall",))):
         assert {answer.status_code for answer in answers(token)} == {403}

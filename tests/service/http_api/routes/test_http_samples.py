@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from firstfix.catalog.query_samples import QuerySample, QuerySamples
-from tests.service.access_world import give
-from tests.service.service_world import SCAN_BODY, XYZ, Service, running_service
-from tests.waiting import wait_until
+from tests.service.access_world import bearer, known
+from tests.service.service_world import SCAN_BODY, XYZ, Service
 
 POSE = {"position": [1.0, 2.0, 3.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
-
-
-@pytest.fixture
-def closed(tmp_path: Path) -> Iterator[Service]:
-    """A service that asks for keys."""
-    with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as running:
-        yield running
 
 
 def keep(service: Service, number: int, asked: str = "hall", **answer: Any) -> str:
@@ -34,13 +24,6 @@ def keep(service: Service, number: int, asked: str = "hall", **answer: Any) -> s
     return sample_id
 
 
-def allowed(service: Service, *scopes: str, **more: Any) -> dict[str, str]:
-    """Headers with a new key, which the service knows."""
-    headers = {"Authorization": f"Bearer {give(service, *scopes, **more)}"}
-    wait_until(lambda: service.http.get("/caller", headers=headers).is_success)
-    return headers
-
-
 def told(answer: Any) -> dict[str, Any]:
     """The truth in an answer, without who has told it and when."""
     truth = answer.json()["truth"]
@@ -51,7 +34,7 @@ def found(service: Service, **params: Any) -> list[str]:
     return [one["sample_id"] for one in service.http.get("/samples", params=params).json()["samples"]]
 
 
-def test_kept_queries_are_listed_newest_first_and_filtered(service: Service):
+def test_recorded_queries_are_listed_newest_first_and_filtered(service: Service):
     one, two = keep(service, 1), keep(service, 2, verdict="ambiguous", reasons=["several_places"])
     three = keep(service, 3, "attic")
     anywhere = keep(service, 4, "", map_id="hall")
@@ -62,7 +45,7 @@ def test_kept_queries_are_listed_newest_first_and_filtered(service: Service):
     assert service.http.get("/samples", params={"verdict": "so-so"}).status_code == 400
 
 
-def test_pages_hold_every_kept_query_once(service: Service):
+def test_pages_hold_every_recorded_query_once(service: Service):
     made = [keep(service, number) for number in range(7)]
     seen, after = [], None
     while True:
@@ -75,13 +58,13 @@ def test_pages_hold_every_kept_query_once(service: Service):
     assert seen == made[::-1]
 
 
-def test_a_damaged_record_hides_no_other(service: Service):
+def test_a_damaged_record_is_left_out_of_the_list(service: Service):
     one, two = keep(service, 1), keep(service, 2)
     service.catalog.store.put(f"samples/{one}.json", b"{")
     assert found(service) == [two]
 
 
-def test_the_body_comes_as_it_was_and_can_be_asked_again(service: Service):
+def test_the_body_of_a_recorded_query_can_be_sent_again(service: Service):
     sample_id = keep(service, 1)
     body = service.http.get(f"/samples/{sample_id}/body")
     assert body.content == SCAN_BODY
@@ -90,7 +73,7 @@ def test_the_body_comes_as_it_was_and_can_be_asked_again(service: Service):
     assert again.is_success
 
 
-def test_the_truth_is_kept_with_the_query(service: Service):
+def test_the_truth_is_stored_with_the_query(service: Service):
     sample_id = keep(service, 1)
     assert service.http.get(f"/samples/{sample_id}").json()["truth"] is None
     truth = {"map_id": "hall", "T_map_sensor": POSE}
@@ -116,13 +99,13 @@ def test_the_truth_is_kept_with_the_query(service: Service):
         {"map_id": "hall", "T_map_sensor": POSE, "more": 1},
     ],
 )
-def test_a_truth_that_means_nothing_is_refused(service: Service, truth: dict[str, Any]):
+def test_an_invalid_truth_is_refused(service: Service, truth: dict[str, Any]):
     sample_id = keep(service, 1)
     assert service.http.put(f"/samples/{sample_id}/truth", json=truth).status_code == 400
     assert service.http.get(f"/samples/{sample_id}").json()["truth"] is None
 
 
-def test_a_removed_query_is_gone(service: Service):
+def test_a_removed_query_is_not_found(service: Service):
     sample_id = keep(service, 1)
     assert service.http.delete(f"/samples/{sample_id}").status_code == 204
     assert found(service) == []
@@ -132,9 +115,9 @@ def test_a_removed_query_is_gone(service: Service):
     assert service.http.get("/samples/..%2f..%2fkeys").status_code in (400, 404)
 
 
-def test_queries_about_hidden_maps_are_hidden(closed: Service):
+def test_queries_about_forbidden_maps_are_hidden(closed: Service):
     mine, both, anywhere = keep(closed, 1), keep(closed, 2, "hall,attic"), keep(closed, 3, "")
-    headers = allowed(closed, "build", maps=("hall",))
+    headers = bearer(known(closed, "build", maps=("hall",)))
     listed = closed.http.get("/samples", headers=headers).json()["samples"]
     assert [one["sample_id"] for one in listed] == [mine]
     for hidden in (both, anywhere):
@@ -151,12 +134,12 @@ def test_queries_about_hidden_maps_are_hidden(closed: Service):
     assert closed.http.put(f"/samples/{mine}/truth", json=elsewhere, headers=headers).status_code == 403
     assert closed.http.get("/samples", params={"map_id": "attic"}, headers=headers).status_code == 403
     assert closed.http.delete(f"/samples/{mine}", headers=headers).status_code == 403
-    robot = allowed(closed, "localize")
-    assert closed.http.get("/samples", headers=robot).status_code == 403
+    robot = known(closed, "localize")
+    assert closed.http.get("/samples", headers=bearer(robot)).status_code == 403
 
 
-def test_a_caller_is_told_what_its_key_may_do(closed: Service):
-    headers = allowed(closed, "build", maps=("hall*",))
+def test_a_caller_sees_the_rights_of_its_key(closed: Service):
+    headers = bearer(known(closed, "build", maps=("hall*",)))
     caller = closed.http.get("/caller", headers=headers).json()
     assert (caller["scopes"], caller["maps"], caller["authentication"]) == (
         ["localize", "build"],
@@ -167,7 +150,7 @@ def test_a_caller_is_told_what_its_key_may_do(closed: Service):
     assert closed.http.get("/caller").status_code == 401
 
 
-def test_a_type_with_line_breaks_makes_no_header(service: Service):
+def test_a_media_type_with_line_breaks_adds_no_header(service: Service):
     sample_id = keep(service, 1)
     kept = QuerySamples(service.catalog.store)
     hostile = replace(kept.get(sample_id), media_type="text/html\r\nX-Injected: 1; \u2603<b>")

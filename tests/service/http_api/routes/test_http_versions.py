@@ -1,12 +1,52 @@
+"""Maps, their versions and patches over HTTP."""
+
 from __future__ import annotations
 
 import hashlib
+import os
 import time
 from pathlib import Path
 
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source, source_key
 from tests.service.service_world import Service, publish
 from tests.waiting import wait_until
+
+
+def test_maps_and_versions_are_listed(service: Service):
+    first = service.catalog.active_version("hall")
+    second = publish(service.catalog, "hall", "2", service.scratch)
+    assert service.http.get("/maps").json() == {
+        "maps": [{"map_id": "hall", "active_version": second}],
+        "next": None,
+    }
+    described = service.http.get("/maps/hall").json()
+    assert (described["map_id"], described["active_version"], described["versions"]) == ("hall", second, 2)
+    assert described["manifest"]["files"]["label.txt"]["bytes"] == 1
+    versions = service.http.get("/maps/hall/versions").json()["versions"]
+    assert [(v["version"], v["active"]) for v in versions] == [(second, True), (first, False)]
+    assert versions[0]["published_time"]
+
+
+def test_a_deleted_map_is_listed_no_more_and_answers_no_more(service: Service):
+    first = service.catalog.active_version("hall")
+    second = publish(service.catalog, "hall", "2", service.scratch)
+    publish(service.catalog, "attic", "3", service.scratch)
+    answer = service.http.delete("/maps/hall")
+    assert (answer.status_code, sorted(answer.json()["retired"])) == (200, sorted([first, second]))
+    assert [entry["map_id"] for entry in service.http.get("/maps").json()["maps"]] == ["attic"]
+    wait_until(lambda: service.http.post("/localize?map=hall", content=b"").status_code != 200)
+    assert service.http.get(f"/maps/hall/versions/{second}").status_code == 404
+    assert service.http.delete("/maps/hall").status_code == 404
+    assert service.http.delete("/maps/cellar").status_code == 404
+
+
+def test_a_deleted_map_can_be_published_again(service: Service):
+    assert service.http.delete("/maps/hall").is_success
+    again = publish(service.catalog, "hall", "4", service.scratch)
+    assert service.http.get("/maps/hall").json()["active_version"] == again
+    wait_until(lambda: service.ask("http").ok and service.ask("http").x == 4)
+
 
 PNG = b"\x89PNG and so on"
 
@@ -42,7 +82,7 @@ def test_versions_come_in_pages(service: Service):
     assert service.http.get("/maps/hall/versions", params={"limit": 0}).status_code == 400
 
 
-def test_a_version_its_report_and_its_picture(service: Service):
+def test_a_version_has_a_report_and_pictures(service: Service):
     version = with_report(service)
     described = service.http.get(f"/maps/hall/versions/{version}").json()
     assert described["active"]
@@ -71,7 +111,7 @@ def test_a_picture_that_was_altered_is_not_shown(service: Service):
     assert (answer.status_code, answer.json()["code"]) == (503, "corrupt_version")
 
 
-def test_rolling_back_and_forth(service: Service):
+def test_roll_back_goes_back_and_forth(service: Service):
     first = service.catalog.active_version("hall")
     second = publish(service.catalog, "hall", "2", service.scratch)
     answer = service.http.post("/maps/hall/rollback")
@@ -83,7 +123,7 @@ def test_rolling_back_and_forth(service: Service):
     assert service.http.post("/maps/cellar/rollback").status_code == 404
 
 
-def test_retiring_a_version(service: Service):
+def test_an_active_version_is_retired_by_force_alone(service: Service):
     first = service.catalog.active_version("hall")
     second = publish(service.catalog, "hall", "2", service.scratch)
     refused = service.http.delete(f"/maps/hall/versions/{second}")
@@ -123,9 +163,42 @@ def test_garbage_is_collected_over_http(service: Service, tmp_path: Path):
 
 def _age(directory: Path, days: float) -> None:
     """Makes all objects older, except log entries, which carry their own times."""
-    import os
-
     then = time.time() - days * 86400
     for path in directory.rglob("*"):
         if path.parent.name != "log":
             os.utime(path, (then, then))
+
+
+def publish_built(service: Service, patch: str) -> str:
+    """Publishes a version of a recorded build, whose config says this of patches."""
+    folder = service.scratch / "built"
+    folder.mkdir(parents=True)
+    (folder / "label.txt").write_text("1")
+    key = source_key("hall", put_source(service.catalog.store, "hall", folder / "label.txt"))
+    request = {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {"patch": patch}}
+    service.catalog.put_build("b1", request)
+    return service.catalog.publish("hall", folder, Manifest.for_directory(folder), build_id="b1")
+
+
+def test_a_patch_is_recorded_as_a_build(recorder: Service):
+    version = publish_built(recorder, "activate")
+    answer = recorder.http.post("/maps/hall/patch")
+    assert answer.status_code == 202
+    build_id = answer.json()["build_id"]
+    assert answer.headers["location"] == f"/builds/{build_id}"
+    assert answer.json()["state"] == "queued"
+    request = recorder.catalog.build_request(build_id)
+    assert request["patch"] == {"base": version, "mode": "activate"}
+    assert request["owner"]
+    answer = recorder.http.post("/maps/hall/patch", params={"mode": "propose"})
+    assert recorder.catalog.build_request(answer.json()["build_id"])["patch"]["mode"] == "propose"
+
+
+def test_patches_are_refused_where_they_are_off(recorder: Service):
+    assert recorder.http.post("/maps/hall/patch").status_code == 404
+    publish_built(recorder, "off")
+    answer = recorder.http.post("/maps/hall/patch")
+    assert answer.status_code == 409
+    assert "patches of map hall are off" in answer.json()["detail"]
+    assert recorder.http.post("/maps/hall/patch", params={"mode": "force"}).status_code == 400
+    assert recorder.catalog.build_ids() == ["b1"]
