@@ -12,22 +12,13 @@ from firstfix.errors import BuildError, BuildStalled, BuildTimedOut
 from firstfix_service.builds import runner
 from firstfix_service.builds.build_watch import BuildLimits, BuildWatch
 from tests.faults.nats_server import NEEDS_NATS, nats_server_program
-from tests.service.builds_world import building_service, upload, wait_until_ended
+from tests.service.access_world import Clock
+from tests.service.builds_world import building_service, is_alive, upload, wait_until_ended
 from tests.service.nats_world import nats_world
 from tests.service.service_world import FAKE_WORKER
 from tests.waiting import wait_until
 
 LIMITS = BuildLimits(timeout_s=1000.0, stall_s=100.0)
-
-
-class Clock:
-    now = 0.0
-
-    def advance(self, seconds: float) -> None:
-        self.now += seconds
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def status(progress: float, stage: str = "cluster") -> dict[str, Any]:
@@ -38,7 +29,7 @@ def kind(error: BuildError | None) -> type | None:
     return None if error is None else type(error)
 
 
-def test_what_makes_progress_goes_on_until_its_time_is_over():
+def test_a_build_with_progress_goes_on_until_its_time_limit():
     clock = Clock()
     watch = BuildWatch(LIMITS, 300.0, clock)
     for step in range(14):
@@ -55,7 +46,7 @@ def test_what_makes_progress_goes_on_until_its_time_is_over():
 
 
 @pytest.mark.parametrize("moved", [status(0.2), status(0.1, "self_test")])
-def test_what_makes_none_is_ended_and_a_new_stage_is_progress(moved: dict[str, Any]):
+def test_a_build_without_progress_is_ended(moved: dict[str, Any]):
     clock = Clock()
     watch = BuildWatch(LIMITS, 0.0, clock)
     for now, seen, expected in (
@@ -70,7 +61,7 @@ def test_what_makes_none_is_ended_and_a_new_stage_is_progress(moved: dict[str, A
         assert kind(watch.overdue()) is expected, now
 
 
-def test_a_store_that_is_away_says_nothing_of_the_build():
+def test_a_build_is_not_stalled_while_the_store_is_away():
     clock = Clock()
     watch = BuildWatch(LIMITS, 0.0, clock)
     for now in range(0, 900, 90):
@@ -82,13 +73,6 @@ def test_a_store_that_is_away_says_nothing_of_the_build():
     assert kind(watch.overdue()) is BuildTimedOut, "that much is known without it"
 
 
-def is_alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     """The clock by which running builds are watched; it moves only when the test says so."""
@@ -97,7 +81,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(tmp_path, clock, monkeypatch):
+def test_a_hanging_build_is_killed_with_its_children_and_the_next_one_runs(tmp_path, clock, monkeypatch):
     monkeypatch.setattr(runner, "build_limits", lambda settings: BuildLimits(1e6, stall_s=100.0))
     with building_service(tmp_path, build_lease_s=2, build_niceness=0) as service:
         hangs, after = upload(service, do="hang_with_a_child"), upload(service, "after")
@@ -111,7 +95,7 @@ def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(t
 
 
 @pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
-def test_a_worker_ends_a_build_that_never_does_and_takes_the_next(tmp_path: Path, clock: Clock):
+def test_a_worker_ends_a_build_over_its_time_limit_and_takes_the_next(tmp_path: Path, clock: Clock):
     with nats_world(tmp_path) as world:
         world.start_worker_thread(build_command=FAKE_WORKER, build_timeout_s=100, build_niceness=0)
         endless, after = (

@@ -1,29 +1,28 @@
+"""Builds by the fake build process, over HTTP."""
+
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+import json
 from pathlib import Path
 
 import pytest
 
+from firstfix.builds.options import BuildOptions, ExitCode
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.manifest import Manifest
 from firstfix.maintenance.rebuild import rebuild
 from firstfix.store.store import Store
+from firstfix_builder.job.build_job import BuildJob, BuildResult
+from firstfix_builder.job.run_build import run_build
+from firstfix_client import BuildStatus
 from firstfix_service.builds.process import NICENESS
-from tests.service.builds_world import CLOUD, building_service, status_of, upload, wait_until_ended
-from tests.service.service_world import Service, running_service
-from tests.waiting import wait_until
+from tests.service.builds_world import CLOUD, building_service, order, status_of, upload, wait_until_ended
+from tests.service.service_world import Service, publish, running_service, serving
+from tests.waiting import let_pass, wait_until
 
 
-@pytest.fixture
-def recorder(tmp_path: Path) -> Iterator[Service]:
-    """A service that records builds and does not run them."""
-    with running_service(tmp_path, zenoh=False) as service:
-        yield service
-
-
-def test_an_upload_is_durable_before_it_is_answered(recorder: Service):
+def test_a_posted_map_is_durable_before_it_is_answered(recorder: Service):
     response = upload(recorder, level=False)
     assert response.status_code == 202
     assert int(response.headers["retry-after"]) >= 1
@@ -41,7 +40,7 @@ def test_an_upload_is_durable_before_it_is_answered(recorder: Service):
     assert list((recorder.settings.work_dir / "uploads").iterdir()) == [], "nothing stays on this disk"
 
 
-def test_the_worker_runs_at_low_priority_and_says_how_it_ended(tmp_path: Path):
+def test_the_build_process_runs_at_low_priority(tmp_path: Path):
     with building_service(tmp_path) as service:
         ended = wait_until_ended(service, upload(service))
         assert (ended["state"], ended["version"], ended["progress"]) == ("succeeded", "a" * 64, 1.0)
@@ -76,25 +75,17 @@ def test_a_worker_that_dies_fails_its_build_and_no_other(tmp_path: Path, do: str
         assert wait_until_ended(service, after)["state"] == "succeeded"
 
 
-def test_a_worker_that_was_killed_once_is_run_again(tmp_path: Path):
+@pytest.mark.parametrize("do", ["killed_once", pytest.param("again", marks=pytest.mark.slow)])
+def test_a_worker_that_was_killed_or_asks_for_it_is_run_again(tmp_path: Path, do: str):
     with building_service(tmp_path) as service:
-        assert wait_until_ended(service, upload(service, do="killed_once"))["state"] == "succeeded"
-    assert len((tmp_path / "work/order.txt").read_text().splitlines()) == 2
+        assert wait_until_ended(service, upload(service, do=do))["state"] == "succeeded"
+    assert order(tmp_path / "work") == ["hall"] * 2
 
 
 def test_a_missing_worker_fails_the_build(tmp_path: Path):
     with building_service(tmp_path, build_command=("/nowhere/worker",)) as service:
-        assert (
-            "the build command cannot be run" in wait_until_ended(service, upload(service))["error"]["detail"]
-        )
-
-
-@pytest.mark.slow
-def test_a_worker_that_asks_for_it_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    with building_service(tmp_path) as service:
-        response = upload(service, do="again")
-        assert wait_until_ended(service, response)["state"] == "succeeded"
-        assert len((tmp_path / "work/order.txt").read_text().splitlines()) == 2
+        ended = wait_until_ended(service, upload(service))
+        assert "the build command cannot be run" in ended["error"]["detail"]
 
 
 @pytest.mark.slow
@@ -110,19 +101,8 @@ def test_a_build_without_space_is_run_a_few_times_and_then_fails(tmp_path, monke
         assert "needs 9 bytes" in ended["error"]["detail"]
         assert "3 bytes are free" in ended["error"]["detail"]
         wait_until(lambda: service.catalog.store.list("maps/full/sources") == [])
-    lines = (tmp_path / "work/order.txt").read_text().splitlines()
-    assert [line.split()[0] for line in lines].count("full") == 4
+    assert order(tmp_path / "work").count("full") == 4
     assert capfd.readouterr().out.count("a build was put back") == 3
-
-
-@pytest.mark.slow
-def test_builds_run_one_by_one_in_order(tmp_path: Path):
-    with building_service(tmp_path) as service:
-        responses = [upload(service, f"m{i}") for i in range(4)]
-        for response in responses:
-            assert wait_until_ended(service, response)["state"] == "succeeded"
-    order = [line.split()[0] for line in (tmp_path / "work/order.txt").read_text().splitlines()]
-    assert order == ["m0", "m1", "m2", "m3"]
 
 
 def test_a_restart_resumes_what_ran_and_what_waited(tmp_path: Path):
@@ -134,14 +114,17 @@ def test_a_restart_resumes_what_ran_and_what_waited(tmp_path: Path):
     with building_service(tmp_path) as service:
         assert wait_until_ended(service, ran)["state"] == "succeeded"
         assert wait_until_ended(service, waited)["state"] == "succeeded"
-    order = [line.split()[0] for line in (tmp_path / "work/order.txt").read_text().splitlines()]
-    assert order == ["ran", "ran", "waited"], "the first service did not wait for the build, which hung"
+    assert order(tmp_path / "work") == ["ran", "ran", "waited"], (
+        "the first service did not wait for the build, which hung"
+    )
 
 
-def test_a_running_build_is_cancelled(tmp_path: Path):
+def test_running_and_waiting_builds_are_cancelled(tmp_path: Path):
     with building_service(tmp_path) as service:
+        publish(service.catalog, "hall", "1", service.scratch)
         running, waiting = upload(service, do="until_cancelled"), upload(service, "waiting")
         wait_until(lambda: status_of(service, running)["state"] == "running")
+        assert service.ask("http").ok, "queries are answered while a build runs"
         cancelled = service.http.delete(waiting.headers["location"])
         assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")
         assert service.http.delete(running.headers["location"]).status_code == 202
@@ -150,18 +133,6 @@ def test_a_running_build_is_cancelled(tmp_path: Path):
         assert (again.status_code, again.json()["code"]) == (409, "conflict")
         assert wait_until_ended(service, upload(service, "after"))["state"] == "succeeded"
     assert "waiting" not in (tmp_path / "work/order.txt").read_text()
-
-
-def test_queries_are_answered_while_a_build_runs(tmp_path: Path):
-    from tests.service.service_world import publish
-
-    with building_service(tmp_path) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
-        build = upload(service, do="until_cancelled")
-        wait_until(lambda: status_of(service, build)["state"] == "running")
-        assert service.ask("http").ok
-        service.http.delete(build.headers["location"])
-        wait_until_ended(service, build)
 
 
 def test_a_url_has_to_be_allowed(tmp_path: Path):
@@ -190,28 +161,6 @@ def test_the_worker_is_told_which_servers_it_may_fetch_from(tmp_path: Path):
     assert (tmp_path / "work/source_urls.txt").read_text() == "https://files.example.org/maps/"
 
 
-@pytest.mark.parametrize(
-    ("body", "code"),
-    [
-        (b"{", "malformed_data"),
-        (b"[1]", "malformed_data"),
-        (b"[" * 100_000, "malformed_data"),
-        (b'{"map_id": "hall"}', "invalid_option"),
-        (b'{"map_id": "hall", "source": "s3://maps/x"}', "invalid_option"),
-        (b'{"map_id": "hall", "source": {"url": 7}}', "invalid_option"),
-        (b'{"map_id": "hall", "source": {"url": "s3://maps/x"}, "speed": 1}', "invalid_option"),
-        (b'{"map_id": "../x", "source": {"url": "s3://maps/x"}}', "invalid_option"),
-        (b'{"map_id": "hall", "source": {"url": "s3://maps/x"}, "config": [1]}', "invalid_option"),
-        (b" " * 2_000_000, "too_large"),
-    ],
-)
-def test_bad_json_is_refused(tmp_path: Path, body: bytes, code: str):
-    with running_service(tmp_path, zenoh=False, source_urls=("s3://maps/",)) as service:
-        response = service.http.post("/maps", content=body, headers={"Content-Type": "application/json"})
-        assert (response.json()["status"], response.json()["code"]) == (response.status_code, code)
-        assert service.catalog.build_ids() == []
-
-
 def form(*fields: tuple[str, str | None, bytes], end: bytes = b"--b--\r\n") -> bytes:
     parts = []
     for name, file_name, content in fields:
@@ -224,6 +173,7 @@ def form(*fields: tuple[str, str | None, bytes], end: bytes = b"--b--\r\n") -> b
 GOOD = (("map_id", None, b"hall"), ("source", "x.xyz", CLOUD))
 
 
+@serving(zenoh=False, max_upload_bytes=8 << 20, maps={})
 @pytest.mark.parametrize(
     ("body", "code"),
     [
@@ -243,18 +193,12 @@ GOOD = (("map_id", None, b"hall"), ("source", "x.xyz", CLOUD))
         (b"", "malformed_data"),
     ],
 )
-def test_forms_are_checked_and_leave_nothing_behind(tmp_path: Path, body: bytes, code: str | None):
-    with running_service(tmp_path, zenoh=False, max_upload_bytes=8 << 20) as service:
-        headers = {"Content-Type": "multipart/form-data; boundary=b"}
-        response = service.http.post("/maps", content=body, headers=headers)
-        assert response.json().get("code") == code
-        assert len(service.catalog.build_ids()) == (1 if code is None else 0)
-        assert list(service.settings.work_dir.glob("uploads/*")) == []
-
-
-def test_a_form_without_a_boundary(recorder: Service):
-    response = recorder.http.post("/maps", content=b"x", headers={"Content-Type": "multipart/form-data"})
-    assert response.json()["code"] == "malformed_data"
+def test_forms_are_checked_and_leave_nothing_behind(service: Service, body: bytes, code: str | None):
+    headers = {"Content-Type": "multipart/form-data; boundary=b"}
+    response = service.http.post("/maps", content=body, headers=headers)
+    assert response.json().get("code") == code
+    assert len(service.catalog.build_ids()) == (1 if code is None else 0)
+    assert list(service.settings.work_dir.glob("uploads/*")) == []
 
 
 def test_a_file_larger_than_a_batch_arrives_whole(recorder: Service):
@@ -265,7 +209,7 @@ def test_a_file_larger_than_a_batch_arrives_whole(recorder: Service):
     assert request["trajectory"] is None
 
 
-def test_a_map_is_built_again_from_what_was_kept(tmp_path: Path):
+def test_a_map_is_rebuilt_from_its_kept_source(tmp_path: Path):
     (tmp_path / "made").mkdir()
     manifest = Manifest.for_directory(tmp_path / "made")
     with building_service(tmp_path) as service:
@@ -277,10 +221,72 @@ def test_a_map_is_built_again_from_what_was_kept(tmp_path: Path):
         assert service.catalog.build_status(build_id)["state"] == "succeeded"
 
 
-def test_a_build_is_run_although_another_ones_record_is_damaged(tmp_path: Path):
+def test_a_damaged_record_holds_up_no_other_build(tmp_path: Path):
     store = Store.open(str(tmp_path / "store"))
     store.put("builds/a-broken-request/request.json", b"{")
     store.put("builds/a-broken-status/request.json", b'{"map_id": "hall"}')
     store.put("builds/a-broken-status/status.json", b"")
     with building_service(tmp_path) as service:
         assert wait_until_ended(service, upload(service))["state"] == "succeeded"
+
+
+def built(service: Service, label: str, found: float, **config: object) -> dict[str, object]:
+    """The status of a build of the map "hall", whose version answers x = label."""
+
+    def build_version(job: BuildJob) -> BuildResult:
+        directory = job.work / f"version-{label}"
+        directory.mkdir(parents=True)
+        (directory / "label.txt").write_text(label)
+        tested = {"queries": 120, "found": found, "success": {"1m": found}}
+        return BuildResult(directory, Manifest.for_directory(directory, self_test=tested))
+
+    response = upload(service, **config)
+    options = BuildOptions(
+        store=service.settings.store,
+        build_id=response.json()["build_id"],
+        work=service.settings.work_dir / f"build-{label}",
+        provisional=False,
+    )
+    assert run_build(options, build_version) is ExitCode.SUCCEEDED
+    return status_of(service, response)
+
+
+def served(service: Service) -> float:
+    return service.ask_http().x
+
+
+@serving(zenoh=False, maps={})
+def test_a_version_with_a_bad_self_test_is_not_activated(service: Service):
+    good = built(service, "1", 0.9)
+    assert (good["activated"], good["findings"]) == (True, [])
+    wait_until(lambda: service.http.get("/maps/hall").status_code == 200)
+    assert served(service) == 1.0
+
+    bad = built(service, "2", 0.3)
+    assert bad["state"] == "succeeded"
+    assert bad["activated"] is False
+    (finding,) = bad["findings"]
+    assert finding["code"] == "self_test_low"
+    assert finding["numbers"] == {"found": 0.3, "least": 0.7}
+    assert f"firstfix maps activate hall {bad['version']}" in finding["remedy"]
+    assert BuildStatus.from_mapping("b", bad).findings[0].code == "self_test_low"
+    events = service.http.get(f"/builds/{bad['build_id']}/events").text
+    last = json.loads(events.rpartition("data: ")[2])
+    assert last["findings"] == bad["findings"]
+    let_pass(0.5)  # a few polls
+    assert served(service) == 1.0
+    versions = service.http.get("/maps/hall/versions").json()["versions"]
+    assert {one["version"]: one["active"] for one in versions} == {
+        good["version"]: True,
+        bad["version"]: False,
+    }
+
+    assert service.http.post(f"/maps/hall/versions/{bad['version']}/activate").status_code == 200
+    assert served(service) == 2.0, "a person decides otherwise"
+
+
+@serving(zenoh=False, maps={})
+def test_the_options_of_the_build_lower_the_threshold(service: Service):
+    assert built(service, "1", 0.3, activate={"min_found": 0.2})["activated"] is True
+    wait_until(lambda: service.http.get("/maps/hall").status_code == 200)
+    assert served(service) == 1.0

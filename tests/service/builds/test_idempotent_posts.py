@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -16,12 +15,6 @@ from firstfix_service.http_api.bodies.submission import NamedUrl, Submission
 from tests.service.service_world import Service, running_service
 
 BODY = {"map_id": "hall", "source": {"url": "s3://maps/hall.laz"}, "config": {"level": False}}
-
-
-@pytest.fixture
-def recorder(tmp_path: Path) -> Iterator[Service]:
-    with running_service(tmp_path, zenoh=False, source_urls=("s3://maps/",)) as service:
-        yield service
 
 
 def post(service: Service, key: str | None, **changes: object) -> httpx.Response:
@@ -58,7 +51,7 @@ def test_forms_are_compared_by_their_content(recorder: Service):
     assert form(b"1 0 0\n").json()["code"] == "idempotency_conflict"
 
 
-def test_it_holds_over_replicas(tmp_path: Path):
+def test_the_key_holds_over_replicas(tmp_path: Path):
     changes = {"zenoh": False, "source_urls": ("s3://maps/",), "store": str(tmp_path / "store")}
     with (
         running_service(tmp_path / "a", **changes) as first,
@@ -72,7 +65,7 @@ def test_it_holds_over_replicas(tmp_path: Path):
         assert len(first.catalog.build_ids()) == 1
 
 
-def test_a_service_killed_between_claim_and_record_is_made_good(recorder: Service):
+def test_a_build_claimed_by_a_killed_service_is_recorded(recorder: Service):
     submission = Submission(ANONYMOUS, "hall", NamedUrl("s3://maps/hall.laz"), None, {"level": False})
     key = CallersKey(ANONYMOUS.name, "night-1")
     claim_build(recorder.catalog.store, key, submission.fingerprint(), "b-of-the-dead")
@@ -81,7 +74,7 @@ def test_a_service_killed_between_claim_and_record_is_made_good(recorder: Servic
     assert recorder.catalog.build_ids() == ["b-of-the-dead"]
 
 
-def test_what_was_refused_leaves_the_key_free(recorder: Service):
+def test_a_refused_request_leaves_the_key_free(recorder: Service):
     assert post(recorder, "night-1", config={"speed": 1}).status_code == 400
     assert post(recorder, "night-1").status_code == 202
 
@@ -101,7 +94,7 @@ def test_a_key_is_short_and_printable(recorder: Service, key: str):
         ({"sensor": "vlp-17"}, "sensor"),
     ],
 )
-def test_a_config_is_checked_before_anything_is_kept(recorder: Service, config: dict, path: str):
+def test_an_invalid_config_is_refused_and_nothing_is_kept(recorder: Service, config: dict, path: str):
     for answer in (
         post(recorder, None, config=config),
         recorder.http.post(
@@ -115,7 +108,7 @@ def test_a_config_is_checked_before_anything_is_kept(recorder: Service, config: 
     assert recorder.catalog.store.list("maps") == recorder.catalog.store.list("builds") == []
 
 
-def test_numbers_that_json_does_not_have_are_refused(recorder: Service):
+def test_nan_and_infinity_are_refused(recorder: Service):
     for number in ("NaN", "Infinity", "1e999"):
         body = f'{{"map_id": "hall", "source": {{"url": "s3://maps/x"}}, "config": {{"level": {number}}}}}'
         answer = recorder.http.post("/maps", content=body, headers={"Content-Type": "application/json"})

@@ -71,7 +71,7 @@ def submission(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Submissi
 
 
 @pytest.mark.parametrize("first", ["post", "collect"])
-def test_a_build_that_was_taken_finds_its_source(submission, first, tmp_path, monkeypatch):
+def test_an_accepted_build_finds_its_source(submission, first, tmp_path, monkeypatch):
     handed_in, prepare = submission
 
     def run(switches: tuple[int, ...]) -> list[Step]:
@@ -93,7 +93,7 @@ def test_a_build_that_was_taken_finds_its_source(submission, first, tmp_path, mo
     run_every_order(run)
 
 
-def test_a_request_that_is_repeated_after_a_kill_finds_its_source(tmp_path, monkeypatch):
+def test_a_request_repeated_after_a_kill_finds_its_source(tmp_path, monkeypatch):
     (tmp_path / "a.xyz").write_bytes(CONTENT)
     handed_in = Submission(CALLER, "hall", FormFile(tmp_path / "a.xyz", "a.xyz"), None, {})
 
@@ -117,7 +117,7 @@ def test_a_request_that_is_repeated_after_a_kill_finds_its_source(tmp_path, monk
                 run(kill_at, (start, start + length))
 
 
-def test_a_collection_that_was_killed_leaves_nothing_for_ever(tmp_path, monkeypatch):
+def test_leftovers_of_a_killed_collection_are_collected(tmp_path, monkeypatch):
     (tmp_path / "a.xyz").write_bytes(CONTENT)
     handed_in = Submission(CALLER, "hall", FormFile(tmp_path / "a.xyz", "a.xyz"), None, {})
 
@@ -137,7 +137,7 @@ def test_a_collection_that_was_killed_leaves_nothing_for_ever(tmp_path, monkeypa
         run(kill_at)
 
 
-def test_a_map_that_is_built_once_more_finds_its_source(tmp_path, monkeypatch):
+def test_a_rebuilt_map_finds_its_source(tmp_path, monkeypatch):
     (tmp_path / "a.xyz").write_bytes(CONTENT)
     version = "a" * 64
 

@@ -13,7 +13,6 @@ from structlog.testing import capture_logs
 
 from firstfix.errors import FirstfixError
 from firstfix.store.url import StoreUrl
-from firstfix_cli.main import run
 from firstfix_cli.remote_build import remote_build
 from firstfix_cli.stage_bars import stage_bars
 from firstfix_client import Client
@@ -21,6 +20,7 @@ from firstfix_service.builds import work_folder
 from firstfix_service.builds.queue import NOBODY_BUILDS
 from firstfix_service.builds.work_folder import Holder, WorkFolder
 from firstfix_service.settings import Settings
+from tests.commands import firstfix
 from tests.service.builds_world import CLOUD, building_service, status_of, upload, wait_until_ended
 from tests.service.service_world import Service, running_service
 from tests.waiting import let_pass, wait_until
@@ -43,12 +43,6 @@ def taken(path: Path, store: Path) -> WorkFolder:
     found = WorkFolder.take(path, StoreUrl.parse(str(store)).identity())
     assert isinstance(found, WorkFolder)
     return found
-
-
-def ended(arguments: list[object]) -> int:
-    with pytest.raises(SystemExit) as caught:
-        run([str(argument) for argument in arguments])
-    return int(caught.value.code or 0)
 
 
 def waits_for(service: Service) -> Any:
@@ -80,13 +74,13 @@ def test_the_default_folder_is_that_of_the_store(tmp_path: Path, cache_home: Pat
     assert Settings(store="ftp://nothing").work_dir == cache_home / "firstfix" / "work", "refused later"
 
 
-def test_a_folder_that_is_given_stays_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_configured_folder_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     assert Settings(store="s3://maps", work_dir=tmp_path).work_dir == tmp_path
     monkeypatch.setenv("FIRSTFIX_WORK_DIR", str(tmp_path / "mine"))
     assert Settings(store="s3://maps").work_dir == tmp_path / "mine"
 
 
-def test_builds_that_wait_for_the_process_of_another_store_say_so(tmp_path: Path):
+def test_builds_that_wait_for_another_store_tell_it(tmp_path: Path):
     folder = taken(tmp_path / "work", tmp_path / "other store")
     with capture_logs() as lines, building_service(tmp_path) as service:
         wait_until(lambda: waits_for(service) is not None)
@@ -117,15 +111,15 @@ def test_builds_that_wait_for_the_process_of_another_store_say_so(tmp_path: Path
         assert waits_for(service) is None
 
 
-def test_the_shell_says_what_a_build_waits_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_command_line_tells_what_a_build_waits_for(tmp_path: Path):
     source = tmp_path / "map.xyz"
     source.write_bytes(CLOUD)
     folder = taken(tmp_path / "work", tmp_path / "other store")
     with building_service(tmp_path) as service:
         wait_until(lambda: waits_for(service) is not None)
         why = waits_for(service)
-        ended(["build", source, "--map-id", "hall", "--url", service.url, "--no-wait"])
-        assert f"is queued\nit waits: {why}\n" in capsys.readouterr().out
+        told = firstfix("build", source, "--map-id", "hall", "--url", service.url, "--no-wait").out
+        assert f"is queued\nit waits: {why}\n" in told
         said: list[str] = []
 
         class Shown:
@@ -142,7 +136,7 @@ def test_the_shell_says_what_a_build_waits_for(tmp_path: Path, capsys: pytest.Ca
     assert said == [f"the build waits: {why}"]
 
 
-def test_a_line_is_shown_above_the_stages(capsys: pytest.CaptureFixture[str]):
+def test_the_stage_bars_show_a_line(capsys: pytest.CaptureFixture[str]):
     with stage_bars() as bars:
         bars("queued", 0.0)
         bars.say("the build waits: [another] process")
@@ -161,7 +155,7 @@ def test_builds_that_another_process_of_the_store_runs_do_not_wait(tmp_path: Pat
         assert wait_until_ended(service, response)["state"] == "succeeded"
 
 
-def test_a_process_of_an_earlier_release_does_not_say_whose_builds_it_runs(tmp_path: Path):
+def test_a_lock_without_a_holder_is_waited_for(tmp_path: Path):
     folder = taken(tmp_path / "work", tmp_path / "store")
     (tmp_path / "work" / "queue.lock").write_text("")
     with building_service(tmp_path) as service:
@@ -171,7 +165,7 @@ def test_a_process_of_an_earlier_release_does_not_say_whose_builds_it_runs(tmp_p
         wait_until(lambda: waits_for(service) is None)
 
 
-def test_a_folder_that_cannot_be_used_is_told_and_used_once_it_can_be(tmp_path: Path):
+def test_an_unusable_folder_is_named_and_used_once_it_is_mended(tmp_path: Path):
     (tmp_path / "work").mkdir()
     (tmp_path / "work" / "queue.lock").mkdir()
     with capture_logs() as lines, building_service(tmp_path) as service:
@@ -183,7 +177,7 @@ def test_a_folder_that_cannot_be_used_is_told_and_used_once_it_can_be(tmp_path: 
         assert wait_until_ended(service, upload(service))["state"] == "succeeded"
 
 
-def test_a_service_that_runs_no_builds_says_so_of_those_that_wait(tmp_path: Path):
+def test_waiting_builds_tell_that_nobody_runs_builds(tmp_path: Path):
     with running_service(tmp_path, zenoh=False) as recorder:
         response = upload(recorder)
         assert response.json()["waits_for"] == NOBODY_BUILDS
@@ -193,7 +187,7 @@ def test_a_service_that_runs_no_builds_says_so_of_those_that_wait(tmp_path: Path
     assert (ended["state"], ended["waits_for"]) == ("succeeded", None)
 
 
-def test_a_folder_that_cannot_be_written_is_given_back(tmp_path: Path):
+def test_a_folder_that_cannot_be_written_is_released(tmp_path: Path):
     (tmp_path / ".queue.id.part").mkdir()
     with pytest.raises(IsADirectoryError):
         WorkFolder.take(tmp_path, "a")
@@ -203,7 +197,7 @@ def test_a_folder_that_cannot_be_written_is_given_back(tmp_path: Path):
     found.release()
 
 
-def test_who_has_the_folder_stands_in_its_lock(tmp_path: Path):
+def test_the_lock_names_its_holder(tmp_path: Path):
     assert Holder.read(tmp_path / "none") == Holder()
     (tmp_path / "odd").write_text('{"pid": "x"}')
     assert Holder.read(tmp_path / "odd") == Holder()

@@ -24,18 +24,18 @@ def address(url: str, **changes: Path) -> NatsAddress:
         ("nats://[::1]:4222/", "nats://[::1]:4222", "firstfix"),
     ],
 )
-def test_an_address(url: str, server: str, name: str):
+def test_an_address_is_parsed(url: str, server: str, name: str):
     assert (address(url).url, address(url).name) == (server, name)
 
 
 @pytest.mark.parametrize("url", ["nats://user:secret@host", "http://h", "nats://", "elsewhere", "nats://a b"])
-def test_what_is_none_is_refused_with_the_settings(url: str):
+def test_an_invalid_url_is_refused_with_the_settings(url: str):
     with pytest.raises(ValidationError):
         address(url)
 
 
 @pytest.mark.parametrize("url", ["nats://host:0x1", "nats://host/Big", "nats://host/a/b", "nats://host?x=1"])
-def test_a_url_of_another_form(url: str):
+def test_a_url_of_another_form_is_refused(url: str):
     with pytest.raises(InvalidOption, match="build queue"):
         address(url)
 
@@ -47,20 +47,20 @@ def test_a_url_of_another_form(url: str):
         ("a-token", {"token": "a-token"}),
     ],
 )
-def test_who_this_is_stands_in_a_file(tmp_path: Path, content: str, options: dict[str, str]):
+def test_the_login_is_read_from_a_file(tmp_path: Path, content: str, options: dict[str, str]):
     (tmp_path / "login").write_text(content)
     assert address("nats://host", nats_credentials=tmp_path / "login").options() == options
     assert "pass" not in repr(address("nats://host", nats_credentials=tmp_path / "login"))
 
 
 @pytest.mark.parametrize("content", ["", "a\nb\n"])
-def test_a_file_of_another_form(tmp_path: Path, content: str):
+def test_an_invalid_login_file_is_refused(tmp_path: Path, content: str):
     (tmp_path / "login").write_text(content)
     with pytest.raises(InvalidOption, match="one line"):
         address("nats://host", nats_credentials=tmp_path / "login").options()
 
 
-def test_files_that_are_not_there(tmp_path: Path):
+def test_missing_files_are_named(tmp_path: Path):
     for name in ("nats_credentials", "nats_ca", "nats_certificate"):
         with pytest.raises(InvalidOption, match="NATS"):
             address("tls://host", **{name: tmp_path / "none"}).options()

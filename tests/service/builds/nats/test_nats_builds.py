@@ -5,28 +5,30 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+from nats.errors import TimeoutError as NothingWaits
 
-from firstfix.catalog.sources import put_source
+from firstfix.catalog.catalog import Catalog
+from firstfix.store.store import Store
 from firstfix_service.builds.nats.address import NatsAddress
 from firstfix_service.builds.nats.builds import NatsBuilds
+from firstfix_service.builds.nats.queue import NatsBuildQueue
+from firstfix_service.builds.worker import BuildWorker
 from firstfix_service.settings import Settings
+from firstfix_service.telemetry.metrics import Metrics
 from tests.certificates import certificates
 from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 from tests.faults.tiny_worker import STAGES
-from tests.service.builds_world import status_of, upload
+from tests.service.builds_world import is_alive, status_of, upload
 from tests.service.nats_world import LEASE_S, NatsWorld, nats_world
 from tests.service.service_world import FAKE_WORKER, Service, running_service
-from tests.small_world import COARSE_CONFIG
-from tests.waiting import wait_until
-
-pytestmark = pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
+from tests.waiting import LIMIT_S, wait_until
 
 
 @pytest.fixture
@@ -62,12 +64,14 @@ def submit(world: NatsWorld, *build_ids: str) -> list[bool]:
     return asyncio.run(run())
 
 
-def test_a_build_is_in_the_stream_once_however_often_it_is_submitted(world: NatsWorld):
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
+def test_a_build_submitted_twice_is_in_the_stream_once(world: NatsWorld):
     assert submit(world, "b1", "b2", "b1") == [True, True, False]
     assert submit(world, "b1") == [False]
     assert world.in_stream() == ["b1", "b2"]
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 def test_a_stream_of_another_release_is_brought_up_to_date(world: NatsWorld):
     async def make_an_old_one() -> None:
         import nats
@@ -83,6 +87,7 @@ def test_a_stream_of_another_release_is_brought_up_to_date(world: NatsWorld):
     assert submit(world, "b1") == [False]
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 def test_a_posted_map_is_built_by_a_worker_elsewhere(world: NatsWorld):
     with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
         response = post(service)
@@ -101,6 +106,7 @@ def health(worker: Any, call: str) -> httpx.Response:
     return httpx.get(f"http://127.0.0.1:{worker.health_port}/{call}")
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["kill", "stop"])
 def test_a_build_goes_on_at_another_worker_from_the_last_finished_stage(world: NatsWorld, how: str):
@@ -122,34 +128,14 @@ def test_a_build_goes_on_at_another_worker_from_the_last_finished_stage(world: N
     assert end["end"] == "stopped", "its process saw the end of its worker"
 
 
-@pytest.mark.slow
-def test_a_real_build_goes_on_at_another_worker(world: NatsWorld, small_map: Path):
-    command = (sys.executable, "-m", "firstfix_builder.worker")
-    first = world.start_worker("w1", command=command)
-    key = f"maps/yard/sources/{put_source(world.catalog.store, 'yard', small_map)}"
-    request = {"map_id": "yard", "source": {"key": key}, "file_name": "yard.ply"}
-    world.catalog.put_build("b1", {**request, "config": {**COARSE_CONFIG, "provisional": False}})
-    wait_until(lambda: "fit_engine" in stages_shared(world))
-    first.kill()
-    world.start_worker("w2", command=command)
-    status = world.wait_until_ended("b1")
-    assert (status["state"], status["version"]) == ("succeeded", world.catalog.active_version("yard"))
-    assert sum(stage["cached"] for stage in world.catalog.build_stages("b1")) >= 4
-
-
-def stages_shared(world: NatsWorld) -> set[str]:
-    """Names of the stages whose results are in the store, or a part of them."""
-    store = world.catalog.store
-    records = [key for key in store.list("stages") if key.endswith("/stage.json")]
-    return {json.loads(store.get(key))["stage"] for key in records}
-
-
-def test_stages_are_not_shared_where_that_is_not_wanted(world: NatsWorld):
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
+def test_stages_are_not_shared_where_that_is_off(world: NatsWorld):
     world.start_worker_thread(shared_stages_max_bytes=0)
     assert world.wait_until_ended(world.record())["state"] == "succeeded"
     assert world.catalog.store.list("stages") == []
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 def test_the_build_does_not_outlive_its_worker(world: NatsWorld):
     worker = world.start_worker("w1", command=FAKE_WORKER)
     build_id = world.record(config={"sensor": {"preset": "vlp-16", "name": "hang_thrice"}})
@@ -159,15 +145,9 @@ def test_the_build_does_not_outlive_its_worker(world: NatsWorld):
     wait_until(lambda: not is_alive(pid))
 
 
-def is_alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 @pytest.mark.slow
-def test_a_build_that_kills_its_worker_time_after_time_is_buried(world: NatsWorld):
+def test_a_build_that_keeps_killing_its_worker_is_a_dead_build(world: NatsWorld):
     world.start_worker_thread()
     build_id, after = world.record(die_in="describe", stage_s=0.7), world.record()
     status = world.wait_until_ended(build_id)
@@ -180,6 +160,7 @@ def test_a_build_that_kills_its_worker_time_after_time_is_buried(world: NatsWorl
     assert world.in_stream("FIRSTFIX_DEAD_BUILDS") == [build_id]
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 @pytest.mark.slow
 def test_stops_in_good_order_are_not_held_against_a_build(world: NatsWorld):
     build_id = world.record(**hanging(world))
@@ -193,6 +174,7 @@ def test_stops_in_good_order_are_not_held_against_a_build(world: NatsWorld):
     assert world.wait_until_ended(build_id)["state"] == "succeeded"
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 def test_a_waiting_and_a_running_build_are_cancelled(world: NatsWorld):
     with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
         world.start_worker_thread()
@@ -207,6 +189,7 @@ def test_a_waiting_and_a_running_build_are_cancelled(world: NatsWorld):
     assert world.catalog.map_ids() == []
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 @pytest.mark.slow
 def test_a_map_that_is_posted_while_nats_is_away_is_built_later(world: NatsWorld):
     with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
@@ -222,6 +205,7 @@ def test_a_map_that_is_posted_while_nats_is_away_is_built_later(world: NatsWorld
             assert world.wait_until_ended(posted.json()["build_id"])["state"] == "succeeded"
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 def test_a_service_starts_without_nats(tmp_path: Path):
     with nats_world(tmp_path) as world:
         world.server.stop()
@@ -233,6 +217,7 @@ def test_a_service_starts_without_nats(tmp_path: Path):
             assert world.wait_until_ended(response.json()["build_id"])["state"] == "succeeded"
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_build_outlasts_a_restart_of_nats(world: NatsWorld, number: signal.Signals):
@@ -249,6 +234,7 @@ def test_a_build_outlasts_a_restart_of_nats(world: NatsWorld, number: signal.Sig
     assert len(world.catalog.store.list(f"builds/{build_id}/attempts")) == 2, "one attempt, and its end"
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 def test_a_stream_that_was_lost_is_made_again_from_the_store(world: NatsWorld):
     async def lose_it() -> None:
         import nats
@@ -264,8 +250,9 @@ def test_a_stream_that_was_lost_is_made_again_from_the_store(world: NatsWorld):
     assert world.wait_until_ended(build_id)["state"] == "succeeded"
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 @pytest.mark.slow
-def test_two_workers_build_two_maps_at_a_time_and_none_twice(world: NatsWorld):
+def test_two_workers_share_the_builds(world: NatsWorld):
     workers = [world.start_worker("w1"), world.start_worker("w2")]
     builds = [world.record(f"m{i}", stage_s=0.2) for i in range(4)]
     for build_id in builds:
@@ -275,8 +262,9 @@ def test_two_workers_build_two_maps_at_a_time_and_none_twice(world: NatsWorld):
     assert min(map(len, made)) > 0, "both had some"
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 @pytest.mark.slow
-def test_one_worker_may_run_several(world: NatsWorld):
+def test_one_worker_may_run_several_builds(world: NatsWorld):
     world.start_worker_thread(concurrency=2)
     builds = [world.record(f"m{i}", **hanging(world)) for i in range(2)]
     for build_id in builds:
@@ -286,7 +274,8 @@ def test_one_worker_may_run_several(world: NatsWorld):
         assert world.wait_until_ended(build_id)["state"] == "succeeded"
 
 
-def test_what_is_no_build_does_not_hold_up_the_others(world: NatsWorld):
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
+def test_an_unknown_build_does_not_hold_up_the_others(world: NatsWorld):
     submit(world, "nosuchbuild")
     world.start_worker_thread()
     assert world.wait_until_ended(world.record())["state"] == "succeeded"
@@ -294,7 +283,8 @@ def test_what_is_no_build_does_not_hold_up_the_others(world: NatsWorld):
     assert world.in_stream("FIRSTFIX_DEAD_BUILDS") == ["nosuchbuild"]
 
 
-def test_deployments_that_share_a_server_do_not_see_each_others_builds(world: NatsWorld):
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
+def test_deployments_on_one_server_have_separate_builds(world: NatsWorld):
     world.start_worker_thread(build_queue=f"{world.server.url}/other")
     assert world.wait_until_ended(world.record())["state"] == "succeeded"
     with pytest.raises(Exception, match="stream not found"):
@@ -302,6 +292,7 @@ def test_deployments_that_share_a_server_do_not_see_each_others_builds(world: Na
     wait_until(lambda: world.in_stream("OTHER_BUILDS") == [])
 
 
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 def test_the_user_comes_from_a_file_and_no_build_gets_it(tmp_path: Path):
     (tmp_path / "login").write_text("builder:s3cret\n")
     config = "authorization { user: builder, password: s3cret }"
@@ -315,10 +306,77 @@ def test_the_user_comes_from_a_file_and_no_build_gets_it(tmp_path: Path):
         assert "s3cret" not in (world.folder / "w1.log").read_text()
 
 
-def test_both_sides_show_their_certificates(tmp_path: Path):
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
+def test_client_and_server_authenticate_by_certificates(tmp_path: Path):
     ca, server, client = certificates(tmp_path)
     config = f"""tls {{ cert_file: "{server}", key_file: "{server}", ca_file: "{ca}", verify: true }}"""
     with nats_world(tmp_path / "world", config=config) as world:
         url = world.server.url.replace("nats://", "tls://")
         world.start_worker_thread(build_queue=url, nats_ca=ca, nats_certificate=client)
         assert world.wait_until_ended(world.record())["state"] == "succeeded"
+
+
+class DroppingBuilds:
+    """Stands for the stream. The first call drops a cancellation, as ``asyncio.wait_for`` may."""
+
+    connected = True
+
+    def __init__(self) -> None:
+        self.called, self.calls = asyncio.Event(), 0
+
+    async def _drop(self) -> None:
+        self.calls += 1
+        self.called.set()
+        if self.calls == 1:
+            with suppress(asyncio.CancelledError):
+                await asyncio.Event().wait()
+        else:
+            await asyncio.sleep(0)
+
+    async def connect(self) -> None: ...
+
+    async def close(self) -> None: ...
+
+    async def make_streams(self) -> None: ...
+
+    async def waiting(self) -> DroppingBuilds:
+        return self
+
+    async def fetch(self, count: int, timeout: float) -> list[Any]:
+        await self._drop()
+        raise NothingWaits
+
+    async def room(self) -> int:
+        await self._drop()
+        return 0
+
+
+@pytest.mark.parametrize("kind", ["worker", "queue"])
+def test_a_dropped_cancellation_ends_it(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("firstfix_service.builds.nats.queue.ROOM_S", 0.01)
+    monkeypatch.setattr("firstfix_service.builds.nats.queue.RECONCILE_S", 0.01)
+    settings = Settings(
+        store=f"file://{tmp_path}/store",
+        work_dir=tmp_path / "work",
+        build_queue="nats://127.0.0.1:1",
+        shared_stages_max_bytes=0,
+    )
+    catalog = Catalog(Store.open(settings.store))
+
+    async def main() -> None:
+        builds: Any = DroppingBuilds()
+        if kind == "queue":
+            part: NatsBuildQueue | BuildWorker = NatsBuildQueue(settings, catalog, Metrics())
+            part.builds = builds
+        else:
+            part = BuildWorker(settings, catalog, Metrics(), 1)
+            monkeypatch.setattr(part, "_builds", builds)
+            monkeypatch.setattr(part.queue, "run", asyncio.Event().wait)
+        task = asyncio.create_task(part.run())
+        await asyncio.wait_for(builds.called.wait(), LIMIT_S)
+        task.cancel()
+        ended, _ = await asyncio.wait({task}, timeout=LIMIT_S)
+        assert ended, "it goes on"
+        assert task.cancelled()
+
+    asyncio.run(main())
