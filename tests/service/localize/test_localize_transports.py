@@ -1,27 +1,31 @@
-"""The same tests over both transports, which must refuse with the same bytes."""
+"""The same tests over both transports, which must answer and refuse with the same bytes."""
 
 from __future__ import annotations
 
 import gzip
-import threading
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import zenoh
 import zstandard
 
-from firstfix.answer.localization import Localization, Verdict
+from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.errors import all_errors
+from firstfix.ros.media_types import POINT_CLOUD2, POSE
+from firstfix.ros.pose_message import TYPE
 from firstfix.scan.compact import CompactScan
 from firstfix.scan.reduction import COLUMNS, ROWS
 from firstfix.scan.scan import Scan
 from firstfix.wire import query as wire_query
 from firstfix.wire import sequence as wire_sequence
-from tests.service.service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
+from tests.ros_samples import ROS2, cdr, cloud_of_points
+from tests.service.service_world import SCAN_BODY, XYZ, Reply, Service, publish, serving
 from tests.waiting import wait_until
 
 both = pytest.mark.parametrize("transport", ["http", "zenoh"])
+CLOUD = cdr(cloud_of_points(np.ones((40, 3)), stamp_ns=1_700_000_000_123_456_789))
 
 
 @both
@@ -58,7 +62,7 @@ def test_several_scans_are_one_query(shared_service: Service, transport: str):
 
 
 @both
-def test_a_compact_query_is_one(shared_service: Service, transport: str):
+def test_a_compact_query_is_answered(shared_service: Service, transport: str):
     nearest_m = np.full(ROWS * COLUMNS, np.inf, np.float32)
     body = wire_query.encode_query(CompactScan(np.ones((7, 3), np.float32), nearest_m))
     reply = shared_service.ask(transport, body=body, media_type=wire_query.MEDIA_TYPE)
@@ -78,7 +82,7 @@ def test_the_transports_give_the_same_answer(shared_service: Service):
     ("encoding", "compress"),
     [("gzip", gzip.compress), ("zstd", zstandard.ZstdCompressor().compress), ("identity", bytes)],
 )
-def test_content_encodings_are_undone(shared_service: Service, transport: str, encoding: str, compress):
+def test_compressed_bodies_are_decoded(shared_service: Service, transport: str, encoding: str, compress):
     reply = shared_service.ask(transport, body=compress(SCAN_BODY), content_encoding=encoding)
     assert reply.json["T_map_sensor"]["position"][1] == 100
 
@@ -99,12 +103,18 @@ BAD = {
     "encoding": ({"content_encoding": "br"}, "unsupported_format", 415),
     "truncated": ({"body": SCAN_BODY[:-1]}, "malformed_data", 400),
     "not gzip": ({"content_encoding": "gzip"}, "malformed_data", 400),
+    "another message": (
+        {"media_type": "application/vnd.ros2.cdr; type=sensor_msgs/msg/Imu"},
+        "unsupported_format",
+        415,
+    ),
+    "a damaged cloud": ({"body": CLOUD[:-9], "media_type": POINT_CLOUD2}, "malformed_data", 400),
     "not pcd": ({"media_type": "application/x-pcd"}, "malformed_data", 400),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_both_refuse_with_the_same_bytes(shared_service: Service, case: str):
+def test_both_transports_refuse_with_the_same_bytes(shared_service: Service, case: str):
     query, code, status = BAD[case]
     http, zenoh = shared_service.ask("http", **query), shared_service.ask("zenoh", **query)
     assert (http.json["code"], http.json["status"]) == (code, status)
@@ -115,7 +125,7 @@ def test_both_refuse_with_the_same_bytes(shared_service: Service, case: str):
 
 
 @pytest.mark.parametrize("error", all_errors(), ids=lambda cls: cls.__name__)
-def test_every_error_crosses_both_alike(shared_service, error, monkeypatch):
+def test_every_error_has_the_same_bytes_on_both_transports(shared_service, error, monkeypatch):
     monkeypatch.setattr(shared_service.behaviour, "raises", error("the very reason"))
     http, zenoh = shared_service.ask("http"), shared_service.ask("zenoh")
     assert http.body == zenoh.body
@@ -123,7 +133,7 @@ def test_every_error_crosses_both_alike(shared_service, error, monkeypatch):
 
 
 @both
-def test_an_unexpected_error_tells_nothing(shared_service, transport, monkeypatch):
+def test_an_unexpected_error_tells_no_detail(shared_service, transport, monkeypatch):
     monkeypatch.setattr(shared_service.behaviour, "raises", RuntimeError("secret path /etc/firstfix"))
     reply = shared_service.ask(transport)
     assert (reply.json["code"], reply.json["status"]) == ("internal", 500)
@@ -132,44 +142,36 @@ def test_an_unexpected_error_tells_nothing(shared_service, transport, monkeypatc
     assert shared_service.ask(transport).ok, "it goes on serving"
 
 
+@serving(max_body_bytes=1200)
 @both
-def test_a_body_over_the_limit_is_refused(tmp_path: Path, transport: str):
-    with running_service(tmp_path, max_body_bytes=1200) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
-        assert service.ask(transport).ok
-        assert service.ask(transport, body=SCAN_BODY + bytes(12)).json["code"] == "too_large"
-        bomb = gzip.compress(bytes(12 * 1000))
-        assert len(bomb) < 1200
-        reply = service.ask(transport, body=bomb, content_encoding="gzip")
-        assert (reply.json["code"], reply.json["status"]) == ("too_large", 413)
+def test_a_body_over_the_limit_is_refused(service: Service, transport: str):
+    assert service.ask(transport).ok
+    assert service.ask(transport, body=SCAN_BODY + bytes(12)).json["code"] == "too_large"
+    bomb = gzip.compress(bytes(12 * 1000))
+    assert len(bomb) < 1200
+    reply = service.ask(transport, body=bomb, content_encoding="gzip")
+    assert (reply.json["code"], reply.json["status"]) == ("too_large", 413)
 
 
+@serving(is_gated=True, workers=1, queue_size=1)
 @both
-def test_a_full_queue_says_so_at_once(tmp_path: Path, transport: str):
-    behaviour = Behaviour(gate=threading.Event())
-    with (
-        running_service(tmp_path, behaviour=behaviour, workers=1, queue_size=1) as service,
-        ThreadPoolExecutor(2) as threads,
-    ):
-        publish(service.catalog, "hall", "1", service.scratch)
+def test_a_full_queue_refuses_at_once(service: Service, transport: str):
+    with ThreadPoolExecutor(2) as threads:
         waiting = [threads.submit(service.ask, transport) for _ in range(2)]
-        wait_until(lambda: "firstfix_queries_admitted 2.0" in service.http.get("/metrics").text)
+        wait_until(lambda: service.value("firstfix_queries_admitted") == 2)
         refused = service.ask(transport)
         assert (refused.json["code"], refused.json["status"]) == ("overloaded", 503)
-        assert behaviour.gate is not None
-        behaviour.gate.set()
+        service.open_gate()
         assert all(reply.result().ok for reply in waiting), "those that were let in are answered"
 
 
+@serving(is_gated=True)
 @both
-def test_a_deadline_is_kept(tmp_path: Path, transport: str):
-    behaviour = Behaviour(gate=threading.Event())
-    with running_service(tmp_path, behaviour=behaviour) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
-        reply = service.ask(transport, options={"deadline_ms": "150"})
-        assert (reply.json["code"], reply.json["status"]) == ("deadline_exceeded", 504)
-        behaviour.gate.set()
-        assert service.ask(transport, options={"deadline_ms": "600000"}).ok
+def test_a_query_over_its_deadline_gets_504(service: Service, transport: str):
+    reply = service.ask(transport, options={"deadline_ms": "150"})
+    assert (reply.json["code"], reply.json["status"]) == ("deadline_exceeded", 504)
+    service.open_gate()
+    assert service.ask(transport, options={"deadline_ms": "600000"}).ok
 
 
 @both
@@ -184,3 +186,103 @@ def test_another_version_can_be_named(shared_service: Service, transport: str):
 
 def test_media_type_parameters_are_ignored(shared_service: Service):
     assert shared_service.ask("http", media_type=f"{XYZ.upper()}; charset=binary").ok
+
+
+def ask_for(
+    service: Service,
+    transport: str,
+    accept: str,
+    body: bytes = CLOUD,
+    media_type: str = POINT_CLOUD2,
+    options: dict[str, str] | None = None,
+    content_encoding: str = "identity",
+) -> Reply:
+    """Sends one query with an Accept header, or zenoh's parameter for it."""
+    options = options or {}
+    if transport == "zenoh":
+        options = {"accept": accept.partition(";")[0], **options}  # a semicolon separates parameters
+        return service.ask_zenoh(body, media_type, "hall", options, content_encoding)
+    headers = {"Content-Type": media_type, "Accept": accept, "Content-Encoding": content_encoding}
+    answer = service.http.post("/localize", params={"map": "hall", **options}, content=body, headers=headers)
+    return Reply(answer.status_code == 200, answer.content, answer.headers["content-type"])
+
+
+def pose_of(reply: Reply) -> Any:
+    assert (reply.ok, reply.media_type) == (True, POSE)
+    return ROS2.deserialize_cdr(reply.body, TYPE)
+
+
+@both
+def test_the_pose_message_has_the_stamp_of_the_cloud_and_the_frame_of_the_map(
+    shared_service: Service, transport: str
+):
+    message = pose_of(ask_for(shared_service, transport, POSE))
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1_700_000_000, 123_456_789)
+    assert message.header.frame_id == "map"
+    position = message.pose.pose.position
+    assert (position.x, position.y, position.z) == (1, 40, 0)
+    np.testing.assert_array_equal(message.pose.covariance, np.eye(6).ravel())
+
+
+@both
+@pytest.mark.parametrize(
+    ("encoding", "compress"), [("gzip", gzip.compress), ("zstd", zstandard.ZstdCompressor().compress)]
+)
+def test_the_stamp_is_found_under_a_content_encoding(shared_service, transport, encoding, compress):
+    message = pose_of(ask_for(shared_service, transport, POSE, compress(CLOUD), content_encoding=encoding))
+    assert message.header.stamp.nanosec == 123_456_789
+
+
+@both
+def test_frame_and_stamp_can_be_given(shared_service: Service, transport: str):
+    message = pose_of(
+        ask_for(shared_service, transport, POSE, options={"frame": "hall/map", "stamp": "7.000000001"})
+    )
+    assert message.header.frame_id == "hall/map"
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (7, 1)
+
+
+def test_zenohs_own_name_for_cdr_is_known(shared_service: Service):
+    encoding = zenoh.Encoding.APPLICATION_CDR.with_schema("sensor_msgs/msg/PointCloud2")
+    reply = shared_service.ask(
+        "zenoh", body=CLOUD, media_type=encoding, options={"accept": "application/cdr"}
+    )
+    assert pose_of(reply).header.stamp.nanosec == 123_456_789
+
+
+@both
+def test_another_scan_gives_a_pose_message_without_a_stamp(shared_service: Service, transport: str):
+    message = pose_of(ask_for(shared_service, transport, POSE, SCAN_BODY, XYZ))
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (0, 0)
+
+
+@both
+@pytest.mark.parametrize("accept", ["application/json", ""])
+def test_json_is_the_default(shared_service: Service, transport: str, accept: str):
+    reply = ask_for(shared_service, transport, accept)
+    assert (reply.media_type, reply.json["T_map_sensor"]["position"]) == ("application/json", [1, 40, 0])
+
+
+@both
+@pytest.mark.parametrize("verdict", [Verdict.REJECTED, Verdict.AMBIGUOUS])
+def test_an_answer_without_a_pose_is_json(shared_service: Service, transport: str, verdict, monkeypatch):
+    answer = Localization(verdict, (Reason.SEVERAL_PLACES,), map_id="hall")
+    monkeypatch.setattr(shared_service.behaviour, "answers", lambda *_: answer)
+    reply = ask_for(shared_service, transport, POSE)
+    assert (reply.ok, reply.media_type) == (True, "application/json")
+    assert (reply.json["verdict"], reply.json["T_map_sensor"]) == (verdict.value, None)
+
+
+@both
+@pytest.mark.parametrize(
+    ("accept", "options"),
+    [
+        (POSE, {"frame": ""}),
+        (POSE, {"stamp": "now"}),
+        ("application/json", {"frame": "map"}),
+        (POSE, {"frme": "map"}),
+    ],
+)
+def test_invalid_frames_and_stamps_are_refused(shared_service: Service, transport: str, accept, options):
+    reply = ask_for(shared_service, transport, accept, options=options)
+    assert (reply.ok, reply.json["code"]) == (False, "invalid_option")

@@ -8,6 +8,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
@@ -16,48 +17,43 @@ import numpy as np
 import pytest
 
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
-from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
 from firstfix.engine.index import MapIndex
 from firstfix.errors import InvalidOption, NotFound, StoreUnavailable
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
-from firstfix_cli.main import run
 from firstfix_service.auth.principal import Principal
 from firstfix_service.localize.sampler import MAX_WAITING, QuerySampler, SamplePolicy
 from firstfix_service.query_workers.answer_form import AnswerForm
 from firstfix_service.query_workers.encoded_answer import encoded_answer
 from firstfix_service.query_workers.query import AsGiven, Query
 from firstfix_service.telemetry.metrics import Metrics
-from tests.service.access_world import give
-from tests.service.service_world import SCAN_BODY, XYZ, FakeLocalizer, Service, publish, running_service
+from tests.commands import firstfix
+from tests.service.access_world import KEYED, bearer, known
+from tests.service.service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, publish, served
 from tests.waiting import wait_until
 
 LOCALIZED_POINTS = 200  # a scan of so many is localized, every other one rejected
 
 
-def judged(
-    self: FakeLocalizer, scan: Scan, options: LocalizeOptions | None = None, *_: object
-) -> Localization:
+def judged(localizer: FakeLocalizer, scan: Scan, *_: object) -> Localization:
     T = np.eye(4)
-    T[0, 3] = self.label
+    T[0, 3] = localizer.label
     place = Hypothesis(T, AlignmentQuality(0.4, 0.3, 0.1), 0.4, 3)
     if len(scan) == LOCALIZED_POINTS:
         return Localization(Verdict.LOCALIZED, (), T, None, np.eye(6), 0.9, (place,))
     return Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,), probability=0.4, hypotheses=(place,))
 
 
-@pytest.fixture(autouse=True)
-def judging(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(FakeLocalizer, "localize", judged)
+def judging(directory: Path, **changes: Any) -> AbstractContextManager[Service]:
+    return served(directory, behaviour=Behaviour(answers=judged), **changes)
 
 
 @pytest.fixture
-def service(tmp_path: Path) -> Iterator[Service]:
-    with running_service(tmp_path, samples_share=1.0) as running:
-        publish(running.catalog, "hall", "1", running.scratch)
-        wait_until(lambda: running.http.get("/readyz").json().get("maps") == 1)
+def service(tmp_path) -> Iterator[Service]:
+    with judging(tmp_path, samples_share=1.0) as running:
+        running.wait_until_loaded()
         yield running
 
 
@@ -66,7 +62,7 @@ def kept_by(service: Service) -> QuerySamples:
 
 
 @pytest.mark.parametrize("transport", ["http", "zenoh"])
-def test_a_rejected_query_is_kept_as_it_came(service: Service, transport: str):
+def test_a_rejected_query_is_recorded_as_it_came(service: Service, transport: str):
     body = gzip.compress(SCAN_BODY)
     options = {"min_probability": "0.5"}
     reply = service.ask(transport, body=body, content_encoding="gzip", options=options)
@@ -84,28 +80,25 @@ def test_a_rejected_query_is_kept_as_it_came(service: Service, transport: str):
     assert timedelta(0) <= age < timedelta(minutes=1)
 
 
-def test_a_localized_query_is_not_kept(service: Service):
+def test_a_localized_query_is_not_recorded(service: Service):
     assert service.ask("http", body=bytes(12 * LOCALIZED_POINTS)).json["verdict"] == "localized"
     service.ask("http")  # kept after the other would have been
     wait_until(lambda: kept_by(service).ids())
     assert len(kept_by(service).ids()) == 1
-    counted = 'firstfix_samples_total{result="kept"} 1.0'  # after it is in the store
-    wait_until(lambda: counted in service.http.get("/metrics").text)
+    wait_until(lambda: service.value("firstfix_samples_total", result="kept") == 1)
 
 
-def test_nothing_is_kept_by_default(tmp_path: Path):
+def test_nothing_is_recorded_by_default(tmp_path: Path):
     before = set(threading.enumerate())  # other services may run in this process
-    with running_service(tmp_path, zenoh=False) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
+    with judging(tmp_path, zenoh=False) as service:
         assert service.ask("http").json["verdict"] == "rejected"
         assert "query-sampler" not in {thread.name for thread in set(threading.enumerate()) - before}
     assert not (tmp_path / "store" / "samples").exists()
 
 
-def test_another_place_can_be_named(tmp_path: Path):
+def test_samples_may_have_a_store_of_their_own(tmp_path: Path):
     elsewhere = tmp_path / "elsewhere"
-    with running_service(tmp_path, zenoh=False, samples_share=1.0, samples_store=str(elsewhere)) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
+    with judging(tmp_path, zenoh=False, samples_share=1.0, samples_store=str(elsewhere)) as service:
         assert service.ask("http").ok
     assert len(list((elsewhere / "samples").glob("*.body"))) == 1, "written before the service stopped"
     assert not (tmp_path / "store" / "samples").exists()
@@ -145,7 +138,7 @@ class Kept:
         self.sampler.close()
 
 
-def test_a_share_is_kept(tmp_path: Path):
+def test_a_share_is_recorded(tmp_path: Path):
     kept = Kept(tmp_path, share=0.5, per_minute=6000)
     for _ in range(60):
         kept.sampler.offer(QUERY, bytes(100), REJECTED, None)
@@ -154,7 +147,7 @@ def test_a_share_is_kept(tmp_path: Path):
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.0, 0), (1.0, 1)])
-def test_a_share_of_the_localized_ones(tmp_path: Path, share: float, count: int):
+def test_localized_queries_have_a_share_of_their_own(tmp_path: Path, share: float, count: int):
     kept = Kept(tmp_path, share=0.0, share_localized=share)
     kept.sampler.offer(QUERY, bytes(100), LOCALIZED, None)
     kept.sampler.offer(QUERY, bytes(100), REJECTED, None)
@@ -162,7 +155,7 @@ def test_a_share_of_the_localized_ones(tmp_path: Path, share: float, count: int)
     assert len(kept.samples.ids()) == count
 
 
-def test_so_many_a_minute_and_no_large_ones(tmp_path: Path):
+def test_the_rate_and_the_size_are_limited(tmp_path: Path):
     kept = Kept(tmp_path, per_minute=3)
     kept.sampler.offer(QUERY, bytes(2001), REJECTED, None)
     for _ in range(5):
@@ -172,7 +165,7 @@ def test_so_many_a_minute_and_no_large_ones(tmp_path: Path):
     assert (kept.count("kept"), kept.count("rate_limited"), kept.count("too_large")) == (3, 2, 1)
 
 
-def test_what_the_writer_cannot_keep_up_with_is_dropped(tmp_path: Path):
+def test_samples_beyond_the_queue_are_dropped(tmp_path: Path):
     kept = Kept(tmp_path, per_minute=6000)
     for _ in range(MAX_WAITING + 5):  # nobody writes yet
         kept.sampler.offer(QUERY, bytes(100), REJECTED, None)
@@ -181,7 +174,7 @@ def test_what_the_writer_cannot_keep_up_with_is_dropped(tmp_path: Path):
     assert kept.count("kept") == MAX_WAITING
 
 
-def test_a_store_that_fails_costs_the_samples_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_failing_store_loses_only_samples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     kept = Kept(tmp_path)
 
     def fails(self: Store, key: str, data: bytes) -> None:
@@ -223,7 +216,7 @@ def aged(samples: QuerySamples, directory: Path, days: float, number: int) -> st
     return sample_id
 
 
-def test_old_samples_go(tmp_path: Path):
+def test_old_samples_are_pruned(tmp_path: Path):
     kept = Kept(tmp_path, max_age_s=5 * 86400.0)
     old, young = aged(kept.samples, tmp_path, 6, 1), aged(kept.samples, tmp_path, 4, 2)
     assert kept.samples.ids() == [old, young]
@@ -233,7 +226,7 @@ def test_old_samples_go(tmp_path: Path):
         kept.samples.body(old)
 
 
-def test_the_oldest_go_when_all_together_are_too_large(tmp_path: Path):
+def test_the_oldest_are_pruned_over_the_size_limit(tmp_path: Path):
     kept = Kept(tmp_path, max_bytes=3000, per_minute=6000)
     ids = [aged(kept.samples, tmp_path, 1 - number / 10, number) for number in range(4)]
     left = kept.samples.prune(older_than_s=1e9, max_bytes=3000)
@@ -251,7 +244,7 @@ def test_the_limit_holds_while_samples_come(tmp_path: Path):
     assert kept.samples.ids()
 
 
-def test_half_a_sample_is_none_and_is_removed_in_time(tmp_path: Path):
+def test_half_a_sample_is_not_listed_and_is_pruned(tmp_path: Path):
     samples = QuerySamples(Store.open(str(tmp_path)))
     sample_id = new_sample_id("0" * 8, datetime.now(timezone.utc) - timedelta(days=2))
     Store.open(str(tmp_path)).put(f"samples/{sample_id}.body", b"1234")
@@ -263,7 +256,7 @@ def test_half_a_sample_is_none_and_is_removed_in_time(tmp_path: Path):
 
 
 @pytest.mark.parametrize("sample_id", ["../secret", "x", "20260101t000000000000-0000000g", ""])
-def test_an_id_that_is_none(tmp_path: Path, sample_id: str):
+def test_invalid_id_is_rejected(tmp_path: Path, sample_id: str):
     samples = QuerySamples(Store.open(str(tmp_path)))
     for call in (samples.get, samples.body, samples.delete):
         with pytest.raises(InvalidOption, match="not a sample id"):
@@ -273,12 +266,6 @@ def test_an_id_that_is_none(tmp_path: Path, sample_id: str):
 # The command line
 
 
-def ended(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as caught:
-        run([str(argument) for argument in arguments])
-    return int(caught.value.code or 0)
-
-
 @pytest.fixture
 def sample_id(service: Service) -> str:
     service.ask("http", body=gzip.compress(SCAN_BODY), content_encoding="gzip")
@@ -286,40 +273,36 @@ def sample_id(service: Service) -> str:
     return kept_by(service).ids()[0]
 
 
-def test_kept_queries_are_listed_shown_fetched_and_removed(service, sample_id, tmp_path, capsys):
+def test_recorded_queries_are_listed_shown_fetched_and_removed(service, sample_id, tmp_path):
     where = ("--store", service.settings.store)
-    assert ended("samples", "ls", *where) == 0
-    line = capsys.readouterr().out
-    assert sample_id in line
-    assert "rejected" in line
-    assert "low_inlier_ratio" in line
-    assert ended("samples", "ls", *where, "--map", "yard", "--json") == 0
-    assert json.loads(capsys.readouterr().out) == {"samples": []}
-    assert ended("samples", "show", sample_id, *where) == 0
-    assert json.loads(capsys.readouterr().out)["map_id"] == "hall"
-    assert ended("samples", "fetch", *where, "-o", tmp_path / "out") == 0
-    capsys.readouterr()
+    line = firstfix("samples", "ls", *where).out
+    assert all(word in line for word in (sample_id, "rejected", "low_inlier_ratio"))
+    none = firstfix("samples", "ls", *where, "--map", "yard", "--json").out
+    assert json.loads(none) == {"samples": []}
+    assert json.loads(firstfix("samples", "show", sample_id, *where).out)["map_id"] == "hall"
+    firstfix("samples", "fetch", *where, "-o", tmp_path / "out")
     assert (tmp_path / "out" / f"{sample_id}.body").read_bytes() == SCAN_BODY, "without its encoding"
-    assert ended("samples", "rm", *where) == 2
-    assert ended("samples", "rm", sample_id, *where) == 0
+    firstfix("samples", "rm", *where, code=2)
+    firstfix("samples", "rm", sample_id, *where)
     assert kept_by(service).ids() == []
-    assert ended("samples", "show", sample_id, *where) == 2
+    firstfix("samples", "show", sample_id, *where, code=2)
 
 
-def test_kept_queries_are_asked_again(service, sample_id, tmp_path, capsys, monkeypatch):
-    def better(
-        self: FakeLocalizer, scan: Scan, options: LocalizeOptions | None = None, *_: object
-    ) -> Localization:
+def replayed(service: Service, *more: object, map_id: str = "hall") -> str:
+    store = service.settings.store
+    return firstfix("evaluate", "--samples", store, "--map", map_id, "--url", service.url, *more).out
+
+
+def test_recorded_queries_are_replayed(service, sample_id, tmp_path):
+    def better(localizer: FakeLocalizer, scan: Scan, *_: object) -> Localization:
         assert len(scan) == 100, "the same bytes"
         T = np.eye(4)
-        T[:3, 3] = self.label + 3, 4, 0
+        T[:3, 3] = localizer.label + 3, 4, 0
         return Localization(Verdict.LOCALIZED, (), T, None, np.eye(6), 0.99)
 
-    monkeypatch.setattr(FakeLocalizer, "localize", better)
+    service.behaviour.answers = better
     report = tmp_path / "report.json"
-    asked = ("evaluate", "--samples", service.settings.store, "--map", "hall", "--url", service.url)
-    assert ended(*asked, "--json", report) == 0
-    out = capsys.readouterr().out
+    out = replayed(service, "--json", report)
     assert "rejected -> localized: 1" in out
     assert "moved 5.00 m, 0.0 deg" in out
     found = json.loads(report.read_text())
@@ -329,64 +312,42 @@ def test_kept_queries_are_asked_again(service, sample_id, tmp_path, capsys, monk
     assert (one["sample"], one["moved_m"]) == (sample_id, 5.0)
     assert (one["then"]["probability"], one["now"]["probability"]) == (0.4, 0.99)
     assert one["now"]["map_version"] == service.catalog.active_version("hall")
+    service.behaviour.answers = judged
+    service.ask("http")  # recorded after the replay would have been
+    wait_until(lambda: len(kept_by(service).ids()) > 1)
+    assert len(kept_by(service).ids()) == 2, "the replay is not recorded"
 
 
-def test_another_version_can_be_asked(service: Service, sample_id: str, capsys: pytest.CaptureFixture[str]):
+def test_another_version_can_be_replayed(service, sample_id):
     first = service.catalog.active_version("hall")
     publish(service.catalog, "hall", "2", service.scratch)
-    asked = ("evaluate", "--samples", service.settings.store, "--map", "hall", "--url", service.url)
-    assert ended(*asked, "--version", first) == 0
-    assert "moved 0.00 m" in capsys.readouterr().out
+    assert "moved 0.00 m" in replayed(service, "--version", first)
+    assert "rejected -> error: 1" in replayed(service, "--version", "0" * 64)
+    assert "0 kept queries sent again" in replayed(service, map_id="yard")
     wait_until(lambda: service.ask("http").json["hypotheses"][0]["T_map_sensor"]["position"][0] == 2)
-    assert ended(*asked) == 0
-    assert "moved 1.00 m" in capsys.readouterr().out
+    assert "moved 1.00 m" in replayed(service)
 
 
-def test_what_is_asked_again_is_not_kept_again(service: Service, sample_id: str):
-    asked = ("evaluate", "--samples", service.settings.store, "--map", "hall", "--url", service.url)
-    assert ended(*asked) == 0
-    service.ask("http")  # kept after the other would have been
-    wait_until(lambda: len(kept_by(service).ids()) > 1)
-    assert len(kept_by(service).ids()) == 2
-
-
-def test_only_who_may_read_kept_queries_asks_again_without_a_trace(tmp_path: Path):
-    with running_service(tmp_path, zenoh=False, samples_share=1.0, auth="on", keys_refresh_s=0.1) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
-        robot, operator = give(service, "localize"), give(service, "build")
-
-        def ask(key: str) -> bool:
-            headers = {"Content-Type": XYZ, "Authorization": f"Bearer {key}", "X-Request-Id": "replay-me"}
-            return service.http.post("/localize?map=hall", content=SCAN_BODY, headers=headers).is_success
-
-        wait_until(lambda: ask(operator))
-        assert ask(robot)
+def test_only_callers_that_may_read_recorded_queries_replay_without_a_trace(tmp_path: Path):
+    with judging(tmp_path, zenoh=False, samples_share=1.0, **KEYED) as service:
+        for key in (known(service, "build"), known(service, "localize")):
+            headers = {"Content-Type": XYZ, **bearer(key), "X-Request-Id": "replay-me"}
+            asked = service.http.post("/localize?map=hall", content=SCAN_BODY, headers=headers)
+            assert asked.is_success
         wait_until(lambda: kept_by(service).ids())
     kept = kept_by(service)
     assert [kept.get(one).request_id for one in kept.ids()] == ["replay-me"], "the robot's, and no other"
     assert [len(kept.get(one).robot) for one in kept.ids()] == [16], "it has a key of its own"
 
 
-def test_a_query_that_cannot_be_asked_again_says_why(service, sample_id, capsys):
-    asked = ("evaluate", "--samples", service.settings.store, "--map", "hall", "--url", service.url)
-    assert ended(*asked, "--version", "0" * 64) == 0
-    assert "rejected -> error: 1" in capsys.readouterr().out
-    assert ended(*asked[:3], "--map", "yard", "--url", service.url) == 0
-    assert "0 kept queries sent again" in capsys.readouterr().out
-
-
-def test_the_engine_in_this_process_can_be_asked(service, sample_id, monkeypatch, capsys):
-    def load(directory: Path) -> float:
-        return float((directory / "label.txt").read_text())
-
-    monkeypatch.setattr(MapIndex, "load", load)
+def test_the_engine_in_this_process_can_be_asked(service, sample_id, monkeypatch):
+    monkeypatch.setattr(MapIndex, "load", lambda directory: float((directory / "label.txt").read_text()))
     monkeypatch.setattr(
         "firstfix.engine.localizer.Localizer", lambda label: FakeLocalizer(label, service.behaviour)
     )
     publish(service.catalog, "hall", "4", service.scratch)
     store = service.settings.store
-    assert ended("evaluate", "--samples", store, "--map", "hall", "--store", store) == 0
-    out = capsys.readouterr().out
+    out = firstfix("evaluate", "--samples", store, "--map", "hall", "--store", store).out
     assert "rejected -> rejected: 1" in out
     assert "moved 3.00 m" in out
 
@@ -400,6 +361,6 @@ def test_the_engine_in_this_process_can_be_asked(service, sample_id, monkeypatch
         ("--samples", "there", "--url", "http://127.0.0.1:1", "--store", "here"),
     ],
 )
-def test_what_does_not_go_together_is_refused(tmp_path: Path, arguments: tuple[str, ...], monkeypatch):
+def test_options_that_exclude_each_other_are_refused(tmp_path: Path, arguments: tuple[str, ...], monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert ended("evaluate", "--map", "hall", *arguments) == 2
+    firstfix("evaluate", "--map", "hall", *arguments, code=2)
