@@ -65,7 +65,7 @@ def world(tmp_path: Path) -> Iterator[World]:
     world.coarse.close()
 
 
-def test_maps_that_one_query_searches_need_no_index(world: World):
+def test_few_maps_need_no_coarse_index(world: World):
     world.coarse.start()
     world.follow(*NAMES[:MAX_MAPS])
     let_pass(0.3)
@@ -77,7 +77,7 @@ def test_maps_that_one_query_searches_need_no_index(world: World):
     wait_until(lambda: world.held(0))
 
 
-def test_follows_versions_and_removals(world: World):
+def test_the_index_follows_versions_and_removals(world: World):
     world.coarse.start()
     world.follow(*NAMES)
     wait_until(lambda: world.held(len(NAMES)))
@@ -93,7 +93,7 @@ def test_follows_versions_and_removals(world: World):
     assert "m07" not in world.coarse.choose(scan_of("m07", 1), left)
 
 
-def test_says_that_maps_are_still_being_read(world: World):
+def test_unread_maps_are_overloaded_or_searched_beside(world: World):
     world.follow(*NAMES)
     with pytest.raises(Overloaded, match=f"{len(NAMES)} of {len(NAMES)} maps"):
         world.coarse.choose(SoughtScan({}), NAMES)

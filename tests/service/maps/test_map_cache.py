@@ -23,11 +23,6 @@ from tests.waiting import LIMIT_S, let_pass, wait_until
 
 
 @pytest.fixture
-def world(tmp_path: Path) -> World:
-    return World(tmp_path, Store.open(str(tmp_path / "store")))
-
-
-@pytest.fixture
 def remote(tmp_path: Path) -> World:
     return World(tmp_path, Store.open("memory://"))
 
@@ -48,21 +43,6 @@ def test_the_active_version_is_served_and_loaded_once(world: World):
     assert cache.get("hall") is cache.get("hall", version)
     assert cache.served.versions == {"hall": version}
     assert world.behaviour.loads == ["1"]
-
-
-def test_many_askers_cause_one_load(world: World):
-    world.publish("hall", "1")
-
-    def slow(directory: Path) -> FakeLocalizer:
-        let_pass(0.2)  # the other queries arrive meanwhile
-        return world.behaviour.load(directory)
-
-    cache = world.cache(load=slow)
-    futures = [cache.lease(["hall"]) for _ in range(8)]
-    refreshed = cache.refresh("hall")
-    served = [refreshed, *(future.result(LIMIT_S).served[0] for future in futures)]
-    assert world.behaviour.loads == ["1"]
-    assert len({id(s) for s in served}) == 1
 
 
 def test_an_activation_is_followed_back_and_forward(world: World):
@@ -114,7 +94,7 @@ def test_the_previous_version_serves_when_the_new_one_is_bad(world: World, tmp_p
     assert world.metric("firstfix_maps_behind") == 0
 
 
-def test_a_mended_version_is_taken_after_a_while(world: World, monkeypatch: pytest.MonkeyPatch):
+def test_a_mended_version_is_tried_again_after_a_while(world: World, monkeypatch: pytest.MonkeyPatch):
     good, bad = world.publish("hall", "1"), world.publish("hall", "unreadable")
     cache = world.cache()
     assert cache.get("hall").version == good
@@ -132,13 +112,13 @@ def test_a_mended_version_is_taken_after_a_while(world: World, monkeypatch: pyte
     assert cache.get("hall").version == bad
 
 
-def test_a_map_without_a_good_version_says_why(world: World):
+def test_a_map_without_a_good_version_is_corrupt(world: World):
     world.publish("hall", "unreadable")
     with pytest.raises(CorruptVersion, match="cannot be understood"):
         world.cache().get("hall")
 
 
-def test_unknown_maps_and_versions(world: World):
+def test_unknown_maps_and_versions_are_not_found(world: World):
     version = world.publish("hall", "1")
     cache = world.cache()
     with pytest.raises(NotFound):
@@ -181,7 +161,7 @@ def test_a_map_without_an_active_version_is_named_once(world: World):
     assert "held" in cache.served
 
 
-def test_the_least_recently_used_goes_first(world: World):
+def test_the_least_recently_used_is_evicted(world: World):
     for name in ("a", "b", "c"):
         world.publish(name, "1")
     cache = world.cache(max_versions=2)
@@ -222,7 +202,7 @@ def test_fetched_files_stay_on_the_disk_within_its_limit(remote: World):
     assert label(cache.get("a")) == 0, "and comes back when it is asked for"
 
 
-def test_room_on_the_disk_is_not_looked_for_at_each_load(remote: World, monkeypatch: pytest.MonkeyPatch):
+def test_the_disk_is_not_pruned_at_each_load(remote: World, monkeypatch: pytest.MonkeyPatch):
     looks: list[Path] = []
     monkeypatch.setattr(version_loader, "prune", lambda directory, limit: looks.append(directory) or [])
     cache = remote.cache(max_versions=20, max_disk_bytes=450)
@@ -255,7 +235,7 @@ def test_a_file_stores_own_files_are_never_removed(world: World, tmp_path: Path)
         assert (tmp_path / "store/maps" / name / "versions" / version / "label.txt").is_file()
 
 
-def test_what_is_loaded_goes_on_when_the_store_does_not(world: World, monkeypatch: pytest.MonkeyPatch):
+def test_loaded_versions_answer_while_the_store_is_away(world: World, monkeypatch: pytest.MonkeyPatch):
     world.publish("hall", "1")
     cache = world.cache()
     polls = 0
@@ -274,7 +254,7 @@ def test_what_is_loaded_goes_on_when_the_store_does_not(world: World, monkeypatc
     assert label(cache.get("hall")) == 1
 
 
-def test_the_poller_outlives_a_defect(world: World):
+def test_the_poller_goes_on_after_an_error(world: World):
     cache = world.cache()
     world.publish("hall", "1")
     calls: list[int] = []
@@ -334,7 +314,7 @@ def test_a_query_over_more_maps_than_the_limit_gets_them_all(world: World):
     wait_until(lambda: len(world.workers.loaded) == 1)
 
 
-def test_one_bad_map_of_several_gives_the_others_back(world: World):
+def test_a_bad_map_of_several_releases_the_others(world: World):
     world.publish("good", "1")
     world.publish("bad", "unreadable")
     cache = world.cache(max_versions=1)
@@ -418,27 +398,7 @@ def test_the_old_version_serves_until_the_new_one_is_loaded(world: World):
     wait_until(lambda: len(world.workers.loaded) == 1)
 
 
-def test_a_slow_load_delays_no_other(world: World):
-    for name in ("slow", "quick"):
-        world.publish(name, "1" if name == "slow" else "2")
-    gate = threading.Event()
-
-    def load(directory: Path) -> FakeLocalizer:
-        if (directory / "label.txt").read_text() == "1":
-            assert gate.wait(LIMIT_S)
-        return world.behaviour.load(directory)
-
-    cache = world.cache(load=load)
-    slow = [cache.lease(["slow"]) for _ in range(30)]
-    assert label(cache.get("quick")) == 2
-    assert not any(future.done() for future in slow)
-    gate.set()
-    for future in slow:
-        future.result(LIMIT_S).close()
-    assert sorted(world.behaviour.loads) == ["1", "2"]
-
-
-def test_a_defect_in_loading_is_a_refusal_like_any_other(world: World):
+def test_an_unexpected_error_in_loading_refuses_the_version(world: World):
     good, _ = world.publish("hall", "1"), world.publish("hall", "2")
 
     def load(directory: Path) -> FakeLocalizer:
@@ -470,7 +430,7 @@ def test_a_map_is_followed_although_its_notice_was_lost(world: World, monkeypatc
     assert cache.served.versions == {"hall": second}
 
 
-def test_ids_that_were_made_up_leave_no_trace(world: World):
+def test_invented_ids_leave_no_trace(world: World):
     cache = world.cache()
     for k in range(20):
         with pytest.raises(NotFound):

@@ -54,7 +54,7 @@ def test_only_held_maps_are_prefetched(world: World, copies: int):
     assert cache.served.ids == NAMES, "and all are served"
 
 
-def test_any_map_is_answered(world: World):
+def test_maps_held_by_others_are_answered_too(world: World):
     cache = sharing(world)
     cache.poll()
     for k, name in enumerate(NAMES):
@@ -182,7 +182,7 @@ def test_no_more_is_prefetched_than_there_is_room_for(world, make, limits):
     assert not world.metric("firstfix_version_evictions_total"), "nothing is evicted for it"
 
 
-def test_a_map_that_the_store_failed_to_give_is_tried_again(world: World, monkeypatch: pytest.MonkeyPatch):
+def test_a_map_that_could_not_be_fetched_is_tried_again(world: World, monkeypatch: pytest.MonkeyPatch):
     cache = sharing(world)
     fetch = world.catalog.fetch_version
     fails = True

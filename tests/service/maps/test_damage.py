@@ -1,22 +1,17 @@
-"""Files that are damaged after a version was loaded: the answer says so, and the version before serves."""
+"""Damage in the store: the map goes on with what is right, or the answer says what is damaged."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from firstfix.errors import FirstfixError, WorkerLost
-from tests.service.service_world import Service, publish, running_service
+from firstfix.errors import FirstfixError, NotFound, WorkerLost
+from firstfix.store.store import Store
+from tests.service.cache_world import World
+from tests.service.service_world import Service, publish, serving
 from tests.waiting import wait_until
-
-
-@pytest.fixture
-def service(tmp_path: Path) -> Iterator[Service]:
-    with running_service(tmp_path, zenoh=False) as service:
-        yield service
 
 
 def damage(service: Service, tmp_path: Path, version: str) -> None:
@@ -27,8 +22,11 @@ def damage(service: Service, tmp_path: Path, version: str) -> None:
     os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
 
 
+@serving(zenoh=False, maps={})
 @pytest.mark.parametrize("error", [IndexError("out of bounds"), WorkerLost("two worker processes died")])
-def test_a_query_that_fails_on_a_damaged_file_says_so(service: Service, tmp_path: Path, error: Exception):
+def test_a_query_that_fails_on_a_damaged_file_is_corrupt_version(
+    service: Service, tmp_path: Path, error: Exception
+):
     first = publish(service.catalog, "hall", "1", service.scratch)
     second = publish(service.catalog, "hall", "2", service.scratch)
     assert first != second
@@ -43,7 +41,8 @@ def test_a_query_that_fails_on_a_damaged_file_says_so(service: Service, tmp_path
     assert service.ask_http().x == 1, "the version before"
 
 
-def test_a_query_that_fails_on_right_files_is_told_as_before(service: Service):
+@serving(zenoh=False, maps={})
+def test_a_query_that_fails_on_undamaged_files_is_not_called_corrupt(service: Service):
     publish(service.catalog, "hall", "1", service.scratch)
     for error, code in (
         (IndexError("a defect"), FirstfixError.code),
@@ -54,3 +53,30 @@ def test_a_query_that_fails_on_right_files_is_told_as_before(service: Service):
     service.behaviour.raises = None
     assert service.ask_http().x == 1
     assert service.behaviour.loads == ["1"], "it stays in memory"
+
+
+def entry(tmp_path: Path, number: int) -> Path:
+    return tmp_path / "store" / "maps" / "hall" / "log" / f"{number:06d}.json"
+
+
+def restart(world: World, tmp_path: Path) -> World:
+    """A process that reads the store for the first time."""
+    return World(tmp_path, Store.open(str(tmp_path / "store")))
+
+
+def test_a_running_replica_keeps_a_version_whose_activation_is_lost(world: World, tmp_path: Path):
+    version = world.publish("hall", "1")
+    cache = world.cache()
+    cache.poll()
+    path = entry(tmp_path, 2)
+    path.write_bytes(path.read_bytes()[:-40])
+    cache.poll()
+    assert cache.refresh("hall").version == version
+
+
+def test_a_map_without_a_readable_activation_names_the_damage(world: World, tmp_path: Path):
+    world.publish("hall", "1")
+    path = entry(tmp_path, 2)
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(NotFound, match="in its log these entries are damaged or missing: 2 "):
+        restart(world, tmp_path).cache().get("hall")
