@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import datetime
 import ipaddress
-import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import zenoh
@@ -18,11 +17,16 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 
 from tests.servers import free_port, running
+from tests.service.service_world import environment_of
 from tests.waiting import wait_until
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "deploy" / "zenoh"
 _INSTALLED = "/etc/firstfix/zenoh"
 _ROUTER = "import sys, time, zenoh; s = zenoh.open(zenoh.Config.from_file(sys.argv[1])); time.sleep(3600)"
+
+
+def running_router(config: Path, port: int) -> AbstractContextManager[subprocess.Popen[bytes]]:
+    return running([sys.executable, "-c", _ROUTER, str(config)], port, config.with_name("router.log"))
 
 
 class ZenohWorld:
@@ -43,18 +47,14 @@ class ZenohWorld:
             (folder / example.name).write_text(text)
         make_certificates(folder)
 
-    @contextmanager
-    def router(self) -> Iterator[subprocess.Popen[bytes]]:
-        command = [sys.executable, "-c", _ROUTER, str(self.folder / "router.json5")]
-        with running(command, self.port, self.folder / "router.log") as process:
-            yield process
+    def router(self) -> AbstractContextManager[subprocess.Popen[bytes]]:
+        return running_router(self.folder / "router.json5", self.port)
 
     def config_of(self, user: str, password: str | None = None) -> Path:
         """Configuration file of the robots, for another user."""
         text = (self.folder / "robot.json5").read_text()
-        text = text.replace('"robot"', f'"{user}"').replace(
-            "change-me-robot", password or f"change-me-{user}"
-        )
+        secret = password or f"change-me-{user}"
+        text = text.replace('"robot"', f'"{user}"').replace("change-me-robot", secret)
         path = self.folder / f"{user}-{password}.json5"
         path.write_text(text)
         return path
@@ -69,25 +69,16 @@ class ZenohWorld:
 
     @contextmanager
     def replica(
-        self, name: str, store: str, *, has_router: bool = True, **settings: str
+        self, name: str, store: str, *, has_router: bool = True, fake_seconds: float = 0.0, **settings: object
     ) -> Iterator[subprocess.Popen[bytes]]:
         """Runs a service process behind the router; yields when its token is there."""
-        environment = {
-            "FIRSTFIX_STORE": store,
-            "FIRSTFIX_PORT": "0",
-            "FIRSTFIX_CACHE_DIR": str(self.folder / name / "cache"),
-            "FIRSTFIX_WORK_DIR": str(self.folder / name / "work"),
-            "FIRSTFIX_POLL_INTERVAL_S": "0.2",
-            "FIRSTFIX_RUN_BUILDS": "false",
-            "FIRSTFIX_WORKERS": "2",
-            "FIRSTFIX_ZENOH_CONFIG": str(self.folder / "replica.json5"),
-            "FIRSTFIX_REPLICA": name,
-            **settings,
-        }
+        config = self.folder / "replica.json5"
+        given = {"store": store, "port": 0, "workers": 2, "zenoh_config": config, "replica": name}
+        environment = environment_of(self.folder / name, **{"poll_interval_s": 0.2, **given, **settings})
         with (self.folder / f"{name}.log").open("ab") as log:
             process = subprocess.Popen(
                 [sys.executable, str(Path(__file__).with_name("replica_process.py"))],
-                env={**os.environ, **environment},
+                env={**environment, "FAKE_SECONDS": str(fake_seconds)},
                 stdout=log,
                 stderr=log,
             )
@@ -110,10 +101,7 @@ class ZenohWorld:
 
 def make_certificates(folder: Path) -> None:
     """Makes an authority (ca.pem) and, signed by it, a certificate and key for the router on 127.0.0.1."""
-    authority_key, router_key = (
-        ec.generate_private_key(ec.SECP256R1()),
-        ec.generate_private_key(ec.SECP256R1()),
-    )
+    authority_key, router_key = (ec.generate_private_key(ec.SECP256R1()) for _ in range(2))
     authority = _name("firstfix tests")
     now = datetime.datetime.now(datetime.timezone.utc)
 

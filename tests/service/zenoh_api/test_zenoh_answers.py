@@ -15,8 +15,8 @@ import zenoh
 
 from firstfix_service.localize.recent_answers import MOST_ANSWERS
 from firstfix_service.zenoh_api.answers import ANSWERS, MAX_BYTES, MOST_RECORDS
-from tests.service.access_world import give
-from tests.service.service_world import Service, client_session, publish, running_service
+from tests.service.access_world import bearer, known
+from tests.service.service_world import Service, client_session, publish, running_service, serving
 from tests.waiting import LIMIT_S, wait_until
 
 RECORD = {
@@ -123,7 +123,7 @@ def test_answers_are_heard_only_while_somebody_watches(service: Service):
         wait_until(lambda: not other.matching_status.matching)
 
 
-def test_a_stranger_cannot_displace_or_break_anything(service: Service):
+def test_foreign_answers_displace_no_own_answers(service: Service):
     assert service.ask_http().ok
     bad = [
         b"",
@@ -166,38 +166,29 @@ def test_a_stranger_cannot_displace_or_break_anything(service: Service):
         assert service.ask_http().ok
 
 
-def test_where_callers_need_a_key_only_the_replica_itself_is_shown(tmp_path: Path):
-    with running_service(tmp_path, auth="on", keys_refresh_s=0.1) as service:
-        headers = _headers(service, "admin")
-        with watching(service, headers) as watch:
-            assert watch.events[0] == {"replica": "r1", "all_replicas": False}
+@serving(auth="on", keys_refresh_s=0.1, maps={})
+def test_where_callers_need_a_key_only_the_replica_itself_is_shown(service: Service):
+    headers = bearer(known(service, "admin"))
+    with watching(service, headers) as watch:
+        assert watch.events[0] == {"replica": "r1", "all_replicas": False}
 
 
-def test_a_caller_hears_of_its_maps_alone(tmp_path: Path):
-    with running_service(tmp_path, auth="on", zenoh_trusted=True, keys_refresh_s=0.1) as service:
-        everywhere = _headers(service, "admin")
-        hall = _headers(service, "build", maps=("hall",))
-        with (
-            client_session(service.endpoint) as session,
-            watching(service, everywhere) as all_maps,
-            watching(service, hall) as one_map,
-        ):
-            assert one_map.events[0]["all_replicas"]
-            about = [
-                {**RECORD, "answer": {**RECORD["answer"], "map_id": name}} for name in ("attic", "", "hall")
-            ]
+@serving(auth="on", zenoh_trusted=True, keys_refresh_s=0.1, maps={})
+def test_a_caller_hears_of_its_maps_alone(service: Service):
+    everywhere = bearer(known(service, "admin"))
+    hall = bearer(known(service, "build", maps=("hall",)))
+    with (
+        client_session(service.endpoint) as session,
+        watching(service, everywhere) as all_maps,
+        watching(service, hall) as one_map,
+    ):
+        assert one_map.events[0]["all_replicas"]
+        about = [{**RECORD, "answer": {**RECORD["answer"], "map_id": name}} for name in ("attic", "", "hall")]
 
-            def told() -> bool:
-                session.put(f"{ANSWERS}/r9", orjson.dumps(about))
-                return bool(one_map.of("r9")) and bool(all_maps.of("r9"))
+        def told() -> bool:
+            session.put(f"{ANSWERS}/r9", orjson.dumps(about))
+            return bool(one_map.of("r9")) and bool(all_maps.of("r9"))
 
-            wait_until(told)
-            assert {one["answer"]["map_id"] for one in all_maps.of("r9")} == {"attic", "", "hall"}
-            assert {one["answer"]["map_id"] for one in one_map.of("r9")} == {"hall"}
-
-
-def _headers(service: Service, *scopes: str, **limits: Any) -> dict[str, str]:
-    """The header of a new key, as soon as the service knows it."""
-    headers = {"Authorization": f"Bearer {give(service, *scopes, **limits)}"}
-    wait_until(lambda: service.http.get("/caller", headers=headers).is_success)
-    return headers
+        wait_until(told)
+        assert {one["answer"]["map_id"] for one in all_maps.of("r9")} == {"attic", "", "hall"}
+        assert {one["answer"]["map_id"] for one in one_map.of("r9")} == {"hall"}

@@ -1,8 +1,9 @@
+"""The zenoh endpoint of a replica: its keys and tokens, its limits, its start and its end."""
+
 from __future__ import annotations
 
 import asyncio
 import dataclasses
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -17,14 +18,14 @@ from firstfix_service.zenoh_api.config import session_config
 from tests.service.service_world import (
     SCAN_BODY,
     XYZ,
-    Behaviour,
     Service,
     client_session,
     free_port,
     publish,
     running_service,
+    serving,
 )
-from tests.waiting import LIMIT_S, let_pass, wait_until
+from tests.waiting import LIMIT_S, wait_until
 
 
 def tokens(session: Any, map_id: str) -> set[str]:
@@ -86,27 +87,25 @@ def _peer(endpoints: list[str]) -> Any:
     return zenoh.open(session_config(settings))
 
 
-def test_queries_are_worked_on_side_by_side(tmp_path: Path):
-    behaviour = Behaviour(gate=threading.Event())
-    with (
-        running_service(tmp_path, behaviour=behaviour, workers=2) as service,
-        ThreadPoolExecutor(2) as threads,
-    ):
-        publish(service.catalog, "hall", "1", service.scratch)
+@serving(is_gated=True, workers=2)
+def test_queries_run_in_parallel(service: Service):
+    with ThreadPoolExecutor(2) as threads:
         replies = [threads.submit(service.ask_zenoh) for _ in range(2)]
-        assert behaviour.started.acquire(timeout=LIMIT_S)
-        assert behaviour.started.acquire(timeout=LIMIT_S), "the second began while the first was under way"
-        behaviour.gate.set()
+        assert service.behaviour.started.acquire(timeout=LIMIT_S)
+        assert service.behaviour.started.acquire(timeout=LIMIT_S), (
+            "the second began while the first was under way"
+        )
+        service.open_gate()
         assert all(reply.result().ok for reply in replies)
 
 
-def test_a_scan_of_many_megabytes_passes(service: Service):
+def test_a_scan_of_many_megabytes_is_answered(service: Service):
     body = bytes(12 * 1_500_000)
     assert service.ask_zenoh(body=body).json["T_map_sensor"]["position"][1] == 1_500_000
 
 
 @pytest.mark.parametrize("key", ["firstfix/*/localize", "firstfix/Bad%20Name/localize"])
-def test_a_key_names_one_map(service: Service, key: str):
+def test_a_key_of_no_or_several_maps_is_refused(service: Service, key: str):
     assert service.ask_zenoh(key=key).json["code"] == "invalid_option"
 
 
@@ -133,23 +132,7 @@ def test_stopping_takes_the_tokens_back(tmp_path: Path):
     peer.close()
 
 
-def test_stopping_answers_who_is_there(tmp_path: Path):
-    behaviour = Behaviour(gate=threading.Event())
-    with ThreadPoolExecutor(1) as threads, running_service(tmp_path, behaviour=behaviour) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
-        peer = client_session(service.endpoint)
-        asked = dataclasses.replace(service, session=peer)
-        reply = threads.submit(asked.ask_zenoh)
-        assert behaviour.started.acquire(timeout=LIMIT_S)
-        service.stop()
-        let_pass(0.5)
-        assert not reply.done()
-        behaviour.gate.set()
-        assert reply.result(LIMIT_S).ok
-        peer.close()
-
-
-def test_the_operators_file_is_used_as_it_is(tmp_path: Path):
+def test_the_configuration_file_is_used_as_it_is(tmp_path: Path):
     port = free_port()
     path = tmp_path / "zenoh.json5"
     path.write_text(
@@ -181,3 +164,48 @@ def test_a_bad_file_or_a_taken_port_stops_the_start(tmp_path: Path, service: Ser
 
     with pytest.raises(InvalidOption, match="zenoh"):
         asyncio.run(start())
+
+
+def other_client(service: Service) -> Service:
+    """The service through another session, which knows the service's keys already."""
+    session = client_session(service.endpoint)
+    wait_until(lambda: list(session.liveliness().get("firstfix/@any/localize/*", timeout=5)))
+    return dataclasses.replace(service, session=session)
+
+
+@serving(max_body_bytes=1 << 20)
+def test_a_message_over_the_limit_harms_no_query(service: Service):
+    other = other_client(service)
+    replies = other.session.get("firstfix/hall/localize", payload=bytes(3 << 20), encoding=XYZ, timeout=2)
+    assert not any(reply.ok for reply in replies)
+    assert service.value("firstfix_localize_failures_total") == 0, "the service has not seen it"
+    assert service.ask_zenoh().ok
+    assert other.ask_zenoh().ok, "also who sent it is answered"
+    other.session.close()
+
+
+def test_every_query_of_a_crowd_is_answered_or_refused(service: Service):
+    def ask(_: int) -> str:
+        reply = service.ask_zenoh()
+        return "ok" if reply.ok else reply.json["code"]
+
+    with ThreadPoolExecutor(64) as threads:
+        outcomes = list(threads.map(ask, range(400)))
+    assert set(outcomes) <= {"ok", "overloaded"}
+    assert outcomes.count("ok") >= 34, "as many as have a place"
+    wait_until(lambda: service.ask_zenoh().ok)  # its place is free just after its answer
+
+
+@serving(is_gated=True, workers=1)
+def test_stopping_answers_all_waiting_queries(service: Service):
+    with ThreadPoolExecutor(5) as threads:
+        asked = other_client(service)
+        peer = asked.session
+        waiting = [threads.submit(asked.ask_zenoh) for _ in range(5)]
+        wait_until(lambda: service.value("firstfix_queries_admitted") == 5)
+        service.stop()
+        key = "firstfix/hall/localize/r1"
+        wait_until(lambda: not list(peer.liveliness().get(key, timeout=5)))
+        service.open_gate()
+        assert all(reply.result(LIMIT_S).ok for reply in waiting), "one worker, five queries"
+        peer.close()

@@ -1,19 +1,27 @@
-"""zenoh whose calls do not come back: HTTP goes on, the watchdog sees it, and the service can stop."""
+"""zenoh whose calls or router hang: HTTP goes on, the watchdog sees it, and the service can stop."""
 
 from __future__ import annotations
 
+import json
+import signal
 import threading
 from collections.abc import Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import zenoh
 
+from firstfix.answer.localization import Verdict
+from firstfix.scan.scan import Scan
+from firstfix_client import ZenohClient
 from firstfix_service.zenoh_api import endpoint
 from firstfix_service.zenoh_api.replies import MOST_PER_CALLER, MOST_THREADS, ReplyThreads
-from tests.service.service_world import publish, running_service
+from tests.servers import free_port
+from tests.service.service_world import publish, running_service, served
+from tests.service.zenoh_world import running_router
 from tests.waiting import LIMIT_S, wait_until
 
 
@@ -72,7 +80,9 @@ def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[HangingSession]]:
 
 
 @pytest.mark.slow
-def test_a_session_that_hangs_holds_up_no_request_and_no_stop(tmp_path: Path, hanging: list[HangingSession]):
+def test_a_hanging_session_holds_up_neither_requests_nor_the_stop(
+    tmp_path: Path, hanging: list[HangingSession]
+):
     with running_service(tmp_path) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         (session,) = hanging
@@ -152,3 +162,40 @@ def test_the_error_of_a_reply_comes_back_and_its_query_is_ended():
     assert isinstance(sent.exception(LIMIT_S), zenoh.ZError)
     assert asked.is_ended.is_set()
     replies.close()
+
+
+NEVER_MS = 3_600_000  # time after which zenoh gives up a silent connection; by default 10 s
+
+
+def config(path: Path, mode: str, **changes: object) -> Path:
+    common = {
+        "mode": mode,
+        "scouting": {"multicast": {"enabled": False}},
+        "transport": {"link": {"tx": {"lease": NEVER_MS}}},
+    }
+    path.write_text(json.dumps({**common, **changes}))
+    return path
+
+
+@pytest.mark.slow
+def test_a_robot_beside_a_frozen_router_is_answered(tmp_path):
+    port, own = free_port(), f"tcp/127.0.0.1:{free_port()}"
+    listen = {"endpoints": [f"tcp/127.0.0.1:{port}"]}
+    file = config(tmp_path / "router.json5", "router", listen=listen)
+    peer = config(tmp_path / "service.json5", "peer", listen={"endpoints": [own]}, connect=listen)
+    scan = Scan.from_points(np.random.default_rng(1).uniform(-9, 9, (300, 3)))
+    with (
+        running_router(file, port) as router,
+        served(tmp_path, zenoh_config=peer, zenoh_listen=(own,)) as service,
+        ZenohClient(service.endpoint, timeout_s=2 * LIMIT_S) as client,
+        ThreadPoolExecutor(1) as thread,
+    ):
+        wait_until(lambda: "firstfix_zenoh_connections 3.0" in service.http.get("/metrics").text)
+        assert client.localize(scan, map_id="hall").verdict is Verdict.LOCALIZED
+        router.send_signal(signal.SIGSTOP)
+        try:
+            # zenoh asks the router too, and the query ends when that has answered, or at its deadline.
+            asked = thread.submit(client.localize, scan, map_id="hall")
+            assert asked.result(LIMIT_S).verdict is Verdict.LOCALIZED
+        finally:
+            router.send_signal(signal.SIGCONT)

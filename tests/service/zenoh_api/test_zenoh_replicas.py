@@ -86,7 +86,7 @@ def test_each_map_has_its_holders_and_another_takes_over_for_one_that_dies(tmp_p
     names = ["r1", "r2", "r3"]
     with ExitStack() as stack:
         stack.enter_context(world.router())
-        settings = {"FIRSTFIX_HOLDERS": str(COPIES), "FIRSTFIX_POLL_INTERVAL_S": "1"}
+        settings = {"holders": COPIES, "poll_interval_s": 1}
         running = {name: stack.enter_context(world.replica(name, store, **settings)) for name in names}
         robot = stack.enter_context(world.session("robot"))
         operator = stack.enter_context(world.session("operator"))
@@ -203,7 +203,7 @@ def test_a_replica_that_is_about_to_stop_leaves_its_maps_and_goes_on_answering(t
         assert service.ask_zenoh(key="firstfix/hall/localize/r1").ok
 
 
-def test_what_comes_and_goes_within_a_moment_is_not_told(watch, router):
+def test_short_changes_of_replicas_are_not_told(watch, router):
     first, seen = watch("r1", settled_s=5.0)
     first.start()
     session = client_session(router)
@@ -219,7 +219,7 @@ def test_what_comes_and_goes_within_a_moment_is_not_told(watch, router):
     session.close()
 
 
-def test_a_change_while_the_last_one_is_seen_to_supersedes_it(watch, router):
+def test_a_change_during_a_takeover_supersedes_it(watch, router):
     first, seen = watch("r1")
     first.start()
     session = client_session(router)
@@ -238,7 +238,7 @@ def test_a_change_while_the_last_one_is_seen_to_supersedes_it(watch, router):
     session.close()
 
 
-def test_who_is_cut_off_does_not_take_the_others_for_dead(tmp_path: Path):
+def test_a_replica_that_is_cut_off_keeps_the_others_in_its_view(tmp_path: Path):
     world = ZenohWorld(tmp_path / "zenoh")
     settings = Settings(store="memory://", zenoh_config=world.folder / "replica.json5")
     seen, both = Seen(), {"r1", "r2"}
@@ -262,7 +262,7 @@ def test_who_is_cut_off_does_not_take_the_others_for_dead(tmp_path: Path):
             wait_until(lambda: seen.views[-1] == {"r1"})
 
 
-def test_it_watches_as_a_client_of_whom_it_connects_with():
+def test_the_watch_is_a_client_of_the_configured_peers():
     alone = Settings(store="memory://", zenoh=True)
     assert client_config(alone) is None
     connects = Settings(store="memory://", zenoh=True, zenoh_connect=("tcp/router:7447",))
@@ -284,7 +284,7 @@ def test_a_defect_in_taking_over_does_not_end_the_watch(watch, router, monkeypat
     session.close()
 
 
-def test_replicas_that_are_named_need_no_zenoh(tmp_path: Path):
+def test_named_replicas_need_no_zenoh(tmp_path: Path):
     catalog = Catalog(Store.open(str(tmp_path / "store")))
     for k, map_id in enumerate(MAPS):
         publish(catalog, map_id, str(k), tmp_path / "made")
@@ -295,12 +295,10 @@ def test_replicas_that_are_named_need_no_zenoh(tmp_path: Path):
         holding = service.http.get("/readyz").json()["holding"]
         assert holding == {"copies": 1, "replicas": 2, "maps": len(mine), "loaded": len(mine)}
         assert {MAPS[int(label)] for label in service.behaviour.loads} == mine
-        shown = service.http.get("/metrics").text
-        for metric, value in (
-            ("maps_held", len(mine)),
-            ("maps_held_loaded", len(mine)),
-            ("holding_replicas", 2),
-        ):
-            assert f"\nfirstfix_{metric} {value:.1f}\n" in shown
+        shown = [
+            service.value(f"firstfix_{name}")
+            for name in ("maps_held", "maps_held_loaded", "holding_replicas")
+        ]
+        assert shown == [len(mine), len(mine), 2]
         (foreign, *_) = sorted(set(MAPS) - mine)
         assert service.ask_http(map_id=foreign).x == MAPS.index(foreign), "any map is answered"

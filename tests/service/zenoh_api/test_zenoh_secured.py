@@ -46,7 +46,7 @@ def answered(session: zenoh.Session, key: str) -> bool:
     return any(reply.ok is not None for reply in replies)
 
 
-def test_a_robot_asks_in_every_map(world: ZenohWorld):
+def test_a_robot_is_answered_in_every_map(world: ZenohWorld):
     with client(world) as robot:
         for map_id in ("hall", "attic"):
             assert robot.localize(SCAN, map_id=map_id).verdict is Verdict.LOCALIZED
@@ -55,7 +55,7 @@ def test_a_robot_asks_in_every_map(world: ZenohWorld):
             assert {next(watch).map_id, next(watch).map_id} == {"attic", "hall"}
 
 
-def test_a_guest_asks_in_one_map_alone(world: ZenohWorld):
+def test_a_guest_is_answered_in_one_map_alone(world: ZenohWorld):
     with client(world, "guest") as guest:
         assert guest.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
     with world.session("guest") as session:
@@ -77,14 +77,14 @@ def test_a_guest_asks_in_one_map_alone(world: ZenohWorld):
         assert world.replicas(session, "attic") == set()
 
 
-def test_an_operator_looks_and_asks_nothing(world: ZenohWorld):
+def test_an_operator_sees_replicas_and_is_not_answered(world: ZenohWorld):
     with client(world, "operator") as operator:
         assert [one.replica for one in operator.replicas()] == ["r0"]
     with world.session("operator") as session:
         assert not answered(session, "firstfix/hall/localize")
 
 
-def test_only_replicas_tell_of_versions(world: ZenohWorld):
+def test_only_replicas_publish_versions(world: ZenohWorld):
     heard = []
     with world.session("robot") as listener, world.session("robot") as liar, world.session("replica") as real:
         listener.declare_subscriber("firstfix/*/version", lambda s: heard.append(s.payload.to_bytes()))
@@ -96,7 +96,7 @@ def test_only_replicas_tell_of_versions(world: ZenohWorld):
     assert heard == [b"the truth"]
 
 
-def test_only_replicas_read_and_tell_of_answers(world: ZenohWorld):
+def test_only_replicas_publish_and_read_answers(world: ZenohWorld):
     heard: list[bytes] = []
     overheard: list[bytes] = []
     key = "firstfix/@answers/*"
@@ -160,8 +160,8 @@ def test_a_replica_that_dies_or_hangs_at_work_costs_no_answer(own_world: ZenohWo
     store = str(own_world.folder.parent / "store")
     with (
         own_world.router(),
-        own_world.replica("r1", store, FAKE_SECONDS="0.3") as victim,
-        own_world.replica("r2", store, FAKE_SECONDS="0.3"),
+        own_world.replica("r1", store, fake_seconds=0.3) as victim,
+        own_world.replica("r2", store, fake_seconds=0.3),
         client(own_world, timeout_s=20.0) as robot,
         ThreadPoolExecutor(4) as threads,
     ):
