@@ -24,8 +24,8 @@ from firstfix_service.auth.key_ring import KeyRing
 from firstfix_service.http_api.edge import authorize, check_routes, needs
 from firstfix_service.http_api.routes import garbage
 from firstfix_service.settings import Settings
-from tests.service.access_world import LaterClock, ask_zenoh, get, give, localize
-from tests.service.service_world import Service, publish, running_service
+from tests.service.access_world import LaterClock, ask_zenoh, bearer, get, give, known, localize
+from tests.service.service_world import Service, publish, running_service, serving
 from tests.waiting import wait_until
 
 DAY_S = 86400.0
@@ -70,7 +70,7 @@ async def _forgotten(request: Request) -> None:
     """A route whose author did not say what it needs."""
 
 
-def test_an_app_with_a_route_that_says_nothing_does_not_start(monkeypatch: pytest.MonkeyPatch):
+def test_an_app_with_a_route_without_a_scope_does_not_start(monkeypatch: pytest.MonkeyPatch):
     router = APIRouter()
     router.get("/forgotten")(_forgotten)
     monkeypatch.setattr(garbage, "router", router)
@@ -78,38 +78,18 @@ def test_an_app_with_a_route_that_says_nothing_does_not_start(monkeypatch: pytes
         create_app(Settings(store="memory://"))
 
 
-def test_an_app_does_not_start_with_a_route_that_asks_for_no_caller():
+def test_an_app_with_a_route_without_a_caller_does_not_start():
     app = FastAPI(openapi_url=None)
     app.add_route("/unasked", needs(Scope.BUILD)(lambda request: None))
     with pytest.raises(TypeError, match="/unasked"):
         check_routes(app)
 
 
-def test_a_route_that_says_nothing_is_for_administrators(tmp_path, keys, monkeypatch):
-    with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as service:
-        service.app.add_api_route("/forgotten", _forgotten)
-        assert get(service, "/forgotten", keys["build"]).status_code == 403
-        assert get(service, "/forgotten", keys["admin"]).is_success
-
-
-def test_without_a_credential_nothing_but_the_health_is_told(guarded: Service):
-    for path in ("/healthz", "/readyz", "/openapi.json"):
-        assert get(guarded, path, None).is_success
-    for method, path in (
-        ("POST", "/localize?map=hall"),
-        ("GET", "/maps"),
-        ("GET", "/maps/hall"),
-        ("GET", "/maps/nowhere"),
-        ("GET", "/maps/hall/versions"),
-        ("POST", f"/maps/hall/versions/{'0' * 64}/activate"),
-        ("POST", "/maps"),
-        ("GET", "/builds/none"),
-        ("DELETE", "/builds/none"),
-        ("GET", "/metrics"),
-    ):
-        refused = guarded.http.request(method, path)
-        assert (refused.status_code, refused.json()["code"]) == (401, "unauthorized"), path
-        assert refused.headers["www-authenticate"].startswith("Bearer")
+@serving(auth="on", keys_refresh_s=0.1, zenoh=False, maps={})
+def test_a_route_without_a_scope_is_for_administrators(service):
+    service.app.add_api_route("/forgotten", _forgotten)
+    assert get(service, "/forgotten", known(service, "build")).status_code == 403
+    assert get(service, "/forgotten", known(service, "admin")).is_success
 
 
 @pytest.mark.parametrize(
@@ -117,23 +97,17 @@ def test_without_a_credential_nothing_but_the_health_is_told(guarded: Service):
     ["", "Bearer", "Basic dXNlcjpwYXNz", "Bearer ffx_x", "Bearer a b", f"Bearer {'x' * 9000}"]
     + ["ffx_0123456789ab_" + "0" * 64, "Bearer ffx_0123456789ab_" + "0" * 64, "Bearer \xff\xfe"],
 )
-def test_a_credential_that_is_none(guarded: Service, value: str):
+def test_an_invalid_credential_is_refused(guarded: Service, value: str):
     refused = guarded.http.get("/maps", headers={"Authorization": value.encode("latin-1")})
     assert (refused.status_code, refused.json()["code"]) == (401, "unauthorized")
+    assert refused.headers["www-authenticate"].startswith("Bearer")
 
 
-def test_two_credentials_are_none(guarded: Service, keys: dict[str, str]):
+def test_a_key_counts_once_in_its_header_and_with_its_own_secret(guarded: Service, keys: dict[str, str]):
     twice = [("Authorization", f"Bearer {keys['admin']}")] * 2
-    assert guarded.http.get("/maps", headers=twice).status_code == 401
-
-
-def test_a_key_in_the_url_is_none(guarded: Service, keys: dict[str, str]):
-    assert guarded.http.get("/maps", params={"api_key": keys["admin"]}).status_code == 401
-
-
-def test_a_good_id_with_another_secret_is_refused(guarded: Service, keys: dict[str, str]):
-    key_id, other = keys["admin"].split("_")[1], keys["localize"].split("_")[2]
-    assert get(guarded, "/maps", f"ffx_{key_id}_{other}").status_code == 401
+    mixed = f"{keys['admin'].rpartition('_')[0]}_{keys['localize'].rpartition('_')[2]}"
+    for given in ({}, {"headers": twice}, {"params": {"api_key": keys["admin"]}}, {"headers": bearer(mixed)}):
+        assert guarded.http.get("/maps", **given).status_code == 401
 
 
 @pytest.mark.parametrize(
@@ -145,7 +119,9 @@ def test_a_good_id_with_another_secret_is_refused(guarded: Service, keys: dict[s
         ("admin", {"localize", "get_maps", "build", "metrics"}),
     ],
 )
-def test_a_scope_allows_what_it_says(guarded: Service, keys: dict[str, str], scope: str, allowed: set[str]):
+def test_a_scope_allows_its_routes_alone(
+    guarded: Service, keys: dict[str, str], scope: str, allowed: set[str]
+):
     key = keys[scope]
     answers = {
         "localize": localize(guarded, key),
@@ -169,7 +145,7 @@ def test_a_key_for_some_maps_sees_no_others(guarded: Service, keys: dict[str, st
     assert localize(guarded, key, "?map=hall,attic").status_code == 403
 
 
-def test_whether_a_forbidden_map_exists_is_not_told(guarded: Service, keys: dict[str, str]):
+def test_a_forbidden_map_looks_like_a_missing_one(guarded: Service, keys: dict[str, str]):
     key = keys["hall-localize"]
     for ask in (
         lambda map_id: localize(guarded, key, f"?map={map_id}"),
@@ -180,81 +156,67 @@ def test_whether_a_forbidden_map_exists_is_not_told(guarded: Service, keys: dict
         assert there.content.replace(b"attic", b"") == nowhere.content.replace(b"attix", b"")
 
 
-def test_without_a_map_only_the_callers_compete(guarded: Service, keys: dict[str, str]):
+def test_a_query_without_a_map_searches_only_maps_of_the_caller(guarded: Service, keys: dict[str, str]):
     only_hall = localize(guarded, keys["hall-localize"], "")
     assert only_hall.json()["map_id"] == "hall"
-    none = give(guarded, "localize", maps=("yard-*",))
-    wait_until(lambda: get(guarded, "/maps", none).is_success)
+    none = known(guarded, "localize", maps=("yard-*",))
     assert localize(guarded, none, "").status_code == 404
 
 
 def test_builds_of_other_maps_do_not_exist(guarded: Service, keys: dict[str, str]):
     guarded.catalog.put_build("b-1", {"map_id": "attic"})
-    other = give(guarded, "build", maps=("hall",))
-    wait_until(lambda: get(guarded, "/maps", other).is_success)
+    other = known(guarded, "build", maps=("hall",))
     assert get(guarded, "/builds/b-1", keys["build"]).json()["map_id"] == "attic"
     for method in ("GET", "DELETE"):
-        bearer = {"Authorization": f"Bearer {other}"}
-        hidden = guarded.http.request(method, "/builds/b-1", headers=bearer)
-        missing = guarded.http.request(method, "/builds/b-2", headers=bearer)
+        hidden, missing = (
+            guarded.http.request(method, f"/builds/{name}", headers=bearer(other)) for name in ("b-1", "b-2")
+        )
         assert hidden.status_code == missing.status_code == 404
         assert hidden.content.replace(b"b-1", b"") == missing.content.replace(b"b-2", b"")
     assert not guarded.catalog.is_cancel_requested("b-1")
 
 
-def test_a_map_is_handed_in_only_under_a_name_of_the_callers(guarded: Service):
-    key = give(guarded, "build", maps=("hall-*",))
-    wait_until(lambda: get(guarded, "/maps", key).is_success)
+def test_a_map_is_posted_only_under_a_name_of_the_caller(guarded: Service):
+    key = known(guarded, "build", maps=("hall-*",))
 
     def post(map_id: str) -> httpx.Response:
         return guarded.http.post(
             "/maps",
             data={"map_id": map_id},
             files={"source": ("a.xyz", b"0 0 0\n")},
-            headers={"Authorization": f"Bearer {key}"},
+            headers=bearer(key),
         )
 
     assert post("attic").status_code == 403
     assert guarded.catalog.build_ids() == []
     assert post("hall-7").status_code == 202
     named = {"map_id": "attic", "source": {"url": "s3://b/x"}}
-    answer = guarded.http.post("/maps", json=named, headers={"Authorization": f"Bearer {key}"})
+    answer = guarded.http.post("/maps", json=named, headers=bearer(key))
     assert answer.status_code == 403
 
 
-def test_keys_come_and_go_while_the_service_runs(guarded: Service):
-    key = give(guarded, "localize")
-    wait_until(lambda: localize(guarded, key).is_success)
-    ApiKeys(guarded.catalog.store).revoke(key.split("_")[1])
-    wait_until(lambda: localize(guarded, key).status_code == 401)
-
-
 def test_a_key_expires_without_a_look_at_the_store(guarded: Service, monkeypatch: pytest.MonkeyPatch):
-    key = give(guarded, "localize", expires=datetime.now(timezone.utc) + timedelta(hours=1))
-    wait_until(lambda: get(guarded, "/maps", key).is_success)
+    key = known(guarded, "localize", expires=datetime.now(timezone.utc) + timedelta(hours=1))
     monkeypatch.setattr(key_ring, "datetime", LaterClock)
     assert "has expired" in get(guarded, "/maps", key).text
 
 
-def test_known_keys_outlive_the_store_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    with running_service(
-        tmp_path, auth="on", keys_refresh_s=0.05, keys_max_age_s=DAY_S, poll_interval_s=30, zenoh=False
-    ) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
-        key = give(service, "localize")
-        wait_until(lambda: localize(service, key).is_success)
+@serving(auth="on", keys_refresh_s=0.05, keys_max_age_s=DAY_S, poll_interval_s=30, zenoh=False)
+def test_known_keys_outlive_the_store_for_a_while(service: Service, monkeypatch: pytest.MonkeyPatch):
+    key = give(service, "localize")
+    wait_until(lambda: localize(service, key).is_success)
 
-        def gone(self: Store, *_: object) -> list[str]:
-            raise StoreUnavailable("gone")
+    def gone(self: Store, *_: object) -> list[str]:
+        raise StoreUnavailable("gone")
 
-        monkeypatch.setattr(Store, "list", gone)
-        assert localize(service, key).is_success
-        age_s = KeyRing.age_s.fget
-        monkeypatch.setattr(KeyRing, "age_s", property(lambda keys: age_s(keys) + DAY_S))
-        assert localize(service, key).status_code == 503
-        assert localize(service, key).json()["code"] == "store_unavailable"
-        monkeypatch.undo()
-        wait_until(lambda: localize(service, key).is_success)
+    monkeypatch.setattr(Store, "list", gone)
+    assert localize(service, key).is_success
+    age_s = KeyRing.age_s.fget
+    monkeypatch.setattr(KeyRing, "age_s", property(lambda keys: age_s(keys) + DAY_S))
+    assert localize(service, key).status_code == 503
+    assert localize(service, key).json()["code"] == "store_unavailable"
+    monkeypatch.undo()
+    wait_until(lambda: localize(service, key).is_success)
 
 
 def test_zenoh_queries_carry_their_key(guarded: Service, keys: dict[str, str]):
@@ -270,26 +232,25 @@ def test_zenoh_queries_carry_their_key(guarded: Service, keys: dict[str, str]):
         assert ask_zenoh(guarded, key, map_id).json["code"] == code
 
 
-def test_zenoh_may_be_left_to_its_own_rules(tmp_path: Path):
-    with running_service(tmp_path, auth="on", zenoh_trusted=True) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
-        assert ask_zenoh(service, None).ok
-        assert localize(service, None).status_code == 401
+@serving(auth="on", zenoh_trusted=True)
+def test_a_trusted_zenoh_needs_no_key(service: Service):
+    assert ask_zenoh(service, None).ok
+    assert localize(service, None).status_code == 401
 
 
-def test_off_means_that_a_credential_is_not_looked_at(service: Service):
+def test_credentials_are_ignored_where_authentication_is_off(service: Service):
     assert localize(service, "whatever").is_success
     assert ask_zenoh(service, "whatever").ok
     assert get(service, "/metrics", None).is_success
 
 
-def test_metrics_can_be_left_open(tmp_path: Path):
-    with running_service(tmp_path, auth="on", metrics_public=True, zenoh=False) as service:
-        assert get(service, "/metrics", None).is_success
-        assert get(service, "/maps", None).status_code == 401
+@serving(auth="on", metrics_public=True, zenoh=False, maps={})
+def test_metrics_can_be_left_open(service: Service):
+    assert get(service, "/metrics", None).is_success
+    assert get(service, "/maps", None).status_code == 401
 
 
-def test_the_clients_show_their_key(guarded: Service, keys: dict[str, str]):
+def test_the_clients_send_their_key(guarded: Service, keys: dict[str, str]):
     points = np.random.default_rng(1).uniform(-5, 5, (50, 3))
     with Client(guarded.url, api_key=keys["localize"]) as http:
         assert http.localize(points, map_id="hall").map_id == "hall"

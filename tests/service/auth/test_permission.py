@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
-import time
 from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -17,7 +15,8 @@ from firstfix.access.api_keys import ApiKeys
 from firstfix_service.auth import key_ring
 from firstfix_service.auth.authenticate import Permission
 from firstfix_service.http_api.bodies import request_body
-from tests.service.access_world import LaterClock, give, localize
+from tests.service.access_world import LaterClock, bearer, give, localize
+from tests.service.raw_connection import connect
 from tests.service.service_world import XYZ, Service, publish, running_service
 from tests.service.token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
 from tests.waiting import LIMIT_S, wait_until
@@ -36,7 +35,7 @@ def guarded(tmp_path: Path) -> Iterator[Service]:
 
 
 def is_known(service: Service, credential: str) -> bool:
-    headers = {"Authorization": f"Bearer {credential}"}
+    headers = bearer(credential)
     return service.http.get(f"/builds/{BUILD}", headers=headers).is_success
 
 
@@ -51,7 +50,7 @@ def seen_of_events(service: Service, credential: str, opened: Callable[[], objec
         opened: called once the stream is open.
     """
     wait_until(lambda: is_known(service, credential))
-    headers = {"Authorization": f"Bearer {credential}"}
+    headers = bearer(credential)
     with httpx.stream(
         "GET", f"{service.url}/builds/{BUILD}/events", headers=headers, timeout=LIMIT_S
     ) as response:
@@ -61,23 +60,21 @@ def seen_of_events(service: Service, credential: str, opened: Callable[[], objec
         return [first, *lines]
 
 
-def test_an_event_stream_ends_with_its_revoked_key(guarded: Service):
-    key = give(guarded, "build")
-    seen = seen_of_events(guarded, key, lambda: revoke(guarded, key))
+@pytest.mark.parametrize("end", ["revoked key", "expired key", "expired token"])
+def test_an_event_stream_ends_with_its_credential(guarded, monkeypatch, end):
+    in_an_hour = datetime.now(timezone.utc) + timedelta(hours=1)
+    if end == "expired token":
+        credential = signed(scope="build", exp=in_an_hour.timestamp())
+    else:
+        credential = give(guarded, "build", expires=in_an_hour)
+    ends: dict[str, Callable[[], object]] = {
+        "revoked key": lambda: revoke(guarded, credential),
+        "expired key": lambda: monkeypatch.setattr(key_ring, "datetime", LaterClock),
+        "expired token": lambda: monkeypatch.setattr(api_jwt, "datetime", LaterClock),
+    }
+    seen = seen_of_events(guarded, credential, ends[end])
     assert seen[0] == "event: progress"
     assert "event: end" not in seen, "the build goes on"
-
-
-def test_an_event_stream_ends_with_its_expired_key(guarded: Service, monkeypatch: pytest.MonkeyPatch):
-    key = give(guarded, "build", expires=datetime.now(timezone.utc) + timedelta(hours=1))
-    seen = seen_of_events(guarded, key, lambda: monkeypatch.setattr(key_ring, "datetime", LaterClock))
-    assert "event: end" not in seen
-
-
-def test_an_event_stream_ends_with_its_expired_token(guarded: Service, monkeypatch: pytest.MonkeyPatch):
-    token = signed(scope="build", exp=time.time() + 3600)
-    seen = seen_of_events(guarded, token, lambda: monkeypatch.setattr(api_jwt, "datetime", LaterClock))
-    assert "event: end" not in seen
 
 
 def test_an_event_stream_with_a_key_for_its_map_goes_on(guarded: Service, monkeypatch: pytest.MonkeyPatch):
@@ -90,7 +87,7 @@ def test_an_event_stream_with_a_key_for_its_map_goes_on(guarded: Service, monkey
     monkeypatch.setattr(Permission, "check", counted)
     key = give(guarded, "build", maps=("hall",))
     wait_until(lambda: is_known(guarded, key))
-    headers = {"Authorization": f"Bearer {key}"}
+    headers = bearer(key)
     with httpx.stream(
         "GET", f"{guarded.url}/builds/{BUILD}/events", headers=headers, timeout=LIMIT_S
     ) as response:
@@ -106,7 +103,7 @@ def test_an_upload_ends_with_its_revoked_key(guarded: Service, kind: str, monkey
     monkeypatch.setattr(request_body, "CHECK_S", 0.0)
     key = give(guarded, "build")
     wait_until(lambda: is_known(guarded, key))
-    headers = {"Authorization": f"Bearer {key}"}
+    headers = bearer(key)
 
     def pieces() -> Iterator[bytes]:
         if kind == "a form":
@@ -138,10 +135,8 @@ def test_a_long_query_ends_with_its_revoked_key(guarded: Service):
         f"Host: x\r\nContent-Type: {XYZ}\r\nContent-Length: 1200000",
         f"Authorization: Bearer {key}\r\n\r\n",
     ]
-    with socket.create_connection(("127.0.0.1", int(guarded.url.rpartition(":")[2])), LIMIT_S) as connection:
+    with connect(guarded) as connection:
         connection.sendall("\r\n".join(head).encode() + bytes(100_000))
-        wait_until(
-            lambda: "firstfix_body_bytes 100000.0" in guarded.app.state.metrics.exposition()[0].decode()
-        )
+        wait_until(lambda: guarded.value("firstfix_body_bytes") == 100_000)
         revoke(guarded, key)
         assert connection.recv(1 << 16).startswith(b"HTTP/1.1 401")

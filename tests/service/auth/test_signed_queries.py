@@ -74,7 +74,7 @@ def test_a_clock_may_be_a_little_wrong(world: World, late_s: float):
 
 
 @pytest.mark.parametrize("late_s", [-1e6, -WINDOW_S - 0.01, WINDOW_S + 0.01, 1e6])
-def test_a_wrong_clock_is_told_the_time(world: World, late_s: float):
+def test_a_wrong_clock_gets_the_time(world: World, late_s: float):
     with pytest.raises(ClockSkew) as caught:
         world.ask(world.signed(late_s))
     assert caught.value.time_ms == int(world.now_s * 1000)
@@ -93,7 +93,7 @@ def test_a_query_is_remembered_as_long_as_it_is_in_time(world: World, late_s: fl
     assert sum(world.queries._of_key.values()) == 1
 
 
-def test_what_was_made_before_the_start_is_not_accepted(world: World):
+def test_a_query_from_before_the_start_is_refused(world: World):
     """A service that starts anew does not know which queries it has answered."""
     attachment = world.signed()
     world.ask(attachment)
@@ -128,7 +128,7 @@ def test_a_clock_that_is_set_forward_after_the_start_serves_at_once(world: World
     assert world.ask(world.signed(3.0))
 
 
-def test_what_was_made_before_the_start_is_refused_when_the_clock_is_set_right(world: World):
+def test_a_query_from_before_the_start_is_refused_after_the_clock_is_set_right(world: World):
     before = world.signed()
     world.ask(before)
     world.now_s += 1.0
@@ -141,7 +141,7 @@ def test_what_was_made_before_the_start_is_refused_when_the_clock_is_set_right(w
     assert world.ask(world.signed())
 
 
-def test_a_clock_that_is_set_back_makes_no_old_query_new(world: World):
+def test_an_old_query_stays_refused_after_the_clock_is_set_back(world: World):
     """It was accepted and forgotten: a copy of it must not be accepted again."""
     attachment = world.signed()
     world.ask(attachment)
@@ -155,7 +155,9 @@ def test_a_clock_that_is_set_back_makes_no_old_query_new(world: World):
     assert world.ask(world.signed(late_s))
 
 
-def test_a_clock_that_is_set_back_forgets_no_later(world: World, monkeypatch: pytest.MonkeyPatch):
+def test_nonces_are_forgotten_in_time_after_the_clock_is_set_back(
+    world: World, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(signed_queries, "MAX_NONCES_PER_KEY", 5)
     for _ in range(5):
         world.ask(world.signed())
@@ -179,7 +181,7 @@ def test_one_key_cannot_fill_the_memory_of_another(world: World, monkeypatch: py
     world.ask(world.signed())
 
 
-def test_a_stranger_fills_nothing(world: World):
+def test_invalid_signatures_take_no_memory(world: World):
     stranger = SigningKey.of_api_key(f"ffx_{world.key.key_id}_{'0' * 64}")
     unknown = SigningKey.of_api_key(f"ffx_{'0' * 12}_{'0' * 64}")
     for attachment in (b"", b"FFQ1", b"x" * 104, *(world.signed(key=key) for key in (stranger, unknown))):
@@ -196,7 +198,7 @@ def test_a_revoked_key_signs_no_more(world: World):
         world.ask(world.signed())
 
 
-def test_keys_that_cannot_be_read_for_long_are_not_accepted(world: World):
+def test_keys_that_were_not_read_for_long_are_refused(world: World):
     world.ring_s += 101.0
     with pytest.raises(StoreUnavailable):
         world.ask(world.signed())

@@ -26,7 +26,6 @@ from firstfix_service.builds.runner import STAGE_LABELS, count_build
 from firstfix_service.http_server.connections import EndReason
 from firstfix_service.telemetry.metered_store import OPERATIONS, metered
 from firstfix_service.telemetry.metrics import Metrics
-from tests.service.metrics_world import samples, value
 from tests.service.service_world import (
     SCAN_BODY,
     XYZ,
@@ -35,6 +34,7 @@ from tests.service.service_world import (
     Service,
     publish,
     running_service,
+    serving,
 )
 from tests.waiting import LIMIT_S, wait_until
 
@@ -56,33 +56,33 @@ def rejecting(service: Service, monkeypatch: pytest.MonkeyPatch) -> Service:
 
 def test_reasons_and_probabilities_of_answers_are_counted(rejecting: Service):
     wait_until(lambda: rejecting.ask("zenoh").ok)
-    assert value(rejecting, "firstfix_reasons_total", reason="low_inlier_ratio") >= 1
-    assert value(rejecting, "firstfix_reasons_total", reason="no_candidate") == 0
-    assert value(rejecting, "firstfix_probability_bucket", verdict="rejected", le="0.05") == 0
-    assert value(rejecting, "firstfix_probability_bucket", verdict="rejected", le="0.1") >= 1
+    assert rejecting.value("firstfix_reasons_total", reason="low_inlier_ratio") >= 1
+    assert rejecting.value("firstfix_reasons_total", reason="no_candidate") == 0
+    assert rejecting.value("firstfix_probability_bucket", verdict="rejected", le="0.05") == 0
+    assert rejecting.value("firstfix_probability_bucket", verdict="rejected", le="0.1") >= 1
 
 
 def test_every_query_is_timed(service: Service):
     wait_until(lambda: service.ask("http").ok)
-    before = value(service, "firstfix_localize_seconds_count", transport="http")
+    before = service.value("firstfix_localize_seconds_count", transport="http")
     service.ask("http")
     service.ask("http", map_id="attic")
     service.ask("zenoh")
-    assert value(service, "firstfix_localize_seconds_count", transport="http") == before + 2
-    assert value(service, "firstfix_localize_seconds_count", transport="zenoh") == 1
-    assert value(service, "firstfix_stage_seconds_count", stage="queue") >= 2
+    assert service.value("firstfix_localize_seconds_count", transport="http") == before + 2
+    assert service.value("firstfix_localize_seconds_count", transport="zenoh") == 1
+    assert service.value("firstfix_stage_seconds_count", stage="queue") >= 2
 
 
-def test_the_cache_tells_hits_misses_and_what_it_put_out(tmp_path: Path):
-    with running_service(tmp_path, zenoh=False, max_versions=1, poll_interval_s=60) as service:
-        for map_id, label in (("hall", "1"), ("yard", "2")):
-            publish(service.catalog, map_id, label, service.scratch)
-        for map_id in ("hall", "hall", "yard"):
-            assert service.ask("http", map_id=map_id).ok
-        assert value(service, "firstfix_cache_lookups_total", result="miss") == 2
-        assert value(service, "firstfix_cache_lookups_total", result="hit") == 1
-        assert value(service, "firstfix_version_evictions_total") == 1
-        assert value(service, "firstfix_version_loads_total", result="ok") == 2
+@serving(zenoh=False, max_versions=1, poll_interval_s=60, maps={})
+def test_the_cache_counts_hits_misses_and_evictions(service: Service):
+    for map_id, label in (("hall", "1"), ("yard", "2")):
+        publish(service.catalog, map_id, label, service.scratch)
+    for map_id in ("hall", "hall", "yard"):
+        assert service.ask("http", map_id=map_id).ok
+    assert service.value("firstfix_cache_lookups_total", result="miss") == 2
+    assert service.value("firstfix_cache_lookups_total", result="hit") == 1
+    assert service.value("firstfix_version_evictions_total") == 1
+    assert service.value("firstfix_version_loads_total", result="ok") == 2
 
 
 def test_the_store_is_timed_and_its_failures_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -153,7 +153,7 @@ def test_stages_of_builds_that_ended_are_counted(tmp_path: Path):
 
 
 @pytest.mark.parametrize("record", [b"[]", b"{}", b'{"stages": 1}', b'{"stages": [{"stage": []}]}', b"\xff"])
-def test_a_bad_record_of_stages_does_no_harm(tmp_path: Path, record: bytes):
+def test_an_invalid_record_of_stages_is_ignored(tmp_path: Path, record: bytes):
     metrics, catalog = Metrics(), Catalog(Store.open(str(tmp_path)))
     catalog.store.put("builds/b1/stages.json", record)
     count_build(catalog, metrics, "b1", "failed")
@@ -166,20 +166,20 @@ def test_each_stage_that_a_build_reports_is_a_label():
 
 
 def test_version_process_and_zenoh_are_shown(service: Service):
-    wait_until(lambda: value(service, "firstfix_zenoh_maps") == 1)
+    wait_until(lambda: service.value("firstfix_zenoh_maps") == 1)
     # the test's own session
-    wait_until(lambda: value(service, "firstfix_zenoh_connections") == 1)
-    infos = [dict(labels) for name, labels in samples(service) if name == "firstfix_info"]
+    wait_until(lambda: service.value("firstfix_zenoh_connections") == 1)
+    infos = [dict(labels) for name, labels in samples_of(service) if name == "firstfix_info"]
     assert [info["version"] for info in infos] == [firstfix.__version__]
-    assert value(service, "process_resident_memory_bytes") > 1e6
-    assert value(service, "firstfix_catalog_age_seconds") < LIMIT_S
+    assert service.value("process_resident_memory_bytes") > 1e6
+    assert service.value("firstfix_catalog_age_seconds") < LIMIT_S
 
 
 QUERY_STAGES = {"queue", "map", "decode", "preprocess", "describe", "search", "register", "verify"}
 CODES = {cls.code for cls in all_errors()}
 
 
-def test_no_label_takes_what_callers_make_up(tmp_path: Path):
+def test_labels_have_fixed_values(tmp_path: Path):
     """The values of every label come from a fixed set. A new label must be added here."""
     with running_service(tmp_path, samples_share=1.0, behaviour=Behaviour()) as service:
         publish(service.catalog, "hall", "1", service.scratch)
@@ -301,7 +301,7 @@ def shown(registry: CollectorRegistry) -> dict[str, set[str]]:
 
 def test_dashboard_and_alerts_ask_for_what_a_running_service_shows(service: Service):
     there = shown(service.app.state.metrics.registry)
-    for name, _ in samples(service):
+    for name, _ in samples_of(service):
         there.setdefault(name, set())
     expressions = [*dashboard_expressions(), *(str(rule["expr"]) for rule in alert_rules())]
     asked = set()
@@ -321,7 +321,7 @@ def test_dashboard_and_alerts_ask_for_what_a_running_service_shows(service: Serv
     assert ours - asked == set(), "every metric of ours is on the dashboard or in an alert"
 
 
-def test_the_dashboard_is_one_that_grafana_provisions():
+def test_the_dashboard_can_be_provisioned():
     dashboard = json.loads((DEPLOY / "grafana" / "firstfix.json").read_text())
     assert dashboard["uid"] == "firstfix"
     assert "id" not in dashboard
@@ -338,7 +338,7 @@ def test_the_dashboard_is_one_that_grafana_provisions():
             assert len({target["refId"] for target in panel["targets"]}) == len(panel["targets"])
 
 
-def test_every_alert_says_what_it_means():
+def test_every_alert_has_a_severity_and_a_summary():
     rules = alert_rules()
     assert len({rule["alert"] for rule in rules}) == len(rules) >= 8
     for rule in rules:
@@ -346,6 +346,12 @@ def test_every_alert_says_what_it_means():
         assert rule["annotations"]["summary"]  # type: ignore[index]
 
 
-def test_a_query_of_no_map_is_measured_too(service: Service):
+def test_a_query_without_a_map_is_timed(service: Service):
     service.http.post("/localize", content=SCAN_BODY, headers={"Content-Type": XYZ})
-    assert value(service, "firstfix_localize_seconds_count", transport="http") == 1
+    assert service.value("firstfix_localize_seconds_count", transport="http") == 1
+
+
+def samples_of(service: Service) -> list[tuple[str, dict[str, str]]]:
+    """Names and labels of what a service shows."""
+    families = text_string_to_metric_families(service.http.get("/metrics").text)
+    return [(sample.name, sample.labels) for family in families for sample in family.samples]

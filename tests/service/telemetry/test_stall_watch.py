@@ -28,6 +28,7 @@ from firstfix_service.telemetry.stall_watch import (
     stacks_of_all_threads,
 )
 from tests.servers import free_port
+from tests.service.service_world import environment_of, is_ready
 from tests.waiting import LIMIT_S, let_pass, wait_until
 
 STALLING_SERVICE = Path(__file__).parents[1] / "stalling_process.py"
@@ -50,7 +51,7 @@ def running_loop() -> Iterator[asyncio.AbstractEventLoop]:
         loop.close()
 
 
-def test_a_pulse_tells_its_stacks_once_and_is_unwell_after_five_seconds():
+def test_a_pulse_is_told_once_and_is_unwell_after_five_seconds():
     pulse = Pulse("zenoh")
     assert not pulse.pass_time(100), "nothing is under way"
     with pulse.call():
@@ -63,14 +64,14 @@ def test_a_pulse_tells_its_stacks_once_and_is_unwell_after_five_seconds():
     assert pulse.why_unwell() == "zenoh stood still for 5 s, 0 s ago"
 
 
-def test_a_short_stall_leaves_a_part_well():
+def test_a_stall_below_five_seconds_is_well():
     pulse = Pulse("zenoh")
     with pulse.call():
         pulse.pass_time(4.9)
     assert pulse.why_unwell() is None
 
 
-def test_a_loop_that_stands_still_is_told_with_its_part():
+def test_a_stalled_loop_is_named():
     stalled: list[str] = []
     told, go_on = threading.Event(), threading.Event()
 
@@ -89,7 +90,7 @@ def test_a_loop_that_stands_still_is_told_with_its_part():
     assert stalled == ["the event loop"]
 
 
-def test_with_a_limit_of_zero_nothing_ends():
+def test_a_limit_of_zero_ends_nothing():
     seconds = lag()
     watch = StallWatch(seconds, 0.0)
     watch.on_stall = pytest.fail
@@ -172,32 +173,16 @@ class StallingService:
 
     @property
     def is_ready(self) -> bool:
-        try:
-            return self.http.get("/readyz").is_success
-        except httpx.TransportError:
-            return False
+        return is_ready(str(self.http.base_url))
 
 
 @contextmanager
 def stalling_service(folder: Path, **settings: str) -> Iterator[StallingService]:
-    port = free_port()
-    environment = {
-        "FIRSTFIX_STORE": str(folder / "store"),
-        "FIRSTFIX_WORK_DIR": str(folder / "work"),
-        "FIRSTFIX_CACHE_DIR": str(folder / "cache"),
-        "FIRSTFIX_PORT": str(port),
-        "FIRSTFIX_RUN_BUILDS": "false",
-        "FIRSTFIX_WORKERS": "1",
-        **settings,
-    }
-    log_path = folder / "log"
+    port, log_path = free_port(), folder / "log"
+    environment = {**environment_of(folder, port=port), **settings}
     with log_path.open("wb") as log:
-        process = subprocess.Popen(
-            [sys.executable, str(STALLING_SERVICE)],
-            env={**os.environ, **environment},
-            stdout=log,
-            stderr=log,
-        )
+        command = [sys.executable, str(STALLING_SERVICE)]
+        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
     try:
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=LIMIT_S) as http:
             service = StallingService(process, http, log_path)
@@ -217,7 +202,7 @@ def children(pid: int) -> list[int]:
 
 
 @pytest.mark.slow
-def test_a_service_whose_loop_stands_still_ends_with_its_children(tmp_path: Path):
+def test_a_stalled_service_ends_with_its_children(tmp_path: Path):
     with stalling_service(tmp_path, FIRSTFIX_STALLED_EXIT_S="3") as service:
         workers = children(service.process.pid)
         assert workers
@@ -253,7 +238,7 @@ def test_a_short_stall_is_logged_and_survived(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_a_stopped_process_goes_on(tmp_path: Path):
+def test_a_stopped_process_is_not_stalled(tmp_path: Path):
     with stalling_service(tmp_path, FIRSTFIX_STALLED_EXIT_S="2") as service:
         service.process.send_signal(signal.SIGSTOP)
         let_pass(6)
@@ -267,19 +252,9 @@ def test_a_stopped_process_goes_on(tmp_path: Path):
 @pytest.mark.slow
 def test_a_frozen_reader_of_the_log_holds_up_no_request(tmp_path: Path):
     """The log goes into a pipe that nobody reads: it is full after 64 kB."""
-    port = free_port()
-    environment = {
-        "FIRSTFIX_STORE": str(tmp_path / "store"),
-        "FIRSTFIX_WORK_DIR": str(tmp_path / "work"),
-        "FIRSTFIX_CACHE_DIR": str(tmp_path / "cache"),
-        "FIRSTFIX_PORT": str(port),
-        "FIRSTFIX_RUN_BUILDS": "false",
-        "FIRSTFIX_WORKERS": "1",
-    }
-    frozen, log = os.pipe()
-    process = subprocess.Popen(
-        [sys.executable, str(STALLING_SERVICE)], env={**os.environ, **environment}, stderr=log
-    )
+    port, (frozen, log) = free_port(), os.pipe()
+    command = [sys.executable, str(STALLING_SERVICE)]
+    process = subprocess.Popen(command, env=environment_of(tmp_path, port=port), stderr=log)
     os.close(log)
     try:
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=LIMIT_S) as http:

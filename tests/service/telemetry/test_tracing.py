@@ -13,7 +13,7 @@ import pytest
 
 from firstfix.errors import StoreUnavailable
 from tests.otlp_collector import Collector, SpanSeen, running_collector
-from tests.service.service_world import XYZ, Behaviour, Service, free_port, publish, running_service
+from tests.service.service_world import XYZ, Behaviour, Service, free_port, running_service, served
 from tests.waiting import LIMIT_S, wait_until
 
 TRACE, CALLER = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
@@ -31,9 +31,8 @@ def collector(monkeypatch: pytest.MonkeyPatch) -> Iterator[Collector]:
 
 @pytest.fixture
 def service(tmp_path: Path, collector: Collector) -> Iterator[Service]:
-    with running_service(tmp_path) as running:
-        publish(running.catalog, "hall", "1", running.scratch)
-        wait_until(lambda: running.http.get("/readyz").json().get("maps") == 1)
+    with served(tmp_path) as running:
+        running.wait_until_loaded()
         yield running
 
 
@@ -80,14 +79,12 @@ def test_a_query_is_one_span_with_its_stages_below(service: Service, collector: 
     assert {stage.trace_id for stage in stages} == {TRACE}
     for one, following in pairwise(stages):
         assert one.end_ns == following.start_ns
-    assert (
-        stages[-1].end_ns - stages[-1].start_ns == 1_500_000
-    )  # the fake localizer reports a search of 1.5 ms
+    assert stages[-1].end_ns - stages[-1].start_ns == 1_500_000, "the fake's search took 1.5 ms"
     assert before <= span.start_ns <= stages[0].start_ns <= span.end_ns <= after
 
 
 @pytest.mark.parametrize("transport", ["http", "zenoh"])
-def test_what_goes_wrong_stands_in_the_span(service: Service, collector: Collector, transport: str):
+def test_a_failure_is_in_the_span(service: Service, collector: Collector, transport: str):
     service.behaviour.raises = StoreUnavailable("gone")
     ask(service, transport)
     span = root(collector)
@@ -98,7 +95,9 @@ def test_what_goes_wrong_stands_in_the_span(service: Service, collector: Collect
 
 
 @pytest.mark.parametrize("transport", ["http", "zenoh"])
-def test_a_callers_mistake_is_not_the_services_error(service: Service, collector: Collector, transport: str):
+def test_an_error_of_the_caller_is_no_error_of_the_span(
+    service: Service, collector: Collector, transport: str
+):
     ask(service, transport, options={"speed": "9"})
     span = root(collector)
     assert not span.is_error
@@ -113,7 +112,7 @@ def test_a_bad_traceparent_begins_a_trace_of_its_own(service: Service, collector
     assert span.trace_id != TRACE
 
 
-def test_a_trace_that_the_caller_does_not_keep_is_not_kept(service: Service, collector: Collector):
+def test_an_unsampled_trace_is_not_exported(service: Service, collector: Collector):
     ask(service, "http", traceparent=TRACEPARENT[:-1] + "0")
     ask(service, "http")
     wait_until(lambda: len(collector.below(root(collector))) == 4)
@@ -159,16 +158,15 @@ def test_measurements_name_a_trace_as_an_example(service: Service, collector: Co
     assert TRACE not in plain.text
 
 
-def test_a_collector_that_is_away_keeps_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_unreachable_collector_holds_up_no_query(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", f"http://127.0.0.1:{free_port()}")
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_TIMEOUT", "1")
-    with running_service(tmp_path) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
+    with served(tmp_path) as service:
         for transport in ("http", "zenoh"):
             wait_until(lambda transport=transport: service.ask(transport).ok)
 
 
-def test_without_a_collector_the_sdk_is_not_even_imported(tmp_path: Path):
+def test_without_a_collector_the_sdk_is_not_imported(tmp_path: Path):
     code = """
 import asyncio, os, sys
 os.environ.pop("OTEL_EXPORTER_OTLP_ENDPOINT", None)

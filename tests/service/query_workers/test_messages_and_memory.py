@@ -1,0 +1,169 @@
+"""Messages between the service and a worker over real sockets, and bodies through shared memory."""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from firstfix.answer.options import LocalizeOptions
+from firstfix.errors import TooLarge
+from firstfix_service.query_workers.protocol import (
+    INLINE_BYTES,
+    KEPT_BYTES,
+    BodyMemory,
+    MessageReader,
+    mapped_bodies,
+    message_of,
+    reply_of,
+    send_all,
+)
+from firstfix_service.query_workers.query import BodyFormat, Query, ServedVersion
+
+FORMAT = BodyFormat.of("application/vnd.firstfix.xyz", None)
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[socket.socket, socket.socket]]:
+    here, there = socket.socketpair()
+    with here, there:
+        yield here, there
+
+
+def query(body: bytes) -> Query:
+    versions = (ServedVersion("hall", "1" * 64, Path("/x")),)
+    return Query(("hall",), LocalizeOptions(), FORMAT, body=body, versions=versions)
+
+
+def received(reader: MessageReader, stream: socket.socket):
+    while (message := reader.receive(stream)) is None:
+        pass
+    return message
+
+
+def test_a_small_body_travels_with_its_query(ends):
+    send_all(ends[0], message_of(query(b"123")))
+    asked, inline, shared = received(MessageReader(), ends[1])
+    assert (bytes(inline), shared) == (b"123", 0)
+    assert asked.versions[0].map_id == "hall"
+    assert asked.body == b"", "it is not sent twice"
+
+
+def test_a_large_body_is_only_announced(ends):
+    send_all(ends[0], message_of(query(bytes(INLINE_BYTES + 1))))
+    _, inline, shared = received(MessageReader(), ends[1])
+    assert (len(inline), shared) == (0, INLINE_BYTES + 1)
+
+
+def test_a_message_comes_in_any_pieces_and_may_be_long(ends):
+    reader = MessageReader()
+    for length in (3, 400_000, 5):  # longer than the reader's room, and short again
+        message = b"".join(map(bytes, reply_of(True, "x" * length)))
+        for at in range(0, len(message), 50_000):
+            ends[0].sendall(message[at : at + 50_000][:7])
+            assert reader.receive(ends[1]) is None
+            ends[0].sendall(message[at : at + 50_000][7:])
+            last = reader.receive(ends[1])
+        assert last is not None
+        assert last[0] == (True, "x" * length)
+        reader.forget()
+
+
+def test_a_closed_end_is_told_from_an_idle_one(ends):
+    ends[1].setblocking(False)
+    with pytest.raises(BlockingIOError):
+        MessageReader().receive(ends[1])
+    ends[0].close()
+    with pytest.raises(EOFError):
+        MessageReader().receive(ends[1])
+
+
+def test_an_oversized_message_is_refused_before_it_takes_memory(ends):
+    ends[0].sendall(struct.pack("<IIQ", 1 << 31, 0, 0))
+    with pytest.raises(OSError, match="bytes"):
+        MessageReader().receive(ends[1])
+
+
+CAPACITY = 16 << 20
+
+
+@pytest.fixture
+def memory():
+    memory = BodyMemory(CAPACITY)
+    yield memory
+    memory.close()
+
+
+def held_bytes(memory: BodyMemory) -> int:
+    return os.fstat(memory.descriptor).st_blocks * 512
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="needs Linux, which has files in memory: run in a container"
+)
+def test_the_worker_sees_what_was_written_and_cannot_write(memory: BodyMemory):
+    seen = mapped_bodies(memory.descriptor, CAPACITY)
+    memory.write(b"a body")
+    assert seen[:6] == b"a body"
+    memory.write(memoryview(b"more"))
+    assert seen[:4] == b"more"
+    with pytest.raises(TypeError):
+        seen[0] = 0
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="needs Linux, which has files in memory: run in a container"
+)
+def test_a_body_over_the_capacity_is_refused(memory: BodyMemory):
+    with pytest.raises(TooLarge):
+        memory.write(bytes(CAPACITY + 1))
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="needs Linux, which has files in memory: run in a container"
+)
+def test_only_what_was_written_takes_memory_and_a_large_body_gives_its_own_back(memory: BodyMemory):
+    assert held_bytes(memory) == 0
+    memory.write(bytes(100_000))
+    assert 0 < held_bytes(memory) < 200_000
+    memory.trim(100_000)
+    memory.write(bytes(CAPACITY))
+    assert held_bytes(memory) == CAPACITY
+    memory.trim(CAPACITY)
+    assert held_bytes(memory) == KEPT_BYTES
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="needs Linux, which has files in memory: run in a container"
+)
+def test_the_size_of_the_memory_cannot_be_changed(memory: BodyMemory):
+    """Otherwise a worker could take away the pages that the service writes to."""
+    other = os.open(f"/proc/self/fd/{memory.descriptor}", os.O_RDWR)
+    try:
+        for size in (0, 2 * CAPACITY):
+            with pytest.raises(PermissionError):
+                os.truncate(f"/proc/self/fd/{other}", size)
+    finally:
+        os.close(other)
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="needs Linux, which has files in memory: run in a container"
+)
+def test_closing_leaves_no_file_and_no_mapping():
+    before = _bodies_mapped()
+    memory = BodyMemory(CAPACITY)
+    assert _bodies_mapped() == before + 1
+    number = memory.descriptor
+    memory.close()
+    assert _bodies_mapped() == before
+    assert not Path(f"/proc/self/fd/{number}").exists()
+
+
+def _bodies_mapped() -> int:
+    return Path("/proc/self/maps").read_text().count("firstfix-bodies")
