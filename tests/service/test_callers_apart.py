@@ -24,7 +24,7 @@ def build(url: str) -> dict[str, object]:
     return {"map_id": "hall", "source": {"upload": url.split("/")[-1]}}
 
 
-def test_an_upload_is_its_callers_alone(tmp_path: Path):
+def test_an_upload_is_hidden_from_other_callers(tmp_path: Path):
     with callers(tmp_path) as these:
         url = these.a.begin(len(CLOUD))
         nowhere = "/uploads/u-that-never-was"
@@ -54,7 +54,7 @@ def test_an_upload_of_an_earlier_release_is_gone_on_with(tmp_path: Path):
         assert these.a.send("/uploads/u1", CLOUD).status_code == 204
 
 
-def test_open_uploads_of_one_caller_are_limited_alone(tmp_path: Path):
+def test_open_uploads_of_one_caller_are_limited(tmp_path: Path):
     with callers(tmp_path, max_open_uploads=4, max_open_uploads_per_caller=2) as these:
         urls = [these.a.begin() for _ in range(2)]
         refused = these.a.announce()
@@ -67,7 +67,7 @@ def test_open_uploads_of_one_caller_are_limited_alone(tmp_path: Path):
         assert refusal(these.admin.announce()) == (503, "overloaded")
 
 
-def test_bytes_of_one_callers_uploads_are_limited_alone(tmp_path: Path):
+def test_bytes_of_one_callers_uploads_are_limited(tmp_path: Path):
     with callers(tmp_path, max_upload_bytes=1000, largest_files_per_caller=1) as these:
         url = these.a.begin(600)
         assert refusal(these.a.announce(401)) == (429, "quota_exceeded")
@@ -77,7 +77,7 @@ def test_bytes_of_one_callers_uploads_are_limited_alone(tmp_path: Path):
         these.a.begin(600)
 
 
-def test_streams_of_one_caller_are_limited_alone(tmp_path: Path):
+def test_streams_of_one_caller_are_limited(tmp_path: Path):
     with (
         callers(tmp_path, max_upload_streams=4, max_upload_streams_per_caller=2) as these,
         ExitStack() as open_,
@@ -96,7 +96,7 @@ def test_streams_of_one_caller_are_limited_alone(tmp_path: Path):
         assert these.a.send(these.a.begin(3), b"abc").status_code == 204
 
 
-def test_event_streams_of_one_caller_are_limited_alone(tmp_path: Path):
+def test_event_streams_of_one_caller_are_limited(tmp_path: Path):
     with callers(tmp_path, max_event_streams=4, max_event_streams_per_caller=1) as these:
         events = f"{these.a.post_map().headers['location']}/events"
 
@@ -109,7 +109,7 @@ def test_event_streams_of_one_caller_are_limited_alone(tmp_path: Path):
             assert refusal(these.a.call("GET", events)) == (429, "quota_exceeded")
 
 
-def test_an_idempotency_key_is_its_callers_alone(tmp_path: Path):
+def test_an_idempotency_key_counts_for_one_caller(tmp_path: Path):
     with callers(tmp_path) as these:
         mine, theirs = these.a.post_map(key="night-1"), these.b.post_map(key="night-1")
         assert (mine.status_code, theirs.status_code) == (202, 202)
@@ -118,7 +118,7 @@ def test_an_idempotency_key_is_its_callers_alone(tmp_path: Path):
         assert refusal(these.a.post_map("attic", key="night-1")) == (409, "idempotency_conflict")
 
 
-def test_builds_of_one_caller_are_limited_alone(tmp_path: Path):
+def test_builds_of_one_caller_are_limited(tmp_path: Path):
     with callers(tmp_path, build_minutes_per_day=1440, max_builds_per_caller=2) as these:
         first, _ = these.a.post_map(key="night-1"), these.a.post_map()
         refused = these.a.post_map()
@@ -131,7 +131,7 @@ def test_builds_of_one_caller_are_limited_alone(tmp_path: Path):
         assert these.a.post_map().status_code == 202
 
 
-def test_a_key_that_was_refused_is_no_way_round_the_limit(tmp_path: Path):
+def test_a_refused_idempotency_key_does_not_evade_the_limit(tmp_path: Path):
     """Claims the key while the upload is incomplete: the build begins only later."""
     with callers(tmp_path, build_minutes_per_day=1440, max_builds_per_caller=1) as these:
         url = these.a.begin(len(CLOUD))
@@ -146,7 +146,7 @@ def test_a_key_that_was_refused_is_no_way_round_the_limit(tmp_path: Path):
         assert post("x").status_code == 202
 
 
-def test_minutes_of_one_callers_builds_are_limited_alone(tmp_path: Path):
+def test_minutes_of_one_callers_builds_are_limited(tmp_path: Path):
     with callers(tmp_path, build_minutes_per_day=10) as these:
         first = these.a.post_map().json()["build_id"]
         owner = these.service.catalog.build_request(first)["owner"]
@@ -163,7 +163,7 @@ def test_minutes_of_one_callers_builds_are_limited_alone(tmp_path: Path):
 @pytest.mark.parametrize(
     ("method", "path"), [("GET", ""), ("GET", "/events"), ("DELETE", "")], ids=["status", "events", "cancel"]
 )
-def test_builds_are_everybodys_who_has_their_map(tmp_path: Path, method: str, path: str):
+def test_builds_are_shared_by_callers_of_their_map(tmp_path: Path, method: str, path: str):
     """Callers who share a map share its builds."""
     with callers(tmp_path) as these:
         location = these.a.post_map().headers["location"]
@@ -171,7 +171,7 @@ def test_builds_are_everybodys_who_has_their_map(tmp_path: Path, method: str, pa
         assert these.b.call(method, f"{location}{path}").status_code in (200, 409)
 
 
-def test_names_and_what_they_own():
+def test_a_principal_owns_what_has_its_name():
     build_scope = Grant(frozenset({Scope.BUILD}))
     mine, admin = Principal("key:a", build_scope), Principal("key:b", Grant(frozenset({Scope.ADMIN})))
     assert [mine.owns(owner) for owner in ("key:a", "key:b", None, "")] == [True, False, True, False]

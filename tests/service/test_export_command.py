@@ -13,37 +13,30 @@ import pytest
 from firstfix.catalog.query_samples import QuerySamples
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion
-from firstfix_cli.main import run
-from tests.service.access_world import give
+from tests.commands import firstfix
+from tests.service.access_world import KEYED, known
 from tests.service.exported_world import GUESSES, POSE, T0_NS, TRUTH, ExportedWorld, make_exported_world
-from tests.service.service_world import Service, running_service
-from tests.waiting import wait_until
+from tests.service.service_world import Service, running_service, served
 
 ONE_S = 1_000_000_000
 
 
-def ended(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as caught:
-        run([str(argument) for argument in arguments])
-    return int(caught.value.code or 0)
-
-
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Service, ExportedWorld]]:
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Service, ExportedWorld]]:
     folder = tmp_path_factory.mktemp("served")
     with running_service(folder, zenoh=False) as service:
         yield service, make_exported_world(service.settings.store, folder / "drawn")
 
 
 @pytest.fixture(params=["service", "store"])
-def way(request: pytest.FixtureRequest, served: tuple[Service, ExportedWorld]) -> list[str]:
-    service, world = served
+def way(request: pytest.FixtureRequest, exported: tuple[Service, ExportedWorld]) -> list[str]:
+    service, world = exported
     return ["--url", service.url] if request.param == "service" else ["--store", world.store]
 
 
 @pytest.fixture
-def world(served: tuple[Service, ExportedWorld]) -> ExportedWorld:
-    return served[1]
+def world(exported: tuple[Service, ExportedWorld]) -> ExportedWorld:
+    return exported[1]
 
 
 def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
@@ -80,12 +73,12 @@ def near(points: np.ndarray, expected: np.ndarray, within_m: float) -> None:
         np.testing.assert_allclose(np.sort(points[:, axis]), np.sort(expected[:, axis]), atol=within_m)
 
 
-def test_an_mcap_holds_the_map_and_every_query(way, world, tmp_path, capsys):
+def test_an_mcap_holds_the_map_and_every_query(way, world, tmp_path):
     out = tmp_path / "hall.mcap"
-    assert ended("export", out, "--map", "hall", *way) == 0
-    assert "60,000 points" in (said := capsys.readouterr()).out
+    said = firstfix("export", out, "--map", "hall", *way)
+    assert "60,000 points" in said.out
     assert "5 kept queries, 2 of them localized" in said.out
-    assert "1 queries have no points" in said.err
+    assert "1 queries have no points" in said.error
     found = messages(out)
     times = [T0_NS + number * ONE_S for number in range(1, 6)]
 
@@ -162,7 +155,7 @@ def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorl
     from rerun.chunk import RrdReader
 
     out = tmp_path / "hall.rrd"
-    assert ended("export", out, "--map", "hall", *way) == 0
+    firstfix("export", out, "--map", "hall", *way)
     found: dict[tuple[str, str], list[tuple[Any, Any]]] = {}
     for chunk in RrdReader(out).stream().to_chunks():
         batch = chunk.to_record_batch()
@@ -201,10 +194,10 @@ def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorl
     assert "ambiguous (several_places)" in found["/log", "text"][1][1][0]
 
 
-def test_the_newest_queries_and_an_even_part_of_the_map(way, world, tmp_path, capsys):
+def test_the_newest_queries_and_an_even_part_of_the_map(way, world, tmp_path):
     out = tmp_path / "hall.mcap"
-    assert ended("export", out, "--map", "hall", *way, "--count", 2, "--points", 9000, "--json") == 0
-    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    told = firstfix("export", out, "--map", "hall", *way, "--count", 2, "--points", 9000, "--json").out
+    said = json.loads(told.splitlines()[-1])
     assert said["queries"] == 2
     assert 8900 < said["points"] <= 9000
     found = messages(out)
@@ -215,15 +208,14 @@ def test_the_newest_queries_and_an_even_part_of_the_map(way, world, tmp_path, ca
 
 
 @pytest.mark.parametrize("ending", [".mcap", ".rrd"])
-def test_a_file_that_is_there_stays(way: list[str], tmp_path: Path, capsys, ending: str):
+def test_an_existing_file_is_kept_without_force(way: list[str], tmp_path: Path, ending: str):
     if ending == ".rrd":
         pytest.importorskip("rerun", reason="needs rerun-sdk (170 MB): pip install '.[rerun]'")
     out = tmp_path / f"hall{ending}"
     out.write_text("mine")
-    assert ended("export", out, "--map", "hall", *way) == 2
-    assert "--force replaces it" in capsys.readouterr().err
+    assert "--force replaces it" in firstfix("export", out, "--map", "hall", *way, code=2).error
     assert out.read_text() == "mine"
-    assert ended("export", out, "--map", "hall", *way, "--force") == 0
+    firstfix("export", out, "--map", "hall", *way, "--force")
     assert out.stat().st_size > 100_000
     assert [path.name for path in tmp_path.iterdir()] == [out.name], "nothing else is left"
 
@@ -237,37 +229,35 @@ def test_a_file_that_is_there_stays(way: list[str], tmp_path: Path, capsys, endi
         ("none/a.mcap", ["--map", "hall"], "No such file or directory"),
     ],
 )
-def test_what_cannot_be_written_leaves_nothing(way, tmp_path, capsys, name, extra, says):
-    assert ended("export", tmp_path / name, *extra, *way) == 2
-    assert says in capsys.readouterr().err
+def test_a_refused_export_leaves_no_file(way, tmp_path, name, extra, says):
+    assert says in firstfix("export", tmp_path / name, *extra, *way, code=2).error
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_service_or_a_store_but_not_both(world: ExportedWorld, tmp_path: Path, capsys):
+def test_a_service_and_a_store_exclude_each_other(world: ExportedWorld, tmp_path: Path):
     both = ["--url", "http://127.0.0.1:9", "--store", world.store]
-    assert ended("export", tmp_path / "a.mcap", "--map", "hall", *both) == 2
-    assert "only one of --url and --store" in capsys.readouterr().err
+    told = firstfix("export", tmp_path / "a.mcap", "--map", "hall", *both, code=2).error
+    assert "only one of --url and --store" in told
 
 
-def test_kept_queries_may_have_a_store_of_their_own(world, tmp_path, capsys):
+def test_recorded_queries_may_have_a_store_of_their_own(world, tmp_path):
     Store.open(str(tmp_path / "kept")).put("samples/none", b"")
     arguments = ["export", tmp_path / "a.mcap", "--map", "hall", "--samples", tmp_path / "kept"]
-    assert ended(*arguments) == 2
-    assert "--samples needs --store" in capsys.readouterr().err
-    assert ended(*arguments, "--store", world.store) == 0
-    assert "60,000 points" in (said := capsys.readouterr().out)
+    assert "--samples needs --store" in firstfix(*arguments, code=2).error
+    said = firstfix(*arguments, "--store", world.store).out
+    assert "60,000 points" in said
     assert " 0 kept queries" in said
 
 
-def test_an_export_that_breaks_off_leaves_nothing(world: ExportedWorld, tmp_path: Path, monkeypatch, capsys):
+def test_a_failed_export_leaves_no_file(world: ExportedWorld, tmp_path: Path, monkeypatch):
     from firstfix.errors import StoreUnavailable
 
     def gone(self: QuerySamples, sample_id: str) -> bytes:
         raise StoreUnavailable("the store is gone")
 
     monkeypatch.setattr(QuerySamples, "body", gone)
-    assert ended("export", tmp_path / "a.mcap", "--map", "hall", "--store", world.store) == 1
-    assert "the store is gone" in capsys.readouterr().err
+    told = firstfix("export", tmp_path / "a.mcap", "--map", "hall", "--store", world.store, code=1).error
+    assert "the store is gone" in told
     assert list(tmp_path.iterdir()) == []
 
 
@@ -287,39 +277,30 @@ def test_one_body_is_in_memory_at_a_time(world: ExportedWorld, tmp_path: Path, m
 
     monkeypatch.setattr(QuerySamples, "body", noted_read)
     monkeypatch.setattr(mcap_file.McapFile, "write_query", noted_write)
-    assert ended("export", tmp_path / "a.mcap", "--map", "hall", "--store", world.store) == 0
+    firstfix("export", tmp_path / "a.mcap", "--map", "hall", "--store", world.store)
     assert steps == ["read", "write"] * 5
 
 
-def test_a_key_is_sent_and_a_version_without_a_cloud_says_so(tmp_path: Path, monkeypatch, capsys):
-    from tests.service.service_world import publish
-
-    with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
+def test_an_export_sends_the_key_and_names_a_missing_cloud(tmp_path: Path, monkeypatch):
+    with served(tmp_path, zenoh=False, **KEYED) as service:
         arguments = ["export", tmp_path / "hall.mcap", "--map", "hall", "--url", service.url]
-        assert ended(*arguments) == 2
-        key = give(service, "build")
-        headers = {"Authorization": f"Bearer {key}"}
-        wait_until(lambda: service.http.get("/caller", headers=headers).is_success)
-        monkeypatch.setenv("FIRSTFIX_API_KEY", key)
-        capsys.readouterr()
-        assert ended(*arguments) == 0
-        assert "has no cloud for viewers" in capsys.readouterr().err
+        firstfix(*arguments, code=2)
+        monkeypatch.setenv("FIRSTFIX_API_KEY", known(service, "build"))
+        assert "has no cloud for viewers" in firstfix(*arguments).error
         assert messages(tmp_path / "hall.mcap") == {}
 
 
-def test_a_damaged_cloud_is_an_error(tmp_path: Path, capsys):
+def test_a_damaged_cloud_is_an_error(tmp_path: Path):
     damaged = make_exported_world(str(tmp_path / "store"), tmp_path / "drawn")
     key = f"maps/hall/versions/{damaged.version}/cloud.bin"
     store = Store.open(damaged.store)
     store.put(key, store.get(key)[:1000])
-    assert ended("export", tmp_path / "a.mcap", "--map", "hall", "--store", damaged.store) == 2
+    firstfix("export", tmp_path / "a.mcap", "--map", "hall", "--store", damaged.store, code=2)
     assert not (tmp_path / "a.mcap").exists()
 
 
-def test_kept_queries_are_listed_by_the_service_as_by_its_store(way, world, capsys):
-    assert ended("samples", "ls", "--json", "--map", "hall", *way) == 0
-    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+def test_the_service_lists_recorded_queries_as_its_store_does(way, world):
+    said = json.loads(firstfix("samples", "ls", "--json", "--map", "hall", *way).out.splitlines()[-1])
     listed = [one["sample_id"] for one in said["samples"]]
     assert listed == sorted(listed), "oldest first"
     kept = QuerySamples(Store.open(world.store))

@@ -15,7 +15,7 @@ def test_every_error_class_has_its_own_row():
 
 
 @pytest.mark.parametrize("error", all_errors(), ids=lambda cls: cls.__name__)
-def test_the_document_is_complete(error: type[FirstfixError]):
+def test_a_problem_document_is_complete(error: type[FirstfixError]):
     problem = problem_of(error("why"))
     body = json.loads(problem.body)
     own = {"time_ms"} if error is ClockSkew else set()
@@ -26,12 +26,12 @@ def test_the_document_is_complete(error: type[FirstfixError]):
     assert body["title"] == TITLES.get(problem.status) or HTTPStatus(problem.status).phrase
 
 
-def test_where_trying_again_helps_it_says_when():
+def test_retry_after_is_given_where_trying_again_helps():
     for error in (Overloaded("full"), StoreUnavailable("gone")):
         assert int(problem_of(error).headers["Retry-After"]) >= 1
 
 
-def test_a_class_made_later_takes_its_parents_status():
+def test_a_subclass_has_the_status_of_its_parent():
     class Worse(Overloaded):
         code = "worse"
 
@@ -53,7 +53,7 @@ def test_a_class_made_later_takes_its_parents_status():
         ("POST", "/maps", 415, "unsupported_format"),
     ],
 )
-def test_what_routes_and_framework_refuse(shared_service, method, path, status, code):
+def test_refusals_are_problem_documents(shared_service, method, path, status, code):
     response: httpx.Response = shared_service.http.request(method, path)
     assert response.headers["content-type"] == "application/problem+json"
     assert (response.status_code, response.json()["code"]) == (status, code)

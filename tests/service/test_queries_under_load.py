@@ -122,7 +122,7 @@ def rss_mib(pid: int) -> float:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-def test_ten_maps_of_which_three_fit(service: Service, workers: Workers, yards: Yards):
+def test_ten_maps_are_answered_while_three_fit(service: Service, workers: Workers, yards: Yards):
     names = {f"yard-{k}": k for k in range(10)}
     for name, k in names.items():
         yards.publish(service, name, k)
@@ -186,7 +186,7 @@ def _serves(service: Service, yards: Yards, version: str) -> bool:
     return bool(yards.ask(service, "yard", 0).json()["map_version"] == version)
 
 
-def test_workers_are_killed_under_queries(service: Service, workers: Workers, yards: Yards):
+def test_killed_workers_are_replaced_under_queries(service: Service, workers: Workers, yards: Yards):
     yards.publish(service, "yard", 1)
     assert yards.ask(service, "yard", 0).status_code == 200
     end = threading.Event()

@@ -14,20 +14,18 @@ import pytest
 
 from firstfix.builds.records import new_status
 from firstfix.errors import Overloaded
-from firstfix_cli.main import run
+from tests.commands import Said, firstfix
 from tests.service.service_world import Service
 from tests.waiting import wait_until
 
 
-def ended(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as caught:
-        run([str(argument) for argument in arguments])
-    return int(caught.value.code or 0)
+def build(service: Service, source: Path, *options: object, code: int = 0) -> Said:
+    return firstfix("build", source, "--map-id", "hall", "--url", service.url, *options, code=code)
 
 
-def printed(capsys: pytest.CaptureFixture[str]) -> list[str]:
-    """Returns the lines of the command line; the service of the tests logs to the same stream."""
-    return [line for line in capsys.readouterr().out.splitlines() if "[info" not in line]
+def printed(said: Said) -> list[str]:
+    """The lines of the command; the service of the tests logs to the same stream."""
+    return [line for line in said.out.splitlines() if "[info" not in line]
 
 
 def the_map(folder: Path) -> Path:
@@ -39,43 +37,46 @@ def the_map(folder: Path) -> Path:
 def ends_as(service: Service, state: str, **more: Any) -> threading.Thread:
     """Plays the builder: ends the first build with this state."""
 
-    def build() -> None:
+    def end() -> None:
         wait_until(service.catalog.build_ids)
         (build_id,) = service.catalog.build_ids()
         service.catalog.set_build_status(build_id, new_status(state, map_id="hall", **more))
 
-    thread = threading.Thread(target=build)
+    thread = threading.Thread(target=end)
     thread.start()
     return thread
 
 
 @pytest.mark.parametrize("as_json", [True, False])
-def test_a_service_builds(service: Service, tmp_path: Path, capsys, as_json: bool):
+def test_a_service_builds(service: Service, tmp_path: Path, as_json: bool):
     version = service.catalog.active_version("hall")
     builder = ends_as(service, "succeeded", version=version)
     options = ["--sensor", "vlp-16", "--axis", "y-up", *(["--json"] if as_json else [])]
-    assert ended("build", the_map(tmp_path), "--map-id", "hall", "--url", service.url, *options) == 0
+    first = printed(build(service, the_map(tmp_path), *options))[0]
     builder.join()
-    first = printed(capsys)[0]
     assert (json.loads(first)["version"] if as_json else first.rpartition(" ")[2]) == version
     (build_id,) = service.catalog.build_ids()
     assert service.catalog.build_request(build_id)["config"] == {"sensor": "vlp-16", "axis": "y-up"}
 
 
-def test_a_build_that_fails_is_an_error(service: Service, tmp_path: Path, capsys):
-    failure = {"code": "build_failed", "detail": "no floor found"}
-    builder = ends_as(service, "failed", error=failure)
-    assert ended("build", the_map(tmp_path), "--map-id", "hall", "--url", service.url) == 2
+def test_a_failed_build_is_an_error(service: Service, tmp_path: Path):
+    builder = ends_as(service, "failed", error={"code": "build_failed", "detail": "no floor found"})
+    assert "no floor found" in build(service, the_map(tmp_path), code=2).error
     builder.join()
-    assert "no floor found" in capsys.readouterr().err
 
 
-def test_a_build_need_not_be_waited_for(service: Service, tmp_path: Path, capsys):
-    arguments = ["build", the_map(tmp_path), "--map-id", "hall", "--url", service.url, "--no-wait", "--json"]
-    assert ended(*arguments) == 0
-    said = json.loads(printed(capsys)[0])
+def test_a_build_need_not_be_waited_for_and_a_folder_is_sent_as_an_archive(service: Service, tmp_path: Path):
+    folder = tmp_path / "plant"
+    folder.mkdir()
+    the_map(folder)
+    said = json.loads(printed(build(service, folder, "--no-wait", "--json"))[0])
+    (build_id,) = service.catalog.build_ids()
     assert said.pop("waits_for").startswith("this service runs no builds")
-    assert said == {"map_id": "hall", "build_id": service.catalog.build_ids()[0], "state": "queued"}
+    assert said == {"map_id": "hall", "build_id": build_id, "state": "queued"}
+    request = service.catalog.build_request(build_id)
+    assert request["file_name"] == "plant.zip"
+    with ZipFile(BytesIO(service.catalog.store.get(request["source"]["key"]))) as archive:
+        assert archive.namelist() == ["map.xyz"]
 
 
 @pytest.mark.parametrize(
@@ -87,22 +88,9 @@ def test_a_build_need_not_be_waited_for(service: Service, tmp_path: Path, capsys
         (["--sensor", "no-such-lidar"], "no-such-lidar"),
     ],
 )
-def test_what_a_remote_build_cannot_take(service: Service, tmp_path: Path, capsys, extra, says):
-    assert ended("build", the_map(tmp_path), "--map-id", "hall", "--url", service.url, *extra) == 2
-    assert says in capsys.readouterr().err
-    assert service.catalog.build_ids() == []
-
-
-def test_a_folder_goes_as_an_archive(service: Service, tmp_path: Path):
-    folder = tmp_path / "plant"
-    folder.mkdir()
-    the_map(folder)
-    assert ended("build", folder, "--map-id", "hall", "--url", service.url, "--no-wait") == 0
-    (build_id,) = service.catalog.build_ids()
-    request = service.catalog.build_request(build_id)
-    assert request["file_name"] == "plant.zip"
-    with ZipFile(BytesIO(service.catalog.store.get(request["source"]["key"]))) as archive:
-        assert archive.namelist() == ["map.xyz"]
+def test_options_of_another_build_are_refused(shared_service: Service, tmp_path: Path, extra, says: str):
+    assert says in build(shared_service, the_map(tmp_path), *extra, code=2).error
+    assert shared_service.catalog.build_ids() == []
 
 
 def odometry(folder: Path, poses: list[str]) -> Path:
@@ -115,27 +103,28 @@ def odometry(folder: Path, poses: list[str]) -> Path:
 
 
 @pytest.mark.parametrize("transport", ["--url", "--zenoh"])
-def test_several_scans_are_one_query(service: Service, tmp_path: Path, capsys, transport: str):
+def test_several_scans_are_one_query(shared_service: Service, tmp_path: Path, transport: str):
     way = odometry(tmp_path, ["0,0,0,0,0,0,1", "1,0,0,0,0,0,1", "2,0.5,0,0,0,0.1,0.995"])
-    where = service.url if transport == "--url" else service.endpoint
-    assert ended("localize", "--odometry", way, "--map", "hall", transport, where, "--json") == 0
-    x, y, _ = json.loads(printed(capsys)[0])["T_map_sensor"]["position"]
+    where = shared_service.url if transport == "--url" else shared_service.endpoint
+    said = firstfix("localize", "--odometry", way, "--map", "hall", transport, where, "--json")
+    x, y, _ = json.loads(printed(said)[0])["T_map_sensor"]["position"]
     assert (x, y) == (1, 3), "the map's label, and the scans of the query"
 
 
-def test_odometry_has_a_pose_for_each_of_few_scans(service: Service, tmp_path: Path, capsys):
-    arguments = ["--map", "hall", "--url", service.url]
-    assert ended("localize", "--odometry", odometry(tmp_path, ["0,0,0,0,0,0,1", ",,,,,,"]), *arguments) == 2
-    assert "every scan needs its odometry pose" in capsys.readouterr().err
+def test_odometry_has_a_pose_for_each_of_few_scans(tmp_path: Path):
+    def refused(*arguments: object) -> str:
+        return firstfix("localize", *arguments, "--map", "hall", "--url", "http://127.0.0.1:9", code=2).error
+
+    assert "every scan needs its odometry pose" in refused(
+        "--odometry", odometry(tmp_path, ["0,0,0,0,0,0,1", ",,,,,,"])
+    )
     many = odometry(tmp_path, ["0,0,0,0,0,0,1"] * 17)
-    assert ended("localize", "--odometry", many, *arguments) == 2
-    assert "up to 16 scans" in capsys.readouterr().err
-    assert ended("localize", tmp_path / "0.npy", "--odometry", many, *arguments) == 2
+    assert "up to 16 scans" in refused("--odometry", many)
+    refused(tmp_path / "0.npy", "--odometry", many)
 
 
-def test_a_service_that_is_busy_is_no_answer(service: Service, tmp_path: Path, capsys):
+def test_a_busy_service_is_an_error(service: Service, tmp_path: Path):
     service.behaviour.raises = Overloaded("the queue is full")
     np.save(tmp_path / "scan.npy", np.ones((300, 3)))
     arguments = ["localize", tmp_path / "scan.npy", "--map", "hall", "--url", service.url, "--timeout", 1]
-    assert ended(*arguments) == 1
-    assert "the queue is full" in capsys.readouterr().err
+    assert "the queue is full" in firstfix(*arguments, code=1).error

@@ -64,7 +64,7 @@ def with_config(folder: Path, content: dict[str, Any], **changes: Any) -> Settin
 
 
 @pytest.mark.parametrize("content", KEPT)
-def test_a_zenoh_configuration_may_keep_strangers_out(tmp_path: Path, content: dict[str, Any]):
+def test_a_closed_zenoh_configuration_is_accepted(tmp_path: Path, content: dict[str, Any]):
     for changes in ({}, {"auth": "on"}, {"auth": "on", "zenoh_trusted": True}, {"auth": "off"}):
         settings = with_config(tmp_path, content, **changes)
         check_security(settings)
@@ -72,7 +72,7 @@ def test_a_zenoh_configuration_may_keep_strangers_out(tmp_path: Path, content: d
 
 
 @pytest.mark.parametrize("content", OPEN)
-def test_a_zenoh_configuration_that_does_not_is_told_the_ways_out(tmp_path: Path, content: dict[str, Any]):
+def test_an_open_zenoh_configuration_is_refused(tmp_path: Path, content: dict[str, Any]):
     for changes in ({}, {"auth": "on", "zenoh_trusted": True}):
         with pytest.raises(
             InvalidOption, match=r"FIRSTFIX_AUTH=on.*FIRSTFIX_ZENOH_CONFIG.*FIRSTFIX_AUTH=off"
@@ -91,13 +91,13 @@ def test_trust_in_an_open_zenoh_is_refused():
         )
 
 
-def test_a_configuration_that_cannot_be_read_is_said(tmp_path: Path):
+def test_an_unreadable_zenoh_configuration_is_refused(tmp_path: Path):
     with pytest.raises(InvalidOption, match="zenoh config"):
         check_security(Settings(store="memory://", zenoh_config=tmp_path / "none.json5"))
 
 
 @pytest.mark.parametrize("changes", PUBLIC)
-def test_strangers_are_not_let_in_by_mistake(changes: dict[str, Any]):
+def test_a_public_service_needs_a_word_on_authentication(changes: dict[str, Any]):
     with pytest.raises(InvalidOption, match="FIRSTFIX_AUTH"):
         check_security(Settings(store="memory://", **changes))
     for chosen in ("on", "off"):
@@ -105,12 +105,12 @@ def test_strangers_are_not_let_in_by_mistake(changes: dict[str, Any]):
 
 
 @pytest.mark.parametrize("changes", PRIVATE)
-def test_loopback_needs_no_word(changes: dict[str, Any]):
+def test_loopback_needs_no_authentication(changes: dict[str, Any]):
     check_security(Settings(store="memory://", **changes))
 
 
 @pytest.mark.parametrize(("auth", "level"), [(None, "warning"), ("off", "warning"), ("on", "info")])
-def test_the_log_says_who_is_let_in(auth: str | None, level: str):
+def test_the_log_names_the_authentication(auth: str | None, level: str):
     with capture_logs() as lines:
         check_security(Settings(store="memory://", auth=auth))
     (line,) = lines
@@ -118,23 +118,23 @@ def test_the_log_says_who_is_let_in(auth: str | None, level: str):
     assert ("authentication is off" in line["event"]) is (auth != "on")
 
 
-def test_trust_in_zenoh_is_said():
+def test_a_trusted_zenoh_is_logged():
     with capture_logs() as lines:
         check_security(Settings(store="memory://", auth="on", zenoh=True, zenoh_trusted=True))
     assert any("zenoh callers need no key" in line["event"] for line in lines)
 
 
-def test_tokens_without_authentication_are_a_mistake():
+def test_tokens_without_authentication_are_refused():
     with pytest.raises(InvalidOption, match="JWT"):
         check_security(Settings(store="memory://", jwt_jwks="/keys.json"))
 
 
 @pytest.mark.parametrize(("host", "loopback"), [("127.0.0.1", True), ("::1", True), ("0.0.0.0", False)])
-def test_loopback_is_known(host: str, loopback: bool):
+def test_loopback_addresses_are_known(host: str, loopback: bool):
     assert is_loopback(host) is loopback
 
 
-def test_the_process_refuses_before_it_listens(tmp_path: Path):
+def test_the_process_ends_before_it_listens(tmp_path: Path):
     code = """
 import sys
 from firstfix_service.server import serve

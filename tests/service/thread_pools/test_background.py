@@ -87,7 +87,7 @@ def test_the_stack_waits_for_the_end_of_its_background_tasks():
     assert seen == ["ended", "closed"]
 
 
-def test_a_part_that_does_not_close_holds_up_no_stop():
+def test_a_part_that_does_not_close_does_not_hold_up_the_stop():
     gate, closed = threading.Event(), []
 
     async def main() -> None:

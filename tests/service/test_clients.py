@@ -1,4 +1,4 @@
-"""The same tests over Client, AsyncClient and ZenohClient, against a running service."""
+"""Clients against a running service: the same tests over all three, and uploads over bad lines."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
 
@@ -15,13 +16,22 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.builds.records import new_status
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
-from firstfix.errors import BuildFailed, Conflict, FirstfixError, InvalidOption, InvalidScan, NotFound
+from firstfix.errors import (
+    BuildFailed,
+    ChecksumMismatch,
+    Conflict,
+    FirstfixError,
+    InvalidOption,
+    InvalidScan,
+    NotFound,
+)
 from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
-from firstfix_client import Client, ZenohClient
+from firstfix_client import Client, RetryPolicy, ZenohClient
+from firstfix_client.steps import builds as build_steps
 from tests.blocked_async_client import BlockedAsyncClient
-from tests.service.service_world import Behaviour, FakeLocalizer, Service, publish, running_service
+from tests.service.service_world import Behaviour, FakeLocalizer, Service, publish, running_service, serving
 
 KINDS = ["http", "asyncio", "zenoh"]
 POINTS = np.random.default_rng(5).uniform(-20, 20, (800, 3))
@@ -51,7 +61,7 @@ class Tells(Behaviour):
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+def told_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     with running_service(tmp_path_factory.mktemp("service"), behaviour=Tells()) as running:
         publish(running.catalog, "hall", "1", running.scratch)
         publish(running.catalog, "nowhere", str(NOWHERE), running.scratch)
@@ -61,11 +71,11 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 
 @pytest.fixture(scope="module")
-def clients(service: Service) -> Iterator[dict[str, Any]]:
+def clients(told_service: Service) -> Iterator[dict[str, Any]]:
     with (
-        Client(service.url) as http,
-        BlockedAsyncClient(service.url) as asynchronous,
-        ZenohClient(service.endpoint, url=service.url) as over_zenoh,
+        Client(told_service.url) as http,
+        BlockedAsyncClient(told_service.url) as asynchronous,
+        ZenohClient(told_service.endpoint, url=told_service.url) as over_zenoh,
     ):
         yield {"http": http, "asyncio": asynchronous, "zenoh": over_zenoh}
 
@@ -157,16 +167,16 @@ def test_an_answer_is_frozen(client: Any):
             setattr(answer, field.name, None)
 
 
-def test_maps(client: Any, service: Service):
+def test_the_maps_are_listed(client: Any, told_service: Service):
     maps = {info.map_id: info.active_version for info in client.maps()}
     assert set(maps) == {"hall", "nowhere", *(f"of-{kind}" for kind in KINDS)}
-    assert maps["hall"] == service.catalog.active_version("hall")
+    assert maps["hall"] == told_service.catalog.active_version("hall")
 
 
-def test_versions_go_forward_and_back(client: Any, kind: str, service: Service):
+def test_versions_are_activated_rolled_back_and_retired(client: Any, kind: str, told_service: Service):
     map_id = f"of-{kind}"
-    first = service.catalog.active_version(map_id)
-    second = publish(service.catalog, map_id, "3", service.scratch)
+    first = told_service.catalog.active_version(map_id)
+    second = publish(told_service.catalog, map_id, "3", told_service.scratch)
     assert [info.version for info in client.versions(map_id)] == [second, first]
     assert client.show_map(map_id).active_version == second
     client.activate(map_id, first)
@@ -182,7 +192,7 @@ def test_versions_go_forward_and_back(client: Any, kind: str, service: Service):
     assert client.collect_garbage(map_id, dry_run=True)["dry_run"] is True
 
 
-def test_georeferences(client: Any, kind: str):
+def test_a_georeference_is_set_and_deleted(client: Any, kind: str):
     map_id = f"of-{kind}"
     client.set_georeference(map_id, latitude_deg=48, longitude_deg=11, height_m=500, x_axis_deg=90)
     assert client.georeference(map_id)["x_axis_deg"] == pytest.approx(90)
@@ -191,7 +201,7 @@ def test_georeferences(client: Any, kind: str):
         client.georeference(map_id)
 
 
-def test_a_build_is_handed_in_and_followed(client: Any, kind: str, service: Service, tmp_path: Path):
+def test_a_build_is_submitted_and_followed(client: Any, kind: str, told_service: Service, tmp_path: Path):
     map_id = f"of-{kind}"
     source = tmp_path / "map.xyz"
     source.write_bytes(b"0 0 0\n")
@@ -202,15 +212,18 @@ def test_a_build_is_handed_in_and_followed(client: Any, kind: str, service: Serv
     for one in client.build_events(status.build_id):
         events.append(one.state)
         after = "running" if one.state == "queued" else "failed"
-        service.catalog.set_build_status(status.build_id, new_status(after, map_id=map_id))
+        told_service.catalog.set_build_status(status.build_id, new_status(after, map_id=map_id))
     assert events == ["queued", "running", "failed"]
     with pytest.raises(BuildFailed):
         client.wait_for_build(status.build_id)
+    assert [one.build_id for one in client.builds(map_id=map_id, state="queued")] == []
+    with pytest.raises(NotFound):
+        next(client.build_events("none"))
     with pytest.raises(Conflict):
         client.cancel_build(status.build_id)
 
 
-def test_a_build_is_waited_for(client: Any, kind: str, service: Service, tmp_path: Path):
+def test_a_build_is_waited_for(client: Any, kind: str, told_service: Service, tmp_path: Path):
     source = tmp_path / "map.xyz"
     source.write_bytes(b"1 1 1\n")
     seen = []
@@ -218,17 +231,111 @@ def test_a_build_is_waited_for(client: Any, kind: str, service: Service, tmp_pat
     def progress(status: Any) -> None:
         seen.append(status.state)
         after = new_status("succeeded", map_id=f"of-{kind}", version="ff" * 32)
-        service.catalog.set_build_status(status.build_id, after)
+        told_service.catalog.set_build_status(status.build_id, after)
 
     status = client.build_map(source, f"of-{kind}", progress=progress)
     assert (status.version, status.is_final) == ("ff" * 32, True)
     assert seen == ["queued", "succeeded"]
 
 
-def test_without_a_url_zenoh_says_what_it_cannot(service: Service):
-    with ZenohClient(service.endpoint) as client:
+def test_a_zenoh_client_without_a_url_cannot_manage_maps(told_service: Service):
+    with ZenohClient(told_service.endpoint) as client:
         assert client.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
         with pytest.raises(InvalidOption, match="url"):
             client.versions("hall")
         with pytest.raises(InvalidOption, match="url"):
             client.builds()
+
+
+over_http = serving(zenoh=False)
+
+DATA = bytes(range(256)) * 200
+QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
+
+
+class Breaks(httpx.HTTPTransport):
+    """A network that loses requests or answers, as the test says."""
+
+    def __init__(self, loses: Callable[[int, httpx.Request], str | None]) -> None:
+        super().__init__()
+        self.loses, self.count, self.sent = loses, 0, 0
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        self.count += 1
+        what = self.loses(self.count, request)
+        if what == "request":
+            raise httpx.ConnectError("lost")
+        if request.method == "PATCH":
+            self.sent += int(request.headers["content-length"])
+        response = super().handle_request(request)
+        if what == "answer":
+            response.close()
+            raise httpx.ReadError("lost")
+        return response
+
+
+@pytest.fixture
+def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(build_steps, "PART_BYTES", 5000)
+    monkeypatch.setattr(build_steps, "IN_PARTS_FROM_BYTES", 10_000)
+
+
+def file_of(tmp_path: Path, data: bytes = DATA) -> Path:
+    path = tmp_path / "hall.xyz"
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.usefixtures("small_parts")
+@over_http
+def test_a_large_file_goes_in_parts_over_a_bad_line(service: Service, tmp_path: Path):
+    network = Breaks(lambda n, request: {0: "request", 1: "answer"}.get(n % 4))
+    with Client(service.url, retry=QUICK, transport=network) as client:
+        status = client.build_map(file_of(tmp_path), "hall", config={"level": False})
+    request = service.catalog.build_request(status.build_id)
+    assert service.catalog.store.get(request["source"]["key"]) == DATA
+    assert request["file_name"] == "hall.xyz"
+    assert request["config"] == {"level": False}
+    assert len(service.catalog.build_ids()) == 1
+    assert network.sent < 2 * len(DATA), "no part that arrived is sent again more than once"
+
+
+@pytest.mark.usefixtures("small_parts")
+@over_http
+def test_uploads_are_removed_after_the_build_is_submitted(service: Service, tmp_path: Path):
+    with Client(service.url, retry=QUICK) as client:
+        client.build_map(file_of(tmp_path), "hall", trajectory=file_of(tmp_path))
+    assert service.catalog.store.list("uploads") == []
+
+
+@pytest.mark.usefixtures("small_parts")
+@over_http
+def test_a_file_that_changes_while_it_is_read_is_refused(service, tmp_path, monkeypatch):
+    monkeypatch.setattr(build_steps, "_sha256", lambda path: "0" * 64)
+    with Client(service.url, retry=QUICK) as client, pytest.raises(ChecksumMismatch):
+        client.build_map(file_of(tmp_path), "hall")
+    assert service.catalog.build_ids() == []
+
+
+@over_http
+def test_a_small_file_sent_again_is_one_build(service: Service, tmp_path: Path):
+    network = Breaks(lambda n, request: "answer" if n <= 3 else None)
+    with Client(service.url, retry=QUICK, transport=network) as client:
+        client.build_map(file_of(tmp_path), "hall")
+    assert len(service.catalog.build_ids()) == 1
+
+
+@over_http
+def test_all_pages_of_a_list_are_read(service: Service, monkeypatch: pytest.MonkeyPatch):
+    for n in range(4):
+        publish(service.catalog, f"m{n}", "1", service.scratch)
+        publish(service.catalog, "hall", str(n + 2), service.scratch)
+
+    class TwoAPage(httpx.HTTPTransport):
+        def handle_request(self, request: httpx.Request) -> httpx.Response:
+            request.url = request.url.copy_set_param("limit", "2")
+            return super().handle_request(request)
+
+    with Client(service.url, transport=TwoAPage()) as client:
+        assert [info.map_id for info in client.maps()] == ["hall", "m0", "m1", "m2", "m3"]
+        assert len(client.versions("hall")) == 5
