@@ -100,14 +100,14 @@ def test_the_right_map_is_named(service: Service, small_scans, small_version):
         assert f"{CHOSEN_MAPS} of {MIRRORED + 1} maps" in last["text"]
 
 
-def test_where_all_maps_are_searched_nothing_is_left_out(service: Service, small_scans):
+def test_no_map_is_reported_as_left_out_where_all_are_searched(service: Service, small_scans):
     body, all_maps = body_of(small_scans[0][0]), key_of(service, "localize")
     few = key_of(service, "localize", maps=("yard", "m1?"))
     for answer in (ask(service, few, body), ask(service, all_maps, body, map="yard,m00")):
         assert "maps_left_out" not in {one["code"] for one in answer.json()["findings"]}
 
 
-def test_nobody_learns_of_maps_of_others(service: Service, small_scans):
+def test_maps_of_others_are_neither_searched_nor_named(service: Service, small_scans):
     key = key_of(service, "localize", maps=("m*",))
     answer = ask(service, key, body_of(small_scans[0][0])).json()
     assert {one["map_id"] for one in answer["hypotheses"]} <= {f"m{k:02}" for k in range(MIRRORED)}
@@ -127,7 +127,7 @@ def test_bad_input_is_refused(service: Service, small_scans):
     assert ask(service, key, few).json()["reasons"] == ["too_few_points"]
 
 
-def test_a_map_that_has_gone_is_not_named(service: Service, small_scans):
+def test_a_removed_map_is_not_named(service: Service, small_scans):
     service.catalog.remove_map("yard")
     wait_for(service, MIRRORED)
     answer = ask(service, key_of(service, "localize"), body_of(small_scans[0][0])).json()

@@ -14,7 +14,6 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.engine.preprocess import PreparedQuery, preprocess
 from firstfix.scan.condense import condense, describe
-from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
@@ -30,11 +29,6 @@ from tests.storey_world import ROOMS_X, pose, scan_at, storey
 HEAD_DOWN = np.diag([1.0, -1.0, -1.0])
 ON_ITS_SIDE = Rotation.from_euler("x", 90, degrees=True).as_matrix()
 NOSE_DOWN = Rotation.from_euler("y", 90, degrees=True).as_matrix()
-
-
-@pytest.fixture(scope="module")
-def localizer(small_version):
-    return Localizer(MapIndex.load(small_version.directory))
 
 
 def remounted(scan, T_map_sensor, R_base_sensor):
@@ -83,9 +77,7 @@ def looked_otherwise(monkeypatch):
     return calls
 
 
-def test_an_upright_scan_that_is_surely_right_pays_for_no_other_way_up(
-    localizer, small_scans, looked_otherwise
-):
+def test_a_sure_upright_scan_searches_no_other_way_up(localizer, small_scans, looked_otherwise):
     sure = 0
     for scan, _ in small_scans[:8]:
         looked_otherwise.clear()
@@ -101,7 +93,7 @@ def test_an_upright_scan_that_is_surely_right_pays_for_no_other_way_up(
 
 
 @pytest.mark.parametrize("maps", [1, 2])
-def test_a_scan_is_preprocessed_once_for_maps_of_equal_parameters_whichever_way_is_up(
+def test_a_scan_is_preprocessed_once_for_maps_of_equal_parameters(
     localizer, small_scans, looked_otherwise, monkeypatch, maps
 ):
     calls = []
@@ -115,7 +107,7 @@ def test_a_scan_is_preprocessed_once_for_maps_of_equal_parameters_whichever_way_
 
 
 @pytest.mark.parametrize("R", [HEAD_DOWN, ON_ITS_SIDE], ids=["head down", "on its side"])
-def test_with_its_mounting_or_with_gravity_it_pays_for_none_either(
+def test_a_scan_with_its_mounting_or_gravity_searches_no_other_way_up(
     localizer, small_scans, looked_otherwise, R
 ):
     mounting = make_transform(R, [0.1, 0.2, 0.5])
@@ -129,7 +121,7 @@ def test_with_its_mounting_or_with_gravity_it_pays_for_none_either(
     assert not looked_otherwise
 
 
-def test_a_mounting_that_is_wrong_is_a_hint_and_no_more(localizer, small_scans):
+def test_a_wrong_mounting_does_not_prevent_the_right_pose(localizer, small_scans):
     scan, T = small_scans[0]
     wrong = LocalizeOptions(T_base_sensor=make_transform(ON_ITS_SIDE, np.zeros(3)))
     assert is_right(localizer.localize(scan, wrong), T)
@@ -143,8 +135,7 @@ def test_a_shaken_gravity_is_held_against_the_surfaces(localizer, small_scans):
         assert is_right(localizer.localize(other, LocalizeOptions(gravity=gravity)), T_other)
 
 
-def test_every_encoding_with_points_works_head_down(localizer, small_version, small_scans):
-    parameters = DescriptorParameters.from_engine(small_version.manifest.engine)
+def test_every_encoding_with_points_works_head_down(localizer, parameters, small_scans):
     for scan, T in small_scans[2:4]:
         other, T_other = remounted(scan, T, HEAD_DOWN)
         bodies = {
@@ -158,8 +149,7 @@ def test_every_encoding_with_points_works_head_down(localizer, small_version, sm
             assert is_right(answer, T_other), name
 
 
-def test_a_descriptor_alone_works_head_down_with_gravity(localizer, small_version, small_scans):
-    parameters = DescriptorParameters.from_engine(small_version.manifest.engine)
+def test_a_descriptor_alone_works_head_down_with_gravity(localizer, parameters, small_scans):
     scan, T = small_scans[0]
     other, T_other = remounted(scan, T, HEAD_DOWN)
     gravity = T_other[:3, :3].T @ [0, 0, -9.8]
@@ -217,7 +207,7 @@ def test_a_map_is_built_for_a_sensor_that_hangs_head_down(small_world, small_map
     assert sum(is_right(localizer.localize(scan), T) for scan, T in scans) >= 35
 
 
-def test_a_gravity_that_the_surfaces_confirm_and_no_place_that_fits(localizer):
+def test_a_foreign_scan_with_a_confirmed_gravity_is_not_localized(localizer):
     """Gravity leaves no other up to try: the scan of another place is answered, not an error."""
     other = scan_at(storey(), pose(ROOMS_X[0], 0.3, 40), 2)
     answer = localizer.localize(other, LocalizeOptions(gravity=np.array([0.0, 0.0, -9.81])))

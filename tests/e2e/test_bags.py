@@ -23,7 +23,7 @@ BASE_LIDAR = from_quaternion([0.2, 0.0, 0.7], [0, 0, 0.6, 0.8])
 
 
 @pytest.mark.parametrize("kind", BAG_KINDS)
-def test_a_drive_in_the_small_world(small_version, small_scans, tmp_path: Path, kind: str):
+def test_a_bag_of_the_small_world_is_localized(small_version, small_scans, tmp_path: Path, kind: str):
     stores, localizer = stores_of(kind), Localizer(MapIndex.load(small_version.directory))
     mounted = ros_samples.transforms([("base_link", "lidar", BASE_LIDAR)], stores=stores)
     messages: list[tuple[str, int, object]] = [("/tf_static", S, mounted)]
@@ -71,7 +71,7 @@ def quarter_view(world: Simulator, T_map_sensor: np.ndarray, seed: int) -> np.nd
     return rays[hit] * (ranges + noise)[hit, None]
 
 
-def test_two_lidars_of_a_robot_that_drives(small_world, small_version, small_scans, tmp_path: Path):
+def test_two_merged_lidars_are_localized_more_often(small_world, small_version, small_scans, tmp_path: Path):
     """Each sees a quarter of the world, from its own place and at its own time."""
     world = Simulator(small_world.vertices, small_world.triangles)
     localizer = Localizer(MapIndex.load(small_version.directory))
@@ -124,7 +124,7 @@ HALL_POSES = np.array(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", ["ros1.bag", "ros2_mcap", "ros2_sqlite3"])
-def test_the_real_bags_localize_in_the_hall(hall_localizer: Localizer, ending: str):
+def test_real_bags_are_localized_in_the_hall(hall_localizer: Localizer, ending: str):
     path = SHARED / "formats" / "converted" / f"hall_3scans_pointcloud2.{ending}"
     answers = [one.answer for one in replay(Replay(path), hall_localizer.localize, LocalizeOptions())]
     assert [answer.verdict for answer in answers] == [Verdict.LOCALIZED] * 3

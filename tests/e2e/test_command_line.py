@@ -74,7 +74,7 @@ def ways(shop: Shop) -> dict[str, list[object]]:
     }
 
 
-def test_a_build_says_what_it_made(shop, small_version):
+def test_a_build_prints_its_result(shop, small_version):
     assert shop.built["map_id"] == PLACE
     assert shop.built["counts"]["templates"] > 50
     assert shop.built["self_test"]["queries"] == CONFIG["self_test"]["queries"]

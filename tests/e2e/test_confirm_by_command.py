@@ -112,12 +112,12 @@ def test_confirmed_queries_are_asked_by_the_next_build(robots):
 
 
 @pytest.mark.parametrize("pose", ["1,2,3", "a,b,c,d,e,f,g", "1,2,3,0,0,0,0", "nan,0,0,0,0,0,1"])
-def test_a_pose_that_is_none_is_refused_and_nothing_is_said(robots, pose):
+def test_an_invalid_pose_is_refused(robots, pose):
     last = robots.kept()[-1]
     robots.run("samples", "confirm", last["sample_id"], "--pose", pose, code=2)
     assert robots.kept()[-1]["truth"] == last["truth"]
 
 
-def test_a_query_that_is_not_there_is_named(robots):
+def test_an_unknown_query_is_named(robots):
     told = robots.run("samples", "confirm", "20260302t090000000000-0000000a", code=2)
     assert "20260302t090000000000-0000000a" in told

@@ -72,7 +72,7 @@ def test_nearly_every_place_is_found(localizer, scans):
     assert found(localizer, scans) >= 52  # by the surfaces' up alone 39
 
 
-def test_a_gravity_that_the_surfaces_confirm_is_searched_by_alone(localizer, scans):
+def test_a_confirmed_gravity_is_the_only_up_that_is_searched(localizer, scans):
     """Also where no place explains the scan, and there is no other up to try."""
     gravity = [(scan, T, LocalizeOptions(gravity=T[:3, :3].T @ [0, 0, -9.8])) for scan, T in scans[:20]]
     assert sum(found(localizer, [(scan, T)], options) for scan, T, options in gravity) >= 18

@@ -6,6 +6,7 @@ import pytest
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
+from firstfix.errors import InvalidOption
 from firstfix.transform import pose_error
 from firstfix_builder.pipeline import build_version
 from tests.small_world import CONFIG
@@ -76,8 +77,6 @@ def test_templates_may_be_clustered_with_the_default_descriptor(small_map, small
         {"cluster": {"threshold": 1.0}},
     ],
 )
-def test_what_does_not_exist_is_said_to_be_so(engine):
-    from firstfix.errors import InvalidOption
-
+def test_unknown_engines_are_refused(engine):
     with pytest.raises(InvalidOption, match="engine"):
         BuildConfig.parse({"engine": engine})

@@ -41,7 +41,7 @@ def drive() -> list[tuple[float, float]]:
     return [(x, y) for y in (-4.0, -1.5, 1.0) for x in np.arange(-7, 7.1, 0.5).tolist()]
 
 
-def test_a_pose_through_seen_free_space_is_told_from_the_true_one(version, small_scans):
+def test_a_pose_through_seen_free_space_has_a_larger_share_in_it(version, small_scans):
     index = MapIndex.load(version)
     assert index.seen_free is not None
     moved = make_transform(np.eye(3), [1.5, 1.0, 0.0])

@@ -30,7 +30,7 @@ def mirrored(small_world, tmp_path_factory):
     return Localizer(MapIndex.load(version.directory))
 
 
-def test_the_map_of_the_scan_wins(yard, mirrored, small_scans):
+def test_the_map_of_the_scan_answers(yard, mirrored, small_scans):
     maps = {"mirrored": mirrored, "yard": yard}
     for scan, T_map_sensor in small_scans[:8]:
         alone = yard.localize(scan)

@@ -27,11 +27,6 @@ from firstfix_builder.simulation.simulate import Simulator
 from tests.small_world import SENSOR
 
 
-@pytest.fixture(scope="module")
-def localizer(small_version):
-    return Localizer(MapIndex.load(small_version.directory))
-
-
 def test_the_version_is_whole(small_version):
     small_version.manifest.verify_directory(small_version.directory)
     assert small_version.manifest.counts["templates"] > 50
@@ -69,7 +64,7 @@ def test_the_threshold_is_chosen_by_the_self_test_and_reported(small_version, lo
     assert told == {**told["others"][1], **more}
 
 
-def test_of_several_maps_each_must_promise(localizer, small_scans):
+def test_a_bound_on_false_accepts_must_hold_for_each_map(localizer, small_scans):
     strict = Localizer(
         dataclasses.replace(localizer.index, false_accept_bound=FalseAcceptBound.of([-1.0] * 5000))
     )
@@ -99,7 +94,7 @@ def test_perturbed_scans_between_the_templates_get_their_pose(localizer, small_s
     )
 
 
-def test_the_sensor_may_lean(localizer, small_scans):
+def test_a_leaning_sensor_is_localized(localizer, small_scans):
     lean = Rotation.from_euler("XY", [11, -9], degrees=True).as_matrix()
     for scan, T in small_scans[:6]:
         leaning = Scan.from_points(scan.points @ lean.T)
@@ -153,7 +148,7 @@ def test_one_flat_wall_is_not_localized(localizer):
     assert localizer.localize(Scan.from_points(wall)).verdict is not Verdict.LOCALIZED
 
 
-def test_covariance_is_a_covariance_and_not_boastful(localizer, small_scans):
+def test_the_covariance_is_valid_and_not_too_small(localizer, small_scans):
     squared = []
     for scan, T in small_scans:
         answer = localizer.localize(scan)
@@ -166,7 +161,7 @@ def test_covariance_is_a_covariance_and_not_boastful(localizer, small_scans):
     assert np.mean(squared) < 2.0
 
 
-def test_answers_survive_the_wire(localizer, small_scans):
+def test_answers_are_encoded_without_loss(localizer, small_scans):
     answer = localizer.localize(small_scans[1][0])
     back = Localization.from_mapping(json.loads(json.dumps(answer.to_mapping())))
     assert back.verdict is answer.verdict
@@ -175,7 +170,7 @@ def test_answers_survive_the_wire(localizer, small_scans):
     assert len(back.hypotheses) == len(answer.hypotheses)
 
 
-def test_a_pose_without_the_verdict_cannot_be_said(localizer, small_scans):
+def test_a_pose_needs_the_verdict_localized(localizer, small_scans):
     answer = localizer.localize(small_scans[1][0])
     with pytest.raises(ValueError, match="has a pose"):
         dataclasses.replace(answer, verdict=Verdict.REJECTED)

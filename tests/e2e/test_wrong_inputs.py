@@ -114,7 +114,7 @@ def test_wrong_inputs_are_named(service, right, tmp_path, capsys):
         assert told(row) == told(kept)
 
 
-def test_intensities_from_0_to_1_are_told_by_the_fit_of_the_other_columns(service, right, tmp_path):
+def test_columns_shifted_by_an_intensity_are_named(service, right, tmp_path):
     first = np.arange(len(right.points)) % 97 / 96
     path = tmp_path / "scan.bin"
     path.write_bytes(kitti(np.column_stack([first, right.points[:, :2]]), right.points[:, 2]))

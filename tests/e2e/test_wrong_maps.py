@@ -126,7 +126,7 @@ def test_a_build_refuses_a_map_in_millimetres_before_it_takes_memory(right: Poin
     assert 1024 * peak_kib < MOST_BYTES, "of the largest of its processes"
 
 
-def test_a_service_says_the_same(right: Points, tmp_path: Path):
+def test_a_service_names_wrong_maps_too(right: Points, tmp_path: Path):
     from firstfix.errors import FirstfixError
     from firstfix_client import Client
 
