@@ -119,19 +119,8 @@ def wheel(interpreter: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     lowest = folder / "lowest.txt"
     lowest.write_text("".join(f"{requirement.replace('>=', '==')}\n" for requirement in wanted))
     one_module = ("-C", "cmake.define.FIRSTFIX_MODULES=baseline", "-C", f"build-dir={folder / 'build'}")
-    must(
-        uv(
-            "build",
-            "--wheel",
-            "--python",
-            interpreter,
-            "--build-constraints",
-            lowest,
-            *one_module,
-            "-o",
-            folder,
-        )
-    )
+    constraints = ("--build-constraints", lowest)
+    must(uv("build", "--wheel", "--python", interpreter, *constraints, *one_module, "-o", folder))
     (built,) = folder.glob("*.whl")
     return built
 
@@ -160,20 +149,10 @@ def allowed_versions(request, interpreter, wheel, tmp_path_factory) -> Iterator[
 @contextmanager
 def serving(installed: Installed, folder: Path) -> Iterator[tuple[str, str, Path]]:
     """A service of the environment: its URL, its zenoh endpoint, and its log."""
-    url, zenoh, log = (
-        f"http://127.0.0.1:{(port := free_port())}",
-        f"tcp/127.0.0.1:{free_port()}",
-        folder / "log",
-    )
-    command = [
-        installed.python.with_name("firstfix"),
-        "serve",
-        "--store",
-        folder / "store",
-        "--port",
-        str(port),
-    ]
-    command += ["--zenoh-listen", zenoh, "--work", folder / "work"]
+    port, zenoh, log = free_port(), f"tcp/127.0.0.1:{free_port()}", folder / "log"
+    url = f"http://127.0.0.1:{port}"
+    command = [installed.python.with_name("firstfix"), "serve", "--store", folder / "store"]
+    command += ["--port", str(port), "--zenoh-listen", zenoh, "--work", folder / "work"]
     with log.open("w") as output:
         service = subprocess.Popen(command, env=installed.variables, stdout=output, stderr=output)
     try:
@@ -211,7 +190,9 @@ def test_every_module_can_be_imported(allowed_versions: Installed):
     assert int(allowed_versions.run("-c", IMPORT_ALL)) > 500
 
 
-def test_it_builds_serves_and_localizes(allowed_versions: Installed, small_world: SmallWorld, tmp_path: Path):
+def test_allowed_versions_build_serve_and_localize(
+    allowed_versions: Installed, small_world: SmallWorld, tmp_path: Path
+):
     points, T_map_sensor = scan_of(small_world)
     np.save(tmp_path / "scan.npy", points)
     (tmp_path / "config.json").write_text(json.dumps(CONFIG))

@@ -57,7 +57,7 @@ def store(small_version, small_map: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_store_that_was_lost_is_restored_and_localizes(store, s3_url, small_scans, tmp_path):
+def test_a_lost_store_is_restored_and_localizes(store, s3_url, small_scans, tmp_path):
     _, token = ApiKeys(Store.open(str(store))).create("robot-7", Grant.parse(["localize"], ["hall"]))
     (nightly, *_) = commands("Back up")
     places = {MAPS: str(store), BACKUP: s3_url}

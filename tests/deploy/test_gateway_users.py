@@ -64,7 +64,7 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
         yield made
 
 
-def test_a_service_does_all_that_it_has_to(gateway: Gateway, monkeypatch: pytest.MonkeyPatch):
+def test_a_service_may_write_every_folder(gateway: Gateway, monkeypatch: pytest.MonkeyPatch):
     store = gateway.as_user("service", monkeypatch)
     store.probe()
     _, token = ApiKeys(store).create("robot", Grant.parse(["admin"], ["*"]))
@@ -76,7 +76,7 @@ def test_a_service_does_all_that_it_has_to(gateway: Gateway, monkeypatch: pytest
         store.delete(f"{folder}/x")
 
 
-def test_a_worker_builds(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_a_worker_may_build(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     service = Catalog(gateway.as_user("service", monkeypatch))
     (tmp_path / "upload").write_bytes(np.random.default_rng(0).bytes(20 << 20))  # in several parts
     key = f"maps/hall/sources/{put_source(service.store, 'hall', tmp_path / 'upload')}"
@@ -110,7 +110,7 @@ def test_each_folder_of_the_store_is_a_workers_or_is_not():
 
 
 @pytest.mark.parametrize("key", ["keys/x", "samples/x", "uploads/x/upload.json", "idempotency/x"])
-def test_a_worker_gets_at_nothing_else(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, key: str):
+def test_a_worker_is_denied_other_folders(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, key: str):
     gateway.as_user("service", monkeypatch).put(key, b"secret")
     worker = gateway.as_user("worker", monkeypatch)
     with pytest.raises(StoreError, match="refuses"):
@@ -123,7 +123,7 @@ def test_a_worker_gets_at_nothing_else(gateway: Gateway, monkeypatch: pytest.Mon
         ApiKeys(worker).create("mine", Grant.parse(["admin"], ["*"]))
 
 
-def test_neither_rules_the_gateway(gateway: Gateway):
+def test_services_and_workers_cannot_administer_the_gateway(gateway: Gateway):
     for name in ("service", "worker"):
         keys = {
             "ROOT_ACCESS_KEY": f"firstfix-{name}",

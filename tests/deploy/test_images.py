@@ -72,13 +72,13 @@ def fetched(container: str, path: str) -> dict[str, Any]:
     return json.loads(python(container, code))
 
 
-def test_it_is_small(image: str):
+def test_the_image_is_small(image: str):
     others = [path for path in NATIVE.glob("_*.so") if not path.name.startswith(f"_{native.variant}.")]
     left_out = sum(path.stat().st_size for path in others)  # by FIRSTFIX_MODULES
     assert inspected(image)["Size"] + left_out - inspected(BASE)["Size"] < MAX_BYTES
 
 
-def test_its_labels_say_what_it_is(image: str):
+def test_the_labels_name_version_and_licence(image: str):
     labels = inspected(image)["Config"]["Labels"]
     said = {name.removeprefix("org.opencontainers.image."): value for name, value in labels.items()}
     assert said["title"] == "firstfix-service"
@@ -88,7 +88,7 @@ def test_its_labels_say_what_it_is(image: str):
     assert said["licenses"] == "Apache-2.0"
 
 
-def test_it_becomes_healthy_without_root_and_with_a_read_only_root(container: str):
+def test_the_container_is_healthy_without_root_on_a_read_only_disk(container: str):
     assert inspected(container)["State"]["Health"]["Status"] == "healthy"
     assert python(container, "import os; print(os.getuid(), os.getgid())") == "10001 10001"
     ready = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:8080/readyz').status)"
@@ -120,7 +120,7 @@ def test_the_console_is_in_it(container: str):
     assert fetched(container, "console/assets/other.js")["status"] == 404
 
 
-def test_it_is_a_gateway_for_robots_on_dds(container: str):
+def test_the_image_runs_a_gateway_for_robots_on_dds(container: str):
     """Cyclone DDS loads, and the gateway takes part in a domain, on loopback alone."""
     code = (
         f"import os; os.environ['CYCLONEDDS_URI'] = {LOOPBACK!r}\n"
@@ -131,7 +131,7 @@ def test_it_is_a_gateway_for_robots_on_dds(container: str):
     assert python(container, code) == "16"
 
 
-def test_there_is_nothing_in_it_to_build_with(container: str):
+def test_the_image_has_no_build_tools(container: str):
     found = python(
         container,
         "import importlib.util as i, shutil\n"
@@ -141,7 +141,7 @@ def test_there_is_nothing_in_it_to_build_with(container: str):
     assert found == "[] []"
 
 
-def test_its_bill_of_materials_has_every_package(container: str):
+def test_the_bill_of_materials_has_every_package(container: str):
     bill = json.loads(docker("exec", container, "cat", "/usr/share/sbom/firstfix.cdx.json"))
     assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.5")
     assert bill["metadata"]["component"]["version"] == firstfix.__version__

@@ -1,4 +1,4 @@
-"""The Helm chart: what it renders is valid, safe, and fits the service that it runs."""
+"""The Helm chart, rendered as `helm install` would: valid, safe, and fit for the service that it runs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +16,66 @@ import pytest
 import yaml
 from fastapi.testclient import TestClient
 
+import firstfix
 from firstfix_service.app import create_app
 from firstfix_service.server import STOP_WITHIN_S
 from firstfix_service.settings import Settings
-from tests.deploy.rendered_chart import (
-    CHART,
-    EXAMPLES,
-    REPO,
-    Refused,
-    environment,
-    of_kind,
-    pod_specs,
-    rendered,
-)
+from tests.servers import program
+from tests.waiting import LIMIT_S
 
-pytestmark = pytest.mark.slow
+REPO = Path(__file__).resolve().parents[2]
+CHART = REPO / "deploy" / "kubernetes" / "firstfix"
+EXAMPLES = {path.stem: path for path in sorted((REPO / "deploy" / "kubernetes" / "examples").glob("*.yaml"))}
+Resource = dict[str, Any]
+
+
+class Refused(Exception):
+    """The chart does not take these values."""
+
+
+def rendered(
+    *value_files: Path, values: dict[str, Any] | None = None, release: str = "firstfix"
+) -> list[Resource]:
+    """The resources; as strict YAML reads them.
+
+    Raises:
+        Refused: with what helm says.
+    """
+    helm = program("helm", "make all-test-servers builds it, with Go")
+    command = [helm, "template", release, str(CHART), "--kube-version", "1.32", "--values", "-"]
+    command += [part for file in value_files for part in ("--values", str(file))]
+    run = subprocess.run(
+        command, input=json.dumps(values or {}), capture_output=True, text=True, timeout=LIMIT_S, check=False
+    )
+    if run.returncode:
+        raise Refused(run.stderr)
+    return [resource for resource in yaml.safe_load_all(run.stdout) if resource]
+
+
+def of_kind(resources: list[Resource], kind: str) -> list[Resource]:
+    return [resource for resource in resources if resource["kind"] == kind]
+
+
+def pod_specs(resources: list[Resource]) -> Iterator[tuple[str, Resource]]:
+    """Name of the resource, and the spec of the pods that it makes."""
+    for resource in resources:
+        spec = resource.get("spec", {})
+        if resource["kind"] == "CronJob":
+            spec = spec["jobTemplate"]["spec"]
+        if "template" in spec:
+            yield resource["metadata"]["name"], spec["template"]["spec"]
+
+
+def pod_of(resources: list[Resource]) -> Resource:
+    """The spec of the service's pods."""
+    return dict(pod_specs(resources))["firstfix"]
+
+
+def environment(pod: Resource) -> list[Resource]:
+    """The variables of the pod's one container."""
+    (container,) = pod["containers"]
+    return list(container["env"])
+
 
 STORE = {"store": {"url": "s3://maps"}}
 NATS = {"nats": {"url": "nats://nats:4222"}, "builder": {"enabled": True}}
@@ -37,30 +83,32 @@ CUSTOM = "monitoring.coreos.com/"
 
 
 @pytest.fixture(params=list(EXAMPLES))
-def resources(request: pytest.FixtureRequest) -> list[dict[str, Any]]:
+def resources(request: pytest.FixtureRequest) -> list[Resource]:
     return rendered(EXAMPLES[request.param])
 
 
 @pytest.fixture(scope="module")
-def full() -> list[dict[str, Any]]:
+def full() -> list[Resource]:
     return rendered(EXAMPLES["full"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("release", ["1.29", "1.37"])
-def test_every_resource_is_what_kubernetes_takes(resources: list[dict[str, Any]], release: str):
+def test_every_resource_is_what_kubernetes_takes(resources: list[Resource], release: str):
     for resource in resources:
         if not resource["apiVersion"].startswith(CUSTOM):
             kubernetes_validate.validate(resource, release, strict=True)
 
 
-def test_a_misspelt_field_would_be_seen(full: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_a_misspelt_field_would_be_seen(full: list[Resource]):
     deployment = json.loads(json.dumps(of_kind(full, "Deployment")[0]))
     deployment["spec"]["template"]["spec"]["containers"][0]["readynessProbe"] = {}
     with pytest.raises(kubernetes_validate.ValidationError, match="readynessProbe"):
         kubernetes_validate.validate(deployment, "1.37", strict=True)
 
 
-def problems_of(custom: list[dict[str, Any]]) -> list[str]:
+def problems_of(custom: list[Resource]) -> list[str]:
     """Returns the errors of the resources in the schemas of prometheus-operator."""
     package = Path(sys.prefix) / "kubernetes-models/node_modules/@kubernetes-models/prometheus-operator"
     if not package.is_dir() or shutil.which("node") is None:
@@ -71,7 +119,8 @@ def problems_of(custom: list[dict[str, Any]]) -> list[str]:
     return list(json.loads(run.stdout))
 
 
-def test_prometheus_operator_takes_its_resources(full: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_prometheus_operator_takes_its_resources(full: list[Resource]):
     custom = [resource for resource in full if resource["apiVersion"].startswith(CUSTOM)]
     assert {resource["kind"] for resource in custom} == {"ServiceMonitor", "PrometheusRule"}
     assert problems_of(custom) == []
@@ -81,7 +130,8 @@ def test_prometheus_operator_takes_its_resources(full: list[dict[str, Any]]):
     assert len(problems_of([monitor])) == 2
 
 
-def test_every_variable_is_a_setting(resources: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_every_variable_is_a_setting(resources: list[Resource]):
     known = {f"FIRSTFIX_{name.upper()}" for name in Settings.model_fields}
     for _, pod in pod_specs(resources):
         names = [variable["name"] for variable in environment(pod)]
@@ -89,7 +139,8 @@ def test_every_variable_is_a_setting(resources: list[dict[str, Any]]):
         assert len(names) == len(set(names))
 
 
-def test_the_service_takes_the_values(resources: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.slow
+def test_the_service_takes_the_values(resources: list[Resource], monkeypatch: pytest.MonkeyPatch):
     for name, pod in pod_specs(resources):
         with monkeypatch.context() as patch:
             for variable in environment(pod):
@@ -106,6 +157,7 @@ def variable_of(pod: dict[str, Any], name: str) -> str | None:
     return next((v.get("value") for v in environment(pod) if v["name"] == name), None)
 
 
+@pytest.mark.slow
 def test_numbers_and_lists_reach_the_settings(monkeypatch: pytest.MonkeyPatch):
     given = {
         "samples_max_bytes": 85899345920,
@@ -114,23 +166,23 @@ def test_numbers_and_lists_reach_the_settings(monkeypatch: pytest.MonkeyPatch):
         "log_level": "debug",
         "answer_timeout_s": 2.5,
     }
-    ((_, pod),) = [
-        found for found in pod_specs(rendered(values={**STORE, "settings": given})) if found[0] == "firstfix"
-    ]
+    pod = pod_of(rendered(values={**STORE, "settings": given}))
     for variable in environment(pod):
         monkeypatch.setenv(variable["name"], variable.get("value") or "2")
     settings = Settings()
     assert {name: getattr(settings, name) for name in given} == {**given, "pinned_maps": ("hall", "yard")}
 
 
-def test_replicas_hold_maps_where_they_are_told_to(full: list[dict[str, Any]]):
-    pod = next(pod for name, pod in pod_specs(full) if name == "firstfix")
+@pytest.mark.slow
+def test_replicas_hold_maps_where_they_are_told_to(full: list[Resource]):
+    pod = pod_of(full)
     assert variable_of(pod, "FIRSTFIX_HOLDERS") == "2"
-    pod = next(pod for name, pod in pod_specs(rendered(values=STORE)) if name == "firstfix")
+    pod = pod_of(rendered(values=STORE))
     assert variable_of(pod, "FIRSTFIX_HOLDERS") is None
 
 
-def test_variables_of_ones_own_reach_every_pod():
+@pytest.mark.slow
+def test_extra_variables_reach_every_pod():
     wanted = {"name": "AWS_REGION", "value": "eu-central-1"}
     found = list(pod_specs(rendered(values={**STORE, **NATS, "extraEnv": [wanted]})))
     assert len(found) == 3
@@ -138,7 +190,8 @@ def test_variables_of_ones_own_reach_every_pod():
         assert wanted in environment(pod)
 
 
-def test_probes_ask_routes_that_there_are(full: list[dict[str, Any]], tmp_path: Path):
+@pytest.mark.slow
+def test_probes_ask_existing_routes(full: list[Resource], tmp_path: Path):
     settings = Settings(store=str(tmp_path / "store"), work_dir=tmp_path / "work", run_builds=False)
     asked = {
         container[probe]["httpGet"]["path"]
@@ -154,7 +207,8 @@ def test_probes_ask_routes_that_there_are(full: list[dict[str, Any]], tmp_path: 
             assert client.get(path).status_code in (200, 503), path  # 503: it has not read the catalog yet
 
 
-def test_scaling_stands_on_a_metric_that_there_is(full: list[dict[str, Any]], tmp_path: Path):
+@pytest.mark.slow
+def test_scaling_uses_an_existing_metric(full: list[Resource], tmp_path: Path):
     (scaler,) = of_kind(full, "HorizontalPodAutoscaler")
     ((metric, target),) = [
         (one["pods"]["metric"]["name"], one["pods"]["target"]) for one in scaler["spec"]["metrics"]
@@ -162,22 +216,22 @@ def test_scaling_stands_on_a_metric_that_there_is(full: list[dict[str, Any]], tm
     settings = Settings(store=str(tmp_path / "store"), work_dir=tmp_path / "work", run_builds=False)
     with TestClient(create_app(settings)) as client:
         assert f"\n# TYPE {metric} gauge\n" in client.get("/metrics").text
-    service = next(pod for name, pod in pod_specs(full) if name == "firstfix")
+    service = pod_of(full)
     assert target["averageValue"] == service["containers"][0]["resources"]["requests"]["cpu"]
-    assert (
-        "replicas"
-        not in next(d for d in of_kind(full, "Deployment") if d["metadata"]["name"] == "firstfix")["spec"]
-    )
+    deployments = {one["metadata"]["name"]: one["spec"] for one in of_kind(full, "Deployment")}
+    assert "replicas" not in deployments["firstfix"]
 
 
-def test_a_pod_has_time_to_drain(resources: list[dict[str, Any]]):
-    pod = next(pod for name, pod in pod_specs(resources) if name == "firstfix")
+@pytest.mark.slow
+def test_a_pod_has_time_to_drain(resources: list[Resource]):
+    pod = pod_of(resources)
     drain_s = int(variable_of(pod, "FIRSTFIX_DRAIN_S") or 0)
     assert drain_s > 0
     assert pod["terminationGracePeriodSeconds"] >= drain_s + STOP_WITHIN_S + 10
 
 
-def test_pods_hold_to_the_restricted_profile(resources: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_pods_hold_to_the_restricted_profile(resources: list[Resource]):
     for _, pod in pod_specs(resources):
         assert pod["automountServiceAccountToken"] is False
         assert pod["enableServiceLinks"] is False  # FIRSTFIX_PORT=tcp://...
@@ -196,20 +250,23 @@ def test_pods_hold_to_the_restricted_profile(resources: list[dict[str, Any]]):
         assert account["automountServiceAccountToken"] is False
 
 
-def test_the_user_is_the_images(full: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_the_user_of_the_pods_is_that_of_the_image(full: list[Resource]):
     uid = int(re.findall(r"useradd --uid (\d+)", (REPO / "Dockerfile").read_text())[0])
     for _, pod in pod_specs(full):
         assert pod["securityContext"]["runAsUser"] == pod["securityContext"]["fsGroup"] == uid
 
 
-def test_secrets_are_only_referred_to(resources: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_secrets_are_only_referred_to(resources: list[Resource]):
     assert not of_kind(resources, "Secret")
     for _, pod in pod_specs(resources):
         for variable in environment(pod):
             assert not re.search(r"SECRET|PASSWORD|TOKEN|ACCESS_KEY", variable["name"]), variable
 
 
-def test_labels_find_their_pods(full: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_labels_find_their_pods(full: list[Resource]):
     pods = {}
     for deployment in of_kind(full, "Deployment"):
         template = deployment["spec"]["template"]["metadata"]["labels"]
@@ -228,7 +285,8 @@ def test_labels_find_their_pods(full: list[dict[str, Any]]):
     assert all(watched <= service["metadata"]["labels"].items() for service in of_kind(full, "Service"))
 
 
-def test_alerts_and_dashboard_are_the_ones_beside_the_chart(full: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_alerts_and_dashboard_are_those_of_deploy(full: list[Resource]):
     (rules,) = of_kind(full, "PrometheusRule")
     assert rules["spec"] == yaml.safe_load((REPO / "deploy/prometheus/alerts.yml").read_text())
     (board,) = of_kind(full, "ConfigMap")
@@ -237,6 +295,7 @@ def test_alerts_and_dashboard_are_the_ones_beside_the_chart(full: list[dict[str,
     )
 
 
+@pytest.mark.slow
 def test_the_jobs_name_is_the_one_in_the_alerts():
     (monitor,) = of_kind(rendered(EXAMPLES["full"], release="robots"), "ServiceMonitor")
     (service, *_) = of_kind(rendered(EXAMPLES["full"], release="robots"), "Service")
@@ -244,18 +303,18 @@ def test_the_jobs_name_is_the_one_in_the_alerts():
     assert f'job="{job}"' in (REPO / "deploy/prometheus/alerts.yml").read_text()
 
 
-def test_metrics_need_a_key_or_are_said_to_be_public():
+@pytest.mark.slow
+def test_metrics_are_public_without_a_key():
     def public(**monitoring: Any) -> str | None:
         found = rendered(values={**STORE, "monitoring": {"serviceMonitor": True, **monitoring}})
-        return variable_of(
-            next(pod for name, pod in pod_specs(found) if name == "firstfix"), "FIRSTFIX_METRICS_PUBLIC"
-        )
+        return variable_of(pod_of(found), "FIRSTFIX_METRICS_PUBLIC")
 
     assert public() == "true"
     assert public(existingSecret="key") is None
 
 
-def test_commands_are_those_of_the_command_line(full: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_commands_are_those_of_the_command_line(full: list[Resource]):
     for name, pod in pod_specs(full):
         arguments = pod["containers"][0]["args"]
         words = [word for word in arguments if not word.startswith(("-", "$")) and not word.isdigit()]
@@ -264,6 +323,7 @@ def test_commands_are_those_of_the_command_line(full: list[dict[str, Any]]):
         assert all(option in shown for option in arguments if option.startswith("--")), name
 
 
+@pytest.mark.slow
 def test_long_release_names_still_name_replicas():
     found = rendered(values=STORE, release="release.with-dots-and-a-name-of-53-characters-in-all0")
     (deployment,) = of_kind(found, "Deployment")
@@ -271,6 +331,7 @@ def test_long_release_names_still_name_replicas():
     assert Settings(store="memory://", replica=pod).replica == pod
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
@@ -287,32 +348,19 @@ def test_long_release_names_still_name_replicas():
         ({**STORE, "service": {"holders": 2}}, "service.holders: .* zenoh"),
         ({**STORE, "service": {"holders": -1}}, "/service/holders"),
     ],
-    ids=[
-        "nothing",
-        "directory",
-        "secret in URL",
-        "auth",
-        "misspelt",
-        "no NATS",
-        "password",
-        "no builders",
-        "taken",
-        "no CPUs",
-        "holders without zenoh",
-        "holders",
-    ],
 )
-def test_values_that_cannot_work_are_refused(values: dict[str, Any], reason: str):
+def test_invalid_values_are_refused(values: dict[str, Any], reason: str):
     with pytest.raises(Refused, match=reason):
         rendered(values=values)
 
 
 @pytest.fixture(scope="module")
-def dask() -> list[dict[str, Any]]:
+def dask() -> list[Resource]:
     return rendered(EXAMPLES["dask"])
 
 
-def test_builders_share_their_work_where_there_is_a_cluster(dask: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_builders_share_their_work_where_there_is_a_cluster(dask: list[Resource]):
     pods = dict(pod_specs(dask))
     (service,) = (one for one in of_kind(dask, "Service") if "dask" in one["metadata"]["name"])
     address = f"{service['metadata']['name']}:{service['spec']['ports'][0]['port']}"
@@ -323,7 +371,8 @@ def test_builders_share_their_work_where_there_is_a_cluster(dask: list[dict[str,
     assert deployment["spec"]["replicas"] == 8
 
 
-def test_a_dask_cluster_is_reached_by_builders_alone(dask: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_a_dask_cluster_is_reached_by_builders_alone(dask: list[Resource]):
     policies = {one["metadata"]["name"]: one["spec"] for one in of_kind(dask, "NetworkPolicy")}
 
     def let_in(name: str) -> set[str]:
@@ -342,13 +391,15 @@ def test_a_dask_cluster_is_reached_by_builders_alone(dask: list[dict[str, Any]])
     assert not [one for one in without if "dask" in one["metadata"]["name"]]
 
 
-def test_the_scheduler_has_no_credentials(dask: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_the_scheduler_has_no_credentials(dask: list[Resource]):
     pods = dict(pod_specs(dask))
     assert "envFrom" in pods["firstfix-dask-worker"]["containers"][0]
     assert "envFrom" not in pods["firstfix-dask-scheduler"]["containers"][0]
 
 
-def test_dask_takes_its_options(dask: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_the_options_of_dask_exist(dask: list[Resource]):
     for name, pod in pod_specs(dask):
         (container,) = pod["containers"]
         if "dask" not in name:
@@ -360,12 +411,14 @@ def test_dask_takes_its_options(dask: list[dict[str, Any]]):
         assert {option for option in options if option not in said} == set()
 
 
-def test_nobody_is_let_in_by_an_empty_list():
+@pytest.mark.slow
+def test_an_empty_list_of_clients_lets_nobody_in():
     policy = {"clients": [], "monitoring": []}
     for found in of_kind(rendered(values={**STORE, **NATS, "networkPolicy": policy}), "NetworkPolicy"):
         assert not found["spec"]["ingress"]
 
 
+@pytest.mark.slow
 def test_the_schema_of_the_values_knows_each_of_them():
     def keys(values: Any, schema: dict[str, Any], path: str) -> None:
         if isinstance(values, dict) and schema.get("additionalProperties") is False:
@@ -377,13 +430,13 @@ def test_the_schema_of_the_values_knows_each_of_them():
     keys(yaml.safe_load((CHART / "values.yaml").read_text()), schema, "values")
 
 
+@pytest.mark.slow
 def test_the_chart_has_the_programs_version():
-    import firstfix
-
     chart = yaml.safe_load((CHART / "Chart.yaml").read_text())
     assert chart["version"] == chart["appVersion"] == firstfix.__version__
 
 
+@pytest.mark.slow
 def test_builders_have_keys_of_their_own_where_there_are_such():
     given = {
         **STORE,
@@ -404,6 +457,7 @@ def test_builders_have_keys_of_their_own_where_there_are_such():
     assert {name for name, secret in own.items() if secret == "all"} == {"firstfix", "firstfix-garbage"}
 
 
+@pytest.mark.slow
 def test_builders_have_an_identity_of_their_own_where_there_is_one():
     role = {"eks.amazonaws.com/role-arn": "arn:aws:iam::1:role/builds"}
     builder = {"enabled": True, "serviceAccountAnnotations": role}
@@ -423,7 +477,8 @@ def test_builders_have_an_identity_of_their_own_where_there_is_one():
     assert shared == {"firstfix"}
 
 
-def test_builders_reach_the_store_and_nats_alone(full: list[dict[str, Any]]):
+@pytest.mark.slow
+def test_builders_reach_the_store_and_nats_alone(full: list[Resource]):
     (policy,) = (
         one for one in of_kind(full, "NetworkPolicy") if one["metadata"]["name"] == "firstfix-builder"
     )
@@ -431,13 +486,13 @@ def test_builders_reach_the_store_and_nats_alone(full: list[dict[str, Any]]):
     assert ports == {53, 443, 4222}
 
 
+@pytest.mark.slow
 def test_a_digest_wins_over_the_tag():
     digest = f"sha256:{'5e' * 32}"
     image = {"registry": "registry.example", "tag": "2", "digests": {"builder": digest}}
     found = dict(pod_specs(rendered(values={**STORE, **NATS, "image": image})))
     assert found["firstfix"]["containers"][0]["image"] == "registry.example/firstfix-service:2"
-    assert (
-        found["firstfix-builder"]["containers"][0]["image"] == f"registry.example/firstfix-builder:2@{digest}"
-    )
+    builder = found["firstfix-builder"]["containers"][0]
+    assert builder["image"] == f"registry.example/firstfix-builder:2@{digest}"
     with pytest.raises(Refused, match="digests"):
         rendered(values={**STORE, "image": {"digests": {"service": "latest"}}})

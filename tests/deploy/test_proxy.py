@@ -123,7 +123,7 @@ def test_a_query_that_a_dying_replica_holds_is_asked_again(tmp_path: Path):
             proxy.wait_until_all_up()
 
 
-def test_queries_find_their_way_round_a_dead_replica_while_the_others_are_busy(tmp_path: Path):
+def test_a_dead_replica_is_bypassed_while_the_others_are_busy(tmp_path: Path):
     with proxied(tmp_path) as (replicas, proxy), ThreadPoolExecutor(8) as threads:
         busy = []
         for number in range(1, REPLICAS):  # each keeps one: now bounded load prefers the third

@@ -8,13 +8,16 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 import yaml
 import zenoh
 
 from firstfix.access.api_keys import parse_token
-from tests.deploy.engine import ROOT
+from firstfix_cli.main import app
+from tests.deploy.engine import ROOT, compose
 from tests.servers import program
 
 COMPOSE = ROOT / "deploy" / "compose"
@@ -47,34 +50,18 @@ def test_each_machine_gets_secrets_of_its_own(tmp_path: Path):
     assert stat.S_IMODE((tmp_path / "first").stat().st_mode) == 0o600
 
 
-def test_secrets_that_are_there_stay(tmp_path: Path):
+def test_existing_secrets_are_kept(tmp_path: Path):
     (tmp_path / "env").write_text("FIRSTFIX_ADMIN_KEY=mine\n")
     assert made_environment(tmp_path / "env") == {"FIRSTFIX_ADMIN_KEY": "mine"}
 
 
-def test_no_secret_is_checked_in():
+def test_the_example_has_no_secret():
     example = (COMPOSE / ".env.example").read_text()
     for name in secrets_of((COMPOSE / "compose.yaml").read_text()):
         assert f"\n{name}=\n" in example
 
 
-@pytest.mark.parametrize("name", sorted(SERVICES))
-def test_a_container_may_do_little(name: str):
-    service = SERVICES[name]
-    assert service["read_only"] is True
-    assert service["cap_drop"] == ["ALL"]
-    assert service["security_opt"] == ["no-new-privileges:true"]
-    assert service["profiles"]
-    for port in service.get("ports", []):
-        assert port.startswith(("${FIRSTFIX_BIND:-127.0.0.1}:", "127.0.0.1:"))
-    assert service["mem_limit"]
-    assert service["pids_limit"] <= 4096
-    if service["image"].startswith(OURS):
-        environment = service.get("environment", {})
-        assert environment.get("FIRSTFIX_AUTH", "on") == "on"
-
-
-def test_the_only_one_with_rights_has_no_network():
+def test_the_only_privileged_container_has_no_network():
     assert [name for name, service in SERVICES.items() if "cap_add" in service] == ["prepare-volumes"]
     assert [name for name, service in SERVICES.items() if service.get("user") == "0:0"] == ["prepare-volumes"]
     assert SERVICES["prepare-volumes"]["network_mode"] == "none"
@@ -184,7 +171,7 @@ def test_every_image_takes_a_digest():
         assert re.search(r":\$\{\w+_TAG:-[^}]+\}\$\{\w+_DIGEST:-\}$", service["image"]), name
 
 
-def test_what_the_dask_containers_are_started_with_is_what_dask_takes():
+def test_the_options_of_the_dask_containers_exist():
     for name in ("dask-scheduler", "dask-worker"):
         program, kind, *_ = SERVICES[name]["entrypoint"]
         options = {word.split("=")[0] for word in SERVICES[name]["command"] if word.startswith("--")}
@@ -210,9 +197,110 @@ def test_the_router_takes_its_file():
     assert '"deny"' in config.get_json("access_control/default_permission")
 
 
-def test_what_cannot_be_pulled_is_made_under_the_same_name():
+def test_stand_in_images_have_the_names_of_the_real_ones():
     named = {re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", service["image"]) for service in SERVICES.values()}
     made = set(re.findall(r"make_image (\S+:\S+) ", (ROOT / "deploy/stand-ins/build.sh").read_text()))
     ours = {name for name in named if name.startswith("firstfix-")}
     assert named - ours - made == {"grafana/grafana:11.3.0"}
     assert made <= named
+
+
+ZENOH, DDS = "gateway.yaml", "gateway-dds.yaml"
+EACH = pytest.mark.parametrize("file", [ZENOH, DDS])
+NEEDED = {
+    ZENOH: {"FIRSTFIX_GATEWAY_KEY", "FIRSTFIX_GATEWAY_MAP", "FIRSTFIX_ROBOTS_ROUTER"},
+    DDS: {"FIRSTFIX_GATEWAY_KEY", "FIRSTFIX_GATEWAY_MAP"},
+}
+
+
+def text_of(file: str) -> str:
+    return (COMPOSE / file).read_text()
+
+
+def gateway_of(file: str) -> dict[str, Any]:
+    (gateway,) = yaml.safe_load(text_of(file))["services"].values()
+    return gateway
+
+
+CONFINED = {**SERVICES, **{file: gateway_of(file) for file in (ZENOH, DDS)}}
+
+
+@pytest.mark.parametrize("name", sorted(CONFINED))
+def test_containers_are_confined(name: str):
+    service = CONFINED[name]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    assert service["profiles"]
+    for port in service.get("ports", []):
+        assert port.startswith(("${FIRSTFIX_BIND:-127.0.0.1}:", "127.0.0.1:"))
+    assert service["pids_limit"] <= 4096
+    if name in SERVICES:
+        assert service["mem_limit"]
+    else:
+        assert service["mem_limit"] == "512m"
+        assert not {"ports", "volumes"} & set(service)
+    if service["image"].startswith(OURS):
+        assert service.get("environment", {}).get("FIRSTFIX_AUTH", "on") == "on"
+
+
+def test_the_gateways_are_in_the_networks_of_their_robots():
+    assert not {"networks", "network_mode"} & set(gateway_of(ZENOH)), "the default one: the service is there"
+    assert gateway_of(DDS)["network_mode"] == "host", "what DDS multicasts stays within a network of compose"
+
+
+@EACH
+def test_the_image_of_a_gateway_is_that_of_the_replicas(file: str):
+    assert gateway_of(file)["image"] == FILE["services"]["replica"]["image"]
+
+
+@EACH
+def test_the_command_of_a_gateway_exists(file: str):
+    command, *options = gateway_of(file)["command"]
+    known = typer.main.get_command(app).commands[command]  # type: ignore[attr-defined]
+    names = {name for option in known.params for name in option.opts}
+    given = [option.partition("=")[0] for option in options]
+    assert set(given) <= names
+    required = {option.opts[0] for option in known.params if option.required}
+    assert required <= set(given)
+    assert ("--dds" in given) == (file == DDS)
+
+
+@EACH
+def test_a_gateway_needs_a_key_and_holds_none(file: str):
+    assert set(re.findall(r"\$\{(\w+):\?", text_of(file))) == NEEDED[file]
+    assert gateway_of(file)["environment"]["FIRSTFIX_API_KEY"].startswith("${FIRSTFIX_GATEWAY_KEY:?")
+
+
+def test_the_zenoh_gateway_asks_a_service_of_each_profile():
+    gateway = gateway_of(ZENOH)
+    for profile, (name, port) in {"minimal": ("firstfix", 8080), "full": ("proxy", 8080)}.items():
+        assert profile in gateway["profiles"]
+        assert FILE["services"][name]["profiles"] == [profile]
+        assert f"http://{name}:{port}" in text_of(ZENOH)
+    assert gateway["environment"]["FIRSTFIX_URL"] == "${FIRSTFIX_GATEWAY_URL:-http://firstfix:8080}"
+
+
+def test_the_dds_gateway_asks_a_published_port():
+    gateway = gateway_of(DDS)
+    place = gateway["environment"]["FIRSTFIX_URL"].removeprefix("http://")
+    for profile, name in {"minimal": "firstfix", "full": "proxy"}.items():
+        assert profile in gateway["profiles"]
+        assert f"{place}:8080" in FILE["services"][name]["ports"]
+
+
+@EACH
+def test_compose_accepts_the_gateway_beside_the_services(
+    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    command = compose()
+    environment = tmp_path / "env"
+    subprocess.run([COMPOSE / "make-env.sh", environment], check=True, capture_output=True)
+    for name in NEEDED[file]:
+        monkeypatch.setenv(name, "x")
+    command += ["-f", str(COMPOSE / "compose.yaml"), "-f", str(COMPOSE / file)]
+    command += ["--env-file", str(environment), "--profile", "minimal", "config", "--services"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (gateway,) = yaml.safe_load(text_of(file))["services"]
+    assert {"firstfix", gateway} <= set(done.stdout.split())
