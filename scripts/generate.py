@@ -24,7 +24,7 @@ from cli_reference import cli_reference  # noqa: E402
 from error_reference import error_reference  # noqa: E402
 from http_reference import http_reference  # noqa: E402
 
-from benchmarks.scoreboard import pages as figures  # noqa: E402
+from firstfix_lab.scoreboard import pages as figures  # noqa: E402
 
 SCANS_PAGE, MAPS_PAGE = "docs/how-to/my-scan-is-not-localized.md", "docs/how-to/is-my-map-good.md"
 WRONG_SCANS_PAGE, WRONG_MAPS_PAGE = "docs/reference/wrong-inputs.md", "docs/reference/wrong-maps.md"
@@ -52,20 +52,25 @@ def generated() -> dict[Path, str]:
         **_between(WRONG_MAPS_PAGE, WRONG_HEAD, _wrong_inputs("wrong_maps.json"), "\n"),
         **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
         **_figures(),
-        **_between("console/src/scan/media.ts", "const TYPES: Record<string, string> = {\n", endings, "};\n"),
+        **_between(
+            "plugins/console/page/src/scan/media.ts",
+            "const TYPES: Record<string, string> = {\n",
+            endings,
+            "};\n",
+        ),
     }
 
 
 def _figures() -> dict[Path, str]:
     """The pages of the scoreboard, and its pictures."""
-    results = figures.load(REPO / "benchmarks/results")
+    results = figures.load(REPO / "lab/results")
     return {
         **_with_figures("README.md", figures.readme_parts(results)),
-        **_with_figures("benchmarks/PAPER.md", figures.paper_parts(results)),
+        **_with_figures("lab/PAPER.md", figures.paper_parts(results)),
         **_with_figures("docs/how-to/sizing.md", figures.sizing_parts(results)),
-        **_with_figures("docs/large-maps.md", figures.large_maps_parts(results)),
-        **_after_mark("benchmarks/BENCHMARK.md", figures.benchmark_page(results)),
-        **{REPO / "benchmarks/plots" / name: text for name, text in figures.plot_files(results).items()},
+        **_with_figures("lab/docs/large-maps.md", figures.large_maps_parts(results)),
+        **_after_mark("lab/BENCHMARK.md", figures.benchmark_page(results)),
+        **{REPO / "lab/plots" / name: text for name, text in figures.plot_files(results).items()},
     }
 
 

@@ -23,13 +23,13 @@ _HELP: dict[type[FirstfixError], tuple[str, str]] = {
         "Maps are PCD, PLY, LAS, LAZ, E57, text, NumPy or mesh files, or SLAM folders.",
         _FILES,
     ),
-    TooLarge: ("Thin the map to one point in 0.1 m, or split it.", "docs/large-maps.md"),
+    TooLarge: ("Thin the map to one point in 0.1 m, or split it.", "lab/docs/large-maps.md"),
     BuildFailed: ("Look at the map with: firstfix check MAP", "docs/how-to/is-my-map-good.md"),
     NothingToPatch: (
         "See what is seen, and by how many: firstfix maps changes MAP",
         "docs/how-to/changed-maps.md",
     ),
-    BuildTimedOut: ("Thin the map, or raise FIRSTFIX_BUILD_TIMEOUT_S.", "docs/large-maps.md"),
+    BuildTimedOut: ("Thin the map, or raise FIRSTFIX_BUILD_TIMEOUT_S.", "lab/docs/large-maps.md"),
     CorruptVersion: ("Build the version again: firstfix maps rebuild MAP", "docs/how-to/damaged-data.md"),
     IncompatibleVersion: ("Build the version again: firstfix maps rebuild MAP", "docs/how-to/upgrade.md"),
 }

@@ -26,8 +26,8 @@ PAGES = {
     "reference/clients/cpp.md": "clients/cpp/README.md",
     "reference/clients/ros2.md": "clients/ros2/README.md",
     "tutorials/examples.md": "examples/README.md",
-    "method/figures.md": "benchmarks/BENCHMARK.md",
-    "method/paper.md": "benchmarks/PAPER.md",
+    "method/figures.md": "lab/BENCHMARK.md",
+    "method/paper.md": "lab/PAPER.md",
     "project/changelog.md": "CHANGELOG.md",
     "project/contributing.md": "CONTRIBUTING.md",
 }

@@ -14,7 +14,7 @@ from firstfix.scan.scan import MAX_POINTS, Scan
 from firstfix.wire.content_encoding import undo_content_encoding
 from tests.core.formats.cloud_files import pcd, ply, random_cloud
 from tests.every_case import every_case
-from tests.faults.hostile_bodies import good_bodies
+from tests.hostile_bodies import good_bodies
 
 CLOUD = random_cloud(300)
 XYZ = np.stack([CLOUD[axis] for axis in "xyz"], axis=1)

@@ -13,7 +13,7 @@ import pytest
 
 import firstfix
 from firstfix import native
-from firstfix_service.http_api.routes.console.page import MEDIA_TYPES
+from firstfix_console.page import MEDIA_TYPES
 from tests.dds_loopback import LOOPBACK
 from tests.deploy.engine import BASE, build_images, docker
 from tests.waiting import wait_until
@@ -124,7 +124,7 @@ def test_the_image_runs_a_gateway_for_robots_on_dds(container: str):
     """Cyclone DDS loads, and the gateway takes part in a domain, on loopback alone."""
     code = (
         f"import os; os.environ['CYCLONEDDS_URI'] = {LOOPBACK!r}\n"
-        "from firstfix_cli.ros_gateway.dds.participant import Participant\n"
+        "from firstfix_fleet.dds.participant import Participant\n"
         "participant = Participant(0)\n"
         "print(len(participant.entity.guid.bytes))"
     )

@@ -1,13 +1,8 @@
-"""Real maps and scans: held-out scans, every yaw and tilt, a sensor that turns on the spot, parts of a turn.
-
-``python -m tests.faults half_turns`` asks more parts of a turn, in more places.
-"""
+"""Real maps and scans: held-out scans, every yaw and tilt, and a sensor that turns on the spot."""
 
 from __future__ import annotations
 
 import csv
-import random
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from benchmarks.common.datasets import DATASETS, HALL, Dataset
-from benchmarks.common.pose_rows import POSE, write_rows
-from firstfix.answer.localization import Localization, Verdict
+from firstfix.answer.localization import Verdict
 from firstfix.builds.config import BuildConfig
 from firstfix.decode import read_scan_file
 from firstfix.engine.index import MapIndex
@@ -36,9 +29,10 @@ from firstfix.transform import (
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.read_map import read_map, read_trajectory
 from firstfix_cli.poses_csv import read_poses_csv
-from firstfix_worlds.write_world import pcd_of_points
-from tests.faults.half_turns import FULL_DEG, HALL_AT_90, Told, ask, is_named, scans_of, window, wrong_frames
+from firstfix_cli.sample_world.write_world import pcd_of_points
 from tests.needs import RECORDED, of_recordings, with_recorded
+from tests.pose_rows import POSE, write_rows
+from tests.recorded_data import DATASETS, HALL, Dataset
 
 YAWS, TILTS, TILT_DEG = 36, 5, 8.0
 SCANS = (0, 2, 4)
@@ -121,59 +115,6 @@ def test_the_place_is_found_in_any_mounting(turning_localizer, poses, mounted):
         off_m, off_deg = pose_error(expected, turning_localizer.localize(scan).hypotheses[0].T_map_sensor)
         assert off_m < 0.05
         assert off_deg < 1.0
-
-
-SEED = 2  # of the scans that are asked
-
-
-def some(scans: list, count: int) -> list:
-    """Scans drawn by chance."""
-    return random.Random(SEED).sample(scans, count)
-
-
-def assert_none_is_taken_for_another_frame(told: dict[int, list[Told]]) -> None:
-    for width_deg, of_width in told.items():
-        assert not any(one.turned_away for one in of_width), width_deg
-        assert not any(one.named and one.is_right_first for one in of_width), width_deg
-
-
-@pytest.mark.slow
-def test_parts_of_a_simulated_scan_are_localized(small_version, small_scans):
-    localizer = Localizer(MapIndex.load(small_version.directory))
-    told = ask(localizer, [(scan.points, T) for scan, T in some(small_scans, 4)])
-    assert_none_is_taken_for_another_frame(told)
-    whole, half = (np.mean([one.is_right for one in told[width_deg]]) for width_deg in (FULL_DEG, 180))
-    assert whole > 0
-    assert half > whole / 2
-
-
-@pytest.mark.slow
-def test_parts_of_a_real_scan_are_localized(hall_directory: Path):
-    scans = some(scans_of(HALL), 3)
-    localizer = Localizer(MapIndex.load(hall_directory))
-    told = ask(localizer, scans)
-    assert_none_is_taken_for_another_frame(told)
-    assert np.mean([one.is_right for one in told[90]]) >= HALL_AT_90
-    for points, T_map_sensor in scans:
-        for frame, moved in wrong_frames(points, T_map_sensor):
-            assert_named(localizer.localize(Scan.from_points(moved)), frame)
-
-
-@pytest.mark.slow
-def test_moved_scans_are_named(small_version, small_scans):
-    localizer = Localizer(MapIndex.load(small_version.directory))
-    named: Counter[bool] = Counter()
-    for scan, T_map_sensor in some(small_scans, 7):
-        for frame, moved in wrong_frames(scan.points, T_map_sensor):
-            assert_named(localizer.localize(Scan.from_points(moved)), frame)
-        for _, moved in wrong_frames(window(scan.points, 180, 0), T_map_sensor):
-            named[is_named(localizer.localize(Scan.from_points(moved)))] += 1
-    assert named[True] > named[False]
-
-
-def assert_named(answer: Localization, frame: str) -> None:
-    assert answer.verdict is not Verdict.LOCALIZED, frame
-    assert is_named(answer), frame
 
 
 MAP_M, TRACK_M = 18.0, 7.0  # of the map and of the mapping run, round the place of the scan

@@ -29,7 +29,7 @@ from firstfix.engine.localizer import Localizer
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion, inverse, transform_points
-from firstfix_cli.local_service import local_service
+from firstfix_lab.local_service import local_service
 from tests import ros_samples
 from tests.dds_loopback import LOOPBACK
 from tests.ros_samples import cloud_of_points, stores_of, write_bag
@@ -146,7 +146,7 @@ def test_a_command_of_the_pages(place: Place, page: str, command: str):
 def run_gateway(place: Place, command: str) -> None:
     """Starts it, waits until it looks for robots, and ends it. Other tests have robots for it."""
     if "--dds" in command and find_spec("cyclonedds") is None:
-        pytest.skip("needs cyclonedds: pip install '.[dds]'")
+        pytest.skip("needs cyclonedds: pip install './plugins/fleet[dds]'")
     domain = random.SystemRandom().randrange(1, 100)
     environment = {
         **os.environ,

@@ -16,7 +16,7 @@ from firstfix.errors import OutOfSpace, StoreError, StoreUnavailable, StoreUnsaf
 from firstfix.store import durable_files
 from firstfix.store.durable_files import DurableFiles
 from firstfix.store.store import Store
-from tests.faults.disk_image import DiskImage, why_no_images
+from tests.disk_image import DiskImage, why_no_images
 
 WAIT_S = 60.0
 CONTENT = bytes(range(256)) * 1000

@@ -161,6 +161,27 @@ def test_the_worker_is_told_which_servers_it_may_fetch_from(tmp_path: Path):
     assert (tmp_path / "work/source_urls.txt").read_text() == "https://files.example.org/maps/"
 
 
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        (b"{", "malformed_data"),
+        (b"[1]", "malformed_data"),
+        (b"[" * 100_000, "malformed_data"),
+        (b'{"map_id": "hall"}', "invalid_option"),
+        (b'{"map_id": "hall", "source": "s3://maps/x"}', "invalid_option"),
+        (b'{"map_id": "hall", "source": {"url": 7}}', "invalid_option"),
+        (b'{"map_id": "hall", "source": {"url": "s3://maps/x"}, "speed": 1}', "invalid_option"),
+        (b'{"map_id": "../x", "source": {"url": "s3://maps/x"}}', "invalid_option"),
+        (b'{"map_id": "hall", "source": {"url": "s3://maps/x"}, "config": [1]}', "invalid_option"),
+        (b" " * 2_000_000, "too_large"),
+    ],
+)
+def test_invalid_json_is_refused(shared_service: Service, body: bytes, code: str):
+    response = shared_service.http.post("/maps", content=body, headers={"Content-Type": "application/json"})
+    assert (response.json()["status"], response.json()["code"]) == (response.status_code, code)
+    assert shared_service.catalog.build_ids() == []
+
+
 def form(*fields: tuple[str, str | None, bytes], end: bytes = b"--b--\r\n") -> bytes:
     parts = []
     for name, file_name, content in fields:
@@ -199,6 +220,11 @@ def test_forms_are_checked_and_leave_nothing_behind(service: Service, body: byte
     assert response.json().get("code") == code
     assert len(service.catalog.build_ids()) == (1 if code is None else 0)
     assert list(service.settings.work_dir.glob("uploads/*")) == []
+
+
+def test_a_form_without_a_boundary_is_refused(recorder: Service):
+    response = recorder.http.post("/maps", content=b"x", headers={"Content-Type": "multipart/form-data"})
+    assert response.json()["code"] == "malformed_data"
 
 
 def test_a_file_larger_than_a_batch_arrives_whole(recorder: Service):

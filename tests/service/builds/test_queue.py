@@ -20,7 +20,7 @@ from firstfix_service.builds.nats.builds import MAX_AHEAD
 from firstfix_service.builds.queue import FairOrder, UnfinishedBuild, UnfinishedBuilds
 from firstfix_service.builds.work_folder import WorkFolder
 from firstfix_service.telemetry.metrics import Metrics
-from tests.faults.nats_server import NEEDS_NATS, nats_server_program
+from tests.nats_server import NEEDS_NATS, nats_server_program
 from tests.service.builds_world import building_service, order, status_of, upload, wait_until_ended
 from tests.service.callers_world import Caller, callers
 from tests.service.nats_world import nats_world

@@ -98,6 +98,12 @@ def test_two_apps_in_one_process_have_their_own_metrics(tmp_path: Path):
         assert f"{line} 0.0" in second.http.get("/metrics").text
 
 
+def test_harmless_request_ids_are_given_back(service: Service):
+    assert service.http.get("/healthz", headers={"X-Request-Id": "abc-1"}).headers["x-request-id"] == "abc-1"
+    made = service.http.get("/healthz", headers={"X-Request-Id": "a b\t{}"}).headers["x-request-id"]
+    assert len(made) == 32
+
+
 def test_creating_the_app_reads_and_writes_nothing(tmp_path: Path):
     store = tmp_path / "not" / "there"
     create_app(Settings(store=str(store), cache_dir=tmp_path / "c", work_dir=tmp_path / "w"))

@@ -23,11 +23,11 @@ from firstfix_service.builds.worker import BuildWorker
 from firstfix_service.settings import Settings
 from firstfix_service.telemetry.metrics import Metrics
 from tests.certificates import certificates
-from tests.faults.nats_server import NEEDS_NATS, nats_server_program
-from tests.faults.tiny_worker import STAGES
+from tests.nats_server import NEEDS_NATS, nats_server_program
 from tests.service.builds_world import is_alive, status_of, upload
 from tests.service.nats_world import LEASE_S, NatsWorld, nats_world
 from tests.service.service_world import FAKE_WORKER, Service, running_service
+from tests.tiny_worker import STAGES
 from tests.waiting import LIMIT_S, wait_until
 
 
