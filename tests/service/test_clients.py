@@ -20,6 +20,7 @@ from firstfix.errors import (
     BuildFailed,
     ChecksumMismatch,
     Conflict,
+    DeadlineExceeded,
     FirstfixError,
     InvalidOption,
     InvalidScan,
@@ -208,6 +209,8 @@ def test_a_build_is_submitted_and_followed(client: Any, kind: str, told_service:
     status = client.build_map(source, map_id, config={"level": False})
     assert (status.state, status.map_id) == ("queued", map_id)
     assert [one.build_id for one in client.builds(map_id=map_id)] == [status.build_id]
+    with pytest.raises(DeadlineExceeded):
+        list(client.build_events(status.build_id, timeout_s=0.3))
     events = []
     for one in client.build_events(status.build_id):
         events.append(one.state)

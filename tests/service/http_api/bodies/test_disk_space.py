@@ -139,6 +139,7 @@ def test_uploads_at_once_fit_only_as_far_as_they_have_room_together(service, dis
     caller, size = Caller(service, "nobody-asks"), 3 * MIB
     urls = [caller.begin(size) for _ in range(4)]
     disk.leave(2 * size + MIB)
+    assert caller.announce(3 * size).json()["code"] == "out_of_space"
     disks = service.part(UploadParts).disks
     with ExitStack() as under_way:
         for number, url in enumerate(urls[:2], 1):
