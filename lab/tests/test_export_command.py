@@ -13,9 +13,9 @@ import pytest
 from firstfix.catalog.query_samples import QuerySamples
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion
+from lab.tests.exported_world import GUESSES, POSE, T0_NS, TRUTH, ExportedWorld, make_exported_world
 from tests.commands import firstfix
 from tests.service.access_world import KEYED, known
-from tests.service.exported_world import GUESSES, POSE, T0_NS, TRUTH, ExportedWorld, make_exported_world
 from tests.service.service_world import Service, running_service, served
 
 ONE_S = 1_000_000_000

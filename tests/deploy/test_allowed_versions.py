@@ -212,7 +212,7 @@ def test_allowed_versions_build_serve_and_localize(
     assert not re.findall(r'"level": "(?:error|critical)"|^Traceback', told, re.M), told[-3000:]
 
 
-def test_an_older_python_gets_the_robots_part_and_the_gateway_and_no_service(tmp_path: Path):
+def test_python_3_10_gets_every_part_but_the_service(tmp_path: Path):
     def compiled(*extras: str) -> subprocess.CompletedProcess[str]:
         wanted = [word for extra in extras for word in ("--extra", extra)]
         return uv(

@@ -121,7 +121,9 @@ def test_one_damaged_file_is_put_back(store: Path, tmp_path: Path):
     assert damaged.read_bytes() == content
 
 
-def test_the_quarterly_drill(store: Path, small_scans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_quarterly_drill_succeeds(
+    store: Path, small_scans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     *_, copy, localize = commands("Restore")
     scan = tmp_path / "scan.npy"
     np.save(scan, small_scans[1][0].points)

@@ -77,7 +77,7 @@ def test_a_dask_cluster_is_reached_by_builders_alone():
     assert FILE["networks"]["dask"] == {"internal": True}
 
 
-def test_the_gateways_root_keys_are_with_those_who_need_them():
+def test_only_the_gateway_and_its_preparation_get_the_root_keys():
     """The gateway itself, and what makes its users. Whoever reads strangers' maps has a worker's keys."""
     holders: dict[str, set[str]] = {}
     for name, service in SERVICES.items():

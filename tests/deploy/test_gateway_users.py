@@ -99,7 +99,7 @@ def test_a_worker_may_build(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, t
     assert usage.minutes_today("robot-7") == 1.0
 
 
-def test_each_folder_of_the_store_is_a_workers_or_is_not():
+def test_each_folder_of_the_store_is_allowed_or_denied_to_workers():
     """A new folder is denied to workers until it is in a list: builds would fail in compose alone."""
     not_workers = {"keys", "samples", "idempotency", "pending_deletions", "checked"}
     text = "".join(path.read_text() for path in (ROOT / "core" / "firstfix").rglob("*.py"))

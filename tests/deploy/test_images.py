@@ -98,7 +98,7 @@ def test_the_container_is_healthy_without_root_on_a_read_only_disk(container: st
         assert python(container, tried) == str(errno.EROFS)
 
 
-def test_the_console_is_in_it(container: str):
+def test_the_image_has_the_console(container: str):
     """The page is there with all of its files, as a browser asks for them."""
     page = fetched(container, "")
     assert (page["status"], page["type"]) == (200, "text/html; charset=utf-8")

@@ -80,6 +80,7 @@ def environment(pod: Resource) -> list[Resource]:
 STORE = {"store": {"url": "s3://maps"}}
 NATS = {"nats": {"url": "nats://nats:4222"}, "builder": {"enabled": True}}
 CUSTOM = "monitoring.coreos.com/"
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(params=list(EXAMPLES))
@@ -92,7 +93,6 @@ def full() -> list[Resource]:
     return rendered(EXAMPLES["full"])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("release", ["1.29", "1.37"])
 def test_every_resource_is_what_kubernetes_takes(resources: list[Resource], release: str):
     for resource in resources:
@@ -100,7 +100,6 @@ def test_every_resource_is_what_kubernetes_takes(resources: list[Resource], rele
             kubernetes_validate.validate(resource, release, strict=True)
 
 
-@pytest.mark.slow
 def test_a_misspelt_field_would_be_seen(full: list[Resource]):
     deployment = json.loads(json.dumps(of_kind(full, "Deployment")[0]))
     deployment["spec"]["template"]["spec"]["containers"][0]["readynessProbe"] = {}
@@ -119,7 +118,6 @@ def problems_of(custom: list[Resource]) -> list[str]:
     return list(json.loads(run.stdout))
 
 
-@pytest.mark.slow
 def test_prometheus_operator_takes_its_resources(full: list[Resource]):
     custom = [resource for resource in full if resource["apiVersion"].startswith(CUSTOM)]
     assert {resource["kind"] for resource in custom} == {"ServiceMonitor", "PrometheusRule"}
@@ -130,7 +128,6 @@ def test_prometheus_operator_takes_its_resources(full: list[Resource]):
     assert len(problems_of([monitor])) == 2
 
 
-@pytest.mark.slow
 def test_every_variable_is_a_setting(resources: list[Resource]):
     known = {f"FIRSTFIX_{name.upper()}" for name in Settings.model_fields}
     for _, pod in pod_specs(resources):
@@ -139,7 +136,6 @@ def test_every_variable_is_a_setting(resources: list[Resource]):
         assert len(names) == len(set(names))
 
 
-@pytest.mark.slow
 def test_the_service_takes_the_values(resources: list[Resource], monkeypatch: pytest.MonkeyPatch):
     for name, pod in pod_specs(resources):
         with monkeypatch.context() as patch:
@@ -157,7 +153,6 @@ def variable_of(pod: dict[str, Any], name: str) -> str | None:
     return next((v.get("value") for v in environment(pod) if v["name"] == name), None)
 
 
-@pytest.mark.slow
 def test_numbers_and_lists_reach_the_settings(monkeypatch: pytest.MonkeyPatch):
     given = {
         "samples_max_bytes": 85899345920,
@@ -173,7 +168,6 @@ def test_numbers_and_lists_reach_the_settings(monkeypatch: pytest.MonkeyPatch):
     assert {name: getattr(settings, name) for name in given} == {**given, "pinned_maps": ("hall", "yard")}
 
 
-@pytest.mark.slow
 def test_replicas_hold_maps_where_they_are_told_to(full: list[Resource]):
     pod = pod_of(full)
     assert variable_of(pod, "FIRSTFIX_HOLDERS") == "2"
@@ -181,7 +175,6 @@ def test_replicas_hold_maps_where_they_are_told_to(full: list[Resource]):
     assert variable_of(pod, "FIRSTFIX_HOLDERS") is None
 
 
-@pytest.mark.slow
 def test_extra_variables_reach_every_pod():
     wanted = {"name": "AWS_REGION", "value": "eu-central-1"}
     found = list(pod_specs(rendered(values={**STORE, **NATS, "extraEnv": [wanted]})))
@@ -190,7 +183,6 @@ def test_extra_variables_reach_every_pod():
         assert wanted in environment(pod)
 
 
-@pytest.mark.slow
 def test_probes_ask_existing_routes(full: list[Resource], tmp_path: Path):
     settings = Settings(store=str(tmp_path / "store"), work_dir=tmp_path / "work", run_builds=False)
     asked = {
@@ -207,7 +199,6 @@ def test_probes_ask_existing_routes(full: list[Resource], tmp_path: Path):
             assert client.get(path).status_code in (200, 503), path  # 503: it has not read the catalog yet
 
 
-@pytest.mark.slow
 def test_scaling_uses_an_existing_metric(full: list[Resource], tmp_path: Path):
     (scaler,) = of_kind(full, "HorizontalPodAutoscaler")
     ((metric, target),) = [
@@ -222,7 +213,6 @@ def test_scaling_uses_an_existing_metric(full: list[Resource], tmp_path: Path):
     assert "replicas" not in deployments["firstfix"]
 
 
-@pytest.mark.slow
 def test_a_pod_has_time_to_drain(resources: list[Resource]):
     pod = pod_of(resources)
     drain_s = int(variable_of(pod, "FIRSTFIX_DRAIN_S") or 0)
@@ -230,7 +220,6 @@ def test_a_pod_has_time_to_drain(resources: list[Resource]):
     assert pod["terminationGracePeriodSeconds"] >= drain_s + STOP_WITHIN_S + 10
 
 
-@pytest.mark.slow
 def test_pods_hold_to_the_restricted_profile(resources: list[Resource]):
     for _, pod in pod_specs(resources):
         assert pod["automountServiceAccountToken"] is False
@@ -250,14 +239,12 @@ def test_pods_hold_to_the_restricted_profile(resources: list[Resource]):
         assert account["automountServiceAccountToken"] is False
 
 
-@pytest.mark.slow
 def test_the_user_of_the_pods_is_that_of_the_image(full: list[Resource]):
     uid = int(re.findall(r"useradd --uid (\d+)", (REPO / "Dockerfile").read_text())[0])
     for _, pod in pod_specs(full):
         assert pod["securityContext"]["runAsUser"] == pod["securityContext"]["fsGroup"] == uid
 
 
-@pytest.mark.slow
 def test_secrets_are_only_referred_to(resources: list[Resource]):
     assert not of_kind(resources, "Secret")
     for _, pod in pod_specs(resources):
@@ -265,7 +252,6 @@ def test_secrets_are_only_referred_to(resources: list[Resource]):
             assert not re.search(r"SECRET|PASSWORD|TOKEN|ACCESS_KEY", variable["name"]), variable
 
 
-@pytest.mark.slow
 def test_labels_find_their_pods(full: list[Resource]):
     pods = {}
     for deployment in of_kind(full, "Deployment"):
@@ -285,7 +271,6 @@ def test_labels_find_their_pods(full: list[Resource]):
     assert all(watched <= service["metadata"]["labels"].items() for service in of_kind(full, "Service"))
 
 
-@pytest.mark.slow
 def test_alerts_and_dashboard_are_those_of_deploy(full: list[Resource]):
     (rules,) = of_kind(full, "PrometheusRule")
     assert rules["spec"] == yaml.safe_load((REPO / "deploy/prometheus/alerts.yml").read_text())
@@ -295,7 +280,6 @@ def test_alerts_and_dashboard_are_those_of_deploy(full: list[Resource]):
     )
 
 
-@pytest.mark.slow
 def test_the_jobs_name_is_the_one_in_the_alerts():
     (monitor,) = of_kind(rendered(EXAMPLES["full"], release="robots"), "ServiceMonitor")
     (service, *_) = of_kind(rendered(EXAMPLES["full"], release="robots"), "Service")
@@ -303,7 +287,6 @@ def test_the_jobs_name_is_the_one_in_the_alerts():
     assert f'job="{job}"' in (REPO / "deploy/prometheus/alerts.yml").read_text()
 
 
-@pytest.mark.slow
 def test_metrics_are_public_without_a_key():
     def public(**monitoring: Any) -> str | None:
         found = rendered(values={**STORE, "monitoring": {"serviceMonitor": True, **monitoring}})
@@ -313,7 +296,6 @@ def test_metrics_are_public_without_a_key():
     assert public(existingSecret="key") is None
 
 
-@pytest.mark.slow
 def test_commands_are_those_of_the_command_line(full: list[Resource]):
     for name, pod in pod_specs(full):
         arguments = pod["containers"][0]["args"]
@@ -323,7 +305,6 @@ def test_commands_are_those_of_the_command_line(full: list[Resource]):
         assert all(option in shown for option in arguments if option.startswith("--")), name
 
 
-@pytest.mark.slow
 def test_long_release_names_still_name_replicas():
     found = rendered(values=STORE, release="release.with-dots-and-a-name-of-53-characters-in-all0")
     (deployment,) = of_kind(found, "Deployment")
@@ -331,7 +312,6 @@ def test_long_release_names_still_name_replicas():
     assert Settings(store="memory://", replica=pod).replica == pod
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
@@ -359,7 +339,6 @@ def dask() -> list[Resource]:
     return rendered(EXAMPLES["dask"])
 
 
-@pytest.mark.slow
 def test_builders_share_their_work_where_there_is_a_cluster(dask: list[Resource]):
     pods = dict(pod_specs(dask))
     (service,) = (one for one in of_kind(dask, "Service") if "dask" in one["metadata"]["name"])
@@ -371,7 +350,6 @@ def test_builders_share_their_work_where_there_is_a_cluster(dask: list[Resource]
     assert deployment["spec"]["replicas"] == 8
 
 
-@pytest.mark.slow
 def test_a_dask_cluster_is_reached_by_builders_alone(dask: list[Resource]):
     policies = {one["metadata"]["name"]: one["spec"] for one in of_kind(dask, "NetworkPolicy")}
 
@@ -391,14 +369,12 @@ def test_a_dask_cluster_is_reached_by_builders_alone(dask: list[Resource]):
     assert not [one for one in without if "dask" in one["metadata"]["name"]]
 
 
-@pytest.mark.slow
 def test_the_scheduler_has_no_credentials(dask: list[Resource]):
     pods = dict(pod_specs(dask))
     assert "envFrom" in pods["firstfix-dask-worker"]["containers"][0]
     assert "envFrom" not in pods["firstfix-dask-scheduler"]["containers"][0]
 
 
-@pytest.mark.slow
 def test_the_options_of_dask_exist(dask: list[Resource]):
     for name, pod in pod_specs(dask):
         (container,) = pod["containers"]
@@ -411,14 +387,12 @@ def test_the_options_of_dask_exist(dask: list[Resource]):
         assert {option for option in options if option not in said} == set()
 
 
-@pytest.mark.slow
-def test_an_empty_list_of_clients_lets_nobody_in():
+def test_an_empty_list_of_clients_admits_no_pod():
     policy = {"clients": [], "monitoring": []}
     for found in of_kind(rendered(values={**STORE, **NATS, "networkPolicy": policy}), "NetworkPolicy"):
         assert not found["spec"]["ingress"]
 
 
-@pytest.mark.slow
 def test_the_schema_of_the_values_knows_each_of_them():
     def keys(values: Any, schema: dict[str, Any], path: str) -> None:
         if isinstance(values, dict) and schema.get("additionalProperties") is False:
@@ -430,13 +404,11 @@ def test_the_schema_of_the_values_knows_each_of_them():
     keys(yaml.safe_load((CHART / "values.yaml").read_text()), schema, "values")
 
 
-@pytest.mark.slow
 def test_the_chart_has_the_programs_version():
     chart = yaml.safe_load((CHART / "Chart.yaml").read_text())
     assert chart["version"] == chart["appVersion"] == firstfix.__version__
 
 
-@pytest.mark.slow
 def test_builders_have_keys_of_their_own_where_there_are_such():
     given = {
         **STORE,
@@ -457,7 +429,6 @@ def test_builders_have_keys_of_their_own_where_there_are_such():
     assert {name for name, secret in own.items() if secret == "all"} == {"firstfix", "firstfix-garbage"}
 
 
-@pytest.mark.slow
 def test_builders_have_an_identity_of_their_own_where_there_is_one():
     role = {"eks.amazonaws.com/role-arn": "arn:aws:iam::1:role/builds"}
     builder = {"enabled": True, "serviceAccountAnnotations": role}
@@ -477,7 +448,6 @@ def test_builders_have_an_identity_of_their_own_where_there_is_one():
     assert shared == {"firstfix"}
 
 
-@pytest.mark.slow
 def test_builders_reach_the_store_and_nats_alone(full: list[Resource]):
     (policy,) = (
         one for one in of_kind(full, "NetworkPolicy") if one["metadata"]["name"] == "firstfix-builder"
@@ -486,7 +456,6 @@ def test_builders_reach_the_store_and_nats_alone(full: list[Resource]):
     assert ports == {53, 443, 4222}
 
 
-@pytest.mark.slow
 def test_a_digest_wins_over_the_tag():
     digest = f"sha256:{'5e' * 32}"
     image = {"registry": "registry.example", "tag": "2", "digests": {"builder": digest}}

@@ -15,7 +15,7 @@ from tests.servers import free_port
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)  # images are built, and a version of a map
-def test_the_minimal_profile(engine: None, tmp_path: Path):
+def test_the_minimal_profile_builds_and_localizes(engine: None, tmp_path: Path):
     compose()
     build_images("service", "builder")
     settings = {

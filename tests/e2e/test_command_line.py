@@ -82,7 +82,7 @@ def test_a_build_prints_its_result(shop, small_version):
     assert shop.built["version"] == small_version.manifest.digest
 
 
-def test_the_map_is_there_and_active(shop):
+def test_the_built_map_is_listed_as_active(shop):
     for way in ("http", "store"):
         listed = json.loads(firstfix("maps", "ls", *ways(shop)[way], "--json").out)
         assert listed == {"maps": [{"map_id": PLACE, "active_version": shop.built["version"]}]}
@@ -95,7 +95,7 @@ def test_the_map_is_there_and_active(shop):
 
 
 @pytest.mark.parametrize("way", ["http", "zenoh", "store"])
-def test_every_way_gives_the_same_fix(shop, small_scans, way):
+def test_every_transport_gives_the_same_pose(shop, small_scans, way):
     scan = shop.poses.parent / "07.ffscan"
     answer = json.loads(firstfix("localize", scan, "--map", PLACE, *ways(shop)[way], "--json").out)
     assert answer["verdict"] == "localized"

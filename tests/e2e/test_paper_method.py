@@ -33,7 +33,7 @@ def found(version, scans) -> float:
     return right / len(scans)
 
 
-def test_the_paper_s_method_is_one_word_of_the_config(small_map, small_work, small_scans):
+def test_method_paper_builds_the_papers_method(small_map, small_work, small_scans):
     version = build(small_map, small_work, {"method": "paper"})
     engine = version.manifest.engine
     assert engine["descriptor"]["kind"] == "pca_sc"

@@ -91,7 +91,7 @@ def test_a_thing_that_has_come_is_new_and_no_part_that_was_never_mapped(version,
     assert unmapped < 0.05 * on_it
 
 
-def test_a_version_without_a_trajectory_does_not_know(coarse_version, small_scans):
+def test_a_version_without_a_trajectory_has_no_seen_free_space(coarse_version, small_scans):
     index = MapIndex.load(coarse_version.directory)
     assert index.seen_free is None
     found = Localizer(index).localize(small_scans[0][0]).hypotheses

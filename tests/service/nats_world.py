@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import pytest
+
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.sources import put_source
@@ -24,7 +26,7 @@ from firstfix_service.builds.nats import queue as nats_queue
 from firstfix_service.builds.worker import BuildWorker
 from firstfix_service.settings import Settings
 from firstfix_service.telemetry.metrics import Metrics
-from tests.nats_server import NatsServer
+from tests.nats_server import NEEDS_NATS, NatsServer, nats_server_program
 from tests.service.changed_constants import changed_constants
 from tests.service.service_world import free_port
 from tests.tiny_worker import config_telling
@@ -188,6 +190,9 @@ def running_worker(settings: Settings, concurrency: int) -> Iterator[None]:
 
 @contextmanager
 def nats_world(folder: Path, **options: Any) -> Iterator[NatsWorld]:
+    """A nats-server and its builds; skips the test where there is none."""
+    if nats_server_program() is None:
+        pytest.skip(NEEDS_NATS)
     server = NatsServer(folder / "nats", **options)
     server.start()
     world = NatsWorld(folder, server, Catalog(Store.open(f"file://{folder / 'store'}")))

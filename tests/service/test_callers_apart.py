@@ -46,7 +46,7 @@ def test_an_upload_is_hidden_from_other_callers(tmp_path: Path):
         assert these.admin.call("DELETE", url).status_code == 204
 
 
-def test_an_upload_of_an_earlier_release_is_gone_on_with(tmp_path: Path):
+def test_an_upload_of_an_earlier_release_can_be_continued(tmp_path: Path):
     """Its record names no owner."""
     with callers(tmp_path) as these:
         record = b'{"size_bytes": 12, "file_name": "a.xyz", "sha256": null}'
@@ -171,7 +171,7 @@ def test_builds_are_shared_by_callers_of_their_map(tmp_path: Path, method: str, 
         assert these.b.call(method, f"{location}{path}").status_code in (200, 409)
 
 
-def test_a_principal_owns_what_has_its_name():
+def test_a_principal_owns_records_with_its_name():
     build_scope = Grant(frozenset({Scope.BUILD}))
     mine, admin = Principal("key:a", build_scope), Principal("key:b", Grant(frozenset({Scope.ADMIN})))
     assert [mine.owns(owner) for owner in ("key:a", "key:b", None, "")] == [True, False, True, False]

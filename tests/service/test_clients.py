@@ -137,7 +137,7 @@ def said(ask: Callable[[Any, Path], Localization], client: Any, folder: Path) ->
 
 
 @pytest.mark.parametrize("query", QUERIES)
-def test_the_answers_agree(clients: dict[str, Any], query: str, tmp_path: Path):
+def test_all_clients_get_the_same_answers(clients: dict[str, Any], query: str, tmp_path: Path):
     answers = {kind: said(QUERIES[query], client, tmp_path) for kind, client in clients.items()}
     assert answers["asyncio"] == answers["http"]
     assert answers["zenoh"] == answers["http"]

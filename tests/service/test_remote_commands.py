@@ -48,7 +48,7 @@ def ends_as(service: Service, state: str, **more: Any) -> threading.Thread:
 
 
 @pytest.mark.parametrize("as_json", [True, False])
-def test_a_service_builds(service: Service, tmp_path: Path, as_json: bool):
+def test_a_map_is_built_by_a_service(service: Service, tmp_path: Path, as_json: bool):
     version = service.catalog.active_version("hall")
     builder = ends_as(service, "succeeded", version=version)
     options = ["--sensor", "vlp-16", "--axis", "y-up", *(["--json"] if as_json else [])]

@@ -97,7 +97,7 @@ def test_an_unreadable_zenoh_configuration_is_refused(tmp_path: Path):
 
 
 @pytest.mark.parametrize("changes", PUBLIC)
-def test_a_public_service_needs_a_word_on_authentication(changes: dict[str, Any]):
+def test_a_public_service_must_set_authentication(changes: dict[str, Any]):
     with pytest.raises(InvalidOption, match="FIRSTFIX_AUTH"):
         check_security(Settings(store="memory://", **changes))
     for chosen in ("on", "off"):
@@ -110,7 +110,7 @@ def test_loopback_needs_no_authentication(changes: dict[str, Any]):
 
 
 @pytest.mark.parametrize(("auth", "level"), [(None, "warning"), ("off", "warning"), ("on", "info")])
-def test_the_log_names_the_authentication(auth: str | None, level: str):
+def test_the_mode_of_authentication_is_logged(auth: str | None, level: str):
     with capture_logs() as lines:
         check_security(Settings(store="memory://", auth=auth))
     (line,) = lines

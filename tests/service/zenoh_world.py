@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import datetime
-import ipaddress
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,10 +11,8 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import zenoh
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import ec
 
+from tests.certificates import certificates
 from tests.servers import free_port, running
 from tests.service.service_world import environment_of
 from tests.waiting import wait_until
@@ -101,36 +98,6 @@ class ZenohWorld:
 
 def make_certificates(folder: Path) -> None:
     """Makes an authority (ca.pem) and, signed by it, a certificate and key for the router on 127.0.0.1."""
-    authority_key, router_key = (ec.generate_private_key(ec.SECP256R1()) for _ in range(2))
-    authority = _name("firstfix tests")
-    now = datetime.datetime.now(datetime.timezone.utc)
-
-    def certificate(subject: x509.Name, key: ec.EllipticCurvePrivateKey) -> x509.CertificateBuilder:
-        return (
-            x509.CertificateBuilder()
-            .subject_name(subject)
-            .issuer_name(authority)
-            .public_key(key.public_key())
-            .serial_number(x509.random_serial_number())
-            .not_valid_before(now - datetime.timedelta(hours=1))
-            .not_valid_after(now + datetime.timedelta(days=1))
-        )
-
-    constraint = x509.BasicConstraints(ca=True, path_length=None)
-    ca = certificate(authority, authority_key).add_extension(constraint, critical=True)
-    names = x509.SubjectAlternativeName([x509.IPAddress(ipaddress.ip_address("127.0.0.1"))])
-    router = certificate(_name("router"), router_key).add_extension(names, critical=False)
-    for path, builder in (("ca.pem", ca), ("router.pem", router)):
-        signed = builder.sign(authority_key, hashes.SHA256())
-        (folder / path).write_bytes(signed.public_bytes(serialization.Encoding.PEM))
-    (folder / "router.key").write_bytes(
-        router_key.private_bytes(
-            serialization.Encoding.PEM,
-            serialization.PrivateFormat.PKCS8,
-            serialization.NoEncryption(),
-        )
-    )
-
-
-def _name(common: str) -> x509.Name:
-    return x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, common)])
+    _, server, _ = certificates(folder)
+    for name in ("router.pem", "router.key"):
+        shutil.copy(server, folder / name)

@@ -98,7 +98,7 @@ def alive_in(session: int) -> list[str]:
     return found
 
 
-def test_a_build_is_told_of_the_cluster():
+def test_a_build_gets_the_address_of_the_cluster():
     here = Settings(store="s3://maps")
     there = Settings(store="s3://maps", build_executor="dask://scheduler:8786")
     assert "--executor" not in build_options(here).arguments()
@@ -120,7 +120,7 @@ def test_an_invalid_executor_is_refused(executor: str):
         Settings(store="s3://maps", build_executor=executor)
 
 
-def test_a_build_is_told_of_its_sandbox_and_its_memory():
+def test_a_build_gets_its_sandbox_and_its_memory_limit():
     plain = build_options(Settings(store="memory://")).environment()
     assert plain["FIRSTFIX_BUILD_SANDBOX"] == "auto"
     assert plain["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] == str(memory_bytes() // 2)

@@ -11,7 +11,6 @@ import pytest
 from firstfix.errors import BuildError, BuildStalled, BuildTimedOut
 from firstfix_service.builds import runner
 from firstfix_service.builds.build_watch import BuildLimits, BuildWatch
-from tests.nats_server import NEEDS_NATS, nats_server_program
 from tests.service.access_world import Clock
 from tests.service.builds_world import building_service, is_alive, upload, wait_until_ended
 from tests.service.nats_world import nats_world
@@ -94,7 +93,6 @@ def test_a_hanging_build_is_killed_with_its_children_and_the_next_one_runs(tmp_p
         assert wait_until_ended(service, after)["state"] == "succeeded"
 
 
-@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 def test_a_worker_ends_a_build_over_its_time_limit_and_takes_the_next(tmp_path: Path, clock: Clock):
     with nats_world(tmp_path) as world:
         world.start_worker_thread(build_command=FAKE_WORKER, build_timeout_s=100, build_niceness=0)

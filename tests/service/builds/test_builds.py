@@ -76,7 +76,7 @@ def test_a_worker_that_dies_fails_its_build_and_no_other(tmp_path: Path, do: str
 
 
 @pytest.mark.parametrize("do", ["killed_once", pytest.param("again", marks=pytest.mark.slow)])
-def test_a_worker_that_was_killed_or_asks_for_it_is_run_again(tmp_path: Path, do: str):
+def test_a_killed_worker_or_one_that_asks_for_it_is_run_again(tmp_path: Path, do: str):
     with building_service(tmp_path) as service:
         assert wait_until_ended(service, upload(service, do=do))["state"] == "succeeded"
     assert order(tmp_path / "work") == ["hall"] * 2
@@ -105,7 +105,7 @@ def test_a_build_without_space_is_run_a_few_times_and_then_fails(tmp_path, monke
     assert capfd.readouterr().out.count("a build was put back") == 3
 
 
-def test_a_restart_resumes_what_ran_and_what_waited(tmp_path: Path):
+def test_a_restart_resumes_running_and_waiting_builds(tmp_path: Path):
     with building_service(tmp_path) as service:
         ran, waited = upload(service, "ran", do="hang_once"), upload(service, "waited")
         wait_until(lambda: (tmp_path / "work/hung").exists())
@@ -135,7 +135,7 @@ def test_running_and_waiting_builds_are_cancelled(tmp_path: Path):
     assert "waiting" not in (tmp_path / "work/order.txt").read_text()
 
 
-def test_a_url_has_to_be_allowed(tmp_path: Path):
+def test_a_source_url_must_be_allowed(tmp_path: Path):
     body = {"map_id": "hall", "source": {"url": "s3://maps/hall.laz"}, "config": {"level": False}}
     with running_service(tmp_path / "a", zenoh=False) as service:
         response = service.http.post("/maps", json=body)
@@ -154,7 +154,7 @@ def test_a_url_has_to_be_allowed(tmp_path: Path):
         }
 
 
-def test_the_worker_is_told_which_servers_it_may_fetch_from(tmp_path: Path):
+def test_the_worker_gets_the_allowed_source_servers(tmp_path: Path):
     allowed = ("s3://maps/", "https://files.example.org/maps/")
     with building_service(tmp_path, source_urls=allowed) as service:
         assert wait_until_ended(service, upload(service))["state"] == "succeeded"
@@ -214,7 +214,7 @@ GOOD = (("map_id", None, b"hall"), ("source", "x.xyz", CLOUD))
         (b"", "malformed_data"),
     ],
 )
-def test_forms_are_checked_and_leave_nothing_behind(service: Service, body: bytes, code: str | None):
+def test_invalid_forms_are_refused_and_leave_no_file(service: Service, body: bytes, code: str | None):
     headers = {"Content-Type": "multipart/form-data; boundary=b"}
     response = service.http.post("/maps", content=body, headers=headers)
     assert response.json().get("code") == code
@@ -227,7 +227,7 @@ def test_a_form_without_a_boundary_is_refused(recorder: Service):
     assert response.json()["code"] == "malformed_data"
 
 
-def test_a_file_larger_than_a_batch_arrives_whole(recorder: Service):
+def test_a_file_larger_than_a_batch_arrives_unchanged(recorder: Service):
     data = bytes(range(256)) * (20 << 10)  # 5 MiB
     response = recorder.http.post("/maps", data={"map_id": "hall"}, files={"source": ("a.bin", data)})
     request = recorder.catalog.build_request(response.json()["build_id"])
@@ -247,7 +247,7 @@ def test_a_map_is_rebuilt_from_its_kept_source(tmp_path: Path):
         assert service.catalog.build_status(build_id)["state"] == "succeeded"
 
 
-def test_a_damaged_record_holds_up_no_other_build(tmp_path: Path):
+def test_a_damaged_record_delays_no_other_build(tmp_path: Path):
     store = Store.open(str(tmp_path / "store"))
     store.put("builds/a-broken-request/request.json", b"{")
     store.put("builds/a-broken-status/request.json", b'{"map_id": "hall"}')

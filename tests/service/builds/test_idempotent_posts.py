@@ -22,7 +22,7 @@ def post(service: Service, key: str | None, **changes: object) -> httpx.Response
     return service.http.post("/maps", json={**BODY, **changes}, headers=headers)
 
 
-def test_the_same_request_is_one_build(recorder: Service):
+def test_a_repeated_request_is_one_build(recorder: Service):
     first, again = post(recorder, "night-1"), post(recorder, "night-1")
     assert (first.status_code, again.status_code) == (202, 202)
     assert first.headers["location"] == again.headers["location"]
@@ -51,7 +51,7 @@ def test_forms_are_compared_by_their_content(recorder: Service):
     assert form(b"1 0 0\n").json()["code"] == "idempotency_conflict"
 
 
-def test_the_key_holds_over_replicas(tmp_path: Path):
+def test_an_idempotency_key_is_valid_on_every_replica(tmp_path: Path):
     changes = {"zenoh": False, "source_urls": ("s3://maps/",), "store": str(tmp_path / "store")}
     with (
         running_service(tmp_path / "a", **changes) as first,
@@ -80,7 +80,7 @@ def test_a_refused_request_leaves_the_key_free(recorder: Service):
 
 
 @pytest.mark.parametrize("key", ["", "a b", "x" * 256])
-def test_a_key_is_short_and_printable(recorder: Service, key: str):
+def test_a_key_must_be_short_and_printable(recorder: Service, key: str):
     assert post(recorder, key).status_code == 400
     assert recorder.catalog.build_ids() == []
 

@@ -20,7 +20,6 @@ from firstfix_service.builds.nats.builds import MAX_AHEAD
 from firstfix_service.builds.queue import FairOrder, UnfinishedBuild, UnfinishedBuilds
 from firstfix_service.builds.work_folder import WorkFolder
 from firstfix_service.telemetry.metrics import Metrics
-from tests.nats_server import NEEDS_NATS, nats_server_program
 from tests.service.builds_world import building_service, order, status_of, upload, wait_until_ended
 from tests.service.callers_world import Caller, callers
 from tests.service.nats_world import nats_world
@@ -40,7 +39,7 @@ def test_owners_take_turns():
     assert ids(FairOrder().sort(builds("aaaabbc"))) == ["a0", "b4", "c6", "a1", "b5", "a2", "a3"]
 
 
-def test_an_owner_that_had_a_turn_comes_last():
+def test_an_owner_comes_last_after_its_turn():
     order = FairOrder()
     order.had_turn("a")
     order.had_turn("b")
@@ -79,7 +78,6 @@ def test_a_flood_of_builds_does_not_hold_up_another_caller(tmp_path: Path):
     assert order(tmp_path / "other")[:4] == ["a0", "b0", "a1", "b1"]
 
 
-@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 def test_a_flood_of_builds_leaves_room_in_the_stream(tmp_path: Path):
     def post(caller: Caller, name: str) -> str:
         return str(caller.post_map(name).json()["build_id"])
@@ -186,7 +184,7 @@ def test_two_services_on_one_store_share_the_builds(tmp_path: Path):
 
 
 @serving(zenoh=False, maps={})
-def test_a_build_of_a_dead_service_is_taken_over_when_its_lease_is_out(service: Service, tmp_path: Path):
+def test_a_build_of_a_dead_service_is_taken_over_after_its_lease(service: Service, tmp_path: Path):
     response = upload(service)
     build_id = response.json()["build_id"]
     dead = BuildAttempts(service.catalog.store, "dead", lease_s=1.0, max_attempts=3)
@@ -198,7 +196,7 @@ def test_a_build_of_a_dead_service_is_taken_over_when_its_lease_is_out(service: 
 
 
 @pytest.mark.slow
-def test_restarts_in_good_order_are_not_held_against_a_build(tmp_path: Path):
+def test_orderly_restarts_do_not_count_as_failures_of_a_build(tmp_path: Path):
     response, hung = None, tmp_path / "work" / "hung"
     for _ in range(3):
         hung.unlink(missing_ok=True)  # before a service exists that could run the build

@@ -80,7 +80,7 @@ def test_a_configured_folder_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert Settings(store="s3://maps").work_dir == tmp_path / "mine"
 
 
-def test_builds_that_wait_for_another_store_tell_it(tmp_path: Path):
+def test_builds_that_wait_for_another_store_say_so(tmp_path: Path):
     folder = taken(tmp_path / "work", tmp_path / "other store")
     with capture_logs() as lines, building_service(tmp_path) as service:
         wait_until(lambda: waits_for(service) is not None)
@@ -111,7 +111,7 @@ def test_builds_that_wait_for_another_store_tell_it(tmp_path: Path):
         assert waits_for(service) is None
 
 
-def test_the_command_line_tells_what_a_build_waits_for(tmp_path: Path):
+def test_the_command_line_says_what_a_build_waits_for(tmp_path: Path):
     source = tmp_path / "map.xyz"
     source.write_bytes(CLOUD)
     folder = taken(tmp_path / "work", tmp_path / "other store")
@@ -165,7 +165,7 @@ def test_a_lock_without_a_holder_is_waited_for(tmp_path: Path):
         wait_until(lambda: waits_for(service) is None)
 
 
-def test_an_unusable_folder_is_named_and_used_once_it_is_mended(tmp_path: Path):
+def test_an_unusable_folder_is_reported_and_used_after_its_repair(tmp_path: Path):
     (tmp_path / "work").mkdir()
     (tmp_path / "work" / "queue.lock").mkdir()
     with capture_logs() as lines, building_service(tmp_path) as service:
@@ -177,7 +177,7 @@ def test_an_unusable_folder_is_named_and_used_once_it_is_mended(tmp_path: Path):
         assert wait_until_ended(service, upload(service))["state"] == "succeeded"
 
 
-def test_waiting_builds_tell_that_nobody_runs_builds(tmp_path: Path):
+def test_waiting_builds_say_that_no_service_runs_builds(tmp_path: Path):
     with running_service(tmp_path, zenoh=False) as recorder:
         response = upload(recorder)
         assert response.json()["waits_for"] == NOBODY_BUILDS
@@ -187,7 +187,7 @@ def test_waiting_builds_tell_that_nobody_runs_builds(tmp_path: Path):
     assert (ended["state"], ended["waits_for"]) == ("succeeded", None)
 
 
-def test_a_folder_that_cannot_be_written_is_released(tmp_path: Path):
+def test_the_lock_of_an_unwritable_folder_is_released(tmp_path: Path):
     (tmp_path / ".queue.id.part").mkdir()
     with pytest.raises(IsADirectoryError):
         WorkFolder.take(tmp_path, "a")

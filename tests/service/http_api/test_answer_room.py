@@ -149,7 +149,7 @@ def test_a_reader_below_the_pace_is_cut_off(tmp_path: Path, monkeypatch: pytest.
         wait_until(lambda: unsent_bytes(service) == 0)
 
 
-def test_large_answers_come_whole_on_a_kept_connection(tmp_path: Path):
+def test_large_answers_are_complete_on_a_kept_connection(tmp_path: Path):
     with serving(tmp_path) as service:
         index = points_of(service).replace("/points", "")
         for path, size in ((points_of(service), SIZE), (index, SIZE + 2), ("/healthz", 2)) * 2:

@@ -212,7 +212,7 @@ def test_a_query_is_described_with_every_option_and_encoding():
     assert set(posted) == {"multipart/form-data", "application/json"}
 
 
-def test_no_reference_leads_nowhere():
+def test_every_reference_has_its_schema():
     schemas = set(DOCUMENT["components"]["schemas"])
 
     def references(value: Any) -> set[str]:
@@ -229,7 +229,7 @@ def test_common_answers_have_examples(name: str):
     assert DOCUMENT["components"]["schemas"][name]["examples"]
 
 
-def test_the_examples_are_good():
+def test_the_examples_are_valid():
     for example in DOCUMENT["components"]["schemas"]["GeoreferenceBody"]["examples"]:
         GeoreferenceBody.model_validate(example)
     body = DOCUMENT["paths"]["/maps"]["post"]["requestBody"]["content"]["application/json"]
@@ -251,14 +251,14 @@ def listing(tmp_path: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("transport", ["http", "zenoh"])
-def test_queries_are_answered(read_only: tuple[Service, str], transport: str):
+def test_a_read_only_service_answers_queries(read_only: tuple[Service, str], transport: str):
     service, version = read_only
     wait_until(lambda: service.http.get("/readyz").is_success)
     assert service.ask(transport).x == 1
     assert service.http.get("/maps").json()["maps"] == [{"map_id": "hall", "active_version": version}]
 
 
-def test_changes_are_refused(read_only: tuple[Service, str]):
+def test_a_read_only_service_refuses_changes(read_only: tuple[Service, str]):
     service, version = read_only
     form = {"files": {"source": ("map.pcd", b"points")}, "data": {"map_id": "hall"}}
     for method, path, body in (
@@ -283,7 +283,7 @@ def test_few_routes_of_the_scope_localize_may_change_something():
     assert passing == {"/localize", "/maps/{map_id}/versions/{version}/overlay"}
 
 
-def test_the_store_refuses_changes_as_well(read_only: tuple[Service, str]):
+def test_a_read_only_store_refuses_changes(read_only: tuple[Service, str]):
     service, version = read_only
     store = Store.open(service.settings.store, read_only=service.settings.read_only)
     with pytest.raises(ReadOnly):
@@ -307,7 +307,7 @@ class Maker:
         return Made(self.count, self.size_bytes)
 
 
-def test_one_is_made_for_each_key_and_state():
+def test_one_answer_is_made_for_each_key_and_state():
     kept: MadeOnce[Made] = MadeOnce(10, 100)
     make = Maker()
     found = [kept.of(key, state, make).number for key, state in (("a", 1), ("a", 1), ("b", 1), ("a", 2))]
@@ -316,7 +316,7 @@ def test_one_is_made_for_each_key_and_state():
     assert kept.of("a", 2, make).number == 3
 
 
-def test_concurrent_callers_share_one():
+def test_concurrent_callers_share_one_made_answer():
     kept: MadeOnce[Made] = MadeOnce(10, 100)
     make, together = Maker(), threading.Barrier(4)
 
@@ -329,7 +329,7 @@ def test_concurrent_callers_share_one():
 
 
 @pytest.mark.parametrize(("most", "max_bytes"), [(2, 100), (10, 70)])
-def test_the_least_recently_used_are_dropped(most: int, max_bytes: int):
+def test_the_least_recently_used_answers_are_dropped(most: int, max_bytes: int):
     kept: MadeOnce[Made] = MadeOnce(most, max_bytes)
     make = Maker(size_bytes=30)
     for key in ("a", "b", "a", "c"):
@@ -341,7 +341,7 @@ def test_the_least_recently_used_are_dropped(most: int, max_bytes: int):
     assert make.count == 4
 
 
-def test_one_over_the_limit_is_kept_alone():
+def test_one_answer_over_the_limit_is_kept_alone():
     kept: MadeOnce[Made] = MadeOnce(10, 10)
     make = Maker(size_bytes=30)
     for _ in range(3):
@@ -349,7 +349,7 @@ def test_one_over_the_limit_is_kept_alone():
     assert make.count == 1
 
 
-def test_after_an_error_it_is_made_again():
+def test_an_answer_is_made_again_after_an_error():
     kept: MadeOnce[Made] = MadeOnce(10, 10)
 
     def fail() -> Made:

@@ -133,7 +133,7 @@ def test_a_caller_that_does_not_take_in_its_answers_is_cut_off(guarded: Service)
     wait_until(lambda: guarded.http.get("/healthz").is_success)
 
 
-def test_an_early_answer_is_seen_by_who_is_still_sending(guarded: Service):
+def test_a_caller_that_is_still_sending_gets_an_early_answer(guarded: Service):
     size = 13 << 20
     with connect(guarded) as connection:
         connection.sendall(b"POST /maps HTTP/1.1\r\nHost: x\r\nContent-Length: %d\r\n\r\n" % size)

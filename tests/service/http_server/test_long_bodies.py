@@ -66,7 +66,7 @@ def test_pipelined_requests_are_answered(service: Service):
         assert found.count(b"HTTP/1.1 200") == 4
 
 
-def test_bodies_about_the_limit_of_long_ones_come_whole(service: Service):
+def test_bodies_near_the_limit_of_long_ones_are_complete(service: Service):
     with connect(service) as connection:
         for length in (LONG_BYTES - LONG_BYTES % 12, LONG_BYTES + 12 - LONG_BYTES % 12):
             connection.sendall(head(length) + bytes(length))

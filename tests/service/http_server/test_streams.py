@@ -94,7 +94,7 @@ def test_an_answer_without_a_body_goes_out():
         assert head.endswith(b"\r\n\r\n")
 
 
-def test_a_caller_is_told_to_continue_before_the_answer():
+def test_100_continue_is_sent_before_the_answer():
     head = (REQUEST % b"POST").replace(b"Content-Length: 0", b"Content-Length: 2\r\nExpect: 100-continue")
     told, first, second = writes(head, b"ab")
     assert told == b"HTTP/1.1 100 Continue\r\n\r\n"
@@ -217,7 +217,7 @@ def test_a_pause_for_each_piece_does_not_begin_the_measurement_anew():
     raise AssertionError("a piece in 20 s is too slow for 4 MB")
 
 
-def test_only_the_time_in_which_the_caller_takes_nothing_counts():
+def test_only_time_without_progress_of_the_caller_counts():
     pace = ReadingPace(ANSWER_S)
     pace.begin(0, 0)
     for hour in range(10):  # a stream of events

@@ -175,7 +175,7 @@ def test_a_retired_version_and_an_unknown_map_have_no_changes(replicas: Callable
     assert service.http.get("/maps/hall/changes", params={"limit": 0}).status_code == 400
 
 
-def test_a_caller_needs_a_key_for_the_map(replicas: Callable[..., Service]):
+def test_changes_are_shown_to_callers_with_a_key_for_the_map(replicas: Callable[..., Service]):
     service = replicas("one", **KEYED)
     keys = [
         known(service, scope, maps=maps)
@@ -189,7 +189,7 @@ def test_a_caller_needs_a_key_for_the_map(replicas: Callable[..., Service]):
     assert [status(key) for key in (None, *keys)] == [401, 200, 403, 403]
 
 
-def test_the_command_line_lists_and_draws_them(replicas, tmp_path):
+def test_the_command_line_lists_and_draws_changes(replicas, tmp_path):
     service = replicas("one")
     ask(service, range(8))
     picture = tmp_path / "changes.png"

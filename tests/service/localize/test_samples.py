@@ -138,7 +138,7 @@ class Kept:
         self.sampler.close()
 
 
-def test_a_share_is_recorded(tmp_path: Path):
+def test_a_share_of_queries_is_recorded(tmp_path: Path):
     kept = Kept(tmp_path, share=0.5, per_minute=6000)
     for _ in range(60):
         kept.sampler.offer(QUERY, bytes(100), REJECTED, None)
@@ -244,7 +244,7 @@ def test_the_limit_holds_while_samples_come(tmp_path: Path):
     assert kept.samples.ids()
 
 
-def test_half_a_sample_is_not_listed_and_is_pruned(tmp_path: Path):
+def test_an_incomplete_sample_is_pruned_and_not_listed(tmp_path: Path):
     samples = QuerySamples(Store.open(str(tmp_path)))
     sample_id = new_sample_id("0" * 8, datetime.now(timezone.utc) - timedelta(days=2))
     Store.open(str(tmp_path)).put(f"samples/{sample_id}.body", b"1234")

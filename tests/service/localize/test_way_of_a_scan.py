@@ -119,7 +119,7 @@ def logged(small_version, small_scans, tmp_path_factory: pytest.TempPathFactory)
 
 
 @pytest.mark.parametrize("transport", ["http", "zenoh"])
-def test_each_check_is_made_once(logged: LoggedService, transport: str):
+def test_each_check_of_a_scan_is_made_once(logged: LoggedService, transport: str):
     calls = logged.calls_of({"http": logged.ask_http, "zenoh": logged.ask_zenoh}[transport])
     checks = {key: count for key, count in calls.items() if not key[0].startswith("file ")}
     in_service = {name: count for (name, pid), count in checks.items() if pid == logged.pid}

@@ -94,7 +94,7 @@ def test_the_offset_of_the_clock_is_measured_and_logged_once():
     assert warnings == [[], [], ["warning"], [], ["warning"], ["info"], ["warning"]]
 
 
-def test_a_slow_store_is_no_wrong_clock(monkeypatch: pytest.MonkeyPatch):
+def test_a_slow_store_is_not_taken_for_a_wrong_clock(monkeypatch: pytest.MonkeyPatch):
     metrics, now_s = Metrics(), 100.0
     monkeypatch.setattr(clock, "time", SimpleNamespace(time=lambda: now_s))
 
@@ -172,7 +172,7 @@ def counted(metrics: Metrics, name: str, **labels: str) -> float:
     return found
 
 
-def test_right_and_damaged_objects_are_counted(published: Catalog, monkeypatch: pytest.MonkeyPatch):
+def test_intact_and_damaged_objects_are_counted(published: Catalog, monkeypatch: pytest.MonkeyPatch):
     metrics, _ = verified(published, monkeypatch)
     right = counted(metrics, "firstfix_verified_objects_total", result="right")
     assert right >= 5

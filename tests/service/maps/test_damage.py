@@ -64,7 +64,7 @@ def restart(world: World, tmp_path: Path) -> World:
     return World(tmp_path, Store.open(str(tmp_path / "store")))
 
 
-def test_a_running_replica_keeps_a_version_whose_activation_is_lost(world: World, tmp_path: Path):
+def test_a_running_replica_serves_its_version_without_an_activation_record(world: World, tmp_path: Path):
     version = world.publish("hall", "1")
     cache = world.cache()
     cache.poll()

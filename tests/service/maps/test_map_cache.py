@@ -141,7 +141,7 @@ def test_a_retired_version_stops_answering(world: World):
     assert cache.get("hall").version == first
 
 
-def test_a_map_without_an_active_version_is_named_once(world: World):
+def test_a_map_without_an_active_version_is_logged_once(world: World):
     directory = world.scratch / "held"
     directory.mkdir(parents=True)
     (directory / "label.txt").write_text("1")

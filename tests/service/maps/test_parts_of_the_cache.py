@@ -103,7 +103,7 @@ def test_a_single_replica_holds_all_maps():
 
 
 @pytest.mark.parametrize("copies", [1, 2, 4, 9])
-def test_each_map_has_its_holders(copies: int):
+def test_each_map_has_as_many_holders_as_configured(copies: int):
     for name in NAMES:
         placement = Placement(name, copies)
         placement.set_replicas(NAMES)
@@ -113,7 +113,7 @@ def test_each_map_has_its_holders(copies: int):
         assert {m for m in HALLS if placement.is_first_holder(m)} == held_by(name, NAMES, 1)
 
 
-def test_a_change_names_the_maps_that_move():
+def test_a_change_of_replicas_lists_the_maps_that_move():
     placement = Placement("r1", 2)
     placement.set_replicas(NAMES)
     placement.add_maps(HALLS)
@@ -143,7 +143,7 @@ def placed(tmp_path: Path, **changes: object) -> Settings:
     return Settings(store=str(tmp_path), **changes)
 
 
-def test_the_settings_name_the_replicas(tmp_path: Path):
+def test_replicas_can_be_named_in_the_settings(tmp_path: Path):
     assert open_placement(placed(tmp_path), "r1") is None
     named = open_placement(placed(tmp_path, holders=2, replica_names=["r2", "r1"]), "r1")
     assert named is not None
@@ -177,7 +177,7 @@ def maps() -> ServedMaps:
     return ServedMaps(None, None, Metrics())  # type: ignore[arg-type]
 
 
-def test_published_maps_and_serving_versions(maps: ServedMaps) -> None:
+def test_published_maps_and_their_serving_versions_are_listed(maps: ServedMaps) -> None:
     maps.add({"b", "a"})
     assert maps.serve("c", "v1", is_active=True) is None
     assert maps.serve("c", "v2", is_active=True) == "v1"
@@ -202,7 +202,7 @@ def test_a_map_is_behind_until_its_active_version_answers(maps: ServedMaps) -> N
     assert maps.version("a") is None
 
 
-def test_touched_maps_are_returned_once(maps: ServedMaps) -> None:
+def test_a_changed_map_is_returned_once(maps: ServedMaps) -> None:
     maps.add({"a", "b"})
     maps.serve("c", "v1", is_active=True)
     maps.forget("a")
@@ -245,7 +245,7 @@ def test_some_leases_raise_if_no_map_can_be_served() -> None:
         some.future.result(0)
 
 
-def test_settled_leases_release_what_comes_late() -> None:
+def test_settled_leases_release_late_ones() -> None:
     futures: list[Future[Lease]] = [Future(), Future(), Future()]
     some = SomeLeases(futures)
     some.settle()
@@ -312,7 +312,7 @@ def test_cold_maps_of_one_caller_do_not_hold_up_another(loads: Loads):
     assert sorted(loads.begun) == sorted({*loads.begun}), "each is loaded once"
 
 
-def test_a_shared_load_begins_in_the_first_turn_of_its_callers(loads: Loads):
+def test_a_shared_load_begins_at_the_first_turn_of_any_of_its_callers(loads: Loads):
     many = [loads.request("flood", f"cold-{number}") for number in range(30)]
     wait_until(lambda: len(loads.begun) == LOADERS - 1)
     same = loads.request("robot", "cold-29")
@@ -323,7 +323,7 @@ def test_a_shared_load_begins_in_the_first_turn_of_its_callers(loads: Loads):
     assert loads.begun.count("cold-29") == 1
 
 
-def test_a_failed_load_fails_all_who_wait_and_is_tried_again(loads: Loads):
+def test_a_failed_load_fails_for_all_its_callers_and_is_tried_again(loads: Loads):
     asked = [loads.request(caller, "missing") for caller in ("a", "b", "a")]
     loads.gate.set()
     for future in asked:
@@ -413,7 +413,7 @@ def test_a_notice_is_followed_at_the_next_poll(many_maps: Catalog):
     assert "brand-new" not in watch.poll()[0]
 
 
-def test_few_maps_are_all_read_at_each_poll():
+def test_with_few_maps_each_poll_reads_all():
     many_maps = Catalog(Store.open("memory://"))
     watch = CatalogWatch(many_maps, interval_s=2, sweep_s=60)
     assert watch.poll() == ([], frozenset())

@@ -83,7 +83,7 @@ def test_a_new_version_of_a_held_map_is_protected_in_place_of_the_old_one(world:
     assert cache.held_loaded == len(own)
 
 
-def test_the_maps_of_a_replica_that_went_are_taken_over(world: World):
+def test_the_maps_of_a_stopped_replica_are_taken_over(world: World):
     cache = sharing(world)
     cache.poll()
     cache.served.take_touched()
@@ -101,7 +101,7 @@ def test_the_maps_of_a_replica_that_went_are_taken_over(world: World):
     assert len(world.behaviour.loads) == loads, "what has come back was still there"
 
 
-def test_a_second_holder_offers_a_map_after_it_has_loaded_it(world: World):
+def test_a_second_holder_serves_a_map_once_it_is_loaded(world: World):
     cache = sharing(world, copies=2)
     cache.poll()
     cache.served.take_touched()
@@ -145,7 +145,7 @@ def test_the_first_holders_maps_come_first_however_slowly_the_store_tells_of_the
     assert loaded(world) == firsts
 
 
-def test_a_round_that_is_superseded_ends_and_the_next_one_goes_on(world: World):
+def test_a_superseded_prefetch_ends_and_the_next_one_goes_on(world: World):
     cache = sharing(world)
     cache.poll()
     before, after = held(REPLICAS), held(["r1"])
@@ -215,7 +215,7 @@ def test_a_new_map_is_loaded_by_its_holder(world: World):
     assert set(new) <= cache.served.take_touched()
 
 
-def test_a_stopped_prefetch_loads_nothing(world: World):
+def test_a_stopped_prefetch_loads_no_map(world: World):
     cache = sharing(world)
     cache.stop_prefetch()
     cache.poll()

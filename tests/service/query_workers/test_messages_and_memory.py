@@ -74,7 +74,7 @@ def test_a_message_comes_in_any_pieces_and_may_be_long(ends):
         reader.forget()
 
 
-def test_a_closed_end_is_told_from_an_idle_one(ends):
+def test_a_closed_end_and_an_idle_one_are_distinguished(ends):
     ends[1].setblocking(False)
     with pytest.raises(BlockingIOError):
         MessageReader().receive(ends[1])
@@ -106,7 +106,7 @@ def held_bytes(memory: BodyMemory) -> int:
 @pytest.mark.skipif(
     sys.platform != "linux", reason="needs Linux, which has files in memory: run in a container"
 )
-def test_the_worker_sees_what_was_written_and_cannot_write(memory: BodyMemory):
+def test_the_worker_can_read_and_not_write(memory: BodyMemory):
     seen = mapped_bodies(memory.descriptor, CAPACITY)
     memory.write(b"a body")
     assert seen[:6] == b"a body"
@@ -127,7 +127,7 @@ def test_a_body_over_the_capacity_is_refused(memory: BodyMemory):
 @pytest.mark.skipif(
     sys.platform != "linux", reason="needs Linux, which has files in memory: run in a container"
 )
-def test_only_what_was_written_takes_memory_and_a_large_body_gives_its_own_back(memory: BodyMemory):
+def test_only_written_bytes_take_memory_and_a_large_body_frees_its_own(memory: BodyMemory):
     assert held_bytes(memory) == 0
     memory.write(bytes(100_000))
     assert 0 < held_bytes(memory) < 200_000

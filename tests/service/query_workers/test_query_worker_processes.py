@@ -198,7 +198,7 @@ def test_a_query_of_a_killed_worker_is_answered_without_a_leak(small_scans, yard
     assert _bodies_mapped(os.getpid()) == before
 
 
-def test_a_reply_that_nobody_waited_for_answers_no_other_query(query: Query, yard: ServedVersion):
+def test_a_late_reply_does_not_answer_another_query(query: Query, yard: ServedVersion):
     with Answering(1, query_timeout_s=LIMIT_S) as workers:
         workers.processes.load(yard)
         (first,) = workers.pids

@@ -60,7 +60,7 @@ def own_store(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[s
 
 
 @pytest.mark.slow
-def test_requests_that_wait_for_the_store_are_told_and_the_process_ends(tmp_path, monkeypatch):
+def test_requests_that_wait_for_the_store_are_refused_at_the_stop(tmp_path, monkeypatch):
     port, log = free_port(), tmp_path / "log"
     url = f"http://127.0.0.1:{port}"
     with own_store(tmp_path / "s3", monkeypatch) as (store, server):
@@ -136,7 +136,7 @@ def test_a_store_that_hangs_does_not_keep_the_process_from_listening(broken_s3, 
     ],
     ids=["tried again", "kept"],
 )
-def test_errors_of_the_store_are_told_and_tried_again_where_waiting_helps(
+def test_errors_of_the_store_are_logged_and_retried_where_waiting_helps(
     tmp_path, monkeypatch, errors, seen, is_mended
 ):
     left = list(errors)

@@ -257,7 +257,7 @@ def read_all(descriptor: int) -> list[str]:
         return file.read().decode().splitlines()
 
 
-def test_lines_come_whole_and_in_order(pipe: tuple[int, int]):
+def test_lines_are_written_complete_and_in_order(pipe: tuple[int, int]):
     stream = LogStream(pipe[1])
     threads = [
         threading.Thread(target=lambda k=k: [stream.write(f"{k} {n}\n") for n in range(200)])
@@ -274,7 +274,7 @@ def test_lines_come_whole_and_in_order(pipe: tuple[int, int]):
         assert [int(n) for one, n in lines if one == str(k)] == list(range(200))
 
 
-def test_a_stopped_reader_holds_up_no_writer(pipe: tuple[int, int]):
+def test_a_stopped_reader_delays_no_writer(pipe: tuple[int, int]):
     stream = LogStream(pipe[1])
     line = "x" * 9_999 + "\n"
     for _ in range(2 * MAX_BYTES // len(line)):  # the pipe takes 64 kB
@@ -292,7 +292,7 @@ def test_a_stopped_reader_holds_up_no_writer(pipe: tuple[int, int]):
     assert MAX_BYTES // len(line) <= kept < 2 * MAX_BYTES // len(line)
 
 
-def test_a_drain_ends_although_nobody_reads(pipe: tuple[int, int]):
+def test_a_drain_ends_without_a_reader(pipe: tuple[int, int]):
     stream = LogStream(pipe[1])
     stream.write("x" * (1 << 20))
     stream.drain(0.1)

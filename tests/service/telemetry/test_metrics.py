@@ -62,7 +62,7 @@ def test_reasons_and_probabilities_of_answers_are_counted(rejecting: Service):
     assert rejecting.value("firstfix_probability_bucket", verdict="rejected", le="0.1") >= 1
 
 
-def test_every_query_is_timed(service: Service):
+def test_queries_of_both_transports_are_timed(service: Service):
     wait_until(lambda: service.ask("http").ok)
     before = service.value("firstfix_localize_seconds_count", transport="http")
     service.ask("http")
@@ -299,7 +299,7 @@ def shown(registry: CollectorRegistry) -> dict[str, set[str]]:
     return found
 
 
-def test_dashboard_and_alerts_ask_for_what_a_running_service_shows(service: Service):
+def test_dashboard_and_alerts_use_existing_metrics(service: Service):
     there = shown(service.app.state.metrics.registry)
     for name, _ in samples_of(service):
         there.setdefault(name, set())

@@ -144,7 +144,7 @@ def test_a_build_is_recorded_with_the_span_that_asked_for_it(service: Service, c
     assert request["traceparent"] == f"00-{TRACE}-{span.span_id}-01"
 
 
-def test_measurements_name_a_trace_as_an_example(service: Service, collector: Collector):
+def test_measurements_have_a_trace_as_exemplar(service: Service, collector: Collector):
     ask(service, "http")
     wanted = {"Accept": "application/openmetrics-text; version=1.0.0"}
     answer = service.http.get("/metrics", headers=wanted)
@@ -158,7 +158,7 @@ def test_measurements_name_a_trace_as_an_example(service: Service, collector: Co
     assert TRACE not in plain.text
 
 
-def test_an_unreachable_collector_holds_up_no_query(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_unreachable_collector_delays_no_query(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", f"http://127.0.0.1:{free_port()}")
     monkeypatch.setenv("OTEL_EXPORTER_OTLP_TIMEOUT", "1")
     with served(tmp_path) as service:

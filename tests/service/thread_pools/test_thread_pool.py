@@ -164,7 +164,7 @@ def test_requests_are_given_up_but_not_the_work_of_the_service():
     asyncio.run(main())
 
 
-def test_slow_maps_hold_up_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_slow_map_routes_do_not_delay_other_routes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     copying, gate = threading.Semaphore(0), threading.Event()
 
     def slowly(*_: object, **__: object) -> str:

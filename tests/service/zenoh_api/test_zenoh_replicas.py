@@ -203,7 +203,7 @@ def test_a_replica_that_is_about_to_stop_leaves_its_maps_and_goes_on_answering(t
         assert service.ask_zenoh(key="firstfix/hall/localize/r1").ok
 
 
-def test_short_changes_of_replicas_are_not_told(watch, router):
+def test_short_changes_of_replicas_are_ignored(watch, router):
     first, seen = watch("r1", settled_s=5.0)
     first.start()
     session = client_session(router)

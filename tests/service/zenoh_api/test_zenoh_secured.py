@@ -46,7 +46,7 @@ def answered(session: zenoh.Session, key: str) -> bool:
     return any(reply.ok is not None for reply in replies)
 
 
-def test_a_robot_is_answered_in_every_map(world: ZenohWorld):
+def test_a_robot_may_ask_every_map(world: ZenohWorld):
     with client(world) as robot:
         for map_id in ("hall", "attic"):
             assert robot.localize(SCAN, map_id=map_id).verdict is Verdict.LOCALIZED
@@ -55,7 +55,7 @@ def test_a_robot_is_answered_in_every_map(world: ZenohWorld):
             assert {next(watch).map_id, next(watch).map_id} == {"attic", "hall"}
 
 
-def test_a_guest_is_answered_in_one_map_alone(world: ZenohWorld):
+def test_a_guest_may_ask_one_map_alone(world: ZenohWorld):
     with client(world, "guest") as guest:
         assert guest.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
     with world.session("guest") as session:
@@ -156,7 +156,7 @@ def own_world(tmp_path: Path) -> Iterator[ZenohWorld]:
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_replica_that_dies_or_hangs_at_work_costs_no_answer(own_world: ZenohWorld, how: signal.Signals):
+def test_another_replica_answers_for_a_dead_or_hanging_one(own_world: ZenohWorld, how: signal.Signals):
     store = str(own_world.folder.parent / "store")
     with (
         own_world.router(),
@@ -177,7 +177,7 @@ def test_a_replica_that_dies_or_hangs_at_work_costs_no_answer(own_world: ZenohWo
             assert answer.result().verdict is Verdict.LOCALIZED
 
 
-def test_a_router_that_restarts_is_found_again_by_all(own_world: ZenohWorld):
+def test_all_reconnect_to_a_restarted_router(own_world: ZenohWorld):
     store = str(own_world.folder.parent / "store")
     with (
         own_world.router() as router,

@@ -117,7 +117,7 @@ def test_a_signed_query_gets_a_signed_answer(robot: Robot):
     assert robot.send(robot.sign(several, map="hall"), several, map="hall") == Answer(True, "", True)
 
 
-def test_an_error_is_signed_too(robot: Robot):
+def test_an_error_is_signed(robot: Robot):
     assert robot.send(robot.sign("firstfix/attic/localize"), "firstfix/attic/localize") == Answer(
         False, "not_found", True
     )
@@ -155,7 +155,7 @@ def test_a_query_is_answered_once(robot: Robot):
 
 
 @pytest.mark.parametrize("late_s", [-3600.0, 61.0, 3600.0])
-def test_a_query_out_of_time_gets_clock_skew(robot: Robot, late_s: float):
+def test_a_query_outside_the_time_window_gets_clock_skew(robot: Robot, late_s: float):
     assert robot.send(robot.sign(late_s=late_s)) == Answer(False, "clock_skew", True)
 
 
@@ -165,7 +165,7 @@ def test_unsigned_credentials_are_refused(robot: Robot):
     assert robot.send(None) == Answer(False, "unauthorized", False)
 
 
-def test_a_client_signs_by_itself(service: Service, robot: Robot):
+def test_a_client_signs_its_queries(service: Service, robot: Robot):
     with client(service, robot.api_key) as connected:
         for _ in range(3):
             assert connected.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
@@ -181,7 +181,7 @@ def test_scopes_and_maps_of_the_key_hold(service: Service):
             connected.localize(SCAN, map_id="hall")
 
 
-def test_a_client_with_a_key_that_is_not_known_is_told(service: Service, robot: Robot):
+def test_a_client_with_an_unknown_key_gets_unauthorized(service: Service, robot: Robot):
     unknown = f"ffx_{'0' * 12}_{'0' * 64}"
     with (
         client(service, unknown, retry=RetryPolicy(attempts=2)) as connected,

@@ -60,12 +60,12 @@ def test_an_invalid_login_file_is_refused(tmp_path: Path, content: str):
         address("nats://host", nats_credentials=tmp_path / "login").options()
 
 
-def test_missing_files_are_named(tmp_path: Path):
+def test_errors_name_the_missing_files(tmp_path: Path):
     for name in ("nats_credentials", "nats_ca", "nats_certificate"):
         with pytest.raises(InvalidOption, match="NATS"):
             address("tls://host", **{name: tmp_path / "none"}).options()
 
 
-def test_tls_is_asked_for_by_the_url_or_by_its_authorities():
+def test_tls_follows_from_the_url_or_its_authorities():
     assert address("nats://host").options() == {}
     assert set(address("tls://host").options()) == {"tls"}

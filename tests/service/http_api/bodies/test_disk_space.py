@@ -51,7 +51,7 @@ def disk(tmp_path, monkeypatch) -> Disk:
     return made
 
 
-def test_reserved_bytes_are_promised_once(tmp_path: Path, disk: Disk):
+def test_free_bytes_are_reserved_once(tmp_path: Path, disk: Disk):
     disks = DiskSpace(10)
     disk.size_bytes = 110
     with ExitStack() as stack:
@@ -68,7 +68,7 @@ def test_reserved_bytes_are_promised_once(tmp_path: Path, disk: Disk):
         room.ensure(100)
 
 
-def test_written_bytes_are_promised_no_more(tmp_path: Path, disk: Disk):
+def test_written_bytes_are_no_longer_reserved(tmp_path: Path, disk: Disk):
     """The disk itself counts the bytes as used."""
     disks = DiskSpace(0)
     disk.size_bytes = 100
@@ -166,7 +166,7 @@ def test_an_upload_needs_room_for_its_copy_among_the_sources(service, disk: Disk
 
 
 @over_http
-def test_a_form_that_breaks_off_gives_its_room_back(service, disk: Disk):
+def test_a_broken_form_releases_its_reserved_bytes(service, disk: Disk):
     disks = service.part(UploadParts).disks
     with connect(service) as connection:
         told = f"Content-Type: {FORM['Content-Type']}\r\nContent-Length: 5000"

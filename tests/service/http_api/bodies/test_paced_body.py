@@ -48,7 +48,7 @@ def received(monkeypatch: pytest.MonkeyPatch, *pieces: tuple[float, int], busy_s
     return asyncio.run(run())
 
 
-def test_a_steady_body_comes_whole_and_time_of_this_side_does_not_count(monkeypatch):
+def test_a_steady_body_is_accepted_however_slowly_it_is_processed(monkeypatch):
     assert received(monkeypatch, *[(1.0, 1500)] * 500) == 750_000
     assert received(monkeypatch, *[(0.01, 10)] * 500, busy_s=60.0) == 5000
 

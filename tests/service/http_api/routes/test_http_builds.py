@@ -126,7 +126,7 @@ def test_a_record_that_is_removed_ends_the_stream(recorder: Service):
 
 
 @serving(zenoh=False, maps={})
-def test_open_streams_do_not_hold_up_the_stop(service: Service):
+def test_open_streams_do_not_delay_the_stop(service: Service):
     put(service, "b1")
     stream = service.http.stream("GET", "/builds/b1/events")
     response = stream.__enter__()

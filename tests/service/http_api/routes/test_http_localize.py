@@ -47,7 +47,7 @@ def test_doubled_options_and_bad_map_ids_are_refused(service: Service):
         assert (response.status_code, response.json()["code"]) == (400, "invalid_option"), query
 
 
-def test_the_only_map_needs_no_name(service: Service):
+def test_a_query_to_the_only_map_may_omit_its_name(service: Service):
     wait_until(lambda: service.http.post("/localize", content=SCAN_BODY, headers=HEADERS).is_success)
     answer = service.http.post("/localize", content=SCAN_BODY, headers=HEADERS).json()
     assert answer["map_id"] == "hall"
@@ -106,7 +106,7 @@ def test_an_answer_without_a_pose_is_plain_json(service):
     assert answer.json()["reasons"] == ["low_inlier_ratio"]
 
 
-def test_the_form_is_negotiated(service):
+def test_the_form_of_the_answer_is_negotiated(service):
     """By ``AnswerForm``, whose own test has more cases."""
     service.http.put("/maps/hall/georeference", json=PLACE)
     for accept, status, media_type in (
@@ -145,7 +145,7 @@ def test_an_unknown_map_has_no_place(service: Service):
     assert answer.json()["code"] == "malformed_data"
 
 
-def test_another_replica_follows_and_outlives_the_store(tmp_path: Path):
+def test_another_replica_uses_a_new_place_even_without_the_store(tmp_path: Path):
     store = tmp_path / "store"
     with (
         running_service(tmp_path / "a", zenoh=False, store=str(store)) as first,

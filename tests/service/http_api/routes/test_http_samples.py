@@ -45,7 +45,7 @@ def test_recorded_queries_are_listed_newest_first_and_filtered(service: Service)
     assert service.http.get("/samples", params={"verdict": "so-so"}).status_code == 400
 
 
-def test_pages_hold_every_recorded_query_once(service: Service):
+def test_every_recorded_query_is_on_one_page(service: Service):
     made = [keep(service, number) for number in range(7)]
     seen, after = [], None
     while True:

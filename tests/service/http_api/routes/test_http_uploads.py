@@ -62,7 +62,7 @@ def offset_of(service: Service, url: str) -> int:
     cuts=st.lists(st.integers(0, 2000), max_size=5),
     wrong=st.integers(1, 5000),
 )
-def test_a_file_arrives_whole_however_it_is_cut(service: Service, data: bytes, cuts: list[int], wrong: int):
+def test_a_file_in_any_parts_is_unchanged(service: Service, data: bytes, cuts: list[int], wrong: int):
     url = begin(service, len(data), sha256=hashlib.sha256(data).hexdigest())
     for end in [*sorted(cut for cut in cuts if cut < len(data)), len(data)]:
         offset = offset_of(service, url)
@@ -128,7 +128,7 @@ def test_a_file_with_a_wrong_checksum_is_removed(service: Service):
     assert service.http.head(url).status_code == 404
 
 
-def test_more_than_was_announced_is_refused(service: Service):
+def test_bytes_over_the_announced_size_are_refused(service: Service):
     url = begin(service, 100)
     assert send(service, url, 0, bytes(101)).status_code == 413
     assert offset_of(service, url) == 0
@@ -158,7 +158,7 @@ def test_an_incomplete_upload_is_refused_as_a_source(service: Service):
         ({"Tus-Resumable": "2.0.0"}, 412),
     ],
 )
-def test_invalid_announcements_are_refused(service: Service, headers: dict[str, str], status: int):
+def test_invalid_upload_announcements_are_refused(service: Service, headers: dict[str, str], status: int):
     good = {"Upload-Length": "10", "Upload-Metadata": f"filename {b64encode(b'x.ply')}"}
     before = service.catalog.store.folders("uploads")
     response = service.http.post("/uploads", headers={**good, **headers})
@@ -173,7 +173,7 @@ def test_a_part_needs_its_media_type_and_offset(service: Service):
     assert send(service, "/uploads/none", 0, b"x").status_code == 404
 
 
-def test_the_protocol_describes_itself(service: Service):
+def test_options_describe_the_upload_protocol(service: Service):
     headers = service.http.options("/uploads").headers
     assert headers["tus-version"] == "1.0.0"
     assert set(headers["tus-extension"].split(",")) == {"creation", "checksum", "termination", "expiration"}

@@ -111,7 +111,7 @@ def test_a_picture_that_was_altered_is_not_shown(service: Service):
     assert (answer.status_code, answer.json()["code"]) == (503, "corrupt_version")
 
 
-def test_roll_back_goes_back_and_forth(service: Service):
+def test_a_roll_back_can_be_rolled_back(service: Service):
     first = service.catalog.active_version("hall")
     second = publish(service.catalog, "hall", "2", service.scratch)
     answer = service.http.post("/maps/hall/rollback")
