@@ -27,6 +27,7 @@ pytest_plugins = [
     "tests.harness.left_behind",
     "tests.harness.skips",
     "tests.harness.processor_time",
+    "tests.harness.levels",
     "tests.frequent_snapshots",
     "tests.patient_clients",
     "tests.one_tls_context",
@@ -57,11 +58,6 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 # The same examples in every run, and no limit on how long one may take.
 hypothesis.settings.register_profile("firstfix", deadline=None, derandomize=True, database=None)
 hypothesis.settings.load_profile("firstfix")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts slow files first: a worker that begins one at the end would leave the others idle."""
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
 def pytest_collection_finish() -> None:

@@ -20,8 +20,8 @@ from firstfix.scan.scan import Scan
 from firstfix.wire import query as wire_query
 from firstfix.wire import scan as wire
 from firstfix.wire import sequence as wire_sequence
-from firstfix_lab.drills.ros_bodies import point_cloud2
-from firstfix_lab.drills.wounds import FLOATS, wounded
+from tests.ros_bodies import point_cloud2
+from tests.wounds import FLOATS, wounded
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ import yaml
 from numpy.typing import NDArray
 
 from firstfix.transform import Matrix, from_quaternion
-from firstfix_lab.common.koide import write_drawn_scans
-from firstfix_lab.common.turning_robot import write_turning_robot
+from tests.koide_dataset import write_drawn_scans
 from tests.pose_rows import POSE, write_rows
+from tests.turning_robot import write_turning_robot
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from firstfix.doors import COMMANDS, PACKAGES, Package, through
+from firstfix.doors import COMMANDS, Package, absent, through
 from firstfix.errors import (
     DeadlineExceeded,
     FirstfixError,
@@ -70,18 +70,15 @@ for add_commands in through(COMMANDS).values():
 def _name_absent(package: Package, command: str) -> None:
     """Lets a command of a package that is not installed say so."""
 
-    def absent(_: typer.Context) -> None:
+    def refuse(_: typer.Context) -> None:
         raise InvalidOption(package.remedy(f"firstfix {command}"))
 
     anything = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []}
-    app.command(command, hidden=True, context_settings=anything)(absent)
+    app.command(command, hidden=True, context_settings=anything)(refuse)
 
 
-_present = {
-    command.name or command.callback.__name__ for command in app.registered_commands if command.callback
-}
-for _package in PACKAGES:
-    for _command in sorted(set(_package.commands) - _present):
+for _package in absent():
+    for _command in _package.commands:
         _name_absent(_package, _command)
 
 

@@ -8,7 +8,7 @@ is named.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from importlib.metadata import PackageNotFoundError, distribution, entry_points
 from typing import Any
 
 from .errors import pip_install
@@ -40,6 +40,14 @@ class Package:
     routes: tuple[str, ...] = ()
     worlds: tuple[str, ...] = ()
 
+    def is_installed(self) -> bool:
+        """Returns whether this interpreter has the package."""
+        try:
+            distribution(self.name)
+        except PackageNotFoundError:
+            return False
+        return True
+
     def remedy(self, what: str) -> str:
         """Returns the words for somebody who asked for a thing of the package."""
         return f"{what} is in {self.name}, which is not installed: {pip_install(self.folder)}"
@@ -68,6 +76,11 @@ PACKAGES = (
         worlds=("campus", "city", "farm", "office"),
     ),
 )
+
+
+def absent() -> tuple[Package, ...]:
+    """Returns the packages of this repository that are not installed."""
+    return tuple(package for package in PACKAGES if not package.is_installed())
 
 
 def through(door: str) -> dict[str, Any]:

@@ -27,13 +27,13 @@ from firstfix.decode import read_scan_file
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, pose_error, yaw_of
 from firstfix_cli.answerer import answerer, fetch_active_version
+from firstfix_cli.local_service import LocalService, local_service
 from firstfix_cli.poses_csv import PosedScan, read_poses_csv
 from firstfix_cli.sample_world import write_world
 from firstfix_client import BuildStatus, Client
 
 from .evaluation.outcome import Outcome, outcome_of, report_of
 from .evaluation.plot import MapPicture, draw
-from .local_service import LocalService, local_service
 from .worlds import make_world
 
 WORLD = "factory"

@@ -10,9 +10,9 @@ import httpx
 import pytest
 from rich.console import Console
 
+from firstfix_cli.local_service import LocalService, local_service
 from firstfix_console.page import page_files
 from firstfix_lab.demo import offer_console
-from firstfix_lab.local_service import LocalService, local_service
 from tests.servers import free_port
 from tests.waiting import LIMIT_S, wait_until
 

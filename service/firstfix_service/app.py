@@ -10,7 +10,7 @@ from pathlib import Path
 from fastapi import Depends, FastAPI
 
 import firstfix
-from firstfix.doors import ROUTES, through
+from firstfix.doors import ROUTES, absent, through
 from firstfix.engine.localizer import Localizer
 
 from . import problems
@@ -34,7 +34,7 @@ from .http_api.routes import (
     uploads,
     versions,
 )
-from .http_api.routes.absent import add_absent_routes
+from .http_api.routes.absent import absent_routes
 from .settings import Settings
 from .startup.composition import compose
 from .startup.retry import PlainStartError, RetryingStart
@@ -122,7 +122,8 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     caller.sensors_json()  # made here, not while queries wait
     for add_routes in through(ROUTES).values():
         add_routes(app)
-    add_absent_routes(app)
+    for package in absent():
+        app.include_router(absent_routes(package))
     check_routes(app)
     problems.add_handlers(app)
     app.add_middleware(WhilePermitted)

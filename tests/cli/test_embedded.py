@@ -27,8 +27,8 @@ from firstfix.transform import from_quaternion, pose_error
 from firstfix_cli import embedded
 from firstfix_cli.answerer import answerer
 from firstfix_cli.embedded import EmbeddedLocalizer
+from firstfix_cli.local_service import local_service
 from firstfix_client import Client
-from firstfix_lab.local_service import local_service
 from tests.ros_samples import cdr, cloud_of_points
 from tests.waiting import LIMIT_S, wait_until
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
 
-from firstfix_lab.common.programs import START_S, program, wait_for_port
-from firstfix_lab.free_port import free_port
+from tests.servers import free_port, running
+from tests.waiting import wait_until
 
 SHIPPED = Path(__file__).parents[2] / "deploy" / "compose" / "haproxy.cfg"
 BACKENDS = ("queries", "rest")
@@ -27,12 +26,7 @@ class Balancer:
 
     def wait_until_all_up(self) -> None:
         """Waits until the balancer knows that all replicas are ready."""
-        deadline = time.monotonic() + START_S
-        while time.monotonic() < deadline:
-            if all(self.number_up(backend) == self._replicas for backend in BACKENDS):
-                return
-            time.sleep(0.1)
-        raise RuntimeError("the balancer does not find every replica ready")
+        wait_until(lambda: all(self.number_up(backend) == self._replicas for backend in BACKENDS))
 
     def number_up(self, backend: str = "queries") -> int:
         """Returns the number of replicas that get queries now."""
@@ -67,6 +61,5 @@ def balancer(replica_ports: Sequence[int], directory: Path) -> Iterator[Balancer
     port, metrics_port = free_port(), free_port()
     config, log = directory / "haproxy.cfg", directory / "haproxy.log"
     config.write_text(shipped_config(port, metrics_port, replica_ports))
-    with program(["haproxy", "-db", "-f", str(config)], log):
-        wait_for_port(port, log)
+    with running(["haproxy", "-db", "-f", str(config)], port, log):
         yield Balancer(port, metrics_port, len(replica_ports))

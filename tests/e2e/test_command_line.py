@@ -16,7 +16,7 @@ import yaml
 
 from firstfix.transform import quaternion_of
 from firstfix.wire import scan as wire
-from firstfix_lab.local_service import LocalService, local_service
+from firstfix_cli.local_service import LocalService, local_service
 from tests.commands import Said, firstfix
 from tests.small_world import CONFIG, SENSOR, begun_as
 from tests.waiting import LIMIT_S

@@ -14,8 +14,8 @@ import yaml
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.transform import quaternion_of
+from firstfix_cli.local_service import local_service
 from firstfix_client import Client
-from firstfix_lab.local_service import local_service
 from tests.commands import firstfix
 from tests.small_world import CONFIG, SENSOR, begun_as
 from tests.waiting import LIMIT_S, wait_until

@@ -21,8 +21,8 @@ from firstfix.decode import SUFFIXES
 from firstfix.store.store import Store
 from firstfix.transform import pose_error, pose_from_mapping
 from firstfix_cli.commands.localize import EXIT_CODES
+from firstfix_cli.local_service import LocalService, local_service
 from firstfix_cli.main import run
-from firstfix_lab.local_service import LocalService, local_service
 from tests.e2e.wrong_inputs import WRONG_INPUTS, RightScan, kitti, ply, written
 from tests.waiting import LIMIT_S
 

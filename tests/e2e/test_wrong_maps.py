@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firstfix_cli.local_service import local_service
 from firstfix_cli.main import run
-from firstfix_lab.local_service import local_service
 from tests.e2e.wrong_maps import PNG, WRONG_MAPS, Points, npy, written
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

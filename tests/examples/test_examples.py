@@ -19,8 +19,8 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix.transform import inverse, make_transform, quaternion_of, rotation_z
+from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client, ScanSequence
-from firstfix_lab.local_service import LocalService, local_service
 from tests.storey_world import ROOMS_X, pose, scan_at, storey, storey_version
 from tests.waiting import LIMIT_S
 

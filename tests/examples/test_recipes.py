@@ -29,7 +29,7 @@ from firstfix.engine.localizer import Localizer
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion, inverse, transform_points
-from firstfix_lab.local_service import local_service
+from firstfix_cli.local_service import local_service
 from tests import ros_samples
 from tests.dds_loopback import LOOPBACK
 from tests.ros_samples import cloud_of_points, stores_of, write_bag

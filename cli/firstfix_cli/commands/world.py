@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from firstfix.doors import PACKAGES, WORLDS, through
+from firstfix.doors import WORLDS, absent, through
 from firstfix.errors import InvalidOption
 
 from ..arguments import examples
@@ -40,8 +40,8 @@ def world(
     writers = {key: write for found in through(WORLDS).values() for key, write in found.items()}
     if name in writers:
         line = writers[name](out, seed, extent_m)
-    elif absent := next((package for package in PACKAGES if name in package.worlds), None):
-        raise InvalidOption(absent.remedy(f"the world {name!r}"))
+    elif lacking := next((package for package in absent() if name in package.worlds), None):
+        raise InvalidOption(lacking.remedy(f"the world {name!r}"))
     elif extent_m is not None:
         raise InvalidOption(f"only a city has an extent, and not {name!r}")
     else:

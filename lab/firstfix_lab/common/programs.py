@@ -17,7 +17,7 @@ from pathlib import Path
 
 import httpx
 
-from ..free_port import free_port
+from firstfix_cli.free_port import free_port
 
 START_S = 300.0
 BUCKET = "maps"

@@ -23,10 +23,10 @@ from typing import Any
 import httpx
 import numpy as np
 
+from firstfix_cli.local_service import LocalService, local_service
 from tests.hostile_bodies import Body, crafted_bodies, damaged, good_bodies
 
 from ..common.memory import PeakMemory, memory_of_children
-from ..local_service import LocalService, local_service
 
 DEADLINE_S = 10.0
 GRACE_S = 20.0  # for the way there and back on a busy machine

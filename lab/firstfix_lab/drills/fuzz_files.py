@@ -30,8 +30,7 @@ import numpy as np
 
 from firstfix.errors import FirstfixError
 from tests.hostile_files import FORMATS, Format
-
-from .wounds import wounded
+from tests.wounds import wounded
 
 MEMORY_BYTES = 2 << 30
 CPU_S = 20

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from firstfix_lab.checkout import ROOT
 
-from ..run import OPTIONS
+from ..figures import OPTIONS
 from .check import check
 from .run import NotOneCommit, run
 from .suites import SUITES

@@ -10,8 +10,8 @@ import pytest
 from firstfix.decode import read_scan_file
 from firstfix.transform import from_quaternion, pose_error, quaternion_of
 from firstfix_cli.poses_csv import read_poses_csv
-from firstfix_lab.common.koide import CLOUDS, TruePoses, draw_scans, write_drawn_scans
 from tests import ros_samples
+from tests.koide_dataset import CLOUDS, TruePoses, draw_scans, write_drawn_scans
 from tests.recorded_data import Dataset, PoseTable
 
 S = 10**9

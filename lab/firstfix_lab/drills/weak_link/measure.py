@@ -10,10 +10,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from firstfix_cli.free_port import free_port
 from firstfix_client import Client
 
 from ...common.programs import replica
-from ...free_port import free_port
 from .link import Conditions, Link, weak_link
 from .robot import CLIENTS, Row
 

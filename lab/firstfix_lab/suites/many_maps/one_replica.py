@@ -11,13 +11,13 @@ from typing import Any
 
 import httpx
 
+from firstfix_cli.free_port import free_port
 from firstfix_client import ZenohClient
 from firstfix_service.query_workers.query import MAX_MAPS
 
 from ...common.load import Body
 from ...common.memory import pss_of_family
 from ...common.programs import replica
-from ...free_port import free_port
 from .catalogs import name_of
 
 POLL_S = 2.0

@@ -21,6 +21,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.store.store import Store
+from firstfix_cli.local_service import local_service
 from firstfix_lab.checkout import BENCH
 from tests.recorded_data import DATASETS, HALL, Dataset
 
@@ -28,7 +29,6 @@ from ...common.asked import Asked, figures_of
 from ...common.by_dataset import Figures, measure_each
 from ...common.memory import PeakMemory
 from ...common.nees import nees_by_class
-from ...local_service import local_service
 from .ask import GRAVITY, ask
 from .report import report
 from .strangers import ask_strangers

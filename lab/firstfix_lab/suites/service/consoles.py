@@ -18,12 +18,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from firstfix_cli.free_port import free_port
+
 from ...common.large_cloud import version_with_cloud
 from ...common.load import Asked, Body, Crowd, ask_over_http
 from ...common.memory import pss_of_family
 from ...common.processor_time import cpu_s_of_family
 from ...common.programs import replica
-from ...free_port import free_port
 from .queried_version import QueriedVersion
 
 MAP = "bench"

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from firstfix_cli.free_port import free_port
 from firstfix_lab.checkout import BENCH
 
 from ...common.programs import replica
 from ...common.worlds import WORLDS
-from ...free_port import free_port
 from .consoles import ConsoleCourse, consoles
 from .loading import cold_load, hot_swap
 from .queried_version import QueriedVersion, make_queried_version

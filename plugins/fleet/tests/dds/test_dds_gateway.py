@@ -15,8 +15,8 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion, inverse, pose_error
+from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client
-from firstfix_lab.local_service import LocalService, local_service
 from plugins.fleet.tests.dds.dds_network import RobotProgram
 from plugins.fleet.tests.dds.dds_robot import T_BASE_LIDAR
 from tests.claimed import any_domain

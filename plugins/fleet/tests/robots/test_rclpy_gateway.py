@@ -14,8 +14,8 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix.transform import Matrix, inverse, make_transform, rotation_z
+from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client
-from firstfix_lab.local_service import LocalService, local_service
 from plugins.fleet.tests.robots.dds_world import Scene, check_pose
 from tests.robots.real_robots import T_ODOM_BASE, Gateway, Network, RosRobots, numbers_of, ros_robots
 from tests.robots.real_ros import ONE_AND_OTHERS, real_ros

@@ -6,8 +6,8 @@ import socket
 
 import pytest
 
-from firstfix_lab import free_port as module
-from firstfix_lab.free_port import free_port
+from firstfix_cli import free_port as module
+from firstfix_cli.free_port import free_port
 from tests.servers import free_port as claimed_port
 
 
