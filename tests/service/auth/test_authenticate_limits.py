@@ -25,7 +25,7 @@ def test_queries_of_one_caller_are_limited_alone(tmp_path: Path):
         assert ask_zenoh(service, other).ok
 
 
-def test_builds_are_limited_too_and_so_is_everybody_where_nobody_is_asked(tmp_path: Path):
+def test_builds_and_callers_without_authentication_are_limited(tmp_path: Path):
     limits = {"build_minutes_per_day": 1, "builds_per_hour": 1, "localize_per_s": 0.01}
     with running_service(tmp_path, **limits, zenoh=False) as service:
         upload = {"data": {"map_id": "hall"}, "files": {"source": ("a.xyz", b"0 0 0\n")}}

@@ -76,7 +76,7 @@ def refusal(answer: httpx.Response) -> tuple[int, str]:
     return answer.status_code, answer.json()["code"]
 
 
-def test_a_caller_that_reads_nothing_is_refused_more_and_others_are_not(tmp_path: Path):
+def test_only_a_caller_that_does_not_read_is_refused(tmp_path: Path):
     with serving(tmp_path) as service, ExitStack() as stack:
         waiting = ask(service, stack, "127.0.0.9")
         wait_until(lambda: unsent_bytes(service) == SIZE and parts_read(service) == 1)
@@ -114,7 +114,7 @@ def test_an_address_has_a_limit_for_all_its_keys(tmp_path: Path):
         assert refusal(get(service, points_of(service), "127.0.0.8", keys[0])) == (429, "quota_exceeded")
 
 
-def test_an_answer_that_no_route_has_measured_is_refused_too(tmp_path: Path):
+def test_an_unmeasured_answer_counts_for_the_limit(tmp_path: Path):
     """A small one has a place for longer: operators look at metrics when others take all the room."""
     with serving(tmp_path) as service, ExitStack() as stack:
         for number in range(4):

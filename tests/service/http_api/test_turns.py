@@ -180,7 +180,7 @@ def test_every_route_waits_before_its_work_when_its_caller_is_over_its_credit(
     assert not held, "another caller does not wait"
 
 
-def test_routes_of_every_kind_are_asked():
+def test_the_checked_routes_are_all_but_the_public_ones():
     routes = keyed_routes()
     assert {("GET", "/sensors"), ("GET", "/metrics"), ("POST", "/maps"), ("DELETE", "/keys/{key_id}")} <= set(
         routes
@@ -189,7 +189,7 @@ def test_routes_of_every_kind_are_asked():
     assert {path for _, path in every_route()} - {path for _, path in routes} == {"/localize", *public}
 
 
-def test_nothing_is_done_for_a_request_that_waits(slow: Service, waiting, worked, flooder: str):
+def test_a_waiting_request_does_no_work(slow: Service, waiting, worked, flooder: str):
     robot, other = known(slow, "localize"), known(slow, "localize")
     ask(slow, "/caller", flooder)
     worked.clear()

@@ -154,7 +154,7 @@ def silent(service: Service, count: int, stack: ExitStack, source: str = OTHER_A
         stack.enter_context(connect(service, source))
 
 
-def test_one_address_has_a_limit_and_its_newest_caller_a_place(tmp_path: Path):
+def test_an_address_at_its_limit_keeps_its_newest_connection(tmp_path: Path):
     with (
         running_service(tmp_path, zenoh=False, max_connections_per_address=5) as service,
         ExitStack() as stack,
@@ -176,7 +176,7 @@ def test_a_trusted_proxy_has_no_limit_of_its_own(tmp_path: Path):
             assert connection.recv(1 << 16).startswith(b"HTTP/1.1 200")
 
 
-def test_when_all_places_are_taken_who_waits_goes_for_who_comes(tmp_path: Path):
+def test_a_waiting_connection_makes_way_for_a_new_one(tmp_path: Path):
     limits = {"max_connections": 10, "max_connections_per_address": 0}
     with running_service(tmp_path, zenoh=False, **limits) as service, ExitStack() as stack:
         assert service.http.get("/healthz").is_success

@@ -119,7 +119,7 @@ def test_a_slow_caller_alone_has_every_worker():
     ]
 
 
-def test_it_has_every_worker_again_when_the_others_were_not_there_for_a_while():
+def test_a_slow_caller_has_every_worker_again_once_the_others_are_gone():
     sim = Simulated(workers=2)
     sim.ask("robot", QUICK_S)
     sim.ask("flood", HEAVY_S)
@@ -145,7 +145,7 @@ def test_callers_share_the_time_and_not_the_turns():
     assert sim.used_s["short"] == pytest.approx(10.0, abs=4 * QUICK_S)
 
 
-def test_who_asks_many_maps_has_one_share():
+def test_a_caller_of_many_maps_has_one_share():
     sim = Simulated(workers=1)
     for _ in range(30):
         for map_id in ("a", "b", "c"):
@@ -169,7 +169,7 @@ def test_a_slow_map_of_a_caller_holds_up_that_caller_alone():
     assert turns["a slow"] == pytest.approx(12, abs=2)
 
 
-def test_a_newcomer_is_not_before_those_who_have_asked_for_long():
+def test_a_new_caller_does_not_go_before_earlier_ones():
     """A newcomer begins at the present: time that it has not used is not saved up."""
     sim = Simulated(workers=1)
     for _ in range(80):
@@ -182,7 +182,7 @@ def test_a_newcomer_is_not_before_those_who_have_asked_for_long():
     assert Counter(sim.begun)["old"] in (10, 11), "turn by turn"
 
 
-def test_who_was_away_is_not_behind_for_what_it_used_before():
+def test_earlier_use_does_not_count_after_a_pause():
     sim = Simulated(workers=1)
     for _ in range(10):
         sim.ask("a", QUICK_S)
@@ -198,7 +198,7 @@ def test_who_was_away_is_not_behind_for_what_it_used_before():
     assert Counter(sim.begun[:4]) == {"a": 2, "b": 2}
 
 
-def test_who_could_not_use_its_turns_has_not_saved_them_up():
+def test_unused_turns_are_not_saved_up():
     """The flood is held back for its slow queries. When they become quick, it has no credit."""
     sim = Simulated(workers=2)
     sim.ask("robot", QUICK_S)
@@ -214,7 +214,7 @@ def test_who_could_not_use_its_turns_has_not_saved_them_up():
     assert flood.used_s >= sim.queue._now_s
 
 
-def test_the_first_heavy_queries_of_an_unknown_caller_do_not_pass_as_light():
+def test_the_first_heavy_queries_of_an_unknown_caller_count_as_heavy():
     """A query is expected to take longer than the usual one as many times as it is larger."""
     sim = Simulated(workers=2)
     for _ in range(20):
@@ -232,7 +232,7 @@ def test_the_first_heavy_queries_of_an_unknown_caller_do_not_pass_as_light():
     assert sim.queue._callers["unknown"].used_s - sim.queue._now_s >= 80 * QUICK_S - 1
 
 
-def test_what_was_expected_is_corrected_by_what_it_took():
+def test_expected_time_is_corrected_by_the_time_taken():
     sim = Simulated(workers=1)
     sim.ask("robot", QUICK_S)
     sim.pass_until(1)
@@ -258,7 +258,7 @@ def test_a_full_queue_drops_the_newest_of_the_caller_with_most():
     assert sim.queue.crowding(Asker("robot", "hall")) is None, "it has as many as the robot would have"
 
 
-def test_abandoned_work_counts_for_who_began_it():
+def test_abandoned_work_counts_for_its_caller():
     """A caller cannot free its places by leaving: work that runs keeps its place until it ends."""
     sim = Simulated(workers=2)
     first = [sim.ask("flood", HEAVY_S) for _ in range(3)]
@@ -267,7 +267,7 @@ def test_abandoned_work_counts_for_who_began_it():
     assert sim.queue.crowding(Asker("robot", "hall")) is first[2], "three to none"
 
 
-def test_maps_that_were_made_up_leave_no_trace_and_idle_callers_are_forgotten(
+def test_invented_maps_and_idle_callers_are_forgotten(
     monkeypatch: pytest.MonkeyPatch,
 ):
     monkeypatch.setattr(fair_queue, "MAX_IDLE", 40)

@@ -160,7 +160,7 @@ def test_the_wait_that_a_refusal_names_grows_with_the_queue():
 
 
 @pytest.mark.parametrize("who", [("robot", "robot"), ("flood", "robot")], ids=["maps", "callers"])
-def test_a_full_queue_takes_in_who_has_few_for_who_has_most(who: tuple[str, str]):
+def test_a_full_queue_drops_queries_of_the_caller_with_most(who: tuple[str, str]):
     async def test(gate: QueryGate) -> None:
         tasks, (many, few) = Tasks(gate), who
         busy = [tasks.ask("busy", f"busy {k}", caller=many) for k in range(6)]
@@ -179,7 +179,7 @@ def test_a_full_queue_takes_in_who_has_few_for_who_has_most(who: tuple[str, str]
     with_gate(test, queue_size=5)
 
 
-def test_what_is_still_prepared_holds_no_worker():
+def test_a_query_in_preparation_holds_no_worker():
     async def test(gate: QueryGate) -> None:
         tasks = Tasks(gate)
         tasks.may_end.set()
@@ -193,7 +193,7 @@ def test_what_is_still_prepared_holds_no_worker():
     with_gate(test, queue_size=10)
 
 
-def test_what_cannot_be_prepared_is_the_querys_error():
+def test_an_error_in_preparation_is_the_querys_error():
     async def test(gate: QueryGate) -> None:
         failed: Future[Held] = Future()
         failed.set_exception(NotFound("no map"))
@@ -242,7 +242,7 @@ def test_a_slow_map_alone_has_every_worker():
     with_gate(test, workers=2, queue_size=10)
 
 
-def test_who_leaves_the_queue_makes_room_and_is_not_begun():
+def test_a_cancelled_query_frees_its_place_and_is_not_begun():
     async def test(gate: QueryGate) -> None:
         tasks, held = Tasks(gate), Held()
         running = tasks.ask("a", "running")
@@ -262,7 +262,7 @@ def test_who_leaves_the_queue_makes_room_and_is_not_begun():
     with_gate(test, queue_size=1)
 
 
-def test_what_was_prepared_for_somebody_who_left_is_given_back():
+def test_resources_prepared_for_a_cancelled_query_are_closed():
     async def test(gate: QueryGate) -> None:
         slow: Future[Held] = Future()
         asked = asyncio.ensure_future(
@@ -291,7 +291,7 @@ def test_a_late_answer_is_given_up_at_the_deadline_but_keeps_its_place():
     with_gate(test)
 
 
-def test_work_whose_time_is_over_leaves_the_queue():
+def test_a_query_past_its_deadline_leaves_the_queue():
     async def test(gate: QueryGate) -> None:
         tasks = Tasks(gate)
         first = tasks.ask("a", "first")
@@ -306,7 +306,7 @@ def test_work_whose_time_is_over_leaves_the_queue():
     with_gate(test, queue_size=1)
 
 
-def test_a_closed_gate_refuses_what_waits_and_what_comes():
+def test_a_closed_gate_refuses_waiting_and_new_queries():
     async def test(gate: QueryGate) -> None:
         tasks = Tasks(gate)
         running, waiting = tasks.ask("a"), tasks.ask("a")
@@ -362,7 +362,7 @@ def test_a_query_whose_worker_dies_is_asked_again_once():
     with_gate(test, up=0)
 
 
-def test_who_lost_its_worker_goes_before_the_others():
+def test_a_query_that_lost_its_worker_goes_first():
     async def test(gate: QueryGate) -> None:
         first = Worker(deaths=1)
         gate.add_worker(first)
@@ -379,7 +379,7 @@ def test_who_lost_its_worker_goes_before_the_others():
     with_gate(test, up=0, queue_size=2)
 
 
-def test_where_no_worker_comes_up_those_who_wait_are_told(monkeypatch: pytest.MonkeyPatch):
+def test_without_any_worker_waiting_queries_get_worker_lost(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(query_gate, "UP_WITHIN_S", 0.1)
 
     async def test(gate: QueryGate) -> None:

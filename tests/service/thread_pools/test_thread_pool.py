@@ -34,7 +34,7 @@ SHARED = {"to_thread", "run_in_threadpool", "run_sync", "set_default_executor"}
 SLOW_POSTS = 40  # more than the threads of any shared pool
 
 
-def test_nothing_runs_in_an_executor_that_everybody_shares():
+def test_no_work_runs_in_the_default_executor():
     for path in SOURCES:
         for node in ast.walk(ast.parse(path.read_text())):
             name = getattr(node, "attr", getattr(node, "id", None))
@@ -97,7 +97,7 @@ def test_callers_take_turns():
     assert order == [("a", 1), ("b", 1), ("a", 2), ("b", 2), ("a", 3)]
 
 
-def test_work_runs_in_its_callers_context_and_raises_what_it_raises():
+def test_work_runs_in_its_callers_context_and_passes_its_error_on():
     name: ContextVar[str] = ContextVar("name")
 
     def fail() -> None:
@@ -111,7 +111,7 @@ def test_work_runs_in_its_callers_context_and_raises_what_it_raises():
     asyncio.run(main())
 
 
-def test_work_that_nobody_waits_for_any_more_is_not_begun():
+def test_abandoned_work_is_not_begun():
     pool, gate, begun = ThreadPool("test", 1), threading.Event(), []
 
     async def main() -> None:
@@ -128,7 +128,7 @@ def test_work_that_nobody_waits_for_any_more_is_not_begun():
     assert begun == []
 
 
-def test_a_request_waits_for_its_turn_only_so_long():
+def test_the_wait_for_a_turn_is_bounded():
     pool, gate, begun = ThreadPool("test", 1, turn_within_s=0.05), threading.Event(), []
 
     async def main() -> None:
@@ -146,7 +146,7 @@ def test_a_request_waits_for_its_turn_only_so_long():
     assert begun == []
 
 
-def test_requests_are_given_up_but_not_the_work_of_the_service():
+def test_requests_are_given_up_and_own_work_of_the_service_is_not():
     pool, gate = ThreadPool("test", 2), threading.Event()
 
     async def main() -> None:

@@ -119,7 +119,7 @@ def test_strangers_count_together(slow: Service, held):
     assert code_of(slow, known(slow, "localize")) == ""
 
 
-def test_those_who_wait_take_no_places_and_no_more_than_their_share_of_the_memory(slow: Service, waiting):
+def test_waiting_refusals_take_no_places_and_bounded_memory(slow: Service, waiting):
     robot, other = known(slow, "localize"), known(slow, "localize")
     code_of(slow, robot, "none")
     most = LIMIT_BYTES // 2 // len(SCAN_BODY)
@@ -136,7 +136,7 @@ def test_those_who_wait_take_no_places_and_no_more_than_their_share_of_the_memor
         assert {one.result() for one in flood} == {"not_found"}
 
 
-def test_of_a_caller_who_asks_without_end_not_all_wait(
+def test_only_some_refusals_of_a_flooding_caller_wait(
     slow: Service, waiting, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(refusals, "MOST_WAITING", 3)
