@@ -24,7 +24,7 @@ from benchmarks.scoreboard import pages as figures  # noqa: E402
 
 SCANS_PAGE, MAPS_PAGE = "docs/how-to/my-scan-is-not-localized.md", "docs/how-to/my-map.md"
 MARK = "<!-- generated -->\n"  # of a page all that follows is made
-FINDINGS_HEAD = "| symptom | code | the answer says | what helps |\n|---|---|---|---|\n"
+FINDINGS_HEAD = "| symptom | code | what helps |\n|---|---|---|\n"  # the answer says the rest itself
 
 
 def generated() -> dict[Path, str]:
@@ -73,8 +73,7 @@ def _with_figures(path: str, parts: Mapping[str, str]) -> dict[Path, str]:
 def _findings(module: ModuleType) -> str:
     """Rows of the findings of a module, from symptom to remedy."""
     return "".join(
-        f"| {kind.symptom} | `{kind.code}` | {_in_words(kind.text)} | {_in_words(kind.remedy)} |\n"
-        for kind in kinds_of(module)
+        f"| {kind.symptom} | `{kind.code}` | {_in_words(kind.remedy)} |\n" for kind in kinds_of(module)
     )
 
 

@@ -36,7 +36,7 @@ class Fetches(HTMLParser):
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
-        pytest.skip(f"needs {', '.join(missing)}: pip install '.[docs]'")
+        pytest.skip(f"needs {', '.join(missing)}: pip install '.[docs,service]'")
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
