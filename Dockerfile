@@ -1,7 +1,7 @@
 # Two targets over one tree of packages, both without compiler, pip or root:
 #   service   answers queries over HTTP and zenoh, and is the gateway of ROS 2's robots; has no open3d, so it builds no maps
 #   builder   the same and the mesh tools: `firstfix serve` with in-process builds, `firstfix worker`, `firstfix build`;
-#             and Dask, for `dask scheduler` and `dask worker` (docs/how-to/many-machines.md)
+#             and Dask, for `dask scheduler` and `dask worker` (docs/how-to/deploy.md)
 #
 #   deploy/image/build.sh                                       # both, with version and revision in their labels
 #   docker build --target service -t firstfix-service .

@@ -62,13 +62,8 @@ def benchmark_page(results: Results) -> str:
 
 
 def readme_parts(results: Results) -> dict[str, str]:
-    """Returns the tables of the README by the name of their marker."""
-    short: dict[str, Callable[[Result], list[str]]]
-    short = {"real": tables.real_summary, "peers": tables.peers_summary}
-    makers = {**TABLES, **short}
-    return {
-        name: _part(name, results, makers[name]) for name in ("real", "robust", "service", "scale", "peers")
-    }
+    """Returns the table of the README by the name of its marker."""
+    return {"real": _part("real", results, tables.readme_rows)}
 
 
 def large_maps_parts(results: Results) -> dict[str, str]:
@@ -77,7 +72,7 @@ def large_maps_parts(results: Results) -> dict[str, str]:
 
 
 def sizing_parts(results: Results) -> dict[str, str]:
-    """Returns the tables of docs/how-to/sizing.md by the name of their marker."""
+    """Returns the tables of docs/how-to/deploy.md by the name of their marker."""
     return {
         "real": _part("real", results, tables.real_maps),
         "service": _part("service", results, tables.replica_memory),
@@ -140,7 +135,9 @@ def _section(name: str, result: Result) -> list[str]:
 
 def _real(result: Result) -> list[str]:
     return [
-        "Scans as they are, against each reference:",
+        "Scans as they are, against the first reference, and against each:",
+        "",
+        *tables.real_summary(result),
         "",
         *tables.real_by_reference(result),
         "",

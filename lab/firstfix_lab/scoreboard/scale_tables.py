@@ -13,7 +13,8 @@ World = Mapping[str, Any]
 
 def summary(result: Result) -> list[str]:
     """A row for each world, in short."""
-    head = ("world", "templates", "query ms p50 / p99", "within 0.2 m", "false", "version, MB")
+    head = ("world", "templates", "ms a query, median / 99 %", "best place within 0.2 m, share")
+    head += ("false accepts", "version, MB")
     rows = [
         (
             name,

@@ -82,13 +82,15 @@ def test_a_suite_without_a_result_says_so():
     assert page.count("No result") == 9
     assert plot_files({}) == {}
     parts = readme_parts({})
-    assert parts["peers"] == "No result: `make scoreboard ARGS=peers`.\n"
+    assert parts == {"real": "No result: `make scoreboard ARGS=real`.\n"}
 
 
 def test_a_page_shows_what_the_result_holds():
     results = {"real": result("real", REAL, CASES)}
     page, table = benchmark_page(results), readme_parts(results)["real"]
-    assert "| hall, 29 x 62 m, handheld OS0-64 | 2 | 1 | 2 | 1 | 3.1 cm, 0.25 deg | 12 |" in table
+    assert "| hall, 29 x 62 m | handheld OS0-64 | 1 of 2 | 12 |" in table
+    assert "over 1 m or 10 degrees off: 1 of 2." in table
+    assert "| hall, 29 x 62 m, handheld OS0-64 | 2 | 1 | 2 | 1 | 3.1 cm, 0.25 deg | 12 |" in page
     assert "| `real` | `aaaaaaaa`, 2026-11-25 | 2 min | 0.1 |" in page
     assert table.endswith("\n\nMeasured at `aaaaaaaa`, 2026-11-25.\n")
     assert "Not there, or not in this run: street, yard, garage" in page
@@ -106,13 +108,12 @@ def test_a_changed_number_changes_the_page():
 
 
 def test_the_peer_that_wins_stands_first():
-    table = readme_parts({"peers": result("peers", PEERS)})["peers"]
-    assert table.startswith("**Where another system wins:**")
-    assert "success within 0.2 m and 1 deg: other 1.0 against 0.5" in table
-    assert table.index("| other (2) |") < table.index("| firstfix (2) |")
     page = benchmark_page({"peers": result("peers", PEERS)})
+    assert "\n**Where another system wins:**\n" in page
+    assert "success within 0.2 m and 1 deg: other 1.0 against 0.5" in page
+    assert page.index("| other (2) |") < page.index("| firstfix (2) |")
     assert "| other | 1.00 / 0, 3.0 |" in page
-    assert "gone" not in table
+    assert "gone" not in page
 
 
 def test_a_rebuild_is_shown_by_stage_and_as_a_ratio():
@@ -142,9 +143,9 @@ def test_the_service_has_a_row_for_each_form():
     figures = {"templates": 700, "throughput": [row(1, 99.6), row(4, 180.2)]}
     figures["consoles"] = {"consoles": 10, "ratio_to_without": ratios}
     page = benchmark_page({"service": result("service", figures)})
-    assert "| one asks: ms p50 / p99 | 1 / 4 ask: answers a second |" in page
+    assert "| one client: ms, median / 99 % | 1 / 4 clients: answers a second |" in page
     assert "| scan | http | 900 | 9.5 / 12.5 | 100 / 180 |" in page
-    assert "10 open consoles to that without, p50 / p99: elsewhere 1.0 / 1.1; with 1.02 / 1.25." in page
+    assert "10 open consoles to that without, median / 99 %: elsewhere 1.0 / 1.1; with 1.02 / 1.25." in page
 
 
 def test_a_suite_that_was_gone_on_with_took_as_long_as_its_parts():
@@ -217,7 +218,7 @@ def test_scale_has_a_column_for_each_world():
     assert "| ... surface, keys, free space, index, processor s | 14 | 14 |" in text
     assert "GB | 0.9 (reconstruct_mesh) |" in text
     assert "| faiss_ivf_sq8 | 0.15, 0.975 | - |" in text
-    assert "| 30k | 1000 | 12.0 / 19.5 | 1.0 | 0 | 9.5 | 20.4 |" in readme_parts(results)["scale"]
+    assert "| 30k | 1000 | 12.0 / 19.5 | 1.0 | 0 | 9.5 | 20.4 |" in benchmark_page(results)
 
 
 @pytest.mark.parametrize("names", [("real",), ("real", "peers"), ("scale",)], ids="+".join)

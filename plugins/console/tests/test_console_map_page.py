@@ -32,7 +32,7 @@ def test_a_map_says_first_whether_it_is_good_and_what_was_found(page, world, sma
         "text": "Coordinates of 400,000 m in float32 are precise to 0.03 m.",
         "numbers": {},
         "remedy": "Export it in float64.",
-        "doc": "docs/how-to/is-my-map-good.md",
+        "doc": "docs/how-to/my-map.md",
     }
     manifest = small_version.manifest
     told = type(manifest)(**{**vars(manifest), "source": {**manifest.source, "findings": [finding]}})

@@ -1,6 +1,5 @@
 """Presets against their vendors' data sheets: beams, field of view, points of a scan."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -127,9 +126,3 @@ def test_a_name_is_read_in_any_case_and_another_is_refused():
     assert preset("OS1-64") == preset("os1-64")
     with pytest.raises(InvalidOption, match="no sensor preset"):
         preset("os3-64")
-
-
-def test_the_tutorial_lists_all_presets():
-    tutorial = Path(__file__).resolve().parents[3] / "docs/tutorials/your-own-map.md"
-    listed = tutorial.read_text().split("There are presets:")[1].split("Any of these")[0]
-    assert sorted(re.findall(r"`([^`]+)`", listed)) == presets()

@@ -12,14 +12,14 @@ from .figures import together
 OURS = ("firstfix", "firstfix, gravity given")
 Rows = Mapping[str, dict[str, Any]]
 COLUMNS = {
-    "success_0.2m_1deg": "0.2 m, 1 deg",
-    "success_1m_5deg": "1 m, 5 deg",
-    "success_2m_5deg": "2 m, 5 deg",
-    "right_first": "right first",
+    "success_0.2m_1deg": "accepted within 0.2 m, 1 deg",
+    "success_1m_5deg": "within 1 m, 5 deg",
+    "success_2m_5deg": "within 2 m, 5 deg",
+    "right_first": "best place right",
     "accepted": "accepted",
     "false_accepts": "false accepts",
     "no_pose": "no answer",
-    "coverage_at_risk_0": "coverage at no risk",
+    "coverage_at_risk_0": "answered before the first wrong one",
     "area_under_risk_coverage": "mean risk",
     "median_s": "s, median",
     "p95_s": "s, p95",

@@ -2,7 +2,7 @@
 
     firstfix-lab ros [--starts 5] [--also jazzy:rmw_cyclonedds_cpp=PREFIX]
 
-It prints the rows of docs/reference/ros-matrix.md. ``--also`` names a middleware that was built elsewhere.
+It prints the rows of docs/how-to/ros.md. ``--also`` names a middleware that was built elsewhere.
 """
 
 from __future__ import annotations
