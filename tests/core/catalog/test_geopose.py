@@ -1,9 +1,10 @@
-"""Geographic poses against independent formulas: the parametric ellipse and numeric derivatives."""
+"""Georeferences of maps, and geographic poses against independent formulas."""
 
 from __future__ import annotations
 
 import json
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from firstfix.catalog.geopose import Georeference, T_ecef_enu, ecef_of, geodetic_of
-from firstfix.errors import InvalidOption
+from firstfix.catalog.georeferences import Georeferences
+from firstfix.errors import InvalidOption, StoreError
+from firstfix.store.store import Store
 from firstfix.transform import from_quaternion, make_transform, quaternion_of, rotation_angle_deg, rotation_z
 
 A_M, B_M = 6378137.0, 6356752.314245179
@@ -44,7 +47,7 @@ def numeric_enu(lat_deg: float, lon_deg: float, h_m: float) -> np.ndarray:
     return np.column_stack(axes)
 
 
-def test_the_surveyors_example():
+def test_ecef_is_that_of_the_surveyors_example():
     """IOGP guidance note 7-2, 4.1.1 (EPSG method 9602)."""
     lat, lon = 53 + 48 / 60 + 33.820 / 3600, 2 + 7 / 60 + 46.380 / 3600
     np.testing.assert_allclose(ecef_of(lat, lon, 73.0), [3771793.968, 140253.342, 5124304.349], atol=6e-4)
@@ -53,7 +56,7 @@ def test_the_surveyors_example():
 
 
 @given(LATITUDES, LONGITUDES, HEIGHTS)
-def test_there_and_back(lat: float, lon: float, h: float):
+def test_geodetic_inverts_ecef(lat: float, lon: float, h: float):
     ecef = ecef_of(lat, lon, h)
     np.testing.assert_allclose(ecef, parametric_ecef(lat, lon, h), atol=1e-7)
     lat2, lon2, h2 = geodetic_of(ecef)
@@ -63,7 +66,7 @@ def test_there_and_back(lat: float, lon: float, h: float):
 
 
 @given(st.floats(-89, 89), LONGITUDES, HEIGHTS)
-def test_the_tangent_frame(lat: float, lon: float, h: float):
+def test_the_tangent_frame_is_the_derivative(lat: float, lon: float, h: float):
     np.testing.assert_allclose(T_ecef_enu(lat, lon, h)[:3, :3], numeric_enu(lat, lon, h), atol=1e-6)
 
 
@@ -74,7 +77,7 @@ def test_the_tangent_frame(lat: float, lon: float, h: float):
     st.tuples(METRES, METRES, st.floats(-100, 100)),
     st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: math.hypot(*q) > 0.1),
 )
-def test_a_pose_against_the_other_formulas(lat, lon, heading, position, quaternion):
+def test_a_pose_agrees_with_the_other_formulas(lat, lon, heading, position, quaternion):
     georeference = Georeference.with_heading(lat, lon, 120.0, heading, anchor_m=(7.0, -3.0, 1.0))
     T_map_body = from_quaternion(position, quaternion)
     found = georeference.geopose(T_map_body)
@@ -93,7 +96,7 @@ def test_a_pose_against_the_other_formulas(lat, lon, heading, position, quaterni
     assert georeference.x_axis_deg == pytest.approx(heading, abs=1e-9) or abs(heading) == 180
 
 
-def test_the_inverse_against_a_solver():
+def test_the_inverse_agrees_with_a_solver():
     target = parametric_ecef(-33.4, 151.2, 812.5)
     solved = least_squares(
         lambda v: parametric_ecef(v[0], v[1], v[2] * 1e5) - target, [-33.0, 151.0, 0.0], xtol=1e-15
@@ -103,7 +106,7 @@ def test_the_inverse_against_a_solver():
     )
 
 
-def test_the_directions_of_a_heading():
+def test_a_heading_turns_towards_north():
     north = Georeference.with_heading(50.0, 8.0, 100.0, 90.0)
     ahead = north.geopose(make_transform(np.eye(3), [100.0, 0.0, 0.0]))
     assert ahead["position"]["lat"] > 50.0008
@@ -121,7 +124,7 @@ def test_projected_coordinates_need_the_anchor():
     assert pose["position"]["lon"] == pytest.approx(8.5 + 10 / 71_695.7, abs=1e-7)
 
 
-def test_it_goes_through_json():
+def test_a_georeference_is_read_from_its_json():
     georeference = Georeference(
         1.5,
         -2.5,
@@ -147,7 +150,40 @@ def test_it_goes_through_json():
         {"latitude_deg": "north"},
     ],
 )
-def test_what_is_no_place_is_refused(change):
+def test_an_invalid_georeference_is_refused(change):
     good = Georeference.with_heading(1, 2, 3, 4).to_mapping()
     with pytest.raises(InvalidOption):
         Georeference.from_mapping({**good, **change})
+
+
+def at(latitude_deg: float) -> Georeference:
+    return Georeference.with_heading(latitude_deg, 8.0, 100.0, 0.0)
+
+
+def test_the_last_georeference_counts(any_store: Store):
+    georeferences = Georeferences(any_store)
+    assert georeferences.get("hall") is None
+    georeferences.set("hall", at(1))
+    georeferences.set("hall", at(2))
+    assert georeferences.get("hall") == at(2)
+    assert georeferences.get("attic") is None
+    georeferences.set("hall", None)
+    assert georeferences.get("hall") is None
+    georeferences.set("hall", at(3))
+    assert georeferences.get("hall") == at(3)
+
+
+def test_no_georeference_is_lost_in_a_race(any_store: Store):
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(lambda n: Georeferences(any_store).set("hall", at(n)), range(16)))
+    assert len(any_store.list("maps/hall/georeference")) == 16
+
+
+def test_an_unreadable_georeference_is_refused(store: Store):
+    georeferences = Georeferences(store)
+    georeferences.set("hall", at(1))
+    store.put("maps/hall/georeference/000002.json", b'{"latitude_deg": 1}')
+    with pytest.raises(StoreError, match="000002"):
+        georeferences.get("hall")
+    with pytest.raises(InvalidOption):
+        georeferences.get("../x")
