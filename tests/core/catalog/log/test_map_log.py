@@ -9,6 +9,7 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
@@ -161,7 +162,7 @@ def test_a_reader_sees_what_others_write(store: Store):
 
 
 class Counts(Store):
-    calls: Counter[str] = Counter()
+    calls: ClassVar[Counter[str]] = Counter()
 
     def get(self, key: str, *, max_bytes: int | None = None) -> bytes:
         self.calls["get"] += 1
