@@ -17,15 +17,6 @@ pytestmark = pytest.mark.slow
 FILES = {"a.npy": b"content", "z.npy": b"more of it"}
 
 
-@pytest.fixture
-def made(tmp_path: Path) -> tuple[Path, Manifest]:
-    folder = tmp_path / "version"
-    folder.mkdir()
-    for name, content in FILES.items():
-        (folder / name).write_bytes(content)
-    return folder, Manifest.for_directory(folder)
-
-
 def retired(store: Store, made: tuple[Path, Manifest]) -> None:
     """A version that was published and taken out of service."""
     catalog = Catalog(store)
@@ -67,9 +58,9 @@ def check_whole(store: Store, made: tuple[Path, Manifest], cache: Path) -> None:
 
 
 @pytest.mark.parametrize("left", LEFT)
-def test_what_is_published_is_whole_in_every_order(
+def test_a_version_published_during_a_collection_is_whole(
     left: Callable[..., None], made: tuple[Path, Manifest], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+):
     def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         left(store, made)
@@ -89,7 +80,7 @@ def test_a_kill_at_any_point_is_mended_by_a_repeat(
     made: tuple[Path, Manifest],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-) -> None:
+):
     def run(kill_at: int, switches: tuple[int, ...]) -> int:
         store = Store.open("memory://")
         left(store, made)

@@ -36,7 +36,7 @@ def test_a_store_with_create_only_puts_is_taken():
         ("405", "refuses create-only puts.*405 Method Not Allowed"),
     ],
 )
-def test_a_store_without_them_is_refused(way: Way, says: str):
+def test_a_store_without_create_only_puts_is_refused(way: Way, says: str):
     with s3_stand_in(way) as server:
         with pytest.raises(StoreUnsafe, match=says) as caught:
             Store.open(server.url).probe()
@@ -75,7 +75,7 @@ def switched_off(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AWS_CONDITIONAL_PUT", "disabled")
 
 
-def test_create_only_puts_that_are_switched_off_are_told(switched_off: None):
+def test_switched_off_create_only_puts_are_unsafe(switched_off: None):
     with s3_stand_in("honours") as server:
         store = Store.open(server.url)
         for attempt in (store.probe, lambda: store.put_new("a", b"1")):
@@ -98,7 +98,7 @@ def shell(folder: Path, *command: str) -> subprocess.Popen[str]:
         )
 
 
-def test_a_service_says_so_without_a_traceback(switched_off: None, tmp_path: Path):
+def test_a_service_without_create_only_puts_says_so(switched_off: None, tmp_path: Path):
     """It ends, or says so again and again where that took it longer than a start may take."""
     with s3_stand_in("honours") as server:
         service = shell(tmp_path, "serve", "--port", "0", "--store", server.url)
@@ -111,7 +111,7 @@ def test_a_service_says_so_without_a_traceback(switched_off: None, tmp_path: Pat
     assert "Traceback" not in log.read_text()
 
 
-def test_a_command_that_writes_says_so_without_a_traceback(switched_off: None, tmp_path: Path):
+def test_a_command_without_create_only_puts_says_so(switched_off: None, tmp_path: Path):
     with s3_stand_in("honours") as server:
         command = ["keys", "create", "--name", "robot", "--scope", "localize", "--store", server.url]
         assert shell(tmp_path, *command).wait(LIMIT_S) != 0

@@ -86,7 +86,7 @@ def test_a_record_of_an_earlier_release_has_no_checksum_and_is_read():
         assert read(json.dumps(record).encode()) == read(written)
 
 
-def test_an_event_of_a_later_release_has_a_right_checksum():
+def test_an_event_of_a_later_release_needs_a_right_checksum():
     record = {**json.loads(ENTRY.to_json()), "event": "renamed"}
     del record[CHECKSUM]
     assert read_entry(json.dumps(with_checksum(record)).encode()) is None
