@@ -15,7 +15,7 @@ def test_a_traceparent_is_read(flags: str, sampled: bool):
     assert TraceContext.parse(found.traceparent) == found
 
 
-def test_a_later_version_may_say_more():
+def test_a_later_version_of_a_traceparent_is_read():
     assert TraceContext.parse(f"cc-{TRACE}-{SPAN}-01-more") == TraceContext(TRACE, SPAN, True)
 
 
@@ -34,7 +34,7 @@ def test_a_later_version_may_say_more():
         f"00-{TRACE}-{SPAN}",
     ],
 )
-def test_what_is_none_is_none(bad: str | None):
+def test_an_invalid_traceparent_is_none(bad: str | None):
     assert TraceContext.parse(bad) is None
 
 

@@ -1,12 +1,23 @@
+"""Callers of builds: what they use, and the keys by which a request is repeated."""
+
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 
 import pytest
 
-from firstfix.builds.callers import CALLERS_FOLDER, CallerUsage
+from firstfix.builds.callers import (
+    CALLERS_FOLDER,
+    IDEMPOTENCY_FOLDER,
+    CallersKey,
+    CallerUsage,
+    claim_build,
+    claimed_build,
+)
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
+from firstfix.errors import IdempotencyConflict
 from firstfix.maintenance.garbage import USAGE_DAYS, collect_garbage, remove_abandoned
 from firstfix.store.store import Store
 
@@ -42,8 +53,7 @@ def test_minutes_add_up_over_builds_and_attempts(any_store_url: str):
     assert usage.minutes_today("key:a") == 2.0
 
 
-def test_a_name_that_is_no_run_counts_nothing():
-    catalog = Catalog(Store.open("memory://"))
+def test_an_invalid_name_of_a_run_counts_nothing(catalog: Catalog):
     usage = CallerUsage(catalog)
     usage.charge("key:a", "b1", 1, 60.0)
     (key,) = catalog.store.list(CALLERS_FOLDER)
@@ -63,3 +73,35 @@ def test_old_entries_are_garbage(monkeypatch: pytest.MonkeyPatch):
         dry = collect_garbage(catalog, dry_run=True).keys[CALLERS_FOLDER]
         assert remove_abandoned(catalog).keys[CALLERS_FOLDER] == dry
         assert len(catalog.store.list(CALLERS_FOLDER)) == left
+
+
+NIGHT_1, NIGHT_2 = CallersKey("key:a", "night/1"), CallersKey("key:a", "night/2")
+
+
+def test_the_first_build_of_a_key_stays(any_store: Store):
+    store = any_store
+    assert claim_build(store, NIGHT_1, "same", "b1") == "b1"
+    assert claim_build(store, NIGHT_1, "same", "b2") == "b1"
+    assert claim_build(store, NIGHT_2, "same", "b3") == "b3"
+    with pytest.raises(IdempotencyConflict):
+        claim_build(store, NIGHT_1, "other", "b4")
+    assert len(store.list(IDEMPOTENCY_FOLDER)) == 2
+
+
+def test_many_claims_at_once_give_one_build(any_store: Store):
+    store = any_store
+    with ThreadPoolExecutor(8) as threads:
+        found = set(threads.map(lambda n: claim_build(store, NIGHT_1, "same", f"b{n}"), range(16)))
+    assert len(found) == 1
+
+
+def test_a_key_is_its_callers_own(store: Store):
+    theirs = CallersKey("key:b", "night/1")
+    assert claim_build(store, NIGHT_1, "same", "b1") == "b1"
+    assert (claimed_build(store, NIGHT_1), claimed_build(store, theirs)) == ("b1", None)
+    assert claim_build(store, theirs, "other", "b2") == "b2", "neither their build nor a conflict"
+
+
+def test_no_two_callers_share_a_name():
+    pairs = (("a", "bc"), ("ab", "c"), ("a,", "b"), ("a", ",b"))
+    assert len({CallersKey(caller, key).name for caller, key in pairs}) == len(pairs)
