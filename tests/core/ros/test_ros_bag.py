@@ -60,13 +60,13 @@ def test_topics_are_told_apart_by_type(tmp_path: Path, kind: str):
             bag.check_topic("/a", IMU)
 
 
-def test_a_bag_without_clouds(tmp_path: Path):
+def test_a_bag_without_clouds_is_refused(tmp_path: Path):
     path = write_bag(tmp_path, "sqlite3", [("/imu", S, ros_samples.imu([0, 0, 9.81]))])
     with open_bag(path) as bag, pytest.raises(NotFound, match="no topic has"):
         bag.cloud_topic(None)
 
 
-def test_what_is_no_bag(tmp_path: Path):
+def test_other_files_are_no_bags(tmp_path: Path):
     (tmp_path / "scan.pcd").write_bytes(b"x")
     (tmp_path / "folder").mkdir()
     for name in ("a.bag", "a.mcap", "a.db3"):
@@ -83,7 +83,7 @@ def test_what_is_no_bag(tmp_path: Path):
 
 
 @every_kind
-def test_a_damaged_bag_is_one_error(tmp_path: Path, kind: str):
+def test_a_damaged_bag_is_an_input_error(tmp_path: Path, kind: str):
     path = write_bag(tmp_path, kind, clouds(kind))
     file = (
         path if path.is_file() else next(p for p in path.iterdir() if p.suffix in (".db3", ".mcap", ".zstd"))
@@ -123,7 +123,7 @@ def test_one_message_is_in_memory_at_a_time(tmp_path: Path, kind: str):
     assert peak < 8_000_000, "20 of them are 12 MB; a chunk of a bag holds a few"
 
 
-def test_a_serialization_that_is_no_text_is_named(tmp_path: Path):
+def test_an_invalid_serialization_is_an_input_error(tmp_path: Path):
     """Damaged bags have such, beside others; they were a TypeError."""
     path = write_bag(tmp_path, "sqlite3", [*clouds("sqlite3"), *clouds("sqlite3", "/b")])
     (file,) = path.glob("*.db3")

@@ -88,7 +88,7 @@ def test_nothing_is_left_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("kind", ROS2_KINDS)
-def test_a_cut_off_file_is_a_clear_error(tmp_path: Path, kind: str):
+def test_a_truncated_file_is_malformed(tmp_path: Path, kind: str):
     bag = written(tmp_path, kind)
     file = storage_file(bag)
     packed = file.read_bytes()
@@ -189,14 +189,14 @@ def test_a_file_cannot_fill_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyP
     "text",
     ["", "nonsense", "a: [", "rosbag2_bagfile_information: 3", "rosbag2_bagfile_information: {version: 5}"],
 )
-def test_a_description_that_is_none(tmp_path_factory: pytest.TempPathFactory, text: str):
+def test_an_invalid_description_is_malformed(tmp_path_factory: pytest.TempPathFactory, text: str):
     folder = tmp_path_factory.mktemp("bag")
     (folder / "metadata.yaml").write_text(text)
     with pytest.raises(MalformedData, match=r"metadata|Metadata|key"), open_bag(folder):
         pass
 
 
-def test_a_recording_that_was_cut_off_says_what_to_do(tmp_path: Path):
+def test_a_recording_without_metadata_says_what_to_open(tmp_path: Path):
     bag = written(tmp_path, "sqlite3 zstd message")
     (bag / "metadata.yaml").unlink()
     with pytest.raises(MalformedData, match=r"Open its \.mcap or .db3 file itself"), open_bag(bag):

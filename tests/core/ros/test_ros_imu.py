@@ -22,7 +22,7 @@ def sample(stamp_ns: int, acceleration: np.ndarray, frame_id: str = "imu") -> Im
 
 @every_case("ros1", [False, True])
 @every_case("little_endian", [True, False])
-def test_the_bytes_of_rosbags(ros1, little_endian):
+def test_an_imu_message_of_rosbags_is_read(ros1, little_endian):
     if ros1:
         body = ros_samples.ros1(ros_samples.imu([1.5, -2.5, 9.0], stores=ROS1, stamp_ns=7))
     else:

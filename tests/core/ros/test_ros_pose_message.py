@@ -68,7 +68,7 @@ def test_the_order_is_x_y_z_then_turns_about_x_y_z():
     assert [message.pose.covariance[i] for i in (0, 7, 14, 21, 28, 35)] == [1, 2, 3, 4, 5, 6]
 
 
-def test_there_is_no_message_without_a_pose():
+def test_an_answer_without_a_pose_has_no_message():
     with pytest.raises(ValueError, match="only a localized answer"):
         to_pose_cdr(Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,)), Stamp())
 

@@ -9,7 +9,7 @@ from firstfix.errors import InputError, MalformedData, NotFound
 from firstfix.ros.static_transforms import StaticTransforms, decode_transforms
 from firstfix.transform import from_quaternion, inverse
 from tests import ros_samples
-from tests.ros_samples import ROS1, ROS2, cdr
+from tests.ros_samples import ROS1, cdr
 
 BASE_MAST = from_quaternion([0.1, 0.2, 1.0], [0, 0, 0.3, 0.9])
 MAST_LIDAR = from_quaternion([0.0, 0.0, 0.4], [0.1, 0, 0, 0.9])
@@ -25,7 +25,7 @@ def frames() -> StaticTransforms:
     return known
 
 
-def test_every_way_through_the_tree(frames):
+def test_frames_are_joined_along_every_way(frames):
     np.testing.assert_allclose(frames.between("base_link", "lidar"), BASE_MAST @ MAST_LIDAR, atol=1e-12)
     np.testing.assert_allclose(
         frames.between("lidar", "imu"), inverse(BASE_MAST @ MAST_LIDAR) @ BASE_IMU, atol=1e-12
@@ -34,12 +34,12 @@ def test_every_way_through_the_tree(frames):
     np.testing.assert_array_equal(frames.between("/imu", "imu"), np.eye(4))
 
 
-def test_frames_that_nothing_joins_are_named(frames):
+def test_unconnected_frames_are_named(frames):
     with pytest.raises(NotFound, match="'lidar' and 'camera': they hang on 'base_link' and 'camera'"):
         frames.between("lidar", "camera")
 
 
-def test_a_loop_ends():
+def test_a_circle_of_frames_is_refused():
     known = StaticTransforms()
     known.add({"a": ("b", np.eye(4)), "b": ("a", np.eye(4))})
     for source in ("a", "b"):
@@ -47,14 +47,14 @@ def test_a_loop_ends():
             known.between("c", source)
 
 
-def test_ros1_says_the_same():
+def test_ros1_transforms_are_read():
     body = ros_samples.ros1(ros_samples.transforms(TREE, stores=ROS1))
     parent, T = decode_transforms(body, ros1=True)["lidar"]
     assert parent == "mast"
     np.testing.assert_allclose(T, MAST_LIDAR, atol=1e-12)
 
 
-def test_bytes_that_are_none():
+def test_truncated_transforms_are_input_errors():
     body = cdr(ros_samples.transforms(TREE))
     for end in range(len(body)):
         with pytest.raises(InputError):
@@ -63,18 +63,18 @@ def test_bytes_that_are_none():
         decode_transforms(body[:4] + b"\xff\xff\xff\xff" + body[8:])
 
 
-def test_a_rotation_without_direction_is_refused():
-    message = ros_samples.transforms(TREE[:1])
-    message.transforms[0].transform.rotation = ROS2.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 0.0)
-    with pytest.raises(MalformedData, match="no direction"):
-        decode_transforms(cdr(message))
-    message = ros_samples.transforms(TREE[:1])
-    message.transforms[0].transform.translation.x = np.nan
-    with pytest.raises(MalformedData, match="not finite"):
+@pytest.mark.parametrize(
+    ("field", "name", "value", "says"),
+    [("rotation", "w", 0.0, "no direction"), ("translation", "x", np.nan, "not finite")],
+)
+def test_an_invalid_transform_is_malformed(field, name, value, says):
+    message = ros_samples.transforms([("base_link", "mast", np.eye(4))])
+    setattr(getattr(message.transforms[0].transform, field), name, value)
+    with pytest.raises(MalformedData, match=says):
         decode_transforms(cdr(message))
 
 
-def test_of_two_mountings_the_last_counts_or_neither_does():
+def test_the_last_of_two_mountings_counts_or_neither():
     moved = BASE_MAST.copy()
     moved[0, 3] += 0.01
     for strict in (False, True):
@@ -84,14 +84,11 @@ def test_of_two_mountings_the_last_counts_or_neither_does():
         if not strict:
             np.testing.assert_allclose(known.between("base_link", "lidar"), moved @ MAST_LIDAR, atol=1e-12)
             continue
-        with pytest.raises(
-            MalformedData, match="'mast' is mounted in two ways, on 'base_link' and on 'base_link'"
-        ):
-            known.between("base_link", "lidar")
-        with pytest.raises(
-            MalformedData, match="'imu' is mounted in two ways, on 'base_link' and on 'elsewhere'"
-        ):
-            known.between("elsewhere", "imu")
+        for child, parents in (("lidar", ("base_link", "base_link")), ("imu", ("base_link", "elsewhere"))):
+            mounted = "mast" if child == "lidar" else child
+            says = f"'{mounted}' is mounted in two ways, on '{parents[0]}' and on '{parents[1]}'"
+            with pytest.raises(MalformedData, match=says):
+                known.between(parents[1], child)
         # Below the disputed frame nothing is in doubt.
         np.testing.assert_allclose(known.between("mast", "lidar"), MAST_LIDAR, atol=1e-12)
 
