@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
+import pytest
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -48,6 +49,13 @@ class AnswerServer:
         self._server.should_exit = True
         self._server.force_exit = True
         self._thread.join(LIMIT_S)
+
+
+@pytest.fixture
+def server() -> Iterator[AnswerServer]:
+    running = AnswerServer()
+    yield running
+    running.stop()
 
 
 def ok(body: bytes = b"{}", status: int = 200, **headers: str) -> Response:

@@ -82,13 +82,13 @@ def silent() -> Iterator[Silent]:
     one.stop()
 
 
-def test_who_is_not_there_is_passed_over(client: Make, servers, nobody: str):
+def test_an_unreachable_address_is_passed_over(client: Make, servers, nobody: str):
     asking = client([nobody, servers[0].url], retry=RetryPolicy(attempts=2, first_wait_s=30, max_wait_s=30))
     assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
 
 
 @pytest.mark.parametrize("code", ["overloaded", "store_unavailable", "read_only"])
-def test_who_cannot_now_is_passed_over_without_a_wait(client: Make, servers, code: str):
+def test_a_busy_address_is_passed_over_without_a_wait(client: Make, servers, code: str):
     busy, free = servers
     busy.answers = [problem(code, 503, **{"Retry-After": "30"})]
     asking = client([busy.url, free.url], hedge=False)
@@ -98,7 +98,7 @@ def test_who_cannot_now_is_passed_over_without_a_wait(client: Make, servers, cod
     assert len(free.requests) == 3
 
 
-def test_a_limit_for_the_caller_is_not_dodged(client: Make, servers):
+def test_a_rate_limit_is_not_dodged(client: Make, servers):
     strict, other = servers
     strict.answers = [problem("rate_limited", 429, **{"Retry-After": "3000"})]
     with pytest.raises(RateLimited):
@@ -116,7 +116,7 @@ def test_an_answer_is_final_whatever_it_is(client: Make, servers):
     assert second.requests == []
 
 
-def test_all_are_asked_before_it_gives_up(client: Make, servers, nobody: str):
+def test_all_addresses_are_asked_before_it_gives_up(client: Make, servers, nobody: str):
     for one in servers:
         one.answers = [problem("overloaded", 503)]
     with pytest.raises(Overloaded):
@@ -126,7 +126,7 @@ def test_all_are_asked_before_it_gives_up(client: Make, servers, nobody: str):
         client([nobody]).maps()
 
 
-def test_a_slow_one_is_raced_and_told_to_stop(client: Make, servers, silent: Silent):
+def test_a_slow_address_is_raced_and_cancelled(client: Make, servers, silent: Silent):
     asking = client([silent.url, servers[0].url], hedge=SOON, timeout_s=50.0)
     assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
     assert silent.asked.is_set()
@@ -159,7 +159,7 @@ def test_a_slow_answer_wins_over_a_quick_failure(client: Make, servers):
     assert (len(slow.requests), len(busy.requests)) == (1, 1)
 
 
-def test_one_address_is_asked_twice_only_if_it_is_wished(client: Make, servers):
+def test_one_address_is_hedged_only_if_wished(client: Make, servers):
     one, _ = servers
 
     def raced() -> Response:
@@ -177,7 +177,7 @@ def test_one_address_is_asked_twice_only_if_it_is_wished(client: Make, servers):
     assert len(one.requests) == 3
 
 
-def test_two_that_hang_end_at_the_deadline(client: Make, silent: Silent):
+def test_two_hanging_addresses_end_at_the_deadline(client: Make, silent: Silent):
     other = Silent()
     with pytest.raises(DeadlineExceeded):
         client([silent.url, other.url], hedge=SOON, timeout_s=3).localize(SCAN, map_id="hall")
@@ -218,7 +218,7 @@ def test_without_hedging_one_that_hangs_leaves_time(client: Make, servers, silen
     assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
 
 
-def test_what_may_not_be_done_twice_is_asked_once(client: Make, servers):
+def test_an_unrepeatable_call_is_sent_once(client: Make, servers):
     breaking = socket.create_server(("127.0.0.1", 0))
 
     def break_once() -> None:
@@ -253,6 +253,6 @@ def test_a_cancelled_query_hangs_up(silent: Silent):
     assert silent.left.wait(LIMIT_S)
 
 
-def test_addresses_in_one_text(client: Make, servers, nobody: str):
+def test_addresses_are_read_from_one_text(client: Make, servers, nobody: str):
     asking = client(f"{nobody}, {servers[0].url}/")
     assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED

@@ -62,7 +62,7 @@ def test_nothing_is_loaded_before_its_use():
     assert run(f"import sys, firstfix; print({loaded})").strip() == "[]"
 
 
-def test_a_name_that_this_installation_cannot_load_says_what_to_install():
+def test_a_missing_package_says_what_to_install():
     """The base installation has no pydantic, obstore or scipy."""
     program = (
         "import sys; sys.modules['scipy'] = sys.modules['pydantic'] = None\n"

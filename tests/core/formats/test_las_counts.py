@@ -75,13 +75,13 @@ def compression(path: Path) -> int:
 @pytest.mark.parametrize(
     ("place", "offset", "value", "says"),
     [
-        (compression, 0, struct.pack("<H", 9), ""),  # compressor
-        (compression, 12, struct.pack("<I", 0), ""),  # points a chunk
-        (compression, 12, struct.pack("<I", 100), ""),  # three chunks, and there is one
-        (compression, 12, struct.pack("<I", 0xFFFFFFFF), ""),  # the table has no numbers of points
-        (compression, 32, struct.pack("<H", 0xFFFF), ""),  # items
-        (compression, 36, struct.pack("<H", 0xFFFF), ""),  # bytes of the first item
-        (compression, 38, struct.pack("<H", 2), ""),  # version of the first item
+        (compression, 0, struct.pack("<H", 9), None),  # compressor
+        (compression, 12, struct.pack("<I", 0), None),  # points a chunk
+        (compression, 12, struct.pack("<I", 100), None),  # three chunks, and there is one
+        (compression, 12, struct.pack("<I", 0xFFFFFFFF), None),  # the table has no numbers of points
+        (compression, 32, struct.pack("<H", 0xFFFF), None),  # items
+        (compression, 36, struct.pack("<H", 0xFFFF), None),  # bytes of the first item
+        (compression, 38, struct.pack("<H", 2), None),  # version of the first item
         *((chunk_table, 4, struct.pack("<I", count), "chunks") for count in (0, 2, 0xFFFFFFFF)),
         *((points_start, 0, struct.pack("<q", place), "table") for place in (-1, 0, 2**40, 2**63 - 1)),
         *((points_start, 42 + 4 * layer, b"\xf0\xff\xff\xff", "layers of chunk 0") for layer in range(9)),

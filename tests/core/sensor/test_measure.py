@@ -83,7 +83,7 @@ def test_beams_that_returned_nothing_are_missing_and_the_preset_is_named_all_the
     assert found.presets == ("os1-64",)
 
 
-def test_a_units_own_beams_are_a_little_off():
+def test_beams_a_little_off_are_those_of_the_preset():
     known = preset("os1-128")
     own = SensorModel.from_mapping(
         {**known.to_mapping(), "elevations_deg": [0.95 * up + 0.2 for up in known.elevations_deg]}
