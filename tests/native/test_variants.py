@@ -102,9 +102,7 @@ def test_a_module_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.parametrize(("variant", "flags"), [("sse9", set()), ("avx512", {"avx2", "fma"})])
-def test_a_module_that_the_processor_cannot_run_is_refused(
-    variant: str, flags: set[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_module_that_the_processor_cannot_run_is_refused(variant: str, flags: set[str], monkeypatch):
     monkeypatch.setenv(choice.VARIABLE, variant)
     monkeypatch.setattr(choice, "_processor_flags", lambda: flags)
     with pytest.raises(ImportError, match=f"{variant}.*it can be auto, baseline or off"):

@@ -185,9 +185,7 @@ def cgroups(folder: Path, files: dict[str, str], of_this_process: str) -> tuple[
         ({}, "", MACHINE),
     ],
 )
-def test_the_memory_is_that_of_the_machine_or_of_the_container(
-    tmp_path: Path, files: dict[str, str], of_this_process: str, found: int
-):
+def test_the_memory_is_that_of_the_machine_or_of_the_container(tmp_path, files, of_this_process, found):
     assert memory_bytes(*cgroups(tmp_path, files, of_this_process)) == found
     assert memory_bytes(tmp_path / "none", tmp_path / "none") == MACHINE, "without cgroups"
     assert default_build_memory_bytes() == memory_bytes() // 2

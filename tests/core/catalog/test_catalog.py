@@ -84,9 +84,7 @@ def test_a_part_of_a_known_version_costs_one_request(tmp_path: Path):
         reader.read_part("hall", version, "c.npy", 0, 1)
 
 
-def test_a_part_of_a_retired_version_is_not_found_when_its_files_are_gone(
-    any_catalog: Catalog, tmp_path: Path
-):
+def test_a_part_of_a_retired_version_is_not_found_when_its_files_are_gone(any_catalog, tmp_path):
     manifest = make_version(tmp_path / "v", b"0123456789")
     version = any_catalog.publish("hall", tmp_path / "v", manifest)
     reader = Catalog(any_catalog.store)
@@ -126,9 +124,7 @@ def test_publishing_twice_changes_nothing(any_catalog: Catalog, tmp_path: Path):
 
 
 @pytest.mark.parametrize("put_first", [False, True])
-def test_a_publish_killed_at_any_put_is_never_half_visible_and_can_be_resumed(
-    put_first: bool, tmp_path: Path
-):
+def test_a_publish_killed_at_any_put_is_never_half_visible_and_can_be_resumed(put_first: bool, tmp_path):
     old = make_version(tmp_path / "old", b"old")
     new = make_version(tmp_path / "new", b"new")
     puts = len(new.files) + 3  # manifest, published, activated
@@ -242,9 +238,7 @@ def test_every_damaged_file_is_refused_by_name(name: str, damage: str, any_store
     make_version(tmp_path / "v").verify_directory(catalog.fetch_version("hall", version, tmp_path / "cache"))
 
 
-def test_a_restart_of_the_machine_verifies_everything_again(
-    catalog: Catalog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_restart_of_the_machine_verifies_everything_again(catalog, tmp_path, monkeypatch):
     """A power cut may have destroyed bytes of a fetched file without changing its size and time."""
     version = publish(catalog, tmp_path)
     path = catalog.fetch_version("hall", version, tmp_path / "cache") / "a.npy"
@@ -371,9 +365,7 @@ def test_every_change_leaves_a_notice(any_catalog: Catalog, tmp_path: Path):
     assert any_catalog.changes.since(6) == (["hall"], 7)
 
 
-def test_a_notice_that_cannot_be_written_does_not_undo_the_change(
-    catalog: Catalog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_notice_that_cannot_be_written_does_not_undo_the_change(catalog, tmp_path, monkeypatch):
 
     def fails(map_id: str) -> None:
         raise StoreUnavailable("gone")

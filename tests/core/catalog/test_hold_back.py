@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from firstfix.builds.config import ActivateConfig, PatchMode
+from firstfix.builds.config import ActivateConfig
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.version_findings import findings_of
@@ -128,9 +128,7 @@ def test_a_self_test_without_its_queries_holds_back(maker: Maker):
         (28, 40, False),
     ],
 )
-def test_real_scans_hold_back_if_too_few_are_found_by_more_than_chance(
-    maker: Maker, found: int, asked: int, is_held: bool
-):
+def test_real_scans_hold_back_if_too_few_are_found_by_more_than_chance(maker, found, asked, is_held):
     tested = {"queries": 120, "found": 0.95, "real": {"of_source": {"asked": asked, "found": found}}}
     assert maker.build(0.95, self_test=tested) == ("self_test_real_low" if is_held else None)
     any_real = ActivateConfig(min_real_found=0.0)
@@ -172,9 +170,7 @@ PATCH = {"queries": 9, "robots": 2, "areas": [], "added_points": 1, "removed_poi
         ({"found": 0.75}, "activate", "self_test_worse"),
     ],
 )
-def test_a_patch_is_held_back_where_it_is_worse_or_outdated(
-    maker: Maker, told: dict[str, Any], mode: PatchMode, held: str | None
-):
+def test_a_patch_is_held_back_where_it_is_worse_or_outdated(maker, told, mode, held):
     maker.build(0.9)
     compared = {name: told.get(name, value) for name, value in COMPARED.items()}
     record = {**PATCH, "base": told.get("base", maker.active), "compared": compared}

@@ -151,9 +151,7 @@ def test_many_parts_are_merged_and_count_once(catalog: Catalog, folder: VersionF
     assert total(sightings.read(folder)) == MERGE_FROM + 1
 
 
-def test_a_merge_that_was_killed_counts_nothing_twice(
-    catalog: Catalog, folder: VersionFolder, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_merge_that_was_killed_counts_nothing_twice(catalog, folder, monkeypatch):
     sightings = Sightings(catalog.store)
     put_parts(sightings, folder)
     with monkeypatch.context() as patch:
@@ -168,9 +166,7 @@ def test_a_merge_that_was_killed_counts_nothing_twice(
     assert objects(catalog, folder) == ["merged/000002.json"], "the parts that were left are gone too"
 
 
-def test_one_of_two_simultaneous_merges_wins(
-    catalog: Catalog, folder: VersionFolder, monkeypatch: pytest.MonkeyPatch
-):
+def test_one_of_two_simultaneous_merges_wins(catalog, folder, monkeypatch):
     one, other = Sightings(catalog.store), Sightings(catalog.store)
     put_parts(one, folder)
     put_new, raced = Store.put_new, []

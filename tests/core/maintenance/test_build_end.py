@@ -41,9 +41,7 @@ def ended(state: str = "cancelled", **changes: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("state", ["cancelled", "failed"])
-def test_the_provisional_version_and_the_source_of_an_ended_build_go(
-    any_catalog: Catalog, tmp_path: Path, state: str
-):
+def test_the_provisional_version_and_the_source_of_an_ended_build_go(any_catalog, tmp_path, state: str):
     recorded(any_catalog, tmp_path, "b1")
     published(any_catalog, tmp_path, "b1", provisional=True)
     for _ in range(2):
@@ -103,9 +101,7 @@ def test_a_kill_on_the_way_is_mended_by_a_repeat(tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.parametrize("full", [False, True])
-def test_a_damaged_status_is_repaired_with_what_the_build_has_published(
-    any_catalog: Catalog, tmp_path: Path, full: bool
-):
+def test_a_damaged_status_is_repaired_with_what_the_build_has_published(any_catalog, tmp_path, full: bool):
     recorded(any_catalog, tmp_path, "b1")
     early = published(any_catalog, tmp_path, "b1", provisional=True)
     if full:

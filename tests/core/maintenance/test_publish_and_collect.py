@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -58,9 +57,7 @@ def check_whole(store: Store, made: tuple[Path, Manifest], cache: Path) -> None:
 
 
 @pytest.mark.parametrize("left", LEFT)
-def test_a_version_published_during_a_collection_is_whole(
-    left: Callable[..., None], made: tuple[Path, Manifest], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_version_published_during_a_collection_is_whole(left, made, tmp_path, monkeypatch):
     def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         left(store, made)
@@ -74,13 +71,7 @@ def test_a_version_published_during_a_collection_is_whole(
 
 @pytest.mark.parametrize("left", LEFT)
 @pytest.mark.parametrize("killed", ["publish", "collect"])
-def test_a_kill_at_any_point_is_mended_by_a_repeat(
-    left: Callable[..., None],
-    killed: str,
-    made: tuple[Path, Manifest],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_a_kill_at_any_point_is_mended_by_a_repeat(left, killed, made, tmp_path, monkeypatch):
     def run(kill_at: int, switches: tuple[int, ...]) -> int:
         store = Store.open("memory://")
         left(store, made)

@@ -128,9 +128,7 @@ def test_a_map_that_seems_changed_is_patched_once_a_day_whoever_asks(catalog: Ca
     assert len(request_due_patches(catalog, HOUR + timedelta(days=1))) == 1
 
 
-def test_a_map_is_not_patched_by_itself_without_its_config_or_without_three_days(
-    catalog: Catalog, tmp_path: Path
-):
+def test_a_map_is_not_patched_by_itself_without_its_config_or_without_three_days(catalog, tmp_path):
     version = built(catalog, tmp_path, patch="propose")
     assert request_due_patches(catalog, HOUR) == []
     see_changes(catalog, version, 2)

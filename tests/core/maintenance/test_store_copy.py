@@ -167,9 +167,7 @@ FLIPPED = {
 
 
 @pytest.mark.parametrize("side", ["source", "target"])
-def test_of_two_copies_the_one_with_the_right_checksum_wins(
-    source: Catalog, target: Catalog, tmp_path: Path, side: str
-):
+def test_of_two_copies_the_one_with_the_right_checksum_wins(source, target, tmp_path, side):
     store = (source if side == "source" else target).store
     right = {key: store.get(key) for key in FLIPPED}
     for key, word in FLIPPED.items():

@@ -137,9 +137,7 @@ class Calls:
 
 
 @each_writer
-def test_a_file_has_its_name_after_its_bytes_are_on_disk(
-    tmp_path: Path, source: Path, write: Any, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_file_has_its_name_after_its_bytes_are_on_disk(tmp_path, source: Path, write: Any, monkeypatch):
     root = tmp_path / "store"
     store = Store.open(f"file://{root}")
     calls = Calls(root, monkeypatch)
@@ -173,9 +171,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, name: str, number: int) -> Iterator
     ("number", "error"),
     [(errno.ENOSPC, OutOfSpace), (errno.EROFS, StoreUnavailable), (errno.EACCES, StoreError)],
 )
-def test_a_failed_put_leaves_nothing(
-    tmp_path: Path, source: Path, write: Any, number: int, error: type, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_failed_put_leaves_nothing(tmp_path, source, write, number, error, monkeypatch):
     store = Store.open(f"file://{tmp_path / 'store'}")
     with failing(monkeypatch, "fsync", number), pytest.raises(error):
         write(store, source)
@@ -184,9 +180,7 @@ def test_a_failed_put_leaves_nothing(
     assert store.get(KEY) == CONTENT
 
 
-def test_without_hard_links_a_rename_that_does_not_replace_decides(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_without_hard_links_a_rename_that_does_not_replace_decides(tmp_path, monkeypatch):
     store = Store.open(f"file://{tmp_path}")
     with failing(monkeypatch, "link", errno.EPERM):
         store.probe()

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.manifest import Manifest
 from firstfix.errors import ReadOnly, StoreError, StoreUnavailable
 from firstfix.store.aws_credentials import credentials_file
 from firstfix.store.store import Store
@@ -65,9 +64,7 @@ def test_a_read_only_directory_is_not_made(tmp_path: Path):
     assert not (tmp_path / "none").exists()
 
 
-def test_a_server_that_takes_no_writes_serves_a_read_only_store(
-    gateway_folder: Path, no_keys: pytest.MonkeyPatch, made: tuple[Path, Manifest], tmp_path: Path
-):
+def test_a_server_that_takes_no_writes_serves_a_read_only_store(gateway_folder, no_keys, made, tmp_path):
     port, access, secret = free_port(), secrets.token_hex(8), secrets.token_hex(16)
     no_keys.setenv("AWS_ACCESS_KEY_ID", access)
     no_keys.setenv("AWS_SECRET_ACCESS_KEY", secret)

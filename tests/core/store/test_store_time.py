@@ -67,9 +67,7 @@ def test_a_store_tells_its_time_whatever_this_clock_says(any_store_url: str, wro
     assert abs(before - datetime.now(timezone.utc)) < timedelta(hours=1)
 
 
-def test_new_objects_are_young_whatever_this_clock_says(
-    any_store_url: str, wrong_clock: None, tmp_path: Path
-):
+def test_new_objects_are_young_whatever_this_clock_says(any_store_url, wrong_clock: None, tmp_path):
     store = Store.open(any_store_url)
     catalog = Catalog(store)
     catalog.retire("hall", publish(catalog, tmp_path, "made"), force=True)

@@ -54,9 +54,7 @@ def collect(store: Store) -> int:
         ([(PUB, A), (PUB, A)], (A,), ()),
     ],
 )
-def test_a_log_adds_up_to_its_published_and_activated_versions(
-    events: list[tuple[Event, str]], published: tuple[str, ...], activated: tuple[str, ...]
-):
+def test_a_log_adds_up_to_its_published_and_activated_versions(events, published, activated):
     log = MapLog(Store.open("memory://"), "log")
     for event, version in events:
         log.append(event, version, needed=_always)

@@ -250,9 +250,7 @@ def works(writer: Callable[[Store], Callable[[], Any]], store: Store) -> list[Ca
 
 
 @pytest.mark.parametrize("writer", [appended, finished])
-def test_nothing_is_left_of_a_removed_upload_whatever_comes_first(
-    writer: Callable[[Store], Callable[[], Any]], monkeypatch: pytest.MonkeyPatch
-):
+def test_nothing_is_left_of_a_removed_upload_whatever_comes_first(writer, monkeypatch):
     def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         actors = works(writer, store)
@@ -265,9 +263,7 @@ def test_nothing_is_left_of_a_removed_upload_whatever_comes_first(
 
 @pytest.mark.parametrize("killed", ["writer", "remover"])
 @pytest.mark.parametrize("writer", [appended, finished])
-def test_leftovers_of_a_kill_go_with_the_next_look(
-    writer: Callable[[Store], Callable[[], Any]], killed: str, monkeypatch: pytest.MonkeyPatch
-):
+def test_leftovers_of_a_kill_go_with_the_next_look(writer, killed, monkeypatch):
     def run(kill_at: int, switches: tuple[int, ...]) -> int:
         store = Store.open("memory://")
         actors = works(writer, store)

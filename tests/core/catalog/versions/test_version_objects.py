@@ -92,9 +92,7 @@ def test_a_restart_of_the_machine_fetches_nothing_again(fetched: Fetched, monkey
 
 
 @pytest.mark.parametrize("generation", [0, 12])
-def test_a_version_is_read_by_another_process(
-    any_store_url: str, made: tuple[Path, Manifest], tmp_path: Path, generation: int
-):
+def test_a_version_is_read_by_another_process(any_store_url, made, tmp_path, generation: int):
     folder, manifest = made
     store = Store.open(any_store_url)
     at = VersionFolder("hall", manifest.digest, generation)
