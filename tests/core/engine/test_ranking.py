@@ -168,7 +168,7 @@ def test_no_cases_leave_the_prior():
     assert Calibration.fit([], [], []) == Calibration()
 
 
-def test_round_trip():
+def test_a_calibration_is_read_from_its_mapping():
     fitted = Calibration.fit(*cases(200, 3))
     assert Calibration.from_mapping(fitted.to_mapping()) == fitted
     assert fitted.cases == 200

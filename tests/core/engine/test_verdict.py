@@ -1,3 +1,5 @@
+"""Verdicts of places: rivals, ties, thresholds, motion, and scans from several spots."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -6,12 +8,15 @@ import pytest
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.calibration import Calibration
-from firstfix.engine.config import EngineConfig
+from firstfix.engine.config import EngineConfig, PreprocessConfig
 from firstfix.engine.index import FreeSpaceShares, MapIndex
+from firstfix.engine.preprocess import preprocess, spots_of
 from firstfix.engine.ranking import RANKING
-from firstfix.engine.registered_candidate import RegisteredCandidate
+from firstfix.engine.registered_candidate import RegisteredCandidate, features_of
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.verdict import judge
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import make_transform
 
 CALIBRATION = Calibration(min_inlier_ratio=0.5)
@@ -58,7 +63,7 @@ def test_an_alias_makes_it_ambiguous_and_both_are_returned():
     assert answer.hypotheses[0].probability == answer.hypotheses[1].probability == answer.probability / 2
 
 
-def test_of_places_that_tie_the_probability_is_that_the_truth_is_among_them():
+def test_the_probability_of_a_tie_is_that_the_truth_is_among_them():
     alone = judged(place(0, 0.95), place(2, 0.5))
     tied = judged(place(0, 0.95), place(1, 0.95), place(2, 0.5))
     assert (tied.verdict, tied.reasons) == (Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,))
@@ -140,7 +145,7 @@ def test_a_scan_in_motion_needs_what_the_map_s_own_cases_ask_for(twist, verdict)
     assert judged(moving, calibration=taught, min_probability=0.5).verdict is Verdict.LOCALIZED
 
 
-def test_no_place_is_no_candidate():
+def test_without_a_place_there_is_no_candidate():
     assert judged().reasons == (Reason.NO_CANDIDATE,)
 
 
@@ -157,3 +162,35 @@ def test_only_a_localized_answer_has_a_pose():
     assert judged(place(0, 0.95)).covariance.shape == (6, 6)
     for answer in (judged(place(0, 0.95), place(1, 0.94)), judged(place(0, 0.45))):
         assert (answer.T_map_sensor, answer.covariance, answer.map_id) == (None, None, "")
+
+
+PLAIN = MapIndex(EngineConfig(), Calibration(), None, None, None)
+BOX = Scan.from_points(np.random.default_rng(1).uniform(-1, 1, (4000, 3)) * [8, 6, 1.5])
+
+
+def fit_at(x: float, score: float) -> RegisteredCandidate:
+    T_level_sensor = make_transform(np.eye(3), [x, 0, 0])
+    return RegisteredCandidate(PLAIN, "", 0, Registration(T_level_sensor, 0.95, score, np.eye(6)))
+
+
+def test_the_margin_counts_once_for_each_spot():
+    one = [fit_at(0, 0.9), fit_at(20, 0.8)]
+    three = [replace(candidate, spots=3) for candidate in one]
+    assert features_of(three).margin == pytest.approx(3 * features_of(one).margin)
+    assert PLAIN.calibration.probability(features_of(three)) > PLAIN.calibration.probability(features_of(one))
+    assert features_of(three, 1).margin == pytest.approx(3 * features_of(one, 1).margin), "a rival loses"
+
+
+def test_places_that_tie_tie_from_any_number_of_spots():
+    tied = [replace(fit_at(0, 0.9), spots=5), replace(fit_at(20, 0.89), spots=5)]
+    assert features_of(tied).tied == 2
+
+
+@pytest.mark.parametrize(
+    ("ways_m", "spots"), [((0.0,), 1), ((0, 0.3, 0.6), 1), ((0, 2, 4), 3), ((0, 2, 0.2), 2)]
+)
+def test_spots_are_a_metre_apart(ways_m, spots):
+    poses = [make_transform(np.eye(3), [x, 0, 0]) for x in ways_m]
+    prepared = preprocess(ScanSequence.along([BOX] * len(poses), poses), None, PreprocessConfig())
+    assert prepared is not None
+    assert spots_of(prepared.scans, RANKING.spots_apart_m) == spots

@@ -33,7 +33,7 @@ def kinds(found: Tally) -> list[str]:
     return [area.kind for area in find_areas(found)]
 
 
-def test_some_spots_must_agree():
+def test_an_area_needs_some_spots():
     assert kinds(tally(2, contradicted=PLACE)) == []
     assert kinds(tally(8, contradicted=PLACE)) == ["gone"]
     assert kinds(tally(8, unexplained=PLACE)) == ["new"]
@@ -50,7 +50,7 @@ def test_a_robot_that_stands_still_has_one_vote():
     assert kinds(Tally.sum([parked, tally(8, 30, contradicted=PLACE)])) == ["gone"]
 
 
-def test_what_comes_and_goes_is_not_new():
+def test_passing_things_are_not_new():
     """From each spot somebody stood there once, and mostly nobody."""
     some, none = tally(20, unexplained=PLACE), tally(20, free=PLACE)
     assert kinds(Tally.sum([some, *[none] * 9])) == []

@@ -128,7 +128,7 @@ def test_eigenvalues_are_those_of_numpy():
         )
 
 
-def test_all_kinds_are_whole():
+def test_every_kind_of_finding_is_complete():
     assert len(KINDS) > 20
     for code, kind in KINDS.items():
         assert kind.code == code

@@ -39,7 +39,7 @@ def agreement(of_map: Surface, scan: Surface, T: np.ndarray | None = None) -> Ag
 
 
 @pytest.mark.parametrize("name", list(MAPS))
-def test_it_is_that_of_numpy(name: str):
+def test_the_kernel_agrees_with_numpy(name: str):
     place = recorded_place(name)
     for number, (query, T) in enumerate(place.scans):
         reach_m = np.array([[0], [0.05], [0.2], [0.5], [1], [30]])
@@ -91,7 +91,7 @@ def test_floors_and_ceilings_say_nothing():
     assert agreement(floor, floor) == Agreement(0.0, 1.0)
 
 
-def test_of_no_points_nothing_is_claimed():
+def test_without_points_nothing_is_claimed():
     assert agreement(ROOM, ROOM.at(slice(0, 0))) == Agreement(0.0, 1.0)
     assert MapSurface.of(ROOM, CONFIG).agreements(ROOM, np.empty((0, 4, 4))) == []
 

@@ -92,14 +92,14 @@ def test_at_a_pose_a_metre_off_walls_are_seen_through():
     assert found.free_space_violation > 0.05
 
 
-def test_far_from_the_map_all_is_contradiction():
+def test_far_from_the_map_everything_contradicts():
     nowhere = make_transform(np.eye(3), [500.0, 0, 0])
     nothing = RangeView.of(np.empty((0, 3), np.float32))
     assert seen_through(WALLS, scan_of(WALLS, np.eye(4)), nowhere) == FreeSpaceShares(1.0, 0.0)
     assert seen_through(WALLS, nothing, np.eye(4)) == FreeSpaceShares(1.0, 0.0)
 
 
-def test_several_scans_count_alike():
+def test_shares_of_several_scans_are_averaged():
     assert FreeSpaceShares.mean([FreeSpaceShares(0.25, 0.5), FreeSpaceShares(0.75, 0.0)]) == FreeSpaceShares(
         0.5, 0.25
     )
