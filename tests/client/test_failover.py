@@ -106,7 +106,7 @@ def test_a_rate_limit_is_not_dodged(client: Make, servers):
     assert other.requests == []
 
 
-def test_an_answer_is_final_whatever_it_is(client: Make, servers):
+def test_an_answer_of_any_verdict_is_final(client: Make, servers):
     first, second = servers
     first.answers = [ok(answer_bytes(REJECTED)), problem("not_found", 404)]
     asking = client([first.url, second.url])

@@ -112,7 +112,7 @@ def test_a_final_error_is_not_retried(server, code, status):
     assert len(server.requests) == 1
 
 
-def test_it_gives_up_after_its_attempts(server):
+def test_a_call_gives_up_after_its_attempts(server):
     server.answers = [problem("overloaded", 503)]
     with pytest.raises(Overloaded):
         Client(server.url, retry=QUICK).localize(SCAN, map_id="hall")

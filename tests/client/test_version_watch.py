@@ -65,7 +65,7 @@ def test_known_versions_come_first_then_changes(teller: Teller, client: ZenohCli
         assert next(watch) == VersionChange("hall", None, "b")
 
 
-def test_old_and_equal_notices_are_not_told(teller: Teller, client: ZenohClient):
+def test_old_and_equal_notices_are_ignored(teller: Teller, client: ZenohClient):
     teller.know(5, "a")
     with client.watch_versions() as watch:
         next(watch)
@@ -96,7 +96,7 @@ def test_a_slow_reader_gets_the_last_one(teller: Teller, client: ZenohClient):
             assert int(str(change.version)[1:]) > int(str(change.previous)[1:])
 
 
-def test_it_ends_when_it_is_closed(teller: Teller, client: ZenohClient):
+def test_a_closed_watch_ends(teller: Teller, client: ZenohClient):
     watch = client.watch_versions()
     ended: list[VersionChange] = []
     thread = threading.Thread(target=lambda: ended.extend(watch))

@@ -109,7 +109,7 @@ def test_a_fix_is_a_typed_answer(replica, client):
     assert np.abs(wire.decode_scan(body).points - SCAN.points).max() < 0.0051
 
 
-def test_it_sends_what_the_http_client_sends(replica, client):
+def test_zenoh_and_http_clients_send_the_same_bodies(replica, client):
     only = replica("r1")
     parameters = DescriptorParameters(descriptor=LayeredOccupancy(PolarGrid(20, 60, 25.0)))
     client.localize(SCAN, map_id="hall", encoding="compact")
@@ -262,7 +262,7 @@ def test_a_config_file_is_read(router, replica, tmp_path):
         ZenohClient(config=config)
 
 
-def test_without_zenoh_it_says_what_to_install(monkeypatch):
+def test_a_missing_zenoh_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "zenoh", None)
     with pytest.raises(ModuleNotFoundError, match=r"clients/python\[zenoh\]"):
         ZenohClient("tcp/localhost:7447")

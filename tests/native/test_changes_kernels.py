@@ -69,7 +69,7 @@ def test_cells_are_counted_as_in_numpy():
     np.testing.assert_array_equal(counts, expected[cells])
 
 
-def test_nothing_seen_and_nothing_mapped():
+def test_nothing_seen_and_nothing_mapped_compares_to_nothing():
     nothing = np.empty((0, 3), np.float32)
     far_away = make_transform(np.eye(3), [1e5, 0, 0])
     mapped, gone, met = native.compare_points(NEAR.tables, FAR.tables, 9.0, 25.0, far_away, nothing, 360)

@@ -15,7 +15,7 @@ AXES = np.stack([R_LEVEL_SENSOR, np.eye(3)])
 
 @pytest.mark.parametrize("count", [0, 1, 9, 256, len(FEW)])
 @pytest.mark.parametrize("T", [np.eye(4), T_MAP_SENSOR], ids=["level", "turned"])
-def test_what_surfaces_tell_is_that_of_the_reference(T: np.ndarray, count: int):
+def test_information_of_surfaces_is_that_of_the_reference(T: np.ndarray, count: int):
     grid, points = SurfaceGrid.of(SURFACE, 0.5), FEW[:count]
     sums, weights, squares = native.told(grid.tables, points, T, AXES, 0.4)
     expected, all_weights, all_squares = told_in(grid, points, T, AXES, 0.4)

@@ -99,7 +99,7 @@ def pose(x: float, yaw_deg: float = 0.0) -> np.ndarray:
     return make_transform(rotation_z(np.radians(yaw_deg)), [x, 0, 0])
 
 
-def test_a_radius_allows_what_lies_in_it():
+def test_a_radius_allows_poses_within_it():
     prior = Prior(np.array([1.0, 0, 0]), 2.0)
     assert prior.allows(pose(2.9, 170))
     assert not prior.allows(pose(3.1))

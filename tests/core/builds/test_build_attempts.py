@@ -32,7 +32,7 @@ def at(stage: str = "", progress: float = 0.0, state: str = "running") -> Mappin
     return new_status(state, map_id="hall", stage=stage, progress=progress)
 
 
-def test_a_build_is_one_holders_until_it_ends(store: Store):
+def test_a_build_has_one_holder_until_it_ends(store: Store):
     one, two = attempts(store, "one"), attempts(store, "two")
     assert not has_open_attempt(store, "b1")
     first = one.claim("b1", at())

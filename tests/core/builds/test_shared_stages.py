@@ -127,7 +127,7 @@ def test_old_stages_go_first(made: Path, tmp_path: Path):
     assert store.list("stages") == []
 
 
-def test_a_stage_that_is_collected_as_it_is_shared_is_right_or_not_there(made, tmp_path, monkeypatch):
+def test_a_stage_collected_while_it_is_shared_is_whole_or_missing(made, tmp_path, monkeypatch):
     def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         SharedStages(store).put(KEY, "mesh", made)

@@ -84,7 +84,7 @@ def test_a_first_map_that_fails_serves_nothing_not_even_provisionally(maker: Mak
 
 
 @pytest.mark.parametrize("provisional", [False, True])
-def test_a_finding_whose_kind_says_so_holds_every_version_back(maker: Maker, provisional: bool):
+def test_a_finding_of_a_holding_kind_holds_every_version_back(maker: Maker, provisional: bool):
     findings = [MAP_DOUBLED_WALLS_FOUND, MAP_NOT_LEVEL.found({"level_y_share": 0.4, "level_z_share": 0.1})]
     source = {"findings": [one.to_mapping() for one in findings]}
     held = maker.catalog.reason_to_hold(

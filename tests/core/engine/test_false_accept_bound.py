@@ -47,7 +47,7 @@ def test_the_rows_count_what_each_threshold_accepts():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_less_is_promised_with_a_higher_threshold(seed: int):
+def test_a_higher_threshold_has_a_lower_bound(seed: int):
     found = drawn(seed)
     bounds = [row.bound for row in found.rows]
     assert bounds == sorted(bounds, reverse=True)

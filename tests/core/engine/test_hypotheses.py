@@ -125,14 +125,14 @@ def test_candidates_are_ranked_by_alignment_and_free_space():
     assert {candidate.map_id for candidate in found} == {"yard"}
 
 
-def test_a_start_that_is_hopeless_on_the_coarse_grid_is_aligned_no_further_and_never_again():
+def test_a_hopeless_start_is_aligned_no_further():
     made_up = MadeUpMap([0.8, 0.5, 0.9], [0.0] * 3, coarse={0: 0.9, 1: 0.7, 2: 0.8})
     hypotheses = searching(made_up)
     assert [one.template for one in hypotheses.run(standing_at([0.0, 10.0, 20.0]))] == [2, 0]
     assert not len(hypotheses.untried(standing_at([10.0])))
 
 
-def test_where_no_place_explains_the_scan_hopeless_ones_are_rivals():
+def test_hopeless_places_are_rivals_if_no_place_explains_the_scan():
     made_up = MadeUpMap([0.8, 0.5, 0.82], [0.0] * 3, coarse={0: 0.9, 1: 0.7, 2: 0.8})
     assert [one.template for one in search(made_up)] == [2, 0, 1]
 
@@ -219,7 +219,7 @@ def test_a_prior_leaves_out_poses_elsewhere():
     assert search(MadeUpMap([0.9, 0.8], [0.0, 0.0]), prior=Prior(np.array([500.0, 0, 0]), 2.0)) == []
 
 
-def test_how_the_scan_agrees_is_measured_where_it_was_aligned_last():
+def test_agreement_is_measured_at_the_last_alignment():
     found = search(MadeUpMap([0.9, 0.3], [0.0, 0.0]), calibration=NEVER_SURE)
     assert [one.template for one in found] == [0, 1]
     assert [one.quality.beside_surface for one in found] == [0.1, 0.2]  # the second was not refined
@@ -287,7 +287,7 @@ def test_the_motion_is_solved_at_every_place_that_is_compared():
     assert made_up.refined == [*sparse_again, *sparse_again[3:]]  # only the places that are refined again
 
 
-def test_a_skewed_scan_is_not_moved_to_a_minimum_that_only_a_skewed_scan_has():
+def test_a_skewed_scan_is_not_moved_to_a_minimum_of_its_skew():
     """Beside each place stands a better minimum for the scan as it was taken."""
 
     class Moving(MadeUpMap):
@@ -338,7 +338,7 @@ CLEAR = Calibration(bias=-9, alignment_score=3, free_space=2, margin=15, alias_m
 RACING = np.array([12.0, 0, 0, 0, 0, 0])
 
 
-def test_places_that_need_an_unlikely_motion_do_not_end_the_check_before_a_place_that_needs_none():
+def test_places_of_unlikely_motion_do_not_end_the_check():
     """They align better, but count for less: the true place, where things have moved, is the best rival."""
 
     class Moving(MadeUpMap):
@@ -353,7 +353,7 @@ def test_places_that_need_an_unlikely_motion_do_not_end_the_check_before_a_place
     assert [one.template for one in found] == [0, 3]
 
 
-def test_a_known_alias_is_checked_where_the_answer_would_be_clear_beside_another_place():
+def test_a_known_alias_is_checked_before_a_clear_answer():
     made_up = MadeUpMap([0.95, 0.9, 0.87, 0.7], [0.0, 0.3, 0.0, 0.0])
     hypotheses = searching(made_up, calibration=CLEAR)
     found = hypotheses.run(standing_at([0.0, 10.0, 20.0, 30.0]))

@@ -92,7 +92,7 @@ def test_the_search_ends_at_the_level_that_finds_the_place(search_by, number):
     assert taken == ALL[: number + 1]
 
 
-def test_a_place_that_is_localized_ends_the_search_only_if_the_map_s_own_cases_say_so(search_by):
+def test_a_localized_place_ends_the_search_by_the_maps_own_threshold(search_by):
     """Many maps may have taught a lower threshold: what is searched for less is less often right."""
     sure = Calibration(min_probability=0.9, search_until=0.9)
     search, taken = search_by(LocalizeOptions(), found_by=Step.NARROW, calibration=sure)
@@ -111,7 +111,7 @@ def test_a_scan_of_another_place_takes_every_step_once(search_by):
     assert taken == ALL
 
 
-def test_where_one_map_explains_the_scan_no_other_one_takes_the_last_steps(search_by):
+def test_a_map_that_explains_the_scan_ends_the_search_of_others(search_by):
     options = LocalizeOptions()
     (found, by_first), (other, by_other) = search_by(options, found_by=Step.WIDE), search_by(options)
     localizer_module._search([found, other])

@@ -107,7 +107,7 @@ def test_one_place_has_to_be_surer_than_places_that_tie():
     assert judged(*alone, calibration=claiming(0.6, *alone)).reasons == (Reason.LOW_PROBABILITY,)
 
 
-def test_a_place_that_is_seen_through_is_rejected_and_told_so():
+def test_a_place_that_is_seen_through_is_rejected():
     answer = judged(place(0, 0.95, 0.15))
     assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.FREE_SPACE_VIOLATION,))
 
@@ -133,7 +133,7 @@ def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():
     ],
     ids=["at rest", "hardly moving", "driving", "turning"],
 )
-def test_a_scan_in_motion_needs_what_the_map_s_own_cases_ask_for(twist, verdict):
+def test_a_scan_in_motion_needs_the_threshold_of_the_maps_own_cases(twist, verdict):
     """What many maps have taught is of scans at rest."""
     good = place(0, 0.95)
     moving = replace(good, registration=replace(good.registration, twist=twist))

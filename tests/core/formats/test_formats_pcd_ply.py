@@ -191,7 +191,7 @@ def test_elements_before_the_vertices_are_stepped_over(encoding):
     np.testing.assert_array_equal(decode_ply(body, SCAN_LIMITS).columns["x"], cloud["x"])
 
 
-def test_ascii_lists_before_the_vertices_are_lines_like_others():
+def test_ascii_lists_before_the_vertices_are_skipped():
     before = b"element face 1\nproperty list uchar int vertex_indices\n"
     body = ply(random_cloud(5), "ascii", before=before, before_body=b"4 0 1 2 3\n")
     assert len(decode_ply(body, SCAN_LIMITS)) == 5

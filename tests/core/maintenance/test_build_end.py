@@ -61,7 +61,7 @@ def test_the_version_before_serves_again(any_catalog: Catalog, tmp_path: Path):
     assert any_catalog.active_version("hall") == before
 
 
-def test_what_another_build_needs_stays(any_catalog: Catalog, tmp_path: Path):
+def test_sources_of_another_build_stay(any_catalog: Catalog, tmp_path: Path):
     key = recorded(any_catalog, tmp_path, "b1")
     recorded(any_catalog, tmp_path, "b2")
     version = published(any_catalog, tmp_path, "b1", provisional=True)

@@ -27,7 +27,7 @@ def build(catalog: Catalog, tmp_path: Path, build_id: str, state: str, version: 
     return key
 
 
-def test_what_serves_or_may_serve_is_not_collected(any_catalog: Catalog, tmp_path: Path):
+def test_versions_in_use_are_not_collected(any_catalog: Catalog, tmp_path: Path):
     served, retired = publish(any_catalog, tmp_path, "served"), publish(any_catalog, tmp_path, "retired")
     any_catalog.retire("hall", retired, force=True)
     kept = {

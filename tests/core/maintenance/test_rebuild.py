@@ -117,7 +117,7 @@ def see_changes(catalog: Catalog, version: str, days: int) -> None:
         Sightings(catalog.store).put(catalog.folder_of("hall", version), tally, HOUR - timedelta(days=day))
 
 
-def test_a_map_that_seems_changed_is_patched_once_a_day_whoever_asks(catalog: Catalog, tmp_path: Path):
+def test_a_changed_map_is_patched_once_a_day(catalog: Catalog, tmp_path: Path):
     version = built(catalog, tmp_path, patch="activate")
     see_changes(catalog, version, 3)
     assert request_due_patches(catalog, HOUR - timedelta(hours=1)) == [], "not its hour"

@@ -138,7 +138,7 @@ def test_damage_is_named_and_not_copied(source: Catalog, tmp_path: Path):
     assert damaged in copy_store(source.store, target.store).damaged
 
 
-def test_two_histories_are_not_mixed_and_the_other_maps_are_copied(source: Catalog, tmp_path: Path):
+def test_two_histories_of_a_map_are_not_mixed(source: Catalog, tmp_path: Path):
     target = Catalog(Store.open(str(tmp_path / "target")))
     publish(target, "hall", b"9", tmp_path)
     source.put_build("b2", {"map_id": "attic"})
@@ -167,7 +167,7 @@ FLIPPED = {
 
 
 @pytest.mark.parametrize("side", ["source", "target"])
-def test_of_two_copies_the_one_with_the_right_checksum_wins(source, target, tmp_path, side):
+def test_the_copy_with_the_right_checksum_wins(source, target, tmp_path, side):
     store = (source if side == "source" else target).store
     right = {key: store.get(key) for key in FLIPPED}
     for key, word in FLIPPED.items():

@@ -247,7 +247,7 @@ def test_all_else_goes_on(kind: RecordKind, damage: str, store: Store, tmp_path:
     assert {found.split("/")[1] for found in garbage.keys["builds"]} == ended
 
 
-def test_what_is_mended_is_read_again(store: Store) -> None:
+def test_a_mended_record_is_read_again(store: Store) -> None:
     told: list[UnreadableRecord] = []
     store.unreadable.listen(told.append)
     catalog = Catalog(store)
@@ -272,7 +272,7 @@ def test_a_damaged_stage_is_shared_again(store: Store, tmp_path: Path) -> None:
     assert SharedStages(store).fetch(STAGES[0], folder)
 
 
-def test_a_log_entry_that_is_lost_keeps_the_files_of_what_it_may_have_published(store: Store) -> None:
+def test_a_lost_log_entry_keeps_the_files_that_it_may_have_published(store: Store) -> None:
     catalog = Catalog(store)
     (first, second) = catalog.state("hall").published
     store.put("maps/hall/log/000003.json", b"")  # by which the second one was published

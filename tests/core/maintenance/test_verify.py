@@ -109,7 +109,7 @@ def test_a_damaged_copy_is_not_copied(catalog: Catalog):
     assert verified(catalog, repair=True) == dict.fromkeys(keys, "")
 
 
-def test_what_cannot_be_mended_is_named_and_left(catalog: Catalog):
+def test_damage_without_another_copy_is_named_and_left(catalog: Catalog):
     (source,) = catalog.store.list("maps/hall/sources")
     version = catalog.active_version("hall")
     manifest = f"maps/hall/versions/{version}/manifest.json"
@@ -150,7 +150,7 @@ def test_damaged_records_are_moved_aside_or_written_again(catalog: Catalog):
     assert verified(catalog) == {}
 
 
-def test_the_status_of_a_build_that_made_nothing_is_moved_and_it_waits_again(catalog: Catalog):
+def test_a_build_with_a_damaged_status_is_queued_again(catalog: Catalog):
     catalog.store.put("builds/b3/status.json", b"{")
     assert "queued again" in verified(catalog, repair=True)["builds/b3/status.json"]
     assert catalog.build_status("b3")["state"] == "queued"
@@ -169,7 +169,7 @@ def test_an_entry_of_a_log_is_written_again_from_a_snapshot(catalog: Catalog):
     assert Catalog(catalog.store).state("hall") == state
 
 
-def test_what_was_verified_lately_is_not_read_again(catalog: Catalog):
+def test_lately_verified_objects_are_not_read_again(catalog: Catalog):
     store = catalog.store
     reads: list[tuple[str, str]] = store.reads  # type: ignore[attr-defined]
     age = timedelta(days=30)
@@ -197,7 +197,7 @@ def test_each_step_reads_little(catalog: Catalog, monkeypatch: pytest.MonkeyPatc
     assert sum(steps) >= 2 * 7000
 
 
-def test_publishing_again_mends_what_has_the_same_size(catalog: Catalog, tmp_path: Path):
+def test_publishing_again_mends_damage_of_the_same_size(catalog: Catalog, tmp_path: Path):
     version = catalog.active_version("hall")
     keys = [f"maps/hall/versions/{version}/{name}" for name in ("own.npy", "manifest.json")]
     (source,) = catalog.store.list("maps/hall/sources")

@@ -47,7 +47,7 @@ def test_clouds_come_in_order_and_whole(tmp_path: Path, kind: str):
 
 
 @every_kind
-def test_topics_are_told_apart_by_type(tmp_path: Path, kind: str):
+def test_topics_are_found_by_type(tmp_path: Path, kind: str):
     imu = ros_samples.imu([0, 0, 9.81], stores=stores_of(kind))
     path = write_bag(tmp_path, kind, [("/imu", 99 * S, imu), *clouds(kind, "/b"), *clouds(kind, "/a")])
     with open_bag(path) as bag:

@@ -28,7 +28,7 @@ def test_numbers_are_aligned_to_their_size_after_the_encapsulation(encapsulation
     read.end()
 
 
-def test_what_the_writer_writes_is_read():
+def test_a_written_message_is_read():
     writer = CdrWriter()
     writer.numbers("B", [1])
     writer.text("wände")

@@ -38,7 +38,7 @@ def test_an_imu_message_of_rosbags_is_read(ros1, little_endian):
 
 
 @every_case("unit", [9.80665, 1.0])
-def test_at_rest_it_points_against_the_specific_force(unit):
+def test_gravity_at_rest_is_against_the_specific_force(unit):
     noise = np.random.default_rng(1).normal(0, 0.02 * unit, (100, 3))
     down = down_of(UP * unit + noise)
     np.testing.assert_allclose(down, -UP, atol=0.01)
@@ -46,7 +46,7 @@ def test_at_rest_it_points_against_the_specific_force(unit):
 
 
 @every_case("acceleration", [UP * 12.0, UP * 5.0, UP * 0.0, UP * np.nan])
-def test_no_gravity_from_one_that_accelerates_or_is_broken(acceleration):
+def test_an_accelerating_imu_gives_no_gravity(acceleration):
     assert down_of([acceleration] * 10) is None
 
 

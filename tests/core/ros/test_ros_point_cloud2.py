@@ -80,7 +80,7 @@ def test_a_ros1_cloud_is_read():
 
 
 @every_case("is_dense", [True, False])
-def test_returns_that_are_not_finite_are_dropped_even_where_it_says_dense(is_dense):
+def test_invalid_returns_are_dropped_even_from_dense_clouds(is_dense):
     rows = records(LAYOUTS["with gaps"])
     rows["y"][:7], rows["z"][7] = np.nan, np.inf
     scan = decode_point_cloud2(cdr(cloud(rows, is_dense=is_dense)), SCAN_LIMITS).scan()
@@ -142,7 +142,7 @@ def test_an_invalid_stamp_is_malformed(sec, nanosec):
         decode_point_cloud2(bytes(body), SCAN_LIMITS)
 
 
-def test_limits_are_checked():
+def test_invalid_limits_of_nets_are_refused():
     body = cdr(cloud_of_points(np.ones((50, 3))))
     with pytest.raises(TooLarge):
         decode_point_cloud2(body, Limits(max_points=49, max_decoded_bytes=10**9))

@@ -26,7 +26,7 @@ def localized(T_map_base: np.ndarray | None = None) -> Localization:
 
 
 @every_case("frame_id", ["map", "a", "hall/floor_2", "wände"])
-def test_rosbags_reads_it_and_writes_the_same_bytes(frame_id):
+def test_rosbags_reads_the_message_and_writes_the_same_bytes(frame_id):
     body = to_pose_cdr(localized(), Stamp(1_700_000_000, 250_000_001), frame_id)
     message = ROS2.deserialize_cdr(body, TYPE)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1_700_000_000, 250_000_001)
@@ -39,7 +39,7 @@ def test_rosbags_reads_it_and_writes_the_same_bytes(frame_id):
     assert bytes(ROS2.serialize_cdr(message, TYPE)) == body
 
 
-def test_with_a_mounting_it_is_the_robots_pose():
+def test_a_message_with_a_mounting_has_the_robots_pose():
     T_map_base = T_MAP_SENSOR @ inverse(T_BASE_SENSOR)
     message = ROS2.deserialize_cdr(to_pose_cdr(localized(T_map_base), Stamp()), TYPE)
     position = message.pose.pose.position
@@ -49,7 +49,7 @@ def test_with_a_mounting_it_is_the_robots_pose():
     assert message.header.frame_id == "map"
 
 
-def test_the_robots_covariance_is_that_of_poses_that_scatter_as_the_sensors_does():
+def test_the_robots_covariance_is_that_of_sampled_poses():
     rng = np.random.default_rng(5)
     T_map_base = T_MAP_SENSOR @ inverse(T_BASE_SENSOR)
     draws = rng.multivariate_normal(np.zeros(6), COVARIANCE, 20_000)

@@ -90,7 +90,7 @@ def test_the_server_levels_and_describes_a_compact_scan_alike():
     assert alike > 0.9
 
 
-def test_the_robots_descriptor_is_used_where_it_is_the_maps():
+def test_a_robots_descriptor_is_used_if_it_is_the_maps():
     compact = condense(room_scan(), PARAMETERS)
     prepared = preprocess(ScanSequence.single(compact), None, ENGINE.preprocess).scans[0]
     used = prepared.described_by(ENGINE.descriptor.make())

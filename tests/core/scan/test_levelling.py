@@ -81,7 +81,7 @@ def test_open_ground_leaves_its_normal_and_the_opposite():
     assert len(ups) <= 5
 
 
-def test_axes_that_are_few_votes_are_none():
+def test_directions_of_few_votes_are_no_axes():
     slanted = Rotation.from_euler("x", 40, degrees=True).as_matrix()
     normals = np.concatenate([room(2, clutter=0), np.tile(slanted[:, 2], (60, 1))])
     axes = main_axes(normals)
@@ -89,7 +89,7 @@ def test_axes_that_are_few_votes_are_none():
     assert all(abs(axis @ slanted[:, 2]) < np.cos(np.radians(10)) for axis in axes)
 
 
-def test_gravity_leaves_itself_and_what_the_surfaces_say_beside_it():
+def test_gravity_leaves_itself_and_the_up_of_the_surfaces():
     R_sensor_level = Rotation.from_euler("x", 150, degrees=True).as_matrix()
     normals = room(7) @ R_sensor_level.T
     shaken = Rotation.from_euler("y", 6, degrees=True).as_matrix() @ R_sensor_level[:, 2]
@@ -102,7 +102,7 @@ def test_gravity_leaves_itself_and_what_the_surfaces_say_beside_it():
     assert off_deg(second, R_sensor_level[:, 2]) < 0.5
 
 
-def test_gravity_that_the_surfaces_confirm_leaves_nothing_to_try():
+def test_confirmed_gravity_leaves_nothing_to_try():
     normals = room(9)
     assert other_ups(normals, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -9.8])) == []
 
@@ -123,7 +123,7 @@ def test_walls_alone_give_up():
     assert off_deg(up, R[:, 2]) < 1.0
 
 
-def test_one_wall_and_nothing_else_stays_near_upright():
+def test_one_wall_alone_stays_near_upright():
     normals = np.tile([1.0, 0, 0], (500, 1))
     up = estimate_up(normals)
     assert up[2] > np.cos(np.radians(10))
@@ -161,7 +161,7 @@ def test_a_few_points_below_the_floor_do_not_hide_it():
     assert floor_height(points, normals) == pytest.approx(1.0, abs=0.03)
 
 
-def test_no_floor_in_sight_is_none():
+def test_a_scan_without_a_floor_has_no_height():
     rng = np.random.default_rng(0)
     points = rng.uniform([-8, -8, 0], [8, 8, 3], (500, 3))
     assert floor_height(points, np.tile([1.0, 0, 0], (500, 1))) is None

@@ -13,7 +13,7 @@ def pose(x: float, yaw: float = 0.0) -> np.ndarray:
     return make_transform(rotation_z(yaw), [x, 0, 0])
 
 
-def test_poses_are_told_in_the_last_scan_s_frame_whatever_the_odometry_s():
+def test_poses_of_a_sequence_are_in_the_frame_of_the_last_scan():
     anywhere = make_transform(rotation_z(1.1), [300.0, -20.0, 2.0])
     way = [pose(0), pose(1.0, 0.3), pose(2.0, 0.5)]
     here = ScanSequence.along([SCAN] * 3, way)

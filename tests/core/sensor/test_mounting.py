@@ -49,7 +49,7 @@ def test_roll_and_pitch_are_those_of_a_query():
     np.testing.assert_allclose(hanging.R_base_sensor.T @ [0, 0, -1], down, atol=1e-12)
 
 
-def test_the_mounting_is_read_from_a_mapping_and_kept_by_what_is_coarser():
+def test_a_coarser_model_keeps_the_mounting():
     hanging = SensorModel.from_mapping({"preset": "mid-360", "mount_roll_deg": 180})
     assert hanging.mount_roll_deg == 180
     assert SensorModel.from_mapping(hanging.to_mapping()) == hanging

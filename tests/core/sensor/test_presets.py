@@ -60,12 +60,12 @@ RAYS_A_SECOND = {  # as the sheets give them; a preset has those of 0.1 s
 }
 
 
-def test_the_data_sheets_are_those_of_all_presets():
+def test_every_preset_has_a_data_sheet():
     assert presets() == sorted(SHEETS)
 
 
 @pytest.mark.parametrize("name", SHEETS)
-def test_a_preset_is_as_its_data_sheet_says(name):
+def test_a_preset_agrees_with_its_data_sheet(name):
     beams, low_deg, high_deg, columns, fov_deg, least_m, most_m = SHEETS[name]
     sensor = preset(name)
     assert sensor.name == name

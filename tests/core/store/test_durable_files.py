@@ -193,7 +193,7 @@ def test_without_hard_links_a_rename_that_does_not_replace_decides(tmp_path, mon
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["k"]
 
 
-def test_a_folder_that_others_remove_meanwhile_is_made_again(tmp_path: Path):
+def test_a_folder_removed_by_others_is_made_again(tmp_path: Path):
     files, others = DurableFiles(tmp_path), DurableFiles(tmp_path)
     stop = threading.Event()
 
@@ -212,7 +212,7 @@ def test_a_folder_that_others_remove_meanwhile_is_made_again(tmp_path: Path):
         remover.join()
 
 
-def test_a_folder_that_is_removed_while_it_is_made_is_made_again(tmp_path, monkeypatch):
+def test_a_folder_removed_while_it_is_made_is_made_again(tmp_path, monkeypatch):
     files = DurableFiles(tmp_path)
     (tmp_path / "a").mkdir()
     os_mkdir, found = os.mkdir, []

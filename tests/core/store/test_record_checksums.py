@@ -63,7 +63,7 @@ def without_added_fields(found: Any) -> Any:
     ],
     ids=["log entry", "georeference", "sample", "sample with a truth"],
 )
-def test_no_flipped_bit_changes_what_is_read(data: bytes, read: Callable[[bytes], Any]):
+def test_a_flipped_bit_is_refused_or_harmless(data: bytes, read: Callable[[bytes], Any]):
     right, refused = without_added_fields(read(data)), 0
     for bit in range(8 * len(data)):
         flipped = bytearray(data)

@@ -248,7 +248,7 @@ def test_every_cloud_opens_by_its_url(monkeypatch: pytest.MonkeyPatch):
     assert StoreUrl.parse("relative").prefix == str(Path.cwd() / "relative")
 
 
-def test_a_store_has_one_identity_however_its_url_is_written(tmp_path: Path):
+def test_equal_urls_have_one_identity(tmp_path: Path):
     def identity(url: str, **environment: str) -> str:
         return StoreUrl.parse(url).identity(environment)
 
@@ -308,7 +308,7 @@ def test_an_object_of_pieces_is_there_whole_or_not_at_all(store: Store):
     assert store.get("whole") == b"".join(pieces(False))
 
 
-def test_a_large_object_is_not_read_where_a_small_one_is_expected(store: Store):
+def test_an_object_over_the_limit_is_not_read(store: Store):
     store.put("k", b"x" * 1000)
     assert store.get("k", max_bytes=1000) == b"x" * 1000
     with pytest.raises(TooLarge):

@@ -25,7 +25,7 @@ from firstfix.wire.endpoints import SCOUTING, Links, is_encrypted_endpoint, is_l
         (SCOUTING, False, False),
     ],
 )
-def test_an_endpoint_says_where_it_leads(endpoint: str, is_local: bool, is_encrypted: bool):
+def test_endpoints_are_local_and_encrypted_by_their_form(endpoint: str, is_local: bool, is_encrypted: bool):
     assert is_local_endpoint(endpoint) is is_local
     assert is_encrypted_endpoint(endpoint) is is_encrypted
 
@@ -43,7 +43,7 @@ def test_a_configuration_without_endpoints_is_open():
     assert links(mode="client", scouting__multicast__enabled=False) == Links((), ())
 
 
-def test_those_of_its_mode_count():
+def test_endpoints_of_its_mode_count():
     quiet = {"scouting__multicast__enabled": False}
     found = links(
         mode="peer", listen__endpoints={"peer": ["tcp/127.0.0.1:1"], "router": ["tcp/0:1"]}, **quiet

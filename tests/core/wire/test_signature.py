@@ -27,11 +27,11 @@ def test_both_sides_derive_the_same_keys():
 
 
 @pytest.mark.parametrize("other", ["", "eyJhbGciOi.e30.x", API_KEY + "0", API_KEY.upper(), "\nffx_"])
-def test_another_credential_signs_nothing(other: str):
+def test_other_credentials_have_no_signing_key(other: str):
     assert SigningKey.of_api_key(other) is None
 
 
-def test_a_signature_survives_its_way():
+def test_a_signature_comes_back():
     sent = SIGNATURE.to_bytes()
     assert len(sent) == SIGNATURE_BYTES == 104
     assert QuerySignature.parse(sent) == SIGNATURE
@@ -61,7 +61,7 @@ def test_the_order_of_parameters_and_zenohs_own_are_no_part():
     assert KEY.has_signed(SIGNATURE, shuffled)
 
 
-def test_every_bit_counts():
+def test_a_flipped_bit_breaks_a_signature():
     sent = SIGNATURE.to_bytes()
     for bit in range(8 * len(sent)):
         changed = bytearray(sent)
@@ -93,6 +93,6 @@ def test_a_reply_fits_one_query_one_kind_and_one_content():
         assert not KEY.has_replied(SIGNATURE, True, wrong, b"pose")
 
 
-def test_whoever_asks_cannot_answer():
+def test_a_querys_signature_is_no_replys():
     """A query's signature is no reply's, though both come from one API key."""
     assert not KEY.has_replied(SIGNATURE, True, f"a/b{REPLY_MARK}{SIGNATURE.mac.hex()}", BODY)

@@ -122,7 +122,7 @@ def test_the_bytes_are_what_the_documentation_says():
     assert scan.stamp_s == 7.5
 
 
-def test_a_scan_without_points_is_a_scan():
+def test_an_empty_scan_comes_back():
     assert decode_scan(encode_scan(Scan.from_points(np.empty((0, 3))))).points.shape == (0, 3)
 
 

@@ -133,7 +133,7 @@ def test_the_bytes_are_what_the_documentation_says():
     np.testing.assert_allclose(scan.nearest_m[[7, 9]], 5 * np.expm1(0.012 * np.array([100, 40])), rtol=1e-5)
 
 
-def test_a_query_without_points_is_one():
+def test_an_empty_query_comes_back():
     assert len(decode_query(encode_query(CompactScan(np.zeros((0, 3), np.float32), NOWHERE)))) == 0
 
 

@@ -149,7 +149,7 @@ def test_an_unreadable_entry_is_passed_over_and_not_overwritten(data: str, caplo
     assert "000002" in caplog.text
 
 
-def test_a_reader_sees_what_others_write(store: Store):
+def test_a_reader_sees_entries_of_other_writers(store: Store):
     reader = MapLog(store, "log")
     assert reader.state() == MapState()
     MapLog(store, "log").append(PUB, C, needed=_always)
@@ -225,7 +225,7 @@ def test_a_state_through_snapshots_is_that_of_all_entries(store: Store, seed: in
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_what_a_state_keeps_does_not_depend_on_where_it_was_summed_up(seed: int):
+def test_a_state_is_the_same_wherever_its_log_was_summed_up(seed: int):
     chance = random.Random(seed)
     entries = [
         LogEntry(seq, chance.choice(list(Event)), f"{chance.randrange(900):064x}", TIME, f"b{seq % 700}")

@@ -54,7 +54,7 @@ def test_parts_become_a_source(any_store: Store):
     cuts=st.lists(st.integers(0, 400), max_size=8),
     replicas=st.lists(st.integers(0, 2), min_size=1, max_size=10),
 )
-def test_any_replica_goes_on_wherever_it_stopped(data: bytes, cuts: list[int], replicas: list[int]):
+def test_any_replica_continues_an_upload(data: bytes, cuts: list[int], replicas: list[int]):
     """The file is the same, however it is cut and whichever replica takes each part."""
     store = Store.open("memory://")
     several = [Uploads(store) for _ in range(3)]
@@ -70,7 +70,7 @@ def test_any_replica_goes_on_wherever_it_stopped(data: bytes, cuts: list[int], r
     assert store.get(source_key("hall", sha256(data))) == data
 
 
-def test_one_of_many_writers_goes_on(any_store: Store):
+def test_one_of_many_writers_of_a_part_wins(any_store: Store):
     store = any_store
     begun(Uploads(store))
     start = Uploads(store).get("u1")
@@ -250,7 +250,7 @@ def works(writer: Callable[[Store], Callable[[], Any]], store: Store) -> list[Ca
 
 
 @pytest.mark.parametrize("writer", [appended, finished])
-def test_nothing_is_left_of_a_removed_upload_whatever_comes_first(writer, monkeypatch):
+def test_a_removed_upload_leaves_nothing_in_every_order(writer, monkeypatch):
     def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         actors = works(writer, store)

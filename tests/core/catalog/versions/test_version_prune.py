@@ -44,7 +44,7 @@ def place(tmp_path: Path) -> Place:
     return Place(tmp_path)
 
 
-def test_the_one_used_longest_ago_goes_first_with_all_that_belongs_to_it(place: Place):
+def test_the_version_used_longest_ago_is_pruned_first(place: Place):
     folders = [place.fetch(k) for k in range(4)]
     for k, folder in enumerate(folders):
         place.used(folder.name, 100 - k)

@@ -40,7 +40,7 @@ def view():
     return MapView.of(np.concatenate([box(0, 4.0), box(40, 4.0), box(80, 8.0)]), reach_m=25.0)
 
 
-def test_equal_places_fit_and_others_do_not(view):
+def test_outlooks_of_equal_places_fit_and_others_do_not(view):
     first, twin, longer = (Outlook.at(view, at(x)) for x in (0.0, 40.0, 80.0))
     assert first.misfit(twin, sees()) < 0.005
     assert first.misfit(longer, sees()) > 0.05
@@ -60,7 +60,7 @@ def test_turning_helps_only_a_sensor_that_does_not_see_all_round():
     assert not sees(90).is_all_round(UP)
 
 
-def test_nothing_mapped_is_nothing_to_compare(view):
+def test_an_outlook_of_nothing_has_no_misfit(view):
     nowhere = Outlook.at(view, at(1000.0))
     assert nowhere.misfit(Outlook.at(view, at(0.0)), sees()) == 0.0
 
@@ -91,7 +91,7 @@ def test_the_way_ends_before_a_wall_and_leads_through_a_door():
     assert free_lengths(room(door=False), HEIGHT_M)[0] < 3
 
 
-def test_floor_and_ceiling_and_what_lies_on_the_floor_are_no_obstacles():
+def test_floor_ceiling_and_flat_things_are_no_obstacles():
     flat = np.random.default_rng(0).uniform(-8, 8, (4000, 2))
     for z in (0.0, 0.15, 2.5):
         points = np.column_stack([flat, np.full(len(flat), z - HEIGHT_M)])

@@ -76,7 +76,7 @@ def test_one_step_is_that_of_numpy(place: RecordedPlace):
         assert np.abs(found[3] - information).max() < 1e-5 * np.abs(information).max()
 
 
-def test_a_pose_has_the_same_end_to_the_last_bit_alone_and_among_others(place: RecordedPlace):
+def test_a_pose_is_aligned_to_the_same_bits_alone_and_among_others(place: RecordedPlace):
     query, T = place.scans[0]
     starts = starts_around(T, 5, 1)
     together = align(place.surface.fine, query.sparse, starts, **FINE)

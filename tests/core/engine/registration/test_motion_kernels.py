@@ -96,7 +96,7 @@ def test_one_step_is_that_of_numpy(place: RecordedPlace, known: np.ndarray):
     np.testing.assert_allclose(found[3][0], information, atol=1e-4 * np.abs(information).max())
 
 
-def test_a_pose_has_the_same_end_to_the_last_bit_alone_and_among_others(place: RecordedPlace):
+def test_a_pose_is_aligned_to_the_same_bits_alone_and_among_others(place: RecordedPlace):
     query, T = place.scans[0]
     scan = skewed(query.sparse, TWIST)
     starts = np.array([T @ make_transform(rotation_z(a), [a, -a, 0]) for a in (0, 0.03, -0.05, 0.1)])

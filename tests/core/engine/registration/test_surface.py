@@ -31,7 +31,7 @@ def test_normals_point_to_the_viewer_unless_the_surface_was_hardly_seen():
         assert not Surface.around(floor, to_viewer).oriented.any()
 
 
-def test_few_points_on_one_face_of_a_slab_do_not_take_their_normals_from_the_other():
+def test_faces_of_a_slab_keep_their_own_normals():
     """A ceiling that few rays met, 0.2 m below a floor that many did."""
     rng = np.random.default_rng(4)
     floor = np.column_stack([rng.uniform(-3, 3, (3600, 2)), np.zeros(3600)])
@@ -96,7 +96,7 @@ def few(request, monkeypatch):
     return request.param
 
 
-def test_slabs_are_whole_voxels_in_order_and_no_larger_than_they_need_be(few):
+def test_slabs_are_whole_voxels_in_order(few):
     parts = [POINTS[rows] for rows in chunked_x(POINTS, 0.5)]
     assert sum(map(len, parts)) == len(POINTS)
     layers = [np.unique(np.floor(part[:, 0] / 0.5)) for part in parts]

@@ -35,7 +35,7 @@ def grid(request, monkeypatch):
     return Known(surface_of(rng.uniform([-7, 2, -1], [5, 9, 2], (3000, 3))))
 
 
-def test_at_every_point_some_point_of_its_cell_or_nearer_is_found(grid):
+def test_a_point_is_found_near_every_point(grid):
     points = grid.surface.points
     found = grid.nearest(points)
     assert (found >= 0).all()
