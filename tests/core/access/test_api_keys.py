@@ -185,14 +185,8 @@ def test_patterns_cover_map_ids(pattern: str, covered: list[str], not_covered: l
 @pytest.mark.parametrize(
     ("scopes", "maps"),
     [
-        ([], ["*"]),
-        (["root"], ["*"]),
-        (["localize"], []),
-        (["localize"], ["[a-z]*"]),
-        (["localize"], ["Hall"]),
-        (["localize"], ["a/b"]),
-        (["localize"], [""]),
-        (["localize"], ["x" * 64]),
+        *(([], ["*"]), (["root"], ["*"]), (["localize"], [])),
+        *((["localize"], [pattern]) for pattern in ("[a-z]*", "Hall", "a/b", "", "x" * 64)),
         (["localize"], [f"m{n}" for n in range(101)]),
     ],
 )

@@ -78,15 +78,12 @@ def test_an_executor_is_threads_or_a_scheduler(executor: str, address: str | Non
         ("", "no executor"),
         ("thread", "no executor 'thread'"),
         ("tcp://scheduler:8786", "dask://HOST:PORT"),
-        ("dask://", "names no scheduler"),
-        ("dask://scheduler", "names no scheduler"),
-        ("dask://:8786", "names no scheduler"),
-        ("dask://scheduler:0", "names no scheduler"),
-        ("dask://scheduler:99999", "names no scheduler"),
-        ("dask://scheduler:port", "names no scheduler"),
-        ("dask://me@scheduler:8786", "without user, path or query"),
-        ("dask://scheduler:8786/maps", "without user, path or query"),
-        ("dask://scheduler:8786?workers=4", "without user, path or query"),
+        *((f"dask://{rest}", "names no scheduler") for rest in ("", "scheduler", ":8786")),
+        *((f"dask://scheduler:{port}", "names no scheduler") for port in ("0", "99999", "port")),
+        *(
+            (f"dask://{rest}", "without user, path or query")
+            for rest in ("me@scheduler:8786", "scheduler:8786/maps", "scheduler:8786?workers=4")
+        ),
     ],
 )
 def test_an_invalid_executor_is_refused_with_a_reason(executor: str, said: str):

@@ -114,19 +114,9 @@ def test_a_self_test_without_its_queries_holds_back(maker: Maker):
 
 @pytest.mark.parametrize(
     ("found", "asked", "is_held"),
-    [
-        (0, 0, False),
-        (0, 1, False),  # one wrong scan is no evidence
-        (0, 2, True),
-        (1, 3, False),
-        (0, 3, True),
-        (2, 5, False),
-        (1, 5, True),
-        (6, 10, False),
-        (5, 10, True),
-        (27, 40, True),
-        (28, 40, False),
-    ],
+    [(0, 0, False), (0, 1, False)]  # one wrong scan is no evidence
+    + [(0, 2, True), (1, 3, False), (0, 3, True), (2, 5, False), (1, 5, True), (6, 10, False), (5, 10, True)]
+    + [(27, 40, True), (28, 40, False)],
 )
 def test_real_scans_hold_back_if_too_few_are_found_by_more_than_chance(maker, found, asked, is_held):
     tested = {"queries": 120, "found": 0.95, "real": {"of_source": {"asked": asked, "found": found}}}
@@ -149,10 +139,8 @@ def test_a_person_may_activate_a_version_held_back(maker: Maker):
     assert maker.active == version.version
 
 
-COMPARED = {"places": 40, "localized_before": 36, "localized_after": 36, "lost": 0, "won": 0} | {
-    "wrong_before": 0,
-    "wrong_after": 0,
-}
+COMPARED = {"places": 40, "localized_before": 36, "localized_after": 36}
+COMPARED |= dict.fromkeys(("lost", "won", "wrong_before", "wrong_after"), 0)
 PATCH = {"queries": 9, "robots": 2, "areas": [], "added_points": 1, "removed_points": 0, "compared": COMPARED}
 
 

@@ -55,16 +55,6 @@ def test_versions_in_use_are_not_collected(any_catalog: Catalog, tmp_path: Path)
     assert collect_garbage(any_catalog, ages=NOW).count == 0
 
 
-def test_nothing_young_is_collected(any_catalog: Catalog, tmp_path: Path):
-    publish(any_catalog, tmp_path, "one")
-    build(any_catalog, tmp_path, "b-failed", "failed")
-    any_catalog.store.put(source_key("hall", "0" * 64), b"being posted")
-    Uploads(any_catalog.store).create("u1", size_bytes=3, file_name="x")
-    claim_build(any_catalog.store, CallersKey("key:a", "key"), "f", "b1")
-    assert collect_garbage(any_catalog).count == 0
-    assert remove_abandoned(any_catalog).count == 0
-
-
 def test_a_failed_builds_record_outlives_its_day_but_not_its_month(any_catalog: Catalog, tmp_path: Path):
     key = build(any_catalog, tmp_path, "b-failed", "failed")
     waiting = build(any_catalog, tmp_path, "b-waiting", "queued")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -86,35 +88,35 @@ def test_switched_off_create_only_puts_are_unsafe(switched_off: None):
         assert store.get("a") == b"1"
 
 
-def shell(folder: Path, *command: str) -> subprocess.Popen[str]:
+@contextmanager
+def started(folder: Path, *command: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+    """A command of firstfix and its log. It is killed at the end."""
     folders = {"FIRSTFIX_WORK_DIR": str(folder), "FIRSTFIX_CACHE_DIR": str(folder)}
-    with (folder / "log").open("w") as log:
-        return subprocess.Popen(
-            [sys.executable, "-m", "firstfix_cli.main", *command],
-            env={**os.environ, **folders},
-            stdout=log,
-            stderr=log,
-            text=True,
-        )
+    called, environment = [sys.executable, "-m", "firstfix_cli.main", *command], {**os.environ, **folders}
+    with (
+        (folder / "log").open("w") as log,
+        subprocess.Popen(called, env=environment, stdout=log, stderr=log) as made,
+    ):
+        try:
+            yield made, folder / "log"
+        finally:
+            made.kill()
 
 
 def test_a_service_without_create_only_puts_says_so(switched_off: None, tmp_path: Path):
     """It ends, or says so again and again where that took it longer than a start may take."""
-    with s3_stand_in("honours") as server:
-        service = shell(tmp_path, "serve", "--port", "0", "--store", server.url)
-        try:
-            log = tmp_path / "log"
-            wait_until(lambda: "conditional put is disabled" in log.read_text())
-        finally:
-            service.kill()
-            service.wait()
+    serve = ["serve", "--port", "0"]
+    with s3_stand_in("honours") as server, started(tmp_path, *serve, "--store", server.url) as (_, log):
+        wait_until(lambda: "conditional put is disabled" in log.read_text())
     assert "Traceback" not in log.read_text()
 
 
 def test_a_command_without_create_only_puts_says_so(switched_off: None, tmp_path: Path):
-    with s3_stand_in("honours") as server:
-        command = ["keys", "create", "--name", "robot", "--scope", "localize", "--store", server.url]
-        assert shell(tmp_path, *command).wait(LIMIT_S) != 0
-    said = (tmp_path / "log").read_text()
-    assert "conditional put is disabled" in said
-    assert "Traceback" not in said
+    create = ["keys", "create", "--name", "robot", "--scope", "localize"]
+    with (
+        s3_stand_in("honours") as server,
+        started(tmp_path, *create, "--store", server.url) as (command, log),
+    ):
+        assert command.wait(LIMIT_S) != 0
+    assert "conditional put is disabled" in log.read_text()
+    assert "Traceback" not in log.read_text()

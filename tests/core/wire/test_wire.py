@@ -15,10 +15,11 @@ from hypothesis.extra import numpy as hnp
 from firstfix.errors import (
     InvalidOption,
     InvalidScan,
+    TooLarge,
     UnsupportedFormat,
 )
 from firstfix.scan.condense import condense
-from firstfix.scan.scan import Scan
+from firstfix.scan.scan import MAX_POINTS, Scan
 from firstfix.wire.query import decode_query, encode_query
 from firstfix.wire.scan import decode_scan, encode_scan
 from tests.core.wire.samples import street_scan
@@ -137,6 +138,8 @@ def test_invalid_settings_are_refused(kwargs):
 def test_invalid_coordinates_are_refused(bad, form):
     with pytest.raises(InvalidScan):
         encode_scan(Scan(np.array([[bad, 0, 0]], np.float32)), form=form)
+    with pytest.raises(TooLarge):
+        encode_scan(Scan(np.zeros((MAX_POINTS + 1, 3), np.float32)), form=form)
 
 
 def test_a_real_scan_takes_about_200_kib():
