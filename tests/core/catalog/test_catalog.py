@@ -115,14 +115,6 @@ def test_a_published_version_is_listed_active_and_fetched(any_catalog: Catalog, 
     assert any_catalog.fetch_version("hall", version, tmp_path / "cache") == folder
 
 
-def test_publishing_twice_changes_nothing(any_catalog: Catalog, tmp_path: Path):
-    manifest = make_version(tmp_path / "v")
-    any_catalog.publish("hall", tmp_path / "v", manifest)
-    before = any_catalog.log("hall"), any_catalog.store.list()
-    any_catalog.publish("hall", tmp_path / "v", manifest)
-    assert (any_catalog.log("hall"), any_catalog.store.list()) == before
-
-
 @pytest.mark.parametrize("put_first", [False, True])
 def test_a_publish_killed_at_any_put_is_never_half_visible_and_can_be_resumed(put_first: bool, tmp_path):
     old = make_version(tmp_path / "old", b"old")
@@ -189,12 +181,6 @@ def test_versions_are_activated_rolled_back_and_retired(any_catalog: Catalog, tm
     assert catalog.versions("hall") == catalog.map_ids() == []
     publish(catalog, tmp_path, "two")
     assert catalog.active_version("hall") == two
-
-
-def test_a_forced_retirement_falls_back_to_the_version_before(catalog: Catalog, tmp_path: Path):
-    one, two = (publish(catalog, tmp_path, name) for name in ("one", "two"))
-    catalog.retire("hall", two, force=True)
-    assert catalog.active_version("hall") == one
 
 
 def test_a_repeated_build_does_not_undo_what_was_done_since(catalog: Catalog, tmp_path: Path):

@@ -16,7 +16,6 @@ import pytest
 from firstfix.catalog.log.log_garbage import log_garbage
 from firstfix.catalog.log.map_log import MapLog
 from firstfix.catalog.log.map_state import HISTORY, MARKS, MAX_SKIPPED, Event, LogEntry, MapState
-from firstfix.errors import Conflict
 from firstfix.store.json_record import record_json
 from firstfix.store.numbered import scan_after
 from firstfix.store.store import Store, StoredObject
@@ -99,16 +98,6 @@ def test_the_precondition_holds_for_the_very_state_before_the_entry(store: Store
     assert len(MapLog(store, "log").state().entries) == 1
 
 
-def test_a_refusal_writes_nothing(store: Store):
-
-    def refuse(state: MapState) -> bool:
-        raise Conflict("no")
-
-    with pytest.raises(Conflict):
-        MapLog(store, "log").append(PUB, A, needed=refuse)
-    assert store.list() == []
-
-
 def test_a_lost_reply_is_written_once():
     class LosesReplies(Store):
         def put_new(self, key: str, data: bytes | Path) -> bool:
@@ -147,13 +136,6 @@ def test_an_unreadable_entry_is_passed_over_and_not_overwritten(data: str, caplo
     assert log.state().active == A
     assert store.get("log/000002.json") == data.encode()
     assert "000002" in caplog.text
-
-
-def test_a_reader_sees_entries_of_other_writers(store: Store):
-    reader = MapLog(store, "log")
-    assert reader.state() == MapState()
-    MapLog(store, "log").append(PUB, C, needed=_always)
-    assert reader.state().published == (C,)
 
 
 # Snapshots: a log that grows without bound is read with bounded calls
