@@ -1,8 +1,12 @@
-"""What tests of several rooms of the core share: stores, catalogs, and versions of maps."""
+"""What tests of several packages of the core share: stores, catalogs, versions of maps, races, limits of memory."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import threading
+import tracemalloc
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -71,3 +75,26 @@ def recording(url: str, *names: str) -> tuple[Store, list[tuple[str, str]]]:
 
     kind = type("RecordingStore", (Store,), {name: recorded(name) for name in names})
     return kind.open(url), calls
+
+
+def at_once(count: int, work: Callable[[int], Any]) -> list[Any]:
+    """Call it in so many threads, which begin together, with their numbers. Returns the results in order."""
+    start = threading.Barrier(count)
+
+    def run(number: int) -> Any:
+        start.wait()
+        return work(number)
+
+    with ThreadPoolExecutor(count) as threads:
+        return list(threads.map(run, range(count)))
+
+
+@contextmanager
+def in_memory_of(limit_bytes: int) -> Iterator[None]:
+    """Check that the block takes less memory than this."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < limit_bytes
+    finally:
+        tracemalloc.stop()

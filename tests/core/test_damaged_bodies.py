@@ -5,10 +5,8 @@ from __future__ import annotations
 import gzip
 import math
 import struct
-import tracemalloc
 import warnings
 from collections.abc import Callable
-from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +26,7 @@ from firstfix.wire.content_encoding import undo_content_encoding
 from firstfix.wire.query import decode_query, encode_query
 from firstfix.wire.scan import decode_scan, encode_scan
 from firstfix.wire.sequence import decode_scans
+from tests.core.fixtures import in_memory_of
 from tests.core.formats.cloud_files import pcd, ply, random_cloud, text_rows
 from tests.core.wire.samples import SEQUENCE, body_of, compact, described, image_of, spinning, street_scan
 from tests.every_case import every_case
@@ -126,16 +125,6 @@ def decode_or_refuse(encoding: Encoding, body: bytes) -> None:
     except InputError:
         return
     assert is_sane(found)
-
-
-@contextmanager
-def in_memory_of(limit_bytes: int):
-    tracemalloc.start()
-    try:
-        yield
-        assert tracemalloc.get_traced_memory()[1] < limit_bytes
-    finally:
-        tracemalloc.stop()
 
 
 @every_case("name", ENCODINGS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 
 import pytest
@@ -20,6 +19,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.errors import IdempotencyConflict
 from firstfix.maintenance.garbage import USAGE_DAYS, collect_garbage, remove_abandoned
 from firstfix.store.store import Store
+from tests.core.fixtures import at_once
 
 
 def catalog_with(*build_ids: str, url: str = "memory://") -> Catalog:
@@ -90,9 +90,7 @@ def test_the_first_build_of_a_key_stays(any_store: Store):
 
 def test_many_claims_at_once_give_one_build(any_store: Store):
     store = any_store
-    with ThreadPoolExecutor(8) as threads:
-        found = set(threads.map(lambda n: claim_build(store, NIGHT_1, "same", f"b{n}"), range(16)))
-    assert len(found) == 1
+    assert len(set(at_once(16, lambda n: claim_build(store, NIGHT_1, "same", f"b{n}")))) == 1
 
 
 def test_a_key_is_its_callers_own(store: Store):

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -269,19 +267,15 @@ def test_many_readers_fetch_at_once(s3_url: str, tmp_path: Path):
     store = Store.open(s3_url)
     manifest = make_version(tmp_path / "v")
     version = Catalog(store).publish("hall", tmp_path / "v", manifest)
-    start = threading.Barrier(8)
 
     def fetch(_: int) -> Path:
-        start.wait()
         folder = Catalog(store).fetch_version("hall", version, tmp_path / "cache")
         manifest.verify_directory(folder)
         return folder
 
-    with ThreadPoolExecutor(8) as pool:
-        assert len(set(pool.map(fetch, range(8)))) == 1
-    assert [path.name for path in (tmp_path / "cache").iterdir() if not path.name.startswith(".")] == [
-        version
-    ]
+    assert len(set(fixtures.at_once(8, fetch))) == 1
+    names = [path.name for path in (tmp_path / "cache").iterdir()]
+    assert [name for name in names if not name.startswith(".")] == [version]
 
 
 def test_a_killed_download_is_gone_on_with(tmp_path: Path):

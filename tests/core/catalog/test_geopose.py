@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from firstfix.catalog.georeferences import Georeferences
 from firstfix.errors import InvalidOption, StoreError
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion, quaternion_of, rotation_angle_deg, rotation_z
+from tests.core.fixtures import at_once
 
 A_M, B_M = 6378137.0, 6356752.314245179
 LATITUDES = st.floats(-90, 90)
@@ -140,8 +140,7 @@ def test_the_last_georeference_counts(any_store: Store):
 
 
 def test_no_georeference_is_lost_in_a_race(any_store: Store):
-    with ThreadPoolExecutor(8) as threads:
-        list(threads.map(lambda n: Georeferences(any_store).set("hall", at(n)), range(16)))
+    at_once(16, lambda n: Georeferences(any_store).set("hall", at(n)))
     assert len(any_store.list("maps/hall/georeference")) == 16
 
 

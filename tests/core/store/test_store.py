@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import threading
 import uuid
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +17,7 @@ from firstfix.store import store as store_module
 from firstfix.store.store import Store
 from firstfix.store.url import StoreUrl
 from tests.cloud_servers import CONTAINER
+from tests.core.fixtures import at_once
 
 
 @pytest.fixture
@@ -51,16 +51,8 @@ def test_a_missing_object_is_not_found(store: Store, tmp_path: Path):
 
 
 def test_one_of_sixteen_simultaneous_puts_wins(store: Store):
-    start = threading.Barrier(16)
-
-    def race(writer: int, key: str) -> bool:
-        start.wait()
-        return store.put_new(key, b"%02d" % writer * 1000)
-
-    for round_number in range(5):
-        key = f"race/{round_number}"
-        with ThreadPoolExecutor(16) as pool:
-            won = list(pool.map(race, range(16), [key] * 16))
+    for key in ("race/0", "race/1", "race/2", "race/3", "race/4"):
+        won = at_once(16, lambda writer, key=key: store.put_new(key, b"%02d" % writer * 1000))
         assert won.count(True) == 1
         assert store.get(key) == b"%02d" % won.index(True) * 1000
 

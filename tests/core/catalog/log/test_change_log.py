@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta, timezone
 
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from firstfix.catalog.log.change_log import MARK_EVERY, ChangeLog
 from firstfix.catalog.log.log_garbage import change_garbage
 from firstfix.store.store import Store
-from tests.core.fixtures import recording
+from tests.core.fixtures import at_once, recording
 
 
 def test_notices_are_read_in_order_and_each_map_once(any_store: Store):
@@ -28,8 +27,7 @@ def test_notices_are_read_in_order_and_each_map_once(any_store: Store):
 
 def test_racing_writers_leave_no_gap(any_store: Store):
     store = any_store
-    with ThreadPoolExecutor(6) as threads:
-        list(threads.map(lambda k: ChangeLog(store).note(f"map-{k}"), range(18)))
+    at_once(18, lambda k: ChangeLog(store).note(f"map-{k}"))
     names, last = ChangeLog(store).since(0)
     assert last == 18
     assert sorted(names) == sorted(f"map-{k}" for k in range(18))

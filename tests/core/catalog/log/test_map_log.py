@@ -19,6 +19,7 @@ from firstfix.catalog.log.map_state import HISTORY, MARKS, MAX_SKIPPED, Event, L
 from firstfix.store.json_record import record_json
 from firstfix.store.numbered import scan_after
 from firstfix.store.store import Store, StoredObject
+from tests.core.fixtures import at_once
 from tests.frequent_snapshots import EVERY
 
 A, B, C = "a" * 64, "b" * 64, "c" * 64
@@ -69,12 +70,8 @@ def test_racing_writers_lose_no_entry(any_store: Store):
     store = any_store
     versions = [f"{i:064x}" for i in range(40)]
 
-    def write(version: str) -> None:
-        # each with a log of its own, as in processes of their own
-        MapLog(store, "log").append(PUB, version, needed=_always)
-
-    with ThreadPoolExecutor(8) as pool:
-        list(pool.map(write, versions))
+    # each with a log of its own, as in processes of their own
+    at_once(40, lambda number: MapLog(store, "log").append(PUB, versions[number], needed=_always))
     state = MapLog(store, "log").state()
     assert sorted(state.published) == versions
     assert [entry.seq for entry in state.entries] == list(range(1, 41))
@@ -84,17 +81,10 @@ def test_racing_writers_lose_no_entry(any_store: Store):
 @pytest.mark.parametrize("shared", [False, True])
 def test_the_precondition_holds_for_the_very_state_before_the_entry(store: Store, shared: bool):
     logs = [MapLog(store, "log")] * 16 if shared else [MapLog(store, "log") for _ in range(16)]
-    start = threading.Barrier(16)
-
-    def first_only(state: MapState) -> bool:
-        return not state.published
-
-    def write(i: int) -> bool:
-        start.wait()
-        return logs[i].append(PUB, f"{i:064x}", needed=first_only) is not None
-
-    with ThreadPoolExecutor(16) as pool:
-        assert list(pool.map(write, range(16))).count(True) == 1
+    entries = at_once(
+        16, lambda i: logs[i].append(PUB, f"{i:064x}", needed=lambda state: not state.published)
+    )
+    assert entries.count(None) == 15
     assert len(MapLog(store, "log").state().entries) == 1
 
 

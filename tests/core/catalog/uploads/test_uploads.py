@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
 
@@ -16,6 +15,7 @@ from firstfix.catalog.sources import source_key
 from firstfix.catalog.uploads.uploads import SWEPT_AT_ONCE, Uploads
 from firstfix.errors import ChecksumMismatch, Conflict, InvalidOption, NotFound, StoreError, TooLarge
 from firstfix.store.store import Store
+from tests.core.fixtures import at_once
 from tests.interleavings import Step, run_every_order, run_interleaved
 
 DATA = bytes(range(256)) * 40
@@ -81,8 +81,7 @@ def test_one_of_many_writers_of_a_part_wins(any_store: Store):
             return True
         return False
 
-    with ThreadPoolExecutor(8) as threads:
-        won = list(threads.map(write, range(8)))
+    won = at_once(8, write)
     assert won.count(True) == 1
     assert Uploads(store).get("u1").offset == 100 + won.index(True)
 
