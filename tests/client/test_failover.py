@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -15,7 +14,7 @@ from firstfix.answer.localization import Verdict
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, RateLimited
 from firstfix_client import Client, HedgePolicy, RetryPolicy, ServiceUnreachable
 from tests.blocked_async_client import BlockedAsyncClient
-from tests.client.answer_server import AnswerServer, ok, problem
+from tests.client.answer_server import AnswerServer, ok, problem, raw_server
 from tests.client.fake_answers import REJECTED, SCAN, answer_bytes
 from tests.servers import free_port
 from tests.waiting import LIMIT_S, let_pass, wait_until, wait_until_async
@@ -56,30 +55,23 @@ def nobody() -> str:
 
 
 class Silent:
-    """Takes requests without answering. Reports when the first caller closes its connection."""
+    """Takes requests without answering. Reports when a caller closes its connection."""
 
     def __init__(self) -> None:
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.url = ""
         self.asked, self.left = threading.Event(), threading.Event()
-        threading.Thread(target=self._run, daemon=True).start()
 
-    def _run(self) -> None:
-        connection, _ = self._listener.accept()
-        with connection:
-            while connection.recv(65_536):
-                self.asked.set()
-            self.left.set()
-
-    def stop(self) -> None:
-        self._listener.close()
+    def hold(self, connection: socket.socket) -> None:
+        while connection.recv(65_536):
+            self.asked.set()
+        self.left.set()
 
 
 @pytest.fixture
 def silent() -> Iterator[Silent]:
     one = Silent()
-    yield one
-    one.stop()
+    with raw_server(one.hold) as one.url:
+        yield one
 
 
 def test_an_unreachable_address_is_passed_over(client: Make, servers, nobody: str):
@@ -179,38 +171,27 @@ def test_one_address_is_hedged_only_if_wished(client: Make, servers):
 
 def test_two_hanging_addresses_end_at_the_deadline(client: Make, silent: Silent):
     other = Silent()
-    with pytest.raises(DeadlineExceeded):
-        client([silent.url, other.url], hedge=SOON, timeout_s=3).localize(SCAN, map_id="hall")
-    assert silent.left.wait(LIMIT_S)
-    assert other.left.wait(LIMIT_S)
-    other.stop()
+    with raw_server(other.hold) as other.url:
+        with pytest.raises(DeadlineExceeded):
+            client([silent.url, other.url], hedge=SOON, timeout_s=3).localize(SCAN, map_id="hall")
+        assert silent.left.wait(LIMIT_S)
+        assert other.left.wait(LIMIT_S)
 
 
 @pytest.mark.parametrize("hedge", [False, SOON])
 def test_an_answer_that_trickles_ends_at_the_deadline(client: Make, hedge: Any):
     """Sends bytes one by one, so slowly that the whole answer is late."""
-    listener = socket.create_server(("127.0.0.1", 0))
     stopped = threading.Event()
 
     def trickle(connection: socket.socket) -> None:
-        with connection, suppress(OSError):
-            connection.recv(65_536)
-            connection.sendall(b"HTTP/1.1 200 OK\r\ncontent-length: 1000\r\n\r\n")
-            while not stopped.wait(0.05):
-                connection.sendall(b" ")
+        connection.recv(65_536)
+        connection.sendall(b"HTTP/1.1 200 OK\r\ncontent-length: 1000\r\n\r\n")
+        while not stopped.wait(0.05):
+            connection.sendall(b" ")
 
-    def serve() -> None:
-        with suppress(OSError):
-            while True:
-                threading.Thread(target=trickle, args=[listener.accept()[0]], daemon=True).start()
-
-    threading.Thread(target=serve, daemon=True).start()
-    url = f"http://127.0.0.1:{listener.getsockname()[1]}"
-    with pytest.raises(DeadlineExceeded):
+    with raw_server(trickle) as url, pytest.raises(DeadlineExceeded):
         client([url], hedge=hedge, timeout_s=0.5).localize(SCAN, map_id="hall")
-    assert not stopped.is_set()
     stopped.set()
-    listener.close()
 
 
 def test_without_hedging_one_that_hangs_leaves_time(client: Make, servers, silent: Silent):
@@ -219,20 +200,8 @@ def test_without_hedging_one_that_hangs_leaves_time(client: Make, servers, silen
 
 
 def test_an_unrepeatable_call_is_sent_once(client: Make, servers):
-    breaking = socket.create_server(("127.0.0.1", 0))
-
-    def break_once() -> None:
-        connection, _ = breaking.accept()
-        connection.recv(65_536)
-        connection.close()
-
-    thread = threading.Thread(target=break_once)
-    thread.start()
-    urls = [f"http://127.0.0.1:{breaking.getsockname()[1]}", servers[0].url]
-    with pytest.raises(ServiceUnreachable):
-        client(urls).roll_back("hall")
-    thread.join(LIMIT_S)
-    breaking.close()
+    with raw_server(lambda connection: connection.recv(65_536)) as url, pytest.raises(ServiceUnreachable):
+        client([url, servers[0].url]).roll_back("hall")
     assert servers[0].requests == []
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -22,12 +23,13 @@ from firstfix.errors import (
 )
 from firstfix.wire import scan as wire
 from firstfix_client import Client, RetryPolicy, ServiceUnreachable
-from tests.client.answer_server import ok, problem
+from tests.client.answer_server import ok, problem, raw_server
 from tests.client.fake_answers import LOCALIZED, REJECTED, SCAN, T_MAP_SENSOR, answer_bytes
 from tests.servers import free_port
 from tests.waiting import LIMIT_S, let_pass
 
 QUICK = RetryPolicy(attempts=4, first_wait_s=0.01, max_wait_s=0.05)
+WHOLE = b'HTTP/1.1 200 OK\r\ncontent-length: 12\r\n\r\n{"maps": []}'
 
 
 def test_a_fix_is_a_typed_answer(server):
@@ -164,7 +166,7 @@ def test_a_service_that_comes_up_in_time_is_reached():
             connection, _ = late.accept()
             with connection:
                 connection.recv(65_536)
-                connection.sendall(b'HTTP/1.1 200 OK\r\ncontent-length: 12\r\n\r\n{"maps": []}')
+                connection.sendall(WHOLE)
 
     thread = threading.Thread(target=answer_once, daemon=True)
     thread.start()
@@ -174,23 +176,17 @@ def test_a_service_that_comes_up_in_time_is_reached():
 
 
 def test_a_connection_that_breaks_mid_answer_is_tried_again():
-    listener = socket.create_server(("127.0.0.1", 0))
     served = []
 
-    def answer() -> None:
-        for reply in (b"HTTP/1.1 200 OK\r\ncontent-length: 12\r\n\r\n{", None):
-            connection, _ = listener.accept()
-            with connection:
-                served.append(connection.recv(65_536))
-                whole = b'HTTP/1.1 200 OK\r\ncontent-length: 12\r\n\r\n{"maps": []}'
-                connection.sendall(reply or whole)
+    def answering(length: int) -> Callable[[socket.socket], None]:
+        def answer(connection: socket.socket) -> None:
+            served.append(connection.recv(65_536))
+            connection.sendall(WHOLE[:length])
 
-    thread = threading.Thread(target=answer, daemon=True)
-    thread.start()
-    url = f"http://127.0.0.1:{listener.getsockname()[1]}"
-    assert Client(url, retry=QUICK).maps() == []
-    thread.join(LIMIT_S)
-    listener.close()
+        return answer
+
+    with raw_server(answering(len(WHOLE) - 11), answering(len(WHOLE))) as url:
+        assert Client(url, retry=QUICK).maps() == []
     assert len(served) == 2
 
 

@@ -1,4 +1,4 @@
-"""What tests of several packages of the core share: stores, catalogs, versions of maps, races, limits of memory."""
+"""What tests of several packages of the core share: stores, versions of maps, races, and limits of memory."""
 
 from __future__ import annotations
 
