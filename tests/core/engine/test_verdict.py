@@ -48,12 +48,43 @@ def test_a_good_place_without_rivals_is_localized():
     assert answer.probability == CALIBRATION.probability(features)
 
 
-def test_an_alignment_that_is_still_moving_is_not_the_answer():
-    good = place(0, 0.95)
-    moving = replace(good, registration=replace(good.registration, rests=False))
-    answer = judged(moving, place(1, 0.4, 0.1))
-    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.NOT_CONVERGED,))
-    assert answer.T_map_sensor is None
+def unsettled(settled: RegisteredCandidate) -> RegisteredCandidate:
+    """The place, if its alignment still moved."""
+    return replace(settled, registration=replace(settled.registration, rests=False))
+
+
+SURE = Calibration(bias=0, alignment_score=50, free_space=0, margin=0, min_margin=0.1)
+DOUBTS = Calibration(bias=-28)
+
+
+@pytest.mark.parametrize(
+    ("places", "options", "verdict", "reasons"),
+    [
+        ([], {}, Verdict.REJECTED, (Reason.NO_CANDIDATE,)),
+        ([unsettled(place(0, 0.95)), place(1, 0.4, 0.1)], {}, Verdict.REJECTED, (Reason.NOT_CONVERGED,)),
+        (
+            [place(0, 0.97, 0.001), place(1, 0.96, 0.2)],
+            {},
+            Verdict.LOCALIZED,
+            (),
+        ),  # the alias: through a wall
+        ([place(0, 0.95, 0.15)], {}, Verdict.REJECTED, (Reason.FREE_SPACE_VIOLATION,)),
+        ([place(0, 0.45)], {"min_probability": 0.0}, Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,)),
+        ([place(0, 0.6)], {"calibration": DOUBTS}, Verdict.REJECTED, (Reason.LOW_PROBABILITY,)),
+        ([place(0, 0.6)], {"calibration": DOUBTS, "min_probability": 0.01}, Verdict.LOCALIZED, ()),
+        (
+            [place(0, 0.99), place(1, 0.95)],
+            {"calibration": SURE},
+            Verdict.AMBIGUOUS,
+            (Reason.SEVERAL_PLACES,),
+        ),
+        ([place(0, 0.99), place(1, 0.80)], {"calibration": SURE}, Verdict.LOCALIZED, ()),
+    ],
+)
+def test_a_verdict_has_its_reasons(places, options, verdict, reasons):
+    answer = judged(*places, **options)
+    assert (answer.verdict, answer.reasons) == (verdict, reasons)
+    assert (answer.T_map_sensor is None) == (verdict is not Verdict.LOCALIZED)
 
 
 def test_an_alias_makes_it_ambiguous_and_both_are_returned():
@@ -69,16 +100,6 @@ def test_the_probability_of_a_tie_is_that_the_truth_is_among_them():
     assert (tied.verdict, tied.reasons) == (Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,))
     assert tied.probability == alone.probability
     assert sum(h.probability for h in tied.hypotheses) <= 1
-
-
-def test_an_alias_with_a_wall_in_the_way_is_no_rival():
-    assert judged(place(0, 0.97, 0.001), place(1, 0.96, 0.2)).verdict is Verdict.LOCALIZED
-
-
-def test_an_alias_makes_it_ambiguous_however_sure_the_model_is():
-    sure = Calibration(bias=0, alignment_score=50, free_space=0, margin=0, min_margin=0.1)
-    assert judged(place(0, 0.99), place(1, 0.95), calibration=sure).verdict is Verdict.AMBIGUOUS
-    assert judged(place(0, 0.99), place(1, 0.80), calibration=sure).verdict is Verdict.LOCALIZED
 
 
 def claiming(probability: float, *places: RegisteredCandidate) -> Calibration:
@@ -107,22 +128,6 @@ def test_one_place_has_to_be_surer_than_places_that_tie():
     assert judged(*alone, calibration=claiming(0.6, *alone)).reasons == (Reason.LOW_PROBABILITY,)
 
 
-def test_a_place_that_is_seen_through_is_rejected():
-    answer = judged(place(0, 0.95, 0.15))
-    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.FREE_SPACE_VIOLATION,))
-
-
-def test_little_overlap_is_rejected_whatever_the_caller_asks():
-    answer = judged(place(0, 0.45), min_probability=0.0)
-    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
-
-
-def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():
-    doubtful, strict = place(0, 0.6), Calibration(bias=-28)
-    assert judged(doubtful, calibration=strict).reasons == (Reason.LOW_PROBABILITY,)
-    assert judged(doubtful, calibration=strict, min_probability=0.01).verdict is Verdict.LOCALIZED
-
-
 @pytest.mark.parametrize(
     ("twist", "verdict"),
     [
@@ -143,10 +148,6 @@ def test_a_scan_in_motion_needs_the_threshold_of_the_maps_own_cases(twist, verdi
     assert answer.probability > sure - 0.01
     assert answer.verdict is verdict
     assert judged(moving, calibration=taught, min_probability=0.5).verdict is Verdict.LOCALIZED
-
-
-def test_without_a_place_there_is_no_candidate():
-    assert judged().reasons == (Reason.NO_CANDIDATE,)
 
 
 def test_poses_are_in_the_map_frame():

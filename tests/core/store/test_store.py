@@ -161,13 +161,13 @@ def test_a_file_store_lends_its_files_and_others_do_not(tmp_path: Path):
     assert path.read_bytes() == b"content"
     with pytest.raises(NotFound):
         store.local_path("a")
-    assert Store.open("memory://").local_path("a/b") is None
-
-
-def test_two_memory_stores_share_nothing():
-    one, other = Store.open("memory://"), Store.open("memory://")
-    one.put("k", b"")
-    assert not other.exists("k")
+    other = Store.open("memory://")
+    other.put("a/b", b"")
+    assert other.local_path("a/b") is None
+    assert not Store.open("memory://").exists("a/b"), "two in memory share nothing"
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(StoreUnavailable):
+        Store.open(str(tmp_path / "file" / "below"))
 
 
 def test_a_prefix_is_a_folder_of_its_own(s3_url: str):
@@ -196,12 +196,6 @@ def test_wrong_credentials_and_a_missing_bucket_are_told_apart(s3_url: str, monk
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "wrong")
     with pytest.raises(StoreError, match="credentials"):
         Store.open(s3_url).probe()
-
-
-def test_a_directory_that_cannot_be_made_is_unavailable(tmp_path: Path):
-    (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(StoreUnavailable):
-        Store.open(str(tmp_path / "file" / "below"))
 
 
 @pytest.mark.parametrize(
