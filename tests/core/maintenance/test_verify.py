@@ -28,10 +28,15 @@ from tests.frequent_snapshots import EVERY
 
 
 @pytest.fixture
-def catalog(any_store_url: str, tmp_path: Path) -> Catalog:
+def recorded(any_store_url: str) -> tuple[Store, list[tuple[str, str]]]:
+    """An empty store, and what is read in pieces of it."""
+    return fixtures.recording(any_store_url, "pieces")
+
+
+@pytest.fixture
+def catalog(recorded: tuple[Store, list[tuple[str, str]]], tmp_path: Path) -> Catalog:
     """Two versions of a map that have a file in common, a source, a shared stage, and records."""
-    store, reads = fixtures.recording(any_store_url, "pieces")
-    store.reads = reads  # type: ignore[attr-defined]
+    store, _ = recorded
     catalog = Catalog(store)
     for content in (b"1", b"2"):
         publish(catalog, "hall", content, tmp_path, build_id=f"b{content.decode()}")
@@ -169,9 +174,8 @@ def test_an_entry_of_a_log_is_written_again_from_a_snapshot(catalog: Catalog):
     assert Catalog(catalog.store).state("hall") == state
 
 
-def test_lately_verified_objects_are_not_read_again(catalog: Catalog):
-    store = catalog.store
-    reads: list[tuple[str, str]] = store.reads  # type: ignore[attr-defined]
+def test_lately_verified_objects_are_not_read_again(catalog: Catalog, recorded):
+    store, reads = recorded
     age = timedelta(days=30)
     Verification(store, max_age=age).run()
     reads.clear()
