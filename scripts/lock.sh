@@ -7,6 +7,7 @@ cd "$(dirname "$0")/../deploy/locks"
 compile() {  # OUTPUT SOURCE [OPTION...]
   UV_SYSTEM_CERTS=1 ../../.venv/bin/uv pip compile --quiet --universal --python-version 3.11 \
     --generate-hashes --no-emit-index-url --no-emit-find-links --no-header -o "$@"
+  sed -i '/^$/,$d' "$1"  # what was left out, in a last paragraph
 }
 
 compile setup.txt setup.in "$@"

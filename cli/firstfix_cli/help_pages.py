@@ -37,7 +37,7 @@ OF_MAPS = ("build", "check", "maps")  # commands whose files are maps
 
 
 def help_line(error: Exception, command: str) -> str | None:
-    """Returns a line after the error of a command; None for errors that say all themselves."""
+    """A line after the error of a command; None for errors that say all themselves."""
     if command not in OF_MAPS:
         return None
     found = next((_HELP[cls] for cls in type(error).__mro__ if cls in _HELP), None)

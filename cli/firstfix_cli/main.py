@@ -68,7 +68,7 @@ for add_commands in through(COMMANDS).values():
 
 
 def _name_absent(package: Package, command: str) -> None:
-    """Lets a command of a package that is not installed say so."""
+    """Let a command of a package that is not installed say so."""
 
     def refuse(_: typer.Context) -> None:
         raise InvalidOption(package.remedy(f"firstfix {command}"))
@@ -83,7 +83,7 @@ for _package in absent():
 
 
 def run(arguments: list[str] | None = None) -> None:
-    """Runs the command line. Errors are printed as one line on standard error, without a traceback.
+    """Run the command line. Errors are printed as one line on standard error, without a traceback.
 
     Raises:
         SystemExit: always, with the exit code.

@@ -24,7 +24,7 @@ class ViewerClient(Client):
         return cls(service_url(url), timeout_s=TIMEOUT_S, retry=RetryPolicy(patience_s=PATIENCE_S))
 
     def cloud(self, map_id: str, version: str) -> Mapping[str, Any]:
-        """Returns the index of a version's points in levels of detail, as the service's JSON.
+        """The index of a version's points in levels of detail, as the service's JSON.
 
         Raises:
             NotFound: no such map or version, or the version has no cloud.
@@ -33,13 +33,13 @@ class ViewerClient(Client):
         return self._http.run(self._http.steps.sender.call("GET", *path)).parsed(dict)
 
     def cloud_points(self, map_id: str, version: str, first: int, count: int) -> bytes:
-        """Returns some of the points that ``cloud`` lists, 8 bytes each, at most 500,000."""
+        """Some of the points that ``cloud`` lists, 8 bytes each, at most 500,000."""
         path = ("maps", map_id, "versions", version, "cloud", "points")
         params = {"first": str(first), "count": str(count)}
         return self._http.run(self._http.steps.sender.call("GET", *path, params=params)).body
 
     def samples(self, map_id: str | None = None) -> Iterator[QuerySample]:
-        """Yields the kept queries, of one map or all, newest first, with one page of them in memory.
+        """Yield the kept queries, of one map or all, newest first, with one page of them in memory.
 
         Raises:
             FirstfixError: the service sent something else.
@@ -51,7 +51,7 @@ class ViewerClient(Client):
             yield _sample_of(record)
 
     def sample(self, sample_id: str) -> QuerySample:
-        """Returns one kept query.
+        """One kept query.
 
         Raises:
             NotFound: no such sample.
@@ -61,7 +61,7 @@ class ViewerClient(Client):
         )
 
     def set_truth(self, sample_id: str, truth: Mapping[str, Any]) -> None:
-        """Notes where the scan of a kept query was taken; empty: it is not known.
+        """Note where the scan of a kept query was taken; empty: it is not known.
 
         Raises:
             NotFound: no such sample.
@@ -71,7 +71,7 @@ class ViewerClient(Client):
         self._http.run(sender.call("PUT", *path, json=dict(truth)) if truth else sender.call("DELETE", *path))
 
     def sample_body(self, sample_id: str) -> bytes:
-        """Returns the body of a kept query as it came.
+        """The body of a kept query as it came.
 
         Raises:
             NotFound: no such sample.

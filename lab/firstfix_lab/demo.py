@@ -45,7 +45,7 @@ LEAST_LOCALIZED = 7  # of the ten
 
 
 def main() -> int:
-    """Runs the demo and returns its exit code."""
+    """Run the demo and return its exit code."""
     console = Console(width=110)
     world, store = DIRECTORY / WORLD, DIRECTORY / "store"
     console.rule(f"firstfix: a first fix in the sample world [bold]{WORLD}[/bold]")
@@ -72,7 +72,7 @@ def _show(
     http: list[Outcome],
     zenoh: list[Outcome],
 ) -> int:
-    """Prints the poses and draws the picture. Returns the exit code."""
+    """Print the poses and draw the picture. Returns the exit code."""
     console.print(_table(scans, http, zenoh))
     picture = DIRECTORY / "demo.png"
     loaded = {str(row.path): read_scan_file(row.path) for row in scans}
@@ -96,7 +96,7 @@ def _show(
 
 
 def offer_console(console: Console, service: LocalService) -> None:
-    """Prints where the console is, and with OPEN=1 keeps the service running until Ctrl-C."""
+    """Print where the console is, and with OPEN=1 keeps the service running until Ctrl-C."""
     address = f"{service.url}/console/"
     if not httpx.get(address).is_success:
         console.print("Console: this installation has none. [bold]make console[/bold] builds it.")
@@ -112,7 +112,7 @@ def offer_console(console: Console, service: LocalService) -> None:
 
 
 def _build(console: Console, service: LocalService, world: Path) -> str:
-    """Builds the map in the service and returns its version."""
+    """Build the map in the service and return its version."""
     import yaml
 
     sensor = SensorModel.from_mapping(yaml.safe_load((world / "sensor.yaml").read_text()))
@@ -163,7 +163,7 @@ def _is_right(outcome: Outcome) -> bool:
 
 
 def _best_error_m(outcome: Outcome) -> float:
-    """Returns the error of the first hypothesis, infinite without one."""
+    """The error of the first hypothesis, infinite without one."""
     places = outcome.answer.hypotheses
     if outcome.T_map_sensor is None or not places:
         return math.inf
@@ -183,7 +183,7 @@ def _table(scans: list[PosedScan], http: list[Outcome], zenoh: list[Outcome]) ->
 
 
 def _said(outcome: Outcome) -> tuple[str, str]:
-    """Returns the first hypothesis, with a question mark if it is not localized, and its error."""
+    """The first hypothesis, with a question mark if it is not localized, and its error."""
     if outcome.T_map_sensor is None:
         return outcome.answer.verdict.value, ""
     error_m = _best_error_m(outcome)

@@ -64,7 +64,7 @@ drills:              {", ".join(DRILLS)}"""
 
 
 def main(arguments: list[str]) -> int:
-    """Runs a suite, a program or a drill and returns its exit code."""
+    """Run a suite, a program or a drill and return its exit code."""
     name, options = (arguments[0], arguments[1:]) if arguments else ("", [])
     if name in ("-h", "--help"):
         print(USAGE)
@@ -83,5 +83,5 @@ def main(arguments: list[str]) -> int:
 
 
 def run() -> None:
-    """Runs the program ``firstfix-lab``."""
+    """Run the program ``firstfix-lab``."""
     sys.exit(main(sys.argv[1:]))

@@ -183,7 +183,7 @@ def _plain_body(kept: QuerySamples, sample: QuerySample) -> bytes:
 
 
 def _suffix(media_type: str) -> str:
-    """Returns the file suffix for such a body, ``.body`` for an unknown one."""
+    """The file suffix for such a body, ``.body`` for an unknown one."""
     from firstfix.decode import SUFFIXES
 
     name = media_type.split(";", 1)[0].strip().lower()

@@ -48,7 +48,7 @@ class World:
 
 
 def make_world(name: str, *, seed: int = 0, layouts: Mapping[str, Layout] = SAMPLE) -> World:
-    """Lays a place out, drives through it, and comes back when things have moved.
+    """Lay a place out, drives through it, and comes back when things have moved.
 
     Args:
         name: a key of ``layouts``.
@@ -77,7 +77,7 @@ def make_world(name: str, *, seed: int = 0, layouts: Mapping[str, Layout] = SAMP
 
 
 def place_of(name: str, seed: int, layouts: Mapping[str, Layout] = SAMPLE) -> Place:
-    """Returns a place of a kind, before anything is measured in it."""
+    """A place of a kind, before anything is measured in it."""
     return layouts[name](np.random.default_rng([seed, _number(name, layouts), 0]))
 
 

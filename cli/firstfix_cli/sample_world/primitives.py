@@ -34,12 +34,12 @@ class Opening(NamedTuple):
 
 
 def transformed(mesh: Mesh, T: NDArray[np.float64]) -> Mesh:
-    """Moves a mesh by T (4, 4)."""
+    """Move a mesh by T (4, 4)."""
     return Mesh(mesh.vertices @ T[:3, :3].T + T[:3, 3], mesh.triangles)
 
 
 def placed(mesh: Mesh, x: float, y: float, z: float = 0.0, yaw_rad: float = 0.0) -> Mesh:
-    """Turns a mesh about z, then moves it."""
+    """Turn a mesh about z, then move it."""
     return transformed(mesh, make_transform(rotation_z(yaw_rad), [x, y, z]))
 
 

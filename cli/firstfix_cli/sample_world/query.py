@@ -110,7 +110,7 @@ class ChangedWorld:
         return make_transform(R, floor + R[:, 2] * height)
 
     def scan_at(self, T: NDArray[np.float64], rng: np.random.Generator) -> Scan:
-        """Takes a scan at T (4, 4) in the changed place, with passers-by, noise and dropout."""
+        """Take a scan at T (4, 4) in the changed place, with passers-by, noise and dropout."""
         ranges = next(self.simulator.ranges(T[None], self.sensor))[0]
         people = self._people_around(T, rng)
         if len(people.triangles):

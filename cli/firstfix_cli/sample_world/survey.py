@@ -42,7 +42,7 @@ def survey(
     voxel_m: float,
     rng: np.random.Generator,
 ) -> Survey:
-    """Scans at every pose of the drive, laid out where the drifting estimate puts them."""
+    """Scan at every pose of the drive, laid out where the drifting estimate puts them."""
     T_map_sensor = drifted(T_world_sensor, rng)
     coarse = sensor.coarser(RAYS_PER_SCAN)
     sums = VoxelSums(voxel_m)
@@ -92,7 +92,7 @@ class VoxelSums:
         self._sums: list[NDArray[np.float64]] = []  # x, y, z, count
 
     def add(self, points: NDArray[np.float64]) -> None:
-        """Adds (n, 3) points."""
+        """Add (n, 3) points."""
         cell = np.floor(points / self.voxel_m).astype(np.int64) + self.REACH
         key = (cell[:, 0] * (2 * self.REACH) + cell[:, 1]) * (2 * self.REACH) + cell[:, 2]
         self._keep(key, np.column_stack([points, np.ones(len(points))]))

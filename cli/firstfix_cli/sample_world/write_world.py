@@ -19,7 +19,7 @@ SPEED_M_S = 0.8  # for the trajectory's time stamps
 
 
 def write_world(world: World, directory: Path) -> None:
-    """Writes mesh, map, trajectory, sensor, query scans and their poses below the directory.
+    """Write mesh, map, trajectory, sensor, query scans and their poses below the directory.
 
     Files: mesh.ply, map.ply, trajectory.txt (TUM), sensor.yaml, scans/NNN.pcd, poses.csv, README.txt.
     The same world gives the same bytes.
@@ -34,7 +34,7 @@ def write_world(world: World, directory: Path) -> None:
 
 
 def write_sample(world: World, directory: Path) -> str:
-    """Writes a world below the directory, and returns what it has, in a line."""
+    """Write a world below the directory, and return what it has, in a line."""
     write_world(world, directory)
     return (
         f"{len(world.cloud):,} map points, {len(world.trajectory):,} poses of the mapping drive, "
@@ -43,7 +43,7 @@ def write_sample(world: World, directory: Path) -> str:
 
 
 def write_queries(directory: Path, queries: Iterable[WorldQuery]) -> None:
-    """Writes scans/NNN.pcd and poses.csv."""
+    """Write scans/NNN.pcd and poses.csv."""
     scans = directory / "scans"
     scans.mkdir(parents=True, exist_ok=True)
     rows = ["scan,tx,ty,tz,qx,qy,qz,qw"]

@@ -8,7 +8,7 @@ from . import dataset, evaluate, export
 
 
 def add_commands(app: typer.Typer) -> None:
-    """Adds the lab's commands to ``firstfix``."""
+    """Add the lab's commands to ``firstfix``."""
     app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
     app.command(epilog=dataset.EXAMPLES)(dataset.dataset)
     app.command(epilog=export.EXAMPLES)(export.export)

@@ -209,7 +209,7 @@ def _of_files(rows: list[PosedScan]) -> Iterator[AskedScan]:
 def _of_dataset(
     dataset: Dataset, folder: Path, lidar: str | None, spacing_m: float
 ) -> tuple[int, Iterator[AskedScan]]:
-    """Returns the number of scans to ask, one a place, and reads them one by one."""
+    """The number of scans to ask, one a place, and reads them one by one."""
     from ..datasets.datasets import open_dataset
     from ..datasets.recording import one_a_place
 
@@ -231,7 +231,7 @@ def _outcomes(
     gravity_noise_deg: float | None,
     version: str | None,
 ) -> tuple[list[Outcome], dict[str, Scan]]:
-    """Returns the outcome of every query, and scans for the picture."""
+    """The outcome of every query, and scans for the picture."""
     from rich.console import Console
     from rich.progress import track
 

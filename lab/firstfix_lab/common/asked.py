@@ -35,19 +35,19 @@ class Asked:
     ms: float
 
     def first_error(self, reference: str) -> tuple[float, float]:
-        """Returns metres and degrees from the true pose to the first hypothesis, whatever the verdict."""
+        """Metres and degrees from the true pose to the first hypothesis, whatever the verdict."""
         return min(self._errors(reference)[:1], default=(np.inf, np.inf))
 
     def is_right_first(self, reference: str) -> bool:
-        """Returns True if the first hypothesis is right."""
+        """True if the first hypothesis is right."""
         return any(_is_right(error) for error in self._errors(reference)[:1])
 
     def is_right_among(self, reference: str) -> bool:
-        """Returns True if any hypothesis is right."""
+        """True if any hypothesis is right."""
         return any(_is_right(error) for error in self._errors(reference))
 
     def answer_error(self, reference: str) -> tuple[float, float] | None:
-        """Returns metres and degrees from the true pose to the answered one, if there is one."""
+        """Metres and degrees from the true pose to the answered one, if there is one."""
         if self.answer.T_map_sensor is None:
             return None
         return pose_error(self.T_map_sensor[reference], self.answer.T_map_sensor)
@@ -77,7 +77,7 @@ class Asked:
 
 
 def figures_of(asked: Sequence[Asked]) -> dict[str, Any]:
-    """Returns the figures of at least one query.
+    """The figures of at least one query.
 
     ``right_first``, ``right_among``: share with a first hypothesis, or any, within 0.2 m and 1 degree.
     ``localized_right``: share answered with such a pose. ``wrong``: number of answered poses off by more than

@@ -13,7 +13,7 @@ SEED = 7
 
 
 def version_with_cloud(version: Path, folder: Path, points: int, templates: int) -> None:
-    """Makes a version of another's files, but with the cloud of a building with many floors and walls."""
+    """Make a version of another's files, but with the cloud of a building with many floors and walls."""
     folder.mkdir(parents=True)
     for path in version.iterdir():
         if path.is_file() and path.name not in ("cloud.json", "cloud.bin"):  # no sightings of a store

@@ -50,7 +50,7 @@ class Asked:
 def ask_over_http(
     url: str, map_id: str, timeout_s: float = 30.0, api_key: str = "", keep_alive: bool = True
 ) -> Iterator[Ask]:
-    """Asks over a connection of its own, or over a new one each time."""
+    """Ask over a connection of its own, or over a new one each time."""
     headers = {"Authorization": f"Bearer {api_key}"} if api_key else {}
     limits = httpx.Limits(max_keepalive_connections=1 if keep_alive else 0)
     with httpx.Client(base_url=url, timeout=timeout_s, headers=headers, limits=limits) as http:
@@ -118,7 +118,7 @@ class Crowd:
         self.asked.elapsed_s = time.perf_counter() - self._begin
 
     def go_on(self, seconds: float, queries: int = 10) -> None:
-        """Waits for the given time, and until the clients have had so many answers meanwhile."""
+        """Wait for the given time, and until the clients have had so many answers meanwhile."""
         before = self._answered()
         time.sleep(seconds)
         while self._answered() < before + queries:

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def table(header: Sequence[Any], rows: Iterable[Iterable[Any]]) -> list[str]:
-    """Returns the lines of a table. None is shown as a dash."""
+    """The lines of a table. None is shown as a dash."""
     return [_line(header), "|" + "---|" * len(header), *map(_line, rows)]
 
 

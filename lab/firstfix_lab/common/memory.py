@@ -42,7 +42,7 @@ def pss_of_family(pid: int) -> int:
 
 
 def descendants(pid: int) -> list[int]:
-    """Returns the processes that a process started, and that these started (Linux)."""
+    """The processes that a process started, and that these started (Linux)."""
     found: list[int] = []
     try:
         for task in Path(f"/proc/{pid}/task").iterdir():

@@ -11,7 +11,7 @@ _TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
 
 
 def cpu_s_of_family(pid: int) -> float:
-    """Returns the processor seconds of a process, its descendants, and those of them that ended (Linux)."""
+    """The processor seconds of a process, its descendants, and those of them that ended (Linux)."""
     return sum(_ticks(one) for one in (pid, *descendants(pid))) / _TICKS_A_SECOND
 
 

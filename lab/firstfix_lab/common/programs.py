@@ -24,7 +24,7 @@ BUCKET = "maps"
 
 
 def missing(*programs: str) -> str | None:
-    """Returns a message that names missing programs, or None if all are installed."""
+    """A message that names missing programs, or None if all are installed."""
     absent = [name for name in programs if shutil.which(name) is None]
     return f"no {', '.join(absent)} here (`make all-test-servers`)" if absent else None
 

@@ -51,7 +51,7 @@ def make_small_mesh() -> Trimesh:
 
 
 def query_of(version: Path) -> Body:
-    """Returns a query: the map's points within 8 m of one of its templates."""
+    """A query: the map's points within 8 m of one of its templates."""
     points = np.load(version / "map_points.npy").astype(np.float64)
     position = np.load(version / "template_position_m.npy")[0]
     seen = points[:, :3] - position

@@ -106,7 +106,7 @@ class WorldFiles:
         return self.map.mesh if self.cloud is None else self.cloud
 
     def own_queries(self) -> list[tuple[Scan, NDArray[np.float64] | None]]:
-        """Scans with T_map_sensor, None where they are not of this map."""
+        """Scan with T_map_sensor, None where they are not of this map."""
         rows = [] if self.poses is None else read_poses_csv(self.poses)
         return [(read_scan_file(row.path), row.T_map_sensor) for row in rows]
 

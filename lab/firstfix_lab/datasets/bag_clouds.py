@@ -30,7 +30,7 @@ class BagClouds(Recording):
         super().__init__([stamp for stamp, _, _ in self._clouds()], truth, T_body_sensor)
 
     def read(self, chosen: NDArray[np.intp]) -> Iterator[RecordedScan]:
-        """Reads these clouds one after the other, see ``Recording``. Bags are read up to the last one."""
+        """Read these clouds one after the other, see ``Recording``. Bags are read up to the last one."""
         wanted = {int(self.stamps_ns[k]): int(k) for k in chosen}
         for stamp_ns, bag, message in self._clouds():
             k = wanted.pop(stamp_ns, None)
@@ -58,7 +58,7 @@ class BagClouds(Recording):
 
 
 def bags_in(path: Path) -> list[Path]:
-    """Returns the bags of a folder in the order of their names, or the one bag itself.
+    """The bags of a folder in the order of their names, or the one bag itself.
 
     Raises:
         NotFound: there is none.

@@ -24,7 +24,7 @@ _OPEN: dict[Dataset, Callable[[Path], Recording]] = {
 
 
 def open_dataset(dataset: Dataset, path: Path, lidar: str | None = None) -> Recording:
-    """Opens one recording of a data set, in the folders that its authors ship.
+    """Open one recording of a data set, in the folders that its authors ship.
 
     Args:
         path: folder of the recording.

@@ -34,7 +34,7 @@ class GroundTruth:
     T_world_body: NDArray[np.float64]
 
     def at(self, stamp_ns: int) -> Matrix | None:
-        """Returns the pose (4, 4) at a time: interpolated, the nearest within 20 ms, or None.
+        """The pose (4, 4) at a time: interpolated, the nearest within 20 ms, or None.
 
         Poses that are over 0.3 s apart are not interpolated.
         """
@@ -55,7 +55,7 @@ class GroundTruth:
 
     @classmethod
     def of(cls, path: Path, stamps_ns: NDArray[np.int64], poses: NDArray[np.float64]) -> GroundTruth:
-        """Sorts the poses of a file by time. Of poses with one time, the first one counts.
+        """Sort the poses of a file by time. Of poses with one time, the first one counts.
 
         Raises:
             MalformedData: there is no pose.
@@ -67,7 +67,7 @@ class GroundTruth:
 
 
 def read_rows(path: Path, columns: int, *, delimiter: str | None) -> NDArray[np.float64]:
-    """Reads rows of numbers, (n, columns) float64. Lines that begin with ``#`` are left out.
+    """Read rows of numbers, (n, columns) float64. Lines that begin with ``#`` are left out.
 
     A time in nanoseconds since 1970 is exact to 0.3 us so, in which nothing moves.
 
@@ -83,7 +83,7 @@ def read_rows(path: Path, columns: int, *, delimiter: str | None) -> NDArray[np.
 
 
 def read_tum(path: Path) -> GroundTruth:
-    """Reads rows of seconds x y z qx qy qz qw, separated by spaces.
+    """Read rows of seconds x y z qx qy qz qw, separated by spaces.
 
     Raises:
         NotFound: no such file.
@@ -97,7 +97,7 @@ def read_tum(path: Path) -> GroundTruth:
 
 
 def check_stamps(stamps_ns: NDArray[np.float64]) -> None:
-    """Refuses times that no clock gives, before they become integers.
+    """Refuse times that no clock gives, before they become integers.
 
     Raises:
         MalformedData: one is not finite, negative or too large.

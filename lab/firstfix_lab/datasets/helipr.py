@@ -41,7 +41,7 @@ _LAST_WITHOUT_INTENSITY_NS = 1691936557946849179
 
 
 def open_helipr(path: Path, lidar: str | None = None) -> Recording:
-    """Opens the folder of a drive, such as ``KAIST04``.
+    """Open the folder of a drive, such as ``KAIST04``.
 
     Args:
         lidar: one of RECORDS; None: the only one with scans.

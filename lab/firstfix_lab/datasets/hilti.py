@@ -20,7 +20,7 @@ T_IMU_SENSOR = from_quaternion([-0.001, -0.00855, 0.055], [0.7071068, -0.7071068
 
 
 def open_hilti(path: Path) -> Recording:
-    """Opens a bag, or the folder of one, with the ground truth of its name beside it.
+    """Open a bag, or the folder of one, with the ground truth of its name beside it.
 
     Raises:
         NotFound: it lacks a bag or ground truth.

@@ -23,7 +23,7 @@ MOST_VOXELS = 2**20 - 1  # from the sensor to the furthest point: ``first_in_vox
 def write_mapping_run(
     folder: Path, scans: Iterable[RecordedScan], voxel_m: float, max_range_m: float
 ) -> tuple[int, int]:
-    """Writes scans below ``mapping_scans/`` of a folder while they come, and then their poses.
+    """Write scans below ``mapping_scans/`` of a folder while they come, and then their poses.
 
     Args:
         scans: in the order of time.

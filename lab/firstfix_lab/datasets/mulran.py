@@ -26,7 +26,7 @@ T_BASE_SENSOR = make_transform(rotation_z(np.radians(179.6654)), [1.7042, -0.021
 
 
 def open_mulran(path: Path) -> Recording:
-    """Opens the folder of a drive, such as ``KAIST01``.
+    """Open the folder of a drive, such as ``KAIST01``.
 
     Raises:
         NotFound: it lacks scans or ground truth.

@@ -31,7 +31,7 @@ SENSOR_IN_BODY_M = np.array([0.002, 0.004, 0.957], np.float32)
 
 
 def open_nclt(path: Path) -> Recording:
-    """Opens the folder of a session, such as ``2012-01-08``.
+    """Open the folder of a session, such as ``2012-01-08``.
 
     Raises:
         NotFound: it lacks scans or ground truth.
@@ -51,6 +51,6 @@ def open_nclt(path: Path) -> Recording:
 
 
 def _read_scan(path: Path) -> Scan:
-    """Reads the points, as seen from the sensor. The decoder turns their axes."""
+    """Read the points, as seen from the sensor. The decoder turns their axes."""
     cloud = decode_scanner_bin(content_of(path), "velodyne_sync.bin", SCAN_LIMITS)
     return Scan.from_points(cloud.xyz - SENSOR_IN_BODY_M, cloud.intensity)

@@ -32,7 +32,7 @@ TOPIC_2020, TOPIC_2021 = "/os1_cloud_node/points", "/os_cloud_node/points"
 
 
 def open_newer_college(path: Path) -> Recording:
-    """Opens the folder of an experiment: scans as files (2020), or bags (2020 and 2021).
+    """Open the folder of an experiment: scans as files (2020), or bags (2020 and 2021).
 
     Raises:
         NotFound: it lacks scans or ground truth.

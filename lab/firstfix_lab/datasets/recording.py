@@ -51,7 +51,7 @@ class Recording(ABC):
 
     @abstractmethod
     def read(self, chosen: NDArray[np.intp]) -> Iterator[RecordedScan]:
-        """Reads these scans (indices in ascending order) one after the other.
+        """Read these scans (indices in ascending order) one after the other.
 
         Raises:
             InputError: a subclass; a scan is damaged, the message names it.
@@ -59,7 +59,7 @@ class Recording(ABC):
 
 
 def one_a_place(T_map_sensor: NDArray[np.float64], spacing_m: float, seed: int) -> NDArray[np.intp]:
-    """Chooses one scan by chance from each cell of a grid on the ground: each place counts once.
+    """Choose one scan by chance from each cell of a grid on the ground: each place counts once.
 
     Args:
         T_map_sensor: (n, 4, 4) poses.

@@ -32,7 +32,7 @@ class ScanFiles(Recording):
         self._read_scan = read_scan
 
     def read(self, chosen: NDArray[np.intp]) -> Iterator[RecordedScan]:
-        """Reads these scans one after the other, see ``Recording``."""
+        """Read these scans one after the other, see ``Recording``."""
         for k in chosen:
             path = self._files[int(self.stamps_ns[k])]
             try:
@@ -44,7 +44,7 @@ class ScanFiles(Recording):
 
 
 def files_by_stamp(folder: Path, pattern: str, stamp_ns: Callable[[str], int]) -> dict[int, Path]:
-    """Finds the scans of a folder by the time in nanoseconds that the stem of each name gives.
+    """Find the scans of a folder by the time in nanoseconds that the stem of each name gives.
 
     Raises:
         NotFound: no such folder, or no file with such a name.
@@ -64,7 +64,7 @@ def files_by_stamp(folder: Path, pattern: str, stamp_ns: Callable[[str], int]) -
 
 
 def content_of(path: Path) -> bytes:
-    """Reads the file of a scan.
+    """Read the file of a scan.
 
     Raises:
         TooLarge: over 1 GB.
@@ -76,7 +76,7 @@ def content_of(path: Path) -> bytes:
 
 
 def first_file(*candidates: Path) -> Path:
-    """Returns the first of these files that is there.
+    """The first of these files that is there.
 
     Raises:
         NotFound: none is.

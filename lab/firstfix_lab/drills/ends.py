@@ -133,7 +133,7 @@ def goes_wrong(world: World, build_id: str) -> str:
 
 @contextmanager
 def _disk_filled(folder: Path) -> Iterator[None]:
-    """Leaves a disk ``LEFT_BYTES`` while the block runs."""
+    """Leave a disk ``LEFT_BYTES`` while the block runs."""
     ballast = folder / "ballast"
     free = os.statvfs(folder).f_bavail * os.statvfs(folder).f_frsize
     ballast.write_bytes(bytes(max(free - LEFT_BYTES, 0)))
@@ -197,7 +197,7 @@ def ends(
     python: str = sys.executable,
     say: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Tries each end in each of its stages. ``wrong`` of the figures is to be empty.
+    """Try each end in each of its stages. ``wrong`` of the figures is to be empty.
 
     Args:
         folder: empty; of the store, the work folders and the logs.
@@ -299,7 +299,7 @@ def left_over(world: World) -> list[str]:
 
 
 def _forget(world: World, left: Sequence[str]) -> None:
-    """Removes what is left, so that the next end is not blamed for it."""
+    """Remove what is left, so that the next end is not blamed for it."""
     for key in left:
         world.catalog.store.delete(key)
 
@@ -310,7 +310,7 @@ def wait(condition: Callable[[], object], what: str, limit_s: float = LIMIT_S) -
 
 @contextmanager
 def _disks(folder: Path, *, wanted: bool) -> Iterator[None]:
-    """Puts the store on a small disk of its own."""
+    """Put the store on a small disk of its own."""
     store = folder / "store"
     store.mkdir()
     if not wanted:

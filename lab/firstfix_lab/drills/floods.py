@@ -101,7 +101,7 @@ async def unread_points(
 async def unread_scans(
     target: Target, reader: StreamReader, writer: StreamWriter, seen: Counter[str]
 ) -> None:
-    """Answers to queries that are not read."""
+    """Answer to queries that are not read."""
     writer.transport.pause_reading()  # type: ignore[attr-defined]
     body = random_returns(500)
     while True:
@@ -112,7 +112,7 @@ async def unread_scans(
 async def broken_uploads(
     target: Target, reader: StreamReader, writer: StreamWriter, seen: Counter[str]
 ) -> None:
-    """Uploads whose connection breaks in the middle, and what was begun is removed."""
+    """Upload whose connection breaks in the middle, and what was begun is removed."""
     name = base64.b64encode(b"flood.xyz").decode()
     more = f"Upload-Length: {PART_BYTES}\r\nUpload-Metadata: filename {name}\r\n"
     await _send(writer, target.head("POST", "/uploads", 0, more))
@@ -256,7 +256,7 @@ async def _send(writer: StreamWriter, data: bytes) -> None:
 async def again(
     request: bytes, reader: StreamReader, writer: StreamWriter, seen: Seen, *, has_body: bool = True
 ) -> None:
-    """Sends a request until the service closes the connection; its answers are counted even so.
+    """Send a request until the service closes the connection; its answers are counted even so.
 
     Args:
         has_body: see ``read_status``.

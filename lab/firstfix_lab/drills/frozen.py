@@ -39,7 +39,7 @@ Choice = Callable[[dict[str, Part]], list[Case]]
 def frozen(
     folder: Path, root: Path, choose: Choice, tell: Callable[[Figures], None], readers: int = 100
 ) -> tuple[list[Figures], list[str]]:
-    """Runs cases in one deployment; returns their figures, and the processes that it would have left.
+    """Run cases in one deployment; returns their figures, and the processes that it would have left.
 
     Args:
         folder: empty; of the store and the logs.

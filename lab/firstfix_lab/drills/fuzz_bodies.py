@@ -61,7 +61,7 @@ class Outcome:
 
 
 def fuzz(ask: Ask, count: int, seed: int = 0) -> Outcome:
-    """Sends the good bodies, ``count`` damaged ones of each, and the crafted ones, one after the other."""
+    """Send the good bodies, ``count`` damaged ones of each, and the crafted ones, one after the other."""
     outcome = Outcome()
     for body in _bodies(count, seed):
         started = time.perf_counter()
@@ -82,7 +82,7 @@ def _bodies(count: int, seed: int) -> Iterator[Body]:
 
 
 def http_asker(http: httpx.Client, map_id: str) -> Ask:
-    """Asks over HTTP: the status of the answer."""
+    """Ask over HTTP: the status of the answer."""
 
     def ask(body: Body) -> int:
         headers = {"Content-Type": body.media_type}
@@ -95,7 +95,7 @@ def http_asker(http: httpx.Client, map_id: str) -> Ask:
 
 
 def zenoh_asker(session: Any, map_id: str) -> Ask:
-    """Asks over zenoh: 200, or the status in the problem document; 500 for no answer."""
+    """Ask over zenoh: 200, or the status in the problem document; 500 for no answer."""
     import zenoh
 
     def ask(body: Body) -> int:

@@ -61,7 +61,7 @@ class Counts:
     slowest_s: float = 0.0
 
     def to_mapping(self) -> dict[str, Any]:
-        """Returns the figures."""
+        """The figures."""
         return {
             "ends": dict(self.ends.most_common()),
             "defects": self.defects,
@@ -71,7 +71,7 @@ class Counts:
 
 
 def fuzz(name: str, count: int, seed: int, *, folder: Path, first: int = 0) -> Counts:
-    """Reads the good files of a format, and ``count`` damaged ones.
+    """Read the good files of a format, and ``count`` damaged ones.
 
     This process reads none of them itself: a library that started threads would not survive a fork.
     """
@@ -128,7 +128,7 @@ class _Found:
 
 
 def _ends(work: Sequence[Callable[[], object]]) -> Iterator[_Found]:
-    """Yields how each piece of work ended. One process does ``AT_ONCE`` of them, or ends with one."""
+    """Yield how each piece of work ended. One process does ``AT_ONCE`` of them, or ends with one."""
     done = 0
     while done < len(work):
         for found in _of_a_process(work[done : done + AT_ONCE]):
@@ -171,7 +171,7 @@ def _of_a_process(work: Sequence[Callable[[], object]]) -> Iterator[_Found]:
 
 
 def _limit() -> None:
-    """Limits this process, and silences it: lazrs prints its panics."""
+    """Limit this process, and silence it: lazrs prints its panics."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
     silent = os.open(os.devnull, os.O_WRONLY)
@@ -180,13 +180,13 @@ def _limit() -> None:
 
 
 def _allow_processor() -> None:
-    """Allows ``CPU_S`` more of processor time."""
+    """Allow ``CPU_S`` more of processor time."""
     soft = int(time.process_time()) + CPU_S + 1
     resource.setrlimit(resource.RLIMIT_CPU, (soft, resource.RLIM_INFINITY))
 
 
 def _end_of(work: Callable[[], object]) -> tuple[str, int, float]:
-    """Runs the work. Returns ``read``, the error's code or the exception's name, the memory and the time."""
+    """Run the work. Returns ``read``, the error's code or the exception's name, the memory and the time."""
     started = time.process_time()
     try:
         work()

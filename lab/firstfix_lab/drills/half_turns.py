@@ -104,7 +104,7 @@ class Told:
 
 
 def is_named(answer: Localization) -> bool:
-    """Returns whether an answer says that the scan is in a wrong frame."""
+    """Whether an answer says that the scan is in a wrong frame."""
     return any(finding.code in CODES for finding in answer.findings)
 
 
@@ -126,7 +126,7 @@ def wrong_frames(points: Points, T_map_sensor: Matrix) -> Iterator[tuple[str, Po
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Runs the drill."""
+    """Run the drill."""
     parser = argparse.ArgumentParser(
         prog="firstfix-lab half_turns",
         description=__doc__,
@@ -230,7 +230,7 @@ def _failures(name: str, told: dict[int, list[Told]]) -> Iterator[str]:
 
 
 def _ask_moved(work: Path, *, is_built: bool) -> list[str]:
-    """Asks for the office's scans in wrong frames. Returns which were localized, or not named."""
+    """Ask for the office's scans in wrong frames. Returns which were localized, or not named."""
     world = make_world(OFFICE, seed=0)
     if not is_built:
         write_world(world, work / "world")

@@ -47,7 +47,7 @@ class ImpostorWorld:
     simulation: ScanSimulation
 
     def scans(self, motion: str, count: int, rng: np.random.Generator) -> Iterator[tuple[Scan, Matrix]]:
-        """Scans with times from anywhere in the map, each with T_map_sensor at its stamp."""
+        """Scan with times from anywhere in the map, each with T_map_sensor at its stamp."""
         index = self.localizer.index
         at_m = transform_points(index.T_map_level, index.cascade.templates.position_m.astype(np.float64))
         for case in self.simulation.cases(at_m, index.config.spacing_m, count, rng):

@@ -51,7 +51,7 @@ class Table:
     examples: list[str] = field(default_factory=list)
 
     def add(self, world: str, motion: str, answer: Localization, T_map_sensor: Matrix) -> None:
-        """Counts one answer.
+        """Count one answer.
 
         Args:
             T_map_sensor: (4, 4) the truth.
@@ -91,7 +91,7 @@ def judged(answer: Localization, T_map_sensor: Matrix) -> list[str]:
 
 
 def run(world: ImpostorWorld, name: str, table: Table, *, count: int, seed: int) -> None:
-    """Asks for ``count`` scans of each motion."""
+    """Ask for ``count`` scans of each motion."""
     for number, motion in enumerate(MOTIONS):
         for scan, T_map_sensor in world.scans(motion, count, np.random.default_rng([seed, number])):
             table.add(name, motion, world.localizer.localize(scan), T_map_sensor)

@@ -142,7 +142,7 @@ def _post(deployment: Deployment, posted: list[str], seed: int) -> None:
 
 
 def _wait_for_a_moment(deployment: Deployment, catalog: Catalog, rng: random.Random) -> None:
-    """Waits for a random moment of one of three kinds.
+    """Wait for a random moment of one of three kinds.
 
     A third of them is while a version's files are being put, most others are while a build runs: processes
     take longer to start than that.
@@ -165,7 +165,7 @@ def _wait_until(condition: Callable[[], bool]) -> None:
 
 
 def _is_publishing(deployment: Deployment, catalog: Catalog) -> bool:
-    """Returns whether somebody works on a version that has files and is not published yet."""
+    """Whether somebody works on a version that has files and is not published yet."""
     if not any(member.build_pids() for member in deployment.members):
         return False
     return any(
@@ -175,7 +175,7 @@ def _is_publishing(deployment: Deployment, catalog: Catalog) -> bool:
 
 
 def _kill_one(deployment: Deployment, rng: random.Random) -> str:
-    """Kills a member, which is started again, or the build that one runs. What was killed."""
+    """Kill a member, which is started again, or the build that one runs. What was killed."""
     at_work = [member for member in deployment.members if member.build_pids()]
     member = rng.choice(at_work if at_work and rng.random() < 0.7 else deployment.members)
     builds = member.build_pids()
@@ -203,7 +203,7 @@ def _attempts(catalog: Catalog, build_id: str) -> int:
 
 
 def _published_twice(catalog: Catalog) -> list[str]:
-    """Builds that left more than one entry of a kind in their map's log."""
+    """Build that left more than one entry of a kind in their map's log."""
     seen = Counter(
         f"{e.build_id} {e.event.value}" for map_id in catalog.map_ids() for e in catalog.log(map_id)
     )
@@ -230,7 +230,7 @@ def _orphans(catalog: Catalog) -> list[str]:
 
 
 def _after_gc(catalog: Catalog) -> list[str]:
-    """Returns the objects that nothing refers to after garbage collection.
+    """The objects that nothing refers to after garbage collection.
 
     Uploads of unrecorded builds are left out: they are the map's sources, and are kept.
     """

@@ -27,7 +27,7 @@ WITHIN_M = 0.2
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Runs the drill."""
+    """Run the drill."""
     parser = argparse.ArgumentParser(
         prog="firstfix-lab lossy_dds",
         description=__doc__,

@@ -164,7 +164,7 @@ def _service(folder: Path, store: Path, root: Path) -> Iterator[Replica]:
 
 
 async def _ask(url: str, key: str, body: Body, seconds: float) -> Seen:
-    """Asks every ``EVERY_S``, and waits for all answers."""
+    """Ask every ``EVERY_S``, and wait for all answers."""
     seen = Seen()
     transport = httpx.AsyncHTTPTransport(local_address=OWN_ADDRESS)
     free = asyncio.Semaphore(MOST_AT_ONCE - 1)
@@ -198,7 +198,7 @@ async def _ask(url: str, key: str, body: Body, seconds: float) -> Seen:
 
 
 async def _ask_and_probe(url: str, key: str, body: Body, seconds: float) -> tuple[Seen, float]:
-    """Asks as ``_ask``, and probes health meanwhile. Returns also the seconds of the longest probe."""
+    """Ask as ``_ask``, and probes health meanwhile. Returns also the seconds of the longest probe."""
     probing = asyncio.create_task(_probe(url, round(seconds / PROBE_EVERY_S)))
     seen = await _ask(url, key, body, seconds)
     return seen, await probing
@@ -221,7 +221,7 @@ async def _probe(url: str, times: int) -> float:
 
 
 def _post(url: str, key: str, body: Body) -> float:
-    """Asks once, and returns the seconds that it takes."""
+    """Ask once, and return the seconds that it takes."""
     begin = time.perf_counter()
     answer = httpx.post(
         f"{url}/localize",

@@ -131,7 +131,7 @@ def _not_serving(deployment: Deployment) -> list[str]:
 
 
 def is_another(active: Callable[[], str | None], shown: Callable[[], str | None]) -> bool:
-    """Returns whether another version than the active one is shown.
+    """Whether another version than the active one is shown.
 
     A build that goes on after the cut may activate its version between the two looks. Then both look again.
     """
@@ -184,7 +184,7 @@ def _broken(catalog: Catalog, cache: Path) -> list[str]:
 
 
 def _wait_for_a_moment(disk: DiskImage, deployment: Deployment, callers: Callers, rng: random.Random) -> str:
-    """Waits until a randomly chosen kind of work goes on, and a little longer. Returns its name."""
+    """Wait until a randomly chosen kind of work goes on, and a little longer. Returns its name."""
     moment = rng.choice(MOMENTS)
     if moment == "upload":
         _wait_until(lambda: callers.is_uploading)
@@ -216,7 +216,7 @@ def _wait_until(condition: Callable[[], bool]) -> bool:
 
 
 def _end(deployment: Deployment) -> None:
-    """Kills the service and its builds, which are of sessions of their own."""
+    """Kill the service and its builds, which are of sessions of their own."""
     for member in deployment.members:
         for pid in member.build_pids():
             with suppress(ProcessLookupError):

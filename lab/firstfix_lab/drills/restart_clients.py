@@ -83,7 +83,7 @@ def restart_under_queries(
     restarts: int = 2,
     timeout_s: float = 30.0,
 ) -> dict[str, Any]:
-    """Returns the outcomes of the queries of one kind of client; ``lost`` must be empty.
+    """The outcomes of the queries of one kind of client; ``lost`` must be empty.
 
     Args:
         replica: a running one; it is killed when the queries have come so far, and started again.

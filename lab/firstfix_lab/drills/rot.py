@@ -68,7 +68,7 @@ class Table:
 
     @property
     def failures(self) -> int:
-        """Damages that were missed or gave a false value although somebody could tell, or stopped a copy."""
+        """Damage that were missed or gave a false value although somebody could tell, or stopped a copy."""
         known = [c for row, c in self.rows.items() if not row.endswith("missing") and "under way" not in row]
         return self.total("stopped") + sum(counts["missed"] + counts["wrong"] for counts in known)
 
@@ -185,7 +185,7 @@ def differences(right: dict[str, Any], now: dict[str, Any]) -> tuple[list[str], 
 
 
 def is_empty(name: str, found: Any) -> bool:
-    """Returns whether it is as if the object were not there: queued, none, or 0."""
+    """Whether it is as if the object were not there: queued, none, or 0."""
     if name.startswith("status "):
         return bool(found["state"] == "queued")
     return found is None or found in ([], 0.0)
@@ -272,7 +272,7 @@ def rot_while_serving(store: Store, scratch: Path, table: Table, *, bits: int, s
 
 
 def is_noticed(manifest: Any, folder: Path, scratch: Path) -> bool:
-    """Returns whether the service finds the damage: it reads the files again after an unexpected error."""
+    """Whether the service finds the damage: it reads the files again after an unexpected error."""
     try:
         from firstfix.catalog.versions.cache import check_again
     except ImportError:  # releases before

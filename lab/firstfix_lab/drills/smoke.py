@@ -43,7 +43,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def run_once(profile: str) -> dict[str, Any]:
-    """Returns the figures of the robots during one run.
+    """The figures of the robots during one run.
 
     Raises:
         CalledProcessError: the script found a fault.

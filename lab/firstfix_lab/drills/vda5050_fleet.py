@@ -238,7 +238,7 @@ def vda5050_fleet(
 
 
 def _let_some_end(fleet: Fleet, number: int, restarts: int) -> None:
-    """Waits until a part of the lost vehicles has its position, so that the restart meets others at work."""
+    """Wait until a part of the lost vehicles has its position, so that the restart meets others at work."""
     plain = [n for n, kind in fleet.kinds.items() if kind == "plain"]
     wanted = len(plain) * number // restarts
     wait_until(
@@ -258,7 +258,7 @@ def _is_right(vehicle: SimulatedVehicle, number: int) -> bool:
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
-    """Ends a process at once."""
+    """End a process at once."""
     process.kill()
     process.wait()
 

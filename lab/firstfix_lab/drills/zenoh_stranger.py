@@ -153,7 +153,7 @@ class Stranger:
     _declared: list[Any] = field(default_factory=list)
 
     def take_part(self, way: str, false_tokens: int) -> None:
-        """Declares the robot's keys and false replicas, or takes everything back."""
+        """Declare the robot's keys and false replicas, or take everything back."""
         self.way = way
         for one in (*self._declared, *self._held):
             (one.drop if hasattr(one, "drop") else one.undeclare)()
@@ -204,13 +204,13 @@ def wait_until(condition: Callable[[], bool], limit_s: float = 300.0) -> None:
 
 
 def wait_until_shown(looker: Any, is_shown: bool) -> None:
-    """Waits for his first false token, which comes after all his keys."""
+    """Wait for his first false token, which comes after all his keys."""
     token = f"firstfix/{MAP}/localize/{0:012x}"
     wait_until(lambda: bool(list(looker.liveliness().get(token, timeout=5))) == is_shown)
 
 
 def run(root: Path, folder: Path, *, queries: int, false_tokens: int, late: bool) -> dict[str, Any]:
-    """Returns a row for each of the stranger's ways, for what he sends again, and for his notices."""
+    """A row for each of the stranger's ways, for what he sends again, and for his notices."""
     from tests.claimed import free_port
 
     ports = [free_port(), free_port()]
@@ -248,7 +248,7 @@ def run(root: Path, folder: Path, *, queries: int, false_tokens: int, late: bool
 
 
 def send_again(stranger: Stranger, found: dict[str, Any], most: int) -> dict[str, Any]:
-    """Sends recorded queries, and what they carried, elsewhere. Returns how many were answered."""
+    """Send recorded queries, and what they carried, elsewhere. Returns how many were answered."""
     import httpx
 
     of_map = [one for one in stranger.recorded if f"/{MAP}/" in one[0]]
@@ -290,7 +290,7 @@ def selector(key: str, parameters: dict[str, str]) -> Any:
 
 
 def tell_lies(root: Path, folder: Path, lies: int = 3) -> dict[str, Any]:
-    """Tells a watching robot of false versions; returns how many true changes it still reports."""
+    """Tell a watching robot of false versions; returns how many true changes it still reports."""
     from tests.claimed import free_port
 
     ports = [free_port(), free_port()]
@@ -340,7 +340,7 @@ def session_at(endpoint: str) -> Iterator[Any]:
 
 
 def harm_in(table: dict[str, Any], queries: int) -> list[str]:
-    """Returns what a stranger must not be able to do, and did."""
+    """What a stranger must not be able to do, and did."""
     harm = [f"{way}: a false answer was accepted" for way in WAYS if table[way]["false answers accepted"]]
     harm += [f"{way}: answers lacked" for way in WAYS if table[way]["answered rightly"] < queries]
     again = table["sent again"]

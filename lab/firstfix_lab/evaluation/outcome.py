@@ -71,12 +71,12 @@ class Outcome:
         return self.is_accepted and not (self.error_m <= WRONG_M and self.error_deg <= FALSE_DEG)
 
     def is_within(self, limit_m: float, yaw_deg: float = SUCCESS_YAW_DEG) -> bool:
-        """Returns True if the answered pose is this close to the true one."""
+        """True if the answered pose is this close to the true one."""
         return self.error_m <= limit_m and self.yaw_error_deg <= yaw_deg
 
 
 def outcome_of(name: str, T_map_sensor: Matrix | None, answer: Localization, ms: float) -> Outcome:
-    """Compares an answer with the true pose."""
+    """Compare an answer with the true pose."""
     if T_map_sensor is None:
         return Outcome(name, None, answer, ms, np.inf, np.inf, np.inf)
     errors_m = [_error_m(T_map_sensor, hypothesis.T_map_sensor) for hypothesis in answer.hypotheses]
@@ -89,7 +89,7 @@ def outcome_of(name: str, T_map_sensor: Matrix | None, answer: Localization, ms:
 
 
 def report_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Returns the metrics that ``--json`` writes.
+    """The metrics that ``--json`` writes.
 
     ``success_*``: share of the scans with a true pose that were localized within this distance, and within
     5 degrees of yaw. ``first_0.2m`` and ``among_0.2m``: share of them whose first hypothesis, or any, is this
@@ -117,13 +117,13 @@ def report_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def angle_shares(outcomes: Sequence[Outcome]) -> dict[str, float]:
-    """Returns the share of scans with a true pose within 1 m and 1, 2 and 5 degrees of yaw."""
+    """The share of scans with a true pose within 1 m and 1, 2 and 5 degrees of yaw."""
     posed = [o for o in outcomes if o.T_map_sensor is not None]
     return {f"{limit:g}deg": _share([o.is_within(1.0, limit) for o in posed]) for limit in ANGLES_DEG}
 
 
 def turned(scan: Scan, T_map_sensor: Matrix | None, yaw_rad: float) -> tuple[Scan, Matrix | None]:
-    """Returns scan and pose of the same sensor mounted at another heading."""
+    """Scan and pose of the same sensor mounted at another heading."""
     T_turned_sensor = make_transform(rotation_z(yaw_rad), np.zeros(3))
     points = (scan.points @ T_turned_sensor[:3, :3].T).astype(np.float32)
     pose = None if T_map_sensor is None else T_map_sensor @ inverse(T_turned_sensor)
@@ -131,21 +131,21 @@ def turned(scan: Scan, T_map_sensor: Matrix | None, yaw_rad: float) -> tuple[Sca
 
 
 def random_yaws(count: int, seed: int | None) -> NDArray[np.float64]:
-    """Returns (count,) radians that depend only on the seed; zeros without a seed."""
+    """(count,) radians that depend only on the seed; zeros without a seed."""
     if seed is None:
         return np.zeros(count)
     return np.random.default_rng(seed).uniform(-np.pi, np.pi, count)
 
 
 def _error_m(T_map_sensor: Matrix, T_map_found: Matrix) -> float:
-    """Returns the distance of a hypothesis from the true pose; infinite if its yaw is wrong."""
+    """The distance of a hypothesis from the true pose; infinite if its yaw is wrong."""
     if _yaw_error_deg(T_map_sensor, T_map_found) > SUCCESS_YAW_DEG:
         return float(np.inf)
     return pose_error(T_map_sensor, T_map_found)[0]
 
 
 def _yaw_error_deg(T_map_sensor: Matrix, T_map_found: Matrix) -> float:
-    """Returns the twist about z of the rotation between them, without the tilt."""
+    """The twist about z of the rotation between them, without the tilt."""
     _, _, z, w = quaternion_of(T_map_found @ inverse(T_map_sensor))
     return abs(float(np.degrees(2 * np.arctan2(z, w))))
 

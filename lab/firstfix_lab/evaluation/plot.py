@@ -40,7 +40,7 @@ class MapPicture:
 
     @classmethod
     def load(cls, directory: Path) -> MapPicture:
-        """Reads them from a version's folder."""
+        """Read them from a version's folder."""
         from firstfix.engine.config import ENGINE_FILE
         from firstfix.engine.index import MAP_FILE
 
@@ -54,7 +54,7 @@ class MapPicture:
         )
 
     def below_ceilings(self) -> NDArray[np.float64]:
-        """Returns (k, 3) points up to just above the sensor's height, lowest first."""
+        """(k, 3) points up to just above the sensor's height, lowest first."""
         from scipy.spatial import cKDTree
 
         _, nearest = cKDTree(self.templates[:, :2]).query(self.points[:, :2])
@@ -70,7 +70,7 @@ def draw(
     scans: Mapping[str, Scan],
     report: Mapping[str, Any],
 ) -> None:
-    """Writes the PNG.
+    """Write the PNG.
 
     Args:
         picture: the map; None: draw only true poses and answers.
@@ -142,7 +142,7 @@ def _draw_overview(axes: Any, picture: MapPicture | None, outcomes: Sequence[Out
 
 
 def _draw_close_up(axes: Any, picture: MapPicture | None, outcome: Outcome, scan: Scan) -> None:
-    """Draws the scan at the answered pose, over a slice of the map at the sensor's height."""
+    """Draw the scan at the answered pose, over a slice of the map at the sensor's height."""
     T_map_sensor = outcome.answer.T_map_sensor
     assert T_map_sensor is not None
     points = transform_points(T_map_sensor, scan.points[rows_by_chance(len(scan), MAX_SCAN_POINTS)])
@@ -169,7 +169,7 @@ def _draw_close_up(axes: Any, picture: MapPicture | None, outcome: Outcome, scan
 
 
 def _close_ups(outcomes: Sequence[Outcome]) -> list[Outcome]:
-    """Returns up to two false accepts, and right answers from the best to the worst."""
+    """Up to two false accepts, and right answers from the best to the worst."""
     accepted = sorted((o for o in outcomes if o.is_accepted), key=lambda o: o.error_m)
     wrong = [o for o in accepted if o.is_false_accept][-WRONG_CLOSE_UPS:]
     right = [o for o in accepted if not o.is_false_accept]
@@ -193,18 +193,18 @@ def _heading(axes: Any, T: Matrix, length_m: float, colour: str, width: float) -
 
 
 def _arrow_m(picture: MapPicture | None, outcomes: Sequence[Outcome]) -> float:
-    """Returns an arrow length that is visible at this scale."""
+    """An arrow length that is visible at this scale."""
     return max(1.0, float(_extent(picture, outcomes).max()) / 30)
 
 
 def _aspect(picture: MapPicture | None, outcomes: Sequence[Outcome]) -> float:
-    """Returns height divided by width."""
+    """Height divided by width."""
     width, height = _extent(picture, outcomes)
     return float((height + 1) / (width + 1))
 
 
 def _extent(picture: MapPicture | None, outcomes: Sequence[Outcome]) -> NDArray[np.float64]:
-    """Returns (2,) metres along x and y; zeros if nothing is shown."""
+    """(2,) metres along x and y; zeros if nothing is shown."""
     if picture is not None:
         shown = picture.points[:, :2]
     else:

@@ -15,7 +15,7 @@ SEED = 0
 
 
 def imu_errors(count: int, noise_deg: float | None) -> Sequence[NDArray[np.float64] | None]:
-    """Returns ``count`` errors of roll and pitch, each (2,) radians, the same in every run.
+    """``count`` errors of roll and pitch, each (2,) radians, the same in every run.
 
     Args:
         noise_deg: standard deviation; None: there is no IMU.
@@ -33,7 +33,7 @@ def imu_errors(count: int, noise_deg: float | None) -> Sequence[NDArray[np.float
 
 
 def gravity_at(T_map_sensor: Matrix | None, error_rad: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Returns the (3,) unit vector of gravity in the sensor frame, pointing down; None without a pose.
+    """The (3,) unit vector of gravity in the sensor frame, pointing down; None without a pose.
 
     Args:
         T_map_sensor: pose in a map whose z axis points up.

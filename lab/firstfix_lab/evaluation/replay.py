@@ -43,7 +43,7 @@ class Replayed:
 def replay(
     samples: QuerySamples, map_id: str, ask: BodyAnswerer, version: str | None = None
 ) -> Iterator[Replayed]:
-    """Sends every kept query about the map again, oldest first.
+    """Send every kept query about the map again, oldest first.
 
     Args:
         version: version to ask; None: the active one.
@@ -66,7 +66,7 @@ def replay(
 def body_answerer(
     map_id: str, *, url: str | None, store: str | None, timeout_s: float
 ) -> Iterator[BodyAnswerer]:
-    """Gives a function that answers a kept query, with the service or with the store.
+    """Give a function that answers a kept query, with the service or with the store.
 
     Raises:
         NotFound: no such map.
@@ -121,7 +121,7 @@ def _moved(map_id: str, then: Localization, now: Localization | None) -> tuple[f
 
 
 def report_of(replayed: Sequence[Replayed]) -> dict[str, Any]:
-    """Returns the figures that ``--json`` writes."""
+    """The figures that ``--json`` writes."""
     changes = Counter((one.then.verdict.value, _verdict(one)) for one in replayed)
     return {
         "n": len(replayed),
@@ -141,7 +141,7 @@ def report_of(replayed: Sequence[Replayed]) -> dict[str, Any]:
 
 
 def lines_of(replayed: Sequence[Replayed]) -> list[str]:
-    """Returns one line for each query, then the counts of changes."""
+    """One line for each query, then the counts of changes."""
     lines = [f"{'sample':31} {'then':>17} {'now':>17}  best place"]
     for one in replayed:
         now = one.error or _short(one.now)

@@ -23,10 +23,10 @@ class ViewerFile(Protocol):
     """A file that is being written."""
 
     def write_map(self, cloud: MapCloud, time_ns: int) -> None:
-        """Writes the map, which is there from ``time_ns`` on."""
+        """Write the map, which is there from ``time_ns`` on."""
 
     def write_query(self, query: KeptQuery) -> None:
-        """Writes one query with its answer."""
+        """Write one query with its answer."""
 
 
 @dataclass
@@ -57,7 +57,7 @@ def export(
     count: int | None,
     force: bool,
 ) -> Exported:
-    """Writes a map with its kept queries. The file appears when it is whole.
+    """Write a map with its kept queries. The file appears when it is whole.
 
     The memory that this takes does not depend on the number of the queries.
 

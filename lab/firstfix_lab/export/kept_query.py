@@ -59,12 +59,12 @@ class KeptQuery:
 
     @property
     def localized(self) -> bool:
-        """Returns whether the answer has a pose in this map."""
+        """Whether the answer has a pose in this map."""
         return self.frame == SENSOR_FRAME
 
 
 def kept_queries(source: ExportSource, map_id: str, count: int | None) -> Iterator[KeptQuery]:
-    """Yields kept queries about a map, newest first, with one body in memory.
+    """Yield kept queries about a map, newest first, with one body in memory.
 
     Args:
         count: the newest so many; None: all.
@@ -101,7 +101,7 @@ def _kept_query(source: ExportSource, sample: QuerySample, map_id: str) -> KeptQ
 
 
 def points_of(scan: AnyScan) -> NDArray[np.float32]:
-    """Returns the (n, 3) points of a query in the sensor frame, of several scans in the frame of the last."""
+    """The (n, 3) points of a query in the sensor frame, of several scans in the frame of the last."""
     if isinstance(scan, ScanDescriptor):
         return np.zeros((0, 3), np.float32)
     if isinstance(scan, Scan | CompactScan):

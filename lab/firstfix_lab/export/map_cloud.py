@@ -35,7 +35,7 @@ class MapCloud:
 
 
 def read_map_cloud(index: Mapping[str, Any], read: ReadPoints, most_points: int) -> MapCloud:
-    """Reads the coarse levels of a cloud, and of the first level that is too much an even part, by chance.
+    """Read the coarse levels of a cloud, and of the first level that is too much an even part, by chance.
 
     Args:
         index: content of ``cloud.json``.

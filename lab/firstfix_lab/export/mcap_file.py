@@ -49,7 +49,7 @@ class McapFile:
         }
 
     def write_map(self, cloud: MapCloud, time_ns: int) -> None:
-        """Writes the map's points, the templates and the mapping run at the beginning of the queries."""
+        """Write the map's points, the templates and the mapping run at the beginning of the queries."""
         self._write("/map", time_ns, self._cloud(cloud.points, MAP_FRAME, time_ns))
         self._write("/templates", time_ns, self._cloud(cloud.templates, MAP_FRAME, time_ns))
         header = self._header(MAP_FRAME, time_ns)
@@ -65,7 +65,7 @@ class McapFile:
         self._write("/trajectory", time_ns, self._make(TOPICS["/trajectory"], header=header, poses=poses))
 
     def write_query(self, query: KeptQuery) -> None:
-        """Writes one query with its answer."""
+        """Write one query with its answer."""
         at = query.time_ns
         if query.T_map_frame is not None:
             self._write("/tf", at, self._transform(query.T_map_frame, query.frame, at))
@@ -177,7 +177,7 @@ class McapFile:
 
 
 def facts_of(query: KeptQuery) -> list[tuple[str, str]]:
-    """Returns what is known of an answer, as names and values."""
+    """What is known of an answer, as names and values."""
     answer, sample = query.answer, query.sample
     options = [(f"option {name}", value) for name, value in sorted(sample.options.items())]
     return [
@@ -197,7 +197,7 @@ def facts_of(query: KeptQuery) -> list[tuple[str, str]]:
 
 @contextmanager
 def mcap_file(folder: Path) -> Iterator[McapFile]:
-    """Gives a file to write to, which is ``folder / "out"`` at the end.
+    """Give a file to write to, which is ``folder / "out"`` at the end.
 
     Raises:
         ModuleNotFoundError: rosbags is not installed.

@@ -13,7 +13,7 @@ from firstfix.errors import Conflict, InvalidOption
 
 @contextmanager
 def new_file(path: Path, *, force: bool) -> Iterator[Path]:
-    """Gives a folder beside ``path``, for a file ``out`` in it, which takes the path's name at the end.
+    """Give a folder beside ``path``, for a file ``out`` in it, which takes the path's name at the end.
 
     Nothing is left of a file that was not finished.
 

@@ -33,14 +33,14 @@ class RrdFile:
         self._rerun, self._recording = rerun, recording
 
     def write_map(self, cloud: MapCloud, time_ns: int) -> None:
-        """Writes the map's points, the templates and the mapping run, for all times."""
+        """Write the map's points, the templates and the mapping run, for all times."""
         rr = self._rerun
         self._log(f"{MAP_FRAME}/cloud", rr.Points3D(cloud.points, radii=0.02), static=True)
         self._log(f"{MAP_FRAME}/templates", rr.Points3D(cloud.templates, radii=0.1), static=True)
         self._log(f"{MAP_FRAME}/trajectory", rr.LineStrips3D([cloud.trajectory]), static=True)
 
     def write_query(self, query: KeptQuery) -> None:
-        """Writes one query with its answer. What it does not have is cleared, so that no older one stays."""
+        """Write one query with its answer. What it does not have is cleared, so that no older one stays."""
         rr = self._rerun
         self._recording.set_time(TIMELINE, timestamp=np.datetime64(query.time_ns, "ns"))
         for frame, place in _PLACES.items():
@@ -70,7 +70,7 @@ class RrdFile:
 
 @contextmanager
 def rrd_file(folder: Path, name: str) -> Iterator[RrdFile]:
-    """Gives a recording to write to, which is ``folder / "out"`` at the end.
+    """Give a recording to write to, which is ``folder / "out"`` at the end.
 
     Args:
         name: of the recording's application, shown by the viewer.

@@ -23,27 +23,27 @@ class ExportSource(Protocol):
     """One map with its kept queries. Both implementations return the same."""
 
     def active_version(self) -> str:
-        """Returns the version that answers.
+        """The version that answers.
 
         Raises:
             NotFound: no such map, or no version of it is active.
         """
 
     def cloud(self, version: str) -> dict[str, Any] | None:
-        """Returns the index of a version's cloud for viewers; None if the version has none.
+        """The index of a version's cloud for viewers; None if the version has none.
 
         Raises:
             NotFound: no such version.
         """
 
     def cloud_points(self, version: str, first: int, count: int) -> bytes:
-        """Returns some of the cloud's points, packed."""
+        """Some of the cloud's points, packed."""
 
     def samples(self) -> Iterator[QuerySample]:
-        """Yields the kept queries about the map, newest first."""
+        """Yield the kept queries about the map, newest first."""
 
     def body(self, sample_id: str) -> bytes:
-        """Returns the body of a kept query as it came.
+        """The body of a kept query as it came.
 
         Raises:
             NotFound: it was removed meanwhile.
@@ -54,7 +54,7 @@ class ExportSource(Protocol):
 def export_source(
     map_id: str, *, url: str | None, store: str | None, samples: str | None = None
 ) -> Iterator[ExportSource]:
-    """Gives the map at the service, or with ``store`` in its store.
+    """Give the map at the service, or with ``store`` in its store.
 
     Args:
         samples: store of the kept queries, if it is another one than ``store``.

@@ -9,7 +9,7 @@ from .metrics import RISKS, SUCCESS
 
 
 def lines_of(report: Mapping[str, Any]) -> list[str]:
-    """Returns the lines of ``metrics.report_of``."""
+    """The lines of ``metrics.report_of``."""
     success = ", ".join(
         f"{_percent(report[f'success_{m:g}m_{deg:g}deg'])} within {m:g} m, {deg:g} deg" for m, deg in SUCCESS
     )

@@ -36,7 +36,7 @@ class RiskCoverage:
         return float((self.risk * steps).sum() / self.coverage[-1])
 
     def coverage_at(self, most_risk: float) -> float:
-        """Returns the largest coverage with no more risk than this."""
+        """The largest coverage with no more risk than this."""
         return float(max(self.coverage[self.risk <= most_risk], default=0.0))
 
 
@@ -56,13 +56,13 @@ class Bin:
 
 
 def success_rate(cases: Sequence[Scored], limit_m: float, limit_deg: float) -> float | None:
-    """Returns the share of the scans of the map that got an accepted pose this close; None: no such scans."""
+    """The share of the scans of the map that got an accepted pose this close; None: no such scans."""
     inside = [case for case in cases if case.is_inside]
     return _share([case.is_accepted and case.is_within(limit_m, limit_deg) for case in inside])
 
 
 def risk_coverage(cases: Sequence[Scored]) -> RiskCoverage | None:
-    """Returns the curve; None: no pose comes with a confidence. Equal confidences are one level."""
+    """The curve; None: no pose comes with a confidence. Equal confidences are one level."""
     known = _with_confidence(cases)
     if not known:
         return None
@@ -74,7 +74,7 @@ def risk_coverage(cases: Sequence[Scored]) -> RiskCoverage | None:
 
 
 def reliability(cases: Sequence[Scored]) -> list[Bin]:
-    """Returns the steps of confidence that hold poses, from low to high."""
+    """The steps of confidence that hold poses, from low to high."""
     steps: dict[int, list[Scored]] = {}
     for case in _with_confidence(cases):
         assert case.confidence is not None
@@ -90,20 +90,20 @@ def reliability(cases: Sequence[Scored]) -> list[Bin]:
 
 
 def calibration_error(bins: Sequence[Bin]) -> float | None:
-    """Returns the expected calibration error (ECE): mean distance of confidence and share that is right."""
+    """The expected calibration error (ECE): mean distance of confidence and share that is right."""
     total = sum(one.count for one in bins)
     return sum(one.count * abs(one.confidence - one.right) for one in bins) / total if total else None
 
 
 def brier_score(cases: Sequence[Scored]) -> float | None:
-    """Returns the mean squared distance of the confidence from 1 (right) or 0 (wrong)."""
+    """The mean squared distance of the confidence from 1 (right) or 0 (wrong)."""
     known = [(case.confidence, case.is_right) for case in _with_confidence(cases)]
     squares = [(confidence - right) ** 2 for confidence, right in known if confidence is not None]
     return float(np.mean(squares)) if squares else None
 
 
 def report_of(cases: Sequence[Scored]) -> dict[str, Any]:
-    """Returns all metrics. A share of nothing is None.
+    """All metrics. A share of nothing is None.
 
     ``success_*``: of the scans of the map. ``right_first``: the same with 0.2 m and 1 degree, whether or not
     the system vouches for its pose. ``false_accepts`` are counted over all cases, those outside the map too.

@@ -32,7 +32,7 @@ class Scored:
     time_s: float | None = None
 
     def is_within(self, limit_m: float, limit_deg: float) -> bool:
-        """Returns True if the best pose is this close to the true one, accepted or not."""
+        """True if the best pose is this close to the true one, accepted or not."""
         return self.error_m <= limit_m and self.error_deg <= limit_deg
 
     @property

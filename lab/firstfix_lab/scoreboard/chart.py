@@ -32,14 +32,14 @@ class Axis:
     log: bool = False
 
     def place(self, value: float) -> float:
-        """Returns 0..1 from the low to the high end; what lies beyond stands at the end."""
+        """0..1 from the low to the high end; what lies beyond stands at the end."""
         clipped = min(max(value, self.low), self.high)
         if self.log:
             return math.log(clipped / self.low) / math.log(self.high / self.low)
         return (clipped - self.low) / (self.high - self.low)
 
     def ticks(self) -> list[float]:
-        """Returns the values that are written: 1, 2 and 5 of each decade, or five steps."""
+        """The values that are written: 1, 2 and 5 of each decade, or five steps."""
         if not self.log:
             return [self.low + k * (self.high - self.low) / 5 for k in range(6)]
         first, last = math.floor(math.log10(self.low)), math.ceil(math.log10(self.high))
@@ -49,7 +49,7 @@ class Axis:
 
 
 def chart(title: str, x: Axis, y: Axis, lines: Mapping[str, Points], dots: Mapping[str, Points]) -> str:
-    """Returns the text of an SVG file.
+    """The text of an SVG file.
 
     Args:
         lines: points of each line by its name.

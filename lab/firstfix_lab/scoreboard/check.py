@@ -12,7 +12,7 @@ from .tree import commits_since
 
 
 def check(suites: Iterable[Suite], repo: Path, results: Path) -> list[str]:
-    """Returns a line for each suite, and one for all that would have to be measured again."""
+    """A line for each suite, and one for all that would have to be measured again."""
     lines, old_s = [], []
     for suite in suites:
         try:

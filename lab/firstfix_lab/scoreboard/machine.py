@@ -21,7 +21,7 @@ PACKAGES = (
 
 
 def machine() -> dict[str, str | int | float]:
-    """Returns cores, processor, memory and system, without the name of the host."""
+    """Cores, processor, memory and system, without the name of the host."""
     memory_bytes = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     release = platform.freedesktop_os_release() if Path("/etc/os-release").exists() else {}
     return {
@@ -34,7 +34,7 @@ def machine() -> dict[str, str | int | float]:
 
 
 def versions() -> dict[str, str]:
-    """Returns the versions of Python and of the packages that are installed."""
+    """The versions of Python and of the packages that are installed."""
     found = {"python": platform.python_version()}
     for name in PACKAGES:
         try:

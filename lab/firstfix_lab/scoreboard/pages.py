@@ -40,18 +40,18 @@ TABLES: dict[str, Callable[[Result], list[str]]] = {
 
 
 def load(folder: Path) -> dict[str, Result]:
-    """Returns the results of whole runs by the suite's name."""
+    """The results of whole runs by the suite's name."""
     found = {name: Result.load(folder, name) for name in SUITES}
     return {name: result for name, result in found.items() if result is not None and not result.quick}
 
 
 def plot_files(results: Results) -> dict[str, str]:
-    """Returns the pictures by their names."""
+    """The pictures by their names."""
     return pictures(results)
 
 
 def benchmark_page(results: Results) -> str:
-    """Returns the generated part of BENCHMARK.md."""
+    """The generated part of BENCHMARK.md."""
     lines = ["## What was measured", "", *_overview(results), "", *_machines(results), ""]
     for name, title in TITLES.items():
         if name in results and name != "paper":  # it has a page of its own
@@ -62,17 +62,17 @@ def benchmark_page(results: Results) -> str:
 
 
 def readme_parts(results: Results) -> dict[str, str]:
-    """Returns the table of the README by the name of its marker."""
+    """The table of the README by the name of its marker."""
     return {"real": _part("real", results, tables.readme_rows)}
 
 
 def large_maps_parts(results: Results) -> dict[str, str]:
-    """Returns the tables of lab/docs/large-maps.md by the name of their marker."""
+    """The tables of lab/docs/large-maps.md by the name of their marker."""
     return {"scale": _part("scale", results, scale_tables.whole)}
 
 
 def sizing_parts(results: Results) -> dict[str, str]:
-    """Returns the tables of docs/how-to/deploy.md by the name of their marker."""
+    """The tables of docs/how-to/deploy.md by the name of their marker."""
     return {
         "real": _part("real", results, tables.real_maps),
         "service": _part("service", results, tables.replica_memory),
@@ -80,7 +80,7 @@ def sizing_parts(results: Results) -> dict[str, str]:
 
 
 def paper_parts(results: Results) -> dict[str, str]:
-    """Returns the tables of PAPER.md by the name of their marker."""
+    """The tables of PAPER.md by the name of their marker."""
     return {"paper": _part("paper", results, tables.paper_tables)}
 
 

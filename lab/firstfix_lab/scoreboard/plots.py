@@ -17,7 +17,7 @@ SUCCESS_DEG = 5.0
 
 
 def pictures(results: Mapping[str, Result]) -> dict[str, str]:
-    """Returns the SVG files by their names, those whose results are there."""
+    """The SVG files by their names, those whose results are there."""
     found = {}
     if real := results.get("real"):
         found["success.svg"] = success_picture(real)

@@ -44,7 +44,7 @@ class Cases:
 
     @classmethod
     def read(cls, path: Path) -> Cases:
-        """Reads a CSV file with a line of names, compressed if its name ends with ``.gz``."""
+        """Read a CSV file with a line of names, compressed if its name ends with ``.gz``."""
         stored = path.read_bytes()
         text = gzip.decompress(stored) if path.suffix == ".gz" else stored
         columns, *rows = csv.reader(io.StringIO(text.decode(), newline=""))
@@ -107,7 +107,7 @@ class Result:
 
     @classmethod
     def load(cls, folder: Path, suite: str) -> Result | None:
-        """Returns the result of a suite; None: there is none.
+        """The result of a suite; None: there is none.
 
         Raises:
             UnreadableResult: it is damaged, or in another form.
@@ -121,7 +121,7 @@ class Result:
             raise UnreadableResult(f"{path.name}: {error}") from error
 
     def save(self, folder: Path) -> int:
-        """Writes the files, in place of older ones, and returns their bytes.
+        """Write the files, in place of older ones, and return their bytes.
 
         Raises:
             ResultTooLarge: one has more than MOST_BYTES. Nothing is written.
@@ -142,7 +142,7 @@ class Result:
 
     @staticmethod
     def remove(folder: Path, suite: str) -> None:
-        """Removes the result of a suite, if there is one."""
+        """Remove the result of a suite, if there is one."""
         for path in (folder / f"{suite}.json", _cases_file(folder, suite)):
             path.unlink(missing_ok=True)
 

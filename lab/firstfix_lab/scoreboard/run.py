@@ -25,7 +25,7 @@ class NotOneCommit(Exception):
 def run(
     suites: Iterable[Suite], repo: Path, results: Path, *, quick: bool, say: Callable[[str], None]
 ) -> dict[str, str]:
-    """Measures the suites that have no result of the present code.
+    """Measure the suites that have no result of the present code.
 
     Args:
         repo: the checkout.
@@ -49,7 +49,7 @@ def run(
 
 
 def is_old(result: Result, suite: Suite, repo: Path) -> list[str]:
-    """Returns the measured paths that are others by now, or that the result does not know."""
+    """The measured paths that are others by now, or that the result does not know."""
     unknown = [path for path in suite.measured if path not in result.measured]
     return unknown + changed(repo, result.measured)
 
@@ -92,7 +92,7 @@ def _command(suite: Suite, arguments: tuple[str, ...]) -> str:
 
 
 def skipped_parts(figures: Any, name: str = "") -> list[str]:
-    """Returns the parts of a suite that it skipped, and why, as it says itself."""
+    """The parts of a suite that it skipped, and why, as it says itself."""
     if isinstance(figures, str):
         return [f"{name} {figures}"] if figures.startswith("skipped: ") else []
     if not isinstance(figures, dict):

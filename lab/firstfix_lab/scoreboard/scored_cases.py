@@ -18,7 +18,7 @@ AS_IT_IS = "as it is"
 
 
 def references(result: Result) -> dict[str, list[str]]:
-    """Returns the names of the references of each set of the real suite; the first is judged by."""
+    """The names of the references of each set of the real suite; the first is judged by."""
     return {
         name: list(next(iter(found["variants"].values()))[GRAVITIES[0]]["against"])
         for name, found in result.figures.items()
@@ -27,7 +27,7 @@ def references(result: Result) -> dict[str, list[str]]:
 
 
 def real_cases(result: Result, wanted: Callable[[Row], bool]) -> list[Scored]:
-    """Returns the wanted cases of the real suite, scored by the first reference of their set."""
+    """The wanted cases of the real suite, scored by the first reference of their set."""
     judged_by = {name: found[0] for name, found in references(result).items()}
     return [
         scored_row(row)
@@ -52,7 +52,7 @@ def scored_row(row: Row) -> Scored:
 
 
 def peer_cases(result: Result) -> dict[str, list[Scored]]:
-    """Returns the answers of each peer to the scans of all sets."""
+    """The answers of each peer to the scans of all sets."""
     found: dict[str, list[Scored]] = {}
     for of_set in result.figures.values():
         for peer, figures in measured(of_set).items():

@@ -157,7 +157,7 @@ def replica_memory(result: Result) -> list[str]:
 
 
 def peers_table(result: Result) -> list[str]:
-    """Lists the wins of peers, a row for each peer over all sets, the best first, and each set in short."""
+    """List the wins of peers, a row for each peer over all sets, the best first, and each set in short."""
     return [*_peers(result), "", *_peers_by_set(result.figures)]
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 
 def commit_of(repo: Path) -> str:
-    """Returns the present commit."""
+    """The present commit."""
     return _git(repo, "rev-parse", "HEAD").strip()
 
 
 def object_ids(repo: Path, paths: Iterable[str]) -> dict[str, str]:
-    """Returns the object id of each path in the present commit; empty: there is no such path.
+    """The object id of each path in the present commit; empty: there is no such path.
 
     They depend on the content alone, so they can be compared in a clone without the history.
     """
@@ -26,7 +26,7 @@ def object_ids(repo: Path, paths: Iterable[str]) -> dict[str, str]:
 
 
 def uncommitted(repo: Path, paths: Iterable[str] = ()) -> list[str]:
-    """Returns the files that differ from the present commit, new ones among them.
+    """The files that differ from the present commit, new ones among them.
 
     Args:
         paths: are looked at alone; empty: all.
@@ -35,13 +35,13 @@ def uncommitted(repo: Path, paths: Iterable[str] = ()) -> list[str]:
 
 
 def changed(repo: Path, measured: Mapping[str, str]) -> list[str]:
-    """Returns the paths whose code is another than when they were measured."""
+    """The paths whose code is another than when they were measured."""
     now = object_ids(repo, measured)
     return [path for path, measured_id in measured.items() if now[path] != measured_id]
 
 
 def commits_since(repo: Path, commit: str, paths: Iterable[str]) -> int | None:
-    """Returns how many commits since another one touch the paths; None: this clone does not have that one."""
+    """How many commits since another one touch the paths; None: this clone does not have that one."""
     known = subprocess.run(
         ["git", "-C", str(repo), "cat-file", "-e", f"{commit}^{{commit}}"], capture_output=True, check=False
     )

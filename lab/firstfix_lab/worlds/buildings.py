@@ -108,7 +108,7 @@ def _on_side(facade: Mesh, offset: float, turn: float) -> Mesh:
 
 
 def _spots(length: float, width: float, x: float = 0.0) -> list[tuple[float, float]]:
-    """Points at most 5 m apart over a rectangle about (x, 0)."""
+    """Point at most 5 m apart over a rectangle about (x, 0)."""
     across = np.linspace(-0.5, 0.5, int(np.ceil(length / 5)) + 1) * length
     along = np.linspace(-0.5, 0.5, int(np.ceil(width / 5)) + 1) * width
     return [(float(x + a), float(b)) for a in across for b in along]

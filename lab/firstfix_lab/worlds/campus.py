@@ -59,7 +59,7 @@ class FreeSpace:
         self._taken: list[tuple[float, float, float]] = []
 
     def take(self, x: float, y: float, radius: float) -> bool:
-        """Takes a circle if it is free. Returns whether it was."""
+        """Take a circle if it is free. Returns whether it was."""
         if max(abs(x), abs(y)) + radius > HALF_M or self._streets.query([x, y])[0] < radius + VERGE_M:
             return False
         if any((x - a) ** 2 + (y - b) ** 2 < (radius + r) ** 2 for a, b, r in self._taken):
@@ -68,7 +68,7 @@ class FreeSpace:
         return True
 
     def occupy(self, x: float, y: float, radius: float) -> None:
-        """Takes a circle, free or not."""
+        """Take a circle, free or not."""
         self._taken.append((x, y, radius))
 
 

@@ -16,7 +16,7 @@ NAMES = tuple(LAYOUTS)
 
 
 def make_world(name: str, *, seed: int = 0) -> World:
-    """Makes a world of a kind, with scans of the other kinds as well.
+    """Make a world of a kind, with scans of the other kinds as well.
 
     Raises:
         InvalidOption: no such world, or a negative seed.
@@ -25,5 +25,5 @@ def make_world(name: str, *, seed: int = 0) -> World:
 
 
 def place_of(name: str, seed: int) -> Place:
-    """Returns a place of a kind, before anything is measured in it."""
+    """A place of a kind, before anything is measured in it."""
     return place_of_one(name, seed, LAYOUTS)

@@ -41,12 +41,12 @@ class Room:
         return -1 if self.side == "south" else 1
 
     def y(self, depth_m: float) -> float:
-        """Returns y at a depth behind the door wall."""
+        """Y at a depth behind the door wall."""
         return self.corridor_y + self.into * depth_m
 
     @property
     def free_depth_m(self) -> float:
-        """Returns the length of the aisle from the door to the first furniture."""
+        """The length of the aisle from the door to the first furniture."""
         return {"meeting": 3.4, "store": 5.0}.get(self.use, 6.4)
 
 

@@ -8,7 +8,7 @@ from . import answer_counts, answer_events, cloud, overlay, page
 
 
 def add_routes(app: FastAPI) -> None:
-    """Adds the console to a service; without its page where the setting ``console`` is off."""
+    """Add the console to a service; without its page where the setting ``console`` is off."""
     for module in (overlay, cloud, answer_counts, answer_events):
         app.include_router(module.router)
     if app.state.settings.console:

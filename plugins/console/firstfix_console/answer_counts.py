@@ -35,7 +35,7 @@ class MapAnswerCounts(BaseModel):
 
     @classmethod
     def of(cls, counts: MapCounts) -> MapAnswerCounts:
-        """Returns the model of a map's counts."""
+        """The model of a map's counts."""
         last = datetime.now(timezone.utc) - timedelta(seconds=counts.last_age_s)
         return cls(
             map_id=counts.map_id,

@@ -100,7 +100,7 @@ def read_page(folder: Path) -> dict[str, PageFile]:
 
 
 def takes_gzip(accept_encoding: str) -> bool:
-    """Returns whether the value of an Accept-Encoding header allows gzip (RFC 9110)."""
+    """Whether the value of an Accept-Encoding header allows gzip (RFC 9110)."""
     weights = {}
     for item in accept_encoding.lower().split(","):
         name, _, parameter = item.partition(";")

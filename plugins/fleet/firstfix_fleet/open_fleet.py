@@ -19,7 +19,7 @@ class Fleet(Protocol):
     """The gateway of a fleet of robots."""
 
     def run(self, stop: threading.Event) -> None:
-        """Blocks until ``stop`` is set."""
+        """Block until ``stop`` is set."""
         ...
 
 
@@ -48,7 +48,7 @@ def open_fleet(
     domain: int,
     log_line: Callable[[str, str], None],
 ) -> Iterator[OpenFleet]:
-    """Opens the gateway of the robots.
+    """Open the gateway of the robots.
 
     Args:
         dds: by Cyclone DDS, without ROS.

@@ -115,7 +115,7 @@ class Calls:
         return "ok" if submitted.startswith("/builds/") else submitted
 
     def submit(self) -> str:
-        """Submits a build; returns its address, or the code of the error."""
+        """Submit a build; returns its address, or the code of the error."""
         seed = next(self._seeds)
         answer = _answer(
             self._http["others"],

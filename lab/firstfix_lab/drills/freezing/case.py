@@ -75,7 +75,7 @@ class Figures:
 def run_case(
     case: Case, deployment: Deployment, calls: Calls, load: Load, outcomes: Outcomes, watch: Watch
 ) -> Figures:
-    """Runs a case and returns its figures; a service that does not come back is started anew."""
+    """Run a case and return its figures; a service that does not come back is started anew."""
     figures = Figures(case.name)
     deaths = deployment.deaths
     begin = time.monotonic()
@@ -116,7 +116,7 @@ def run_case(
 def _wait_until_back(
     calls: Calls, load: Load, outcomes: Outcomes, ended: float, deadline: float
 ) -> dict[str, float | None]:
-    """Waits until each kind of call was answered, a catalog's change was followed, and a build has run."""
+    """Wait until each kind of call was answered, a catalog's change was followed, and a build has run."""
     with ThreadPoolExecutor(2) as threads:
         others = {
             "catalog change": threads.submit(_follow_change, calls, deadline),
@@ -134,7 +134,7 @@ def _wait_until_back(
 
 
 def _follow_change(calls: Calls, deadline: float) -> float | None:
-    """Activates another version; returns when a query was answered from it."""
+    """Activate another version; returns when a query was answered from it."""
     wanted = ""
     while time.monotonic() < deadline:
         answering = calls.answering_version()
@@ -148,7 +148,7 @@ def _follow_change(calls: Calls, deadline: float) -> float | None:
 
 
 def _run_builds(calls: Calls, deadline: float) -> float | None:
-    """Submits a build; returns when it has succeeded, or one of those that waited before it."""
+    """Submit a build; returns when it has succeeded, or one of those that waited before it."""
     is_submitted = False
     while time.monotonic() < deadline:
         is_submitted = is_submitted or calls.submit().startswith("/")

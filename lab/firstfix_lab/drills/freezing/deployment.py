@@ -78,7 +78,7 @@ class Deployment:
         self.deaths = 0
 
     def start(self) -> Yard:
-        """Starts everything; returns the map that is served."""
+        """Start everything; returns the map that is served."""
         self._stack.enter_context(patch.dict(os.environ, self._credentials))
         for part in (self._store_part(), self._nats_part(), self._router_part(), *self._build_workers()):
             self._add(part)
@@ -114,13 +114,13 @@ class Deployment:
         return [pid for pid in marked_with(MARK, self._mark) if pid != os.getpid()]
 
     def watch_over(self) -> None:
-        """Starts the service again if it has ended, as an orchestrator does."""
+        """Start the service again if it has ended, as an orchestrator does."""
         if self.service.has_ended:
             self.deaths += 1
             self.service.start()
 
     def restart(self) -> None:
-        """Starts the service anew: for one that does not come back."""
+        """Start the service anew: for one that does not come back."""
         self.service.kill()
         self.service.start()
         self.wait_until_ready()

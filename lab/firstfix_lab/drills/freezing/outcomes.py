@@ -57,7 +57,7 @@ class Outcomes:
             return any(due < end for _, due in self._open.values())
 
     def between(self, begin: float, end: float) -> list[Call]:
-        """Calls that were due then; one without an end counts as ``unanswered``."""
+        """Call that were due then; one without an end counts as ``unanswered``."""
         now = time.monotonic()
         with self._lock:
             unanswered = [Call(kind, due, now - due, "unanswered") for kind, due in self._open.values()]
@@ -103,5 +103,5 @@ def latency(calls: Sequence[Call], begin: float, end: float, window_s: float) ->
 
 
 def errors(calls: Iterable[Call]) -> Counter[str]:
-    """Calls that failed, by kind and code."""
+    """Call that failed, by kind and code."""
     return Counter(f"{call.kind}: {call.code}" for call in calls if call.code != "ok")

@@ -37,13 +37,13 @@ class Part(Protocol):
     effect: Effect
 
     def start(self) -> None:
-        """Returns when it is ready."""
+        """When it is ready."""
 
     def freeze(self) -> None:
-        """Stops it where it hurts: in the middle of its work."""
+        """Stop it where it hurts: in the middle of its work."""
 
     def thaw(self) -> None:
-        """Lets it go on."""
+        """Let it go on."""
 
     def kill(self) -> None:
-        """Ends it, frozen or not."""
+        """End it, frozen or not."""

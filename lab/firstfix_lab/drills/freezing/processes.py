@@ -38,7 +38,7 @@ def resident_bytes(pids: Sequence[int]) -> int:
 
 
 def marked_with(variable: str, value: str) -> list[int]:
-    """Processes that have this variable in their environment, which children inherit."""
+    """Process that have this variable in their environment, which children inherit."""
     wanted, found = f"{variable}={value}".encode(), []
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
@@ -55,7 +55,7 @@ def command_of(pid: int) -> str:
 
 
 def send(pids: Sequence[int], number: signal.Signals) -> None:
-    """Sends a signal to each of them that lives."""
+    """Send a signal to each of them that lives."""
     for pid in pids:
         with suppress(ProcessLookupError):
             os.kill(pid, number)
@@ -107,7 +107,7 @@ class Member:
         send(tree_of(self.pid), signal.SIGCONT)
 
     def kill(self) -> None:
-        """Ends it and its children at once."""
+        """End it and its children at once."""
         if self._process is not None:
             send(tree_of(self.pid), signal.SIGKILL)
             self._process.wait()

@@ -20,7 +20,7 @@ class Stranger:
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        """Does nothing: it comes when it is to be frozen."""
+        """Do nothing: it comes when it is to be frozen."""
 
     def freeze(self) -> None:
         self.kill()

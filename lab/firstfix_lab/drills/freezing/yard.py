@@ -36,7 +36,7 @@ class Yard:
 
 
 def publish_yard(catalog: Catalog, folder: Path) -> Yard:
-    """Builds the map in an empty folder and publishes two versions of it."""
+    """Build the map in an empty folder and publishes two versions of it."""
     built = make_small_map(folder / "map")
     query = query_of(built)
     versions = []

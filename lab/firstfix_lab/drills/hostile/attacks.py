@@ -96,7 +96,7 @@ async def empty_lines(target: Target, reader: StreamReader, writer: StreamWriter
 
 
 async def unread_answers(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
-    """Asks for long answers and takes none of them in."""
+    """Ask for long answers and takes none of them in."""
     transport = writer.transport
     transport.pause_reading()  # type: ignore[attr-defined]
     for _ in range(200):
@@ -105,7 +105,7 @@ async def unread_answers(target: Target, reader: StreamReader, writer: StreamWri
 
 
 async def unread_page(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
-    """Asks for the console's page without a key, with names that lead out of it too, and reads nothing."""
+    """Ask for the console's page without a key, with names that lead out of it too, and read nothing."""
     writer.transport.pause_reading()  # type: ignore[attr-defined]
     for name in itertools.cycle((b"", b"..%2f..%2fapp.py", b"a" * 30_000, b"%00")):
         await _send(writer, b"GET /console/" + name + b" HTTP/1.1\r\n" + _HOST + b"\r\n")
@@ -137,7 +137,7 @@ async def unread_stream(target: Target, reader: StreamReader, writer: StreamWrit
 
 
 async def unread_points(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
-    """Asks for 4 MB of a map's cloud, and takes nothing in."""
+    """Ask for 4 MB of a map's cloud, and take nothing in."""
     writer.transport.pause_reading()  # type: ignore[attr-defined]
     await _ask_for_points(target, writer)
     while not writer.transport.is_closing():
@@ -145,7 +145,7 @@ async def unread_points(target: Target, reader: StreamReader, writer: StreamWrit
 
 
 async def slow_points(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
-    """Asks for 4 MB of a map's cloud, and takes it in at the pace of a modem."""
+    """Ask for 4 MB of a map's cloud, and take it in at the pace of a modem."""
     await _ask_for_points(target, writer)
     while taken := await reader.read(4096):
         writer.transport.pause_reading()  # type: ignore[attr-defined]
@@ -170,7 +170,7 @@ async def long_head(target: Target, reader: StreamReader, writer: StreamWriter) 
 
 
 async def silence(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
-    """Opens a connection and sends nothing."""
+    """Open a connection and send nothing."""
     await reader.read()
 
 

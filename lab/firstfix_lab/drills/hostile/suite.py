@@ -144,7 +144,7 @@ class Watch:
         return float(np.percentile(self._seconds("query") or [np.inf], 99)) * 1e3
 
     def run(self, seconds: float) -> None:
-        """Asks for so long, and until each has been answered once. What is under way then is waited for."""
+        """Ask for so long, and until each has been answered once. What is under way then is waited for."""
         every = [crowd for crowds in self._crowds.values() for crowd in crowds]
         with ExitStack() as running:
             for crowd in every:
@@ -181,7 +181,7 @@ class Watch:
 
 
 def _get(url: str, path: str, key: str) -> Iterator[Ask]:
-    """Gets the path over a new connection each time."""
+    """Get the path over a new connection each time."""
 
     def ask(body: Body) -> str:
         try:

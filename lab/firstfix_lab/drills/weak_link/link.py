@@ -28,7 +28,7 @@ _MAX_WAITING = 1000  # packets, as netem's
 
 
 def missing() -> str | None:
-    """Tries to make a link. Returns the reason why it cannot be made, or None."""
+    """Try to make a link. Returns the reason why it cannot be made, or None."""
     if os.geteuid() != 0:
         return "needs root, for network namespaces: sudo make test"
     if shutil.which("ip") is None:

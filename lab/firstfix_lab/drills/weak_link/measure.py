@@ -57,7 +57,7 @@ def asked(row: Row, around: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def asked_over(link: Link, row: Row) -> dict[str, Any]:
-    """Returns one robot's figures, with the bytes of a query on the link and the share of lost packets.
+    """One robot's figures, with the bytes of a query on the link and the share of lost packets.
 
     The bytes are those of whole packets, headers included.
 

@@ -20,7 +20,7 @@ HEAD = (
 
 
 def report(figures: Mapping[str, Figures | str]) -> str:
-    """Returns a table of all sets together, then one of each.
+    """A table of all sets together, then one of each.
 
     *Right*: within 0.2 m and 1 degree. *False accepts* are answers off by more than 1 m or 10 degrees.
     Processor time is the sum over all scans, as a share of the whole method's.

@@ -71,7 +71,7 @@ def run(quick: bool, sets: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def measure(name: str, index: MapIndex, queries: Iterable[Query]) -> Figures:
-    """Asks every scan once with the whole method and once without each part, in a seeded order.
+    """Ask every scan once with the whole method and once without each part, in a seeded order.
 
     ``ms`` of the figures is processor time. Who is asked first reads a place's part of the map into memory.
     """

@@ -49,7 +49,7 @@ class Judged:
 
 
 def by_check(case: MapCase) -> Judged:
-    """Runs the check of the map."""
+    """Run the check of the map."""
     made = case.change(place_map(case.place))
     start = time.process_time()
     data = MapData(points=made.points, trajectory=made.poses)
@@ -59,7 +59,7 @@ def by_check(case: MapCase) -> Judged:
 
 
 def by_build(case: MapCase, folder: Path) -> Judged:
-    """Builds the map, and asks whether its version would be activated."""
+    """Build the map, and ask whether its version would be activated."""
     made = case.change(place_map(case.place))
     folder.mkdir(parents=True)
     np.save(folder / "map.npy", made.points)

@@ -40,7 +40,7 @@ class PlaceMap:
 
 
 def is_available(name: str) -> bool:
-    """Returns whether the place is here: recordings need not be."""
+    """Whether the place is here: recordings need not be."""
     return name in WORLDS or RECORDED[name].available
 
 

@@ -12,7 +12,7 @@ Answer = dict[str, Any]  # as ``serve.Answerer.ask`` returns it
 
 
 def agreement(here: list[Answer], beside: list[Answer]) -> dict[str, Any]:
-    """Returns how many verdicts and reasons are equal, and how far poses and probabilities are apart.
+    """How many verdicts and reasons are equal, and how far poses and probabilities are apart.
 
     Poses are compared where both answers are ``localized``.
     """

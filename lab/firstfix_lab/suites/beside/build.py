@@ -29,7 +29,7 @@ class Source:
     config: dict[str, Any]
 
     def digest(self) -> str:
-        """Returns a hash of all that a build reads."""
+        """A hash of all that a build reads."""
         digest = hashlib.sha256(json.dumps(self.config, sort_keys=True).encode())
         for path in (self.map, self.trajectory):
             digest.update(b"" if path is None else path.read_bytes())
@@ -45,7 +45,7 @@ class Built:
 
 
 def built(tree: Tree, source: Source, kept: Path) -> Built:
-    """Builds from nothing, or finds what the same code built from the same source before."""
+    """Build from nothing, or find what the same code built from the same source before."""
     key = hashlib.sha256(f"{tree.code_digest()} {source.digest()}".encode()).hexdigest()
     work = kept / key[:24]
     costs = work / "cpu_s.json"

@@ -76,19 +76,19 @@ def world(name: str, folder: Path) -> Place:
 
 
 def missing(name: str) -> str | None:
-    """Returns a message if the place's data is not here."""
+    """A message if the place's data is not here."""
     if name == "street" and not STREET.available:
         return f"skipped: {STREET.folder} is not beside the checkout"
     return None
 
 
 def place(name: str, folder: Path) -> Place:
-    """Returns a place by its name. The folder keeps what is made for it."""
+    """A place by its name. The folder keeps what is made for it."""
     return street(folder) if name == "street" else world(name, folder)
 
 
 def bodies_of(scans: list[Scan], version: Path) -> dict[str, list[Body]]:
-    """Returns the scans as raw points, and in the compact form that the version recommends."""
+    """The scans as raw points, and in the compact form that the version recommends."""
     parameters = DescriptorParameters.from_engine(json.loads((version / ENGINE_FILE).read_text()))
     compact = BodyForm("compact", parameters)
     return {

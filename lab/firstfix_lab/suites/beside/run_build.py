@@ -30,7 +30,7 @@ class StageCosts:
         self.cpu_s: dict[str, float] = {}
 
     def __call__(self, stage: str, fraction: float) -> None:
-        """Takes a report. A stage may report several times that all is done: the last one counts."""
+        """Take a report. A stage may report several times that all is done: the last one counts."""
         now = self._clock()
         self._begun.setdefault(stage, now)
         if fraction >= 1.0:

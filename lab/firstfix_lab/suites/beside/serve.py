@@ -26,7 +26,7 @@ class Answerer:
         self._localizer: Localizer
 
     def load(self, request: dict[str, Any], body: bytes) -> dict[str, Any]:
-        """Loads a version. One that this code cannot read is an answer, too."""
+        """Load a version. One that this code cannot read is an answer, too."""
         try:
             index = MapIndex.load(Path(request["version"]))
         except Exception as error:  # of whatever checkout: each has its own errors
@@ -35,7 +35,7 @@ class Answerer:
         return {"templates": len(index.cascade.templates.position_m)}
 
     def ask(self, request: dict[str, Any], body: bytes) -> dict[str, Any]:
-        """Answers a query, from its body to the pose."""
+        """Answer a query, from its body to the pose."""
         begin = time.process_time()
         answer = self._localizer.localize(decode_query(body, request["media_type"]))
         cpu_ms = 1e3 * (time.process_time() - begin)

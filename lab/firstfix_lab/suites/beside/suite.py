@@ -71,7 +71,7 @@ def _in_place(name: str, trees: list[Tree], quick: bool) -> dict[str, Any]:
 
 
 def build_costs(trees: list[Tree], versions: list[Built]) -> dict[str, Any]:
-    """Returns processor seconds by stage, and how many times as much the other checkout takes.
+    """Processor seconds by stage, and how many times as much the other checkout takes.
 
     ``all_others`` are the stages without a figure of their own, ``all`` is the whole build.
     """
@@ -86,7 +86,7 @@ def build_costs(trees: list[Tree], versions: list[Built]) -> dict[str, Any]:
 
 
 def asked(sides: list[tuple[Tree, Path]], bodies: dict[str, list[Body]], rounds: int) -> dict[str, Any]:
-    """Asks every side every query, in turns, and returns costs and agreement by form.
+    """Ask every side every query, in turns, and returns costs and agreement by form.
 
     Raises:
         CannotLoad: the code of a side cannot read its version.
@@ -110,7 +110,7 @@ def asked(sides: list[tuple[Tree, Path]], bodies: dict[str, list[Body]], rounds:
 def in_turns(
     workers: Sequence[Worker], bodies: Iterable[Body], rounds: int
 ) -> tuple[list[list[Answer]], list[list[float]]]:
-    """Asks all workers query by query; who is first changes from query to query.
+    """Ask all workers query by query; who is first changes from query to query.
 
     Returns:
         for each worker its answers, and for each query the least processor time of all rounds. The first

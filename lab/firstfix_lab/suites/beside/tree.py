@@ -29,16 +29,16 @@ class Tree:
     root: Path
 
     def command(self, module: str, *arguments: str) -> list[str]:
-        """Returns the command that runs a module of this package with the checkout's code."""
+        """The command that runs a module of this package with the checkout's code."""
         return [sys.executable, "-m", f"{__package__}.{module}", *arguments]
 
     def environment(self) -> dict[str, str]:
-        """Returns the environment of its processes: its packages, and one thread for each library."""
+        """The environment of its processes: its packages, and one thread for each library."""
         packages = os.pathsep.join(str(self.root / package) for package in _PACKAGES)
         return {**os.environ, **_ONE_THREAD, "PYTHONPATH": packages}
 
     def code_digest(self) -> str:
-        """Returns a hash of the sources that answers and builds are made with."""
+        """A hash of the sources that answers and builds are made with."""
         digest = hashlib.sha256()
         for path in sorted(one for folder in _SOURCES for one in (self.root / folder).rglob("*")):
             if path.suffix in _SUFFIXES:

@@ -43,18 +43,18 @@ class Worker:
         self.close()
 
     def close(self) -> None:
-        """Ends the process."""
+        """End the process."""
         for pipe in (self._process.stdin, self._process.stdout):
             assert pipe is not None
             pipe.close()
         self._process.wait()
 
     def ask(self, body: Body) -> dict[str, Any]:
-        """Returns the answer to a query, and its processor milliseconds."""
+        """The answer to a query, and its processor milliseconds."""
         return self.call("ask", body)
 
     def call(self, do: str, body: Body | None = None, **arguments: Any) -> dict[str, Any]:
-        """Sends a request and returns the reply.
+        """Send a request and return the reply.
 
         Raises:
             RuntimeError: the process ended.

@@ -75,7 +75,7 @@ class ElsewherePrior(Prior):
     def allows_each(
         self, T_map_sensor: NDArray[np.float64], slack_m: float = 0.0, slack_deg: float = 0.0
     ) -> NDArray[np.bool_]:
-        """Returns whether each of (k, 4, 4) poses lies elsewhere. A candidate not yet aligned is allowed."""
+        """Whether each of (k, 4, 4) poses lies elsewhere. A candidate not yet aligned is allowed."""
         if slack_m:
             return np.ones(len(T_map_sensor), bool)
         away = T_map_sensor[:, None, :3, 3] - self._absent_m  # type: ignore[attr-defined]

@@ -71,7 +71,7 @@ def run(quick: bool) -> dict[str, Any]:
 
 
 def measure(worlds: Sequence[BenchWorld], scans: int, work: Path, *, again: bool) -> dict[str, Any]:
-    """Fits the prior and returns its defaults and figures.
+    """Fit the prior and return its defaults and figures.
 
     Args:
         scans: of each kind in each scenery of a world.

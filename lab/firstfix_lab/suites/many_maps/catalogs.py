@@ -23,7 +23,7 @@ def name_of(number: int) -> str:
 
 
 def grow_catalog(root: Path, version: Path | None, have: int, wanted: int) -> None:
-    """Adds maps with one version each, numbers ``have`` to ``wanted``, to a store in a directory.
+    """Add maps with one version each, numbers ``have`` to ``wanted``, to a store in a directory.
 
     The objects are those that ``Catalog.publish`` would write.
 

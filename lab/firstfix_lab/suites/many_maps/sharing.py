@@ -98,7 +98,7 @@ def shares(
 
 
 def zipf(maps: int, queries: int, exponent: float, seed: int) -> list[str]:
-    """Maps as they are asked for: the one of rank r with a weight of r ** -exponent."""
+    """Map as they are asked for: the one of rank r with a weight of r ** -exponent."""
     order = random.Random(seed)
     names = [name_of(number) for number in range(maps)]
     order.shuffle(names)
@@ -107,7 +107,7 @@ def zipf(maps: int, queries: int, exponent: float, seed: int) -> list[str]:
 
 
 def _choices(name: str, group: Group, seed: int) -> Choose:
-    """Returns the way in which a proxy with a hash, or a robot over zenoh, chooses a replica."""
+    """The way in which a proxy with a hash, or a robot over zenoh, chooses a replica."""
     turn = random.Random(seed)
     if name == "one by a hash":
         return lambda map_id: rendezvous_order(map_id, REPLICAS)[0]
@@ -131,7 +131,7 @@ def _ask(group: Group, asked: list[str], choose: Choose) -> dict[str, Any]:
 
 
 def movement(maps: int, replicas: int, copies: int) -> dict[str, Any]:
-    """Counts the maps that move when one replica leaves."""
+    """Count the maps that move when one replica leaves."""
     names = [f"r{number}" for number in range(1, replicas + 1)]
     come, seconds, others = 0, 0.0, 0
     for name in names[:-1]:
@@ -155,7 +155,7 @@ def movement(maps: int, replicas: int, copies: int) -> dict[str, Any]:
 
 
 def takeover(directory: Path, maps: int, copies: int) -> dict[str, Any]:
-    """Counts the versions that the other replicas load when the last one leaves, and the time of the slowest.
+    """Count the versions that the other replicas load when the last one leaves, and the time of the slowest.
 
     They load one after the other. The versions have a few bytes: the time is what a load costs beside its
     files.

@@ -77,7 +77,7 @@ class Sizes:
 
 
 def outcomes_of(one: TaughtMap, sizes: Sizes, work: Path) -> Iterator[Asked]:
-    """Builds a map's version as a user would, and asks it.
+    """Build a map's version as a user would, and ask it.
 
     Args:
         work: an existing folder, whose stage caches make a second run quick.

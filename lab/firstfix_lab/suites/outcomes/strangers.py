@@ -25,7 +25,7 @@ _MADE = (2026, 1, 1, 0, 0, 0)  # equal scans give equal bytes
 
 
 def write_strangers(path: Path) -> int:
-    """Writes one scan of each place by each sensor, as compact queries, and returns their number.
+    """Write one scan of each place by each sensor, as compact queries, and return their number.
 
     The scans are disturbed as those of a self-test are.
     """

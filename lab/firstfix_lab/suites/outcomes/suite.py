@@ -42,7 +42,7 @@ _HEADER = (*COLUMNS, "case", *_QUALITY)
 
 
 def measure(names: Sequence[str], work: Path, processes: int) -> None:
-    """Asks the maps of these names, some at a time, and keeps a part of the table for each."""
+    """Ask the maps of these names, some at a time, and keep a part of the table for each."""
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
         running = [pool.submit(measure_map, name, work) for name in names]
         for one in running:
@@ -50,7 +50,7 @@ def measure(names: Sequence[str], work: Path, processes: int) -> None:
 
 
 def measure_map(name: str, work: Path) -> None:
-    """Asks one map. Its part of the table is ``NAME.csv``."""
+    """Ask one map. Its part of the table is ``NAME.csv``."""
     (one,) = (each for each in MAPS if each.name == name)
     began = time.process_time()
     folder = work / name
@@ -62,7 +62,7 @@ def measure_map(name: str, work: Path) -> None:
 
 
 def write_table(work: Path, path: Path) -> int:
-    """Puts the parts together, and returns the number of answers. Equal parts give equal bytes."""
+    """Put the parts together, and return the number of answers. Equal parts give equal bytes."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_HEADER)
@@ -102,5 +102,5 @@ def _number(value: float | None) -> str:
 
 
 def processes() -> int:
-    """Maps that are asked at a time."""
+    """Map that are asked at a time."""
     return os.cpu_count() or 1

@@ -59,7 +59,7 @@ def compare_engines(scene: Scene, clusters: Clusters, own: Taken, perturbed: Per
 def compare_methods(
     scene: Scene, clusters: Clusters, perturbed: Perturbed, registered: int, viewpoints: int
 ) -> list[Row]:
-    """Compares the paper's method with the default one: search alone, and the whole localizer.
+    """Compare the paper's method with the default one: search alone, and the whole localizer.
 
     Args:
         registered: how many of the scans the localizers are asked.

@@ -24,7 +24,7 @@ DPI = 110
 
 
 def draw_clusters(templates: Taken, folder: Path) -> dict[str, Any]:
-    """Writes figure4.png to figure6.png; the counts that they show."""
+    """Write figure4.png to figure6.png; the counts that they show."""
     some = templates.subset(np.arange(min(SAMPLES, len(templates))))
     clusterer = Clusterer(some)
     figures: dict[str, Any] = {"samples": len(some), "threshold": THRESHOLD}

@@ -118,7 +118,7 @@ class Scene:
 
 
 def make_scene(count: int, beside_track_m: float, work: Path) -> Scene:
-    """Makes a scene with ``count`` templates, no further from the track than ``beside_track_m``."""
+    """Make a scene with ``count`` templates, no further from the track than ``beside_track_m``."""
     place = campus(np.random.default_rng([SEED, NAMES.index("campus"), 0]))
     mesh, path = place.mesh(), drive(place)
     simulator = Simulator(mesh.vertices, mesh.triangles)

@@ -39,7 +39,7 @@ REPLY_BYTES = 17 * 8
 
 
 def why_not(prefix: Path | None) -> str | None:
-    """Returns why 3D-BBS cannot be asked, or None.
+    """Why 3D-BBS cannot be asked, or None.
 
     Args:
         prefix: where it is installed.
@@ -109,7 +109,7 @@ class Bbs:
         return Answer(T_map_sensor, share, share >= ACCEPTED_SHARE)
 
     def close(self) -> None:
-        """Ends the driver, which reads until its input ends."""
+        """End the driver, which reads until its input ends."""
         self._to.close()
         self._from.close()
         self._driver.wait()

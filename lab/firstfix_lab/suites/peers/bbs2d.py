@@ -78,7 +78,7 @@ class GridPyramid:
         self._levels = [np.ascontiguousarray(grid).ravel() for grid in levels]
 
     def search(self, points: NDArray[np.float64]) -> tuple[float, float, float, float]:
-        """Returns x and y in metres, the yaw in radians, and the share of the points in occupied cells.
+        """X and y in metres, the yaw in radians, and the share of the points in occupied cells.
 
         Args:
             points: (n, 2) of the scan's slice, within the reach.

@@ -32,7 +32,7 @@ class Built:
 
 
 def build(dataset: Dataset, engine: dict[str, Any], work: Path, name: str) -> Built:
-    """Builds a data set's map; stages that ``work`` has from an earlier build are taken from it.
+    """Build a data set's map; stages that ``work`` has from an earlier build are taken from it.
 
     Args:
         engine: that section of the build's config; empty: the default.

@@ -21,7 +21,7 @@ DIGITS = 4
 
 
 def answer_row(true: Matrix, found: Found, sent_bytes: int) -> AnswerRow:
-    """Returns an answer as it is kept. Errors and confidence are None without a pose.
+    """An answer as it is kept. Errors and confidence are None without a pose.
 
     Args:
         true: (4, 4) T_map_sensor.
@@ -38,7 +38,7 @@ def answer_row(true: Matrix, found: Found, sent_bytes: int) -> AnswerRow:
 
 
 def scored_answer(row: AnswerRow) -> Scored:
-    """Returns an answer as the metrics see it."""
+    """An answer as the metrics see it."""
     error_m, error_deg, confidence, is_accepted, seconds, *_ = row
     if error_m is None:
         return Scored(True, time_s=seconds)
@@ -46,7 +46,7 @@ def scored_answer(row: AnswerRow) -> Scored:
 
 
 def figures_of(rows: Sequence[AnswerRow], preparation: Preparation, peak_bytes: int) -> dict[str, Any]:
-    """Returns the figures of at least one answer.
+    """The figures of at least one answer.
 
     ``success_*`` and ``false_accepts``: of accepted poses. ``right_first``: within 0.2 m and 1 degree,
     accepted or not. ``coverage_at_risk_0`` and ``area_under_risk_coverage``: by the peer's own confidence.
@@ -66,7 +66,7 @@ def figures_of(rows: Sequence[AnswerRow], preparation: Preparation, peak_bytes: 
 
 
 def together(figures: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Returns the figures of a peer over several data sets: preparation added up, the largest memory."""
+    """The figures of a peer over several data sets: preparation added up, the largest memory."""
     found = _of_answers([row for one in figures for row in one["answers"]])
     for key in ("preparation_s", "preparation_cpu_s"):
         found[key] = round(sum(one[key] for one in figures), 2)

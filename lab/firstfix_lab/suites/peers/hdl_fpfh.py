@@ -78,7 +78,7 @@ def fpfh_of(points: NDArray[np.float64], seen_from: NDArray[np.float64]) -> NDAr
 def best_pose(
     points: NDArray[np.float64], similar: NDArray[np.float64], near: NearMap
 ) -> tuple[float, Matrix | None]:
-    """Returns the largest share of points near the map, over poses by three matches each, and T_map_sensor.
+    """The largest share of points near the map, over poses by three matches each, and T_map_sensor.
 
     Args:
         points: (n, 3) in the sensor frame.

@@ -44,7 +44,7 @@ class PeerInput:
     bbs_driver: Path | None = None
 
     def write_map_points(self) -> None:
-        """Reads the map's file once for all peers, whose own preparation is timed."""
+        """Read the map's file once for all peers, whose own preparation is timed."""
         data = read_map(self.dataset.map_path)
         assert data.points is not None
         np.save(self.work / MAP_FILE, data.points + data.origin)
@@ -61,7 +61,7 @@ class PeerInput:
         return [from_quaternion(pose[:3], pose[3:]) for pose in poses]
 
     def mapping_clouds(self, range_m: float) -> Iterator[tuple[NDArray[np.float64], Matrix]]:
-        """Yields (n, 3) points in the sensor frame and T_map_sensor, along the mapping run.
+        """Yield (n, 3) points in the sensor frame and T_map_sensor, along the mapping run.
 
         Without scans of the run: the map's points round its poses, one for every MAPPING_STEP_M.
 

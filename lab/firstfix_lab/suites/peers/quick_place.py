@@ -37,7 +37,7 @@ class SmallYard(Dataset):
 
 
 def make_quick_place(folder: Path) -> Dataset:
-    """Writes the yard as a cloud, the mapping run and the scans to ask.
+    """Write the yard as a cloud, the mapping run and the scans to ask.
 
     Args:
         folder: an existing one.

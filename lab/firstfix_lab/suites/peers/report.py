@@ -50,20 +50,20 @@ CONTESTS = {  # figure: what it is called, whether the larger one wins
 
 
 def report(figures: Mapping[str, Figures | str]) -> str:
-    """Returns the comparison of all sets, then a section for each data set of ``suite.run``."""
+    """The comparison of all sets, then a section for each data set of ``suite.run``."""
     head = ["### All sets", "", *wins(figures), "", *table_of(all_sets(figures)), "", ""]
     return "\n".join(head) + sections(figures, _section)
 
 
 def measured(of_set: Any) -> Rows:
-    """Returns the figures of the peers that were asked in a set, by their names."""
+    """The figures of the peers that were asked in a set, by their names."""
     if not isinstance(of_set, dict) or "asked" not in of_set:
         return {}
     return {peer: row for peer, row in of_set.items() if isinstance(row, dict)}
 
 
 def all_sets(figures: Mapping[str, Any]) -> Rows:
-    """Returns the figures of each peer over the sets in which it was asked."""
+    """The figures of each peer over the sets in which it was asked."""
     found: dict[str, list[dict[str, Any]]] = {}
     for of_set in figures.values():
         for peer, row in measured(of_set).items():
@@ -72,18 +72,18 @@ def all_sets(figures: Mapping[str, Any]) -> Rows:
 
 
 def ranked(rows: Rows) -> list[str]:
-    """Returns the peers, the most successful first; of equal ones the quicker."""
+    """The peers, the most successful first; of equal ones the quicker."""
     return sorted(rows, key=lambda peer: (-rows[peer]["success_0.2m_1deg"], rows[peer]["median_cpu_s"]))
 
 
 def table_of(rows: Rows) -> list[str]:
-    """Returns a table with a row for each peer, the most successful first."""
+    """A table with a row for each peer, the most successful first."""
     lines = [(f"{peer} ({rows[peer]['n']})", *(rows[peer][key] for key in COLUMNS)) for peer in ranked(rows)]
     return table(("system (scans)", *COLUMNS.values()), lines)
 
 
 def wins(figures: Mapping[str, Any]) -> list[str]:
-    """Returns a line for each figure in which peers beat firstfix over the sets that both were asked in.
+    """A line for each figure in which peers beat firstfix over the sets that both were asked in.
 
     A line names the best of these peers, and says how many others there are: the table has their figures.
     """

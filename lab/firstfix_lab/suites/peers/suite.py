@@ -123,7 +123,7 @@ def run(quick: bool, sets: Sequence[str] = (), scans: int = SCANS, bbs: Path | N
 
 
 def measure(dataset: Dataset, count: int, bbs_prefix: Path | None, work: Path) -> dict[str, Any]:
-    """Builds our version of a map from nothing, that of the paper's method on its mesh, then asks every peer.
+    """Build our version of a map from nothing, that of the paper's method on its mesh, then ask every peer.
 
     Args:
         count: of the scans, at most.
@@ -137,7 +137,7 @@ def measure(dataset: Dataset, count: int, bbs_prefix: Path | None, work: Path) -
 def compare(
     dataset: Dataset, ours: Built, paper: Built, queries: Sequence[Query], bbs_prefix: Path | None, work: Path
 ) -> dict[str, Any]:
-    """Asks every peer the same queries, one peer after the other.
+    """Ask every peer the same queries, one peer after the other.
 
     Args:
         ours, paper: versions of the map by firstfix's default method and by the paper's.

@@ -27,12 +27,12 @@ class Peer(Protocol):
     def __init__(self, given: PeerInput) -> None: ...
 
     def __call__(self, scan: Scan, prior: Prior) -> Answer:
-        """Returns the best pose."""
+        """The best pose."""
         ...
 
     @staticmethod
     def sent_bytes(given: PeerInput, scan: Scan) -> int:
-        """Returns what a robot sends of a scan."""
+        """What a robot sends of a scan."""
         ...
 
 
@@ -93,7 +93,7 @@ class Trial:
         self._pipe.close()
 
     def ask(self, scan: Scan, prior: Prior) -> Found:
-        """Asks the peer for a pose.
+        """Ask the peer for a pose.
 
         Raises:
             RuntimeError: the peer raised, which is the suite's fault; native code that crashes is its own.

@@ -49,7 +49,7 @@ class Hall:
         return Simulator(mesh.vertices, mesh.triangles)
 
     def write(self, path: Path) -> Path:
-        """Writes the surface as a PLY file."""
+        """Write the surface as a PLY file."""
         path.write_bytes(ply_of_mesh(self.mesh))
         return path
 

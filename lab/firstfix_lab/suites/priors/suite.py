@@ -53,7 +53,7 @@ class BuiltHall:
 
     @classmethod
     def of(cls, hall: Hall) -> BuiltHall:
-        """Builds the version; it is read whole, so that nothing is left on disk."""
+        """Build the version; it is read whole, so that nothing is left on disk."""
         config = BuildConfig.parse({"sensor": SENSOR})
         with tempfile.TemporaryDirectory() as name:
             source = hall.write(Path(name) / "hall.ply")
@@ -69,7 +69,7 @@ class BuiltHall:
         return transform_points(index.T_map_level, index.cascade.templates.position_m.astype(np.float64))
 
     def is_equal(self, T_one: Matrix, T_other: Matrix) -> bool:
-        """Returns whether a sensor sees the same at two poses."""
+        """Whether a sensor sees the same at two poses."""
         simulation = self.simulation
         return share_seen_alike(simulation.simulator, simulation.sensor, T_one, T_other) > EQUAL
 

@@ -20,7 +20,7 @@ GRAVITY: Mapping[str, float | None] = {"estimated": None, "given": 1.0}  # degre
 
 
 def ask(dataset: Dataset, localizer: Localizer, work: Path) -> Iterator[Asked]:
-    """Asks every held-out scan in every variant, by each source of gravity.
+    """Ask every held-out scan in every variant, by each source of gravity.
 
     Args:
         work: an existing folder.

@@ -14,12 +14,12 @@ LLOYD_ROUNDS = 20
 
 
 def every_second_ring(scan: Scan, sensor: SensorModel) -> Scan:
-    """Returns the points of every second beam."""
+    """The points of every second beam."""
     return _kept(scan, ring_of(scan.points, sensor) % 2 == 0)
 
 
 def part_of_points(scan: Scan, share: float, rng: np.random.Generator) -> Scan:
-    """Returns ``share`` (0..1) of the points, drawn at random."""
+    """``share`` (0..1) of the points, drawn at random."""
     drawn = np.zeros(len(scan), bool)
     drawn[rng.permutation(len(scan))[: round(share * len(scan))]] = True
     return _kept(scan, drawn)

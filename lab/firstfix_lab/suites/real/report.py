@@ -37,7 +37,7 @@ NEES_HEAD = (
 
 
 def report(figures: Mapping[str, Figures | str]) -> str:
-    """Returns a section for each data set of ``suite.run``.
+    """A section for each data set of ``suite.run``.
 
     *Right*: within 0.2 m and 1 degree of the reference. *Wrong*: localized and off by more than 1 m or 10
     degrees. The errors are those of the localized scans. The last table has the covariances of those that are

@@ -18,7 +18,7 @@ FOLDER = SHARED / "strangers"
 
 
 def ask_strangers(localizer: Localizer, folder: Path = FOLDER) -> dict[str, Any]:
-    """Asks each scan of the folder. Returns their number, the verdicts, the localized ones and the time."""
+    """Ask each scan of the folder. Returns their number, the verdicts, the localized ones and the time."""
     localized, verdicts, ms = [], Counter[str](), []
     for path in sorted(folder.glob("*.pcd")):
         scan, began = read_scan_file(path), time.perf_counter()

@@ -60,7 +60,7 @@ def run(quick: bool, sets: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def measure(dataset: Dataset, scratch: Path) -> tuple[dict[str, Any], list[Asked]]:
-    """Builds the map from nothing with ``firstfix build``, asks over HTTP, then in this process."""
+    """Build the map from nothing with ``firstfix build``, asks over HTTP, then in this process."""
     built, version = build(dataset, scratch)
     over_http = _over_http(dataset, scratch)
     localizer = Localizer(MapIndex.load(version))
@@ -91,7 +91,7 @@ def in_process(
 
 
 def build(dataset: Dataset, scratch: Path) -> tuple[dict[str, Any], Path]:
-    """Builds a data set's map from nothing with ``firstfix build``, into the scratch folder's store.
+    """Build a data set's map from nothing with ``firstfix build``, into the scratch folder's store.
 
     Returns:
         What the command says, with the time and the memory that it took; and the version's directory.
@@ -114,7 +114,7 @@ def build(dataset: Dataset, scratch: Path) -> tuple[dict[str, Any], Path]:
 
 
 def _over_http(dataset: Dataset, scratch: Path) -> dict[str, Any]:
-    """Returns the figures of ``firstfix evaluate --url --random-yaw``, by the source of gravity."""
+    """The figures of ``firstfix evaluate --url --random-yaw``, by the source of gravity."""
     queries = dataset.write_queries(scratch / "poses.csv")
     figures = {}
     with local_service(scratch / "service", scratch / STORE) as service:

@@ -25,7 +25,7 @@ ENCODINGS: tuple[Encoding, ...] = ("range_image", "compact")  # as robots send i
 
 
 def variants(dataset: Dataset, scan: Scan, number: int) -> Iterator[tuple[str, AnyScan, Matrix]]:
-    """Yields the scan as it is and as robots send it; then degraded in each way, turned by a random yaw.
+    """Yield the scan as it is and as robots send it; then degraded in each way, turned by a random yaw.
 
     Args:
         number: of the scan; it decides on everything random.

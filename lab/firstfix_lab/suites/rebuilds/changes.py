@@ -55,7 +55,7 @@ class ChangedMap:
 
 
 def write_changed_map(change: Change, folder: Path) -> ChangedMap:
-    """Makes the world, and writes its map before and after the change."""
+    """Make the world, and write its map before and after the change."""
     world = make_world(change.world)
     write_world(world, folder)
     points, moved = changed_points(world, change)
@@ -68,7 +68,7 @@ def write_changed_map(change: Change, folder: Path) -> ChangedMap:
 
 
 def changed_points(world: World, change: Change) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Returns the points (n, 3) of the map after the change, and which of them have moved (n,)."""
+    """The points (n, 3) of the map after the change, and which of them have moved (n,)."""
     moved, along = _part(world, change)
     points = np.array(world.cloud, np.float64)
     points[moved] += change.shift_m * along
@@ -76,7 +76,7 @@ def changed_points(world: World, change: Change) -> tuple[NDArray[np.float64], N
 
 
 def _part(world: World, change: Change) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Returns which points (n,) move, and the direction (3,) in which they do."""
+    """Which points (n,) move, and the direction (3,) in which they do."""
     poses = world.trajectory
     k = round(change.at * (len(poses) - 1))
     centre, sensor_z = poses[k, :2, 3], poses[k, 2, 3]

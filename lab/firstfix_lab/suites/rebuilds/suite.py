@@ -52,7 +52,7 @@ def run(quick: bool) -> dict[str, Any]:
 
 
 def measure(change: Change, work: Path) -> dict[str, Any]:
-    """Builds the map before the change, the changed one upon that, and the changed one from nothing."""
+    """Build the map before the change, the changed one upon that, and the changed one from nothing."""
     scratch = work / change.name.replace(" ", "-")
     shutil.rmtree(scratch, ignore_errors=True)
     try:
@@ -75,7 +75,7 @@ def measure(change: Change, work: Path) -> dict[str, Any]:
 
 
 def _build(changed: ChangedMap, source: Path, work: Path) -> tuple[dict[str, float], str]:
-    """Builds in a process of its own. Returns each stage's processor seconds and the digest."""
+    """Build in a process of its own. Returns each stage's processor seconds and the digest."""
     work.mkdir(parents=True, exist_ok=True)
     task = work / "task.json"
     asked = {

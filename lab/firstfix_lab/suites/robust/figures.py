@@ -21,7 +21,7 @@ LOOK_ALIKES = "outside: look-alikes"
 
 
 def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Returns the figures of a row. A share of nothing is None.
+    """The figures of a row. A share of nothing is None.
 
     success_*: share of the map's scans whose best hypothesis is that near, whatever the verdict, with the yaw
     within 5 degrees; ``success_0.2m_2deg``: with the whole rotation within 2.
@@ -59,7 +59,7 @@ def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def bars_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Returns what the suite is judged by. A share of nothing is None.
+    """What the suite is judged by. A share of nothing is None.
 
     first: of the ``distinct`` scans of the map, the best hypothesis is the place (1 m, 10 degrees).
     within_0.2m_2deg: it is so near. localized: it is the place, and the answer is ``localized``.

@@ -109,7 +109,7 @@ def ask(
     templates: str = "",
     sensor: str = "",
 ) -> Outcome:
-    """Localizes a scan; T_map_sensor None: it is not of this map."""
+    """Localize a scan; T_map_sensor None: it is not of this map."""
     began = time.perf_counter()
     answer = localizer.localize(scan)
     ms = 1e3 * (time.perf_counter() - began)

@@ -50,7 +50,7 @@ class Part:
     def with_case(
         self, case: str, outcomes: Sequence[Outcome], templates: Mapping[str, int], seconds: float
     ) -> Part:
-        """Returns the part with one more case."""
+        """The part with one more case."""
         return replace(
             self,
             outcomes=(*self.outcomes, *outcomes),
@@ -60,7 +60,7 @@ class Part:
         )
 
     def save(self, folder: Path) -> None:
-        """Writes ``WORLD/outcomes.csv`` and then ``WORLD/part.json`` below the folder.
+        """Write ``WORLD/outcomes.csv`` and then ``WORLD/part.json`` below the folder.
 
         Whoever is killed meanwhile leaves the part as it was before.
         """

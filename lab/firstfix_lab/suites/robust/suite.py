@@ -60,7 +60,7 @@ def measure(
     work: Path,
     others: Sequence[BenchWorld],
 ) -> dict[str, Any]:
-    """Runs the cases in every world, one after the other, and returns the figures of them all.
+    """Run the cases in every world, one after the other, and return the figures of them all.
 
     Args:
         others: worlds whose scans are outside the map, where they are another place.
@@ -80,7 +80,7 @@ def measure_in_processes(
     processes: int,
     resume: bool = True,
 ) -> None:
-    """Runs the cases, as many worlds at a time as there are processes. The worlds are those of ``WORLDS``.
+    """Run the cases, as many worlds at a time as there are processes. The worlds are those of ``WORLDS``.
 
     Args:
         resume: as of ``measure_world``.

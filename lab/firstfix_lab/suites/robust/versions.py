@@ -27,7 +27,7 @@ class Versions:
         self._loaded: dict[str | None, Localizer] = {}
 
     def localizer(self, sensor: str | None) -> Localizer:
-        """Returns the localizer for a preset's templates. None means the world's own sensor."""
+        """The localizer for a preset's templates. None means the world's own sensor."""
         if sensor not in self._loaded:
             config = self._world.config if sensor is None else self._world.config | {"sensor": sensor}
             name = BuildConfig.parse(config).sensor_model.name

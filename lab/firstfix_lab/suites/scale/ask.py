@@ -57,7 +57,7 @@ def main(version: Path, scans: Path) -> dict[str, Any]:
 
 
 def drop_pages(version: Path) -> None:
-    """Asks the kernel to forget the files: it does, of those that no process has mapped."""
+    """Ask the kernel to forget the files: it does, of those that no process has mapped."""
     for path in version.iterdir():
         handle = os.open(path, os.O_RDONLY)
         os.fsync(handle)

@@ -29,7 +29,7 @@ class Extent:
     config: Mapping[str, Any] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
-        """Writes the meshes, block by block: the same bytes every time."""
+        """Write the meshes, block by block: the same bytes every time."""
         write_meshes(City.of_extent(self.extent_m, SEED), folder / "mesh")
 
 

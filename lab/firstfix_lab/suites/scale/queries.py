@@ -45,7 +45,7 @@ def take_scans(built: Built, work: Path, count: int) -> Path:
 
 
 def read_scans(path: Path) -> tuple[list[Scan], NDArray[np.float64]]:
-    """Reads the file of ``take_scans``: scans, and (n, 4, 4) T_map_sensor."""
+    """Read the file of ``take_scans``: scans, and (n, 4, 4) T_map_sensor."""
     data = np.load(path)
     T: NDArray[np.float64] = data["T"]
     return [Scan(data[str(number)]) for number in range(len(T))], T

@@ -19,14 +19,14 @@ Cost: TypeAlias = dict[str, float]
 
 
 def read_cost(path: Path) -> Cost:
-    """Reads a file of ``spent``."""
+    """Read a file of ``spent``."""
     cost: Cost = json.loads(path.read_text())
     return cost
 
 
 @contextmanager
 def spent(path: Path) -> Iterator[None]:
-    """Writes the cost of a block into a JSON file: seconds, processor seconds and peak memory.
+    """Write the cost of a block into a JSON file: seconds, processor seconds and peak memory.
 
     The file is written over and over, and what it said before is added: a block that was killed goes on.
     The memory is of this process and its children with the pages of files that they have mapped

@@ -35,7 +35,7 @@ class ScaleStages(BuildStages):
 
     @classmethod
     def below(cls, work: Path, config: BuildConfig, threads: ThreadPoolExecutor) -> ScaleStages:
-        """Returns the stages of a world."""
+        """The stages of a world."""
         (work / "costs").mkdir(parents=True, exist_ok=True)
         cache = StageCache(work, max_bytes=MAX_BYTES)
         executor = LocalExecutor(work, threads, threads, max_bytes=MAX_BYTES)

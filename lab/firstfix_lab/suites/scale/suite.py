@@ -41,7 +41,7 @@ def run(quick: bool, work: Path = WORK) -> dict[str, Any]:
 
 
 def measure(extents: Mapping[str, Extent], work: Path, scans: int) -> dict[str, Any]:
-    """Builds and asks every world. Finished parts are taken from the work folder."""
+    """Build and ask every world. Finished parts are taken from the work folder."""
     work.mkdir(parents=True, exist_ok=True)
     worlds: dict[str, Any] = {}
     for name, extent in extents.items():

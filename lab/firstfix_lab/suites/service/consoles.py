@@ -105,7 +105,7 @@ def consoles(
 
 
 def _note(crowd: Crowd, found: Asked, seconds: float) -> None:
-    """Adds to ``found`` what the crowd is answered in this time."""
+    """Add to ``found`` what the crowd is answered in this time."""
     before, outcomes = len(crowd.asked.seconds), crowd.asked.outcomes.copy()
     crowd.go_on(seconds)
     found.seconds += crowd.asked.seconds[before:]
@@ -115,7 +115,7 @@ def _note(crowd: Crowd, found: Asked, seconds: float) -> None:
 
 @contextmanager
 def _console_process(url: str, version: str, count: int) -> Iterator[Any]:
-    """Gives a function that orders ``on`` or ``off``; an empty order ends it and returns what was read."""
+    """Give a function that orders ``on`` or ``off``; an empty order ends it and return what was read."""
     command = [
         sys.executable,
         "-m",
@@ -146,7 +146,7 @@ def _console_process(url: str, version: str, count: int) -> Iterator[Any]:
 
 @contextmanager
 def _peak_of(pid: int, mib: dict[str, float]) -> Iterator[None]:
-    """Notes the most memory that a process and its children take, in MiB."""
+    """Note the most memory that a process and its children take, in MiB."""
     ended = threading.Event()
 
     def look() -> None:

@@ -48,7 +48,7 @@ def hot_swap(
     calm_s: float = 2.0,
     pause_s: float = 0.0,
 ) -> dict[str, Any]:
-    """Activates two versions in turn while clients ask.
+    """Activate two versions in turn while clients ask.
 
     Returns how long it took until the other version answered, and what the clients saw.
     """

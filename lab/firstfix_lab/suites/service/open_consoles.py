@@ -39,7 +39,7 @@ class Console:
         self.has_opened, self.has_heard = asyncio.Event(), asyncio.Event()
 
     async def watch(self) -> None:
-        """Reads the answers as they come."""
+        """Read the answers as they come."""
         async with self._http.stream("GET", "/answers/events", params={"map_id": self._map_id}) as answer:
             answer.raise_for_status()
             async for line in answer.aiter_lines():
@@ -49,21 +49,21 @@ class Console:
                     self.has_heard.set()
 
     async def read_start_page(self) -> None:
-        """Reads all maps and their answers time after time, as the start page does."""
+        """Read all maps and their answers time after time, as the start page does."""
         while True:
             await self._get("/maps", {"limit": 1000})
             await self._get("/answers/counts", {})
             await asyncio.sleep(START_PAGE_S)
 
     async def read_alerts(self) -> None:
-        """Reads time after time of what Live makes alerts."""
+        """Read time after time of what Live makes alerts."""
         while True:
             await self._get("/samples", {"map_id": self._map_id, "limit": 200})
             await self._get("/builds", {"map_id": self._map_id, "limit": 20})
             await asyncio.sleep(ALERTS_S)
 
     async def look(self) -> None:
-        """Opens the cloud and looks around in it."""
+        """Open the cloud and looks around in it."""
         index = json.loads(await self._get(self._path, {}))
         for first, count in shown_runs(index["nodes"]):
             await self._get(f"{self._path}/points", {"first": first, "count": count})
@@ -98,7 +98,7 @@ def shown_runs(nodes: list[list[int]]) -> list[tuple[int, int]]:
 
 
 async def open_all(consoles: list[Console]) -> None:
-    """Opens consoles until it is cancelled."""
+    """Open consoles until it is cancelled."""
     async with asyncio.TaskGroup() as group:
         for one in consoles:
             group.create_task(one.read_start_page())
@@ -108,7 +108,7 @@ async def open_all(consoles: list[Console]) -> None:
 
 
 async def close_all(opening: asyncio.Task[None], consoles: list[Console]) -> None:
-    """Closes consoles after each of them has shown the map and heard an answer.
+    """Close consoles after each of them has shown the map and heard an answer.
 
     Raises:
         ExceptionGroup: the service refused one.

@@ -46,7 +46,7 @@ class QueriedVersion:
         return Localizer(MapIndex.load(self.version))
 
     def parameters(self) -> DescriptorParameters:
-        """Returns the parameters with which a robot describes scans for it."""
+        """The parameters with which a robot describes scans for it."""
         return DescriptorParameters.from_engine(json.loads((self.version / ENGINE_FILE).read_text()))
 
     def publish(self, store_url: str, map_id: str, scratch: Path, mark: str = "") -> str:
@@ -66,7 +66,7 @@ class QueriedVersion:
 
 
 def make_queried_version(world: BenchWorld, work: Path, count: int) -> QueriedVersion:
-    """Builds the world's map, and takes scans in it with everything perturbed at once."""
+    """Build the world's map, and takes scans in it with everything perturbed at once."""
     files = world.make(StageCache(work))
     versions = Versions(world, files, work / world.name)
     index = versions.localizer(None).index

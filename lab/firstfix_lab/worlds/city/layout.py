@@ -29,7 +29,7 @@ class BlockLayout:
         self._taken: list[tuple[float, float, float, float]] = []  # low and high corners
 
     def lay_out(self) -> None:
-        """Chooses a use for the block, and stands everything."""
+        """Choose a use for the block, and stands everything."""
         use = str(self._rng.choice(list(USES), p=list(USES.values())))
         {
             "perimeter": self._perimeter,
@@ -45,7 +45,7 @@ class BlockLayout:
         self._place.fix(shape, self._x + x, self._y + y, z, yaw_rad)
 
     def _take(self, low_x: float, low_y: float, high_x: float, high_y: float) -> bool:
-        """Takes a rectangle if it is free. Returns whether it was."""
+        """Take a rectangle if it is free. Returns whether it was."""
         for a, b, c, d in self._taken:
             if low_x < c and a < high_x and low_y < d and b < high_y:
                 return False

@@ -27,7 +27,7 @@ QUERIES = 26
 
 
 def write_city(directory: Path, *, extent_m: float, seed: int = 0, count: int = QUERIES) -> City:
-    """Writes the true surfaces as a folder of meshes, and scans that were taken later at known poses.
+    """Write the true surfaces as a folder of meshes, and scans that were taken later at known poses.
 
     Files: mesh/XXX_YYY.ply, sensor.yaml, scans/NNN.pcd, poses.csv, README.txt. The same arguments give the
     same bytes.
@@ -53,7 +53,7 @@ def write_city(directory: Path, *, extent_m: float, seed: int = 0, count: int = 
 
 
 def write_meshes(city: City, folder: Path) -> None:
-    """Writes the meshes of some blocks each. The folder is a map's source."""
+    """Write the meshes of some blocks each. The folder is a map's source."""
     folder.mkdir(parents=True, exist_ok=True)
     for x, y in product(range(0, city.side, BLOCKS_A_FILE), repeat=2):
         here = product(
@@ -64,7 +64,7 @@ def write_meshes(city: City, folder: Path) -> None:
 
 
 def city_queries(city: City, count: int) -> Iterator[WorldQuery]:
-    """Yields scans in the streets of the city on another day, of a block drawn by chance each."""
+    """Yield scans in the streets of the city on another day, of a block drawn by chance each."""
     rng = np.random.default_rng([city.seed, 3])
     for _ in range(count):
         column, row = rng.integers(0, city.side, 2).tolist()

@@ -8,6 +8,6 @@ from . import ros_gateway, vda5050_gateway
 
 
 def add_commands(app: typer.Typer) -> None:
-    """Adds the gateways to ``firstfix``."""
+    """Add the gateways to ``firstfix``."""
     app.command("ros-gateway", epilog=ros_gateway.EXAMPLES)(ros_gateway.ros_gateway)
     app.command("vda5050-gateway", epilog=vda5050_gateway.EXAMPLES)(vda5050_gateway.vda5050_gateway)

@@ -45,7 +45,7 @@ class DdsFleet:
         self._type = dds_type(point_cloud2.TYPE)
 
     def run(self, stop: threading.Event) -> None:
-        """Blocks until ``stop`` is set, then removes all robots."""
+        """Block until ``stop`` is set, then remove all robots."""
         look_s = time.monotonic()
         try:
             while not stop.is_set():

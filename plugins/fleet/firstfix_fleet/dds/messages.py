@@ -75,20 +75,20 @@ FIELDS: dict[str, Fields] = {
 
 
 def sample_of(kind: type[IdlStruct], body: bytes) -> Any:
-    """Makes a sample of a type of ``TYPES`` from a message in CDR with its encapsulation."""
+    """Make a sample of a type of ``TYPES`` from a message in CDR with its encapsulation."""
     made: Any = object.__new__(kind)
     made.body = body
     return made
 
 
 def body_of(sample: Any) -> bytes | None:
-    """Returns the message in CDR; None if the sample only says that a publisher went."""
+    """The message in CDR; None if the sample only says that a publisher went."""
     body: bytes | None = getattr(sample, "body", None)
     return body
 
 
 def _passing(ros_type: str) -> type[IdlStruct]:
-    """Returns the type whose samples cyclonedds passes on as bytes."""
+    """The type whose samples cyclonedds passes on as bytes."""
     made: Any = _struct(ros_type, FIELDS[ros_type])
     # Not in a base class: cyclonedds takes each base for an IDL type.
     made.serialize = lambda self, *args, **options: self.body

@@ -86,7 +86,7 @@ class Participant:
         self._readers: dict[DataReader[Any], tuple[ReadCondition, Take]] = {}
 
     def read(self, topic: str, ros_type: str, qos: Qos, take: Take) -> DataReader[Any]:
-        """Begins to read a topic.
+        """Begin to read a topic.
 
         Args:
             topic: with ROS's prefix: ``rt/points``.
@@ -101,13 +101,13 @@ class Participant:
         return reader
 
     def stop_reading(self, reader: DataReader[Any]) -> None:
-        """Removes a reader."""
+        """Remove a reader."""
         condition, _ = self._readers.pop(reader)
         self._waitset.detach(condition)
         del condition
 
     def writer(self, topic: str, ros_type: str, qos: Qos) -> Writer:
-        """Makes a writer of a topic.
+        """Make a writer of a topic.
 
         Raises:
             ConnectionError: DDS does not allow this topic.
@@ -117,7 +117,7 @@ class Participant:
         return Writer(writer, TYPES[ros_type])
 
     def wait(self, timeout_s: float) -> None:
-        """Waits for messages, and hands over those that are there."""
+        """Wait for messages, and hands over those that are there."""
         self._graph.publish_changes()
         self._waitset.wait(duration(seconds=timeout_s))
         for reader, (_, take) in list(self._readers.items()):
@@ -128,7 +128,7 @@ class Participant:
                         take(body, sample.sample_info)
 
     def publications(self) -> Iterator[Any]:
-        """Yields the publishers that came and went since the last call, as cyclonedds describes them.
+        """Yield the publishers that came and went since the last call, as cyclonedds describes them.
 
         Of one that went, ``topic_name`` is None.
         """
@@ -157,7 +157,7 @@ class Writer:
         self._writer, self._kind = writer, kind
 
     def write(self, body: bytes) -> None:
-        """Writes a message in CDR.
+        """Write a message in CDR.
 
         Raises:
             ConnectionError: a reliable reader does not keep up.
@@ -168,6 +168,6 @@ class Writer:
             raise ConnectionError(f"DDS did not take a message: {error}") from None
 
     def readers(self) -> list[Any]:
-        """Returns the participants of the matched readers."""
+        """The participants of the matched readers."""
         found = [self._writer.get_matched_subscription_data(one) for one in self._writer.matched_sub]
         return [one.participant_key for one in found if one is not None]

@@ -26,10 +26,10 @@ def latched(depth: int) -> Qos:
 
 
 def with_type_hash(qos: Qos, ros_type: str) -> Qos:
-    """Returns the quality of service of an endpoint, with its type's hash where ROS 2 looks for it."""
+    """The quality of service of an endpoint, with its type's hash where ROS 2 looks for it."""
     return Qos(Policy.Userdata(f"typehash={TYPE_HASHES[ros_type]};".encode()), base=qos)
 
 
 def is_reliable(qos: Qos) -> bool:
-    """Returns whether a publisher offers reliable delivery."""
+    """Whether a publisher offers reliable delivery."""
     return isinstance(qos[Policy.Reliability], Policy.Reliability.Reliable)

@@ -63,7 +63,7 @@ class Robot:
         self._thread.start()
 
     def look(self) -> None:
-        """Reads the topics that are of use now, and publishes what is periodic."""
+        """Read the topics that are of use now, and publish what is periodic."""
         needs = self.gateway.needs
         for kind in Input:
             topic = self._topics.input(kind, self._namespace)
@@ -79,11 +79,11 @@ class Robot:
         self.gateway.tick()
 
     def subscribers(self, output: Output) -> int:
-        """Returns how many subscriptions hear an output."""
+        """How many subscriptions hear an output."""
         return len(self._writers[output].readers())
 
     def close(self) -> None:
-        """Removes the robot's readers and its service, and ends the search after the current query."""
+        """Remove the robot's readers and its service, and end the search after the current query."""
         for _, reader in self._readers.values():
             self._participant.stop_reading(reader)
         self._readers.clear()
@@ -91,11 +91,11 @@ class Robot:
         self.gateway.close()
 
     def join(self) -> None:
-        """Waits for the current query."""
+        """Wait for the current query."""
         self._thread.join()
 
     def _is_reliable(self, kind: Input) -> bool:
-        """Returns whether an input is read reliably: clouds if all their publishers offer it."""
+        """Whether an input is read reliably: clouds if all their publishers offer it."""
         return kind is Input.TF_STATIC or (kind is Input.CLOUD and all(self.publishers.values()))
 
     def _qos(self, kind: Input) -> Qos:

@@ -54,15 +54,15 @@ class RosGraph:
         self._published: tuple[list[bytes], list[bytes]] | None = None
 
     def add_reader(self, reader: DataReader[Any]) -> None:
-        """Adds a reader for as long as it is held elsewhere."""
+        """Add a reader for as long as it is held elsewhere."""
         self._readers[reader] = self._gid(reader)
 
     def add_writer(self, writer: DataWriter[Any]) -> None:
-        """Adds a writer for as long as it is held elsewhere."""
+        """Add a writer for as long as it is held elsewhere."""
         self._writers[writer] = self._gid(writer)
 
     def publish_changes(self) -> None:
-        """Publishes all readers and writers anew, if there are others than the last time."""
+        """Publish all readers and writers anew, if there are others than the last time."""
         now = sorted(self._readers.values()), sorted(self._writers.values())
         if now == self._published:
             return
@@ -82,7 +82,7 @@ class RosGraph:
 
 
 def _types(gid_bytes: int) -> dict[str, Any]:
-    """Returns the messages of rmw_dds_common."""
+    """The messages of rmw_dds_common."""
 
     def struct(message: str, fields: dict[str, Any]) -> Any:
         name = dds_type(f"rmw_dds_common/msg/{message}")

@@ -55,11 +55,11 @@ class TriggerService:
         self._waiting: deque[tuple[float, Any, bytes]] = deque(maxlen=_MAX_WAITING)
 
     def close(self) -> None:
-        """Removes the service."""
+        """Remove the service."""
         self._participant.stop_reading(self._requests)
 
     def send_waiting(self) -> None:
-        """Sends the replies whose readers are matched by now. Without its reader a reply would be lost."""
+        """Send the replies whose readers are matched by now. Without its reader a reply would be lost."""
         if not self._waiting:
             return
         readers = self._replies.readers()
@@ -90,7 +90,7 @@ class TriggerService:
 
 
 def request_header(body: bytes) -> tuple[int, int] | None:
-    """Returns the header of a request of rmw_cyclonedds: half of the client's GUID, and the request's number.
+    """The header of a request of rmw_cyclonedds: half of the client's GUID, and the request's number.
 
     Returns:
         None for the request of another implementation, which has no header.
@@ -107,7 +107,7 @@ def request_header(body: bytes) -> tuple[int, int] | None:
 
 
 def trigger_reply(header: tuple[int, int], line: str) -> bytes:
-    """Returns a reply of rmw_cyclonedds: the request's header, then success and a message."""
+    """A reply of rmw_cyclonedds: the request's header, then success and a message."""
     writer = CdrWriter()
     writer.numbers("Q", header[:1])
     writer.numbers("q", header[1:])

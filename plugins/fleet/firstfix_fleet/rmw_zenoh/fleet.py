@@ -54,7 +54,7 @@ class RosGateway:
         self._tokens: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
 
     def run(self, stop: threading.Event) -> None:
-        """Blocks until ``stop`` is set, then removes all endpoints."""
+        """Block until ``stop`` is set, then remove all endpoints."""
         subscriber = self._graph.session.liveliness().declare_subscriber(
             publishers_pattern(self._graph.domain, point_cloud2.TYPE), self._on_token, history=True
         )
@@ -102,7 +102,7 @@ class RosGateway:
 
 
 def open_session(endpoint_address: str) -> Any:
-    """Opens a session at the robots' router.
+    """Open a session at the robots' router.
 
     Raises:
         InvalidOption: not a valid endpoint.

@@ -32,11 +32,11 @@ class Graph:
         self._node_token = session.liveliness().declare_token(self._node.token)
 
     def close(self) -> None:
-        """Removes the node from the graph."""
+        """Remove the node from the graph."""
         self._node_token.undeclare()
 
     def token(self, of: Endpoint, qos: str) -> Any:
-        """Declares the token of an endpoint."""
+        """Declare the token of an endpoint."""
         return self.session.liveliness().declare_token(
             self._node.endpoint_token(next(self._numbers), of, qos)
         )
@@ -44,7 +44,7 @@ class Graph:
     def subscribe(
         self, publisher: Endpoint, take: Callable[[bytes], None], *, latched: bool = False
     ) -> list[Any]:
-        """Subscribes to what a publisher sends.
+        """Subscribe to what a publisher sends.
 
         Args:
             take: called with each message, in a thread of zenoh.

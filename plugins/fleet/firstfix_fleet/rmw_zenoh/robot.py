@@ -69,7 +69,7 @@ class Robot:
         self._thread.start()
 
     def look(self) -> None:
-        """Subscribes to the topics that are of use now, and publishes what is periodic."""
+        """Subscribe to the topics that are of use now, and publish what is periodic."""
         needs = self.gateway.needs
         for kind in reversed(tuple(Input)):  # the frames before the clouds, which they connect
             topic = self._topics.input(kind, self._namespace)
@@ -84,11 +84,11 @@ class Robot:
         self.gateway.tick()
 
     def subscribers(self, output: Output) -> int:
-        """Returns how many subscriptions hear an output."""
+        """How many subscriptions hear an output."""
         return self._subscribers[output].count()
 
     def close(self) -> None:
-        """Removes the robot's endpoints, and ends the search after the current query."""
+        """Remove the robot's endpoints, and end the search after the current query."""
         for kind in Input:
             self._rest(kind)
         for subscribers in self._subscribers.values():
@@ -98,7 +98,7 @@ class Robot:
         self.gateway.close()
 
     def join(self) -> None:
-        """Waits for the current query."""
+        """Wait for the current query."""
         self._thread.join()
 
     def _endpoint(self, kind: str, topic: str, ros_type: str) -> Endpoint:

@@ -25,7 +25,7 @@ class Subscribers:
         )
 
     def count(self) -> int:
-        """Returns how many there are."""
+        """How many there are."""
         with self._lock:
             return len(self._tokens)
 

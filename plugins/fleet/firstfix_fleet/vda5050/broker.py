@@ -50,7 +50,7 @@ class BrokerAddress:
 
     @classmethod
     def parse(cls, url: str) -> BrokerAddress:
-        """Reads ``mqtt://host[:1883]`` or ``mqtts://host[:8883]``.
+        """Read ``mqtt://host[:1883]`` or ``mqtts://host[:8883]``.
 
         Raises:
             InvalidOption: another form, or one with a password, which everybody on the machine could read.
@@ -93,7 +93,7 @@ class Login:
     certificate: Path | None = None
 
     def tls(self) -> ssl.SSLContext:
-        """Returns the context of encrypted connections.
+        """The context of encrypted connections.
 
         Raises:
             InvalidOption: a file cannot be read.
@@ -160,7 +160,7 @@ class Broker:
         self._client.on_message = self._on_message
 
     def publish(self, topic: str, body: bytes) -> bool:
-        """Sends a message with quality of service 0, as VDA 5050 wants it. Returns whether it was sent."""
+        """Send a message with quality of service 0, as VDA 5050 wants it. Returns whether it was sent."""
         return self._up and self._client.publish(topic, body).rc == MQTTErrorCode.MQTT_ERR_SUCCESS
 
     def subscribe(self, topic: str) -> None:
@@ -169,12 +169,12 @@ class Broker:
             self._client.subscribe(topic, qos=1)
 
     def unsubscribe(self, topic: str) -> None:
-        """Ends a subscription."""
+        """End a subscription."""
         if self._up:
             self._client.unsubscribe(topic)
 
     def run(self, listener: Listener, stop: threading.Event) -> None:
-        """Blocks until ``stop`` is set; reconnects, with waits that grow and differ."""
+        """Block until ``stop`` is set; reconnects, with waits that grow and differ."""
         self._listener, wait_s = listener, FIRST_WAIT_S
         while not stop.is_set():
             try:
@@ -193,7 +193,7 @@ class Broker:
         self._leave()
 
     def _read(self) -> bool:
-        """Reads what has come. Returns whether the connection stands.
+        """Read what has come. Returns whether the connection stands.
 
         All that waits is read before the listener acts: an order to drive may be among it.
         """
@@ -285,7 +285,7 @@ def _presence(state: str) -> bytes:
 
 
 def password_of(file: Path | None) -> str | None:
-    """Returns the first line of a file, or the environment's FIRSTFIX_MQTT_PASSWORD; None: neither.
+    """The first line of a file, or the environment's FIRSTFIX_MQTT_PASSWORD; None: neither.
 
     Raises:
         NotFound, InvalidOption: the file cannot be read, or has no line.

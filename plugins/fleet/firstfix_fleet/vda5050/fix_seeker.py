@@ -94,7 +94,7 @@ class FixSeeker:
         self._done: queue.SimpleQueue[Outcome] = queue.SimpleQueue()
 
     def seek(self, fleet: Fleet, vehicle: VehicleName, attempt: int) -> None:
-        """Begins as soon as there is room. A vehicle that gave no scan the last time waits behind."""
+        """Begin as soon as there is room. A vehicle that gave no scan the last time waits behind."""
         seek, address = (vehicle, attempt), ScanAddress(fleet.entry.scan)
         try:
             place = address.of(vehicle)
@@ -107,7 +107,7 @@ class FixSeeker:
         self._begin()
 
     def drop(self, vehicle: VehicleName, attempt: int) -> None:
-        """Ends what has not begun yet. What runs in the pool ends by itself."""
+        """End what has not begun yet. What runs in the pool ends by itself."""
         seek = vehicle, attempt
         self._fleets.pop(seek, None)
         self._for_urls.remove(seek)
@@ -120,15 +120,15 @@ class FixSeeker:
         self._begin()
 
     def forget(self, vehicle: VehicleName) -> None:
-        """Forgets whether a vehicle gave a scan."""
+        """Forget whether a vehicle gave a scan."""
         self._gave_none.discard(vehicle)
 
     def topics(self) -> list[str]:
-        """Returns the topics on which scans are waited for: a new connection subscribes to them again."""
+        """The topics on which scans are waited for: a new connection subscribes to them again."""
         return list(self._on_topic)
 
     def take_scan(self, topic: str, body: bytes) -> bool:
-        """Takes a message that comes now. Returns whether it is a scan that was waited for."""
+        """Take a message that comes now. Returns whether it is a scan that was waited for."""
         one = self._on_topic.get(topic)
         if one is None:
             return False
@@ -144,7 +144,7 @@ class FixSeeker:
         return True
 
     def outcomes(self) -> list[Outcome]:
-        """Returns what has ended since the last call."""
+        """What has ended since the last call."""
         now_s = self._clock()
         for topic, one in list(self._on_topic.items()):
             if now_s > one.until_s:
@@ -196,7 +196,7 @@ class FixSeeker:
         return self._take_a_turn(wanted.is_behind)
 
     def _take_a_turn(self, is_behind: bool) -> bool:
-        """Lets the topic that has had its turn for longest wait behind. Returns whether there is one."""
+        """Let the topic that has had its turn for longest wait behind. Returns whether there is one."""
         now_s, turn_s = self._clock(), TURN_S if is_behind else FIRST_TURN_S
         over = [
             (one.since_s, topic)

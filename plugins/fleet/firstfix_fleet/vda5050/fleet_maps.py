@@ -28,7 +28,7 @@ class FleetMap:
     T_vda_map: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def place(self, fix: PlanarFix) -> PlanarFix:
-        """Returns a fix in the coordinates of the vehicles' map."""
+        """A fix in the coordinates of the vehicles' map."""
         x_m, y_m, theta_rad = self.T_vda_map
         c, s = math.cos(theta_rad), math.sin(theta_rad)
         return replace(
@@ -62,13 +62,13 @@ class FleetMaps:
         self._map_ids = frozenset(one.map_id for one in maps.values())
 
     def known(self, stored: Iterable[VehicleMap] | None) -> tuple[VehicleMap, ...] | None:
-        """Returns those of a vehicle's stored maps that are the fleet's; None if it does not say."""
+        """Those of a vehicle's stored maps that are the fleet's; None if it does not say."""
         if stored is None:
             return None
         return tuple(itertools.islice((one for one in stored if one.map_id in self._map_ids), MOST_STORED))
 
     def choose(self, fix: PlanarFix, stored: tuple[VehicleMap, ...] | None) -> MapOnVehicle | NoFix:
-        """Returns the map in which a fix is sent to a vehicle.
+        """The map in which a fix is sent to a vehicle.
 
         Args:
             stored: the maps on the vehicle; None: version 2.0 has no field for them.

@@ -100,7 +100,7 @@ class _File(_Strict):
 
 
 def read_fleets(path: Path) -> dict[str, FleetEntry]:
-    """Returns the fleets of a file by their names, in its order.
+    """The fleets of a file by their names, in its order.
 
     Raises:
         NotFound: no such file.

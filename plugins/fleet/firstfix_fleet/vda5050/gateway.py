@@ -69,7 +69,7 @@ class Gateway:
         return {str(name): one.vehicle.line for name, one in self._vehicles.items() if one.vehicle.line}
 
     def connected(self) -> None:
-        """Subscribes to everything: a new connection knows no topic."""
+        """Subscribe to everything: a new connection knows no topic."""
         for one, _ in self._filters:
             for name in (CONNECTION, STATE, ORDER):
                 self._subscribe(one.of(name))
@@ -83,7 +83,7 @@ class Gateway:
             self._do(name, one, one.vehicle.lose_sight(now_s))
 
     def take(self, topic: str, body: bytes, *, retained: bool) -> None:
-        """Takes a message. One that cannot be used gets a line in the log, and changes nothing.
+        """Take a message. One that cannot be used gets a line in the log, and changes nothing.
 
         Args:
             retained: it was sent at some time before. Only a connection is still of use then.
@@ -118,7 +118,7 @@ class Gateway:
         self._do(name, one, commands)
 
     def tick(self) -> None:
-        """Lets time pass, and goes on with what has been found. Call it often: mostly it does nothing."""
+        """Let time pass, and goes on with what has been found. Call it often: mostly it does nothing."""
         for outcome in self._seeker.outcomes():
             followed = self._vehicles.get(outcome.vehicle)
             if followed is None:
@@ -135,7 +135,7 @@ class Gateway:
             self._do(name, followed, followed.vehicle.tick(now_s))
 
     def close(self) -> None:
-        """Ends the queries, and tells which vehicles are still lost."""
+        """End the queries, and tells which vehicles are still lost."""
         self._seeker.close()
         for name, one in self._vehicles.items():
             if one.vehicle.is_lost:

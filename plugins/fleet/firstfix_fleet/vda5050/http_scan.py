@@ -15,7 +15,7 @@ TIMEOUT_S = 10.0
 
 
 def fetch_scan(url: str, media_type: str, tls: ssl.SSLContext) -> tuple[bytes, str]:
-    """Returns the body and its media type: the answer's own, if it is one of a scan, else the given one.
+    """The body and its media type: the answer's own, if it is one of a scan, else the given one.
 
     Raises:
         ConnectionError: no answer, or not all of it in time.

@@ -30,7 +30,7 @@ class InstantAction:
         return f"{self.kind} ({values})"
 
     def message(self, vehicle: VehicleName, version: str, header_id: int, time: datetime) -> bytes:
-        """Returns the message ``instantActions`` with this one action.
+        """The message ``instantActions`` with this one action.
 
         Args:
             version: of the protocol, as the vehicle names it.
@@ -63,7 +63,7 @@ class InstantAction:
 
 
 def init_position(action_id: str, fix: PlanarFix, map_id: str, last_node_id: str) -> InstantAction:
-    """Returns the action that gives the vehicle its pose.
+    """The action that gives the vehicle its pose.
 
     Args:
         map_id: VDA 5050's.
@@ -83,7 +83,7 @@ def init_position(action_id: str, fix: PlanarFix, map_id: str, last_node_id: str
 
 
 def enable_map(action_id: str, map_id: str, map_version: str) -> InstantAction:
-    """Returns the action that puts a stored version of a map into use."""
+    """The action that puts a stored version of a map into use."""
     return InstantAction("enableMap", action_id, (("mapId", map_id), ("mapVersion", map_version)))
 
 

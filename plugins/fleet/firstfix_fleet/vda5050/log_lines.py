@@ -20,7 +20,7 @@ class LogLines:
         self._second, self._written, self._left_out = 0, 0, 0
 
     def write(self, name: str, line: str) -> None:
-        """Writes a line, or counts it. What strangers chose in it is shown without control characters."""
+        """Write a line, or count it. What strangers chose in it is shown without control characters."""
         second = int(self._clock())
         if second != self._second:
             if self._left_out:

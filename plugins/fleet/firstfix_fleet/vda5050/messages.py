@@ -109,7 +109,7 @@ class State(_Header):
         return (*self.action_states, *self.instant_action_states, *self.zone_action_states)
 
     def obstacle(self, own_actions: frozenset[str]) -> str:
-        """Returns why the vehicle may be sent no pose now; empty if it may.
+        """Why the vehicle may be sent no pose now; empty if it may.
 
         Args:
             own_actions: ids of actions that the gateway has sent.
@@ -154,7 +154,7 @@ class Sender:
 
 
 def read_message(kind: type[_Message], body: bytes, sender: Sender) -> _Message:
-    """Reads a message.
+    """Read a message.
 
     Raises:
         TooLarge: more than MAX_STATE_BYTES.

@@ -33,7 +33,7 @@ class NoFix:
 
 
 def planar_fix(answer: Localization, max_tilt_deg: float) -> PlanarFix | NoFix:
-    """Returns the pose of an answer in the plane, where the promise covers it.
+    """The pose of an answer in the plane, where the promise covers it.
 
     Args:
         answer: to a query with ``T_base_sensor``.

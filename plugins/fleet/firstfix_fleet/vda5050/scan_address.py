@@ -48,7 +48,7 @@ class ScanAddress:
         return self._template.startswith(MQTT)
 
     def of(self, vehicle: VehicleName) -> str:
-        """Returns a vehicle's topic or URL.
+        """A vehicle's topic or URL.
 
         Whoever may publish at the broker chooses the names. In a URL they stay within the template: a name
         becomes neither a path nor an address of its own.

@@ -34,20 +34,20 @@ class ScanQueue:
         self._behind: OrderedDict[Seek, Wanted] = OrderedDict()
 
     def add(self, wanted: Wanted) -> None:
-        """Adds a scan, as the last of its kind."""
+        """Add a scan, as the last of its kind."""
         (self._behind if wanted.is_behind else self._first)[wanted.seek] = wanted
 
     def remove(self, seek: Seek) -> None:
-        """Removes a scan, if it waits."""
+        """Remove a scan, if it waits."""
         self._first.pop(seek, None)
         self._behind.pop(seek, None)
 
     def next(self) -> Wanted | None:
-        """Returns the scan whose turn it is; None: none waits."""
+        """The scan whose turn it is; None: none waits."""
         queue = self._first or self._behind
         return next(iter(queue.values()), None)
 
     def clear(self) -> None:
-        """Removes all."""
+        """Remove all."""
         self._first.clear()
         self._behind.clear()

@@ -30,12 +30,12 @@ class VehicleName:
         return self.topic("")[:-1]
 
     def topic(self, name: str) -> str:
-        """Returns one of the vehicle's topics."""
+        """One of the vehicle's topics."""
         return f"{self.interface}/{self.major}/{self.manufacturer}/{self.serial}/{name}"
 
     @classmethod
     def of_topic(cls, topic: str) -> tuple[VehicleName, str] | None:
-        """Returns whose topic it is and its last level; None if it is not one of a vehicle."""
+        """Whose topic it is and its last level; None if it is not one of a vehicle."""
         levels = topic.rsplit("/", 4)
         if len(levels) < 5 or not all(levels) or len(topic) > MAX_TOPIC_CHARS or not topic.isprintable():
             return None
@@ -55,7 +55,7 @@ class VehicleFilter:
 
     @classmethod
     def parse(cls, text: str) -> VehicleFilter:
-        """Reads ``uagv/v2/acme/+``.
+        """Read ``uagv/v2/acme/+``.
 
         Raises:
             InvalidOption: not of this form.
@@ -73,12 +73,12 @@ class VehicleFilter:
         return cls(levels)
 
     def matches(self, vehicle: VehicleName) -> bool:
-        """Returns whether a vehicle is one of the fleet."""
+        """Whether a vehicle is one of the fleet."""
         levels = str(vehicle).split("/")
         return len(levels) == len(self.levels) and all(
             wanted in (ANY, level) for wanted, level in zip(self.levels, levels, strict=True)
         )
 
     def of(self, name: str) -> str:
-        """Returns the filter of one topic of all these vehicles."""
+        """The filter of one topic of all these vehicles."""
         return "/".join((*self.levels, name))

@@ -126,14 +126,14 @@ class Vehicle:
         return self._is_lost
 
     def take_connection(self, is_online: bool, now_s: float) -> list[Command]:
-        """Takes what the vehicle's connection is."""
+        """Take what the vehicle's connection is."""
         self._is_online = is_online
         if not is_online:  # what it said before may be wrong when it comes back
             self._state_s = None
         return self.tick(now_s)
 
     def take_state(self, state: State, now_s: float) -> list[Command]:
-        """Takes a state that the vehicle sends now."""
+        """Take a state that the vehicle sends now."""
         own = frozenset() if self._action is None else frozenset((self._action.action_id,))
         shown = next((one for one in state.actions() if one.action_id in own), None)
         self._status, self._result = ("", "") if shown is None else (shown.action_status[:20], shown.result)
@@ -143,17 +143,17 @@ class Vehicle:
         return self.tick(now_s)
 
     def take_order(self, now_s: float) -> list[Command]:
-        """Takes note that somebody sends the vehicle an order, which its state does not show yet."""
+        """Take note that somebody sends the vehicle an order, which its state does not show yet."""
         self._order_s = now_s
         return self.tick(now_s)
 
     def lose_sight(self, now_s: float) -> list[Command]:
-        """Takes note that messages may have been missed: nothing is known before it speaks again."""
+        """Take note that messages may have been missed: nothing is known before it speaks again."""
         self._is_online = self._state_s = None
         return self.tick(now_s)
 
     def take_outcome(self, attempt: int, outcome: PlanarFix | NoFix, now_s: float) -> list[Command]:
-        """Takes the outcome of an attempt. One that was dropped is ignored."""
+        """Take the outcome of an attempt. One that was dropped is ignored."""
         commands = self.tick(now_s)
         if self.phase is Phase.ASKING and attempt == self._attempt:
             if isinstance(outcome, NoFix):
@@ -165,7 +165,7 @@ class Vehicle:
         return commands
 
     def tick(self, now_s: float) -> list[Command]:
-        """Lets time pass. Call it about once a second."""
+        """Let time pass. Call it about once a second."""
         commands: list[Command] = []
         if self.phase is Phase.RESTING and self._is_lost:
             self._begin(now_s)
@@ -179,7 +179,7 @@ class Vehicle:
         return commands
 
     def obstacle(self, now_s: float) -> str:
-        """Returns why it may be sent nothing now; empty if it may."""
+        """Why it may be sent nothing now; empty if it may."""
         if not self._is_online:
             return "it has not said that it is ONLINE" if self._is_online is None else "it is not ONLINE"
         if self._state_s is None or now_s - self._state_s > self._patience.silence_s:
@@ -213,7 +213,7 @@ class Vehicle:
         return commands
 
     def _act(self, fix: PlanarFix, now_s: float) -> list[Command]:
-        """Sends the next action towards the fix: the map first, if the vehicle does not use it."""
+        """Send the next action towards the fix: the map first, if the vehicle does not use it."""
         target = self._maps.choose(fix, self._stored)
         if isinstance(target, NoFix):
             self._fail(target.reason, now_s)
