@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import random
 from pathlib import Path
 
 import pytest
 
 from firstfix.errors import FirstfixError, NotFound, WorkerLost
+from firstfix.maintenance.repair import Repair
+from firstfix.maintenance.verify import Verification
 from firstfix.store.store import Store
 from tests.service.cache_world import World
 from tests.service.service_world import Service, publish, serving
@@ -62,6 +65,23 @@ def entry(tmp_path: Path, number: int) -> Path:
 def restart(world: World, tmp_path: Path) -> World:
     """A process that reads the store for the first time."""
     return World(tmp_path, Store.open(str(tmp_path / "store")))
+
+
+def test_an_activation_with_one_flipped_bit_is_read_and_repaired(world: World, tmp_path: Path):
+    world.publish("hall", "1")
+    second = world.publish("hall", "2")
+    path = entry(tmp_path, 4)
+    right = path.read_bytes()
+    for bit in (8 * right.index(b"activated") + 8 * 8, *random.Random(1).sample(range(8 * len(right)), 6)):
+        flipped = bytearray(right)
+        flipped[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(flipped)
+        later = restart(world, tmp_path)
+        assert later.cache().get("hall").version == second, bytes(flipped)
+        found = Verification(later.catalog.store).run().damaged
+        assert [one.key for one in found] == ["maps/hall/log/000004.json"] or b'"checksum"' not in flipped
+    assert Verification(world.catalog.store, repair=Repair(world.catalog.store)).run().damaged == []
+    assert path.read_bytes() == right
 
 
 def test_a_running_replica_serves_its_version_without_an_activation_record(world: World, tmp_path: Path):
