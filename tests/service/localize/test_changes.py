@@ -144,6 +144,15 @@ def test_counts_are_stored_when_the_replica_stops(tmp_path: Path):
         assert is_the_rack(changes(service))
 
 
+def test_a_robot_that_stands_still_is_counted_once(replicas: Callable[..., Service]):
+    service = replicas("one")
+    ask(service, range(1))
+    for _ in range(20):
+        service.ask("http", body=BODIES[0])
+    ask(service, range(1, 2))
+    assert changes(service)["sightings"] == 2
+
+
 def test_a_read_only_service_counts_no_sightings(replicas: Callable[..., Service]):
     replicas("one")
     service = replicas("other", read_only=True)
