@@ -32,8 +32,8 @@ from .mesh.clean_cloud import voxel_means
 from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
-from .read_map.map_of_scans import is_map_of_scans
-from .read_map.read_map import content_hash
+from .sources.read_map.map_of_scans import is_map_of_scans
+from .sources.read_map.read_map import content_hash
 from .stage_files import (
     engine_of,
     link,

@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from firstfix.builds.config import BuildConfig
 from firstfix.transform import Matrix, inverse, make_transform, transform_points
 
-from .check_map.check_map import check_map, refuse
 from .mesh.clean_cloud import clean_cloud
 from .mesh.level import level_frame
 from .mesh.mesh import Mesh
 from .mesh.places.tiled_points import TiledPoints
 from .mesh.tiled_mesh import write_tiled_mesh
-from .read_map import read_parts
-from .read_map.file_errors import naming
-from .read_map.held_out import read_held_out
-from .read_map.map_of_scans import MapOfScans, is_map_of_scans, read_map_of_scans
-from .read_map.mapping_scans import FOLDER, MappingScans
-from .read_map.read_map import in_local_frame
-from .read_map.without_moving import Moving, without_moving
+from .sources.check_map.check_map import check_map, refuse
+from .sources.read_map import read_parts
+from .sources.read_map.file_errors import naming
+from .sources.read_map.held_out import read_held_out
+from .sources.read_map.map_of_scans import MapOfScans, is_map_of_scans, read_map_of_scans
+from .sources.read_map.mapping_scans import FOLDER, MappingScans
+from .sources.read_map.read_map import in_local_frame
+from .sources.read_map.without_moving import Moving, without_moving
 from .stage_files import MOVING_FILE, write_findings, write_json
 
 MORE_POINTS = 2  # of joined scans than cleaning leaves: it shall have a choice

@@ -17,12 +17,12 @@ from firstfix.engine.localizer import Localizer
 from firstfix.transform import inverse
 
 from .execution.stage_cache import StageResult
-from .read_map.held_out import HeldOut
 from .self_test.localizability import draw_localizability
 from .self_test.mapped_places import MappedPlaces
 from .self_test.real_scans import RealScans
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
+from .sources.read_map.held_out import HeldOut
 from .stage_files import floor_of, moving_of, simulator_of, trajectory_of, write_json
 
 

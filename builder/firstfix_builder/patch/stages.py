@@ -18,8 +18,8 @@ from ..execution.build_trace import within_a_stage
 from ..execution.stage_cache import StageResult
 from ..job.patch_source import BASE, PatchSource, is_patch_source
 from ..mesh.places.tiled_points import TiledPoints
-from ..read_map.read_map import content_hash
 from ..sessions.stages import SessionStages
+from ..sources.read_map.read_map import content_hash
 from ..stage_files import link, simulator_of, spacing_m_of
 from .compare import compare
 from .confirm import Change, PatchRule, confirmed_changes

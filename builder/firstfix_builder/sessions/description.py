@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from firstfix.errors import MalformedData, NotFound, TooLarge
 
-from ..read_map.rigid import rigid_matrices
+from ..sources.read_map.rigid import rigid_matrices
 
 FILE_NAMES = ("sessions.yaml", "sessions.yml", "sessions.json")
 MAX_BYTES = 64 << 10

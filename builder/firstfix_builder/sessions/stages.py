@@ -21,16 +21,16 @@ from firstfix.errors import BuildFailed, InputError, InvalidOption, MalformedDat
 from firstfix.transform import inverse, transform_points
 
 from ..build_stages import BuildStages
-from ..check_map.check_map import check_map
 from ..execution.build_trace import within_a_stage
 from ..execution.stage_cache import StageResult
 from ..mesh.clean_cloud import clean_cloud
 from ..mesh.level import level_frame
 from ..mesh.places.tiled_points import TiledPoints
-from ..read_map.archive import SUFFIX, unpack
-from ..read_map.map_data import MapData
-from ..read_map.read_map import content_hash
 from ..simulation.simulate import Simulator
+from ..sources.check_map.check_map import check_map
+from ..sources.read_map.archive import SUFFIX, unpack
+from ..sources.read_map.map_data import MapData
+from ..sources.read_map.read_map import content_hash
 from ..stage_files import link, simulator_of, trajectory_of, write_findings
 from .description import Session, description_in, read_description
 from .merge import ReadSession, merge

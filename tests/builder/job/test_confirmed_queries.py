@@ -14,8 +14,8 @@ from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample
 from firstfix.errors import StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_builder.job.confirmed_queries import ConfirmedQueries, collect_confirmed
-from firstfix_builder.read_map.held_out import HeldOut
 from firstfix_builder.self_test.confirmed_scans import decode_confirmed
+from firstfix_builder.sources.read_map.held_out import HeldOut
 
 TODAY = datetime.now(timezone.utc).replace(minute=0, second=0, microsecond=0)
 BODY = np.ones((60, 3), "<f4").tobytes()

@@ -14,11 +14,11 @@ from firstfix.store.store import Store
 from firstfix.transform import make_transform, pose_to_mapping
 from firstfix_builder.job.confirmed_queries import collect_confirmed
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.read_map.held_out import HeldOut, HeldOutScan
 from firstfix_builder.self_test.real_scans import MAX_WEIGHT, RealScans, disagreeing
 from firstfix_builder.self_test.reliability import FOLDS
 from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.sources.read_map.held_out import HeldOut, HeldOutScan
 from tests.small_world import COARSE_CONFIG, SmallWorld
 
 WALL = np.random.default_rng(3).uniform([-5, 2.0, 0], [5, 2.0, 3], (4000, 3))

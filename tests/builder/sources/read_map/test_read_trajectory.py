@@ -5,7 +5,7 @@ import pytest
 
 from firstfix.errors import MalformedData, NotFound
 from firstfix.transform import from_quaternion, quaternion_of
-from firstfix_builder.read_map import read_trajectory
+from firstfix_builder.sources.read_map import read_trajectory
 
 RNG = np.random.default_rng(9)
 POSES = np.stack([from_quaternion(RNG.uniform(-9, 9, 3), RNG.normal(size=4)) for _ in range(5)])

@@ -17,14 +17,14 @@ from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.level_map import write_level_map
 from firstfix_builder.mesh.clean_cloud import voxel_means
-from firstfix_builder.read_map import read_map
-from firstfix_builder.read_map.held_out import HeldOut
-from firstfix_builder.read_map.held_out_parts import ALONE, FEW, drawn_parts
-from firstfix_builder.read_map.map_of_scans import VOXEL_M, is_map_of_scans, read_map_of_scans
 from firstfix_builder.sessions.stages import SessionStages
+from firstfix_builder.sources.read_map import read_map
+from firstfix_builder.sources.read_map.held_out import HeldOut
+from firstfix_builder.sources.read_map.held_out_parts import ALONE, FEW, drawn_parts
+from firstfix_builder.sources.read_map.map_of_scans import VOXEL_M, is_map_of_scans, read_map_of_scans
 from firstfix_builder.stage_files import MOVING_FILE
 from firstfix_cli.map_source import as_one_file
-from tests.builder.read_map.mapping_run import drive, name_of, street, write_run
+from tests.builder.sources.read_map.mapping_run import drive, name_of, street, write_run
 
 UTM = (353_071.25, 5_425_012.5, 31.0)
 

@@ -8,10 +8,10 @@ import pytest
 from benchmarks.common.datasets import HALL
 from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.errors import UnfitMap
-from firstfix_builder.check_map.check_map import check_map, refuse
-from firstfix_builder.read_map.map_data import MapData, local_origin, subtract_origin
-from firstfix_builder.read_map.map_file import read_map_file
-from firstfix_builder.read_map.map_limits import MapLimits
+from firstfix_builder.sources.check_map.check_map import check_map, refuse
+from firstfix_builder.sources.read_map.map_data import MapData, local_origin, subtract_origin
+from firstfix_builder.sources.read_map.map_file import read_map_file
+from firstfix_builder.sources.read_map.map_limits import MapLimits
 from tests.every_case import every_case
 from tests.needs import of_recordings
 from tests.small_world import SmallWorld
@@ -111,7 +111,7 @@ def test_a_mesh_in_millimetres_is_refused(small_world: SmallWorld):
 
 
 def test_a_map_that_needs_too_much_memory_is_refused_with_the_figures(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("firstfix_builder.read_map.map_limits.memory_bytes", lambda: 4 << 30)
+    monkeypatch.setattr("firstfix_builder.sources.read_map.map_limits.memory_bytes", lambda: 4 << 30)
     limits = MapLimits(300_000_000, 16_000_000_000)
     limits.check("PCD", 10_000_000, 16)
     with pytest.raises(UnfitMap, match=r"100,000,000 points need about 18\.\d GB of memory.* 4\.3 GB"):

@@ -11,7 +11,7 @@ import pytest
 
 from firstfix.errors import InputError, InvalidOption, MalformedData, NotFound, UnsupportedFormat
 from firstfix.transform import from_quaternion, inverse, transform_points
-from firstfix_builder.read_map import read_map
+from firstfix_builder.sources.read_map import read_map
 
 UTM = np.array([512_345.678, 5_403_210.123, 295.5])
 POINTS = np.random.default_rng(11).uniform([-60, -40, 0], [60, 40, 8], (400, 3))

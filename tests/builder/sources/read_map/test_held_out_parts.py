@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from firstfix_builder.read_map.held_out_parts import (
+from firstfix_builder.sources.read_map.held_out_parts import (
     ALONE,
     FAR,
     LEAST_KEYFRAMES,

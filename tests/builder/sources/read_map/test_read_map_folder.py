@@ -9,7 +9,7 @@ import trimesh
 
 from firstfix.errors import InputError, MalformedData, UnsupportedFormat
 from firstfix.transform import from_quaternion, transform_points
-from firstfix_builder.read_map import read_map, read_parts
+from firstfix_builder.sources.read_map import read_map, read_parts
 
 RNG = np.random.default_rng(4)
 A, B = RNG.uniform(-20, 20, (30, 3)).astype("<f4"), RNG.uniform(-20, 20, (50, 3)).astype("<f4")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from firstfix.errors import FirstfixError, MalformedData, OutOfSpace, TooLarge, UnsupportedFormat
-from firstfix_builder.read_map import archive
-from firstfix_builder.read_map.archive import unpack
+from firstfix_builder.sources.read_map import archive
+from firstfix_builder.sources.read_map.archive import unpack
 
 
 def zipped(path, files):

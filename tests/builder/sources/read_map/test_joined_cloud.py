@@ -7,9 +7,9 @@ import pytest
 
 from firstfix.errors import MalformedData, TooLarge
 from firstfix_builder.mesh.clean_cloud import voxel_means
-from firstfix_builder.read_map import joined_cloud
-from firstfix_builder.read_map.joined_cloud import JoinedCloud
-from firstfix_builder.read_map.map_limits import MapLimits
+from firstfix_builder.sources.read_map import joined_cloud
+from firstfix_builder.sources.read_map.joined_cloud import JoinedCloud
+from firstfix_builder.sources.read_map.map_limits import MapLimits
 
 RNG = np.random.default_rng(2)
 SCANS = [RNG.uniform(-3, 3, (400, 3)) for _ in range(12)]

@@ -14,10 +14,10 @@ from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform, quaternion_of, transform_points
 from firstfix_builder.mesh.clean_cloud import voxel_means
 from firstfix_builder.mesh.mesh import Mesh
-from firstfix_builder.read_map.mapping_scans import FOLDER, POSES, MappingScans
-from firstfix_builder.read_map.without_moving import without_moving
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.sources.read_map.mapping_scans import FOLDER, POSES, MappingScans
+from firstfix_builder.sources.read_map.without_moving import without_moving
 from tests.builder.box_scenes import box, floor, walls
 
 SENSOR = SensorModel("dense", tuple(np.linspace(-24, 16, 80).tolist()), 0.5, 0.5, 60.0, 1.8)

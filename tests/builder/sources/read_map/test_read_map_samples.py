@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from firstfix.errors import InputError, MalformedData, UnsupportedFormat
-from firstfix_builder.read_map import read_map, read_trajectory
+from firstfix_builder.sources.read_map import read_map, read_trajectory
 from tests.needs import RECORDED, with_recorded
 
 pytestmark = with_recorded("formats")

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from firstfix.transform import make_transform, rotation_z
-from firstfix_builder.read_map.held_out import MAX_SCANS, HeldOut, read_held_out
+from firstfix_builder.sources.read_map.held_out import MAX_SCANS, HeldOut, read_held_out
 
 HEADER = "scan,tx,ty,tz,qx,qy,qz,qw\n"
 POINTS = np.arange(30, dtype=np.float32).reshape(10, 3)

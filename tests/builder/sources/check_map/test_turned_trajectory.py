@@ -8,12 +8,12 @@ import pytest
 from benchmarks.common.datasets import STREET, YARD
 from firstfix.sensor import preset
 from firstfix.transform import rotation_z
-from firstfix_builder.check_map.turned_trajectory import check_turned
 from firstfix_builder.mesh.mesh import Mesh
-from firstfix_builder.read_map import read_trajectory
-from firstfix_builder.read_map.map_file import read_map_file
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator, upright
+from firstfix_builder.sources.check_map.turned_trajectory import check_turned
+from firstfix_builder.sources.read_map import read_trajectory
+from firstfix_builder.sources.read_map.map_file import read_map_file
 from tests.builder.box_scenes import box, floor, walls
 from tests.needs import of_recordings
 

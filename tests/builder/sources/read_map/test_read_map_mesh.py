@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from firstfix.errors import MalformedData
-from firstfix_builder.read_map import read_map
+from firstfix_builder.sources.read_map import read_map
 
 BOX = trimesh.creation.box((4.0, 3.0, 2.0))
 FORMATS = ("ply", "obj", "stl", "glb")
