@@ -5,25 +5,22 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
-from threadpoolctl import threadpool_limits
 
 from firstfix.builds.config import BuildConfig
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.engine.index import MAP_FILE
 from firstfix.transform import make_transform, rotation_angle_deg, rotation_z, transform_points
-from firstfix_builder.execution.chunks import ChunkCache
-from firstfix_builder.execution.local_executor import LocalExecutor
-from firstfix_builder.execution.stage_cache import StageCache, StageResult
+from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.index.cloud_octree import NO_NORMAL, POINT
 from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.sessions.stages import SessionStages
+from firstfix_builder.stage_results import IndexFiles, LevelMap
+from tests.builder.stages import stages_below
 from tests.small_world import COARSE_CONFIG, SmallWorld, begun_as
 
 pytestmark = pytest.mark.slow
@@ -38,22 +35,19 @@ class Stages:
         self.work = begun_as(built, work)
         index = json.loads((built.directory / "manifest.json").read_text())["files"]["keys.faiss"]["sha256"]
         self.index = next(
-            StageResult(stage.parent.name, stage.parent / "files", index)
+            IndexFiles(stage.parent.name, stage.parent / "files", index)
             for stage in self.work.glob("stages/*/stage.json")
             if json.loads(stage.read_text())["stage"] == "build_index"
         )
         self.drawn = 0
 
-    def draw(self, source: Path, config: BuildConfig | None = None) -> tuple[StageResult, StageResult]:
+    def draw(self, source: Path, config: BuildConfig | None = None) -> tuple[LevelMap, StageResult]:
         """The results of reading a source and of drawing it."""
 
         def count(stage: str, fraction: float) -> None:
             self.drawn += (stage, fraction) == ("draw_cloud", 0.0)
 
-        with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as threads:
-            cache = StageCache(self.work)
-            chunks = ChunkCache(cache, LocalExecutor(self.work, threads, threads))
-            stages = SessionStages(cache, chunks, count, lambda: False, config or BuildConfig(), threads)
+        with stages_below(self.work, config, count) as stages:
             read = stages.read_map(source, None)
             return read, stages.draw_cloud(read, self.index)
 
@@ -184,7 +178,7 @@ def test_a_map_is_drawn_in_its_own_frame(
     tilted = transform_points(tilt, points_on(small_world, 30_000))
     np.save(tmp_path / "tilted.npy", tilted)
     read, drawn = stages("work").draw(tmp_path / "tilted.npy")
-    turned_deg = rotation_angle_deg(np.load(read.directory / "T_map_level.npy")[:3, :3])
+    turned_deg = rotation_angle_deg(read.T_map_level[:3, :3])
     assert turned_deg == pytest.approx(6, abs=1.5)
     _, points, _ = cloud_of(drawn.directory)
     assert far_apart(points, tilted) < THINNED_M
@@ -204,8 +198,8 @@ def test_of_sessions_all_points_are_drawn_in_the_frame_of_the_first(
     sessions = [{"source": "west.npy"}, {"source": "east.npy", "T_map_session": T_map_session.tolist()}]
     (folder / "sessions.yaml").write_text(json.dumps({"sessions": sessions}))
     read, drawn = stages("work").draw(folder)
-    T_map_level = np.load(read.directory / "T_map_level.npy")
-    merged = transform_points(T_map_level, np.load(read.directory / "points.npy"))
+    T_map_level = read.T_map_level
+    merged = transform_points(T_map_level, read.points)
     _, points, _ = cloud_of(drawn.directory)
     the_same(points, merged)
     for end in (0, 1):
@@ -218,7 +212,7 @@ def test_points_far_from_the_surface_have_no_normals(stages: Callable[[str], Sta
     np.save(tmp_path / "elsewhere.npy", rng.uniform([0, 0, 0], [20, 15, 1.0], (30_000, 3)) + [0, 0, 90])
     read, drawn = stages("work").draw(tmp_path / "elsewhere.npy", BuildConfig.parse({"level": False}))
     _, points, normals = cloud_of(drawn.directory)
-    local = points - np.load(read.directory / "T_map_level.npy")[:3, 3]
+    local = points - read.T_map_level[:3, 3]
     assert len(points) > 20_000
     assert local[:, 2].min() > 20, "far above the index's surface"
     assert (normals == NO_NORMAL).all()

@@ -18,7 +18,7 @@ from firstfix.store.store import Store
 from firstfix_builder.job import kept_queries
 from firstfix_builder.job.kept_queries import chosen_queries
 from firstfix_builder.job.patch_source import PatchSource, collect_patch_source, is_patch_source
-from firstfix_builder.patch.kept_scans import read_observations
+from firstfix_builder.sources.patch.kept_scans import read_observations
 
 DAY_S = 86400.0
 NOON = datetime(2026, 3, 2, 12, tzinfo=timezone.utc)

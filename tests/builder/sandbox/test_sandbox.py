@@ -26,14 +26,13 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.sources import put_source
 from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, TooLarge
 from firstfix.store.store import Store
-from firstfix_builder import level_map
 from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
 from firstfix_builder.sandbox import seccomp
 from firstfix_builder.sandbox.hand_over import take_files
 from firstfix_builder.sandbox.kernel import SIGNALS_VERSION, landlock_version
 from firstfix_builder.sandbox.sandboxed_build import SandboxedBuild
-from firstfix_builder.sessions import stages as session_stages
+from firstfix_builder.sources import archive_reader, write_level_map
 from firstfix_builder.worker import build_here
 from tests.small_world import CONFIG
 
@@ -302,8 +301,10 @@ def test_with_a_cluster_the_source_is_read_in_the_sandbox(
         shutil.copy(small_map, source)
     options = BuildOptions(build_id="b1", store="memory://", work=tmp_path / "work", sandbox="required")
     for read in ("read_parts", "read_map_of_scans"):
-        monkeypatch.setattr(level_map, read, lambda *_, **__: pytest.fail("the worker reads the source"))
-    monkeypatch.setattr(session_stages, "unpack", lambda *_: pytest.fail("the worker reads the source"))
+        monkeypatch.setattr(
+            write_level_map, read, lambda *_, **__: pytest.fail("the worker reads the source")
+        )
+    monkeypatch.setattr(archive_reader, "unpack", lambda *_: pytest.fail("the worker reads the source"))
     seen: list[str] = []
 
     def stop_after_the_first_stage() -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -12,19 +11,16 @@ from scipy.spatial import cKDTree
 from firstfix.builds.config import BuildConfig
 from firstfix.errors import MalformedData, NotFound
 from firstfix.transform import inverse, transform_points
-from firstfix_builder.execution.chunks import ChunkCache
-from firstfix_builder.execution.local_executor import LocalExecutor
-from firstfix_builder.execution.stage_cache import StageCache
-from firstfix_builder.level_map import write_level_map
 from firstfix_builder.mesh.clean_cloud import voxel_means
-from firstfix_builder.sessions.stages import SessionStages
 from firstfix_builder.sources.read_map import read_map
 from firstfix_builder.sources.read_map.held_out import HeldOut
 from firstfix_builder.sources.read_map.held_out_parts import ALONE, FEW, drawn_parts
 from firstfix_builder.sources.read_map.map_of_scans import VOXEL_M, is_map_of_scans, read_map_of_scans
-from firstfix_builder.stage_files import MOVING_FILE
+from firstfix_builder.sources.write_level_map import write_level_map
+from firstfix_builder.stage_results import MOVING_FILE
 from firstfix_cli.map_source import as_one_file
 from tests.builder.sources.read_map.mapping_run import drive, name_of, street, write_run
+from tests.builder.stages import stages_below
 
 UTM = (353_071.25, 5_425_012.5, 31.0)
 
@@ -155,11 +151,8 @@ def test_the_number_of_held_out_keyframes_is_part_of_the_first_stage_of_such_a_m
     np.save(cloud, street(60))
 
     def stage(path: Path, held_out: int) -> Path:
-        cache = StageCache(tmp_path / "work")
         config = BuildConfig.parse({"self_test": {"held_out": held_out}, "clean": {"min_neighbours": 0}})
-        with ThreadPoolExecutor(1) as threads:
-            chunks = ChunkCache(cache, LocalExecutor(tmp_path / "work", threads, threads))
-            stages = SessionStages(cache, chunks, lambda *_: None, lambda: False, config, threads)
+        with stages_below(tmp_path / "work", config) as stages:
             return stages.read_map(path, None).directory
 
     assert stage(cloud, 0) == stage(cloud, 40)
