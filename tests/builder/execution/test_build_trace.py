@@ -83,7 +83,7 @@ def catalog(tmp_path: Path) -> Catalog:
             "source": {"key": f"maps/hall/sources/{sha256}"},
             "traceparent": TRACEPARENT,
         }
-        catalog.put_build(build_id, request)
+        catalog.builds.put(build_id, request)
     return catalog
 
 
@@ -153,10 +153,10 @@ def test_a_build_that_had_ended_has_no_span(catalog: Catalog, collector: Collect
 
 
 def test_the_record_has_the_times_without_a_collector(catalog: Catalog, tmp_path: Path):
-    assert catalog.build_stages("b1") == []
+    assert catalog.builds.stages("b1") == []
     build(tmp_path, "b1")
     build(tmp_path, "b2")
-    stages = catalog.build_stages("b2")
+    stages = catalog.builds.stages("b2")
     assert [stage["stage"] for stage in stages] == ALL
     assert [stage["cached"] for stage in stages] == [False, True, True, False]
     assert all(0 <= stage["seconds"] < 10 * LIMIT_S for stage in stages)

@@ -245,12 +245,12 @@ def test_the_worker_goes_on_after_a_hostile_build(tmp_path: Path):
             "file_name": "hall.ply",
             "config": config_telling(do=do),
         }
-        catalog.put_build(build_id, request)
+        catalog.builds.put(build_id, request)
         options = BuildOptions(
             build_id=build_id, store=str(tmp_path / "store"), work=tmp_path / "work", sandbox="required"
         )
         code = run_build(options, SandboxedBuild(options, program=PROGRAM).build_version)
-        ended[build_id] = (code, catalog.build_status(build_id))
+        ended[build_id] = (code, catalog.builds.status(build_id))
     assert ended["b1"][0] == 1
     assert ended["b1"][1]["error"]["code"] == "build_failed"
     assert "processes in read_map" in ended["b1"][1]["error"]["detail"]

@@ -430,7 +430,7 @@ def test_an_id_of_another_form_is_refused(map_id: str, tmp_path: Path) -> None:
     for call in (
         lambda: catalog.state(map_id),
         lambda: catalog.publish(map_id, tmp_path, Manifest({})),
-        lambda: catalog.put_build(map_id, {}),
+        lambda: catalog.builds.put(map_id, {}),
         lambda: catalog.collect_garbage(map_id),
     ):
         with pytest.raises(InvalidOption):

@@ -28,8 +28,8 @@ def recorded(catalog: Catalog, tmp_path: Path, build_id: str, content: str = "a 
     """Records a build that runs. Returns the key of its source."""
     (tmp_path / "source").write_text(content)
     key = source_key("hall", put_source(catalog.store, "hall", tmp_path / "source"))
-    catalog.put_build(build_id, {"map_id": "hall", "source": {"key": key}, "config": {}})
-    catalog.set_build_status(build_id, new_status("running", map_id="hall"))
+    catalog.builds.put(build_id, {"map_id": "hall", "source": {"key": key}, "config": {}})
+    catalog.builds.set_status(build_id, new_status("running", map_id="hall"))
     return key
 
 
@@ -40,7 +40,7 @@ def published(catalog: Catalog, tmp_path: Path, build_id: str, *, provisional: b
     manifest = Manifest.for_directory(folder, provisional=provisional)
     version = catalog.publish("hall", folder, manifest, build_id=build_id)
     status = new_status("running", map_id="hall", provisional_version=version if provisional else None)
-    catalog.set_build_status(build_id, status)
+    catalog.builds.set_status(build_id, status)
     return version
 
 
@@ -55,7 +55,7 @@ def test_its_provisional_version_and_its_source_go(catalog: Catalog, tmp_path: P
     for _ in range(2):
         end_build(catalog, "b1", ended(state))
         assert catalog.active_version("hall") is None
-        assert catalog.build_status("b1")["state"] == state
+        assert catalog.builds.status("b1")["state"] == state
         assert catalog.store.list("maps/hall/sources") == []
 
 
@@ -75,7 +75,7 @@ def test_what_another_build_needs_stays(catalog: Catalog, tmp_path: Path):
     key = recorded(catalog, tmp_path, "b1")
     recorded(catalog, tmp_path, "b2")
     version = published(catalog, tmp_path, "b1", provisional=True)
-    catalog.set_build_status("b2", new_status("running", map_id="hall", provisional_version=version))
+    catalog.builds.set_status("b2", new_status("running", map_id="hall", provisional_version=version))
     end_build(catalog, "b1", ended())
     assert catalog.active_version("hall") == version
     assert catalog.store.list("maps/hall/sources") == [key]
@@ -99,7 +99,7 @@ def test_a_kill_on_the_way_is_mended_by_a_repeat(tmp_path: Path, monkeypatch: py
         published(catalog, tmp_path, "b1", provisional=True)
         works: list[Callable[[], Any]] = [lambda: end_build(catalog, "b1", ended()), lambda: None]
         steps = run_interleaved(works, (), kill_at=kill_at, monkeypatch=monkeypatch)
-        if catalog.build_status("b1")["state"] == "cancelled":
+        if catalog.builds.status("b1")["state"] == "cancelled":
             assert catalog.active_version("hall") is None, "whoever sees the end sees no version"
         end_build(Catalog(catalog.store), "b1", ended())
         assert catalog.store.list("maps/hall/sources") == []
@@ -120,7 +120,7 @@ def test_a_damaged_status_is_repaired_with_what_the_build_has_published(
         version = published(catalog, tmp_path, "b1", provisional=False)
     catalog.store.put("builds/b1/status.json", b"")
     said = Repair(catalog.store).record("builds/b1/status.json", RecordKind.BUILD_STATUS)
-    status = catalog.build_status("b1")
+    status = catalog.builds.status("b1")
     if full:
         assert (status["state"], status["version"]) == ("succeeded", version)
         assert status["provisional_version"] == early

@@ -30,8 +30,8 @@ def build(catalog: Catalog, tmp_path: Path, build_id: str, state: str, version: 
     path = tmp_path / f"{build_id}.ply"
     path.write_text(build_id)
     key = source_key("hall", put_source(catalog.store, "hall", path))
-    catalog.put_build(build_id, {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})
-    catalog.set_build_status(build_id, new_status(state, map_id="hall", version=version))
+    catalog.builds.put(build_id, {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})
+    catalog.builds.set_status(build_id, new_status(state, map_id="hall", version=version))
     return key
 
 
@@ -61,7 +61,7 @@ def test_what_is_served_can_be_built_again(catalog: Catalog, tmp_path: Path):
     assert done == would
     assert before - set(catalog.store.list()) == {key for keys in done.keys.values() for key in keys}
     assert set(catalog.store.list("maps/hall/sources")) == kept
-    assert catalog.build_ids() == ["b-runs", "b-served", "b-waits"]
+    assert catalog.builds.ids() == ["b-runs", "b-served", "b-waits"]
     assert catalog.store.list("uploads") == catalog.store.list("idempotency") == []
     assert catalog.store.list("probe") == []
     assert catalog.manifest("hall", served)
@@ -99,7 +99,7 @@ def test_one_map_alone(catalog: Catalog, tmp_path: Path):
     assert set(done.keys["sources"]) == {source_key("hall", "0" * 64), source}
     assert catalog.store.list("maps/hall/versions") == []
     assert len(catalog.store.list("maps/attic/versions")) == 2
-    assert catalog.build_ids() == ["b-failed"]
+    assert catalog.builds.ids() == ["b-failed"]
 
 
 def test_a_removal_that_was_killed_is_finished(catalog: Catalog, tmp_path: Path):

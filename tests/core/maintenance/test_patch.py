@@ -33,7 +33,7 @@ def built(catalog: Catalog, tmp_path: Path, patch: str, *, provisional: bool = F
     folder.mkdir()
     (folder / "a.npy").write_bytes(b"1")
     key = source_key("hall", put_source(catalog.store, "hall", folder / "a.npy"))
-    catalog.put_build(
+    catalog.builds.put(
         "b1",
         {"map_id": "hall", "source": {"key": key}, "file_name": "hall.laz", "trajectory": None}
         | {"config": {"patch": patch}, "owner": "key:k1", "traceparent": "00-1"},
@@ -44,9 +44,9 @@ def built(catalog: Catalog, tmp_path: Path, patch: str, *, provisional: bool = F
 
 def test_a_patch_is_a_build_of_the_same_sources(catalog: Catalog, tmp_path: Path):
     version = built(catalog, tmp_path, "propose")
-    request = catalog.build_request(request_patch(catalog, "hall"))
+    request = catalog.builds.request(request_patch(catalog, "hall"))
     assert request.pop("patch") == {"base": version, "mode": "propose"}
-    before = catalog.build_request("b1")
+    before = catalog.builds.request("b1")
     assert request == {name: before[name] for name in request}
     assert "owner" not in request
 
@@ -55,10 +55,10 @@ def test_patches_are_off_unless_the_map_or_the_caller_says_otherwise(catalog: Ca
     built(catalog, tmp_path, "off")
     with pytest.raises(Conflict, match="patches of map hall are off"):
         request_patch(catalog, "hall")
-    assert catalog.build_ids() == ["b1"]
+    assert catalog.builds.ids() == ["b1"]
     build_id = request_patch(catalog, "hall", "activate")
-    assert catalog.build_request(build_id)["patch"]["mode"] == "activate"
-    assert catalog.build_request(build_id)["config"] == {"patch": "off"}, "of this build alone"
+    assert catalog.builds.request(build_id)["patch"]["mode"] == "activate"
+    assert catalog.builds.request(build_id)["config"] == {"patch": "off"}, "of this build alone"
 
 
 def test_a_map_without_a_full_version_is_not_patched(catalog: Catalog, tmp_path: Path):
@@ -76,7 +76,7 @@ def test_a_rebuild_repeats_no_patch(catalog: Catalog, tmp_path: Path):
     folder.mkdir()
     catalog.publish("hall", folder, Manifest.for_directory(folder), build_id=build_id)
     assert catalog.active_version("hall") != version
-    assert "patch" not in catalog.build_request(rebuild(catalog, "hall"))
+    assert "patch" not in catalog.builds.request(rebuild(catalog, "hall"))
 
 
 def test_the_word_off_of_yaml_is_understood(tmp_path: Path):
@@ -104,7 +104,7 @@ def test_a_map_that_seems_changed_is_patched_once_a_day_whoever_asks(catalog: Ca
     see_changes(catalog, version, 3)
     assert request_due_patches(catalog, HOUR - timedelta(hours=1)) == [], "not its hour"
     (build_id,) = request_due_patches(catalog, HOUR)
-    assert catalog.build_request(build_id)["patch"] == {"base": version, "mode": "activate"}
+    assert catalog.builds.request(build_id)["patch"] == {"base": version, "mode": "activate"}
     assert build_id.startswith(f"{HOUR:%Y%m%dt%H}")
     assert request_due_patches(catalog, HOUR + timedelta(minutes=30)) == [], "another replica in this hour"
     assert len(request_due_patches(catalog, HOUR + timedelta(days=1))) == 1

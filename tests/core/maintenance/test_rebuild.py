@@ -26,7 +26,7 @@ def built(catalog: Catalog, tmp_path: Path, content: bytes, **manifest: int) -> 
     build_id = f"b{content.decode()}"
     key = source_key("hall", put_source(catalog.store, "hall", cloud))
     request = {"map_id": "hall", "source": {"key": key}, "file_name": "hall.laz", "trajectory": None}
-    catalog.put_build(build_id, {**request, "config": {"sensor": content.decode()}, "traceparent": "00-1"})
+    catalog.builds.put(build_id, {**request, "config": {"sensor": content.decode()}, "traceparent": "00-1"})
     folder = tmp_path / f"{content.decode()}-version"
     folder.mkdir()
     (folder / "a.npy").write_bytes(content)
@@ -41,19 +41,19 @@ def test_the_active_versions_build_is_asked_for_again(catalog: Catalog, tmp_path
     catalog.retire("hall", catalog.versions("hall")[0].version, force=True)
     assert catalog.active_version("hall") == version
     build_id = rebuild(catalog, "hall")
-    request = catalog.build_request(first)
+    request = catalog.builds.request(first)
     del request["traceparent"]
-    assert catalog.build_request(build_id) == request
-    assert catalog.build_status(build_id)["state"] == "queued"
-    assert catalog.build_ids()[0] == build_id, "its time sorts before b1"
+    assert catalog.builds.request(build_id) == request
+    assert catalog.builds.status(build_id)["state"] == "queued"
+    assert catalog.builds.ids()[0] == build_id, "its time sorts before b1"
 
 
 def test_a_source_that_is_gone_is_said_to_be(catalog: Catalog, tmp_path: Path) -> None:
     build_id = built(catalog, tmp_path, b"1")
-    catalog.store.delete(catalog.build_request(build_id)["source"]["key"])
+    catalog.store.delete(catalog.builds.request(build_id)["source"]["key"])
     with pytest.raises(NotFound, match="source of map hall is gone"):
         rebuild(catalog, "hall")
-    assert catalog.build_ids() == [build_id]
+    assert catalog.builds.ids() == [build_id]
 
 
 def test_what_was_built_without_a_record_has_to_be_handed_in(catalog: Catalog, tmp_path: Path) -> None:
