@@ -21,7 +21,6 @@ from firstfix.builds.options import BuildOptions
 from firstfix.builds.records import BuildRecords, new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.sources import put_source
 from firstfix.errors import (
     BuildCancelled,
     BuildFailed,
@@ -37,6 +36,7 @@ from firstfix_builder.job import reporter as build_reporter
 from firstfix_builder.job.build_job import MEMORY_REACHED, BuildJob, BuildResult
 from firstfix_builder.job.reporter import BuildReporter
 from firstfix_builder.job.run_build import run_build
+from tests.builder.fixtures import queue_build, uploaded
 from tests.waiting import LIMIT_S, let_pass, wait_until
 
 STAGES = ("one", "two")
@@ -84,18 +84,7 @@ def place(tmp_path: Path) -> Place:
 
 def make_place(url: str, tmp_path: Path) -> Place:
     catalog = Catalog(Store.open(url))
-    (tmp_path / "upload").write_bytes(b"a cloud")
-    sha256 = put_source(catalog.store, "hall", tmp_path / "upload")
-    catalog.builds.put(
-        "b1",
-        {
-            "map_id": "hall",
-            "source": {"key": f"maps/hall/sources/{sha256}"},
-            "file_name": "hall.ply",
-            "trajectory": None,
-            "config": {"x": 1},
-        },
-    )
+    queue_build(catalog, tmp_path, config={"x": 1})
     return Place(url, catalog, tmp_path / "work")
 
 
@@ -122,9 +111,8 @@ def test_what_waits_for_the_network_tells_how_far_it_is(
     place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A build without progress is ended: a slow connection is not one that hangs."""
-    (tmp_path / "poses").write_bytes(b"1 2 3 4")
-    sha256 = put_source(place.catalog.store, "hall", tmp_path / "poses")
-    place.request("b2", trajectory={"key": f"maps/hall/sources/{sha256}", "file_name": "poses.tum"})
+    poses = uploaded(place.catalog, b"1 2 3 4", tmp_path)
+    place.request("b2", trajectory={**poses, "file_name": "poses.tum"})
     told: list[tuple[str, float]] = []
     tick = BuildReporter.tick
 
@@ -141,10 +129,8 @@ def test_what_waits_for_the_network_tells_how_far_it_is(
 
 
 def test_a_trajectory_comes_with_its_own_name(place: Place, tmp_path: Path) -> None:
-    (tmp_path / "poses").write_bytes(b"1 2 3")
-    sha256 = put_source(place.catalog.store, "hall", tmp_path / "poses")
-    named = {"key": f"maps/hall/sources/{sha256}", "file_name": "../../poses of hall.tum"}
-    place.request("b2", trajectory=named)
+    poses = uploaded(place.catalog, b"1 2 3", tmp_path)
+    place.request("b2", trajectory={**poses, "file_name": "../../poses of hall.tum"})
     seen: list[bytes] = []
 
     class Reads(TinyPipeline):

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.sources import put_source
 from firstfix.store.store import Store
+from tests.builder.fixtures import queue_build
 from tests.waiting import LIMIT_S, let_pass, wait_until
 
 pytestmark = pytest.mark.slow
@@ -80,11 +80,7 @@ class Place:
         self.program = tmp_path / "program.py"
         self.program.write_text(PROGRAM)
         self.catalog = Catalog(Store.open(self.url))
-        (tmp_path / "upload").write_bytes(b"a cloud")
-        key = f"maps/hall/sources/{put_source(self.catalog.store, 'hall', tmp_path / 'upload')}"
-        self.catalog.builds.put(
-            "b1", {"map_id": "hall", "source": {"key": key}, "file_name": "a.ply", "config": config}
-        )
+        queue_build(self.catalog, tmp_path, config=config)
 
     def start(self, *options: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, str(self.program), self.url, str(self.work), *options]

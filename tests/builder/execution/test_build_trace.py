@@ -17,7 +17,6 @@ import pytest
 from firstfix.builds.options import BuildOptions
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.sources import put_source
 from firstfix.errors import BuildFailed, StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_builder.execution.build_trace import (
@@ -31,6 +30,7 @@ from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.job import fetch_source
 from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
+from tests.builder.fixtures import queue_build
 from tests.otlp_collector import Collector, running_collector
 from tests.waiting import LIMIT_S
 
@@ -74,16 +74,8 @@ class CachedPipeline:
 @pytest.fixture
 def catalog(tmp_path: Path) -> Catalog:
     catalog = Catalog(Store.open(str(tmp_path / "store")))
-    source = tmp_path / "map.bin"
-    source.write_bytes(b"cloud")
-    sha256 = put_source(catalog.store, "hall", source)
     for build_id in ("b1", "b2"):
-        request = {
-            "map_id": "hall",
-            "source": {"key": f"maps/hall/sources/{sha256}"},
-            "traceparent": TRACEPARENT,
-        }
-        catalog.builds.put(build_id, request)
+        queue_build(catalog, tmp_path, build_id, traceparent=TRACEPARENT)
     return catalog
 
 

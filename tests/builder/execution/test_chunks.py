@@ -37,19 +37,6 @@ def store(tmp_path: Path) -> Store:
     return Store.open(str(tmp_path / "store"))
 
 
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    (tmp_path / "log").mkdir()
-    return tmp_path / "log"
-
-
-@pytest.fixture
-def numbers(tmp_path: Path) -> StageResult:
-    (tmp_path / "numbers").mkdir()
-    np.save(tmp_path / "numbers" / "numbers.npy", np.arange(3))
-    return StageResult("6" * 64, tmp_path / "numbers", "7" * 64)
-
-
 class Here(ChunkExecutor):
     """Runs chunks in this thread.
 

@@ -42,19 +42,6 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
         yield cluster
 
 
-@pytest.fixture
-def numbers(tmp_path: Path) -> StageResult:
-    (tmp_path / "numbers").mkdir()
-    np.save(tmp_path / "numbers" / "numbers.npy", np.arange(3))
-    return StageResult("6" * 64, tmp_path / "numbers", "7" * 64)
-
-
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    (tmp_path / "log").mkdir()
-    return tmp_path / "log"
-
-
 class Driver:
     """A build's side of it, in a thread: runs chunks and keeps how that ended."""
 
