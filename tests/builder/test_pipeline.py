@@ -15,7 +15,7 @@ from firstfix.builds.options import STAGES
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MapIndex
-from firstfix.errors import BuildCancelled, BuildFailed, InvalidOption, MalformedData
+from firstfix.errors import BuildCancelled, BuildFailed, InvalidOption
 from firstfix.store.store import Store
 from firstfix_builder import build_stages
 from firstfix_builder.pipeline import build_version
@@ -166,29 +166,6 @@ def test_progress_names_every_stage_in_order(small_map, coarse_work):
     )
     assert [stage for stage, fraction in seen if fraction == 0.0] == list(STAGES)
     assert all(0 <= fraction <= 1 for _, fraction in seen)
-
-
-def test_an_unreadable_source_names_itself(tmp_path):
-    broken = tmp_path / "broken.pcd"
-    broken.write_bytes(b"VERSION 0.7\nFIELDS x y z\n")
-    with pytest.raises(MalformedData, match=r"broken\.pcd"):
-        build_version(broken, BuildConfig(), tmp_path / "work")
-
-
-@pytest.mark.parametrize(
-    ("config", "said"),
-    [
-        ({"sensr": "os1-64"}, "sensr"),
-        ({"sensor": "os9"}, "no sensor preset"),
-        ({"sensor": {"preset": "vlp-16", "max_range_m": -1}}, "max_range_m"),
-        ({"viewpoints": {"spacing_m": 0}}, "viewpoints.spacing_m"),
-        ({"engine": {"search": {"candidates": 0}}}, "engine.search.candidates"),
-        ([], "build config"),
-    ],
-)
-def test_a_wrong_config_says_what_is_wrong(config, said):
-    with pytest.raises(InvalidOption, match=said):
-        BuildConfig.parse(config)
 
 
 def test_a_config_file_is_yaml_or_json(tmp_path: Path):

@@ -107,7 +107,7 @@ def test_it_works_on_a_real_s3_server(s3_url: str, tmp_path: Path) -> None:
     assert place.catalog.active_version("hall") == place.catalog.builds.status("b1")["version"]
 
 
-def test_what_waits_for_the_network_tells_how_far_it_is(
+def test_fetching_and_publishing_tell_their_progress(
     place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A build without progress is ended: a slow connection is not one that hangs."""
@@ -238,17 +238,6 @@ def test_a_provisional_version_can_be_forbidden(place: Place) -> None:
     assert place.catalog.builds.status("b2")["provisional_version"] is None
 
 
-def test_a_cancelled_build_publishes_nothing(place: Place) -> None:
-    def until_cancelled(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
-        place.catalog.builds.request_cancel("b1")
-        wait_until(cancelled)
-        raise BuildCancelled("seen")
-
-    assert place.run(TinyPipeline(until_cancelled)) == 3
-    assert place.catalog.builds.status("b1")["state"] == "cancelled"
-    assert place.catalog.log("hall") == []
-
-
 def test_a_cancel_that_no_stage_looks_for_stops_the_publish(place: Place) -> None:
     def wait(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
         place.catalog.builds.request_cancel("b1")
@@ -306,7 +295,7 @@ def test_a_build_that_has_ended_is_left_alone(place: Place) -> None:
         (OSError(errno.ENOSPC, "No space left on device"), "out_of_space"),
     ],
 )
-def test_what_is_no_fault_of_the_build_leaves_it_to_be_run_again(
+def test_a_failure_of_store_cluster_or_disk_leaves_the_build_queued(
     error: Exception, code: str, place: Place
 ) -> None:
     with pytest.raises(OutOfSpace if code == "out_of_space" else type(error)):
@@ -339,7 +328,7 @@ def test_builds_that_share_a_folder_run_one_after_the_other(place: Place) -> Non
     assert len(place.catalog.versions("hall")) == 2
 
 
-def test_no_such_build(place: Place) -> None:
+def test_an_unknown_build_is_not_found(place: Place) -> None:
     with pytest.raises(NotFound):
         place.run(TinyPipeline(), "b9")
 
@@ -368,7 +357,7 @@ def _refused(place: Place, options: dict[str, Any] | None = None, **changes: Any
         {"source": {}},
     ],
 )
-def test_a_request_for_what_is_not_the_callers_is_refused(changes: dict[str, Any], place: Place) -> None:
+def test_a_source_that_is_not_the_callers_is_refused(changes: dict[str, Any], place: Place) -> None:
     assert _refused(place, **changes)["code"] == "invalid_option"
 
 
@@ -381,7 +370,7 @@ def test_a_request_of_another_form_is_not_run(changes: dict[str, Any], place: Pl
     assert pipeline.calls == []
 
 
-def test_a_source_that_is_gone_or_too_large(place: Place) -> None:
+def test_a_source_that_is_gone_or_too_large_is_refused(place: Place) -> None:
     error = _refused(place, {"max_source_bytes": 3})
     assert error["code"] == "too_large"
     place.catalog.store.delete(place.catalog.builds.request("b1")["source"]["key"])

@@ -114,7 +114,7 @@ def test_stages_that_an_earlier_build_had_done_are_marked(
     assert cached == {"fetch_source": False, "one": True, "two": True, "publish": False}
 
 
-def test_the_stage_that_failed_and_why(catalog: Catalog, collector: Collector, tmp_path: Path):
+def test_a_failed_stage_is_a_span_with_its_error(catalog: Catalog, collector: Collector, tmp_path: Path):
     assert build(tmp_path, error=BuildFailed("no floor")) == 1
     (root,) = collector.named("build")
     assert root.is_error

@@ -58,7 +58,7 @@ def test_a_fault_costs_only_what_was_not_done(executor: LocalExecutor, log: Path
     assert runs(log, 1) == 1
 
 
-def test_cancelled_it_begins_no_more(
+def test_a_cancelled_build_begins_no_more_chunks(
     executor: LocalExecutor, log: Path, numbers: StageResult, tmp_path: Path
 ):
     gate = tmp_path / "gate"

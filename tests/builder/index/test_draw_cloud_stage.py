@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from firstfix.builds.config import BuildConfig
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.engine.index import MAP_FILE
-from firstfix.transform import make_transform, rotation_angle_deg, rotation_z, transform_points
+from firstfix.transform import make_transform, rotation_angle_deg, transform_points
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.index.cloud_octree import NO_NORMAL, POINT
 from firstfix_builder.job.build_job import BuildResult
@@ -150,7 +150,7 @@ def test_the_work_folder_and_the_cache_are_no_part_of_the_result(
     assert contents(one.directory) == contents(other.directory)
 
 
-def test_what_has_changed_is_drawn_anew(
+def test_a_changed_map_is_drawn_anew(
     stages: Callable[[str], Stages], small_world: SmallWorld, tmp_path: Path
 ):
     before = points_on(small_world, 30_000) + [400.0, -250.0, 12.0]  # far from the frame's zero
@@ -183,28 +183,6 @@ def test_a_map_is_drawn_in_its_own_frame(
     _, points, _ = cloud_of(drawn.directory)
     assert far_apart(points, tilted) < THINNED_M
     np.testing.assert_allclose(points.mean(axis=0), tilted.mean(axis=0), atol=0.15)
-
-
-def test_of_sessions_all_points_are_drawn_in_the_frame_of_the_first(
-    stages: Callable[[str], Stages], small_world: SmallWorld, tmp_path: Path
-):
-    cloud = points_on(small_world, 60_000)
-    west, east = cloud[cloud[:, 0] < 2], cloud[cloud[:, 0] > -2]
-    T_map_session = make_transform(rotation_z(0.3), [30.0, -20.0, 0.5])
-    folder = tmp_path / "sessions"
-    folder.mkdir()
-    np.save(folder / "west.npy", west)
-    np.save(folder / "east.npy", transform_points(np.linalg.inv(T_map_session), east))
-    sessions = [{"source": "west.npy"}, {"source": "east.npy", "T_map_session": T_map_session.tolist()}]
-    (folder / "sessions.yaml").write_text(json.dumps({"sessions": sessions}))
-    read, drawn = stages("work").draw(folder)
-    T_map_level = read.T_map_level
-    merged = transform_points(T_map_level, read.points)
-    _, points, _ = cloud_of(drawn.directory)
-    the_same(points, merged)
-    for end in (0, 1):
-        assert points[:, end].min() == pytest.approx(cloud[:, end].min(), abs=0.1)
-        assert points[:, end].max() == pytest.approx(cloud[:, end].max(), abs=0.1)
 
 
 def test_points_far_from_the_surface_have_no_normals(stages: Callable[[str], Stages], tmp_path: Path):

@@ -83,7 +83,7 @@ def test_localized_queries_of_robots_are_collected_oldest_first(kept: Kept):
         ("ann", {"T_map_sensor": {"position": [1.0]}}),
     ],
 )
-def test_other_queries_say_nothing(kept: Kept, robot: str, answer: dict[str, Any]):
+def test_other_queries_are_not_collected(kept: Kept, robot: str, answer: dict[str, Any]):
     kept.keep(robot, 0.0, **answer)
     with pytest.raises(BuildFailed, match="nothing to patch"):
         kept.collect()

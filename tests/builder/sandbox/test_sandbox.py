@@ -132,7 +132,7 @@ def test_nothing_forbidden_is_done(attempts: dict[str, str], place: Place, tmp_p
     assert not (tmp_path / "written").exists()
 
 
-def test_what_it_made_is_taken_over(place: Place):
+def test_a_version_that_the_sandbox_made_is_taken_over(place: Place):
     built = place.build("succeed")
     assert (built.directory / "index.bin").read_bytes() == b"a cloud"
     assert set(built.manifest.files) == {"index.bin"}
@@ -164,7 +164,7 @@ def test_a_build_that_goes_astray_fails_and_says_why(place: Place, do: str, told
     assert (place.build("succeed").directory / "index.bin").read_bytes() == b"a cloud"
 
 
-def test_its_own_errors_keep_their_kind(place: Place):
+def test_errors_of_the_sandbox_keep_their_kind(place: Place):
     with pytest.raises(TooLarge, match="too many points"):
         place.build("fail")
     with pytest.raises(FirstfixError, match=r"^KeyError: see the worker's log$") as caught:
@@ -182,7 +182,7 @@ def test_a_cancel_reaches_it(place: Place):
         place.build("wait", cancelled=True)
 
 
-def test_what_it_leaves_behind_is_ended(place: Place, tmp_path: Path):
+def test_processes_that_a_build_leaves_are_ended(place: Place, tmp_path: Path):
     place.build("leave a daemon")
     left = [
         status for status in Path("/proc").glob("[0-9]*/cmdline") if str(tmp_path).encode() in _read(status)
@@ -211,7 +211,7 @@ def test_stages_go_out_and_come_in_through_the_worker(place: Place, tmp_path: Pa
     assert not shared.fetch("b" * 64, tmp_path / "fetched" / "inner")
 
 
-def test_a_kernel_that_lacks_a_means_is_told_of(
+def test_a_kernel_without_seccomp_is_told_of(
     place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ):
     program = place.work.parent / "lacking.py"
@@ -368,7 +368,7 @@ inside.main()
     )
 
 
-def test_nothing_is_taken_from_elsewhere(tmp_path: Path):
+def test_files_outside_the_folder_are_not_taken_over(tmp_path: Path):
     root, elsewhere = tmp_path / "root", tmp_path / "elsewhere"
     (root / "inner").mkdir(parents=True)
     (elsewhere / "deep").mkdir(parents=True)

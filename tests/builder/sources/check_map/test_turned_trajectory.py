@@ -63,7 +63,7 @@ def test_a_right_trajectory_and_parts_of_it_fit(mapped: np.ndarray):
 
 
 @pytest.mark.parametrize("turn_deg", [90, 180, 270])
-def test_a_turned_one_does_not(mapped: np.ndarray, turn_deg: float):
+def test_a_turned_trajectory_is_found(mapped: np.ndarray, turn_deg: float):
     about_its_middle = turned(WAY, turn_deg, WAY.mean(axis=0))
     found = check_turned(mapped, posed(about_its_middle), np.zeros(3))
     assert found is not None
@@ -74,14 +74,14 @@ def test_a_turned_one_does_not(mapped: np.ndarray, turn_deg: float):
     assert code(mapped - far, moved, np.zeros(3)) == "trajectory_turned", "in a local frame"
 
 
-def test_nor_does_one_with_x_and_y_exchanged(mapped: np.ndarray):
+def test_a_trajectory_with_x_and_y_exchanged_is_found(mapped: np.ndarray):
     found = check_turned(mapped, posed(WAY[:, [1, 0, 2]]), np.zeros(3))
     assert found is not None
     assert found.code == "trajectory_turned"
     assert "far better mirrored and turned by 90 degrees" in found.text
 
 
-def test_a_few_poses_tell_nothing(mapped: np.ndarray):
+def test_a_few_poses_have_no_finding(mapped: np.ndarray):
     assert code(mapped, turned(WAY, 90, WAY.mean(axis=0))[:4]) is None
     assert code(mapped[:5], WAY) is None
 

@@ -53,19 +53,19 @@ def test_a_link_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut off", b"no archive at all"])
-def test_what_is_no_archive(tmp_path, content):
+def test_a_file_that_is_no_archive_is_malformed(tmp_path, content):
     (tmp_path / "a.zip").write_bytes(content)
     with pytest.raises(MalformedData, match=r"a\.zip"):
         unpack(tmp_path / "a.zip", tmp_path / "out")
 
 
-def test_a_file_where_another_has_its_folder(tmp_path):
+def test_a_file_and_a_folder_of_one_name_are_malformed(tmp_path):
     for number, files in enumerate(({"a": b"1", "a/b": b"2", "c": b""}, {"a/b": b"2", "a": b"1", "c": b""})):
         with pytest.raises(MalformedData, match="a file and a folder have the same name"):
             unpack(zipped(tmp_path / f"{number}.zip", files), tmp_path / f"out{number}")
 
 
-def test_an_empty_archive(tmp_path):
+def test_an_empty_archive_is_refused(tmp_path):
     with pytest.raises(MalformedData, match="no file"):
         unpack(zipped(tmp_path / "a.zip", {}), tmp_path / "out")
 
@@ -78,7 +78,7 @@ def test_a_bomb_is_stopped_by_what_comes_out(tmp_path, monkeypatch):
         unpack(path, tmp_path / "out")
 
 
-def test_too_many_files(tmp_path, monkeypatch):
+def test_too_many_files_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(archive, "MAX_FILES", 3)
     with pytest.raises(TooLarge, match="4 files"):
         unpack(zipped(tmp_path / "a.zip", {f"{n}": b"" for n in range(4)}), tmp_path / "out")
@@ -107,7 +107,7 @@ def test_whatever_zipfile_raises_about_damage_is_malformed(tmp_path):
     assert ends[MalformedData] > 100
 
 
-def test_an_entry_without_a_name(tmp_path):
+def test_an_entry_without_a_name_is_malformed(tmp_path):
     raw = zipped(tmp_path / "a.zip", {"m": b"1"}).read_bytes()
     at = raw.index(b"PK\1\2")
     raw = raw[: at + 28] + b"\0\0" + raw[at + 30 : at + 46] + raw[at + 47 :]
@@ -141,7 +141,7 @@ def test_a_disk_that_fills_up_is_no_damage(tmp_path, monkeypatch):
         unpack(zipped(tmp_path / "a.zip", {"map.pcd": b"1"}), tmp_path / "out")
 
 
-def test_a_packing_that_reserves_memory_as_it_likes(tmp_path):
+def test_a_packing_that_reserves_memory_is_refused(tmp_path):
     with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_LZMA) as made:
         made.writestr("map.pcd", b"1")
     with pytest.raises(UnsupportedFormat, match="packed by method 14"):

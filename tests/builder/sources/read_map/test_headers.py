@@ -41,7 +41,7 @@ def changed(path: Path, change: Any) -> Path:
     return path
 
 
-def test_an_accessor_without_bytes(glb: Path):
+def test_an_accessor_without_bytes_is_malformed(glb: Path):
     def change(scene: dict[str, Any]) -> None:
         scene["accessors"].append({"count": 10**8, "componentType": 5126, "type": "VEC3"})
 
@@ -49,7 +49,7 @@ def test_an_accessor_without_bytes(glb: Path):
         read_map(changed(glb, change))
 
 
-def test_accessors_beyond_all_limits(glb: Path):
+def test_accessors_beyond_all_limits_are_too_large(glb: Path):
     def change(scene: dict[str, Any]) -> None:
         scene["accessors"][0]["count"] = 10**15
 
@@ -57,7 +57,7 @@ def test_accessors_beyond_all_limits(glb: Path):
         read_map(changed(glb, change))
 
 
-def test_a_part_that_is_placed_again_and_again(glb: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_part_that_is_placed_many_times_is_too_large(glb: Path, monkeypatch: pytest.MonkeyPatch):
     def change(scene: dict[str, Any]) -> None:
         scene["nodes"] = [{"mesh": 0, "name": f"n{n}"} for n in range(100)]
         scene["scenes"] = [{"nodes": list(range(100))}]
@@ -68,7 +68,7 @@ def test_a_part_that_is_placed_again_and_again(glb: Path, monkeypatch: pytest.Mo
         read_map(changed(glb, change))
 
 
-def test_bytes_of_another_file(glb: Path):
+def test_bytes_of_another_file_are_not_read(glb: Path):
     def change(scene: dict[str, Any]) -> None:
         scene["buffers"][0]["uri"] = "/dev/urandom"
 
@@ -79,7 +79,7 @@ def test_bytes_of_another_file(glb: Path):
 @pytest.mark.parametrize(
     "json_text", [b"[" * 100_000, b"{", b"[]", b'{"accessors":[{}]}', b'{"accessors":7}']
 )
-def test_json_that_is_damaged(tmp_path: Path, json_text: bytes):
+def test_damaged_json_is_malformed(tmp_path: Path, json_text: bytes):
     (tmp_path / "a.glb").write_bytes(
         struct.pack("<4sIIII", b"glTF", 2, 20 + len(json_text), len(json_text), 0x4E4F534A) + json_text
     )
@@ -96,19 +96,19 @@ def xml_changed(path: Path, old: bytes, new: bytes) -> Path:
     return path
 
 
-def test_more_points_than_bits(e57: Path):
+def test_more_points_than_bits_are_malformed(e57: Path):
     check_points(e57, 8 * e57.stat().st_size)
     with pytest.raises(MalformedData, match="bytes for 1000000 points"):
         check_points(e57, 1_000_000)
 
 
-def test_xml_that_grows(e57: Path):
+def test_xml_with_entities_is_malformed(e57: Path):
     with pytest.raises(MalformedData, match="declares a type or entities"):
         read_map(xml_changed(e57, b"<?xml", b"<!ENT"))
 
 
 @pytest.mark.parametrize(("at", "value"), [(16, 2**40), (24, 2**40), (32, 2**40), (40, 2**32), (40, 0)])
-def test_places_beyond_the_end(e57: Path, at: int, value: int):
+def test_places_beyond_the_end_are_malformed(e57: Path, at: int, value: int):
     raw = bytearray(e57.read_bytes())
     struct.pack_into("<Q", raw, at, value)
     e57.write_bytes(e57_checksums(bytes(raw)))
@@ -118,7 +118,7 @@ def test_places_beyond_the_end(e57: Path, at: int, value: int):
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary"])
 @pytest.mark.parametrize("element", ["vertex", "face"])
-def test_more_rows_than_bytes(tmp_path: Path, encoding: str, element: str):
+def test_more_rows_than_bytes_are_malformed(tmp_path: Path, encoding: str, element: str):
     FORMATS["ply"].make(tmp_path)
     path = tmp_path / f"{encoding} mesh.ply"
     raw = path.read_bytes()

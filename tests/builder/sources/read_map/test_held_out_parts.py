@@ -57,7 +57,7 @@ def test_a_stop_of_the_robot_counts_as_one_place():
     assert sum(100 <= part.start < 500 for part in found) <= 2
 
 
-def test_a_robot_that_never_moved():
+def test_of_a_robot_that_never_moved_one_part_is_drawn_at_most():
     assert len(drawn_parts(np.zeros((100, 3)), 40)) <= 1
 
 

@@ -52,7 +52,7 @@ def test_scans_of_different_planets_are_no_map():
         cloud.points()
 
 
-def test_nothing_was_added():
+def test_a_cloud_of_no_scans_is_empty():
     cloud = JoinedCloud(0.1, 100)
     assert cloud.points().shape == (0, 3)
     cloud.add(np.empty((0, 3)))

@@ -164,7 +164,7 @@ def test_a_given_trajectory_moves_with_the_map(tmp_path):
     np.testing.assert_allclose(data.trajectory[0, :3, 3], UTM - data.origin, atol=1e-6)
 
 
-def test_kitti_bin(tmp_path):
+def test_a_kitti_scan_is_read(tmp_path):
     rows = np.c_[POINTS, np.ones(len(POINTS))].astype("<f4")
     (tmp_path / "000000.bin").write_bytes(rows.tobytes())
     np.testing.assert_array_equal(read_map(tmp_path / "000000.bin").points, rows[:, :3])
@@ -175,7 +175,7 @@ def test_3dtk_centimetres_turned_to_rep_103(tmp_path):
     np.testing.assert_allclose(read_map(tmp_path / "scan000.3d").points, [[3, -1, 2], [0.5, 0, 0]])
 
 
-def test_no_reader_and_no_file(tmp_path):
+def test_missing_files_and_files_without_a_reader_are_named(tmp_path):
     (tmp_path / "a.docx").write_bytes(b"x")
     (tmp_path / "a.bag").write_bytes(b"#ROSBAG V2.0\n")
     (tmp_path / "velodyne.bin").write_bytes(struct.pack("<7I", *range(7)))

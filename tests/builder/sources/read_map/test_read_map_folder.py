@@ -128,7 +128,7 @@ def test_a_damaged_cloud_of_a_folder_is_named(tmp_path):
         read_map(tmp_path)
 
 
-def test_folders_that_are_no_map(tmp_path):
+def test_a_folder_of_no_map_or_of_several_is_refused(tmp_path):
     with pytest.raises(UnsupportedFormat, match="0 map files"):
         read_map(tmp_path)
     write_pcd(tmp_path / "one.pcd", A)

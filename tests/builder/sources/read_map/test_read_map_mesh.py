@@ -65,7 +65,7 @@ def test_utm_vertices_keep_their_millimetres(tmp_path):
         np.testing.assert_allclose((data.vertices + data.origin).min(axis=0), low, atol=0.001)
 
 
-def test_y_up(tmp_path):
+def test_a_y_up_mesh_is_turned(tmp_path):
     BOX.export(tmp_path / "box.glb")
     size = np.ptp(read_map(tmp_path / "box.glb", axis="y-up").vertices, axis=0)
     np.testing.assert_allclose(size, [2.0, 4.0, 3.0], atol=1e-6)
@@ -83,7 +83,7 @@ def test_cut_off_empty_and_senseless_meshes_name_the_file(tmp_path, suffix):
             read_map(path)
 
 
-def test_triangles_at_vertices_that_are_not_there(tmp_path):
+def test_triangles_of_missing_vertices_are_malformed(tmp_path):
     header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n"
     for face in ("3 0 1 7", "3 0 1 -5"):

@@ -33,13 +33,13 @@ FILES = {
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_form(tmp_path, name):
+def test_every_form_of_a_trajectory_is_read(tmp_path, name):
     (tmp_path / name).write_text(FILES[name])
     poses = read_trajectory(tmp_path / name)
     np.testing.assert_allclose(poses, POSES, atol=3e-4 if "coarse" in name else 1e-6)
 
 
-def test_a_single_matrix(tmp_path):
+def test_a_single_matrix_is_one_pose(tmp_path):
     for size in (3, 4):
         (tmp_path / "a.txt").write_text(rows(POSES[0, :size]))
         np.testing.assert_allclose(read_trajectory(tmp_path / "a.txt"), POSES[:1], atol=1e-8)
@@ -75,12 +75,12 @@ def test_rows_without_a_pose_are_left_out(tmp_path):
         (NAMES + "a,1,2,3,0,0,0\n", "row 1"),
     ],
 )
-def test_what_is_no_trajectory_is_named(tmp_path, text, reason):
+def test_a_malformed_trajectory_is_named(tmp_path, text, reason):
     (tmp_path / "poses.txt").write_text(text)
     with pytest.raises(MalformedData, match=rf"^poses\.txt: .*{reason}"):
         read_trajectory(tmp_path / "poses.txt")
 
 
-def test_no_such_file(tmp_path):
+def test_a_missing_trajectory_is_not_found(tmp_path):
     with pytest.raises(NotFound, match=r"absent\.txt"):
         read_trajectory(tmp_path / "absent.txt")

@@ -68,7 +68,7 @@ def test_the_other_way_round_is_a_rival():
     assert np.isclose(found.rival_votes, 0.4)
 
 
-def test_nobody_knows():
+def test_without_hypotheses_there_is_no_consensus():
     assert consensus_of([]) is None
     assert consensus_of([asked(np.zeros(3))]) is None
     assert consensus_of([asked(np.zeros(3), (np.eye(4), 0.001))]) is None

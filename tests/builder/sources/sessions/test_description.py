@@ -64,7 +64,7 @@ def test_a_folder_without_the_file_is_one_map(tmp_path):
         ("map.pcd", "sessions"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path, session, why):
+def test_a_wrong_session_is_named(tmp_path, session, why):
     path = tmp_path / "sessions.yaml"
     (tmp_path / "map.pcd").write_bytes(b"x")
     path.write_text(json.dumps({"sessions": [session]}))
@@ -75,14 +75,14 @@ def test_what_is_wrong_is_named(tmp_path, session, why):
 @pytest.mark.parametrize(
     "text", ["", "[]", "sessions: []", "sessions: [", "{sessions: {}}", "a: &a [*a]", "\x00"]
 )
-def test_a_file_that_lists_nothing(tmp_path, text):
+def test_a_description_without_sessions_is_malformed(tmp_path, text):
     path = tmp_path / "sessions.yaml"
     path.write_text(text)
     with pytest.raises(MalformedData, match=r"sessions\.yaml"):
         read_description(path)
 
 
-def test_limits(tmp_path):
+def test_descriptions_beyond_the_limits_are_refused(tmp_path):
     with pytest.raises(MalformedData, match=f"at most {MAX_SESSIONS}"):
         read_description(write(tmp_path, [{"source": f"{n}.pcd"} for n in range(MAX_SESSIONS + 1)]))
     with pytest.raises(MalformedData, match="same source"):
@@ -102,7 +102,7 @@ def test_a_link_does_not_lead_out_of_the_folder(tmp_path):
         read_description(folder / "sessions.json")
 
 
-def test_a_session_that_is_not_there(tmp_path):
+def test_a_missing_session_is_not_found(tmp_path):
     (tmp_path / "sessions.json").write_text(json.dumps({"sessions": [{"source": "map.pcd"}]}))
     with pytest.raises(NotFound, match=r"map\.pcd"):
         read_description(tmp_path / "sessions.json")

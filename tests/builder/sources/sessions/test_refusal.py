@@ -36,7 +36,7 @@ def test_right_findings_are_not_refused():
         (replace(FOUND, rival_votes=5.0), "ambiguous: .* 8.4 and 5.0 votes"),
     ],
 )
-def test_what_too_few_places_agree_on(found, why):
+def test_a_transform_of_too_few_places_is_refused(found, why):
     assert re.search(why, no_consensus(VOTES, found))
 
 
@@ -50,7 +50,7 @@ def test_what_too_few_places_agree_on(found, why):
         (AGREEMENT, replace(OVERLAP, residual_m=0.15), PLACE, "0.15 m apart"),
     ],
 )
-def test_what_is_not_one_place(agreement, overlap, place, why):
+def test_sessions_of_two_places_are_refused(agreement, overlap, place, why):
     assert why in not_one_place(agreement, overlap, [place] * 20)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from firstfix.errors import BuildFailed, InvalidOption, MalformedData
 from firstfix.transform import inverse, rotation_angle_deg, transform_points
@@ -73,6 +74,7 @@ def test_two_halves_are_aligned(tmp_path, work, first, second):
     points = transform_points(T_map_level, np.load(files / "points.npy"))
     assert np.all(points.min(axis=0) < whole.min(axis=0) + 1.5)
     assert np.all(points.max(axis=0) > whole.max(axis=0) - 1.5)
+    assert np.quantile(cKDTree(points).query(sessions[0].cloud)[0], 0.9) < 0.1, "in its file's coordinates"
     assert len(np.load(files / "trajectory.npy")) == sum(len(one.trajectory) for one in sessions)
 
 
@@ -97,7 +99,7 @@ def test_what_was_moved_is_left_out_where_the_later_session_saw_through(tmp_path
     ],
     ids=["no overlap", "another building", "the storey above"],
 )
-def test_what_is_not_of_one_place_is_refused(tmp_path, work, first, other, why):
+def test_sessions_of_two_places_are_not_merged(tmp_path, work, first, other, why):
     with pytest.raises(BuildFailed, match=rf"session s1/cloud\.npy cannot be placed: .*({why})"):
         read_map(described(tmp_path, [first, other()]), work)
 
