@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+TRAJECTORY_FILE = "trajectory.npy"  # of a map that was read; chunks read it, too
+
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
     """Writes values by name as a file of a version."""

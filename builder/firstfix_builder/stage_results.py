@@ -18,10 +18,11 @@ from .execution.stage_cache import StageResult
 from .mesh.clean_cloud import point_spacing_m
 from .simulation.local_simulator import whole_simulator
 from .simulation.simulate import Simulator
+from .stage_files import TRAJECTORY_FILE
 from .viewpoints.left_out_floor import SeenFloor
 
 POINTS_FILE, TRIANGLES_FILE = "points.npy", "triangles.npy"  # of ``TiledPoints`` and ``Mesh``
-TRAJECTORY_FILE, T_MAP_LEVEL_FILE = "trajectory.npy", "T_map_level.npy"
+T_MAP_LEVEL_FILE = "T_map_level.npy"
 FINDINGS_FILE, MOVING_FILE, SESSIONS_FILE = "findings.json", "moving.json", "sessions.json"
 POSITIONS_FILE, CHUNK_START_FILE = "positions.npy", "chunk_start.npy"
 SPACING_FILE, VIEW_FILE = "spacing_m.npy", "view_m.npy"

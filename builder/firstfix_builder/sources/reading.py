@@ -112,7 +112,7 @@ class Reading:
         if trajectory is not None:
             inputs["trajectory"] = content_hash(trajectory)
         chosen = {
-            "reader": self.reader,
+            "readers": [self.reader, *self.readers],  # those after it may read what is within
             "axis": self.config.axis,
             "scale": self.config.scale,
             "level": self.config.level,

@@ -22,7 +22,8 @@ from ..mesh.clean_cloud import clean_cloud
 from ..mesh.level import level_frame
 from ..mesh.places.tiled_points import TiledPoints
 from ..simulation.simulate import Simulator
-from ..stage_results import SESSIONS_FILE, T_MAP_LEVEL_FILE, TRAJECTORY_FILE, LevelMap
+from ..stage_files import TRAJECTORY_FILE
+from ..stage_results import SESSIONS_FILE, T_MAP_LEVEL_FILE, LevelMap
 from .check_map.check_map import check_map
 from .read_map.map_data import MapData
 from .reading import Reading

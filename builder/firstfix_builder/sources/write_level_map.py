@@ -19,8 +19,8 @@ from ..mesh.level import level_frame
 from ..mesh.mesh import Mesh
 from ..mesh.places.tiled_points import TiledPoints
 from ..mesh.tiled_mesh import write_tiled_mesh
-from ..stage_files import write_json
-from ..stage_results import FINDINGS_FILE, MOVING_FILE, T_MAP_LEVEL_FILE, TRAJECTORY_FILE
+from ..stage_files import TRAJECTORY_FILE, write_json
+from ..stage_results import FINDINGS_FILE, MOVING_FILE, T_MAP_LEVEL_FILE
 from .check_map.check_map import check_map, refuse
 from .read_map import MapData, read_parts
 from .read_map.file_errors import naming

@@ -111,11 +111,13 @@ def test_a_reader_of_another_package_reads_its_kind_of_source(install, tmp_path:
 def test_another_version_of_a_reader_reads_a_source_anew(install, tmp_path: Path):
     source = heights(tmp_path)
     install("1.0", 0.0)
-    first = read(source, tmp_path / "work")
+    archive = packed(source, tmp_path / "packed.zip")
+    first = [read(one, tmp_path / "work") for one in (source, archive)]
     install("1.1", 1.0)
-    second = read(source, tmp_path / "work")
-    assert second.key != first.key
-    assert second.points[:, 2].min() == pytest.approx(1.0, abs=0.1)
+    second = [read(one, tmp_path / "work") for one in (source, archive)]
+    for before, after in zip(first, second, strict=True):
+        assert after.key != before.key
+        assert after.points[:, 2].min() == pytest.approx(1.0, abs=0.1)
 
 
 def test_other_sources_are_read_as_without_the_package(install, tmp_path: Path):
