@@ -41,38 +41,36 @@ def changed(path: Path, change: Any) -> Path:
     return path
 
 
-def test_an_accessor_without_bytes_is_malformed(glb: Path):
-    def change(scene: dict[str, Any]) -> None:
-        scene["accessors"].append({"count": 10**8, "componentType": 5126, "type": "VEC3"})
-
-    with pytest.raises(MalformedData, match=r"cannot hold the 12000.* bytes that it declares"):
-        read_map(changed(glb, change))
+FLOATS = {"componentType": 5126, "type": "VEC3"}
 
 
-def test_accessors_beyond_all_limits_are_too_large(glb: Path):
-    def change(scene: dict[str, Any]) -> None:
-        scene["accessors"][0]["count"] = 10**15
-
-    with pytest.raises(TooLarge, match="GLB"):
-        read_map(changed(glb, change))
-
-
-def test_a_part_that_is_placed_many_times_is_too_large(glb: Path, monkeypatch: pytest.MonkeyPatch):
-    def change(scene: dict[str, Any]) -> None:
-        scene["nodes"] = [{"mesh": 0, "name": f"n{n}"} for n in range(100)]
-        scene["scenes"] = [{"nodes": list(range(100))}]
-        scene["scene"] = 0
-
+@pytest.mark.parametrize(
+    ("change", "error", "why"),
+    [
+        (
+            lambda scene: scene["accessors"].append({"count": 10**8, **FLOATS}),
+            MalformedData,
+            "cannot hold the 12000.* bytes that it declares",
+        ),
+        (lambda scene: scene["accessors"][0].update(count=10**15), TooLarge, "GLB"),
+        (lambda scene: scene["buffers"][0].update(uri="/dev/urandom"), UnsupportedFormat, "another file"),
+        (
+            lambda scene: scene.update(
+                nodes=[{"mesh": 0, "name": f"n{n}"} for n in range(100)],
+                scenes=[{"nodes": list(range(100))}],
+                scene=0,
+            ),
+            TooLarge,
+            "4800 points, the limit is 1000",
+        ),
+    ],
+    ids=["an accessor without bytes", "a huge accessor", "bytes of another file", "a part placed 100 times"],
+)
+def test_a_glb_that_declares_more_than_it_has_is_refused(
+    glb: Path, change: Any, error: type[Exception], why: str, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(mesh_file, "MAP_LIMITS", Limits(max_points=1000, max_decoded_bytes=10**9))
-    with pytest.raises(TooLarge, match="4800 points, the limit is 1000"):
-        read_map(changed(glb, change))
-
-
-def test_bytes_of_another_file_are_not_read(glb: Path):
-    def change(scene: dict[str, Any]) -> None:
-        scene["buffers"][0]["uri"] = "/dev/urandom"
-
-    with pytest.raises(UnsupportedFormat, match="another file"):
+    with pytest.raises(error, match=why):
         read_map(changed(glb, change))
 
 
