@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,14 +17,12 @@ from firstfix.transform import make_transform, rotation_angle_deg, transform_poi
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.index.cloud_octree import NO_NORMAL, POINT
 from firstfix_builder.job.build_job import BuildResult
-from firstfix_builder.pipeline import build_version
 from firstfix_builder.stage_results import IndexFiles, LevelMap
 from tests.builder.stages import stages_below
-from tests.small_world import COARSE_CONFIG, SmallWorld, begun_as
+from tests.small_world import SmallWorld, begun_as
 
 pytestmark = pytest.mark.slow
 THINNED_M = 0.1  # the first stage of a build puts means in the place of near points
-FILES = (CLOUD_INDEX, CLOUD_POINTS)
 
 
 class Stages:
@@ -96,10 +93,6 @@ def the_same(found: np.ndarray, expected: np.ndarray) -> None:
     assert far_apart(expected, found) < 2e-3
 
 
-def contents(directory: Path) -> list[bytes]:
-    return [(directory / name).read_bytes() for name in FILES]
-
-
 def test_of_a_mesh_the_points_that_are_seen_are_drawn(coarse_version: BuildResult, small_world: SmallWorld):
     index, points, normals = cloud_of(coarse_version.directory)
     seen = np.load(coarse_version.directory / MAP_FILE)
@@ -114,40 +107,6 @@ def test_of_a_mesh_the_points_that_are_seen_are_drawn(coarse_version: BuildResul
     assert np.mean(normals[:, 0] == NO_NORMAL) < 0.1, "nearly all points lie on the surface"
     floor = (np.abs(points[:, 2]) < 0.02) & (normals[:, 0] != NO_NORMAL)
     assert np.abs(normals[floor].astype(int)).sum(axis=1).mean() < 10, "it looks up"
-
-
-def test_a_build_that_has_only_the_other_stages_draws_the_same(
-    coarse_version: BuildResult, coarse_work: Path, small_map: Path
-):
-    removed = 0
-    for stage in coarse_work.glob("stages/*/stage.json"):
-        if json.loads(stage.read_text())["stage"] == "draw_cloud":
-            shutil.rmtree(stage.parent)
-            removed += 1
-    assert removed == 1
-    reached: list[str] = []
-    again = build_version(
-        small_map,
-        BuildConfig.parse(COARSE_CONFIG),
-        coarse_work,
-        progress=lambda stage, fraction: reached.append(stage),
-    )
-    assert "draw_cloud" in reached
-    assert again.manifest.digest == coarse_version.manifest.digest
-    assert contents(again.directory) == contents(coarse_version.directory)
-
-
-def test_the_work_folder_and_the_cache_are_no_part_of_the_result(
-    stages: Callable[[str], Stages], small_world: SmallWorld, tmp_path: Path
-):
-    np.save(tmp_path / "yard.npy", points_on(small_world, 30_000))
-    here, there = stages("here"), stages("somewhere/else")
-    _, one = here.draw(tmp_path / "yard.npy")
-    _, cached = here.draw(tmp_path / "yard.npy")
-    _, other = there.draw(tmp_path / "yard.npy")
-    assert one.digest == cached.digest == other.digest
-    assert one.directory != other.directory
-    assert contents(one.directory) == contents(other.directory)
 
 
 def test_a_changed_map_is_drawn_anew(

@@ -73,9 +73,9 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
     readers.cache_clear()
 
 
-def read(source: Path, work: Path) -> LevelMap:
+def read(source: Path, work: Path, trajectory: Path | None = None) -> LevelMap:
     with stages_below(work, CONFIG) as stages:
-        return stages.read_map(source, None)
+        return stages.read_map(source, trajectory)
 
 
 def heights(folder: Path) -> Path:
@@ -101,8 +101,12 @@ def test_a_reader_of_another_package_reads_its_kind_of_source(install, tmp_path:
     found = read(source, tmp_path / "work")
     assert len(found.points) > 1000
     assert found.points[:, 2].min() == pytest.approx(0.0, abs=0.1)
-    archive = packed(source, tmp_path / "packed.zip")
+    archive, poses = packed(source, tmp_path / "packed.zip"), tmp_path / "poses.txt"
     assert read(archive, tmp_path / "work").digest == found.digest
+    np.savetxt(poses, np.tile(np.eye(4)[:3].ravel(), (3, 1)))
+    driven = read(archive, tmp_path / "work", poses).trajectory
+    assert driven is not None
+    assert len(driven) == 3
     (source / "place.heights").unlink()
     with pytest.raises(MalformedData, match="heights: no heights"):
         read(source, tmp_path / "work")
