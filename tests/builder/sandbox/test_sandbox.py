@@ -22,12 +22,9 @@ import pytest
 
 from firstfix.builds.options import BuildOptions
 from firstfix.builds.shared_stages import SharedStages
-from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.sources import put_source
 from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, TooLarge
 from firstfix.store.store import Store
 from firstfix_builder.job.build_job import BuildJob, BuildResult
-from firstfix_builder.job.run_build import run_build
 from firstfix_builder.sandbox import seccomp
 from firstfix_builder.sandbox.hand_over import take_files
 from firstfix_builder.sandbox.kernel import SIGNALS_VERSION, landlock_version
@@ -230,32 +227,6 @@ def test_a_kernel_without_seccomp_is_told_of(
     place.required = False
     assert place.build("succeed").manifest.files
     assert "incomplete on this machine: the network is open (no seccomp: not here)" in caplog.text
-
-
-def test_the_worker_goes_on_after_a_hostile_build(tmp_path: Path):
-    """The whole way: two builds of one worker, of which the first attacks."""
-    catalog = Catalog(Store.open(str(tmp_path / "store")))
-    (tmp_path / "upload").write_bytes(b"a cloud")
-    ended = {}
-    for build_id, do in (("b1", "fork bomb"), ("b2", "succeed")):
-        key = f"maps/hall/sources/{put_source(catalog.store, 'hall', tmp_path / 'upload')}"
-        request = {
-            "map_id": "hall",
-            "source": {"key": key},
-            "file_name": "hall.ply",
-            "config": config_telling(do=do),
-        }
-        catalog.builds.put(build_id, request)
-        options = BuildOptions(
-            build_id=build_id, store=str(tmp_path / "store"), work=tmp_path / "work", sandbox="required"
-        )
-        code = run_build(options, SandboxedBuild(options, program=PROGRAM).build_version)
-        ended[build_id] = (code, catalog.builds.status(build_id))
-    assert ended["b1"][0] == 1
-    assert ended["b1"][1]["error"]["code"] == "build_failed"
-    assert "processes in read_map" in ended["b1"][1]["error"]["detail"]
-    assert ended["b2"][0] == 0
-    assert catalog.active_version("hall") == ended["b2"][1]["version"]
 
 
 def archive_of_sessions(path: Path) -> None:

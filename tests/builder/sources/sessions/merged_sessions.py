@@ -1,11 +1,8 @@
-"""Sessions of one building merged by the first stage of a build, and the stages that it leaves."""
+"""Sessions of one building, described in a folder and merged by the first stage of a build."""
 
 from __future__ import annotations
 
 import json
-import os
-import shutil
-from dataclasses import dataclass
 from pathlib import Path
 
 from tests.builder.sources.sessions.building import Session, building, session
@@ -14,37 +11,6 @@ from tests.builder.stages import stages_below
 HERE = building(21)
 ENDS_M = (0.0, 20.5)  # of the first session; the second one's overlap is 30 % of the building
 FROM_M = 11.0
-
-
-@dataclass(frozen=True)
-class MergedSessions:
-    """Two sessions and the stages of their map, to be read only.
-
-    Attributes:
-        source: the folder with ``sessions.yaml``.
-        stages: of the session maps and of the merged one.
-    """
-
-    source: Path
-    stages: Path
-
-    @classmethod
-    def make(cls, folder: Path) -> MergedSessions:
-        """Merges them in an empty folder."""
-        made = cls.of(folder)
-        described(made.source, [first_session(), sparser_session()])
-        read_map(made.source, folder)
-        return made
-
-    @classmethod
-    def of(cls, folder: Path) -> MergedSessions:
-        """Sessions of a folder in which they were made."""
-        return cls(folder / "source", folder / "stages")
-
-    def begin(self, work: Path) -> Path:
-        """Makes a work folder whose builds continue from these stages."""
-        shutil.copytree(self.stages, work / "stages", copy_function=os.link)
-        return work
 
 
 def first_session() -> Session:

@@ -24,15 +24,15 @@ from tests.builder.sources.sessions.merged_sessions import (
     sparser_session,
 )
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]  # sessions are aligned
 
 TWIN = building(21, things=5)
 
 
 @pytest.fixture(scope="module")
-def work(two_sessions, tmp_path_factory):
+def work(tmp_path_factory):
     """Stages of all tests here: the first session is always the same one."""
-    return two_sessions.begin(tmp_path_factory.mktemp("stages") / "work")
+    return tmp_path_factory.mktemp("work")
 
 
 @pytest.fixture(scope="module")
