@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ T_MAP_LEVEL_FILE = "T_map_level.npy"
 FINDINGS_FILE, MOVING_FILE, SESSIONS_FILE = "findings.json", "moving.json", "sessions.json"
 POSITIONS_FILE, CHUNK_START_FILE = "positions.npy", "chunk_start.npy"
 SPACING_FILE, VIEW_FILE = "spacing_m.npy", "view_m.npy"
-REPORT_FILE = "self_test.json"
+REPORT_FILE = "self_test.json"  # of a version
 
 
 @dataclass(frozen=True)
@@ -41,14 +42,12 @@ class LevelMap(StageResult):
     @property
     def points(self) -> NDArray[np.float64]:
         """(n, 3) metres, of a cloud."""
-        points: NDArray[np.float64] = np.load(self.directory / POINTS_FILE)
-        return points
+        return _array(self.directory / POINTS_FILE)
 
     @property
     def mapped_points(self) -> NDArray[np.float64]:
         """(n, 3) ``points``, memory-mapped."""
-        points: NDArray[np.float64] = np.load(self.directory / POINTS_FILE, mmap_mode="r")
-        return points
+        return _array(self.directory / POINTS_FILE, mapped=True)
 
     @property
     def spacing_m(self) -> float:
@@ -59,31 +58,29 @@ class LevelMap(StageResult):
     def trajectory(self) -> NDArray[np.float64] | None:
         """(m, 4, 4) poses of the mapping run, or None if the map has none."""
         path = self.directory / TRAJECTORY_FILE
-        return np.load(path) if path.exists() else None
+        return _array(path) if path.exists() else None
 
     @property
     def T_map_level(self) -> Matrix:
         """(4, 4) to the coordinates of the source."""
-        T: Matrix = np.load(self.directory / T_MAP_LEVEL_FILE)
-        return T
+        return _array(self.directory / T_MAP_LEVEL_FILE)
 
     @property
     def findings(self) -> list[dict[str, Any]]:
         """Findings of the map, as JSON values."""
-        found: list[dict[str, Any]] = json.loads((self.directory / FINDINGS_FILE).read_text())
-        return found
+        return _json(self.directory / FINDINGS_FILE)
 
     @property
     def moving(self) -> dict[str, Any] | None:
         """Figures of ``without_moving``, or None if the map brought no mapping scans."""
         path = self.directory / MOVING_FILE
-        return json.loads(path.read_text()) if path.exists() else None
+        return _json(path) if path.exists() else None
 
     @property
     def sessions(self) -> list[dict[str, Any]] | None:
         """Record of each session that was merged; None: the source has no sessions."""
         path = self.directory / SESSIONS_FILE
-        return json.loads(path.read_text()) if path.exists() else None
+        return _json(path) if path.exists() else None
 
 
 @dataclass(frozen=True)
@@ -103,14 +100,12 @@ class MapViewpoints(StageResult):
     @property
     def positions(self) -> NDArray[np.float64]:
         """(n, 3) in the level frame."""
-        positions: NDArray[np.float64] = np.load(self.directory / POSITIONS_FILE)
-        return positions
+        return _array(self.directory / POSITIONS_FILE)
 
     @property
     def chunk_start(self) -> NDArray[np.int64]:
         """Rows at which the tiles of chunks start."""
-        start: NDArray[np.int64] = np.load(self.directory / CHUNK_START_FILE)
-        return start
+        return _array(self.directory / CHUNK_START_FILE)
 
     @property
     def spacing_m(self) -> float:
@@ -145,14 +140,12 @@ class IndexFiles(FittedEngine):
     @property
     def map_points(self) -> NDArray[np.float32]:
         """(n, 3) of the surface that is seen from the viewpoints."""
-        points: NDArray[np.float32] = np.load(self.directory / MAP_FILE)
-        return points
+        return _array(self.directory / MAP_FILE)
 
     @property
     def mapped_map_points(self) -> NDArray[np.float32]:
         """(n, 3) ``map_points``, memory-mapped."""
-        points: NDArray[np.float32] = np.load(self.directory / MAP_FILE, mmap_mode="r")
-        return points
+        return _array(self.directory / MAP_FILE, mapped=True)
 
     def load(self, calibration: Calibration) -> MapIndex:
         """Loads the index with a calibration, which it has not yet."""
@@ -166,13 +159,7 @@ class SelfTested(StageResult):
     @property
     def calibration(self) -> Calibration:
         """What it measured."""
-        return Calibration.from_mapping(json.loads((self.directory / CALIBRATION_FILE).read_text()))
-
-    @property
-    def report(self) -> dict[str, Any]:
-        """Its figures, as JSON values."""
-        report: dict[str, Any] = json.loads((self.directory / REPORT_FILE).read_text())
-        return report
+        return Calibration.from_mapping(_json(self.directory / CALIBRATION_FILE))
 
 
 @dataclass(frozen=True)
@@ -182,3 +169,12 @@ class IndexedMap:
     mesh: MapMesh
     viewpoints: MapViewpoints
     index: IndexFiles
+
+
+def _array(path: Path, *, mapped: bool = False) -> NDArray[Any]:
+    found: NDArray[Any] = np.load(path, mmap_mode="r" if mapped else None)
+    return found
+
+
+def _json(path: Path) -> Any:
+    return json.loads(path.read_text())
