@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -108,36 +106,6 @@ def test_a_bent_session_is_refused_with_the_place(tmp_path, work, first):
     bent = session(HERE, 0.0, 24.0, seed=6, bend_deg=6.0, at_home=True)
     with pytest.raises(BuildFailed, match=r"bent: .* places are off, most at \(.*\) m by 0\.\d+ m"):
         read_map(described(tmp_path, [first, bent]), work)
-
-
-def test_a_given_transform_is_exact_and_costs_no_search(tmp_path, work, first):
-    apart = session(HERE, 23.0, 32.0, seed=7)  # it could not be aligned
-    sessions = [first, Session(apart.cloud, apart.trajectory, apart.T_world_session)]
-    given = truth(sessions)
-    files = read_map(described(tmp_path, sessions, T_map_session=given.tolist()), work)
-    second = json.loads((files / "sessions.json").read_text())[1]
-    np.testing.assert_allclose(second["T_map_session"], given, atol=2e-6)
-    assert not second["aligned"]
-    assert second["evidence"] is None
-
-
-def test_an_archive_is_read_as_its_folder(tmp_path, work, first):
-    folder = described(tmp_path / "maps", [first])
-    with zipfile.ZipFile(tmp_path / "maps.zip", "w") as made:
-        for path in folder.rglob("*.*"):
-            made.write(path, f"maps/{path.relative_to(folder)}")
-    packed, plain = read_map(tmp_path / "maps.zip", work), read_map(folder, work)
-    assert sorted(path.name for path in packed.iterdir()) == sorted(path.name for path in plain.iterdir())
-    for path in plain.iterdir():
-        assert (packed / path.name).read_bytes() == path.read_bytes()
-    shutil.rmtree(folder / "s0")
-    (folder / "sessions.yaml").unlink()
-    first.write(tmp_path / "alone")
-    (tmp_path / "alone/poses.txt").rename(tmp_path / "poses.txt")
-    with zipfile.ZipFile(tmp_path / "one.zip", "w") as made:
-        made.write(tmp_path / "alone/cloud.npy", "cloud.npy")
-    one = read_map(tmp_path / "one.zip", work, tmp_path / "poses.txt")
-    assert len(np.load(one / "trajectory.npy")) == len(first.trajectory)
 
 
 def test_trajectories_stand_in_the_description(tmp_path, work, first):
