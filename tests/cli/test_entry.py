@@ -51,7 +51,7 @@ BAG = ("localize", "--bag", "drive.bag", "--map", "hall", "--url", "http://local
         (
             (*SERVICE, "cyclonedds"),
             (*GATEWAY, "--dds"),
-            "DDS needs the package cyclonedds: pip install '.[dds]'",
+            "DDS needs the package cyclonedds: pip install './plugins/fleet[dds]'",
         ),
     ],
 )

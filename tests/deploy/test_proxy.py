@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.common.balancer import SHIPPED, Balancer, balancer
 from firstfix_service.http_server.connections import BODY_TIMEOUT_S
 from firstfix_service.http_server.protocol import LINGER_S
+from tests.deploy.balancer import SHIPPED, Balancer, balancer
 from tests.servers import free_port, program
 from tests.waiting import LIMIT_S, wait_until
 

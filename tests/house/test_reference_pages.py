@@ -53,13 +53,13 @@ def test_every_public_name_is_documented(name: str, package: ModuleType):
 
 
 def test_the_format_of_versions_is_the_documented_one():
-    page = (DOCS / "how-to" / "upgrade.md").read_text()
+    page = (DOCS / "how-to" / "operate.md").read_text()
     assert f"This release makes and reads format **{FORMAT}**" in page
 
 
 def test_removed_settings_are_in_the_table_of_the_upgrade():
-    page = (DOCS / "how-to" / "upgrade.md").read_text()
-    table = page.partition("## Settings that were removed")[2].partition("\n## ")[0]
+    page = (DOCS / "how-to" / "operate.md").read_text()
+    table = page.partition("### Settings that were removed")[2].partition("\n### ")[0]
     found = dict(re.findall(r"^\| `FIRSTFIX_(\w+)` \| (.*) \|$", table, re.M))
     assert {name.lower(): now.replace("`", "") for name, now in found.items()} == REMOVED
     assert not REMOVED.keys() & Settings.model_fields.keys()

@@ -7,14 +7,14 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
+from firstfix.doors import SOURCES
+
 from ..stage_results import LevelMap
 from .archive_reader import ArchiveReader
 from .map_reader import MapReader
 from .patch_reader import PatchReader
 from .reading import Reading, SourceReader
 from .sessions_reader import SessionsReader
-
-ENTRY_POINTS = "firstfix.sources"  # of other packages: each loads a ``SourceReader``
 
 
 @cache
@@ -47,7 +47,7 @@ def read_source(path: Path, trajectory: Path | None, reading: Reading) -> LevelM
 
 def _of_other_packages() -> Iterator[tuple[str, SourceReader]]:
     """Readers by name and version: another version does not take the results of the former one."""
-    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)):
+    for point in sorted(entry_points(group=SOURCES), key=lambda point: (point.name, point.value)):
         yield _name_of(point), point.load()
 
 

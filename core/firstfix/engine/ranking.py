@@ -26,7 +26,7 @@ class RankingConfig(BaseModel):
 
     Attributes:
         alignment_weight, removed_weight, violation_weight: of the logarithms in a pose's support: those that
-            most often tell the true place from its rivals in ``python -m benchmarks.run calibration``
+            most often tell the true place from its rivals in ``firstfix-lab calibration``
             (docs/method.md section 7), on a scale on which 0.01 of a good alignment score is about 0.01 of
             support.
         seen_free_weight, seen_free_offset: the same of the share in seen-free space, which is 0 where the map

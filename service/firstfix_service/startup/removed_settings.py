@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from firstfix.errors import InvalidOption
 
-# What holds now, by name without FIRSTFIX_, as in docs/how-to/upgrade.md
+# What holds now, by name without FIRSTFIX_, as in docs/how-to/operate.md
 REMOVED = {
     "auth_failures_per_min": "always 60",
     "body_timeout_s": "always 30 s, and the time for what came",

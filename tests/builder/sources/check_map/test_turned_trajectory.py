@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.common.datasets import STREET, YARD
 from firstfix.sensor import preset
 from firstfix.transform import rotation_z
 from firstfix_builder.mesh.mesh import Mesh
@@ -16,6 +15,7 @@ from firstfix_builder.sources.read_map import read_trajectory
 from firstfix_builder.sources.read_map.map_file import read_map_file
 from tests.builder.box_scenes import box, floor, walls
 from tests.needs import of_recordings
+from tests.recorded_data import STREET, YARD
 
 SENSOR = preset("vlp-16").coarser(3000)
 # A corridor of 40 m, with a room at one side of its first half.

@@ -70,7 +70,7 @@ FEW = clustered_keys(1, 600)
 
 
 @every_engine
-def test_what_was_saved_answers_as_what_was_built(engine, tmp_path):
+def test_a_loaded_search_answers_as_the_built_one(engine, tmp_path):
     config = SearchConfig(engine=engine)
     built = build_key_search(FEW, config)
     loaded = load_key_search(saved(built, tmp_path / "a"), config)
@@ -149,7 +149,7 @@ def test_copies_of_a_key_are_all_found(engine):
         assert sorted(rows) == [row, row + 1, row + 2]
 
 
-def test_the_one_dimensional_and_the_constant_are_keys_too():
+def test_one_dimensional_and_constant_keys_are_found():
     rng = np.random.default_rng(8)
     line = rng.permutation(200).astype(np.float32)[:, None]
     constant = np.concatenate([rng.random((200, 3)), np.ones((200, 5))], axis=1).astype(np.float32)
@@ -162,7 +162,7 @@ def test_the_one_dimensional_and_the_constant_are_keys_too():
     ("engine", "least"),  # measured: 0.998, 0.97, 1.0, 1.0
     [("lsh_kdtree", 0.98), ("faiss_sq8", 0.93), ("faiss_ivf", 0.98), ("faiss_hnsw", 0.98)],
 )
-def test_the_others_find_nearly_all_of_the_ten_nearest(engine, least):
+def test_approximate_engines_find_nearly_all_of_the_ten_nearest(engine, least):
     search = build_key_search(KEYS, SearchConfig(engine=engine))
     assert recall(search, QUERIES, TEN_NEAREST).mean() > least
 

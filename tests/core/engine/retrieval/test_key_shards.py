@@ -75,7 +75,7 @@ def test_of_equal_keys_the_lower_rows_come_first():
 
 
 @pytest.mark.parametrize("engine", SHARDED)
-def test_what_was_saved_in_shards_answers_the_same_and_is_the_same(engine, tmp_path):
+def test_loaded_shards_answer_the_same_and_have_the_same_bytes(engine, tmp_path):
     keys, position_m = world(3, 12_000)
     config = SearchConfig(engine=engine, shard_keys=3000)
     built = build_key_search(keys, config, position_m)
@@ -95,7 +95,7 @@ def test_what_was_saved_in_shards_answers_the_same_and_is_the_same(engine, tmp_p
 
 @every_engine
 @pytest.mark.parametrize("parted", [False, True])
-def test_among_some_none_is_missed(engine, parted):
+def test_a_search_among_some_rows_misses_none(engine, parted):
     keys, position_m = world(4, 3000)
     config = SearchConfig(engine=engine, shard_keys=400 if parted else 1_000_000)
     search = build_key_search(keys, config, position_m)
@@ -165,12 +165,12 @@ def test_many_keys_at_once_are_answered_as_one_by_one(engine, parted):
 
 
 @pytest.mark.parametrize("engine", ["faiss_flat", "faiss_sq8", "faiss_hnsw"])
-def test_an_index_without_lists_says_so(engine):
+def test_an_index_without_lists_has_no_key_lists(engine):
     assert build_key_search(world(8, 500)[0], SearchConfig(engine=engine)).key_lists() is None
 
 
 @pytest.mark.parametrize("parted", [False, True])
-def test_where_the_lists_hold_fewer_keys_the_rest_is_marked(parted, monkeypatch):
+def test_missing_keys_of_lists_are_marked(parted, monkeypatch):
     monkeypatch.setattr(faiss_indexes, "WIDE_PROBES", 1)
     monkeypatch.setattr(faiss_indexes, "PROBED_ROWS", 2000)
     keys, position_m = world(9, 3000)
@@ -186,7 +186,7 @@ def test_where_the_lists_hold_fewer_keys_the_rest_is_marked(parted, monkeypatch)
     assert more.sum() > there.sum()
 
 
-def test_a_missing_a_cut_and_a_strange_shard_are_told(tmp_path):
+def test_a_missing_truncated_or_foreign_shard_is_an_error(tmp_path):
     keys, position_m = world(7, 2000)
     config = SearchConfig(engine="faiss_sq8", shard_keys=300)
     build_key_search(keys, config, position_m).save(tmp_path)
