@@ -6,15 +6,13 @@ import json
 from importlib import import_module
 from pathlib import Path
 
-import pytest
-
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
-from firstfix_cli.main import run
 from firstfix_cli.sample_world import WorldQuery
 from firstfix_cli.sample_world.write_world import write_queries
 from firstfix_lab.entrance import DRILLS, FIGURES, PROGRAMS, main
 from firstfix_lab.worlds import WRITERS
+from tests.cli.fixtures import ended
 
 
 def test_scans_with_known_poses_are_evaluated(small_version, small_scans, tmp_path: Path, capsys):
@@ -23,9 +21,9 @@ def test_scans_with_known_poses_are_evaluated(small_version, small_scans, tmp_pa
     )
     write_queries(tmp_path / "world", [WorldQuery(scan, T) for scan, T in small_scans[:6]])
     arguments = ["evaluate", str(tmp_path / "world/poses.csv"), "--map", "yard"]
-    with pytest.raises(SystemExit) as ended:
-        run([*arguments, "--store", str(tmp_path / "store"), "--json", str(tmp_path / "figures.json")])
-    assert ended.value.code == 0, capsys.readouterr().err
+    assert (
+        ended([*arguments, "--store", str(tmp_path / "store"), "--json", str(tmp_path / "figures.json")]) == 0
+    ), capsys.readouterr().err
     figures = json.loads((tmp_path / "figures.json").read_text())
     assert figures["verdicts"]["localized"] == figures["n"] == 6
     assert figures["first_0.2m"] == 1
@@ -34,11 +32,13 @@ def test_scans_with_known_poses_are_evaluated(small_version, small_scans, tmp_pa
 
 def test_the_worlds_of_the_lab_come_through_the_door(tmp_path: Path, capsys):
     assert {"factory", "office", "campus", "farm", "city"} == set(WRITERS)
-    with pytest.raises(SystemExit) as ended:
-        run(["world", "city", "--extent", "200", "-o", str(tmp_path)])
-    assert ended.value.code == 0
-    assert "meshes of" in capsys.readouterr().out
-    assert (tmp_path / "poses.csv").is_file()
+    assert ended(["world", "farm", "-o", tmp_path, "--extent", "400"]) == 2
+    assert "only a city has an extent" in capsys.readouterr().err
+    assert ended(["world", "city", "-o", tmp_path, "--extent", "20"]) == 2
+    assert "80 to 20000 m" in capsys.readouterr().err
+    assert ended(["world", "city", "-o", tmp_path / "city", "--extent", "80"]) == 0
+    assert len(list((tmp_path / "city" / "mesh").iterdir())) == 1
+    assert len(list((tmp_path / "city" / "scans").iterdir())) == 26
 
 
 def test_the_entrance_knows_every_suite_and_drill():

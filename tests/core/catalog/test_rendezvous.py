@@ -16,7 +16,7 @@ REPLICAS = ["r1", "r2", "r3", "r4"]
 def test_the_weight_is_the_documented_one():
     # printf hall/r1 | sha256sum | cut -c1-16
     expected = {"r1": "000e0fa97676670a", "r2": "879bb0ea0585f423", "r3": "82ff704164163efa"}
-    page = (Path(__file__).resolve().parents[3] / "docs" / "many-maps.md").read_text()
+    page = (Path(__file__).resolve().parents[3] / "lab" / "docs" / "many-maps.md").read_text()
     for name, digits in expected.items():
         assert f"{weight('hall', name):016x}" == digits
         assert f"    {digits}\n" in page

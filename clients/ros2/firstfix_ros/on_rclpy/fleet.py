@@ -15,10 +15,11 @@ from rclpy.node import Node
 
 from firstfix.errors import InvalidOption
 from firstfix.ros import point_cloud2
-from firstfix_ros.on_rclpy.robot import LOOK_S, Names, RclpyRobot
-from firstfix_ros.robot.answerer import Answerer
-from firstfix_ros.robot.config import GatewayConfig
-from firstfix_ros.robot.topics import REINITIALIZE, RELOCALIZE, Input, Output, Topics, full_name
+
+from ..robot.answerer import Answerer
+from ..robot.config import GatewayConfig
+from ..robot.topics import REINITIALIZE, RELOCALIZE, Input, Output, Topics, full_name
+from .robot import LOOK_S, Names, RclpyRobot
 
 NODE_NAME = "firstfix_gateway"
 MAX_ROBOTS = 1000

@@ -23,6 +23,7 @@ from firstfix_builder.index.visible_points import map_surface
 from firstfix_builder.templates.fit_engine import fit_engine
 from firstfix_builder.viewpoints.even_sample import rows_by_place
 
+from ...common.other_key_searches import OTHERS
 from .matching import make_cascade, run_cascade, success
 from .published import WITHIN_M
 from .queries import Perturbed
@@ -38,10 +39,8 @@ DEFAULT_SEARCH = SearchConfig()
 def compare_engines(scene: Scene, clusters: Clusters, own: Taken, perturbed: Perturbed) -> list[Row]:
     """The same cascade, clusters and K over every engine."""
     rows = []
-    for engine in ENGINES:
-        cascade = make_cascade(
-            scene.templates, clusters, SearchConfig.model_validate({"engine": engine}), PAPER
-        )
+    for engine in (*ENGINES, *OTHERS):
+        cascade = make_cascade(scene.templates, clusters, SearchConfig(), PAPER, engine)
         run = run_cascade(cascade, own.by[PAPER], K)
         rows.append(
             {

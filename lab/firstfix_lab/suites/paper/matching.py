@@ -14,9 +14,9 @@ from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.descriptor.similarity import Columns, similarity
 from firstfix.engine.config import SearchConfig
 from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates
-from firstfix.engine.retrieval.key_search import build_key_search
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
 
+from ...common.other_key_searches import build_search
 from .published import WITHIN_M
 from .scene import DESCRIPTORS, Taken
 
@@ -54,9 +54,14 @@ class Timed:
         return round(1e3 * self._total_s / max(1, self._count), 4)
 
 
-def make_cascade(templates: Taken, clusters: Clusters, config: SearchConfig, name: str) -> Cascade:
+def make_cascade(
+    templates: Taken, clusters: Clusters, config: SearchConfig, name: str, engine: str | None = None
+) -> Cascade:
+    """The cascade with the config's key search, or one of another name."""
     how, described = DESCRIPTORS[name], templates.by[name]
-    keys = build_key_search(how.keys(rows_of(described, clusters.representative)), config)
+    keys = build_search(
+        engine or config.engine, how.keys(rows_of(described, clusters.representative)), config
+    )
     height_m = np.zeros(len(templates), np.float32)
     tiles = TemplateTiles.of(templates.position_m)
     return Cascade(how, Templates(templates.position_m, height_m, described), tiles, clusters, keys)

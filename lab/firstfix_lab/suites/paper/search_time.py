@@ -18,8 +18,8 @@ import matplotlib.pyplot as plt
 from numpy.typing import NDArray
 
 from firstfix.engine.config import LshConfig, SearchConfig
-from firstfix.engine.retrieval.key_search import build_key_search
 
+from ...common.other_key_searches import build_search
 from .matching import Timed
 from .scene import PAPER, Taken
 
@@ -42,7 +42,7 @@ def measure_search_time(templates: Taken, folder: Path) -> list[dict[str, Any]]:
             keys = np.ascontiguousarray(vectors[known[:count]])
             truth: list[set[int]] = []
             for engine in ("exhaustive", *(e for e in ENGINES if e != "exhaustive")):
-                search = build_key_search(keys, config_for(engine, count))
+                search = build_search(engine, keys, config_for(count))
                 timed = Timed()
                 found = [
                     set(timed(partial(search.search, key, NEAREST)).tolist()) for key in vectors[held_out]
@@ -63,10 +63,10 @@ def measure_search_time(templates: Taken, folder: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def config_for(engine: Any, count: int) -> SearchConfig:
+def config_for(count: int) -> SearchConfig:
     """With more samples longer hashes, so that a bucket stays as small as it was."""
     bits = max(2, round(float(np.log2(count / KEYS_A_BUCKET))))
-    return SearchConfig(engine=engine, lsh=LshConfig(bits=bits))
+    return SearchConfig(lsh=LshConfig(bits=bits))
 
 
 def pooled(context: NDArray[np.floating], parts: int) -> NDArray[np.float32]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +17,16 @@ from scipy.spatial import cKDTree
 from firstfix.engine.config import SearchConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.preprocess import preprocess
-from firstfix.engine.retrieval.key_search import KeySearch, build_key_search, load_key_search
+from firstfix.engine.retrieval.key_search import KeySearch
 from firstfix.scan.sequence import ScanSequence
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.index.index_files import make_keys
 
+from ...common.other_key_searches import OtherSearch, build_search, load_search
 from .build import Built
 from .queries import in_level_frame, read_scans
 
-Engine = Literal["faiss_sq8", "faiss_ivf_sq8", "faiss_ivf_pq"]
-ENGINES: tuple[Engine, ...] = ("faiss_ivf_sq8", "faiss_sq8", "faiss_ivf_pq")
+ENGINES = ("faiss_ivf_sq8", "faiss_sq8", "faiss_ivf_pq")
 NEAREST = 400
 RIGHT_M = 0.75
 ROWS = 100_000
@@ -76,17 +76,16 @@ def asked_of(built: Built, scans: Path, work: Path) -> Asked:
     return Asked(keys, position_m, asked, right, _exact(keys, asked))
 
 
-def key_recall(asked: Asked, engine: Engine) -> dict[str, Any]:
+def key_recall(asked: Asked, engine: str) -> dict[str, Any]:
     """Build seconds, size, the median of a search on one thread, and what is found."""
-    config = SearchConfig(engine=engine)
     began = time.perf_counter()
-    built = build_key_search(asked.keys, config, asked.position_m)
+    built = build_search(engine, asked.keys, SearchConfig(), asked.position_m)
     seconds = time.perf_counter() - began
     with TemporaryDirectory() as folder:
         built.save(Path(folder))
         files = list(Path(folder).iterdir())
         size = sum(path.stat().st_size for path in files)
-        found, ms = _search(load_key_search(Path(folder), config), asked.asked)
+        found, ms = _search(load_search(engine, Path(folder)), asked.asked)
     return {
         "build_s": round(seconds, 1),
         "bytes_a_key": round(size / len(asked.keys), 1),
@@ -101,7 +100,9 @@ def exact_recall(asked: Asked) -> dict[str, Any]:
     return _finds(list(asked.exact), asked)
 
 
-def _search(engine: KeySearch, asked: NDArray[np.float32]) -> tuple[list[NDArray[np.int64]], float]:
+def _search(
+    engine: KeySearch | OtherSearch, asked: NDArray[np.float32]
+) -> tuple[list[NDArray[np.int64]], float]:
     found, milliseconds = [], []
     for key in np.concatenate([asked, asked]):  # the first time its pages are read
         began = time.perf_counter()
