@@ -27,7 +27,7 @@ from firstfix.transform import (
     transform_points,
 )
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.read_map import read_map, read_trajectory
+from firstfix_builder.sources.read_map import read_map, read_trajectory
 from firstfix_cli.poses_csv import read_poses_csv
 from firstfix_cli.sample_world.write_world import pcd_of_points
 from tests.needs import RECORDED, of_recordings, with_recorded

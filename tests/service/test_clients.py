@@ -215,7 +215,7 @@ def test_a_build_is_submitted_and_followed(client: Any, kind: str, told_service:
     for one in client.build_events(status.build_id):
         events.append(one.state)
         after = "running" if one.state == "queued" else "failed"
-        told_service.catalog.set_build_status(status.build_id, new_status(after, map_id=map_id))
+        told_service.catalog.builds.set_status(status.build_id, new_status(after, map_id=map_id))
     assert events == ["queued", "running", "failed"]
     with pytest.raises(BuildFailed):
         client.wait_for_build(status.build_id)
@@ -234,7 +234,7 @@ def test_a_build_is_waited_for(client: Any, kind: str, told_service: Service, tm
     def progress(status: Any) -> None:
         seen.append(status.state)
         after = new_status("succeeded", map_id=f"of-{kind}", version="ff" * 32)
-        told_service.catalog.set_build_status(status.build_id, after)
+        told_service.catalog.builds.set_status(status.build_id, after)
 
     status = client.build_map(source, f"of-{kind}", progress=progress)
     assert (status.version, status.is_final) == ("ff" * 32, True)
@@ -295,11 +295,11 @@ def test_a_large_file_goes_in_parts_over_a_bad_line(service: Service, tmp_path: 
     network = Breaks(lambda n, request: {0: "request", 1: "answer"}.get(n % 4))
     with Client(service.url, retry=QUICK, transport=network) as client:
         status = client.build_map(file_of(tmp_path), "hall", config={"level": False})
-    request = service.catalog.build_request(status.build_id)
+    request = service.catalog.builds.request(status.build_id)
     assert service.catalog.store.get(request["source"]["key"]) == DATA
     assert request["file_name"] == "hall.xyz"
     assert request["config"] == {"level": False}
-    assert len(service.catalog.build_ids()) == 1
+    assert len(service.catalog.builds.ids()) == 1
     assert network.sent < 2 * len(DATA), "no part that arrived is sent again more than once"
 
 
@@ -317,7 +317,7 @@ def test_a_file_that_changes_while_it_is_read_is_refused(service, tmp_path, monk
     monkeypatch.setattr(build_steps, "_sha256", lambda path: "0" * 64)
     with Client(service.url, retry=QUICK) as client, pytest.raises(ChecksumMismatch):
         client.build_map(file_of(tmp_path), "hall")
-    assert service.catalog.build_ids() == []
+    assert service.catalog.builds.ids() == []
 
 
 @over_http
@@ -325,7 +325,7 @@ def test_a_small_file_sent_again_is_one_build(service: Service, tmp_path: Path):
     network = Breaks(lambda n, request: "answer" if n <= 3 else None)
     with Client(service.url, retry=QUICK, transport=network) as client:
         client.build_map(file_of(tmp_path), "hall")
-    assert len(service.catalog.build_ids()) == 1
+    assert len(service.catalog.builds.ids()) == 1
 
 
 @over_http

@@ -38,9 +38,9 @@ def ends_as(service: Service, state: str, **more: Any) -> threading.Thread:
     """Plays the builder: ends the first build with this state."""
 
     def end() -> None:
-        wait_until(service.catalog.build_ids)
-        (build_id,) = service.catalog.build_ids()
-        service.catalog.set_build_status(build_id, new_status(state, map_id="hall", **more))
+        wait_until(service.catalog.builds.ids)
+        (build_id,) = service.catalog.builds.ids()
+        service.catalog.builds.set_status(build_id, new_status(state, map_id="hall", **more))
 
     thread = threading.Thread(target=end)
     thread.start()
@@ -55,8 +55,8 @@ def test_a_map_is_built_by_a_service(service: Service, tmp_path: Path, as_json: 
     first = printed(build(service, the_map(tmp_path), *options))[0]
     builder.join()
     assert (json.loads(first)["version"] if as_json else first.rpartition(" ")[2]) == version
-    (build_id,) = service.catalog.build_ids()
-    assert service.catalog.build_request(build_id)["config"] == {"sensor": "vlp-16", "axis": "y-up"}
+    (build_id,) = service.catalog.builds.ids()
+    assert service.catalog.builds.request(build_id)["config"] == {"sensor": "vlp-16", "axis": "y-up"}
 
 
 def test_a_failed_build_is_an_error(service: Service, tmp_path: Path):
@@ -70,10 +70,10 @@ def test_a_build_need_not_be_waited_for_and_a_folder_is_sent_as_an_archive(servi
     folder.mkdir()
     the_map(folder)
     said = json.loads(printed(build(service, folder, "--no-wait", "--json"))[0])
-    (build_id,) = service.catalog.build_ids()
+    (build_id,) = service.catalog.builds.ids()
     assert said.pop("waits_for").startswith("this service runs no builds")
     assert said == {"map_id": "hall", "build_id": build_id, "state": "queued"}
-    request = service.catalog.build_request(build_id)
+    request = service.catalog.builds.request(build_id)
     assert request["file_name"] == "plant.zip"
     with ZipFile(BytesIO(service.catalog.store.get(request["source"]["key"]))) as archive:
         assert archive.namelist() == ["map.xyz"]
@@ -90,7 +90,7 @@ def test_a_build_need_not_be_waited_for_and_a_folder_is_sent_as_an_archive(servi
 )
 def test_options_of_another_build_are_refused(shared_service: Service, tmp_path: Path, extra, says: str):
     assert says in build(shared_service, the_map(tmp_path), *extra, code=2).error
-    assert shared_service.catalog.build_ids() == []
+    assert shared_service.catalog.builds.ids() == []
 
 
 def odometry(folder: Path, poses: list[str]) -> Path:

@@ -155,7 +155,7 @@ async def compose(
         if settings.verify_bytes_per_s:
             store_verification(settings, store, metrics).start(stack)
     georeferences = Georeferences(store)
-    uploads, usage = Uploads(store), CallerUsage(catalog)
+    uploads, usage = Uploads(store), CallerUsage(catalog.builds)
     upload_quota = UploadQuota(uploads, settings.max_upload_bytes)
     georeference_cache = GeoreferenceCache(georeferences, GEOREFERENCE_TTL_S)
     upload_streams = ConcurrencyLimit(MAX_UPLOAD_STREAMS, MAX_UPLOAD_STREAMS_PER_CALLER, "uploads")

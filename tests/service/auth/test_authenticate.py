@@ -164,7 +164,7 @@ def test_a_query_without_a_map_searches_only_maps_of_the_caller(guarded: Service
 
 
 def test_builds_of_other_maps_do_not_exist(guarded: Service, keys: dict[str, str]):
-    guarded.catalog.put_build("b-1", {"map_id": "attic"})
+    guarded.catalog.builds.put("b-1", {"map_id": "attic"})
     other = known(guarded, "build", maps=("hall",))
     assert get(guarded, "/builds/b-1", keys["build"]).json()["map_id"] == "attic"
     for method in ("GET", "DELETE"):
@@ -173,7 +173,7 @@ def test_builds_of_other_maps_do_not_exist(guarded: Service, keys: dict[str, str
         )
         assert hidden.status_code == missing.status_code == 404
         assert hidden.content.replace(b"b-1", b"") == missing.content.replace(b"b-2", b"")
-    assert not guarded.catalog.is_cancel_requested("b-1")
+    assert not guarded.catalog.builds.is_cancel_requested("b-1")
 
 
 def test_a_map_is_posted_only_under_a_name_of_the_caller(guarded: Service):
@@ -188,7 +188,7 @@ def test_a_map_is_posted_only_under_a_name_of_the_caller(guarded: Service):
         )
 
     assert post("attic").status_code == 403
-    assert guarded.catalog.build_ids() == []
+    assert guarded.catalog.builds.ids() == []
     assert post("hall-7").status_code == 202
     named = {"map_id": "attic", "source": {"url": "s3://b/x"}}
     answer = guarded.http.post("/maps", json=named, headers=bearer(key))

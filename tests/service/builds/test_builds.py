@@ -28,7 +28,7 @@ def test_a_posted_map_is_durable_before_it_is_answered(recorder: Service):
     assert int(response.headers["retry-after"]) >= 1
     build_id = response.headers["location"].removeprefix("/builds/")
     assert response.json()["build_id"] == build_id
-    request = recorder.catalog.build_request(build_id)
+    request = recorder.catalog.builds.request(build_id)
     assert request["file_name"] == "hall_map.xyz", "no path, no space"
     assert request["config"]["level"] is False
     assert request["source"]["key"].endswith(hashlib.sha256(CLOUD).hexdigest())
@@ -140,11 +140,11 @@ def test_a_source_url_must_be_allowed(tmp_path: Path):
     with running_service(tmp_path / "a", zenoh=False) as service:
         response = service.http.post("/maps", json=body)
         assert (response.status_code, response.json()["code"]) == (400, "invalid_option")
-        assert service.catalog.build_ids() == []
+        assert service.catalog.builds.ids() == []
     with running_service(tmp_path / "b", zenoh=False, source_urls=("s3://maps/",)) as service:
         response = service.http.post("/maps", json={**body, "trajectory": {"url": "s3://maps/tracks/t.txt"}})
         assert response.status_code == 202
-        assert service.catalog.build_request(response.json()["build_id"]) == {
+        assert service.catalog.builds.request(response.json()["build_id"]) == {
             "map_id": "hall",
             "source": {"url": "s3://maps/hall.laz"},
             "file_name": "hall.laz",
@@ -179,7 +179,7 @@ def test_the_worker_gets_the_allowed_source_servers(tmp_path: Path):
 def test_invalid_json_is_refused(shared_service: Service, body: bytes, code: str):
     response = shared_service.http.post("/maps", content=body, headers={"Content-Type": "application/json"})
     assert (response.json()["status"], response.json()["code"]) == (response.status_code, code)
-    assert shared_service.catalog.build_ids() == []
+    assert shared_service.catalog.builds.ids() == []
 
 
 def form(*fields: tuple[str, str | None, bytes], end: bytes = b"--b--\r\n") -> bytes:
@@ -218,7 +218,7 @@ def test_invalid_forms_are_refused_and_leave_no_file(service: Service, body: byt
     headers = {"Content-Type": "multipart/form-data; boundary=b"}
     response = service.http.post("/maps", content=body, headers=headers)
     assert response.json().get("code") == code
-    assert len(service.catalog.build_ids()) == (1 if code is None else 0)
+    assert len(service.catalog.builds.ids()) == (1 if code is None else 0)
     assert list(service.settings.work_dir.glob("uploads/*")) == []
 
 
@@ -230,7 +230,7 @@ def test_a_form_without_a_boundary_is_refused(recorder: Service):
 def test_a_file_larger_than_a_batch_arrives_unchanged(recorder: Service):
     data = bytes(range(256)) * (20 << 10)  # 5 MiB
     response = recorder.http.post("/maps", data={"map_id": "hall"}, files={"source": ("a.bin", data)})
-    request = recorder.catalog.build_request(response.json()["build_id"])
+    request = recorder.catalog.builds.request(response.json()["build_id"])
     assert recorder.catalog.store.get(request["source"]["key"]) == data
     assert request["trajectory"] is None
 
@@ -243,8 +243,8 @@ def test_a_map_is_rebuilt_from_its_kept_source(tmp_path: Path):
         # the fake worker publishes nothing
         service.catalog.publish("hall", tmp_path / "made", manifest, build_id=first["build_id"])
         build_id = rebuild(service.catalog, "hall")
-        wait_until(lambda: service.catalog.build_status(build_id)["state"] in FINAL_STATES)
-        assert service.catalog.build_status(build_id)["state"] == "succeeded"
+        wait_until(lambda: service.catalog.builds.status(build_id)["state"] in FINAL_STATES)
+        assert service.catalog.builds.status(build_id)["state"] == "succeeded"
 
 
 def test_a_damaged_record_delays_no_other_build(tmp_path: Path):

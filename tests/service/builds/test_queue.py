@@ -74,7 +74,7 @@ def test_a_flood_of_builds_does_not_hold_up_another_caller(tmp_path: Path):
         catalog = these.service.catalog
         with building_service(tmp_path, work_dir=tmp_path / "other"):
             for build_id in last:
-                wait_until(lambda: catalog.build_status(build_id)["state"] in FINAL_STATES)  # noqa: B023
+                wait_until(lambda: catalog.builds.status(build_id)["state"] in FINAL_STATES)  # noqa: B023
     assert order(tmp_path / "other")[:4] == ["a0", "b0", "a1", "b1"]
 
 
@@ -119,7 +119,7 @@ BROKEN = [b"", b'{"map_id": "ha', b"[]", b'{"state": 3, "map_id": []}', b'{"a":'
 def waiting_builds(store: Store) -> Catalog:
     catalog = Catalog(store)
     for build_id in ("b1", "b2", "b3"):
-        catalog.put_build(build_id, {"map_id": "hall"})
+        catalog.builds.put(build_id, {"map_id": "hall"})
     return catalog
 
 
@@ -139,7 +139,7 @@ def test_the_queue_skips_damaged_builds(record: bytes, name: str):
 @pytest.fixture
 def service_with_damage(service: Service) -> Service:
     catalog = waiting_builds(service.catalog.store)
-    catalog.set_build_status("b3", new_status("succeeded", map_id="hall", version="a" * 64))
+    catalog.builds.set_status("b3", new_status("succeeded", map_id="hall", version="a" * 64))
     service.catalog.store.put("builds/b2/status.json", b"")
     return service
 

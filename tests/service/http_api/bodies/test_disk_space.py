@@ -120,7 +120,7 @@ def test_a_form_of_unknown_length_stops_at_the_reserve(service, disk: Disk):
     answer = service.http.post("/maps", content=form(*pieces()), headers=FORM)
     assert (answer.status_code, answer.json()["code"]) == (507, "out_of_space")
     assert min(free_bytes) > 0
-    assert service.catalog.build_ids() == []
+    assert service.catalog.builds.ids() == []
     wait_until(lambda: list(service.settings.work_dir.glob("uploads/*")) == [])
     assert service.part(UploadParts).disks.promised_bytes == 0
     assert service.http.post("/maps", content=form(bytes(2 * MIB)), headers=FORM).status_code == 202

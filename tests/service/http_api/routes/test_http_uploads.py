@@ -74,7 +74,7 @@ def test_a_file_in_any_parts_is_unchanged(service: Service, data: bytes, cuts: l
     assert service.http.get(url).json()["complete"]
     answer = service.http.post("/maps", json={"map_id": "hall", "source": {"upload": url.split("/")[-1]}})
     assert answer.status_code == 202, answer.text
-    request = service.catalog.build_request(answer.json()["build_id"])
+    request = service.catalog.builds.request(answer.json()["build_id"])
     assert service.catalog.store.get(request["source"]["key"]) == data
     assert request["file_name"] == "hall.xyz"
     assert service.http.delete(url).status_code == 204
@@ -104,7 +104,7 @@ def test_an_upload_goes_on_after_a_restart_and_on_another_replica(tmp_path: Path
         assert send(first, url, 2000, DATA[2000:]).status_code == 204
         body = {"map_id": "hall", "source": {"upload": url.split("/")[-1]}}
         build = second.http.post("/maps", json=body).json()["build_id"]
-        key = first.catalog.build_request(build)["source"]["key"]
+        key = first.catalog.builds.request(build)["source"]["key"]
         assert first.catalog.store.get(key) == DATA
 
 
