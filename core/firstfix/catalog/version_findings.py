@@ -11,7 +11,7 @@ MOST_IN_PART = 0.1  # of the places: runs that drove through all rooms and roads
 
 
 def findings_of(manifest: Manifest) -> list[Finding]:
-    """Findings that a version's manifest has or shows. Earlier releases looked for none in the map."""
+    """Findings that a version's manifest has or shows."""
     found = [Finding.from_mapping(one) for one in manifest.source.get("findings", ())]
     if (patched := manifest.source.get("patch")) is not None:
         numbers = {

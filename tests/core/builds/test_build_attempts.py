@@ -114,15 +114,6 @@ def test_three_deaths_without_progress_are_enough(store: Store) -> None:
     assert attempts(store, "two").claim("b2", at()) is not None, "another build is another build"
 
 
-def test_records_of_a_release_without_progress_are_counted(store: Store) -> None:
-    for number in range(1, 4):
-        folder = "builds/b1/attempts"
-        store.put_new(f"{folder}/{number:06d}.json", b'{"holder": "one", "time": "x", "writer": "y"}')
-        store.put_new(f"{folder}/{number:06d}.end.json", b'{"end": "died", "stage": "cluster", "why": "x"}')
-    with pytest.raises(BuildAttemptsExceeded, match="3 attempts failed"):
-        attempts(store, "one").claim("b1", at("cluster"))
-
-
 def test_a_kill_of_the_holder_counts_only_if_it_happens_very_often() -> None:
     """The build's process was killed with it, or first: nobody can tell."""
     store = Store.open("memory://")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 
 import pytest
 
@@ -11,7 +10,6 @@ from firstfix.catalog.query_samples import QuerySample, QuerySamples
 from firstfix.catalog.uploads import parts
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.maintenance.verify import Verification
-from firstfix.store.json_record import CHECKSUM
 from firstfix.store.store import Store
 
 SAMPLE_ID = "20260101t000000000000-0000000a"
@@ -58,17 +56,6 @@ def test_the_body_of_a_kept_query(store: Store, data: bytes | None, why: str):
     found = findings(store)
     assert found.keys() == {BODY}
     assert why in found[BODY]
-
-
-def test_a_kept_query_of_an_earlier_release_has_a_size_alone(store: Store):
-    record = json.loads(store.get(RECORD))
-    for name in (CHECKSUM, "body_sha256", "robot"):
-        del record["answer"][name]
-    store.put(RECORD, json.dumps(record).encode())
-    store.put(BODY, b"bodx")
-    assert findings(store) == {}, "nobody can tell"
-    store.put(BODY, b"bod")
-    assert findings(store).keys() == {BODY}
 
 
 def test_the_parts_of_a_whole_upload(store: Store):

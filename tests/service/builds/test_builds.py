@@ -9,6 +9,7 @@ import pytest
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.manifest import Manifest
 from firstfix.maintenance.rebuild import rebuild
+from firstfix.store.json_record import record_json
 from firstfix.store.store import Store
 from firstfix_service.builds.process import NICENESS
 from tests.service.builds_world import CLOUD, building_service, status_of, upload, wait_until_ended
@@ -282,7 +283,7 @@ def test_a_map_is_built_again_from_what_was_kept(tmp_path: Path):
 def test_a_build_is_run_although_another_ones_record_is_damaged(tmp_path: Path):
     store = Store.open(str(tmp_path / "store"))
     store.put("builds/a-broken-request/request.json", b"{")
-    store.put("builds/a-broken-status/request.json", b'{"map_id": "hall"}')
+    store.put("builds/a-broken-status/request.json", record_json({"map_id": "hall"}))
     store.put("builds/a-broken-status/status.json", b"")
     with building_service(tmp_path) as service:
         assert wait_until_ended(service, upload(service))["state"] == "succeeded"
