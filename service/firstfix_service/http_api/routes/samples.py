@@ -52,8 +52,8 @@ class Truth(BaseModel):
 class ToldTruth(Truth):
     """Place where a scan was taken, and who has told."""
 
-    told_by: str = Field("", description="name of the caller; empty: nobody can tell, or an earlier release")
-    told_at: str = Field("", description="UTC, ISO 8601; empty: it was told to an earlier release")
+    told_by: str = Field("", description="name of the caller; empty: nobody can tell")
+    told_at: str = Field("", description="UTC, ISO 8601")
 
 
 class Sample(BaseModel):

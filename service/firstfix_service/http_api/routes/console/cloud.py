@@ -38,7 +38,7 @@ def get_cloud(map_id: MapId, version: Version, catalog: CatalogDep, place: Answe
     `low_m` and `edge_m`: low corner and edge of the root, in map coordinates. `nodes`: `[level, x, y, z,
     first, count]`, parents before children; the edge of a cube is `edge_m / 2**level`, its low corner is
     `low_m + (x, y, z) * edge`. `marks`: `[first, count]` of the templates and of the mapping run, packed as
-    points of the root. 404: the version was built before there were clouds, or it is provisional.
+    points of the root. 404: the version is provisional.
     """
     entry = catalog.manifest(map_id, version).files.get(CLOUD_INDEX)
     if entry is None:
