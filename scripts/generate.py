@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -52,8 +53,27 @@ def generated() -> dict[Path, str]:
         **_between(WRONG_MAPS_PAGE, WRONG_HEAD, _wrong_inputs("wrong_maps.json"), "\n"),
         **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
         **_figures(),
+        REPO / "clients/python/firstfix_client/calls.py": _blocking_calls(),
         **_between("console/src/scan/media.ts", "const TYPES: Record<string, string> = {\n", endings, "};\n"),
     }
+
+
+def _blocking_calls() -> str:
+    """The blocking client's calls, made of the asynchronous client's."""
+    _, _, text = (REPO / "clients/python/firstfix_client/async_calls.py").read_text().partition("\n")
+    for pattern, made in (
+        (r"\[item async for item in (.*)\]", r"list(\1)"),
+        (r"\basync def ", "def "),
+        (r"\bawait ", ""),
+        (r"\bAsyncIterator, Callable\b", "Callable, Iterator"),
+        (r"\bAsyncService\b", "BlockingService"),
+        (r"\basync_http\b", "blocking_http"),
+        (r"\bAsync(?=[A-Z])", ""),
+    ):
+        text = re.sub(pattern, made, text)
+    text = f'"""Calls of the blocking client: scripts/generate.py makes them of async_calls.py."""\n{text}'
+    command = [sys.executable, "-m", "ruff", "format", "--quiet", "-"]
+    return subprocess.run(command, input=text, capture_output=True, text=True, check=True, cwd=REPO).stdout
 
 
 def _figures() -> dict[Path, str]:
