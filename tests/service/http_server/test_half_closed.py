@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from firstfix_service.http_api.event_stream import EventStreams
-from firstfix_service.http_server import connections
+from firstfix_service.limits import connections
 from tests.service.raw_connection import all_of, connect
 from tests.service.service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
 from tests.waiting import let_pass, wait_until

@@ -1,6 +1,7 @@
 """Pace at which answers are taken in: how long a caller may wait with an answer, by its size."""
 
 from firstfix_service.http_server.streams import ReadingPace
+from firstfix_service.limits.limits import Limits
 
 ANSWER_S = 30.0
 LARGE = 4_000_000
@@ -8,7 +9,7 @@ LARGE = 4_000_000
 
 def is_cut_off(size_bytes: int, taken_per_s: float, seconds: int = 600) -> bool:
     """Returns whether a caller is too slow that takes an answer in at an even pace."""
-    pace = ReadingPace(ANSWER_S)
+    pace = ReadingPace(Limits(answer_timeout_s=ANSWER_S))
     pace.begin(size_bytes, 0)
     pace.wrote(size_bytes)
     pace.paused(0.0)
@@ -27,7 +28,7 @@ def test_the_pace_grows_with_the_answer():
 
 
 def test_a_pause_for_each_piece_does_not_begin_the_measurement_anew():
-    pace, piece, now = ReadingPace(ANSWER_S), 65_536, 0.0
+    pace, piece, now = ReadingPace(Limits(answer_timeout_s=ANSWER_S)), 65_536, 0.0
     pace.begin(LARGE, 0)
     for _ in range(3):
         pace.wrote(piece)
@@ -40,7 +41,7 @@ def test_a_pause_for_each_piece_does_not_begin_the_measurement_anew():
 
 
 def test_only_the_time_in_which_the_caller_takes_nothing_counts():
-    pace = ReadingPace(ANSWER_S)
+    pace = ReadingPace(Limits(answer_timeout_s=ANSWER_S))
     pace.begin(0, 0)
     for hour in range(10):  # a stream of events
         pace.wrote(100)
@@ -51,7 +52,7 @@ def test_only_the_time_in_which_the_caller_takes_nothing_counts():
 
 
 def test_what_an_earlier_answer_left_is_not_taken_for_this_one():
-    pace = ReadingPace(ANSWER_S)
+    pace = ReadingPace(Limits(answer_timeout_s=ANSWER_S))
     pace.begin(1000, 60_000)
     pace.wrote(1000)
     pace.paused(0.0)

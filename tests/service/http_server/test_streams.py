@@ -8,9 +8,10 @@ from typing import Any
 import uvicorn
 from uvicorn.server import ServerState
 
-from firstfix_service.http_server.connections import ConnectionLimits, Connections
 from firstfix_service.http_server.protocol import LimitedHttpProtocol
 from firstfix_service.http_server.streams import PIECE_BYTES, in_pieces
+from firstfix_service.limits.connections import Connections
+from firstfix_service.limits.limits import Limits
 from firstfix_service.settings import Settings
 
 REQUEST = b"%s / HTTP/1.1\r\nHost: x\r\nContent-Length: 0\r\n\r\n"
@@ -60,7 +61,7 @@ def writes(*received: bytes, wait_between: bool = False, pieces: list[bytes] = P
     async def exchange() -> list[bytes]:
         config = uvicorn.Config(app, log_config=None, access_log=False, proxy_headers=False, lifespan="off")
         config.load()
-        connections = Connections(ConnectionLimits.of(Settings(store="memory://")), (), lambda why: None)
+        connections = Connections(Limits.of(Settings(store="memory://")), (), lambda why: None)
         protocol = LimitedHttpProtocol(config, ServerState(), {}, connections=connections)
         transport = Recorded()
         protocol.connection_made(transport)

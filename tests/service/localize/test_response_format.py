@@ -98,7 +98,7 @@ def test_who_does_not_ask_for_it_gets_json(shared_service: Service, transport: s
 @pytest.mark.parametrize("verdict", [Verdict.REJECTED, Verdict.AMBIGUOUS])
 def test_an_answer_without_a_pose_is_json(shared_service: Service, transport: str, verdict, monkeypatch):
     answer = Localization(verdict, (Reason.SEVERAL_PLACES,), map_id="hall")
-    monkeypatch.setattr("service_world.FakeLocalizer.localize", lambda *_: answer)
+    monkeypatch.setattr("tests.service.service_world.FakeLocalizer.localize", lambda *_: answer)
     reply = ask(shared_service, transport, POSE)
     assert (reply.ok, reply.media_type) == (True, "application/json")
     assert (reply.json["verdict"], reply.json["T_map_sensor"]) == (verdict.value, None)

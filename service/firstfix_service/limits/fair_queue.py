@@ -16,8 +16,7 @@ from enum import Enum
 from operator import attrgetter
 from typing import Any, TypeVar
 
-from ..query_workers.base import QueryWorker
-from ..query_workers.query import Asker
+from .asker import Asker
 from .slow_share import SlowShare
 
 _NEWEST_WEIGHT = 0.1  # in the moving averages
@@ -65,7 +64,7 @@ class Job:
     charged_s: float = 0.0
     is_slow: bool = False
     timer: asyncio.TimerHandle | None = None
-    worker: QueryWorker | None = None
+    worker: Any = None
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from typing import Any, cast
 
 import pytest
 
-from firstfix_service.localize import fair_queue
-from firstfix_service.localize.fair_queue import FairQueue, Job, State
-from firstfix_service.localize.slow_share import RECENT_S, SLOW_S
-from firstfix_service.query_workers.query import Asker
+from firstfix_service.limits import fair_queue
+from firstfix_service.limits.asker import Asker
+from firstfix_service.limits.fair_queue import FairQueue, Job, State
+from firstfix_service.limits.limits import Limits
 
 QUICK_S, HEAVY_S = 1 / 16, 2.0  # of binary fractions, whose sums are exact
 USUAL_BYTES = 1000
@@ -130,7 +130,7 @@ def test_it_has_every_worker_again_when_the_others_were_not_there_for_a_while():
     sim.begin()
     assert sim.begun == ["flood"]
     sim.pass_until(4)
-    sim.now = 1 + RECENT_S
+    sim.now = 1 + Limits.recent_s
     sim.begin()
     assert sim.begun == ["flood", "flood"]
 
@@ -299,4 +299,4 @@ def test_a_quick_query_is_not_slow_for_its_maps_others():
     sim.ask("robot", QUICK_S)
     sim.begin()
     assert sim.begun == ["flood", "robot"] or sim.begun == ["robot", "flood"]
-    assert HEAVY_S > SLOW_S > QUICK_S
+    assert HEAVY_S > Limits.slow_query_s > QUICK_S
