@@ -67,7 +67,7 @@ from ..thread_pools.background import close_within, run_in_background
 from ..webhooks.sender import WebhookPolicy, WebhookSender
 from .settings_summary import settings_summary
 
-MOST_CHANGES, MAX_CHANGES_BYTES = 64, 32 << 20  # versions whose changes are kept as they are told
+MAX_CHANGES, MAX_CHANGES_BYTES = 64, 32 << 20  # versions whose changes are kept as they are told
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
 # For parts that may wait for the store or zenoh when the service stops. An orchestrator kills it in the end.
@@ -176,7 +176,7 @@ async def compose(
             georeferences,
             georeference_cache,
             sightings,
-            MadeOnce(MOST_CHANGES, MAX_CHANGES_BYTES),
+            MadeOnce(MAX_CHANGES, MAX_CHANGES_BYTES),
         ),
         BuildParts(catalog, builds, BuildQuota(usage, limits), usage),
         UploadParts(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 Way = Literal["field", "order", "elevation"]
 
-MOST_RINGS = 512  # as in a SensorModel
+MAX_RINGS = 512  # as in a SensorModel
 _FEWEST_OF_RING = 5  # points
 _FEWEST_IN_ORDER = 8  # turns: fewer come by chance, where the azimuth jumps
 _SPREAD_SHARE = {"field": 0.6, "order": 1.0}  # of the gap between rings; without rings it is several gaps
@@ -48,7 +48,7 @@ def rings_by_field(
 ) -> Rings | None:
     """Rings as the format numbers them, (n,) each; None: the numbers are not of beams (a Livox's lines)."""
     numbers, of_point = np.unique(field, return_inverse=True)
-    if len(numbers) > MOST_RINGS:
+    if len(numbers) > MAX_RINGS:
         return None
     return _checked(elevation_deg, range_m, of_point, "field")
 
@@ -64,7 +64,7 @@ def rings_by_order(
     for cut in (0.0, np.pi, float(azimuth_rad[0])):
         turn = (azimuth_rad - cut) % (2 * np.pi)
         of_point = np.concatenate([[0], np.cumsum(np.abs(np.diff(turn)) > np.pi)])
-        if _FEWEST_IN_ORDER <= of_point[-1] + 1 <= MOST_RINGS:
+        if _FEWEST_IN_ORDER <= of_point[-1] + 1 <= MAX_RINGS:
             found = _checked(elevation_deg, range_m, of_point, "order")
             if found is not None and jump_deg < _JUMP_SHARE * np.median(np.diff(found.elevations_deg)):
                 return found
@@ -137,7 +137,7 @@ def _parts(elevation_deg: NDArray[np.float64], width_deg: float) -> NDArray[np.f
     kernel = np.exp(-0.5 * (reach / 3) ** 2)
     density = np.convolve(count, kernel / kernel.sum(), mode="same")
     peaks = _peaks(density)
-    if not 2 <= len(peaks) <= MOST_RINGS:
+    if not 2 <= len(peaks) <= MAX_RINGS:
         return None
     valleys = [first + int(np.argmin(density[first:second])) for first, second in pairwise(peaks)]
     lower = np.minimum(density[peaks[:-1]], density[peaks[1:]])
