@@ -20,7 +20,7 @@ ONE_RING_DEG = 1.0
 SHARP_M = 3.0  # from here, a centimetre is 0.2 degrees at most
 MAX_RINGS = 160
 WHOLE = 0.7  # of the decimetres in x, the whole metres: intensities 0.97 at least, right scans 0.22 at most
-LEAST_LEVELS = 10  # of an intensity: fewer are chance
+MIN_LEVELS = 10  # of an intensity: fewer are chance
 _DECIMETRES = 10.0  # in a metre
 OFF_LINE = 0.3  # of points on a line; of right scans it is 0.4 at least, of arrays (3, n) 0.21 at most
 _MIN_POINTS = 10  # points: fewer have no shape
@@ -120,7 +120,7 @@ def _has_whole_metres_only(values_m: NDArray[np.float32]) -> bool:
     Each decimetre counts once: a wall at a whole distance has many points, and says nothing.
     """
     decimetres = np.unique(np.rint(values_m * _DECIMETRES))
-    return len(decimetres) >= LEAST_LEVELS and float(np.mean(decimetres % _DECIMETRES == 0)) > WHOLE
+    return len(decimetres) >= MIN_LEVELS and float(np.mean(decimetres % _DECIMETRES == 0)) > WHOLE
 
 
 def eigenvalue_bounds(matrix: Sequence[Sequence[float]]) -> tuple[float, float]:
