@@ -211,7 +211,7 @@ def test_who_could_not_use_its_turns_has_not_saved_them_up():
         sim.ask("robot", 4 * QUICK_S)
     sim.pass_until(30)
     flood = sim.queue._callers["flood"]
-    assert flood.used_s >= sim.queue._now_s
+    assert flood.used_s >= sim.queue._virtual_time_s
 
 
 def test_the_first_heavy_queries_of_an_unknown_caller_do_not_pass_as_light():
@@ -229,7 +229,7 @@ def test_the_first_heavy_queries_of_an_unknown_caller_do_not_pass_as_light():
         sim.ask("light", QUICK_S)
         sim.pass_until(sim.now + 0.125)
     assert sim.begun == ["unknown", *["light"] * 5]
-    assert sim.queue._callers["unknown"].used_s - sim.queue._now_s >= 80 * QUICK_S - 1
+    assert sim.queue._callers["unknown"].used_s - sim.queue._virtual_time_s >= 80 * QUICK_S - 1
 
 
 def test_what_was_expected_is_corrected_by_what_it_took():
@@ -240,7 +240,7 @@ def test_what_was_expected_is_corrected_by_what_it_took():
     sim.begin()
     assert sim.queue._callers["large"].used_s >= 1000 * QUICK_S
     sim.finish()
-    assert sim.queue._callers["large"].used_s == sim.queue._now_s + QUICK_S
+    assert sim.queue._callers["large"].used_s == sim.queue._virtual_time_s + QUICK_S
 
 
 def test_a_full_queue_drops_the_newest_of_the_caller_with_most():
