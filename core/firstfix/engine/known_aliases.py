@@ -104,7 +104,7 @@ def rivals_among(
 def not_far_behind(
     index: MapIndex, aliases: Candidates, T_level_sensor: Matrix, sparse: Surface
 ) -> Candidates:
-    """The few aliases of a pose at which a glance finds the scan to fit nearly as well.
+    """The few aliases of a pose at which a probe finds the scan to fit nearly as well.
 
     Args:
         T_level_sensor: (4, 4) the pose.

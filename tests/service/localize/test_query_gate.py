@@ -367,13 +367,13 @@ def test_who_lost_its_worker_goes_before_the_others():
     async def test(gate: QueryGate) -> None:
         first = Worker(deaths=1)
         gate.add_worker(first)
-        bereaved = asyncio.ensure_future(gate.run(Asker("robot", "a"), ready(), asks))
+        waits = asyncio.ensure_future(gate.run(Asker("robot", "a"), ready(), asks))
         await wait_until_async(lambda: first.asked)
         tasks = Tasks(gate)
         other = tasks.ask("a", caller="other")
         await wait_until_async(lambda: gate.admitted == 2)
         gate.add_worker(Worker())
-        assert await bereaved is ANSWER
+        assert await waits is ANSWER
         tasks.may_end.set()
         await other
 

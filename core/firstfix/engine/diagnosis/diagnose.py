@@ -66,7 +66,7 @@ class AskedQuery:
 
     @cached_property
     def part(self) -> NDArray[np.float32]:
-        """A part of the scan's points, (m, 3): enough for its facts and for a glance at its viewpoint."""
+        """A part of the scan's points, (m, 3): enough for its facts and to probe its viewpoint."""
         return at_most(self.scan.points, MEASURED)
 
     @property
@@ -118,7 +118,7 @@ def _fits_as_sent(answer: Localization) -> bool:
 def _wrong_frame(answer: Localization, query: AskedQuery, facts: ScanFacts) -> Finding | None:
     """The finding that the scan was not taken from its own origin.
 
-    A localized scan gets a glance; the search is for suspects, for a pose at the map's own origin, and for
+    A localized scan is probed; the search is for suspects, for a pose at the map's own origin, and for
     what was not localized.
     """
     if query.prepared is None or not query.is_single or not isinstance(query.scan, Scan):
