@@ -12,7 +12,6 @@ from firstfix.errors import FirstfixError, Overloaded, QuotaExceeded
 from .limits import Limits
 
 RETRY_AFTER_S = 2.0
-_ALL = "all"
 
 
 @dataclass(frozen=True)
