@@ -1,8 +1,11 @@
-"""Robots of kept queries: pseudonyms of credentials."""
+"""Kept queries: their bodies, their truths, and the robots that asked."""
 
 from __future__ import annotations
 
+import pytest
+
 from firstfix.catalog.query_samples import QuerySample, QuerySamples, robot_of
+from firstfix.errors import UnreadableRecord
 from firstfix.store.store import Store
 
 ANSWER = {"verdict": "localized", "reasons": [], "probability": 0.99}
@@ -44,3 +47,11 @@ def test_who_has_told_a_truth_is_kept_with_it():
     assert sample.answer == ANSWER
     samples.set_truth(SAMPLE_ID, {})
     assert samples.get(SAMPLE_ID).truth == {}
+
+
+def test_a_body_that_its_record_does_not_describe_is_unreadable():
+    store, samples = kept("")
+    assert samples.body(SAMPLE_ID) == b"body"
+    store.put(f"samples/{SAMPLE_ID}.body", b"bodx")
+    with pytest.raises(UnreadableRecord, match="damaged"):
+        samples.body(SAMPLE_ID)
