@@ -53,25 +53,33 @@ def generated() -> dict[Path, str]:
         **_between(WRONG_MAPS_PAGE, WRONG_HEAD, _wrong_inputs("wrong_maps.json"), "\n"),
         **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
         **_figures(),
-        REPO / "clients/python/firstfix_client/calls.py": _blocking_calls(),
+        REPO / "clients/python/firstfix_client/async_calls.py": _asynchronous_calls(),
         **_between("console/src/scan/media.ts", "const TYPES: Record<string, string> = {\n", endings, "};\n"),
     }
 
 
-def _blocking_calls() -> str:
-    """The blocking client's calls, made of the asynchronous client's."""
-    _, _, text = (REPO / "clients/python/firstfix_client/async_calls.py").read_text().partition("\n")
+def _asynchronous_calls() -> str:
+    """The asynchronous client's calls, made of the blocking client's. Docstrings are their summaries."""
+    _, _, text = (REPO / "clients/python/firstfix_client/calls.py").read_text().partition("\n")
+
+    def awaitable(match: re.Match[str]) -> str:
+        returns_at_once = "Iterator" in match[0] or "_http" in match[0]
+        return match[0] if returns_at_once else match[0].replace("def ", "async def ", 1)
+
     for pattern, made in (
-        (r"\[item async for item in (.*)\]", r"list(\1)"),
-        (r"\basync def ", "def "),
-        (r"\bawait ", ""),
-        (r"\bAsyncIterator, Callable\b", "Callable, Iterator"),
-        (r"\bAsyncService\b", "BlockingService"),
-        (r"\basync_http\b", "blocking_http"),
-        (r"\bAsync(?=[A-Z])", ""),
+        (r'("""[^"\n]+)\n\n.*?"""', r'\1"""'),
+        (r"def \w+\([^:]*?self.*?\) -> [^\n]*:\n", awaitable),
+        (r"\blist\((self\._http\.items\(.*\))\)", r"[item async for item in \1]"),
+        (r"\bself\.(_http\.run|_http\.close|close)\(", r"await self.\1("),
+        (r"\b__(enter|exit)__\b", r"__a\1__"),
+        (r"\bCallable, Iterator\b", "AsyncIterator, Callable"),
+        (r"(?<!Async)\bIterator\b", "AsyncIterator"),
+        (r"\bBlockingService\b", "AsyncService"),
+        (r"\bblocking_http\b", "async_http"),
+        (r"\b(HttpCalls|FixCalls|MapCalls|BuildCalls|Client)\b", r"Async\1"),
     ):
-        text = re.sub(pattern, made, text)
-    text = f'"""Calls of the blocking client: scripts/generate.py makes them of async_calls.py."""\n{text}'
+        text = re.sub(pattern, made, text, flags=re.DOTALL if "\\n" in pattern else 0)
+    text = f'"""Calls of the asynchronous client: scripts/generate.py makes them of calls.py."""\n{text}'
     command = [sys.executable, "-m", "ruff", "format", "--quiet", "-"]
     return subprocess.run(command, input=text, capture_output=True, text=True, check=True, cwd=REPO).stdout
 

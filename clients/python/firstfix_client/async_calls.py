@@ -1,17 +1,17 @@
-"""Calls of the asynchronous client. Those of the blocking one, in calls.py, are made of them."""
+"""Calls of the asynchronous client: scripts/generate.py makes them of calls.py."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from numpy.typing import ArrayLike
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
+from firstfix.errors import InvalidOption
 from firstfix.scan.sequence import ScanSequence
 
 from .records import BuildStatus, MapInfo, VersionInfo
@@ -24,21 +24,33 @@ if TYPE_CHECKING:
     from .drivers.async_http import AsyncService
 
 
-class AsyncHttpCalls(ABC):
+C = TypeVar("C", bound="AsyncHttpCalls")
+
+
+class AsyncHttpCalls:
     """Base of the groups of calls."""
 
-    @property
-    @abstractmethod
-    def _http(self) -> AsyncService:
-        """The service over HTTP.
+    _service: AsyncService | None
 
-        Raises:
-            InvalidOption: this client has no URL.
-        """
+    @property
+    def _http(self) -> AsyncService:
+        if self._service is None:
+            raise InvalidOption("this call goes over HTTP: give ZenohClient the url of the service")
+        return self._service
+
+    async def __aenter__(self: C) -> C:
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Closes the connections."""
+        await self._http.close()
 
 
 class AsyncFixCalls(AsyncHttpCalls):
-    """Queries for the pose of a scan. Part of ``AsyncClient``."""
+    """Queries for the pose of a scan."""
 
     async def localize(
         self,
@@ -51,29 +63,7 @@ class AsyncFixCalls(AsyncHttpCalls):
         encoding: Encoding = "scan",
         parameters: DescriptorParameters | None = None,
     ) -> Localization:
-        """Returns the pose of a scan in a map, or why there is none.
-
-        "Not localized" is an answer without a pose, not an error.
-
-        Args:
-            scan: a Scan, (n, 3) points in metres in the sensor frame, the path of a scan file, or several
-                scans with the motion between them. The pose is then that of the last scan.
-            map_id: one map; several, separated by commas; or empty for all maps that are served. The best
-                place in any of them wins.
-            prior: where the robot is known to be.
-            gravity: (3,) direction of gravity in the sensor frame (pointing down).
-            options: everything that can be asked; ``prior`` and ``gravity`` replace its fields. Without a
-                ``deadline_ms`` the service is told how long this client waits.
-            encoding: ``range_image`` sends the whole scan in a ninth to a third of the bytes, 120k points
-                in under 90 KB. ``compact`` sends under 10 KB and localizes as well as the whole scan.
-                ``descriptor`` sends under 1.5 KB and gets candidates, never ``localized``.
-            parameters: the map's, for the last two. A descriptor needs those of its one map. If they are
-                not given, the client asks the service for them once, and again when the map changes.
-
-        Raises:
-            NotFound: no such map or version, or no such file.
-            InputError: the scan or an option cannot be used.
-        """
+        """Returns the pose of a scan in a map, or why there is none."""
         form = BodyForm(encoding, parameters)
         return await self._http.run(
             self._http.steps.fixes.localize(scan, map_id, options_of(options, prior, gravity), form)
@@ -89,12 +79,7 @@ class AsyncFixCalls(AsyncHttpCalls):
         content_encoding: str | None = None,
         request_id: str | None = None,
     ) -> Localization:
-        """Returns the answer to an encoded query, as ``localize`` does. The bytes are sent unchanged.
-
-        Args:
-            media_type, content_encoding: format of the bytes, see clients/PROTOCOL.md.
-            request_id: id of the query in the service's log.
-        """
+        """Returns the answer to an encoded query, as ``localize`` does. The bytes are sent unchanged."""
         return await self._http.run(
             self._http.steps.ask(
                 body, media_type, map_id, options or LocalizeOptions(), content_encoding, request_id
@@ -103,100 +88,48 @@ class AsyncFixCalls(AsyncHttpCalls):
 
 
 class AsyncMapCalls(AsyncHttpCalls):
-    """Calls about maps, versions and georeferences. Part of each client that has a URL."""
+    """Calls about maps, versions and georeferences."""
 
     async def maps(self) -> list[MapInfo]:
         """Returns the maps that the service can localize in."""
         return [item async for item in self._http.items(self._http.steps.maps.maps())]
 
     async def show_map(self, map_id: str) -> MapInfo:
-        """Returns one map.
-
-        Raises:
-            NotFound: no such map.
-        """
+        """Returns one map."""
         return await self._http.run(self._http.steps.maps.show_map(map_id))
 
     async def descriptor_parameters(self, map_id: str) -> DescriptorParameters:
-        """Returns the parameters with which a robot describes scans for the map's active version.
-
-        Raises:
-            NotFound: no such map, or no version of it is active.
-            UnsupportedFormat: this client cannot compute the version's descriptor.
-        """
+        """Returns the parameters with which a robot describes scans for the map's active version."""
         return await self._http.run(self._http.steps.maps.descriptor_parameters(map_id))
 
     async def versions(self, map_id: str) -> list[VersionInfo]:
-        """Returns the versions of a map, newest first.
-
-        Raises:
-            NotFound: no such map.
-        """
+        """Returns the versions of a map, newest first."""
         return [item async for item in self._http.items(self._http.steps.maps.versions(map_id))]
 
     async def report(self, map_id: str, version: str) -> Mapping[str, Any]:
-        """Returns the self-test report of a version, as the service's JSON.
-
-        Raises:
-            NotFound: no such map or version.
-        """
+        """Returns the self-test report of a version, as the service's JSON."""
         return await self._http.run(self._http.steps.maps.report(map_id, version))
 
     async def changes(
         self, map_id: str, version: str | None = None, *, cells: bool = False, grid: bool = False
     ) -> Mapping[str, Any]:
-        """Returns the areas that have changed since the map was made, as the service's JSON.
-
-        Args:
-            version: default: the active version.
-            cells: list the cells of each area.
-            grid: list the counts of all cells.
-
-        Raises:
-            NotFound: no such map or version.
-        """
+        """Returns the areas that have changed since the map was made, as the service's JSON."""
         return await self._http.run(self._http.steps.maps.changes(map_id, version, cells, grid))
 
     async def activate(self, map_id: str, version: str) -> None:
-        """Makes a published version the active one, which answers queries.
-
-        Raises:
-            NotFound: no such map or version.
-        """
+        """Makes a published version the active one, which answers queries."""
         await self._http.run(self._http.steps.maps.activate(map_id, version))
 
     async def roll_back(self, map_id: str) -> str:
-        """Makes the previously active version active again, and returns it.
-
-        Raises:
-            NotFound: no such map.
-            Conflict: no version was active before.
-        """
+        """Makes the previously active version active again, and returns it."""
         return await self._http.run(self._http.steps.maps.roll_back(map_id))
 
     async def patch(self, map_id: str, mode: str | None = None) -> str:
-        """Asks for a patch of the active version by what kept queries have seen. Returns the build's id.
-
-        Args:
-            mode: ``propose``: the patched version waits until somebody activates it; ``activate``: it is
-                activated, unless it is worse; None: as the map's build config says.
-
-        Raises:
-            NotFound: no such map, or its sources are gone.
-            Conflict: patches of the map are off and no mode is given, or its version is provisional.
-        """
+        """Asks for a patch of the active version by what kept queries have seen. Returns the build's id."""
         return await self._http.run(self._http.steps.maps.patch(map_id, mode))
 
     async def retire(self, map_id: str, version: str, *, force: bool = False) -> None:
-        """Takes a version out of service.
-
-        Args:
-            force: also if it is the active version; the previously active one then answers.
-
-        Raises:
-            NotFound: no such map or version.
-            Conflict: it is the active version, and ``force`` is not set.
-        """
+        """Takes a version out of service."""
         await self._http.run(self._http.steps.maps.retire(map_id, version, force))
 
     async def collect_garbage(self, map_id: str | None = None, *, dry_run: bool = False) -> Mapping[str, Any]:
@@ -214,18 +147,7 @@ class AsyncMapCalls(AsyncHttpCalls):
         quaternion: Sequence[float] | None = None,
         anchor_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """Sets the map's position and orientation on the Earth (WGS84).
-
-        Args:
-            latitude_deg, longitude_deg, height_m: the anchor's; the height is above the ellipsoid.
-            x_axis_deg: direction of the map's x axis, counter-clockwise from east; or
-            quaternion: (x, y, z, w) that rotates map axes into east, north, up.
-            anchor_m: (3,) a point in map coordinates.
-
-        Raises:
-            NotFound: no such map.
-            InvalidOption: a value is out of its range.
-        """
+        """Sets the map's position and orientation on the Earth (WGS84)."""
         await self._http.run(
             self._http.steps.maps.set_georeference(
                 map_id, latitude_deg, longitude_deg, height_m, x_axis_deg, quaternion, anchor_m
@@ -233,19 +155,11 @@ class AsyncMapCalls(AsyncHttpCalls):
         )
 
     async def georeference(self, map_id: str) -> Mapping[str, Any]:
-        """Returns the map's georeference, as the service's JSON.
-
-        Raises:
-            NotFound: no such map, or it has no georeference.
-        """
+        """Returns the map's georeference, as the service's JSON."""
         return await self._http.run(self._http.steps.maps.georeference(map_id))
 
     async def delete_georeference(self, map_id: str) -> None:
-        """Removes the map's georeference.
-
-        Raises:
-            NotFound: no such map, or it has no georeference.
-        """
+        """Removes the map's georeference."""
         await self._http.run(self._http.steps.maps.delete_georeference(map_id))
 
 
@@ -253,7 +167,7 @@ DAY_S = 24 * 3600.0
 
 
 class AsyncBuildCalls(AsyncHttpCalls):
-    """Calls about uploads and builds. Part of each client that has a URL."""
+    """Calls about uploads and builds."""
 
     async def build_map(
         self,
@@ -266,23 +180,7 @@ class AsyncBuildCalls(AsyncHttpCalls):
         upload_timeout_s: float = 3600.0,
         timeout_s: float = DAY_S,
     ) -> BuildStatus:
-        """Uploads a map file and starts its build.
-
-        One build is started, however often the connection breaks. Files of 64 MiB and more are sent in
-        parts; a part that arrived is not sent again.
-
-        Args:
-            config: build config, with the keys of its YAML file; None: the service's defaults.
-            trajectory: file with the poses of the mapping run.
-            progress: called about once a second until the build ends. None: do not wait for the build;
-                follow it with ``wait_for_build`` or ``build_events``.
-            timeout_s: limit for the build itself, if it is waited for.
-
-        Raises:
-            NotFound: no such file.
-            InputError: the service cannot use the file or the config.
-            BuildFailed, BuildCancelled: the build ended without a version.
-        """
+        """Uploads a map file and starts its build."""
         steps = self._http.steps.builds.build_map(
             path, map_id, config, trajectory, progress, upload_timeout_s, timeout_s
         )
@@ -293,20 +191,11 @@ class AsyncBuildCalls(AsyncHttpCalls):
         return self._http.items(self._http.steps.builds.builds(map_id, state))
 
     async def build_status(self, build_id: str) -> BuildStatus:
-        """Returns the state of a build.
-
-        Raises:
-            NotFound: no such build.
-        """
+        """Returns the state of a build."""
         return await self._http.run(self._http.steps.builds.build_status(build_id))
 
     def build_events(self, build_id: str, *, timeout_s: float = DAY_S) -> AsyncIterator[BuildStatus]:
-        """Yields the build's status whenever it changes; the last one is final.
-
-        Raises:
-            NotFound: no such build.
-            DeadlineExceeded: the build has not ended yet; it goes on.
-        """
+        """Yields the build's status whenever it changes; the last one is final."""
         return self._http.items(self._http.steps.builds.build_events(build_id, timeout_s))
 
     async def wait_for_build(
@@ -316,19 +205,9 @@ class AsyncBuildCalls(AsyncHttpCalls):
         progress: Callable[[BuildStatus], None] = lambda status: None,
         timeout_s: float = DAY_S,
     ) -> BuildStatus:
-        """Waits until the build has published its version; calls ``progress`` about once a second.
-
-        Raises:
-            BuildFailed, BuildCancelled: the build ended without a version.
-            DeadlineExceeded: the build has not ended yet; it goes on.
-        """
+        """Waits until the build has published its version; calls ``progress`` about once a second."""
         return await self._http.run(self._http.steps.builds.wait_for_build(build_id, progress, timeout_s))
 
     async def cancel_build(self, build_id: str) -> None:
-        """Cancels a build. It stops a moment later.
-
-        Raises:
-            NotFound: no such build.
-            Conflict: the build has ended.
-        """
+        """Cancels a build. It stops a moment later."""
         await self._http.run(self._http.steps.builds.cancel_build(build_id))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 from .async_calls import AsyncBuildCalls, AsyncFixCalls, AsyncMapCalls
@@ -13,8 +12,6 @@ from .steps.scan_body import BodyForm
 
 if TYPE_CHECKING:
     import httpx
-
-    from .drivers.async_http import AsyncService
 
 
 class AsyncClient(AsyncFixCalls, AsyncMapCalls, AsyncBuildCalls):
@@ -45,19 +42,3 @@ class AsyncClient(AsyncFixCalls, AsyncMapCalls, AsyncBuildCalls):
         form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
         steps = HttpSteps(url, timeout_s, retry, hedge, form)
         self._service = AsyncService(steps, sent_headers(api_key, headers), transport)
-
-    async def __aenter__(self) -> AsyncClient:
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self.close()
-
-    async def close(self) -> None:
-        """Closes the connections."""
-        await self._service.close()
-
-    @property
-    def _http(self) -> AsyncService:
-        return self._service

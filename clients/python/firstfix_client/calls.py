@@ -1,17 +1,17 @@
-"""Calls of the blocking client: scripts/generate.py makes them of async_calls.py."""
+"""Calls of the blocking client. scripts/generate.py makes those of the asynchronous client of them."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from numpy.typing import ArrayLike
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
+from firstfix.errors import InvalidOption
 from firstfix.scan.sequence import ScanSequence
 
 from .records import BuildStatus, MapInfo, VersionInfo
@@ -24,21 +24,33 @@ if TYPE_CHECKING:
     from .drivers.blocking_http import BlockingService
 
 
-class HttpCalls(ABC):
+C = TypeVar("C", bound="HttpCalls")
+
+
+class HttpCalls:
     """Base of the groups of calls."""
 
-    @property
-    @abstractmethod
-    def _http(self) -> BlockingService:
-        """The service over HTTP.
+    _service: BlockingService | None
 
-        Raises:
-            InvalidOption: this client has no URL.
-        """
+    @property
+    def _http(self) -> BlockingService:
+        if self._service is None:
+            raise InvalidOption("this call goes over HTTP: give ZenohClient the url of the service")
+        return self._service
+
+    def __enter__(self: C) -> C:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes the connections."""
+        self._http.close()
 
 
 class FixCalls(HttpCalls):
-    """Queries for the pose of a scan. Part of ``Client``."""
+    """Queries for the pose of a scan."""
 
     def localize(
         self,
@@ -103,7 +115,7 @@ class FixCalls(HttpCalls):
 
 
 class MapCalls(HttpCalls):
-    """Calls about maps, versions and georeferences. Part of each client that has a URL."""
+    """Calls about maps, versions and georeferences."""
 
     def maps(self) -> list[MapInfo]:
         """Returns the maps that the service can localize in."""
@@ -253,7 +265,7 @@ DAY_S = 24 * 3600.0
 
 
 class BuildCalls(HttpCalls):
-    """Calls about uploads and builds. Part of each client that has a URL."""
+    """Calls about uploads and builds."""
 
     def build_map(
         self,

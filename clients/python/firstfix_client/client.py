@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 from .calls import BuildCalls, FixCalls, MapCalls
@@ -13,8 +12,6 @@ from .steps.scan_body import BodyForm
 
 if TYPE_CHECKING:
     import httpx
-
-    from .drivers.blocking_http import BlockingService
 
 
 class Client(FixCalls, MapCalls, BuildCalls):
@@ -60,19 +57,3 @@ class Client(FixCalls, MapCalls, BuildCalls):
         form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
         steps = HttpSteps(url, timeout_s, retry, hedge, form)
         self._service = BlockingService(steps, sent_headers(api_key, headers), transport)
-
-    def __enter__(self) -> Client:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Closes the connections."""
-        self._service.close()
-
-    @property
-    def _http(self) -> BlockingService:
-        return self._service

@@ -19,12 +19,7 @@ T = TypeVar("T")
 
 
 class AsyncService:
-    """A service over HTTP: the steps of its calls, performed in the event loop.
-
-    A cancelled call closes its connection.
-
-    Attributes:
-        steps: all calls, to be passed to ``run`` or ``items``.
+    """A service over HTTP, as ``BlockingService``. A cancelled call closes its connection.
 
     Args:
         transport: replaces the network in tests.
