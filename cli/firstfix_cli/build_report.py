@@ -36,7 +36,7 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
     success = ", ".join(f"{share:.0%} within {limit}" for limit, share in tested["success"].items())
     lines = [
         f"self-test, {tested['queries']} perturbed scans: {success}",
-        f"  {_found(tested)}{_median(tested['median_error_m'])}, "
+        f"  {tested['found']:.0%} of the places found, {_median(tested['median_error_m'])}, "
         f"{tested['localized']:.0%} answered localized, "
         f"{tested['false_accepts']} false among them and {tested['outside']} scans from elsewhere",
     ]
@@ -53,11 +53,6 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
             "elsewhere are localized (95% confidence)"
         )
     return [*lines, *_left_out_lines(tested)]
-
-
-def _found(tested: Mapping[str, Any]) -> str:
-    """Returns the share of the scans whose place was found."""
-    return f"{tested['found']:.0%} of the places found, "
 
 
 def _median(error_m: float | None) -> str:
