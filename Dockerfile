@@ -1,7 +1,7 @@
 # Two targets over one tree of packages, both without compiler, pip or root:
 #   service   answers queries over HTTP and zenoh, and is the gateway of ROS 2's robots; has no open3d, so it builds no maps
 #   builder   the same and the mesh tools: `firstfix serve` with in-process builds, `firstfix worker`, `firstfix build`;
-#             and Dask, for `dask scheduler` and `dask worker` (docs/how-to/many-machines.md)
+#             and Dask, for `dask scheduler` and `dask worker` (docs/how-to/deploy.md)
 #
 #   deploy/image/build.sh                                       # both, with version and revision in their labels
 #   docker build --target service -t firstfix-service .
@@ -32,20 +32,20 @@ COPY deploy/image /image
 # The page at /console/. Where its packages cannot be had, the script goes on without it, and the next stage's COPY fails.
 FROM tools AS console
 ARG NPM_CONFIG_REGISTRY
-COPY scripts/console.sh /src/scripts/
+COPY plugins/console /src/plugins/console
 COPY docs/openapi.json /src/docs/
-COPY console /src/console
 # The sources are checked by `make console`, before they are committed.
-RUN STEPS="types build" PYTHON=/opt/tools/bin/python /src/scripts/console.sh
+RUN STEPS="types build" PYTHON=/opt/tools/bin/python /src/plugins/console/build.sh
 
 # The one stage with a compiler.
 FROM tools AS wheel
 RUN apt-get install -y --no-install-recommends g++ python3-dev
 COPY . /src
-COPY --from=console /src/service/firstfix_service/console_files /src/service/firstfix_service/console_files
+COPY --from=console /src/plugins/console/firstfix_console/files /src/plugins/console/firstfix_console/files
 ARG FIRSTFIX_MODULES
 RUN /opt/tools/bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir /wheel \
-    --config-settings=cmake.define.FIRSTFIX_MODULES="$FIRSTFIX_MODULES" /src
+    --config-settings=cmake.define.FIRSTFIX_MODULES="$FIRSTFIX_MODULES" /src \
+ && /opt/tools/bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir /wheel /src/plugins/console /src/plugins/fleet
 
 # Without bytecode: slim.py leaves that of what is used.
 FROM tools AS service-packages

@@ -1,4 +1,4 @@
-"""Writes what is told of the code elsewhere: formats, findings, reference pages, the HTTP API, and figures.
+"""Writes what is told of the code elsewhere: formats, findings, the HTTP API, and figures.
 
 python scripts/generate.py
 """
@@ -20,18 +20,12 @@ from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
 
 REPO = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(REPO / "scripts" / "site"), str(REPO)]
-from cli_reference import cli_reference  # noqa: E402
-from error_reference import error_reference  # noqa: E402
-from http_reference import http_reference  # noqa: E402
+sys.path.insert(0, str(REPO))
+from firstfix_lab.scoreboard import pages as figures  # noqa: E402
 
-from benchmarks.scoreboard import pages as figures  # noqa: E402
-
-SCANS_PAGE, MAPS_PAGE = "docs/how-to/my-scan-is-not-localized.md", "docs/how-to/is-my-map-good.md"
-WRONG_SCANS_PAGE, WRONG_MAPS_PAGE = "docs/reference/wrong-inputs.md", "docs/reference/wrong-maps.md"
-WRONG_HEAD = "| input | answer |\n|---|---|\n"
+SCANS_PAGE, MAPS_PAGE = "docs/how-to/my-scan-is-not-localized.md", "docs/how-to/my-map.md"
 MARK = "<!-- generated -->\n"  # of a page all that follows is made
-FINDINGS_HEAD = "| symptom | code | the answer says | what helps |\n|---|---|---|---|\n"
+FINDINGS_HEAD = "| symptom | code | what helps |\n|---|---|---|\n"  # the answer says the rest itself
 
 
 def generated() -> dict[Path, str]:
@@ -44,17 +38,17 @@ def generated() -> dict[Path, str]:
     document = create_app(Settings(store="memory://")).openapi()
     return {
         REPO / "docs/openapi.json": json.dumps(document, indent=1, sort_keys=True) + "\n",
-        **_after_mark("docs/reference/cli.md", cli_reference()),
-        **_after_mark("docs/reference/errors.md", error_reference()),
-        **_after_mark("docs/reference/http-endpoints.md", http_reference(document)),
         **_between(SCANS_PAGE, FINDINGS_HEAD, _findings(scan_kinds), "\n"),
         **_between(MAPS_PAGE, FINDINGS_HEAD, _findings(map_kinds), "\n"),
-        **_between(WRONG_SCANS_PAGE, WRONG_HEAD, _wrong_inputs("wrong_inputs.json"), "\n"),
-        **_between(WRONG_MAPS_PAGE, WRONG_HEAD, _wrong_inputs("wrong_maps.json"), "\n"),
         **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
         **_figures(),
         REPO / "clients/python/firstfix_client/async_calls.py": _asynchronous_calls(),
-        **_between("console/src/scan/media.ts", "const TYPES: Record<string, string> = {\n", endings, "};\n"),
+        **_between(
+            "plugins/console/page/src/scan/media.ts",
+            "const TYPES: Record<string, string> = {\n",
+            endings,
+            "};\n",
+        ),
     }
 
 
@@ -86,14 +80,14 @@ def _asynchronous_calls() -> str:
 
 def _figures() -> dict[Path, str]:
     """The pages of the scoreboard, and its pictures."""
-    results = figures.load(REPO / "benchmarks/results")
+    results = figures.load(REPO / "lab/results")
     return {
         **_with_figures("README.md", figures.readme_parts(results)),
-        **_with_figures("benchmarks/PAPER.md", figures.paper_parts(results)),
-        **_with_figures("docs/how-to/sizing.md", figures.sizing_parts(results)),
-        **_with_figures("docs/large-maps.md", figures.large_maps_parts(results)),
-        **_after_mark("benchmarks/BENCHMARK.md", figures.benchmark_page(results)),
-        **{REPO / "benchmarks/plots" / name: text for name, text in figures.plot_files(results).items()},
+        **_with_figures("lab/PAPER.md", figures.paper_parts(results)),
+        **_with_figures("docs/how-to/deploy.md", figures.sizing_parts(results)),
+        **_with_figures("lab/docs/large-maps.md", figures.large_maps_parts(results)),
+        **_after_mark("lab/BENCHMARK.md", figures.benchmark_page(results)),
+        **{REPO / "lab/plots" / name: text for name, text in figures.plot_files(results).items()},
     }
 
 
@@ -112,28 +106,8 @@ def _with_figures(path: str, parts: Mapping[str, str]) -> dict[Path, str]:
 def _findings(module: ModuleType) -> str:
     """Rows of the findings of a module, from symptom to remedy."""
     return "".join(
-        f"| {kind.symptom} | `{kind.code}` | {_in_words(kind.text)} | {_in_words(kind.remedy)} |\n"
-        for kind in kinds_of(module)
+        f"| {kind.symptom} | `{kind.code}` | {_in_words(kind.remedy)} |\n" for kind in kinds_of(module)
     )
-
-
-def _wrong_inputs(table: str) -> str:
-    """Rows of wrong inputs, and what they give over the command line and HTTP."""
-    rows = []
-    for row in json.loads((REPO / "tests/e2e" / table).read_text()):
-        told = {way: _told(row[way]) for way in ("command", "http") if way in row}
-        if len({row[way]["text"] for way in told}) == 1:
-            cell = told["command"]
-        else:
-            cell = f"*Command:* {told['command']}<br>*HTTP:* {told['http']}"
-        rows.append(f"| {row['input']} | {cell} |\n")
-    return "".join(rows)
-
-
-def _told(answer: dict[str, str]) -> str:
-    words = f"{answer['text']} {answer.get('remedy', '')}".strip().replace("|", "\\|")
-    code = f", `{answer['code']}`" if "code" in answer else ""
-    return f"{answer['answer']}{code}: {words}"
 
 
 def _in_words(text: str) -> str:

@@ -7,13 +7,16 @@ cd "$(dirname "$0")/../deploy/locks"
 compile() {  # OUTPUT SOURCE [OPTION...]
   UV_SYSTEM_CERTS=1 ../../.venv/bin/uv pip compile --quiet --universal --python-version 3.11 \
     --generate-hashes --no-emit-index-url --no-emit-find-links --no-header -o "$@"
+  sed -i '/^$/,$d' "$1"  # what was left out, in a last paragraph
 }
 
 compile setup.txt setup.in "$@"
-compile dev.txt ../../pyproject.toml --extra dev "$@"
+packages=(../../pyproject.toml ../../plugins/console/pyproject.toml ../../plugins/fleet/pyproject.toml)
+own=(--no-emit-package firstfix)  # which the packages that may be left out need, and whose sources are these
+compile dev.txt "${packages[@]}" ../../lab/pyproject.toml --extra dev --extra dds --extra vda5050 "${own[@]}" "$@"
 # The images run what was tested: their versions are the tests' ones.
-compile service.txt ../../pyproject.toml --extra service --extra dds --extra vda5050 --constraints dev.txt
-compile builder.txt ../../pyproject.toml --extra dask --extra dds --extra vda5050 --constraints dev.txt  # with builder in it
+compile service.txt "${packages[@]}" --extra service --extra dds --extra vda5050 --constraints dev.txt "${own[@]}"
+compile builder.txt "${packages[@]}" --extra dask --extra dds --extra vda5050 --constraints dev.txt "${own[@]}"  # with builder in it
 # What the tests put beside .venv, as a sourced ROS is: packages that both have are of one version.
 compile ros-jazzy.txt ros-jazzy.in --constraints dev.txt
 compile ros-kilted.txt ros-kilted.in --constraints dev.txt

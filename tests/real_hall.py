@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.common.datasets import HALL
 from tests.needs import of_recordings
 from tests.once_a_run import OnceARun
+from tests.recorded_data import HALL
 
 
 @pytest.fixture(scope="session")

@@ -32,7 +32,7 @@ def answerer(
     encoding: Encoding = "scan",
     follow: Callable[[str], None] | None = None,
 ) -> Iterator[Answerer]:
-    """Gives a function that localizes a scan, with the URL, the zenoh endpoint or the store.
+    """Give a function that localizes a scan, with the URL, the zenoh endpoint or the store.
 
     Args:
         encoding: form in which scans are sent; in this process they are encoded and decoded too.
@@ -66,7 +66,7 @@ def answerer(
 
 
 def is_provisional(store: str, map_id: str, version: str) -> bool:
-    """Returns whether a version is coarse and untested, until a full one takes its place."""
+    """Whether a version is coarse and untested, until a full one takes its place."""
     from firstfix.catalog.catalog import Catalog
     from firstfix.store.store import Store
 
@@ -74,7 +74,7 @@ def is_provisional(store: str, map_id: str, version: str) -> bool:
 
 
 def fetch_active_version(store: str, map_id: str, version: str | None = None) -> tuple[str, Path]:
-    """Returns digest and local folder of a map's version, by default the active one.
+    """Digest and local folder of a map's version, by default the active one.
 
     Raises:
         NotFound: no such map or version.

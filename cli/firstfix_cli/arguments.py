@@ -49,23 +49,23 @@ TimeoutS = Annotated[float, typer.Option("--timeout", help="Time limit for one a
 
 
 def cache_directory(name: str) -> Path:
-    """Returns the user's folder for cached versions or build stages."""
+    """The user's folder for cached versions or build stages."""
     root = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(root) / "firstfix" / name
 
 
 def examples(*commands: str) -> str:
-    """Returns example commands as the end of a help text."""
+    """Example commands as the end of a help text."""
     return "\n".join(["\b", "Examples:", *(f"  {command}" for command in commands)])
 
 
 def client_of(url: str | None, timeout_s: float = 10.0) -> Client:
-    """Returns a client of the service at ``url``, or at the default one."""
+    """A client of the service at ``url``, or at the default one."""
     from firstfix_client import Client, RetryPolicy
 
     return Client(service_url(url), timeout_s=timeout_s, retry=RetryPolicy(patience_s=PATIENCE_S))
 
 
 def service_url(url: str | None) -> str:
-    """Returns ``url``, or the default one."""
+    """``url``, or the default one."""
     return url or os.environ.get("FIRSTFIX_URL") or DEFAULT_URL

@@ -15,7 +15,7 @@ _HELPS = {
 
 
 def reused_lines(stages: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Returns one line about the stages and chunks of earlier builds that were reused; no line if none were.
+    """One line about the stages and chunks of earlier builds that were reused; no line if none were.
 
     Args:
         stages: ``stage``, ``cached``, ``chunks`` and ``chunks_reused`` of each.
@@ -30,7 +30,7 @@ def reused_lines(stages: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
-    """Returns the results that the build measured on perturbed scans."""
+    """The results that the build measured on perturbed scans."""
     if not tested.get("queries"):
         return ["self-test: none", *_left_out_lines(tested)]
     success = ", ".join(f"{share:.0%} within {limit}" for limit, share in tested["success"].items())
@@ -56,12 +56,12 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
 
 
 def _median(error_m: float | None) -> str:
-    """Returns the median error."""
+    """The median error."""
     return "no median error" if error_m is None else f"median error {error_m:.3f} m"
 
 
 def _left_out_lines(tested: Mapping[str, Any]) -> list[str]:
-    """Returns lines about floor without templates, places mapped in part, and moving things, if any."""
+    """Lines about floor without templates, places mapped in part, and moving things, if any."""
     lines = []
     share = (tested.get("floor") or {}).get("without_template", 0.0)
     if share:
@@ -80,7 +80,7 @@ def _left_out_lines(tested: Mapping[str, Any]) -> list[str]:
 
 
 def _in_part_lines(mapped: Mapping[str, Any]) -> list[str]:
-    """Returns how many places were mapped in part, and how scans do there; no line if none were."""
+    """How many places were mapped in part, and how scans do there; no line if none were."""
     if not mapped.get("in_part"):
         return []
     here, elsewhere = mapped["localized_in_part"], mapped["localized_elsewhere"]
@@ -94,7 +94,7 @@ def _in_part_lines(mapped: Mapping[str, Any]) -> list[str]:
 
 
 def _not_said_lines(grid: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Returns how many places are known and not said, and what helps there; no line if none is."""
+    """How many places are known and not said, and what helps there; no line if none is."""
     silent = Counter(one["helps"] for one in grid if "helps" in one)
     if not silent:
         return []
@@ -104,7 +104,7 @@ def _not_said_lines(grid: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _threshold_lines(threshold: Mapping[str, Any]) -> list[str]:
-    """Returns what the version promises of its answers, and what other promises would cost."""
+    """What the version promises of its answers, and what other promises would cost."""
     promises = [threshold, *threshold["others"]]
     asked, *others = (f"1 in {1 / one['max_false_accept']:,.0f}" for one in promises)
     shown = f"at most {threshold['bound']:.2%}"
@@ -121,7 +121,7 @@ def _threshold_lines(threshold: Mapping[str, Any]) -> list[str]:
 
 
 def _part_lines(parts: Mapping[str, Any]) -> list[str]:
-    """Returns how many scans were localized by how roughly they were disturbed, if there are both kinds."""
+    """How many scans were localized by how roughly they were disturbed, if there are both kinds."""
     told = [
         f"{part['localized']:.0%} of {part['queries']} disturbed {how}"
         for how, part in parts.items()
@@ -131,14 +131,14 @@ def _part_lines(parts: Mapping[str, Any]) -> list[str]:
 
 
 def _days(told: Mapping[str, Any]) -> str:
-    """Returns the days between which queries were confirmed."""
+    """The days between which queries were confirmed."""
     if not told["told_from"]:
         return "on unknown days"
     return f"{told['told_from'][:10]} to {told['told_to'][:10]}"
 
 
 def _real_lines(real: Mapping[str, Any]) -> list[str]:
-    """Returns what the real scans of the source showed, and which of them were left out."""
+    """What the real scans of the source showed, and which of them were left out."""
     lines = []
     if real.get("asked"):
         success = ", ".join(f"{share:.0%} within {limit}" for limit, share in real["success"].items())
@@ -164,7 +164,7 @@ def _real_lines(real: Mapping[str, Any]) -> list[str]:
 
 
 def _keyframe_lines(held_out: Mapping[str, Any]) -> list[str]:
-    """Returns how many keyframes a map that is made of its scans was made without, and why not more."""
+    """How many keyframes a map that is made of its scans was made without, and why not more."""
     lines = []
     if held_out.get("keyframes"):
         count = f"{held_out['keyframes']} keyframes in {held_out['parts']} parts"

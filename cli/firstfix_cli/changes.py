@@ -16,7 +16,7 @@ _NOT_TOLD_APART = (
 
 
 def lines_of(found: Mapping[str, Any]) -> list[str]:
-    """Returns the answer of ``GET /maps/{id}/changes`` as text, a line for each area."""
+    """The answer of ``GET /maps/{id}/changes`` as text, a line for each area."""
     head = f"{found['map_id']}: version {found['version'][:8]}, {found['sightings']:,} queries counted"
     if found["last_time"] is not None:
         head += f", {found['first_time'][:16]} to {found['last_time'][:16]} UTC"
@@ -39,7 +39,7 @@ def lines_of(found: Mapping[str, Any]) -> list[str]:
 
 
 def draw_changes(found: Mapping[str, Any], path: Path) -> None:
-    """Draws the areas from above, over the cells that were seen.
+    """Draw the areas from above, over the cells that were seen.
 
     Args:
         found: the answer of ``GET /maps/{id}/changes`` with cells and grid.

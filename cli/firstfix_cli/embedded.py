@@ -86,7 +86,7 @@ class EmbeddedLocalizer:
         return None if answering is None else answering.version
 
     def start(self) -> None:
-        """Loads a version and begins to follow the map. Returns without one while the store does not answer.
+        """Load a version and begin to follow the map. Returns without one while the store does not answer.
 
         A version in the cache is loaded without a request to the store.
 
@@ -103,7 +103,7 @@ class EmbeddedLocalizer:
         self._thread.start()
 
     def close(self) -> None:
-        """Ends the thread. A request to the store that does not answer is left alone."""
+        """End the thread. A request to the store that does not answer is left alone."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(timeout=1.0)
@@ -111,7 +111,7 @@ class EmbeddedLocalizer:
             self._replace(None)
 
     def __call__(self, scan: AnyScan, options: LocalizeOptions) -> Localization:
-        """Returns the answer.
+        """The answer.
 
         Raises:
             StoreUnavailable: no version is loaded, because the store did not answer yet.
@@ -131,7 +131,7 @@ class EmbeddedLocalizer:
         return found.of_version(self._map_id, answering.version, provisional=provisional)
 
     def update(self) -> bool:
-        """Looks at the store once, and loads the active version if another one answers.
+        """Look at the store once, and load the active version if another one answers.
 
         Returns:
             Whether another version answers now.
@@ -182,7 +182,7 @@ class EmbeddedLocalizer:
             self._stop.wait(self._update_every_s)
 
     def _log_once(self, line: str) -> None:
-        """Logs a line unless it was the last one: a network may be gone for days."""
+        """Log a line unless it was the last one: a network may be gone for days."""
         if line != self._last_line:
             self._last_line = line
             self._log_line(line)
@@ -209,7 +209,7 @@ class EmbeddedLocalizer:
                 continue
 
     def _loaded(self, manifest: Manifest, folder: Path) -> _Answering:
-        """Loads a folder.
+        """Load a folder.
 
         Raises:
             FileNotFoundError: it was pruned before it was locked.

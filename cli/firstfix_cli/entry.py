@@ -8,7 +8,7 @@ from firstfix.errors import pip_install
 
 
 def run() -> None:
-    """Runs the command line.
+    """Run the command line.
 
     Raises:
         SystemExit: always, with the exit code; 2 if a package of the command line is not installed.

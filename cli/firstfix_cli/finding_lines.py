@@ -8,7 +8,7 @@ from firstfix.findings.finding import Finding
 
 
 def finding_lines(findings: Iterable[Finding]) -> list[str]:
-    """Returns the lines of all findings, in their order."""
+    """The lines of all findings, in their order."""
     lines: list[str] = []
     for one in findings:
         lines.append(f"{one.severity.value}: {one.text} [{one.code}]")

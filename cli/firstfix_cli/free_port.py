@@ -31,7 +31,7 @@ def free_port(wanted: int = 0) -> int:
 
 
 def _is_free(port: int) -> bool:
-    """Returns whether a server could listen on a TCP port of loopback."""
+    """Whether a server could listen on a TCP port of loopback."""
     with socket.socket() as probe, suppress(OSError):
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         probe.bind(("127.0.0.1", port))

@@ -28,7 +28,7 @@ _Read = TypeVar("_Read")
 
 
 def read_scan(path: Path) -> Scan:
-    """Reads a scan as ``read_scan_file`` does. Files that a library parses are read in another process.
+    """Read a scan as ``read_scan_file`` does. Files that a library parses are read in another process.
 
     Our own decoders, which also read the queries of strangers, stay in this one.
 
@@ -41,7 +41,7 @@ def read_scan(path: Path) -> Scan:
 
 
 def read_cloud(path: Path) -> PointCloud:
-    """Reads the columns of a scan's file, as ``read_cloud_file`` and ``read_scan`` do.
+    """Read the columns of a scan's file, as ``read_cloud_file`` and ``read_scan`` do.
 
     Raises:
         NotFound, InputError: as ``read_scan``.
@@ -65,7 +65,7 @@ def _limited(path: Path, read: Callable[[Path], _Read]) -> _Read:
 
 @contextmanager
 def limited_memory() -> Iterator[None]:
-    """Limits the memory of this process to that of a build: for bags, whose messages come one by one."""
+    """Limit the memory of this process to that of a build: for bags, whose messages come one by one."""
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
     within = [
         limit for limit in (default_build_memory_bytes(), soft, hard) if limit != resource.RLIM_INFINITY

@@ -29,7 +29,7 @@ def local_build(
     options: BuildOptions,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Builds a map and publishes the version. Returns facts about it, as ``remote_build`` does.
+    """Build a map and publish the version. Returns facts about it, as ``remote_build`` does.
 
     Args:
         config: the given values, as of ``BuildConfig``.

@@ -39,7 +39,7 @@ class LocalService:
 
 @contextmanager
 def local_service(directory: Path, store: Path, port: int = 0) -> Iterator[LocalService]:
-    """Runs ``firstfix serve`` in its own process, on the loopback interface.
+    """Run ``firstfix serve`` in its own process, on the loopback interface.
 
     Args:
         directory: folder for its zenoh configuration, log and build cache.

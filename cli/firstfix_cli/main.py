@@ -6,9 +6,11 @@ import sys
 
 import typer
 
+from firstfix.doors import COMMANDS, Package, absent, through
 from firstfix.errors import (
     DeadlineExceeded,
     FirstfixError,
+    InvalidOption,
     Overloaded,
     RateLimited,
     StoreUnavailable,
@@ -17,24 +19,7 @@ from firstfix.errors import (
 from firstfix.telemetry.redact import redact
 
 from .arguments import examples
-from .commands import (
-    build,
-    check,
-    copy_store,
-    dataset,
-    evaluate,
-    export,
-    keys,
-    localize,
-    maps,
-    ros_gateway,
-    samples,
-    sensor,
-    serve,
-    vda5050_gateway,
-    worker,
-    world,
-)
+from .commands import build, check, copy_store, keys, localize, maps, samples, sensor, serve, worker, world
 from .help_pages import help_line
 from .missing_package import missing_package
 
@@ -73,20 +58,32 @@ app.command(epilog=check.EXAMPLES)(check.check)
 app.command(epilog=serve.EXAMPLES)(serve.serve)
 app.command(epilog=worker.EXAMPLES)(worker.worker)
 app.command(epilog=localize.EXAMPLES)(localize.localize)
-app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
-app.command(epilog=dataset.EXAMPLES)(dataset.dataset)
-app.command(epilog=export.EXAMPLES)(export.export)
 app.command(epilog=sensor.EXAMPLES)(sensor.sensor)
-app.command("ros-gateway", epilog=ros_gateway.EXAMPLES)(ros_gateway.ros_gateway)
-app.command("vda5050-gateway", epilog=vda5050_gateway.EXAMPLES)(vda5050_gateway.vda5050_gateway)
 app.command("copy-store", epilog=copy_store.EXAMPLES)(copy_store.copy_store)
 app.add_typer(maps.app, name="maps")
 app.add_typer(samples.app, name="samples")
 app.add_typer(keys.app, name="keys")
+for add_commands in through(COMMANDS).values():
+    add_commands(app)
+
+
+def _name_absent(package: Package, command: str) -> None:
+    """Let a command of a package that is not installed say so."""
+
+    def refuse(_: typer.Context) -> None:
+        raise InvalidOption(package.remedy(f"firstfix {command}"))
+
+    anything = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []}
+    app.command(command, hidden=True, context_settings=anything)(refuse)
+
+
+for _package in absent():
+    for _command in _package.commands:
+        _name_absent(_package, _command)
 
 
 def run(arguments: list[str] | None = None) -> None:
-    """Runs the command line. Errors are printed as one line on standard error, without a traceback.
+    """Run the command line. Errors are printed as one line on standard error, without a traceback.
 
     Raises:
         SystemExit: always, with the exit code.

@@ -23,36 +23,36 @@ class MapAdmin(Protocol):
     """Operations of ``firstfix maps``. Both implementations return the same JSON-ready records."""
 
     def maps(self) -> list[Record]:
-        """Returns all maps."""
+        """All maps."""
 
     def show(self, map_id: str) -> Record:
-        """Returns one map with the manifest of its active version."""
+        """One map with the manifest of its active version."""
 
     def versions(self, map_id: str) -> list[Record]:
-        """Returns the versions of a map, newest first."""
+        """The versions of a map, newest first."""
 
     def activate(self, map_id: str, version: str) -> None:
-        """Makes a version the active one."""
+        """Make a version the active one."""
 
     def roll_back(self, map_id: str) -> str:
-        """Makes the previously active version active again, and returns it."""
+        """Make the previously active version active again, and return it."""
 
     def patch(self, map_id: str, mode: PatchMode | None) -> str:
-        """Records a build that patches the map, and returns its id."""
+        """Record a build that patches the map, and return its id."""
 
     def retire(self, map_id: str, version: str, *, force: bool) -> None:
-        """Takes a version out of service."""
+        """Take a version out of service."""
 
     def changes(self, map_id: str, version: str | None, *, with_cells: bool) -> Record:
-        """Returns the areas that have changed since the map was made."""
+        """The areas that have changed since the map was made."""
 
     def collect_garbage(self, map_id: str | None, *, dry_run: bool) -> Record:
-        """Removes unreferenced objects. Returns counts by kind."""
+        """Remove unreferenced objects. Returns counts by kind."""
 
 
 @contextmanager
 def map_admin(url: str | None, store: str | None) -> Iterator[MapAdmin]:
-    """Gives the administration of the service, or with ``store`` that of the store.
+    """Give the administration of the service, or with ``store`` that of the store.
 
     Raises:
         InvalidOption: both are given.

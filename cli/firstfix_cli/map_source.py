@@ -85,7 +85,7 @@ def _pack(archive: zipfile.ZipFile, path: Path, name: str) -> None:
 
 
 def _put(source: Path, folder: Path, below: str) -> str:
-    """Returns the name of a file or folder below the new folder."""
+    """The name of a file or folder below the new folder."""
     if not source.exists():
         raise NotFound(f"{source}: no such file")
     name = f"{below}/{source.resolve().name}"

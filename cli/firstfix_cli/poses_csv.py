@@ -29,7 +29,7 @@ class PosedScan:
 
 
 def read_poses_csv(path: Path) -> list[PosedScan]:
-    """Reads the columns ``scan`` (path relative to the CSV) and ``tx,ty,tz,qx,qy,qz,qw``.
+    """Read the columns ``scan`` (path relative to the CSV) and ``tx,ty,tz,qx,qy,qz,qw``.
 
     Raises:
         NotFound: no such file.
@@ -51,7 +51,7 @@ def read_poses_csv(path: Path) -> list[PosedScan]:
 
 
 def csv_lines(path: Path) -> list[str]:
-    """Returns the lines of a CSV file, without a byte order mark.
+    """The lines of a CSV file, without a byte order mark.
 
     Raises:
         NotFound: no such file.

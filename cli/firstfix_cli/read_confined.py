@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 
 def build_memory_bytes() -> int | None:
-    """Returns the memory that a local build may take; None: no limit."""
+    """The memory that a local build may take; None: no limit."""
     given = os.environ.get("FIRSTFIX_BUILD_MAX_MEMORY_BYTES")
     return (default_build_memory_bytes() if given is None else int(given)) or None
 
 
 def read_confined(job: BuildJob, options: BuildOptions) -> None:
-    """Reads the job's source. The result is in the stage cache of ``<options.work>/build``.
+    """Read the job's source. The result is in the stage cache of ``<options.work>/build``.
 
     Raises:
         InputError: the source cannot be read.

@@ -23,7 +23,7 @@ def remote_build(
     *,
     wait: bool,
 ) -> dict[str, Any]:
-    """Builds a map in the service. Returns facts about its version, or about the build if not waited for.
+    """Build a map in the service. Returns facts about its version, or about the build if not waited for.
 
     A folder is sent as a zip archive.
 

@@ -18,7 +18,7 @@ from .limited_reader import read_cloud
 
 
 def sensor_scan(path: Path) -> MeasuredScan:
-    """Reads a scan to measure its sensor.
+    """Read a scan to measure its sensor.
 
     Raises:
         NotFound, InputError: as ``read_scan``.

@@ -11,10 +11,10 @@ class StageProgress(Protocol):
     """Display of the stages of a build."""
 
     def __call__(self, stage: str, fraction: float) -> None:
-        """Shows the share of a stage that is done, 0..1."""
+        """Show the share of a stage that is done, 0..1."""
 
     def say(self, line: str) -> None:
-        """Shows a line above the stages."""
+        """Show a line above the stages."""
 
 
 Progress: TypeAlias = Callable[[], AbstractContextManager[StageProgress]]
@@ -22,7 +22,7 @@ Progress: TypeAlias = Callable[[], AbstractContextManager[StageProgress]]
 
 @contextmanager
 def stage_bars() -> Iterator[StageProgress]:
-    """Shows a progress bar for each stage, on standard error."""
+    """Show a progress bar for each stage, on standard error."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 

@@ -10,7 +10,7 @@ MIN_PREFIX_CHARS = 8
 
 
 def full_version(prefix: str, versions: Iterable[str]) -> str:
-    """Returns the only version with this prefix.
+    """The only version with this prefix.
 
     Raises:
         InvalidOption: fewer than 8 characters, or several versions have the prefix.

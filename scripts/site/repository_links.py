@@ -1,8 +1,9 @@
 """Links of the repository's pages, as they hold on the site.
 
 Pages link to each other by their paths in the repository, so that the links work wherever the repository is
-shown. Some pages lie outside ``docs``. The site has them too, at the places that ``PAGES`` names. Other files
-that a page links to are copied to ``files/``.
+shown. Some pages lie outside ``docs``. The site has them too, at the places that ``PAGES`` names. A link to
+what a generated page is made from leads to that page. Other files that a page links to are copied to
+``files/``.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from generated_pages import GENERATED
+
 # Page of the site -> file of the repository.
 PAGES = {
     "reference/protocol/index.md": "clients/PROTOCOL.md",
@@ -21,18 +24,19 @@ PAGES = {
     "reference/protocol/query.md": "clients/protocol/query.md",
     "reference/protocol/on-the-robot.md": "clients/protocol/on-the-robot.md",
     "reference/protocol/ros.md": "clients/protocol/ros.md",
+    "reference/protocol/signatures.md": "clients/protocol/signatures.md",
     "reference/protocol/conformance.md": "clients/conformance/README.md",
     "reference/clients/python.md": "clients/python/README.md",
     "reference/clients/cpp.md": "clients/cpp/README.md",
     "reference/clients/ros2.md": "clients/ros2/README.md",
-    "tutorials/examples.md": "examples/README.md",
-    "method/figures.md": "benchmarks/BENCHMARK.md",
-    "method/paper.md": "benchmarks/PAPER.md",
+    "project/examples.md": "examples/README.md",
+    "method/figures.md": "lab/BENCHMARK.md",
+    "method/paper.md": "lab/PAPER.md",
     "project/changelog.md": "CHANGELOG.md",
     "project/contributing.md": "CONTRIBUTING.md",
 }
-_SITE_PAGE = {source: uri for uri, source in PAGES.items()} | {"README.md": "index.md"}
-_LINK = re.compile(r"(!?\[(?:`[^`]*`|[^\]])*\])\((?!\w+:|#)([^)\s#]+)(#[^)\s]*)?\)")
+_SITE_PAGE = {source: uri for uri, source in (PAGES | GENERATED).items()} | {"README.md": "index.md"}
+_LINK = re.compile(r"(!?\[(?:`[^`]*`|[^\]`])*\])\((?!\w+:|#)([^)\s#]+)(#[^)\s]*)?\)")
 _CODE = re.compile(r"(^```.*?^```)", re.M | re.S)
 
 
@@ -54,7 +58,7 @@ def rewrite_links(markdown: str, page_uri: str, repo: Path) -> str:
     def rewrite(match: re.Match[str]) -> str:
         text, target, anchor = match[1], match[2], match[3] or ""
         path = _repository_path(page_uri, target)
-        if (repo / path).is_dir():  # the site has no page for a folder
+        if path not in _SITE_PAGE and (repo / path).is_dir():  # the site has no page for a folder
             return f"`{path}`"
         link = posixpath.relpath(_site_uri(path), posixpath.dirname(page_uri) or ".")
         return f"{text}({link}{anchor})"

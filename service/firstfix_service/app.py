@@ -10,6 +10,7 @@ from pathlib import Path
 from fastapi import Depends, FastAPI
 
 import firstfix
+from firstfix.doors import ROUTES, absent, through
 from firstfix.engine.localizer import Localizer
 
 from . import problems
@@ -19,6 +20,7 @@ from .http_api.openapi import DocumentedApp
 from .http_api.response_budget import CountedAnswers
 from .http_api.routes import (
     builds,
+    caller,
     changes,
     garbage,
     georeference,
@@ -31,7 +33,7 @@ from .http_api.routes import (
     uploads,
     versions,
 )
-from .http_api.routes.console import answer_counts, answer_events, caller, cloud, overlay, page
+from .http_api.routes.absent import absent_routes
 from .limits.byte_budget import ByteBudget
 from .limits.limits import Limits
 from .limits.turns import Turns
@@ -45,16 +47,12 @@ from .telemetry.stall_watch import StallWatch
 _ROUTES = (
     operations,
     caller,
-    overlay,
     maps,
     versions,
-    cloud,
     changes,
     georeference,
     uploads,
     builds,
-    answer_counts,
-    answer_events,
     patches,
     samples,
     keys,
@@ -121,13 +119,15 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     app.state.settings, app.state.limits, app.state.metrics = settings, limits, metrics
     app.state.closing = asyncio.Event()
     app.state.draining, app.state.watch = asyncio.Event(), watch
+    app.state.pages = {}  # for people, by name: paths that the log names at the start
     localize.add_route(app)
     for module in _ROUTES:
         app.include_router(module.router)
     caller.sensors_json()  # made here, not while queries wait
-    if settings.console:
-        page.page_files()  # packed here, too
-        app.include_router(page.router)
+    for add_routes in through(ROUTES).values():
+        add_routes(app)
+    for package in absent():
+        app.include_router(absent_routes(package))
     check_routes(app)
     problems.add_handlers(app)
     app.add_middleware(WhilePermitted)

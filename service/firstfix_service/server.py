@@ -16,7 +16,6 @@ import uvicorn
 from fastapi import FastAPI
 
 from .app import create_app
-from .http_api.routes.console.page import page_files
 from .http_server.protocol import LimitedHttpProtocol
 from .limits.connections import Connections, EndReason
 from .limits.limits import Limits
@@ -78,7 +77,6 @@ class Server(uvicorn.Server):
         self._owns_process = owns_process
         if owns_process:
             app.state.watch.on_stall = self._stalled
-        self._has_console = settings.console and bool(page_files())
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Starts to listen, and logs where."""
@@ -87,7 +85,9 @@ class Server(uvicorn.Server):
             host, port = self.servers[0].sockets[0].getsockname()[:2]
             address = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
             _log.info(
-                "listening", address=address, console=f"{address}console/" if self._has_console else None
+                "listening",
+                address=address,
+                **{name: address + path for name, path in self._app.state.pages.items()},
             )
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:

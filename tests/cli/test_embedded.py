@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -340,30 +338,6 @@ def test_a_defect_does_not_end_the_updates(small_version, world: World, monkeypa
 def test_all_its_errors_are_ours():
     """The gateway reports these and tries again."""
     assert all(issubclass(error, FirstfixError) for error in (StoreUnavailable, NotFound, VersionError))
-
-
-WITHOUT_STORE = """
-import sys
-from firstfix_cli.answerer import answerer
-from firstfix_cli.commands import ros_gateway
-from firstfix_cli.ros_gateway import fleet, robot
-
-def tell(line):
-    raise AssertionError(line)
-
-with answerer("hall", url="http://127.0.0.1:9", zenoh=None, store=None, timeout_s=1, follow=tell):
-    pass
-heavy = {"faiss", "open3d", "scipy", "obstore", "firstfix.engine", "firstfix_builder"}
-print(sorted(heavy & set(sys.modules)))
-"""
-
-
-def test_without_a_store_the_gateway_carries_no_engine():
-    done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_STORE], capture_output=True, text=True, timeout=LIMIT_S, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == "[]"
 
 
 def test_scans_of_several_threads(small_version, small_scans, world: World):

@@ -214,16 +214,9 @@ def test_configs_that_cannot_be_used_are_clear(tmp_path):
         _config(None, "vlp-17", None)
 
 
-def test_a_world_is_made_for_trying(tmp_path, capsys):
+def test_an_unknown_world_is_refused(tmp_path, capsys):
     assert ended(["world", "atlantis", "-o", tmp_path]) == 2
     assert "no world 'atlantis'" in capsys.readouterr().err
-    assert ended(["world", "farm", "-o", tmp_path, "--extent", "400"]) == 2
-    assert "only a city has an extent" in capsys.readouterr().err
-    assert ended(["world", "city", "-o", tmp_path, "--extent", "20"]) == 2
-    assert "80 to 20000 m" in capsys.readouterr().err
-    assert ended(["world", "city", "-o", tmp_path / "city", "--extent", "80"]) == 0
-    assert len(list((tmp_path / "city" / "mesh").iterdir())) == 1
-    assert len(list((tmp_path / "city" / "scans").iterdir())) == 26
 
 
 def test_maps_are_built_again_and_stores_copied(versions, tmp_path, capsys):

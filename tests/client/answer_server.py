@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from itertools import chain, repeat
 
+import pytest
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -48,6 +51,34 @@ class AnswerServer:
         self._server.should_exit = True
         self._server.force_exit = True
         self._thread.join(LIMIT_S)
+
+
+@contextmanager
+def raw_server(*handlers: Callable[[socket.socket], object]) -> Iterator[str]:
+    """A server that gives each handler a connection, and the last one all that follow; its URL."""
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def handle(connection: socket.socket, handler: Callable[[socket.socket], object]) -> None:
+        with connection, suppress(OSError):
+            handler(connection)
+
+    def serve() -> None:
+        with suppress(OSError):
+            for handler in chain(handlers, repeat(handlers[-1])):
+                threading.Thread(target=handle, args=(listener.accept()[0], handler), daemon=True).start()
+
+    threading.Thread(target=serve, daemon=True).start()
+    yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+    with suppress(OSError):
+        listener.shutdown(socket.SHUT_RDWR)
+    listener.close()
+
+
+@pytest.fixture
+def server() -> Iterator[AnswerServer]:
+    running = AnswerServer()
+    yield running
+    running.stop()
 
 
 def ok(body: bytes = b"{}", status: int = 200, **headers: str) -> Response:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -17,13 +16,6 @@ from firstfix.wire import query as wire_query
 from firstfix_client import Client
 from tests.client.answer_server import AnswerServer, ok, problem
 from tests.client.fake_answers import SCAN, answer_bytes
-
-
-@pytest.fixture
-def server() -> Iterator[AnswerServer]:
-    running = AnswerServer()
-    yield running
-    running.stop()
 
 
 def map_bytes(engine: EngineConfig) -> bytes:
@@ -71,7 +63,7 @@ def test_the_maps_parameters_are_asked_for_once(server):
     np.testing.assert_allclose(query.up, [0, -0.6, 0.8], atol=1e-6)
 
 
-def test_they_are_asked_for_again_when_the_map_has_changed(server):
+def test_parameters_are_asked_for_again_when_the_map_has_changed(server):
     client = Client(server.url)
     server.answers = [ok(map_bytes(of_range(25.0))), ok(answer_bytes())]
     client.localize(SCAN, map_id="hall", encoding="descriptor")
@@ -95,7 +87,7 @@ def test_a_mismatch_that_stays_is_an_error(server):
         (b'{"map_id": "hall", "active_version": null}', NotFound),
     ],
 )
-def test_maps_that_robots_cannot_describe_for(server, answer, error):
+def test_a_map_without_a_robots_descriptor_is_refused(server, answer, error):
     server.answers = [ok(answer)]
     with pytest.raises(error):
         Client(server.url).localize(SCAN, map_id="hall", encoding="descriptor")

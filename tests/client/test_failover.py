@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -15,7 +14,7 @@ from firstfix.answer.localization import Verdict
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, RateLimited
 from firstfix_client import Client, HedgePolicy, RetryPolicy, ServiceUnreachable
 from tests.blocked_async_client import BlockedAsyncClient
-from tests.client.answer_server import AnswerServer, ok, problem
+from tests.client.answer_server import AnswerServer, ok, problem, raw_server
 from tests.client.fake_answers import REJECTED, SCAN, answer_bytes
 from tests.servers import free_port
 from tests.waiting import LIMIT_S, let_pass, wait_until, wait_until_async
@@ -56,39 +55,32 @@ def nobody() -> str:
 
 
 class Silent:
-    """Takes requests without answering. Reports when the first caller closes its connection."""
+    """Takes requests without answering. Reports when a caller closes its connection."""
 
     def __init__(self) -> None:
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.url = ""
         self.asked, self.left = threading.Event(), threading.Event()
-        threading.Thread(target=self._run, daemon=True).start()
 
-    def _run(self) -> None:
-        connection, _ = self._listener.accept()
-        with connection:
-            while connection.recv(65_536):
-                self.asked.set()
-            self.left.set()
-
-    def stop(self) -> None:
-        self._listener.close()
+    def hold(self, connection: socket.socket) -> None:
+        while connection.recv(65_536):
+            self.asked.set()
+        self.left.set()
 
 
 @pytest.fixture
 def silent() -> Iterator[Silent]:
     one = Silent()
-    yield one
-    one.stop()
+    with raw_server(one.hold) as one.url:
+        yield one
 
 
-def test_who_is_not_there_is_passed_over(client: Make, servers, nobody: str):
+def test_an_unreachable_address_is_passed_over(client: Make, servers, nobody: str):
     asking = client([nobody, servers[0].url], retry=RetryPolicy(attempts=2, first_wait_s=30, max_wait_s=30))
     assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
 
 
 @pytest.mark.parametrize("code", ["overloaded", "store_unavailable", "read_only"])
-def test_who_cannot_now_is_passed_over_without_a_wait(client: Make, servers, code: str):
+def test_a_busy_address_is_passed_over_without_a_wait(client: Make, servers, code: str):
     busy, free = servers
     busy.answers = [problem(code, 503, **{"Retry-After": "30"})]
     asking = client([busy.url, free.url], hedge=False)
@@ -98,7 +90,7 @@ def test_who_cannot_now_is_passed_over_without_a_wait(client: Make, servers, cod
     assert len(free.requests) == 3
 
 
-def test_a_limit_for_the_caller_is_not_dodged(client: Make, servers):
+def test_a_rate_limit_is_not_dodged(client: Make, servers):
     strict, other = servers
     strict.answers = [problem("rate_limited", 429, **{"Retry-After": "3000"})]
     with pytest.raises(RateLimited):
@@ -106,7 +98,7 @@ def test_a_limit_for_the_caller_is_not_dodged(client: Make, servers):
     assert other.requests == []
 
 
-def test_an_answer_is_final_whatever_it_is(client: Make, servers):
+def test_an_answer_of_any_verdict_is_final(client: Make, servers):
     first, second = servers
     first.answers = [ok(answer_bytes(REJECTED)), problem("not_found", 404)]
     asking = client([first.url, second.url])
@@ -116,7 +108,7 @@ def test_an_answer_is_final_whatever_it_is(client: Make, servers):
     assert second.requests == []
 
 
-def test_all_are_asked_before_it_gives_up(client: Make, servers, nobody: str):
+def test_all_addresses_are_asked_before_it_gives_up(client: Make, servers, nobody: str):
     for one in servers:
         one.answers = [problem("overloaded", 503)]
     with pytest.raises(Overloaded):
@@ -126,7 +118,7 @@ def test_all_are_asked_before_it_gives_up(client: Make, servers, nobody: str):
         client([nobody]).maps()
 
 
-def test_a_slow_one_is_raced_and_told_to_stop(client: Make, servers, silent: Silent):
+def test_a_slow_address_is_raced_and_cancelled(client: Make, servers, silent: Silent):
     asking = client([silent.url, servers[0].url], hedge=SOON, timeout_s=50.0)
     assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
     assert silent.asked.is_set()
@@ -159,7 +151,7 @@ def test_a_slow_answer_wins_over_a_quick_failure(client: Make, servers):
     assert (len(slow.requests), len(busy.requests)) == (1, 1)
 
 
-def test_one_address_is_asked_twice_only_if_it_is_wished(client: Make, servers):
+def test_one_address_is_hedged_only_if_wished(client: Make, servers):
     one, _ = servers
 
     def raced() -> Response:
@@ -177,40 +169,29 @@ def test_one_address_is_asked_twice_only_if_it_is_wished(client: Make, servers):
     assert len(one.requests) == 3
 
 
-def test_two_that_hang_end_at_the_deadline(client: Make, silent: Silent):
+def test_two_hanging_addresses_end_at_the_deadline(client: Make, silent: Silent):
     other = Silent()
-    with pytest.raises(DeadlineExceeded):
-        client([silent.url, other.url], hedge=SOON, timeout_s=3).localize(SCAN, map_id="hall")
-    assert silent.left.wait(LIMIT_S)
-    assert other.left.wait(LIMIT_S)
-    other.stop()
+    with raw_server(other.hold) as other.url:
+        with pytest.raises(DeadlineExceeded):
+            client([silent.url, other.url], hedge=SOON, timeout_s=3).localize(SCAN, map_id="hall")
+        assert silent.left.wait(LIMIT_S)
+        assert other.left.wait(LIMIT_S)
 
 
 @pytest.mark.parametrize("hedge", [False, SOON])
 def test_an_answer_that_trickles_ends_at_the_deadline(client: Make, hedge: Any):
     """Sends bytes one by one, so slowly that the whole answer is late."""
-    listener = socket.create_server(("127.0.0.1", 0))
     stopped = threading.Event()
 
     def trickle(connection: socket.socket) -> None:
-        with connection, suppress(OSError):
-            connection.recv(65_536)
-            connection.sendall(b"HTTP/1.1 200 OK\r\ncontent-length: 1000\r\n\r\n")
-            while not stopped.wait(0.05):
-                connection.sendall(b" ")
+        connection.recv(65_536)
+        connection.sendall(b"HTTP/1.1 200 OK\r\ncontent-length: 1000\r\n\r\n")
+        while not stopped.wait(0.05):
+            connection.sendall(b" ")
 
-    def serve() -> None:
-        with suppress(OSError):
-            while True:
-                threading.Thread(target=trickle, args=[listener.accept()[0]], daemon=True).start()
-
-    threading.Thread(target=serve, daemon=True).start()
-    url = f"http://127.0.0.1:{listener.getsockname()[1]}"
-    with pytest.raises(DeadlineExceeded):
+    with raw_server(trickle) as url, pytest.raises(DeadlineExceeded):
         client([url], hedge=hedge, timeout_s=0.5).localize(SCAN, map_id="hall")
-    assert not stopped.is_set()
     stopped.set()
-    listener.close()
 
 
 def test_without_hedging_one_that_hangs_leaves_time(client: Make, servers, silent: Silent):
@@ -218,21 +199,9 @@ def test_without_hedging_one_that_hangs_leaves_time(client: Make, servers, silen
     assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
 
 
-def test_what_may_not_be_done_twice_is_asked_once(client: Make, servers):
-    breaking = socket.create_server(("127.0.0.1", 0))
-
-    def break_once() -> None:
-        connection, _ = breaking.accept()
-        connection.recv(65_536)
-        connection.close()
-
-    thread = threading.Thread(target=break_once)
-    thread.start()
-    urls = [f"http://127.0.0.1:{breaking.getsockname()[1]}", servers[0].url]
-    with pytest.raises(ServiceUnreachable):
-        client(urls).roll_back("hall")
-    thread.join(LIMIT_S)
-    breaking.close()
+def test_an_unrepeatable_call_is_sent_once(client: Make, servers):
+    with raw_server(lambda connection: connection.recv(65_536)) as url, pytest.raises(ServiceUnreachable):
+        client([url, servers[0].url]).roll_back("hall")
     assert servers[0].requests == []
 
 
@@ -253,6 +222,6 @@ def test_a_cancelled_query_hangs_up(silent: Silent):
     assert silent.left.wait(LIMIT_S)
 
 
-def test_addresses_in_one_text(client: Make, servers, nobody: str):
+def test_addresses_are_read_from_one_text(client: Make, servers, nobody: str):
     asking = client(f"{nobody}, {servers[0].url}/")
     assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED

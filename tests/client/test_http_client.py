@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -23,19 +23,13 @@ from firstfix.errors import (
 )
 from firstfix.wire import scan as wire
 from firstfix_client import Client, RetryPolicy, ServiceUnreachable
-from tests.client.answer_server import AnswerServer, ok, problem
+from tests.client.answer_server import ok, problem, raw_server
 from tests.client.fake_answers import LOCALIZED, REJECTED, SCAN, T_MAP_SENSOR, answer_bytes
 from tests.servers import free_port
 from tests.waiting import LIMIT_S, let_pass
 
 QUICK = RetryPolicy(attempts=4, first_wait_s=0.01, max_wait_s=0.05)
-
-
-@pytest.fixture
-def server() -> Iterator[AnswerServer]:
-    running = AnswerServer()
-    yield running
-    running.stop()
+WHOLE = b'HTTP/1.1 200 OK\r\ncontent-length: 12\r\n\r\n{"maps": []}'
 
 
 def test_a_fix_is_a_typed_answer(server):
@@ -65,7 +59,7 @@ def test_not_localized_is_no_exception(server):
     assert answer.T_map_sensor is None
 
 
-def test_a_scan_file_thinned(server, tmp_path):
+def test_a_scan_file_is_thinned_and_sent(server, tmp_path):
     server.answers = [ok(answer_bytes())]
     path = tmp_path / "scan.ffscan"
     path.write_bytes(wire.encode_scan(SCAN))
@@ -85,16 +79,19 @@ def test_every_code_comes_back_as_its_class(server, error):
     assert len(server.requests) == 1
 
 
-def test_a_code_of_the_future_is_still_an_error(server):
-    server.answers = [problem("quantum_flux", 400)]
-    with pytest.raises(FirstfixError, match="because"):
-        Client(server.url).localize(SCAN, map_id="hall")
-
-
-@pytest.mark.parametrize("body", [b"<html>", b"[]", b'{"verdict": "maybe"}', b'{"verdict": "localized"}'])
-def test_nonsense_is_a_clear_error(server, body):
-    server.answers = [ok(body)]
-    with pytest.raises(FirstfixError, match="this client cannot read"):
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (problem("quantum_flux", 400), "because"),  # a code of the future
+        *(
+            (ok(body), "this client cannot read")
+            for body in (b"<html>", b"[]", b'{"verdict": "maybe"}', b'{"verdict": "localized"}')
+        ),
+    ],
+)
+def test_an_unreadable_answer_is_an_error(server, answer, says):
+    server.answers = [answer]
+    with pytest.raises(FirstfixError, match=says):
         Client(server.url).localize(SCAN, map_id="hall")
 
 
@@ -105,26 +102,20 @@ def test_a_busy_service_is_asked_again_when_it_says(server):
     assert second <= first - 1000  # the service is told what is left, not what there was
 
 
-def test_it_does_not_wait_past_the_deadline(server):
-    server.answers = [problem("overloaded", 503, **{"Retry-After": "3000"})]
-    with pytest.raises(Overloaded):
-        Client(server.url, timeout_s=100).localize(SCAN, map_id="hall")
-    assert len(server.requests) == 1
-
-
-@pytest.mark.parametrize(("code", "status"), [("deadline_exceeded", 504), ("corrupt_version", 503)])
-def test_what_time_does_not_heal_is_not_asked_again(server, code, status):
-    server.answers = [problem(code, status)]
-    with pytest.raises(FirstfixError, match="because"):
-        Client(server.url, retry=QUICK).localize(SCAN, map_id="hall")
-    assert len(server.requests) == 1
-
-
-def test_it_gives_up_after_its_attempts(server):
-    server.answers = [problem("overloaded", 503)]
-    with pytest.raises(Overloaded):
-        Client(server.url, retry=QUICK).localize(SCAN, map_id="hall")
-    assert len(server.requests) == QUICK.attempts
+@pytest.mark.parametrize(
+    ("answer", "error", "requests"),
+    [
+        (problem("deadline_exceeded", 504), FirstfixError, 1),  # time does not heal it
+        (problem("corrupt_version", 503), FirstfixError, 1),
+        (problem("overloaded", 503, **{"Retry-After": "3000"}), Overloaded, 1),  # past the deadline
+        (problem("overloaded", 503), Overloaded, QUICK.attempts),
+    ],
+)
+def test_an_error_is_retried_while_it_may_heal(server, answer, error, requests):
+    server.answers = [answer]
+    with pytest.raises(error, match="because"):
+        Client(server.url, retry=QUICK, timeout_s=100).localize(SCAN, map_id="hall")
+    assert len(server.requests) == requests
 
 
 def test_a_slow_service_ends_at_the_timeout(server):
@@ -157,7 +148,7 @@ def test_a_patch_is_asked_for_once(server):
     assert server.requests[0][:3] == ("POST", "/maps/hall/patch", {"mode": "propose"})
 
 
-def test_nobody_there_is_said_so():
+def test_an_unreachable_service_is_named():
     port = free_port()
     with pytest.raises(ServiceUnreachable, match=str(port)):
         Client(f"http://127.0.0.1:{port}", retry=QUICK).maps()
@@ -172,7 +163,7 @@ def test_a_service_that_comes_up_in_time_is_reached():
             connection, _ = late.accept()
             with connection:
                 connection.recv(65_536)
-                connection.sendall(b'HTTP/1.1 200 OK\r\ncontent-length: 12\r\n\r\n{"maps": []}')
+                connection.sendall(WHOLE)
 
     thread = threading.Thread(target=answer_once, daemon=True)
     thread.start()
@@ -182,34 +173,27 @@ def test_a_service_that_comes_up_in_time_is_reached():
 
 
 def test_a_connection_that_breaks_mid_answer_is_tried_again():
-    listener = socket.create_server(("127.0.0.1", 0))
     served = []
 
-    def answer() -> None:
-        for reply in (b"HTTP/1.1 200 OK\r\ncontent-length: 12\r\n\r\n{", None):
-            connection, _ = listener.accept()
-            with connection:
-                served.append(connection.recv(65_536))
-                whole = b'HTTP/1.1 200 OK\r\ncontent-length: 12\r\n\r\n{"maps": []}'
-                connection.sendall(reply or whole)
+    def answering(length: int) -> Callable[[socket.socket], None]:
+        def answer(connection: socket.socket) -> None:
+            served.append(connection.recv(65_536))
+            connection.sendall(WHOLE[:length])
 
-    thread = threading.Thread(target=answer, daemon=True)
-    thread.start()
-    url = f"http://127.0.0.1:{listener.getsockname()[1]}"
-    assert Client(url, retry=QUICK).maps() == []
-    thread.join(LIMIT_S)
-    listener.close()
+        return answer
+
+    with raw_server(answering(len(WHOLE) - 11), answering(len(WHOLE))) as url:
+        assert Client(url, retry=QUICK).maps() == []
     assert len(served) == 2
 
 
-def test_maps_and_versions(server):
+def test_maps_and_versions_are_listed_and_activated(server):
     client = Client(server.url)
     server.answers = [ok(b'{"maps": [{"map_id": "hall", "active_version": "aa", "templates": 9}]}')]
     (hall,) = client.maps()
     assert (hall.map_id, hall.active_version, hall.details["templates"]) == ("hall", "aa", 9)
-    server.answers = [
-        ok(b'{"versions": [{"version": "aa", "active": true, "published_time": "2025-01-01T00:00:00Z"}]}')
-    ]
+    versions = b'{"versions": [{"version": "aa", "active": true, "published_time": "2025-01-01T00:00:00Z"}]}'
+    server.answers = [ok(versions)]
     (version,) = client.versions("hall")
     assert version.active
     server.answers = [ok()]
@@ -217,7 +201,7 @@ def test_maps_and_versions(server):
     assert server.requests[-1][:2] == ("POST", "/maps/hall/versions/aa/activate")
 
 
-def test_an_id_cannot_leave_its_place_in_the_path(server):
+def test_an_id_is_quoted_in_the_path(server):
     server.answers = [problem("not_found", 404)]
     with pytest.raises(NotFound):
         Client(server.url).show_map("../builds?x=1")
@@ -252,7 +236,7 @@ def test_a_failed_build_raises_with_its_reason(server):
         Client(server.url).wait_for_build("b-1")
 
 
-def test_a_map_that_is_not_there_is_not_uploaded(server, tmp_path):
+def test_a_missing_map_file_is_not_uploaded(server, tmp_path):
     with pytest.raises(NotFound):
         Client(server.url).build_map(tmp_path / "map.ply", "hall")
     assert server.requests == []
@@ -261,6 +245,6 @@ def test_a_map_that_is_not_there_is_not_uploaded(server, tmp_path):
 @pytest.mark.parametrize(
     "url", ["localhost:8080", "ftp://host", "http://", "tcp/localhost:7447", "http://a:b"]
 )
-def test_a_url_that_is_none_is_refused(url):
+def test_an_invalid_url_is_refused(url):
     with pytest.raises(InvalidOption):
         Client(url)

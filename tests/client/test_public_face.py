@@ -31,7 +31,7 @@ def test_dir_shows_the_public_names_and_nothing_else():
     assert set(given) - {"__builtins__"} == set(firstfix_client.__all__)
 
 
-def test_every_public_name_has_a_home():
+def test_every_public_name_is_importable():
     assert sorted(firstfix_client._HOME) == sorted(firstfix_client.__all__)
     for name in firstfix_client.__all__:
         assert getattr(firstfix_client, name).__name__ == name

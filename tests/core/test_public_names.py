@@ -1,4 +1,4 @@
-"""Public names of the package: complete, importable, documented and loaded on first use."""
+"""The package: public names, loaded on first use, and threads that read headers of NumPy's files at once."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_nothing_is_loaded_before_its_use():
     assert run(f"import sys, firstfix; print({loaded})").strip() == "[]"
 
 
-def test_a_name_that_this_installation_cannot_load_says_what_to_install():
+def test_a_missing_package_says_what_to_install():
     """The base installation has no pydantic, obstore or scipy."""
     program = (
         "import sys; sys.modules['scipy'] = sys.modules['pydantic'] = None\n"
@@ -71,3 +71,43 @@ def test_a_name_that_this_installation_cannot_load_says_what_to_install():
         "except ImportError as error: print(error)"
     )
     assert "pip install '.[service]' in the checkout" in run(program)
+
+
+# Collections of garbage let another thread in while a tree is made.
+PROGRAM = """
+import ast, gc, os, sys, threading, time
+import firstfix.catalog
+
+HEADER = "[" + "{'descr': '<f8'}, " * 40 + "]"
+failed = []
+
+def read():
+    for _ in range(400):
+        try:
+            ast.literal_eval(HEADER)
+        except SystemError as error:
+            failed.append(error)
+
+gc.callbacks.append(lambda phase, info: time.sleep(1e-4))
+gc.set_threshold(20)
+threads = [threading.Thread(target=read) for _ in range(4)]
+for thread in threads:
+    thread.start()
+for _ in range(5):
+    child = os.fork()
+    if not child:
+        ast.literal_eval(HEADER)
+        os._exit(0)
+    if os.waitpid(child, 0)[1]:
+        failed.append(child)
+for thread in threads:
+    thread.join()
+gc.set_threshold(700)
+sys.exit(len(failed) > 0)
+"""
+
+
+@pytest.mark.timeout(240)
+def test_threads_that_read_at_once_do_not_fail_and_a_fork_does_not_hang():
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

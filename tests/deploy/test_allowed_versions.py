@@ -42,7 +42,7 @@ def runs(python: str) -> bool:
 
 PYTHONS = [sys.executable, *filter(runs, (f"python{version}" for version in sorted(OTHERS)))]
 # Modules that only a ROS 2 has what they import for, and compiled ones of other processors.
-NOT_IMPORTED = ("firstfix_ros.node", "firstfix_ros.on_rclpy", "firstfix_cli.ros_gateway.rclpy_fleet")
+NOT_IMPORTED = ("firstfix_ros.node", "firstfix_ros.on_rclpy", "firstfix_ros.on_rclpy.fleet")
 IMPORT_ALL = f"""
 import importlib, pkgutil
 def names(package):

@@ -1,4 +1,4 @@
-"""docs/how-to/back-up.md by its own commands: a store is copied, lost, restored, and localizes."""
+"""The backup in docs/how-to/operate.md by its own commands: a store is copied, lost, restored, localizes."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from tests.servers import free_port, running
 from tests.small_world import CONFIG
 from tests.waiting import LIMIT_S
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "back-up.md").read_text()
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "operate.md").read_text()
 MAPS, BACKUP = "s3://maps", "s3://maps-backup"
 
 
 def commands(heading: str) -> list[str]:
     """The commands of firstfix in a section of the page."""
-    section = PAGE.split(f"\n## {heading}\n")[1].split("\n## ")[0]
+    section = re.split(r"\n###? ", PAGE.split(f"\n### {heading}\n")[1])[0]
     return re.findall(r"^(firstfix .*?)(?: +#.*)?$", section, re.M)
 
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.common.balancer import SHIPPED, Balancer, balancer
 from firstfix_service.limits.limits import Limits
+from tests.deploy.balancer import SHIPPED, Balancer, balancer
 from tests.servers import free_port, program
 from tests.waiting import LIMIT_S, wait_until
 

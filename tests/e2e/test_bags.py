@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.common.datasets import SHARED
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.index import MapIndex
@@ -16,6 +15,7 @@ from firstfix.transform import from_quaternion, inverse, pose_error
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_cli.bags.replay import Replay, replay
 from tests import ros_samples
+from tests.recorded_data import SHARED
 from tests.ros_samples import BAG_KINDS, cloud_of_points, stores_of, write_bag
 
 S = 10**9

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.common.datasets import HALL
 from firstfix.answer.localization import Verdict
 from firstfix.decode import read_scan_file
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.transform import make_transform
 from firstfix_cli.poses_csv import read_poses_csv
+from tests.recorded_data import HALL
 
 pytestmark = pytest.mark.slow
 YAWS, TILTS, TILT_DEG = 36, 5, 8.0

@@ -57,4 +57,4 @@ def test_the_encoding_carries_it():
     assert received is not None
     np.testing.assert_allclose(received.T_sensor_goal, hint.T_sensor_goal, atol=1e-12)
     assert received.to_mapping() == hint.to_mapping()
-    assert Localization.from_mapping({"verdict": "ambiguous"}).hint is None, "from an older service"
+    assert Localization.from_mapping({"verdict": "ambiguous"}).hint is None

@@ -48,7 +48,7 @@ def found_by_default(small_version, small_scans) -> float:
     return found(small_version, small_scans)
 
 
-@pytest.mark.parametrize("engine", ["kdtree", "faiss_hnsw"])
+@pytest.mark.parametrize("engine", ["kdtree", "faiss_ivf_sq8"])
 def test_another_search_engine_serves_the_default_method(
     small_map, small_work, small_scans, found_by_default, engine
 ):

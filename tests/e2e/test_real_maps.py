@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.common.datasets import DATASETS, HALL, Dataset
-from benchmarks.common.pose_rows import POSE, write_rows
 from firstfix.builds.config import BuildConfig
 from firstfix.decode import read_scan_file
 from firstfix.engine.index import MapIndex
@@ -18,9 +16,11 @@ from firstfix.engine.localizer import Localizer
 from firstfix.transform import Matrix, from_quaternion, pose_error
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.read_map import read_map, read_trajectory
-from firstfix_worlds.write_world import pcd_of_points
+from firstfix_cli.sample_world.write_world import pcd_of_points
 from tests.needs import of_recordings
 from tests.once_a_run import OnceARun
+from tests.pose_rows import POSE, write_rows
+from tests.recorded_data import DATASETS, HALL, Dataset
 
 MAP_M, TRACK_M = 18.0, 7.0  # of the map and of the mapping run, round the place of the scan
 FOUND_M, FOUND_DEG = 0.2, 2.0

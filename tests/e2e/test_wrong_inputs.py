@@ -1,7 +1,7 @@
 """Wrong inputs over the command line and HTTP: each is told by its cause, none is localized at a wrong place.
 
-``WRITE=1 pytest tests/e2e/test_wrong_inputs.py`` writes the table anew, of which scripts/generate.py makes
-docs/reference/wrong-inputs.md.
+``WRITE=1 pytest tests/e2e/test_wrong_inputs.py`` writes the table anew, of which ``make docs`` makes
+the page of wrong inputs.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Wrong maps over the command line and HTTP: each is told by its cause, and no process takes much memory.
 
-``WRITE=1 pytest tests/e2e/test_wrong_maps.py`` writes the table anew, of which scripts/generate.py makes a
-part of docs/reference/wrong-inputs.md.
+``WRITE=1 pytest tests/e2e/test_wrong_maps.py`` writes the table anew, of which ``make docs`` makes the
+page of wrong maps.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def test_a_build_refuses_a_map_in_millimetres_before_it_takes_memory(right: Poin
     print(f"{peak_kib / 1e3:.0f} MB, {time.monotonic() - began:.1f} s")
     assert done.returncode == 2
     assert "is its unit the millimetre? Give --scale 0.001" in error
-    assert "docs/how-to/is-my-map-good.md" in error
+    assert "docs/how-to/my-map.md" in error
     assert 1024 * peak_kib < MOST_BYTES, "of the largest of its processes"
 
 

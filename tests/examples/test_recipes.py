@@ -36,7 +36,7 @@ from tests.ros_samples import cloud_of_points, stores_of, write_bag
 from tests.waiting import LIMIT_S, wait_until
 
 HOW_TO = Path(__file__).resolve().parents[2] / "docs" / "how-to"
-PAGES = ("bags.md", "embedded.md", "ros-recipes.md")
+PAGES = {"bags.md": "", "ros.md": "\n## Recipes\n"}  # page -> where the commands begin that are executed
 NOT_RUN = re.compile(r"^Not run here: \S.*\.$", re.M)
 BLOCK = re.compile(r"(?P<before>[^\n]*)\n\n```sh\n(?P<text>.*?)^```", re.M | re.S)
 S = 10**9
@@ -45,10 +45,16 @@ FRONT, REAR = from_quaternion([0.3, 0, 0.5], [0, 0, 0, 1]), from_quaternion([-0.
 PosedScan = tuple[Scan, NDArray[np.float64]]
 
 
+def text_of(page: str) -> str:
+    _, begun, rest = f"\n{(HOW_TO / page).read_text()}".partition(PAGES[page] or "\n")
+    assert begun, f"{page} has no section {PAGES[page]!r}"
+    return rest
+
+
 def commands(page: str) -> list[str]:
     """The commands that are to be executed."""
     found = []
-    for block in BLOCK.finditer((HOW_TO / page).read_text()):
+    for block in BLOCK.finditer(text_of(page)):
         if not NOT_RUN.match(block["before"]):
             found += [line for line in block["text"].replace("\\\n", " ").splitlines() if line]
     return found
@@ -146,7 +152,7 @@ def test_a_command_of_the_pages(place: Place, page: str, command: str):
 def run_gateway(place: Place, command: str) -> None:
     """Starts it, waits until it looks for robots, and ends it. Other tests have robots for it."""
     if "--dds" in command and find_spec("cyclonedds") is None:
-        pytest.skip("needs cyclonedds: pip install '.[dds]'")
+        pytest.skip("needs cyclonedds: pip install './plugins/fleet[dds]'")
     domain = random.SystemRandom().randrange(1, 100)
     environment = {
         **os.environ,
@@ -178,6 +184,6 @@ def test_there_are_commands_to_run():
 
 
 def test_what_is_not_run_has_a_reason():
-    text = (HOW_TO / "ros-recipes.md").read_text()
+    text = text_of("ros.md")
     blocks = [block["before"] for block in BLOCK.finditer(text)]
     assert sum(bool(NOT_RUN.match(before)) for before in blocks) == len(NOT_RUN.findall(text)) == 5

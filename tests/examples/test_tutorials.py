@@ -20,8 +20,11 @@ from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.commands.localize import lines_of
 from firstfix_cli.main import run
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
-TUTORIALS = {name: (DOCS / "tutorials" / f"{name}.md").read_text() for name in ("your-own-map", "ambiguous")}
+HOW_TO = Path(__file__).resolve().parents[2] / "docs" / "how-to"
+TUTORIALS = {
+    "my-map": (HOW_TO / "my-map.md").read_text().partition("\n## Is my map good?\n")[0],
+    "ambiguous": (HOW_TO / "ambiguous.md").read_text(),
+}
 POSE = make_transform(rotation_z(-1.0), [-7.7, 1.8, 1.0])
 
 
@@ -71,7 +74,7 @@ def test_the_commands_print_such_lines(
 
 
 def test_the_figures_agree():
-    page = TUTORIALS["your-own-map"]
+    page = TUTORIALS["my-map"]
     (version,) = set(re.findall(r"active ([0-9a-f]{64})", page))
     assert set(re.findall(r"version ([0-9a-f]{12})\b", page)) == {version[:12]}
     localized = re.search(r"(\d+)% answered localized", page)

@@ -27,11 +27,11 @@ REAPER = Path(__file__).with_name("reaper.py")
 OF_THE_ENGINE = {
     "tests/deploy/test_images.py",
     "tests/deploy/test_smoke.py",
-    "tests/robots/test_composed_gateway.py",
+    "plugins/fleet/tests/robots/test_composed_gateway.py",
 }
 
 # One browser and one service for all of them.
-OF_THE_CONSOLE = "tests/console/test_console_"
+OF_THE_CONSOLE = "plugins/console/tests/test_console_"
 
 
 class FilesOfTheDead(LoadFileScheduling):

@@ -3,6 +3,11 @@
 import runpy
 from pathlib import Path
 
+import pytest
+
+from firstfix.doors import absent
+
+pytestmark = pytest.mark.skipif(bool(absent()), reason="openapi.json has the routes of all packages")
 REPO = Path(__file__).resolve().parents[2]
 
 

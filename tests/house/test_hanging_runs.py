@@ -139,7 +139,8 @@ def test_a_hang_of_every_kind_fails_and_the_rest_is_run(folder: Path):
 def test_the_engine_is_asked_for_by_one_worker():
     asking = [
         path.relative_to(TESTS.parent).as_posix()
-        for path in TESTS.rglob("test_*.py")
+        for folder in ("tests", "plugins", "lab/tests")
+        for path in (TESTS.parent / folder).rglob("test_*.py")
         if "build_images(" in path.read_text() and path != Path(__file__)
     ]
     assert set(asking) == OF_THE_ENGINE
@@ -155,10 +156,14 @@ def test_the_engine_s_tests_begin_first():
 
 def test_the_console_s_tests_share_a_worker():
     worker_of = object.__new__(FilesOfTheDead)._split_scope
-    files = [path for path in (TESTS / "console").glob("test_*.py") if "world" in path.read_text()]
+    files = [
+        path
+        for path in (TESTS.parent / "plugins/console/tests").glob("test_*.py")
+        if "world" in path.read_text()
+    ]
     assert len(files) > 1
-    assert len({worker_of(f"tests/console/{path.name}::test_x") for path in files}) == 1
-    alone = "tests/console/test_page_units.py"
+    assert len({worker_of(f"plugins/console/tests/{path.name}::test_x") for path in files}) == 1
+    alone = "plugins/console/tests/test_page_units.py"
     assert worker_of(f"{alone}::test_x") == alone
 
 

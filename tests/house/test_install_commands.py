@@ -20,7 +20,14 @@ NAMED = re.compile(
 )
 WITH_EXTRA = re.compile(r"(?<![\w./-])firstfix(-client)?\[\w")
 FOLDER = re.compile(r"(?<![\w/])(?P<folder>\.(/[\w/]+)?)\[(?P<extras>[a-z0-9,]+)\]")
-OWN_NAMES = ("pyproject.toml", "deploy/locks/")  # an extra names another one of the same distribution
+# Extras name others of the same distribution, and packages that may be left out those that they need.
+OWN_NAMES = (
+    "pyproject.toml",
+    "plugins/console/pyproject.toml",
+    "plugins/fleet/pyproject.toml",
+    "lab/pyproject.toml",
+    "deploy/locks/",
+)
 
 
 def install_texts() -> list[tuple[str, str]]:
@@ -63,7 +70,7 @@ def test_every_extra_that_is_named_is_there():
         if "install" in text[max(0, match.start() - 200) : match.start()]
         for extra in match["extras"].split(",")
     }
-    assert {(".", "dds"), (".", "service"), ("./clients/python", "zenoh")} <= named
+    assert {("./plugins/fleet", "dds"), (".", "service"), ("./clients/python", "zenoh")} <= named
     for folder, extra in named:
         project = tomllib.loads((REPO / folder / "pyproject.toml").read_text())["project"]
         assert extra in project["optional-dependencies"], f"{folder}[{extra}]"

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 REPO = Path(__file__).resolve().parents[2]
+PAGE = re.compile(r"\bdocs/(?:how-to|concepts|reference)/[a-z0-9-]+\.md\b")
 LINK = re.compile(r"\]\((?!https?:)([^)\s#]*)(?:#([^)\s]+))?\)")
 
 
@@ -33,6 +34,24 @@ def test_every_link_leads_somewhere():
             if not found.exists() or (anchor and anchor not in anchors(found)):
                 broken.append(f"{page.relative_to(REPO)}: {target}#{anchor}")
     assert not broken
+
+
+def test_every_page_that_the_code_names_exists():
+    """Errors, findings and comments name pages by their paths in the repository."""
+    folders = ("core", "builder", "service", "cli", "clients", "console/src", "native", "deploy", "tests")
+    listing = subprocess.run(
+        ["git", "ls-files", "Dockerfile", *folders], cwd=REPO, capture_output=True, text=True, check=True
+    )
+    named, missing = 0, []
+    for name in listing.stdout.splitlines():
+        if Path(name).suffix in (".md", ".png", ".npz", ".bin", ".ply", ".pcd"):
+            continue
+        for page in PAGE.findall((REPO / name).read_text(errors="ignore")):
+            named += 1
+            if not (REPO / page).is_file():
+                missing.append(f"{name}: {page}")
+    assert named > 30
+    assert not missing
 
 
 def test_every_file_on_the_way_of_a_map_exists():

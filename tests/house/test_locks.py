@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCKS = sorted((ROOT / "deploy" / "locks").glob("*.txt"))
-CONSOLE = ROOT / "console" / "package-lock.json"
+CONSOLE = ROOT / "plugins/console/page/package-lock.json"
 PINNED = re.compile(r"^[a-z0-9][a-z0-9._-]*(\[[a-z0-9,-]+\])?==[^ ]+( ;.*)? \\$", re.IGNORECASE)
 
 

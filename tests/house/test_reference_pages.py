@@ -52,5 +52,5 @@ def test_every_public_name_is_documented(name: str, package: ModuleType):
 
 
 def test_the_format_of_versions_is_the_documented_one():
-    page = (DOCS / "how-to" / "upgrade.md").read_text()
+    page = (DOCS / "how-to" / "operate.md").read_text()
     assert f"This release makes and reads format **{FORMAT}**" in page

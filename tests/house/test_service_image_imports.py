@@ -8,6 +8,11 @@ import sys
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
+import pytest
+
+from firstfix.doors import absent
+
+pytestmark = pytest.mark.skipif(bool(absent()), reason="the image has the console and the gateways")
 ROOT = Path(__file__).resolve().parents[2]
 SLIM = runpy.run_path(str(ROOT / "deploy" / "image" / "slim.py"))
 LOCK = ROOT / "deploy" / "locks" / "service.txt"
@@ -26,7 +31,8 @@ sys.meta_path.insert(0, Refuse())
 def absent_modules() -> list[str]:
     """Installed top-level modules that no package of the service's lock brings, and what slim.py removes."""
     packages_of = packages_distributions()
-    present = {canonical(line) for line in LOCK.read_text().splitlines() if "==" in line} | {"firstfix"}
+    present = {canonical(line) for line in LOCK.read_text().splitlines() if "==" in line}
+    present |= {"firstfix", "firstfix-console", "firstfix-fleet"}
     absent = [
         module for module, packages in packages_of.items() if present.isdisjoint(map(canonical, packages))
     ]
@@ -45,7 +51,7 @@ def load_all(refused: list[str]) -> subprocess.CompletedProcess[str]:
 
 def test_every_module_loads_without_what_only_builds_use():
     absent = absent_modules()
-    assert {"open3d", "dask", "threadpoolctl", "firstfix_worlds"} <= set(absent)
+    assert {"open3d", "dask", "threadpoolctl", "firstfix_cli.sample_world"} <= set(absent)
     assert "fastapi" not in absent
     loaded = load_all(absent)
     assert loaded.returncode == 0, loaded.stderr[-2000:]

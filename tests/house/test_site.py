@@ -36,7 +36,7 @@ class Fetches(HTMLParser):
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
-        pytest.skip(f"needs {', '.join(missing)}: pip install '.[docs]'")
+        pytest.skip(f"needs {', '.join(missing)}: pip install '.[docs,service]'")
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
@@ -76,10 +76,28 @@ def test_what_is_generated_is_there(site: Path):
         "/maps/{map_id}/versions/{version}/activate"
         in (site / "reference" / "http-endpoints.html").read_text()
     )
+    assert "no sensor preset" in (site / "reference" / "wrong-maps.html").read_text()
+    assert "unit_millimetres" in (site / "reference" / "wrong-inputs.html").read_text()
     assert "roll_back" in (site / "reference" / "python-api.html").read_text()
     assert "<math" in (site / "method.html").read_text()
     assert "localized" in (site / "notebooks" / "first_fix.html").read_text()
     assert (site / "notebooks" / "first_fix" / "output-1.png").is_file()
+
+
+def test_a_link_to_what_a_page_is_made_from_leads_to_the_page(site: Path):
+    page = (site / "reference" / "index.html").read_text()
+    assert all(
+        f'href="{name}.html"' in page
+        for name in ("cli", "errors", "http-endpoints", "wrong-inputs", "wrong-maps")
+    )
+
+
+def test_marked_sections_are_tabs(site: Path):
+    page = (site / "how-to" / "deploy.html").read_text()
+    labels = re.findall(r'<label for="[^"]*">([^<]*)</label>', page)
+    assert [one for one in labels if one] == ["Compose", "Kubernetes", "Images", "Many machines", "Sizing"]
+    assert "tabs --&gt;" not in page
+    assert "\n///" not in page
 
 
 def test_a_fetch_from_outside_would_be_seen():

@@ -133,112 +133,96 @@ def _seen_free(native: Any) -> Any:
 
 
 CASES: dict[str, Callable[[Any], Any]] = {
-    "rows_by_chance": lambda native: native.rows_by_chance(120_000, 7_001),
-    "within_range": lambda native: native.within_range(STREET, 0.5, 30.0),
-    "first_in_voxel, float": lambda native: native.first_in_voxel(STREET, 0.3),
-    "first_in_voxel, double": lambda native: native.first_in_voxel(WIDE, 50.0),
-    "voxel_means, float": lambda native: native.voxel_means(STREET, 0.3),
-    "voxel_means, double": lambda native: native.voxel_means(WIDE, 50.0),
-    "voxel_means, moved borders": lambda native: native.voxel_means(STREET, 0.3, 0.0005),
-    "rows_by_voxel_hash, float": lambda native: native.rows_by_voxel_hash(STREET, 0.3, 4000),
-    "rows_by_voxel_hash, double": lambda native: native.rows_by_voxel_hash(WIDE, 50.0, 300),
-    "turned, float": lambda native: native.turned(STREET, R_LEVEL_SENSOR),
-    "turned, double": lambda native: native.turned(WIDE, R_LEVEL_SENSOR),
-    "floor_height": lambda native: native.floor_height(FEW, np.tile(np.float32([0, 0, 1]), (len(FEW), 1))),
-    "votes": lambda native: native.votes(NORMALS, DIRECTIONS),
-    "refined_up": lambda native: native.refined_up(NORMALS, DIRECTIONS[0]),
-    "deskew": lambda native: native.deskew(FEW, TIMES, TWIST),
-    "voxel_mean_times, float": lambda native: native.voxel_mean_times(FEW, TIMES, 0.9),
-    "voxel_mean_times, double": lambda native: native.voxel_mean_times(
-        FEW.astype(np.float64), TIMES, 0.9, 0.1
-    ),
-    "nearest_by_direction": lambda native: native.nearest_by_direction(STREET),
-    "least_of_neighbours": lambda native: native.least_of_neighbours(
-        native.nearest_by_direction(STREET).reshape(90, 180)
-    ),
-    "flat_patches": lambda native: native.flat_patches(native.voxel_means(STREET, 0.3), 0.9),
-    "surface_normals": lambda native: native.surface_normals(FEW, -FEW),
-    "surface_normals, two faces": lambda native: native.surface_normals(FEW, NORMALS, True),
-    "thin_surface": lambda native: native.thin_surface(FEW, NORMALS, NORMALS[:, 0] > 0, 0.7),
-    "occupied_cells": lambda native: native.occupied_cells(
+    "rows_by_chance": lambda n: n.rows_by_chance(120_000, 7_001),
+    "within_range": lambda n: n.within_range(STREET, 0.5, 30.0),
+    "first_in_voxel, float": lambda n: n.first_in_voxel(STREET, 0.3),
+    "first_in_voxel, double": lambda n: n.first_in_voxel(WIDE, 50.0),
+    "voxel_means, float": lambda n: n.voxel_means(STREET, 0.3),
+    "voxel_means, double": lambda n: n.voxel_means(WIDE, 50.0),
+    "voxel_means, moved borders": lambda n: n.voxel_means(STREET, 0.3, 0.0005),
+    "rows_by_voxel_hash, float": lambda n: n.rows_by_voxel_hash(STREET, 0.3, 4000),
+    "rows_by_voxel_hash, double": lambda n: n.rows_by_voxel_hash(WIDE, 50.0, 300),
+    "turned, float": lambda n: n.turned(STREET, R_LEVEL_SENSOR),
+    "turned, double": lambda n: n.turned(WIDE, R_LEVEL_SENSOR),
+    "floor_height": lambda n: n.floor_height(FEW, np.tile(np.float32([0, 0, 1]), (len(FEW), 1))),
+    "votes": lambda n: n.votes(NORMALS, DIRECTIONS),
+    "refined_up": lambda n: n.refined_up(NORMALS, DIRECTIONS[0]),
+    "deskew": lambda n: n.deskew(FEW, TIMES, TWIST),
+    "voxel_mean_times, float": lambda n: n.voxel_mean_times(FEW, TIMES, 0.9),
+    "voxel_mean_times, double": lambda n: n.voxel_mean_times(FEW.astype(np.float64), TIMES, 0.9, 0.1),
+    "nearest_by_direction": lambda n: n.nearest_by_direction(STREET),
+    "least_of_neighbours": lambda n: n.least_of_neighbours(n.nearest_by_direction(STREET).reshape(90, 180)),
+    "flat_patches": lambda n: n.flat_patches(n.voxel_means(STREET, 0.3), 0.9),
+    "surface_normals": lambda n: n.surface_normals(FEW, -FEW),
+    "surface_normals, two faces": lambda n: n.surface_normals(FEW, NORMALS, True),
+    "thin_surface": lambda n: n.thin_surface(FEW, NORMALS, NORMALS[:, 0] > 0, 0.7),
+    "occupied_cells": lambda n: n.occupied_cells(
         STREET, START, np.float32([1.7, 1.0, 1.5]), 20, 60, 40.0, EDGES_M
     ),
-    "turned_occupied_cells": lambda native: native.turned_occupied_cells(
+    "turned_occupied_cells": lambda n: n.turned_occupied_cells(
         STREET, R_LEVEL_SENSOR, 1.7, 20, 60, 40.0, EDGES_M
     ),
-    "ring_spectra": lambda native: native.ring_spectra(OCCUPANCY, 100, 60, 8),
-    "best_shifts": lambda native: native.best_shifts(OCCUPANCY[0], OCCUPANCY, np.arange(1, 40), 100, 60),
-    "spread_out": lambda native: native.spread_out(
-        STREET[:300].astype(np.float64), YAWS_RAD, 50, 3.0, np.cos(0.5), 3
-    ),
-    "nearest_in_lists": lambda native: native.nearest_in_lists(
+    "ring_spectra": lambda n: n.ring_spectra(OCCUPANCY, 100, 60, 8),
+    "best_shifts": lambda n: n.best_shifts(OCCUPANCY[0], OCCUPANCY, np.arange(1, 40), 100, 60),
+    "spread_out": lambda n: n.spread_out(STREET[:300].astype(np.float64), YAWS_RAD, 50, 3.0, np.cos(0.5), 3),
+    "nearest_in_lists": lambda n: n.nearest_in_lists(
         FEW[:30], np.arange(90).reshape(30, 3) % 5, FEW, np.array([0, 7, 7, 60, 61, len(FEW)]), 40
     ),
-    "usable_points, float": lambda native: native.usable_points(*STREET.T),
-    "usable_points, double": lambda native: native.usable_points(*WIDE.T / 9e3),
-    "all_within": lambda native: native.all_within(STREET, 30.0),
-    "points_of_planes, 2 bytes": lambda native: native.points_of_planes(OCTETS[:6], 0.01, R_LEVEL_SENSOR[0]),
-    "points_of_planes, 4 bytes": lambda native: native.points_of_planes(OCTETS, 1e-7, R_LEVEL_SENSOR[0]),
-    "intensity_of_planes": lambda native: native.intensity_of_planes(OCTETS[:2], 0.3, -1.0),
-    "range_image_points": lambda native: native.range_image_points(
+    "usable_points, float": lambda n: n.usable_points(*STREET.T),
+    "usable_points, double": lambda n: n.usable_points(*WIDE.T / 9e3),
+    "all_within": lambda n: n.all_within(STREET, 30.0),
+    "points_of_planes, 2 bytes": lambda n: n.points_of_planes(OCTETS[:6], 0.01, R_LEVEL_SENSOR[0]),
+    "points_of_planes, 4 bytes": lambda n: n.points_of_planes(OCTETS, 1e-7, R_LEVEL_SENSOR[0]),
+    "intensity_of_planes": lambda n: n.intensity_of_planes(OCTETS[:2], 0.3, -1.0),
+    "range_image_points": lambda n: n.range_image_points(
         OCTETS[0, :250] & 0x11, OCTETS[1] & 0x7F, 500, 0.02, ANGLES, ANGLES
     ),
-    "compact_points": lambda native: native.compact_points(
+    "compact_points": lambda n: n.compact_points(
         OCTETS[:4] * np.uint8([[1], [0], [0], [0]]), OCTETS[4:6].ravel(), np.array([-9, 0, 7]), CELLS, 0.02
     ),
-    "ranges_of_levels": lambda native: native.ranges_of_levels(
+    "ranges_of_levels": lambda n: n.ranges_of_levels(
         np.concatenate([np.full(50, 255, np.uint8), OCTETS[0, :400]]),
         np.arange(256, dtype=np.float32) / 3,
         400,
     ),
-    "column_means": lambda native: native.column_means(np.column_stack([FEW, NORMALS]).astype(float), 0.7),
-    "cell_planes": lambda native: native.cell_planes(STREET.astype(float), 0.6),
-    "surface_net": lambda native: native.surface_net(
-        *native.cell_planes(STREET.astype(float), 0.6)[:3], STREET.astype(float)[::3], 0.6, 2.0, 1.25
+    "column_means": lambda n: n.column_means(np.column_stack([FEW, NORMALS]).astype(float), 0.7),
+    "cell_planes": lambda n: n.cell_planes(STREET.astype(float), 0.6),
+    "surface_net": lambda n: n.surface_net(
+        *n.cell_planes(STREET.astype(float), 0.6)[:3], STREET.astype(float)[::3], 0.6, 2.0, 1.25
     ),
     "SeenSurface": _seen_surface,
-    "bundle_rays": lambda native: native.bundle_rays(NORMALS),
+    "bundle_rays": lambda n: n.bundle_rays(NORMALS),
     "TriangleTree": _cast,
-    "SurfaceGrid": lambda native: _grid(native).nearest(FEW[::3]),
-    "nearest_points": lambda native: native.nearest_points(*_cells(), BLOCK_BITS, 1, 40),
-    "align": lambda native: native.align(_grid(native), *_aligned(), np.eye(4)[None], 5, 0.4, 0.5, 0.13),
-    "agreement": lambda native: native.agreement(
-        _grid(native), _grid(native, 1.5), *_aligned(), np.array([np.eye(4), T_MAP_SENSOR]), 0.13
+    "SurfaceGrid": lambda n: _grid(n).nearest(FEW[::3]),
+    "nearest_points": lambda n: n.nearest_points(*_cells(), BLOCK_BITS, 1, 40),
+    "align": lambda n: n.align(_grid(n), *_aligned(), np.eye(4)[None], 5, 0.4, 0.5, 0.13),
+    "agreement": lambda n: n.agreement(
+        _grid(n), _grid(n, 1.5), *_aligned(), np.array([np.eye(4), T_MAP_SENSOR]), 0.13
     ),
-    "told": lambda native: native.told(
-        _grid(native), FEW, T_MAP_SENSOR, np.stack([R_LEVEL_SENSOR, np.eye(3)]), 0.4
+    "told": lambda n: n.told(_grid(n), FEW, T_MAP_SENSOR, np.stack([R_LEVEL_SENSOR, np.eye(3)]), 0.4),
+    "align_moving": lambda n: n.align_moving(
+        _grid(n), *_aligned(), TIMES[::5], *_starts(), np.ones(6), 5, 0.4, 0.5, 0.13
     ),
-    "align_moving": lambda native: native.align_moving(
-        _grid(native), *_aligned(), TIMES[::5], *_starts(), np.ones(6), 5, 0.4, 0.5, 0.13
-    ),
-    "distinct_poses": lambda native: native.distinct_poses(
+    "distinct_poses": lambda n: n.distinct_poses(
         np.array([make_transform(np.eye(3), at) for at in FEW[:200] / 20]), 0.5, 0.2, 50
     ),
-    "PointTiles": lambda native: _tiles(native, 0.2).nearest_by_direction(T_MAP_SENSOR, 30.0),
-    "seen_through": lambda native: native.seen_through(
-        _tiles(native, 0.2), _tiles(native, 0.4), 40.0, _grid(native), *_view(), T_MAP_SENSOR
+    "PointTiles": lambda n: _tiles(n, 0.2).nearest_by_direction(T_MAP_SENSOR, 30.0),
+    "seen_through": lambda n: n.seen_through(
+        _tiles(n, 0.2), _tiles(n, 0.4), 40.0, _grid(n), *_view(), T_MAP_SENSOR
     ),
-    "CarvedCells": lambda native: _free(native)[:3],
-    "take_out_near": lambda native: _free(native)[3],
+    "CarvedCells": lambda n: _free(n)[:3],
+    "take_out_near": lambda n: _free(n)[3],
     "SeenFree": _seen_free,
-    "compare_points": lambda native: native.compare_points(
-        _tiles(native, 0.2), _tiles(native, 0.4), 9.0, 25.0, T_MAP_SENSOR, _returns(), 360
+    "compare_points": lambda n: n.compare_points(
+        _tiles(n, 0.2), _tiles(n, 0.4), 9.0, 25.0, T_MAP_SENSOR, _returns(), 360
     ),
-    "unexplained_returns": lambda native: native.unexplained_returns(
-        _returns(), FEW, _grid(native), _grid(native, 1.5), T_MAP_SENSOR, FEW[:5] / 40, FEW[5:7] / 40, 25.0
+    "unexplained_returns": lambda n: n.unexplained_returns(
+        _returns(), FEW, _grid(n), _grid(n, 1.5), T_MAP_SENSOR, FEW[:5] / 40, FEW[5:7] / 40, 25.0
     ),
-    "cell_counts": lambda native: native.cell_counts(
-        R_LEVEL_SENSOR.astype(np.float32) * 2,
-        np.float32([51.2, 51.7, 51.5]),
-        103,
-        FEW,
-        NORMALS[:, 0] > 0,
-        NORMALS[:, 1] > 0,
-        FEW,
-        NORMALS[:, 2] > 0,
-        NORMALS[:500],
-        FEW[:500, 0],
-        0.5,
+    "cell_counts": lambda n: n.cell_counts(
+        *(R_LEVEL_SENSOR.astype(np.float32) * 2, np.float32([51.2, 51.7, 51.5]), 103),
+        *(FEW, NORMALS[:, 0] > 0, NORMALS[:, 1] > 0, FEW, NORMALS[:, 2] > 0),
+        *(NORMALS[:500], FEW[:500, 0], 0.5),
     ),
 }
 

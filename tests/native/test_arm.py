@@ -37,7 +37,7 @@ def need(*programs: str) -> None:
 def test_every_header_compiles(tmp_path: Path):
     need(CROSS)
     names = [path.relative_to(HEADERS).as_posix() for path in sorted(HEADERS.rglob("*.hpp"))]
-    needs_zstd = {
+    with_zstd = {
         "points",
         "query",
         "range_image",
@@ -46,7 +46,7 @@ def test_every_header_compiles(tmp_path: Path):
         "zstd_frame",
     }  # no library for ARM is here
     chosen = [
-        name for name in names if not (name.startswith("firstfix/wire/") and Path(name).stem in needs_zstd)
+        name for name in names if not name.startswith("firstfix/wire/") or Path(name).stem not in with_zstd
     ]
     assert len(chosen) > 20
     source = tmp_path / "all.cpp"

@@ -197,9 +197,7 @@ def test_scans_and_grids_that_do_not_fit_are_refused(start: list[int], grid: tup
         (CELLS[0], CELLS, [0], 1 << 40, 1 << 40),
     ],
 )
-def test_occupancies_and_rows_that_do_not_fit_are_refused(
-    query: np.ndarray, templates: np.ndarray, rows: list[int], rings: int, sectors: int
-):
+def test_occupancies_and_rows_that_do_not_fit_are_refused(query, templates, rows, rings, sectors):
     with pytest.raises(ValueError, match=r"out of range|another number of cells|too few or too many"):
         native.best_shifts(query, templates, np.array(rows), rings, sectors)
     if rings * sectors != 16:

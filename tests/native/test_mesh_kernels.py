@@ -77,7 +77,7 @@ def test_triangles_face_free_space():
     assert (np.cross(b - a, c - a)[:, 0] > 0).all()
 
 
-def test_nothing_makes_nothing():
+def test_few_points_make_no_planes_and_no_net():
     for points in (np.zeros((0, 3)), np.ones((1, 3)), np.ones((2, 3))):
         planes = native.cell_planes(points, CELL_M)
         assert [len(part) for part in planes] == [0, 0, 0, 0, 0]
@@ -96,7 +96,7 @@ def test_points_that_have_no_cell_are_refused(wrong: float):
         native.surface_net(points[:3], np.zeros((3, 3)), np.ones(3), points, CELL_M, REACH, TRIM)
 
 
-def test_limits_are_checked():
+def test_invalid_limits_of_nets_are_refused():
     planes = native.cell_planes(room(300, 1), CELL_M)[:3]
     for cell_m in (0.0, -1.0, np.nan, np.inf, 1e-300):
         with pytest.raises(ValueError, match="edge of a cell"):

@@ -94,7 +94,7 @@ def test_any_finite_points_give_the_same_bits(points: NDArray[np.float32]):
 
 @settings(max_examples=150)
 @given(WILD_CLOUD)
-def test_what_is_not_finite_is_refused_or_has_no_effect(points: NDArray[np.float32]):
+def test_invalid_points_are_refused_or_ignored(points: NDArray[np.float32]):
     finite = points[np.isfinite(points).all(axis=1)]
     for kernel in FINITE:
         arguments = EXACT[kernel](points)
@@ -182,7 +182,7 @@ def test_another_shape_is_refused(points: Any):
             getattr(native, kernel)(points, *more)
 
 
-def test_one_normal_for_each_point():
+def test_the_floor_needs_one_normal_for_each_point():
     with pytest.raises(ValueError, match="one normal for each point"):
         native.floor_height(np.zeros((30, 3)), np.zeros((29, 3)))
     for height_m in (-1.0, 1e9, float("nan"), float("inf")):
@@ -212,7 +212,7 @@ def test_up_is_refined_alike(place: str):
 
 
 @every_case("filled", [np.nan, np.inf, 1e30, 0.0])
-def test_senseless_normals_do_no_harm(filled: float):
+def test_invalid_normals_are_harmless(filled: float):
     normals = np.full((40, 3), filled)
     assert native.votes(normals, directions_about_z(35.0)).shape == (len(directions_about_z(35.0)),)
     assert native.refined_up(normals, np.array([0.0, 0.0, 1.0])).shape == (3,)

@@ -113,7 +113,7 @@ def test_a_place_is_seen_free_if_the_reference_says_so(seed: int):
     assert found.holds(points[:0], T).tolist() == []
 
 
-def test_of_no_point_and_of_no_cell_the_share_is_nothing():
+def test_the_share_of_no_points_or_no_cells_is_zero():
     brick, once, _ = carved(0)
     free = SeenFree.of_bricks(brick, once, CELL_M)
     assert free.shares(np.zeros((0, 3), np.float32), np.eye(4)[None]).tolist() == [0]

@@ -295,6 +295,6 @@ REFUSED = {
 
 
 @every_case("name", REFUSED)
-def test_the_border_refuses(name: str):
+def test_invalid_arguments_of_the_ray_caster_are_refused(name: str):
     with pytest.raises((ValueError, IndexError, TypeError)):
         REFUSED[name]()

@@ -101,7 +101,7 @@ def test_the_order_of_points_makes_no_difference():
     np.testing.assert_allclose(np.abs(np.einsum("ij,ij->i", normals[order], shuffled)), 1, atol=1e-4)
 
 
-def test_a_direction_for_each_point():
+def test_normals_need_one_direction_for_each_point():
     with pytest.raises(ValueError, match="one direction for each point"):
         native.surface_normals(np.zeros((4, 3)), np.zeros((3, 3)))
 

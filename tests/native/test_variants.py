@@ -1,16 +1,21 @@
-"""Every instruction set's module, and none: the same bytes; and clear words where a module is missing."""
+"""Every instruction set's module, and none: the same bytes, and clear words where a module is missing."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import firstfix.native
 from firstfix.native import choice
+from tests.native import kernel_cases
+from tests.native.recorder import kernels, recorded
 
 REPO = Path(__file__).resolve().parents[2]
 GOLDEN_VECTORS = """
@@ -65,7 +70,7 @@ def test_builds_on_different_processors_share_their_stages(variants: list[str]):
 
 
 @pytest.mark.parametrize("number", range(len(choice.NEEDED_FLAGS) + 1))
-def test_the_golden_vectors(variants: list[str], number: int):
+def test_every_instruction_set_passes_the_golden_vectors(variants: list[str], number: int):
     names = ["off", *variants]
     if number >= len(names):
         pytest.skip(f"needs a newer processor: this processor runs {', '.join(variants)} alone")
@@ -73,7 +78,7 @@ def test_the_golden_vectors(variants: list[str], number: int):
 
 
 @pytest.mark.parametrize("command", ["build", "serve"])
-def test_without_it_a_command_says_what_is_missing(command: str, tmp_path: Path):
+def test_a_command_without_the_core_says_what_is_missing(command: str, tmp_path: Path):
     (tmp_path / "map.ply").write_bytes(b"ply\n")
     arguments = {
         "build": ["build", str(tmp_path / "map.ply"), "--map-id", "a", "--sensor", "os1-64"],
@@ -87,14 +92,14 @@ def test_without_it_a_command_says_what_is_missing(command: str, tmp_path: Path)
     ]
 
 
-def test_a_robot_needs_none():
+def test_a_robot_needs_no_compiled_core():
     done = with_variant(
         "off", "-c", "import firstfix_client, firstfix; print(firstfix.Scan, firstfix.condense)"
     )
     assert done.returncode == 0, done.stderr
 
 
-def test_a_module_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch):
+def test_a_missing_module_is_named(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv(choice.VARIABLE, "auto")
     monkeypatch.setattr(choice, "EXTENSION_SUFFIXES", [".another-python.so"])
     with pytest.raises(ModuleNotFoundError, match=r"not built for this Python and processor .*make setup"):
@@ -102,10 +107,35 @@ def test_a_module_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.parametrize(("variant", "flags"), [("sse9", set()), ("avx512", {"avx2", "fma"})])
-def test_a_module_that_the_processor_cannot_run_is_refused(
-    variant: str, flags: set[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_module_that_the_processor_cannot_run_is_refused(variant: str, flags: set[str], monkeypatch):
     monkeypatch.setenv(choice.VARIABLE, variant)
     monkeypatch.setattr(choice, "_processor_flags", lambda: flags)
     with pytest.raises(ImportError, match=f"{variant}.*it can be auto, baseline or off"):
         choice.load_kernels()
+
+
+def digests(variant: str) -> dict[str, str]:
+    done = with_variant(variant, kernel_cases.__file__)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_every_kernel_has_a_case():
+    wanted = kernels(firstfix.native)
+    assert "within_range" in wanted
+    assert {call.name for call in recorded(firstfix.native)} == wanted
+
+
+def test_instruction_sets_agree_on_every_case():
+    newest, *others = choice.runnable()
+    wanted = digests(newest)
+    for variant in others:
+        found = digests(variant)
+        assert [name for name in wanted if found[name] != wanted[name]] == [], variant
+
+
+def test_a_case_gives_a_result_worth_comparing():
+    for name, call in kernel_cases.CASES.items():
+        result = call(firstfix.native)
+        parts = result if isinstance(result, tuple) else (result,)
+        assert all(np.size(part) > 0 and part is not None for part in parts), name

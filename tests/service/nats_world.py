@@ -24,13 +24,13 @@ from firstfix_service.builds.nats import queue as nats_queue
 from firstfix_service.builds.worker import BuildWorker
 from firstfix_service.settings import Settings
 from firstfix_service.telemetry.metrics import Metrics
-from tests.faults.nats_server import NatsServer
-from tests.faults.tiny_worker import config_telling
+from tests.nats_server import NatsServer
 from tests.service.changed_constants import changed_constants
 from tests.service.service_world import free_port
+from tests.tiny_worker import config_telling
 from tests.waiting import LIMIT_S, wait_until
 
-TINY_WORKER = (sys.executable, "-m", "tests.faults.tiny_worker")
+TINY_WORKER = (sys.executable, "-m", "tests.tiny_worker")
 LEASE_S = 2.0
 
 

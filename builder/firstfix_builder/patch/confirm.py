@@ -1,6 +1,6 @@
 """Confirmed changes: what several robots saw over days, once, and nobody saw otherwise since.
 
-The rule (docs/how-to/changed-maps.md has it in words). For each cell its sightings are sorted by time and cut
+The rule (docs/how-to/my-map.md has it in words). For each cell its sightings are sorted by time and cut
 at the moment that explains most of them: unchanged before, changed after. A cell passes if both sides are
 nearly of one mind, and if the side after it has enough places, robots and days. A part of the map that was
 never mapped passes by the same rule: nobody may have seen it otherwise.

@@ -11,7 +11,7 @@ import numpy as np
 from firstfix.scan.compact import CompactScan
 from firstfix.wire.query import decode_query
 
-# Made by `python -m benchmarks.outcomes strangers`: factories, offices, a campus and a farm, seen by six
+# Made by `firstfix-lab outcomes strangers`: factories, offices, a campus and a farm, seen by six
 # sensors.
 PATH = Path(__file__).parent / "taught" / "strangers.zip"
 

@@ -21,12 +21,12 @@ from firstfix.engine.false_accept_bound import THRESHOLDS, upper_bound
 
 from .threshold import ABSENT_SHARE, STEPS, Ceiling, Judged
 
-# Made by `python -m benchmarks.outcomes table`.
+# Made by `firstfix-lab outcomes table`.
 PATH = Path(__file__).parent / "taught" / "outcomes.csv.gz"
 COLUMNS = ("map", "place", "sensor", "own_threshold", "kind", "claimed", "right")
 HERE, ELSEWHERE, ALIKE = "here", "elsewhere", "alike"
 # No ceiling is lower, whatever natural scans show: of scans whose true place was taken away, 2 % are accepted
-# from here on, and 7 % from 0.9 on (docs/experiments.md, "The threshold").
+# from here on, and 7 % from 0.9 on (lab/docs/experiments.md, "The threshold").
 LEAST_CEILING = 0.99
 
 

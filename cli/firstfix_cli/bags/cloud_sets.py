@@ -49,7 +49,7 @@ class CloudSets:
         self._nearest_ns: dict[str, int] = {}
 
     def add(self, message: RawMessage) -> list[tuple[RawMessage, ...]]:
-        """Takes the next message of the recording. Returns the sets that it completes, in the topics' order.
+        """Take the next message of the recording. Returns the sets that it completes, in the topics' order.
 
         Raises:
             MalformedData, UnsupportedFormat: it has no valid header.
@@ -64,7 +64,7 @@ class CloudSets:
         return found
 
     def end(self) -> list[tuple[RawMessage, ...]]:
-        """Returns the sets that are left at the end of the recording."""
+        """The sets that are left at the end of the recording."""
         return self._complete(0, at_end=True)
 
     def why_left_out(self) -> str:
@@ -100,7 +100,7 @@ class CloudSets:
         return found
 
     def _partner(self, leader: _Cloud, waiting: deque[_Cloud]) -> tuple[_Cloud | None, bool]:
-        """Returns the nearest cloud in the window, if any, and whether no nearer one is to be expected."""
+        """The nearest cloud in the window, if any, and whether no nearer one is to be expected."""
         nearest = min(waiting, key=lambda cloud: abs(cloud.stamp_ns - leader.stamp_ns), default=None)
         if nearest is None or abs(nearest.stamp_ns - leader.stamp_ns) > WINDOW_S * 1e9:
             return None, False

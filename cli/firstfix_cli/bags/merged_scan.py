@@ -16,7 +16,7 @@ _SAME_TIME_S = 1e-4  # a robot moves by less than the noise of a range
 
 
 def merged_scan(clouds: Sequence[StampedCloud], frames: StaticTransforms) -> Scan:
-    """Returns the scan of all clouds in the frame, and at the stamp, of the first one.
+    """The scan of all clouds in the frame, and at the stamp, of the first one.
 
     Each point has its own time: that in its cloud, or its cloud's stamp. So the motion of the robot from one
     LiDAR's cloud to the next is solved with the pose, like that within a cloud.
@@ -47,7 +47,7 @@ def merged_scan(clouds: Sequence[StampedCloud], frames: StaticTransforms) -> Sca
 
 
 def _times(clouds: Sequence[StampedCloud], scans: Sequence[Scan]) -> NDArray[np.float64] | None:
-    """Returns the (n,) times of the points from the first stamp, or None if all are of one time."""
+    """The (n,) times of the points from the first stamp, or None if all are of one time."""
     offsets = [_offset_s(clouds[0], cloud) for cloud in clouds]
     if all(scan.time_s is None for scan in scans) and max(map(abs, offsets)) < _SAME_TIME_S:
         return None

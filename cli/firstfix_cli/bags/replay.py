@@ -51,7 +51,7 @@ class Replay:
 
     @property
     def needs_frames(self) -> bool:
-        """Returns whether the fixed frames are needed."""
+        """Whether the fixed frames are needed."""
         return len(self.topics) > 1 or self.imu_topic is not None or self.base_frame is not None
 
 
@@ -69,7 +69,7 @@ def replay(
     options: LocalizeOptions,
     log_line: Callable[[str], None] = lambda line: None,
 ) -> Iterator[Replayed]:
-    """Localizes the clouds one after the other, with one in memory; of several LiDARs, those of a second.
+    """Localize the clouds one after the other, with one in memory; of several LiDARs, those of a second.
 
     Args:
         log_line: called with a line about clouds that were left out.
@@ -143,7 +143,7 @@ def _answers(
 def _sets(
     bag: Bag, topics: list[str], sets: CloudSets, window: GravityWindow, wanted: Replay
 ) -> Iterator[tuple[RawMessage, ...]]:
-    """Yields the clouds that belong together, and gives the IMU's messages between them to the window."""
+    """Yield the clouds that belong together, and give the IMU's messages between them to the window."""
     heard = [*topics, *([wanted.imu_topic] if wanted.imu_topic else [])]
     for message in bag.messages(heard, bag.start_ns + round(wanted.start_s * 1e9)):
         if message.topic == wanted.imu_topic:
@@ -163,7 +163,7 @@ def _decoded(bag: Bag, message: RawMessage) -> StampedCloud:
 
 @contextmanager
 def _named(bag: Bag, message: RawMessage) -> Iterator[None]:
-    """Names the message in an error about it."""
+    """Name the message in an error about it."""
     try:
         yield
     except (InputError, NotFound) as error:
@@ -189,7 +189,7 @@ def _with_gravity_and_mounting(
 
 
 def _static_transforms(bag: Bag, topic: str | None) -> StaticTransforms:
-    """Returns the fixed frames of the whole recording: they hold for the clouds before them too."""
+    """The fixed frames of the whole recording: they hold for the clouds before them too."""
     frames = StaticTransforms(strict=True)
     named = [t for t in bag.topics(tf_message.TYPE) if t.rpartition("/")[2] == "tf_static"]
     for message in bag.messages(named if topic is None else [topic]):
@@ -200,7 +200,7 @@ def _static_transforms(bag: Bag, topic: str | None) -> StaticTransforms:
 
 
 def write_tum(file: TextIO, replayed: Replayed) -> None:
-    """Writes one line ``stamp x y z qx qy qz qw``: the robot's pose if it is known, else the sensor's."""
+    """Write one line ``stamp x y z qx qy qz qw``: the robot's pose if it is known, else the sensor's."""
     answer = replayed.answer
     T = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
     if T is not None:

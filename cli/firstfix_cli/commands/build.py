@@ -153,7 +153,7 @@ def build(
 def _source(
     source: Path, trajectory: Path | None, merge: list[str] | None
 ) -> Iterator[tuple[Path, Path | None]]:
-    """Yields the source and its trajectory; with sessions to merge, the folder that holds all of them."""
+    """Yield the source and its trajectory; with sessions to merge, the folder that holds all of them."""
     from ..map_source import GivenSession, session_folder
 
     if not merge:
@@ -170,7 +170,7 @@ def _given(
     scale: float | None = None,
     min_found: float | None = None,
 ) -> dict[str, Any]:
-    """Returns the given config: the file, with the options of the command line put over it."""
+    """The given config: the file, with the options of the command line put over it."""
     import yaml
 
     from firstfix.builds.config import BuildConfig
@@ -201,7 +201,7 @@ def _given(
 
 
 def _lines(said: dict[str, Any]) -> list[str]:
-    """Returns the content of ``--json`` as text."""
+    """The content of ``--json`` as text."""
     if "version" not in said:
         waits = [f"it waits: {said['waits_for']}"] if said["waits_for"] else []
         return [f"build {said['build_id']} of {said['map_id']} is {said['state']}", *waits]

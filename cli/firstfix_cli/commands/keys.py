@@ -126,7 +126,7 @@ def _line(key: ApiKey) -> str:
 
 
 def _time(text: str, store_now: Callable[[], datetime]) -> datetime:
-    """Returns the time of expiry; a duration begins now by the store's clock.
+    """The time of expiry; a duration begins now by the store's clock.
 
     Raises:
         InvalidOption: the text is neither a duration nor a date.

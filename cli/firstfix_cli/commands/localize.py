@@ -192,7 +192,7 @@ def _sequence(path: Path | None) -> ScanSequence:
 
 
 def _print_replay(answers: Iterable[Replayed], tum: Path | None, as_json: bool) -> set[str]:
-    """Prints one line for each answer as it comes. Returns the verdicts."""
+    """Print one line for each answer as it comes. Returns the verdicts."""
     from ..bags.replay import write_tum
 
     verdicts = set()
@@ -217,7 +217,7 @@ def _print_replay(answers: Iterable[Replayed], tum: Path | None, as_json: bool) 
 
 
 def lines_of(answer: Localization) -> list[str]:
-    """Returns the answer as text."""
+    """The answer as text."""
     import numpy as np
 
     lines = [_verdict_of(answer)]

@@ -270,7 +270,7 @@ def _print_state(map_id: str, version: str, state: str, as_json: bool) -> None:
 
 
 def _lines(details: dict[str, Any]) -> list[str]:
-    """Returns a summary of a map as text; ``--json`` has all details."""
+    """A summary of a map as text; ``--json`` has all details."""
     lines = [f"{details['map_id']}: {details['versions']} versions, active {details['active_version']}"]
     manifest = details.get("manifest")
     if manifest is None:

@@ -50,7 +50,7 @@ def list_samples(
     if store is not None and url is not None:
         raise InvalidOption("give only one of --url and --store")
     if store is None:
-        from ..export.viewer_client import ViewerClient
+        from ..viewer_client import ViewerClient
 
         client = ViewerClient.at(url)
         with client:
@@ -111,7 +111,7 @@ def confirm(
     """
     from firstfix.errors import InvalidOption
 
-    from ..export.viewer_client import ViewerClient
+    from ..viewer_client import ViewerClient
 
     if pose is not None and (undo or len(sample_ids) > 1):
         raise InvalidOption("--pose is of one kept query, and not for --undo")
@@ -176,14 +176,14 @@ def _samples(store: str) -> QuerySamples:
 def _plain_body(kept: QuerySamples, sample: QuerySample) -> bytes:
     from firstfix.wire.content_encoding import undo_content_encoding
 
-    from ..replay import MAX_DECODED_BYTES
+    from ..viewer_client import MAX_DECODED_BYTES
 
     body = kept.body(sample.sample_id)
     return bytes(undo_content_encoding(body, sample.content_encoding, MAX_DECODED_BYTES))
 
 
 def _suffix(media_type: str) -> str:
-    """Returns the file suffix for such a body, ``.body`` for an unknown one."""
+    """The file suffix for such a body, ``.body`` for an unknown one."""
     from firstfix.decode import SUFFIXES
 
     name = media_type.split(";", 1)[0].strip().lower()

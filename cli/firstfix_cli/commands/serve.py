@@ -49,7 +49,7 @@ def serve(
 
 
 def new_store(url: str) -> str | None:
-    """Returns a line about a folder without maps that is to be the store; None: it has some, or is remote."""
+    """A line about a folder without maps that is to be the store; None: it has some, or is remote."""
     from firstfix.store.url import StoreUrl
 
     parsed = StoreUrl.parse(url)
@@ -74,7 +74,7 @@ def settings_of(
     build_queue: str | None = None,
     share_stages: bool | None = None,
 ) -> Any:
-    """Returns the service's settings. The command line has precedence over the environment.
+    """The service's settings. The command line has precedence over the environment.
 
     Raises:
         InvalidOption: a setting is missing or out of range.

@@ -182,7 +182,7 @@ class SelfTestConfig(Stage):
     held_out: int = Field(40, ge=0, le=200)
     confirmed: int = Field(40, ge=0, le=200)
     seed: int = 20
-    # As much as real scans of the shared sets differ from their maps, or a little more (docs/experiments.md).
+    # As much as real scans differ from their maps, or a little more (lab/docs/experiments.md).
     perturb: PerturbConfig = PerturbConfig(occluders=2, strangers=1, unmapped=1)
     perturb_roughly: PerturbConfig = PerturbConfig()
 

@@ -6,7 +6,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-DEFAULT_MAX_TEMPLATES = 4_000_000  # two hours of two processors, 11 GB of disk: docs/large-maps.md
+DEFAULT_MAX_TEMPLATES = 4_000_000  # two hours of two processors, 11 GB of disk: lab/docs/large-maps.md
 
 _CGROUPS = Path("/sys/fs/cgroup")
 _OF_THIS_PROCESS = Path("/proc/self/cgroup")

@@ -143,18 +143,7 @@ class SearchConfig(Stage):
         wide, exhaustive: the next effort levels, if the first search is not convincing.
     """
 
-    engine: Literal[
-        "auto",
-        "exhaustive",
-        "kdtree",
-        "lsh_kdtree",
-        "faiss_flat",
-        "faiss_sq8",
-        "faiss_ivf",
-        "faiss_ivf_sq8",
-        "faiss_ivf_pq",
-        "faiss_hnsw",
-    ] = "auto"
+    engine: Literal["auto", "exhaustive", "kdtree", "lsh_kdtree", "faiss_sq8", "faiss_ivf_sq8"] = "auto"
     lsh: LshConfig = LshConfig()
     shard_keys: int = Field(250_000, ge=100, description="about this many keys in each FAISS index")
     clusters: int = Field(400, ge=1, le=100_000, description="clusters whose templates are compared")

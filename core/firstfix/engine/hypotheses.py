@@ -29,7 +29,7 @@ from .registration.align import Agreement, Registration, Registrations
 from .registration.surface import Surface
 
 # Share of a search's best coarse alignment score, below which a candidate is hopeless. The right place had
-# 0.905 or more in 729 searches (docs/experiments.md, "Hopeless candidates").
+# 0.905 or more in 729 searches (lab/docs/experiments.md, "Hopeless candidates").
 _HOPEFUL_FROM = 0.85
 # Alignment score from which on a place explains a scan so well that hopeless ones are no rivals. A scan that
 # no place explains needs them: they tell that it is of another place.

@@ -25,7 +25,7 @@ from .registration.surface import Surface
 from .retrieval.cascade import Templates
 
 # A lead in score over an alias that is this many times its standard error is no accident of one thing that
-# moved (docs/experiments.md, "Which leads over a look-alike can be trusted").
+# moved (lab/docs/experiments.md, "Which leads over a look-alike can be trusted").
 _PARTED_T = 2.5
 _STACKED_M, _STOREY_M = 2.0, 1.5  # nearer on the level, and further in height: a room above another
 

@@ -27,9 +27,9 @@ class _Numbers(BaseModel):
 class SupportConfig(_Numbers):
     """Weights of a pose's support.
 
-    Those of the logarithms are the ones that most often tell the true place from its rivals in ``python -m
-    benchmarks.run calibration`` (docs/method.md section 7), on a scale on which 0.01 of a good alignment
-    score is about 0.01 of support.
+    Those of the logarithms are the ones that most often tell the true place from its rivals in ``firstfix-lab
+    calibration`` (docs/method.md section 7), on a scale on which 0.01 of a good alignment score is about 0.01
+    of support.
     """
 
     alignment_weight: float = 0.25

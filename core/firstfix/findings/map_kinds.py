@@ -5,7 +5,7 @@ from __future__ import annotations
 from .finding import Severity
 from .kind import FindingKind
 
-PAGE = "docs/how-to/is-my-map-good.md"
+PAGE = "docs/how-to/my-map.md"
 
 
 def _kind(

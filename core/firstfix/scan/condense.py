@@ -2,7 +2,7 @@
 
 The server's preprocessing of a whole scan (``engine.preprocess``) makes the same parts: voxel means, nearest
 returns by direction, a levelled descriptor. An even part of the voxel means has on average the same alignment
-quality as all of them, so probabilities stay comparable. Larger voxels would not (docs/experiments.md).
+quality as all of them, so probabilities stay comparable. Larger voxels would not (lab/docs/experiments.md).
 """
 
 from __future__ import annotations

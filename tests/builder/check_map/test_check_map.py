@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.common.datasets import HALL
 from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.errors import UnfitMap
 from firstfix_builder.check_map.check_map import check_map, refuse
@@ -14,6 +13,7 @@ from firstfix_builder.read_map.map_file import read_map_file
 from firstfix_builder.read_map.map_limits import MapLimits
 from tests.every_case import every_case
 from tests.needs import of_recordings
+from tests.recorded_data import HALL
 from tests.small_world import SmallWorld
 
 UTM = np.array([450_000.0, 5_200_000.0, 300.0])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.common.datasets import STREET, YARD
 from firstfix.sensor import preset
 from firstfix.transform import rotation_z
 from firstfix_builder.check_map.turned_trajectory import check_turned
@@ -16,6 +15,7 @@ from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator, upright
 from tests.builder.box_scenes import box, floor, walls
 from tests.needs import of_recordings
+from tests.recorded_data import STREET, YARD
 
 SENSOR = preset("vlp-16").coarser(3000)
 # A corridor of 40 m, with a room at one side of its first half.

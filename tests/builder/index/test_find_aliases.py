@@ -158,9 +158,9 @@ def test_no_template_is_compared_with_more_than_the_clusters_that_are_asked_for(
 def test_where_there_are_too_many_keys_to_read_all_the_inverted_lists_are_searched(
     cascade, table, monkeypatch
 ):
-    """There is one list of so few keys, which are whole: the same is found."""
+    """There is one list of so few keys: the same is found, but for their eight bits."""
     keys, searched = keys_of(cascade), []
-    search = build_key_search(keys, SearchConfig(engine="faiss_ivf"))
+    search = build_key_search(keys, SearchConfig(engine="faiss_ivf_sq8"))
     monkeypatch.setattr(
         KeyLists,
         "search",

@@ -14,7 +14,7 @@ from firstfix_builder.mesh.map_tiles import by_tiles
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.tiled_mesh import TILE_M, TiledMesh, write_tiled_mesh
 from firstfix_builder.simulation.simulate import Simulator
-from firstfix_worlds.primitives import height_field
+from firstfix_cli.sample_world.primitives import height_field
 
 
 def test_points_stand_tile_by_tile():

@@ -13,7 +13,7 @@ from firstfix.errors import MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.point_cloud import Limits
 from firstfix_builder.read_map import mesh_file, read_map
 from firstfix_builder.read_map.headers import check_points
-from tests.faults.hostile_files import FORMATS, e57_checksums
+from tests.hostile_files import FORMATS, e57_checksums
 
 
 @pytest.fixture

@@ -39,7 +39,7 @@ def test_a_range_image_has_the_clients_resolution_and_voxels():
     assert len(decode_query(coarse, media_type)) < len(decode_query(body, media_type))
 
 
-def test_several_go_as_range_images():
+def test_several_scans_go_as_range_images():
     sequence = ScanSequence.along([SCAN, condense(SCAN)], [np.eye(4)] * 2)
     media_type, body = encoded(sequence, BodyForm("range_image"))
     assert media_type == wire_sequence.MEDIA_TYPE
@@ -48,7 +48,7 @@ def test_several_go_as_range_images():
     assert isinstance(second, CompactScan)
 
 
-def test_several_go_with_the_way_between_them():
+def test_several_scans_go_with_the_way_between_them():
     way = [make_transform(rotation_z(0.1 * n), [n, 0, 0]) for n in range(3)]
     sequence = ScanSequence.along([SCAN] * 3, way)
     media_type, body = encoded(sequence, BodyForm())
@@ -83,24 +83,20 @@ def test_gravity_levels_the_descriptor():
     assert np.allclose(descriptor.up, -down)
 
 
-def test_several_go_compact():
-    sequence = ScanSequence.along([SCAN] * 3, [np.eye(4)] * 3)
-    media_type, body = encoded(sequence, BodyForm("compact"))
-    assert media_type == wire_sequence.MEDIA_TYPE
-    assert all(isinstance(scan, CompactScan) for scan in decode_query(body, media_type).scans)
-
-
 def test_gravity_levels_each_of_several_compact_scans():
     """Gravity is that of the last scan, and the robot has rolled since the first."""
     down, rolled = np.array([0.0, 0.6, -0.8]), make_transform(np.diag([1.0, -1, -1]), [1.0, 0, 0])
     sequence = ScanSequence.along([SCAN] * 2, [np.eye(4), rolled])
     media_type, body = encoded(sequence, BodyForm("compact", PARAMETERS), down)
-    first, last = (scan.described for scan in decode_query(body, media_type).scans)
+    assert media_type == wire_sequence.MEDIA_TYPE
+    scans = decode_query(body, media_type).scans
+    assert [type(scan) for scan in scans] == [CompactScan] * 2
+    first, last = (scan.described for scan in scans)
     assert np.allclose(first.up, [0, 0.6, -0.8])
     assert np.allclose(last.up, -down)
 
 
-def test_what_cannot_be_sent_is_refused():
+def test_invalid_forms_are_refused():
     sequence = ScanSequence.along([SCAN] * 2, [np.eye(4)] * 2)
     for scan, form in (
         (SCAN, BodyForm("descriptor")),

@@ -1,3 +1,5 @@
+"""API keys, and what they permit."""
+
 from __future__ import annotations
 
 import json
@@ -19,14 +21,12 @@ def store(tmp_path: Path) -> Store:
     return Store.open(str(tmp_path / "store"))
 
 
-def test_a_key_is_read_back_by_another_process(any_store_url: str):
-    store = Store.open(any_store_url)
+def test_a_key_is_read_back_by_another_process(any_store: Store):
+    store = any_store
     key, token = ApiKeys(store).create("robot-7", GRANT)
     found, bad = ApiKeys(store).all()
     assert (found, bad) == ([key], [])
-    parsed = parse_token(token)
-    assert parsed is not None
-    key_id, secret = parsed
+    key_id, secret = parse_token(token)
     assert key_id == key.key_id
     assert found[0].matches(secret)
     assert not found[0].matches(secret[:-1] + ("0" if secret[-1] != "0" else "1"))
@@ -75,43 +75,25 @@ def test_a_key_expires(store: Store):
 
 
 @pytest.mark.parametrize("name", ["", "x" * 101, "a\nb", "a\x00b"])
-def test_a_name_is_for_people(store: Store, name: str):
+def test_an_invalid_name_is_refused(store: Store, name: str):
     with pytest.raises(InvalidOption, match="name"):
         ApiKeys(store).create(name, GRANT)
+
+
+RECORD = {"name": "x", "scopes": ["admin"], "maps": ["*"], "sha256": "0" * 64, "expires_time": None}
 
 
 @pytest.mark.parametrize(
     "record",
     [
-        b"",
-        b"[]",
-        b"{}",
-        b'{"scopes": ["root"]}',
-        json.dumps(
-            {
-                "name": "x",
-                "scopes": ["admin"],
-                "maps": ["*"],
-                "sha256": None,
-                "created_time": "2030-01-01T00:00:00+00:00",
-                "expires_time": None,
-            }
-        ).encode(),
-        json.dumps(
-            {
-                "name": "x",
-                "scopes": ["admin"],
-                "maps": ["*"],
-                "sha256": "0" * 64,
-                "created_time": "2030-01-01T00:00:00",
-                "expires_time": None,
-            }
-        ).encode(),
-        b"[" * 50_000,
-        b" " * 100_000,
+        *(b"", b"[]", b"{}", b'{"scopes": ["root"]}'),
+        json.dumps({**RECORD, "sha256": None, "created_time": "2030-01-01T00:00:00+00:00"}).encode(),
+        json.dumps({**RECORD, "created_time": "2030-01-01T00:00:00"}).encode(),
+        pytest.param(b"[" * 50_000, id="deep"),
+        pytest.param(b" " * 100_000, id="long"),
     ],
 )
-def test_a_record_that_cannot_be_read_is_named_and_lets_nobody_in(store: Store, record: bytes):
+def test_an_unreadable_record_is_named_and_lets_nobody_in(store: Store, record: bytes):
     keys = ApiKeys(store)
     good, _ = keys.create("robot-7", GRANT)
     store.put("keys/0123456789ab.json", record)
@@ -124,7 +106,7 @@ def test_a_record_that_cannot_be_read_is_named_and_lets_nobody_in(store: Store, 
     ["", "ffx_", "ffx_0123456789ab_", f"ffx_0123456789ab_{'g' * 64}", f"ffx_0123456789ab_{'a' * 65}"]
     + [f" ffx_0123456789ab_{'a' * 64}", f"ffx_0123456789ab_{'a' * 64}\n", f"ffx_0123456789AB_{'a' * 64}"],
 )
-def test_what_is_no_token(token: str):
+def test_an_invalid_token_is_not_parsed(token: str):
     assert parse_token(token) is None
 
 
@@ -148,7 +130,7 @@ def test_a_key_made_elsewhere_is_entered_once(store: Store):
         ("admin", GRANT, GIVEN[:-1] + "f"),
     ],
 )
-def test_another_key_of_that_id_is_not_taken_for_it(store: Store, name: str, grant: Grant, token: str):
+def test_another_key_of_the_same_id_is_refused(store: Store, name: str, grant: Grant, token: str):
     first, _ = ApiKeys(store).create("admin", GRANT, token=GIVEN)
     with pytest.raises(Conflict):
         ApiKeys(store).create(name, grant, token=token)
@@ -167,3 +149,53 @@ def test_a_revoked_key_is_not_revived_by_its_token(store: Store):
     keys.revoke(key.key_id)
     keys.create("admin", GRANT, token=GIVEN)
     assert [found.revoked for found in ApiKeys(store).all()[0]] == [True]
+
+
+@pytest.mark.parametrize(
+    ("given", "allowed"),
+    [
+        (["localize"], {Scope.LOCALIZE}),
+        (["build"], {Scope.LOCALIZE, Scope.BUILD}),
+        (["metrics"], {Scope.METRICS}),
+        (["localize", "metrics"], {Scope.LOCALIZE, Scope.METRICS}),
+        (["admin"], set(Scope)),
+    ],
+)
+def test_a_scope_includes_lower_ones(given: list[str], allowed: set[Scope]):
+    grant = Grant.parse(given, ["*"])
+    assert {scope for scope in Scope if grant.allows(scope)} == allowed
+
+
+@pytest.mark.parametrize(
+    ("pattern", "covered", "not_covered"),
+    [
+        ("*", ["hall", "a-1_b"], []),
+        ("hall", ["hall"], ["hall-1", "hal", "xhall"]),
+        ("hall-*", ["hall-", "hall-7", "hall-7-b"], ["hall", "shall-7"]),
+        ("hall-?", ["hall-7"], ["hall-", "hall-77"]),
+        ("*-lab-*", ["a-lab-b"], ["lab"]),
+    ],
+)
+def test_patterns_cover_map_ids(pattern: str, covered: list[str], not_covered: list[str]):
+    grant = Grant.parse(["localize"], [pattern, "other"])
+    assert all(grant.covers(map_id) for map_id in [*covered, "other"])
+    assert not any(grant.covers(map_id) for map_id in not_covered)
+
+
+@pytest.mark.parametrize(
+    ("scopes", "maps"),
+    [
+        *(([], ["*"]), (["root"], ["*"]), (["localize"], [])),
+        *((["localize"], [pattern]) for pattern in ("[a-z]*", "Hall", "a/b", "", "x" * 64)),
+        (["localize"], [f"m{n}" for n in range(101)]),
+    ],
+)
+def test_an_invalid_grant_is_refused(scopes: list[str], maps: list[str]):
+    with pytest.raises(InvalidOption):
+        Grant.parse(scopes, maps)
+
+
+def test_no_scope_and_no_map_allow_nothing():
+    nothing = Grant(frozenset(), ())
+    assert not any(nothing.allows(scope) for scope in Scope)
+    assert not nothing.covers("hall")

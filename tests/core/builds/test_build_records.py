@@ -9,12 +9,8 @@ from firstfix.errors import Conflict, NotFound, StoreError
 from firstfix.store.store import Store
 
 
-@pytest.fixture
-def records(any_store_url: str) -> BuildRecords:
-    return BuildRecords(Store.open(any_store_url))
-
-
-def test_a_build_from_request_to_end(records: BuildRecords) -> None:
+def test_a_build_is_recorded_from_request_to_end(any_store: Store):
+    records = BuildRecords(any_store)
     request = {"map_id": "hall", "source": {"key": "k"}, "file_name": "größe.ply", "config": {"a": 1}}
     records.put_build("b1", request)
     assert records.build_request("b1") == request
@@ -27,7 +23,8 @@ def test_a_build_from_request_to_end(records: BuildRecords) -> None:
         records.put_build("b1", request)
 
 
-def test_a_wish_to_stop_is_kept_until_the_end(records: BuildRecords) -> None:
+def test_a_cancellation_is_kept_until_the_end(any_store: Store):
+    records = BuildRecords(any_store)
     records.put_build("b1", {"map_id": "hall"})
     assert not records.is_cancel_requested("b1")
     records.request_cancel("b1")
@@ -38,13 +35,14 @@ def test_a_wish_to_stop_is_kept_until_the_end(records: BuildRecords) -> None:
         records.request_cancel("b1")
 
 
-def test_a_build_that_is_not_there(records: BuildRecords) -> None:
+def test_a_missing_build_is_not_found(any_store: Store):
+    records = BuildRecords(any_store)
     for call in (records.build_request, records.build_status, records.request_cancel):
         with pytest.raises(NotFound, match="no build b1"):
             call("b1")
 
 
-def test_a_damaged_record_is_told() -> None:
+def test_a_damaged_record_is_refused():
     records = BuildRecords(Store.open("memory://"))
     records.put_build("b1", {})
     for data in (b"{", b"[]", b"\xff\xfe"):
@@ -53,13 +51,13 @@ def test_a_damaged_record_is_told() -> None:
             records.build_status("b1")
 
 
-def test_a_status_of_another_form_is_a_mistake() -> None:
+def test_an_invalid_status_is_refused():
     with pytest.raises(ValueError, match="state"):
         new_status("done", map_id="hall")
     assert new_status("running", map_id="hall", progress=1.5)["progress"] == 1.0
 
 
-def test_what_went_wrong_is_told_without_secrets():
+def test_an_error_is_recorded_without_secrets():
     why = {"code": "build_failed", "detail": "cannot read https://user:hunter2@host/a?X-Amz-Signature=abc123"}
     error = new_status("failed", map_id="hall", error=why)["error"]
     assert error == {"code": "build_failed", "detail": "cannot read https://***@host/a?X-Amz-Signature=***"}

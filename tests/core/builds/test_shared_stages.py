@@ -46,7 +46,7 @@ def fetched(store: Store, tmp_path: Path, key: str = KEY) -> dict[str, bytes] | 
     return None
 
 
-def test_a_stage_comes_back_as_it_was(store: Store, made: Path, tmp_path: Path) -> None:
+def test_a_stage_comes_back_as_it_was(store: Store, made: Path, tmp_path: Path):
     assert fetched(store, tmp_path) is None
     assert SharedStages(store).put(KEY, "mesh", made) == 256_001
     assert SharedStages(store).put(KEY, "mesh", made) == 0, "it is there"
@@ -54,7 +54,7 @@ def test_a_stage_comes_back_as_it_was(store: Store, made: Path, tmp_path: Path) 
     assert fetched(store, tmp_path, OTHER) is None
 
 
-def test_a_stage_without_its_record_does_not_exist(store: Store, made: Path, tmp_path: Path) -> None:
+def test_a_stage_without_its_record_does_not_exist(store: Store, made: Path, tmp_path: Path):
     SharedStages(store).put(KEY, "mesh", made)
     store.delete(f"stages/{KEY}/stage.json")
     assert fetched(store, tmp_path) is None
@@ -63,9 +63,7 @@ def test_a_stage_without_its_record_does_not_exist(store: Store, made: Path, tmp
 
 
 @pytest.mark.parametrize("damage", ["altered", "missing"])
-def test_a_damaged_stage_is_refused_and_shared_anew(
-    store: Store, made: Path, tmp_path: Path, damage: str
-) -> None:
+def test_a_damaged_stage_is_refused_and_shared_anew(store: Store, made: Path, tmp_path: Path, damage: str):
     SharedStages(store).put(KEY, "mesh", made)
     key = max(store.scan(f"stages/{KEY}"), key=lambda item: item.size_bytes).key
     if damage == "altered":
@@ -80,24 +78,20 @@ def test_a_damaged_stage_is_refused_and_shared_anew(
 @pytest.mark.parametrize(
     "record",
     [
-        b"{",
-        b"[]",
-        b'{"files": [1]}',
-        json.dumps({"files": {"../x": {"sha256": KEY, "bytes": 1}}}).encode(),
-        json.dumps({"files": {"/etc/x": {"sha256": KEY, "bytes": 1}}}).encode(),
+        *(b"{", b"[]", b'{"files": [1]}'),
+        *(json.dumps({"files": {name: {"sha256": KEY, "bytes": 1}}}).encode() for name in ("../x", "/etc/x")),
         json.dumps({"files": {"x": {"sha256": "../../x", "bytes": 1}}}).encode(),
         json.dumps({"files": {"x": {"sha256": KEY, "bytes": 1 << 60}}}).encode(),
         pytest.param(b" " * (5 << 20), id="huge"),
     ],
 )
-def test_a_record_that_is_none_is_no_stage(record: bytes, tmp_path: Path) -> None:
-    store = Store.open("memory://")
+def test_an_invalid_record_is_no_stage(store: Store, record: bytes, tmp_path: Path):
     store.put(f"stages/{KEY}/stage.json", record)
     assert fetched(store, tmp_path) is None
     assert not (tmp_path / "x").exists()
 
 
-def test_trouble_with_the_store_does_not_reach_the_build(made: Path, tmp_path: Path) -> None:
+def test_trouble_with_the_store_does_not_reach_the_build(made: Path, tmp_path: Path):
     store = Store.open(f"file://{tmp_path / 'root'}")
     (tmp_path / "root").rmdir()
     (tmp_path / "root").write_text("a file where the folder should be")
@@ -105,7 +99,7 @@ def test_trouble_with_the_store_does_not_reach_the_build(made: Path, tmp_path: P
     assert fetched(store, tmp_path) is None
 
 
-def test_a_stage_over_the_limit_stays_here(store: Store, made: Path, tmp_path: Path) -> None:
+def test_a_stage_over_the_limit_stays_here(store: Store, made: Path, tmp_path: Path):
     assert SharedStages(store, max_bytes=1000).put(KEY, "mesh", made) == 0
     assert store.list("stages") == []
     SharedStages(store).put(KEY, "mesh", made)
@@ -113,7 +107,7 @@ def test_a_stage_over_the_limit_stays_here(store: Store, made: Path, tmp_path: P
     assert not SharedStages(store, max_bytes=1000).fetch(KEY, tmp_path / "out")
 
 
-def test_old_stages_go_first(made: Path, tmp_path: Path) -> None:
+def test_old_stages_go_first(made: Path, tmp_path: Path):
     store = Store.open(f"file://{tmp_path / 'store'}")
     keys = ["a" * 64, "b" * 64, "c" * 64]
     for key, age_s in zip(keys, (300, 200, 100), strict=True):
@@ -133,9 +127,7 @@ def test_old_stages_go_first(made: Path, tmp_path: Path) -> None:
     assert store.list("stages") == []
 
 
-def test_a_stage_that_is_collected_as_it_is_shared_is_right_or_not_there(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stage_collected_while_it_is_shared_is_whole_or_missing(made, tmp_path, monkeypatch):
     def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         SharedStages(store).put(KEY, "mesh", made)

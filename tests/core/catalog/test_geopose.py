@@ -1,4 +1,4 @@
-"""Geographic poses against independent formulas: the parametric ellipse and numeric derivatives."""
+"""Georeferences of maps, and geographic poses against independent formulas."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import least_squares
 
 from firstfix.catalog.geopose import Georeference, T_ecef_enu, ecef_of, geodetic_of
-from firstfix.errors import InvalidOption
-from firstfix.transform import from_quaternion, make_transform, quaternion_of, rotation_angle_deg, rotation_z
+from firstfix.catalog.georeferences import Georeferences
+from firstfix.errors import InvalidOption, StoreError
+from firstfix.store.store import Store
+from firstfix.transform import from_quaternion, quaternion_of, rotation_angle_deg, rotation_z
+from tests.core.fixtures import at_once
 
 A_M, B_M = 6378137.0, 6356752.314245179
 LATITUDES = st.floats(-90, 90)
@@ -44,7 +46,7 @@ def numeric_enu(lat_deg: float, lon_deg: float, h_m: float) -> np.ndarray:
     return np.column_stack(axes)
 
 
-def test_the_surveyors_example():
+def test_ecef_is_that_of_the_surveyors_example():
     """IOGP guidance note 7-2, 4.1.1 (EPSG method 9602)."""
     lat, lon = 53 + 48 / 60 + 33.820 / 3600, 2 + 7 / 60 + 46.380 / 3600
     np.testing.assert_allclose(ecef_of(lat, lon, 73.0), [3771793.968, 140253.342, 5124304.349], atol=6e-4)
@@ -53,7 +55,7 @@ def test_the_surveyors_example():
 
 
 @given(LATITUDES, LONGITUDES, HEIGHTS)
-def test_there_and_back(lat: float, lon: float, h: float):
+def test_geodetic_inverts_ecef(lat: float, lon: float, h: float):
     ecef = ecef_of(lat, lon, h)
     np.testing.assert_allclose(ecef, parametric_ecef(lat, lon, h), atol=1e-7)
     lat2, lon2, h2 = geodetic_of(ecef)
@@ -63,7 +65,7 @@ def test_there_and_back(lat: float, lon: float, h: float):
 
 
 @given(st.floats(-89, 89), LONGITUDES, HEIGHTS)
-def test_the_tangent_frame(lat: float, lon: float, h: float):
+def test_the_tangent_frame_is_the_derivative(lat: float, lon: float, h: float):
     np.testing.assert_allclose(T_ecef_enu(lat, lon, h)[:3, :3], numeric_enu(lat, lon, h), atol=1e-6)
 
 
@@ -74,7 +76,7 @@ def test_the_tangent_frame(lat: float, lon: float, h: float):
     st.tuples(METRES, METRES, st.floats(-100, 100)),
     st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: math.hypot(*q) > 0.1),
 )
-def test_a_pose_against_the_other_formulas(lat, lon, heading, position, quaternion):
+def test_a_pose_agrees_with_the_other_formulas(lat, lon, heading, position, quaternion):
     georeference = Georeference.with_heading(lat, lon, 120.0, heading, anchor_m=(7.0, -3.0, 1.0))
     T_map_body = from_quaternion(position, quaternion)
     found = georeference.geopose(T_map_body)
@@ -93,35 +95,7 @@ def test_a_pose_against_the_other_formulas(lat, lon, heading, position, quaterni
     assert georeference.x_axis_deg == pytest.approx(heading, abs=1e-9) or abs(heading) == 180
 
 
-def test_the_inverse_against_a_solver():
-    target = parametric_ecef(-33.4, 151.2, 812.5)
-    solved = least_squares(
-        lambda v: parametric_ecef(v[0], v[1], v[2] * 1e5) - target, [-33.0, 151.0, 0.0], xtol=1e-15
-    ).x
-    np.testing.assert_allclose(
-        geodetic_of(target), [solved[0], solved[1], solved[2] * 1e5], rtol=0, atol=1e-6
-    )
-
-
-def test_the_directions_of_a_heading():
-    north = Georeference.with_heading(50.0, 8.0, 100.0, 90.0)
-    ahead = north.geopose(make_transform(np.eye(3), [100.0, 0.0, 0.0]))
-    assert ahead["position"]["lat"] > 50.0008
-    assert ahead["position"]["lon"] == pytest.approx(8.0, abs=1e-12)
-    turn = [ahead["quaternion"][name] for name in "xyzw"]
-    np.testing.assert_allclose(turn, [0, 0, math.sqrt(0.5), math.sqrt(0.5)], atol=1e-5)
-
-
-def test_projected_coordinates_need_the_anchor():
-    anchor = (467_000.0, 5_540_000.0, 110.0)
-    georeference = Georeference.with_heading(50.0, 8.5, 158.0, 0.0, anchor)
-    pose = georeference.geopose(make_transform(np.eye(3), [467_010.0, 5_540_000.0, 110.0]))
-    assert pose["position"]["lat"] == pytest.approx(50.0, abs=1e-9)
-    assert pose["position"]["h"] == pytest.approx(158.0, abs=1e-4)
-    assert pose["position"]["lon"] == pytest.approx(8.5 + 10 / 71_695.7, abs=1e-7)
-
-
-def test_it_goes_through_json():
+def test_a_georeference_is_read_from_its_json():
     georeference = Georeference(
         1.5,
         -2.5,
@@ -133,21 +107,48 @@ def test_it_goes_through_json():
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("name", "value"),
     [
-        {"latitude_deg": 90.1},
-        {"longitude_deg": -181},
-        {"height_m": float("nan")},
-        {"height_m": 2e5},
-        {"quaternion": (0, 0, 0, 2)},
-        {"quaternion": (0, 0, 1)},
-        {"anchor_m": (0, 0, 1e9)},
-        {"anchor_m": (0, float("inf"), 0)},
-        {"anchor_m": None},
-        {"latitude_deg": "north"},
+        *(("latitude_deg", value) for value in (90.1, "north")),
+        ("longitude_deg", -181),
+        *(("height_m", value) for value in (float("nan"), 2e5)),
+        *(("quaternion", value) for value in ((0, 0, 0, 2), (0, 0, 1))),
+        *(("anchor_m", value) for value in ((0, 0, 1e9), (0, float("inf"), 0), None)),
     ],
 )
-def test_what_is_no_place_is_refused(change):
+def test_an_invalid_georeference_is_refused(name, value):
     good = Georeference.with_heading(1, 2, 3, 4).to_mapping()
     with pytest.raises(InvalidOption):
-        Georeference.from_mapping({**good, **change})
+        Georeference.from_mapping({**good, name: value})
+
+
+def at(latitude_deg: float) -> Georeference:
+    return Georeference.with_heading(latitude_deg, 8.0, 100.0, 0.0)
+
+
+def test_the_last_georeference_counts(any_store: Store):
+    georeferences = Georeferences(any_store)
+    assert georeferences.get("hall") is None
+    georeferences.set("hall", at(1))
+    georeferences.set("hall", at(2))
+    assert georeferences.get("hall") == at(2)
+    assert georeferences.get("attic") is None
+    georeferences.set("hall", None)
+    assert georeferences.get("hall") is None
+    georeferences.set("hall", at(3))
+    assert georeferences.get("hall") == at(3)
+
+
+def test_no_georeference_is_lost_in_a_race(any_store: Store):
+    at_once(16, lambda n: Georeferences(any_store).set("hall", at(n)))
+    assert len(any_store.list("maps/hall/georeference")) == 16
+
+
+def test_an_unreadable_georeference_is_refused(store: Store):
+    georeferences = Georeferences(store)
+    georeferences.set("hall", at(1))
+    store.put("maps/hall/georeference/000002.json", b'{"latitude_deg": 1}')
+    with pytest.raises(StoreError, match="000002"):
+        georeferences.get("hall")
+    with pytest.raises(InvalidOption):
+        georeferences.get("../x")

@@ -1,4 +1,4 @@
-"""Versions whose self-test is bad are published, and not activated."""
+"""Findings of a version, and which versions are published without being activated."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from firstfix.builds.config import ActivateConfig, PatchMode
+from firstfix.builds.config import ActivateConfig
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.version_findings import findings_of
 from firstfix.findings.finding import Severity
 from firstfix.findings.map_kinds import MAP_DOUBLED_WALLS, MAP_NOT_LEVEL, PAGE
 from firstfix.findings.registry import KINDS
@@ -53,35 +54,25 @@ def maker(tmp_path: Path) -> Maker:
     return Maker(tmp_path)
 
 
-def test_a_version_below_the_floor_is_published_and_the_one_before_serves(maker: Maker):
-    assert maker.build(0.9) is None
-    before = maker.active
-    assert maker.build(0.69) == "self_test_low"
-    assert maker.active == before
-    assert len(maker.catalog.versions("hall")) == 2
+ANY = ActivateConfig(min_found=0.0)
 
 
-def test_a_version_that_is_clearly_worse_than_the_active_one_is_not_activated(maker: Maker):
-    assert maker.build(0.95) is None
-    assert maker.build(0.86) is None, "within 10 points"
-    before = maker.active
-    assert maker.build(0.75) == "self_test_worse"
-    assert maker.active == before
-    assert maker.build(0.75, ActivateConfig(max_loss=1.0)) is None
-    assert maker.active != before
-
-
-def test_the_user_may_say_otherwise(maker: Maker):
-    assert maker.build(0.2, ActivateConfig(min_found=0.0)) is None
-    assert maker.active is not None
-    assert maker.build(None) is None, "its config wanted no self-test"
-
-
-def test_the_active_version_is_not_held_back_when_it_is_built_again(maker: Maker):
-    maker.build(0.3, ActivateConfig(min_found=0.0))
-    before = maker.active
-    assert maker.build(0.3) is None
-    assert maker.active == before
+@pytest.mark.parametrize(
+    "builds",
+    [
+        [(0.9, BY_DEFAULT, None), (0.69, BY_DEFAULT, "self_test_low")],
+        [(0.95, BY_DEFAULT, None), (0.86, BY_DEFAULT, None), (0.75, BY_DEFAULT, "self_test_worse")],
+        [(0.86, BY_DEFAULT, None), (0.75, ActivateConfig(max_loss=1.0), None)],
+        [(0.2, ANY, None), (None, BY_DEFAULT, None)],  # the second one's config wanted no self-test
+        [(0.3, ANY, None), (0.3, BY_DEFAULT, None)],  # the active one, built again
+    ],
+)
+def test_a_bad_or_worse_version_is_published_and_not_activated(maker: Maker, builds: list[Any]):
+    for found, activate, held in builds:
+        before = maker.active
+        assert maker.build(found, activate) == held
+        assert (maker.active == before) == (held is not None or before == maker.manifest(found).digest)
+    assert len(maker.catalog.versions("hall")) == len({found for found, *_ in builds})
 
 
 def test_a_first_map_that_fails_serves_nothing_not_even_provisionally(maker: Maker):
@@ -93,7 +84,7 @@ def test_a_first_map_that_fails_serves_nothing_not_even_provisionally(maker: Mak
 
 
 @pytest.mark.parametrize("provisional", [False, True])
-def test_a_finding_whose_kind_says_so_holds_every_version_back(maker: Maker, provisional: bool):
+def test_a_finding_of_a_holding_kind_holds_every_version_back(maker: Maker, provisional: bool):
     findings = [MAP_DOUBLED_WALLS_FOUND, MAP_NOT_LEVEL.found({"level_y_share": 0.4, "level_z_share": 0.1})]
     source = {"findings": [one.to_mapping() for one in findings]}
     held = maker.catalog.reason_to_hold(
@@ -107,13 +98,13 @@ def test_a_finding_whose_kind_says_so_holds_every_version_back(maker: Maker, pro
     assert maker.build(0.99, source=warned) is None, "a warning alone, or a finding of a later release"
 
 
-def test_which_findings_hold_a_version_back():
+def test_errors_of_maps_and_two_warnings_hold_back():
     held = {code for code, kind in KINDS.items() if kind.holds_back}
     errors = {code for code, kind in KINDS.items() if kind.severity is Severity.ERROR and kind.doc == PAGE}
     assert held == errors | {"map_not_level", "trajectory_turned"}
 
 
-def test_a_self_test_that_asked_nothing_though_it_should_holds_back(maker: Maker):
+def test_a_self_test_without_its_queries_holds_back(maker: Maker):
     asked_nothing = {"queries": 0, "found": 0.0, "success": {"1m": 0.0}}
     wanted = {"self_test": {"queries": 120}}
     assert maker.build(0.0, self_test=asked_nothing, config=wanted) == "self_test_none"
@@ -123,40 +114,26 @@ def test_a_self_test_that_asked_nothing_though_it_should_holds_back(maker: Maker
 
 @pytest.mark.parametrize(
     ("found", "asked", "is_held"),
-    [
-        (0, 0, False),
-        (0, 1, False),  # one wrong scan is no evidence
-        (0, 2, True),
-        (1, 3, False),
-        (0, 3, True),
-        (2, 5, False),
-        (1, 5, True),
-        (6, 10, False),
-        (5, 10, True),
-        (27, 40, True),
-        (28, 40, False),
-    ],
+    [(0, 0, False), (0, 1, False)]  # one wrong scan is no evidence
+    + [(0, 2, True), (1, 3, False), (0, 3, True), (2, 5, False), (1, 5, True), (6, 10, False), (5, 10, True)]
+    + [(27, 40, True), (28, 40, False)],
 )
-def test_real_scans_hold_back_if_too_few_are_found_by_more_than_chance(
-    maker: Maker, found: int, asked: int, is_held: bool
-):
+def test_real_scans_hold_back_if_too_few_are_found_by_more_than_chance(maker, found, asked, is_held):
     tested = {"queries": 120, "found": 0.95, "real": {"of_source": {"asked": asked, "found": found}}}
     assert maker.build(0.95, self_test=tested) == ("self_test_real_low" if is_held else None)
     any_real = ActivateConfig(min_real_found=0.0)
     assert maker.build(0.95, any_real, self_test={**tested, "found": 0.96}) is None
 
 
-def test_a_person_may_activate_it(maker: Maker):
+def test_a_person_may_activate_a_version_held_back(maker: Maker):
     maker.build(0.2)
     (version,) = maker.catalog.versions("hall")
     maker.catalog.activate("hall", version.version)
     assert maker.active == version.version
 
 
-COMPARED = {"places": 40, "localized_before": 36, "localized_after": 36, "lost": 0, "won": 0} | {
-    "wrong_before": 0,
-    "wrong_after": 0,
-}
+COMPARED = {"places": 40, "localized_before": 36, "localized_after": 36}
+COMPARED |= dict.fromkeys(("lost", "won", "wrong_before", "wrong_after"), 0)
 PATCH = {"queries": 9, "robots": 2, "areas": [], "added_points": 1, "removed_points": 0, "compared": COMPARED}
 
 
@@ -170,31 +147,28 @@ PATCH = {"queries": 9, "robots": 2, "areas": [], "added_points": 1, "removed_poi
         ({"localized_after": 31, "lost": 5, "won": 0}, "propose", "patch_worse"),
         ({"localized_after": 38, "lost": 0, "won": 2, "wrong_after": 1}, "activate", "patch_worse"),
         ({"places": 0, "localized_before": 0, "localized_after": 0}, "activate", None),
+        ({"base": "0" * 64}, "activate", "patch_outdated"),
+        ({"found": 0.75}, "activate", "self_test_worse"),
     ],
 )
-def test_a_patch_must_not_be_worse_where_nothing_has_changed(
-    maker: Maker, told: dict[str, int], mode: PatchMode, held: str | None
-):
+def test_a_patch_is_held_back_where_it_is_worse_or_outdated(maker, told, mode, held):
     maker.build(0.9)
-    record = {**PATCH, "base": maker.active, "compared": {**COMPARED, **told}}
-    patched = replace(maker.manifest(0.9, "patched"), source={"patch": record})
+    compared = {name: told.get(name, value) for name, value in COMPARED.items()}
+    record = {**PATCH, "base": told.get("base", maker.active), "compared": compared}
+    patched = replace(maker.manifest(told.get("found", 0.9), "patched"), source={"patch": record})
     found = maker.catalog.reason_to_hold("hall", patched, BY_DEFAULT, mode)
     assert (None if found is None else found.code) == held
 
 
-def test_a_patch_of_a_version_that_is_no_longer_active_waits(maker: Maker):
-    maker.build(0.9)
-    record = {**PATCH, "base": "0" * 64}
-    patched = replace(maker.manifest(0.9, "patched"), source={"patch": record})
-    found = maker.catalog.reason_to_hold("hall", patched, BY_DEFAULT, "activate")
-    assert found is not None
-    assert found.code == "patch_outdated"
+@pytest.mark.parametrize(("in_part", "is_found"), [(0, False), (10, False), (11, True), (100, True)])
+def test_many_places_mapped_in_part_are_a_finding(in_part, is_found):
+    tested = {"mapped": {"places": 100, "in_part": in_part}}
+    found = findings_of(Manifest({}, self_test=tested))
+    assert [one.code for one in found] == (["map_in_part"] if is_found else [])
+    if is_found:
+        assert f"Of 100 places, {in_part} were mapped in part" in found[0].text
 
 
-def test_a_patch_with_a_bad_self_test_is_not_activated_either(maker: Maker):
-    maker.build(0.9)
-    record = {**PATCH, "base": maker.active}
-    patched = replace(maker.manifest(0.75, "patched"), source={"patch": record})
-    found = maker.catalog.reason_to_hold("hall", patched, BY_DEFAULT, "activate")
-    assert found is not None
-    assert found.code == "self_test_worse"
+def test_versions_without_the_count_have_no_such_finding():
+    for tested in ({}, {"mapped": None}, {"mapped": {"places": 0, "in_part": 0}}):
+        assert findings_of(Manifest({}, self_test=tested)) == []

@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from firstfix.catalog.manifest import FileEntry, Manifest
 from firstfix.errors import CorruptVersion, IncompatibleVersion, InvalidOption
+from tests.core.fixtures import make_version
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "sub").mkdir()
-    (tmp_path / "a.npy").write_bytes(b"aaaa")
-    (tmp_path / "sub" / "b.bin").write_bytes(b"")
+    make_version(tmp_path, b"aaaa", {"sub/b.bin": b""})
     return tmp_path
 
 
-def test_the_digest_is_of_content_and_config(folder: Path) -> None:
+def rewritten(**changes: Any) -> bytes:
+    """The manifest of an empty version with other values."""
+    values = {**json.loads(Manifest({}).to_json()), **changes}
+    return json.dumps(values, sort_keys=True, separators=(",", ":")).encode()
+
+
+def test_the_digest_is_of_content_and_config(folder: Path):
     manifest = Manifest.for_directory(folder, config={"x": 1, "a": [0.1]}, counts={"templates": 3})
     assert set(manifest.files) == {"a.npy", "sub/b.bin"}
     assert manifest.total_bytes == 4
@@ -31,7 +37,7 @@ def test_the_digest_is_of_content_and_config(folder: Path) -> None:
     assert Manifest.for_directory(folder, config={"x": 1, "a": [0.1]}).digest != manifest.digest
 
 
-def test_the_digest_stays_the_same_over_releases() -> None:
+def test_the_digest_stays_the_same_over_releases():
     manifest = Manifest({"a": FileEntry(1, "0" * 64)}, config={"b": 0.1, "a": "é"}, origin=(1, 2.5, -3))
     assert manifest.to_json() == (
         b'{"bounds":[],"config":{"a":"\\u00e9","b":0.1},"counts":{},"engine":{},'
@@ -40,7 +46,7 @@ def test_the_digest_stays_the_same_over_releases() -> None:
     )
 
 
-def test_it_comes_back_as_it_was_written(folder: Path) -> None:
+def test_a_manifest_is_read_from_its_json(folder: Path):
     manifest = Manifest.for_directory(
         folder,
         engine={"rings": np.int64(20), "scales": np.array([1.5, 2]), "pair": (1, 2)},
@@ -55,62 +61,42 @@ def test_it_comes_back_as_it_was_written(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), {1, 2}, b"bytes"])
-def test_what_is_no_json_is_refused(value: object) -> None:
+def test_a_value_that_json_has_not_is_refused(value: object):
     with pytest.raises(InvalidOption):
         Manifest({}, config={"x": value})
 
 
 @pytest.mark.parametrize("name", ["../up", "/abs", "a/../b", ".hidden", "manifest.json", "a b", ""])
-def test_a_file_name_that_leads_elsewhere_is_refused(name: str) -> None:
-    entry = {"bytes": 1, "sha256": "0" * 64}
-    data = json.loads(Manifest({}).to_json())
-    data["files"] = {name: entry}
+def test_a_file_name_that_leads_elsewhere_is_refused(name: str):
     with pytest.raises(CorruptVersion):
-        Manifest.from_json(json.dumps(data, sort_keys=True, separators=(",", ":")).encode())
+        Manifest.from_json(rewritten(files={name: {"bytes": 1, "sha256": "0" * 64}}))
     with pytest.raises(InvalidOption):
         Manifest({name: FileEntry(1, "0" * 64)})
 
 
-def test_another_format_is_incompatible_not_corrupt() -> None:
-    data = json.loads(Manifest({}).to_json())
-    for change in (
-        {"format": 8},
-        {"format": 10},
-        {"format": "9"},
-        {"format": [9]},
-        {"format": 9.0},
-        {"format": True},
-        {"format": None},
-        {"surprise": 1},
-    ):
-        with pytest.raises(IncompatibleVersion, match="maps rebuild" if "format" in change else "surprise"):
-            Manifest.from_json(json.dumps({**data, **change}, sort_keys=True, separators=(",", ":")).encode())
+@pytest.mark.parametrize(
+    "change", [{"surprise": 1}, *({"format": value} for value in (8, 10, "9", [9], 9.0, True, None))]
+)
+def test_another_format_is_incompatible_not_corrupt(change: dict[str, object]):
+    with pytest.raises(IncompatibleVersion, match="maps rebuild" if "format" in change else "surprise"):
+        Manifest.from_json(rewritten(**change))
 
 
 @pytest.mark.parametrize(
-    "change",
+    "data",
     [
-        {"files": None},
-        {"files": {"a": {"bytes": -1, "sha256": "0" * 64}}},
-        {"files": {"a": {"bytes": 1.0, "sha256": "0" * 64}}},
-        {"files": {"a": {"bytes": 1, "sha256": "short"}}},
-        {"files": {"a": {"bytes": 1}}},
-        {"origin": ["x"]},
-        {"bounds": 3},
+        rewritten(files=None),
+        rewritten(files={"a": {"bytes": -1, "sha256": "0" * 64}}),
+        rewritten(files={"a": {"bytes": 1.0, "sha256": "0" * 64}}),
+        rewritten(files={"a": {"bytes": 1, "sha256": "short"}}),
+        rewritten(files={"a": {"bytes": 1}}),
+        rewritten(origin=["x"]),
+        rewritten(bounds=3),
+        json.dumps(json.loads(Manifest({}).to_json()), indent=1).encode(),  # not the canonical form
+        *(b"", b"[]", b"null", b"{", b"\xff", b"{}"),
+        pytest.param(b"[" * 100_000, id="deep"),
     ],
 )
-def test_a_malformed_manifest_is_corrupt(change: dict[str, object]) -> None:
-    data = {**json.loads(Manifest({}).to_json()), **change}
-    with pytest.raises(CorruptVersion):
-        Manifest.from_json(json.dumps(data, sort_keys=True, separators=(",", ":")).encode())
-
-
-@pytest.mark.parametrize("data", [b"", b"[]", b"null", b"{", b"\xff", b"{}", b"[" * 100_000])
-def test_what_is_no_manifest_is_corrupt(data: bytes) -> None:
+def test_a_malformed_manifest_is_corrupt(data: bytes):
     with pytest.raises(CorruptVersion):
         Manifest.from_json(data)
-
-
-def test_only_the_canonical_form_is_taken() -> None:
-    with pytest.raises(CorruptVersion):
-        Manifest.from_json(json.dumps(json.loads(Manifest({}).to_json()), indent=1).encode())

@@ -43,7 +43,7 @@ def test_the_height_above_the_floor_decides_not_the_mount():
 
 
 @pytest.mark.parametrize("turn", [0, 1, 17, 35])
-def test_the_key_ignores_the_turn_and_match_finds_it(turn):
+def test_keys_ignore_the_turn_and_match_finds_it(turn):
     rng = np.random.default_rng(turn)
     template = rng.random((1, OCCUPANCY.rows, 36)) < 0.2
     query = np.roll(template, -turn, axis=2)  # the robot turned by +turn sectors sees all at -turn

@@ -47,7 +47,7 @@ def slow_pca_sc(points, height_m, how):
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("origin", "ground"), VARIANTS)
 @pytest.mark.parametrize("grid", [GRID, PolarGrid(7, 24, 12.5)])
-def test_equals_the_slow_reference(seed, origin, ground, grid):
+def test_a_description_is_that_of_the_slow_reference(seed, origin, ground, grid):
     how = PcaScanContext(grid, height_origin=origin, ground=ground, ground_m=0.4)
     points = a_scan(seed)
     got = how.describe(ScanBatch.single(points, 1.2))

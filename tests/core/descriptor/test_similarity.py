@@ -53,7 +53,7 @@ def slow_similarities(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(two_batches())
-def test_equals_the_slow_reference(batches):
+def test_similarity_is_that_of_the_slow_reference(batches):
     x, y = batches
     got = similarity(Columns.of(x), Columns.of(y))
     assert got.shape == (len(x), len(y))
@@ -62,7 +62,7 @@ def test_equals_the_slow_reference(batches):
 
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(two_batches())
-def test_is_symmetric_and_from_0_to_1(batches):
+def test_similarity_is_symmetric_and_from_0_to_1(batches):
     x, y = (Columns.of(batch) for batch in batches)
     there, back = similarity(x, y), similarity(y, x)
     assert np.allclose(there, back.T, rtol=0, atol=1e-6)
@@ -80,7 +80,7 @@ def test_the_range_ends_at_1_also_after_rounding():
 
 
 @pytest.mark.filterwarnings("error")
-def test_nothing_is_like_an_empty_context_and_nobody_warns():
+def test_nothing_is_like_an_empty_context():
     empty = np.zeros((2, 5, 12), np.float16)
     some = some_contexts(2, 3)
     assert not similarity(Columns.of(empty), Columns.of(empty)).any()
@@ -93,7 +93,7 @@ def test_nothing_is_like_an_empty_context_and_nobody_warns():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_turned_rolls_the_columns(seed):
+def test_turning_rolls_the_columns(seed):
     context = some_contexts(seed, 1, 4, 9)
     shifts = np.array([0, 3, -2, 8, 9, -11])
     turned = Columns.of(context).turned(shifts)

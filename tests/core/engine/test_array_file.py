@@ -15,7 +15,7 @@ ARRAYS = {
 }
 
 
-def test_what_was_saved_is_mapped_as_it_was(tmp_path):
+def test_saved_arrays_are_mapped_as_they_were(tmp_path):
     save_arrays(tmp_path / "a", ARRAYS)
     found = map_arrays(tmp_path / "a")
     assert found.keys() == ARRAYS.keys()

@@ -47,7 +47,7 @@ def test_the_rows_count_what_each_threshold_accepts():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_less_is_promised_with_a_higher_threshold(seed: int):
+def test_a_higher_threshold_has_a_lower_bound(seed: int):
     found = drawn(seed)
     bounds = [row.bound for row in found.rows]
     assert bounds == sorted(bounds, reverse=True)
@@ -74,7 +74,7 @@ def test_a_promise_is_kept_in_nineteen_of_twenty_maps():
     assert 0 < broken / 2000 < 0.05
 
 
-def test_what_no_threshold_promises_is_refused_with_the_least_bound():
+def test_an_unreachable_bound_is_refused_with_the_least_one():
     found = drawn(1)
     with pytest.raises(InvalidOption, match=str(found.least)):
         found.min_probability(found.least / 2)
@@ -85,7 +85,7 @@ def test_what_no_threshold_promises_is_refused_with_the_least_bound():
     assert FalseAcceptBound().least == 1.0
 
 
-def test_it_is_read_as_it_was_written(tmp_path: Path):
+def test_a_bound_is_read_from_its_json(tmp_path: Path):
     found = drawn(2)
     (tmp_path / FILE_NAME).write_text(json.dumps(found.to_mapping()))
     assert FalseAcceptBound.load(tmp_path) == found

@@ -60,9 +60,7 @@ class MadeUpMap:
     scores: list[float]
     violations: list[float]
     better_beside: dict[int, float] = field(default_factory=dict)  # score of the minimum at larger x
-    coarse: dict[int, float] = field(
-        default_factory=dict
-    )  # scores on the coarse grid, where they are not 0.9
+    coarse: dict[int, float] = field(default_factory=dict)  # scores on the coarse grid, if not 0.9
     checked: list[int] = field(default_factory=list)
     registered: list[float] = field(default_factory=list)  # x of the starts
     refined: list[float] = field(default_factory=list)  # x of the starts
@@ -73,13 +71,9 @@ class MadeUpMap:
 
     def align(self, scan, starts):
         scores = np.array([self._score(T) for T in starts])
-        return Registrations(
-            starts,
-            np.full(len(starts), 0.9),
-            scores,
-            np.tile(np.eye(6), (len(starts), 1, 1)),
-            np.ones(len(starts), np.bool_),
-        )
+        count = len(starts)
+        information = np.tile(np.eye(6), (count, 1, 1))
+        return Registrations(starts, np.full(count, 0.9), scores, information, np.ones(count, np.bool_))
 
     def align_smoothly(self, scan, starts):
         return self.align(scan, starts)
@@ -108,12 +102,14 @@ class MadeUpMap:
         return self.better_beside.get(number, self.scores[number]) if beside else self.scores[number]
 
 
-def searching(made_up: MadeUpMap, prior: Prior | None = None, calibration: Calibration | None = None):
+def searching(made_up: MadeUpMap, prior=None, calibration=None, points: MadeUpScan | None = None):
+    """A search of the map, with points that move if there are any."""
     index = MapIndex(EngineConfig(), calibration or Calibration(), None, made_up, made_up)
-    return HypothesisSearch(index, PREPARED, prior, "yard")
+    moving = SimpleNamespace(spots=1, sparse=points, dense=points, scans=(SCAN,))
+    return HypothesisSearch(index, PREPARED if points is None else moving, prior, "yard")
 
 
-def search(made_up: MadeUpMap, prior: Prior | None = None, calibration: Calibration | None = None):
+def search(made_up: MadeUpMap, prior=None, calibration=None):
     candidates = standing_at([APART_M * number for number in range(len(made_up.scores))])
     return searching(made_up, prior, calibration).run(candidates)
 
@@ -129,14 +125,14 @@ def test_candidates_are_ranked_by_alignment_and_free_space():
     assert {candidate.map_id for candidate in found} == {"yard"}
 
 
-def test_a_start_that_is_hopeless_on_the_coarse_grid_is_aligned_no_further_and_never_again():
+def test_a_hopeless_start_is_aligned_no_further():
     made_up = MadeUpMap([0.8, 0.5, 0.9], [0.0] * 3, coarse={0: 0.9, 1: 0.7, 2: 0.8})
     hypotheses = searching(made_up)
     assert [one.template for one in hypotheses.run(standing_at([0.0, 10.0, 20.0]))] == [2, 0]
     assert not len(hypotheses.untried(standing_at([10.0])))
 
 
-def test_where_no_place_explains_the_scan_hopeless_ones_are_rivals():
+def test_hopeless_places_are_rivals_if_no_place_explains_the_scan():
     made_up = MadeUpMap([0.8, 0.5, 0.82], [0.0] * 3, coarse={0: 0.9, 1: 0.7, 2: 0.8})
     assert [one.template for one in search(made_up)] == [2, 0, 1]
 
@@ -153,12 +149,8 @@ def test_free_space_is_not_checked_where_no_rival_can_be():
 
 def test_the_check_ends_where_the_answer_is_clear():
     made_up = MadeUpMap([0.95, 0.4, 0.3, 0.2], [0.0, 0.3, 0.3, 0.3])
-    assert (
-        search(made_up, calibration=Calibration(bias=-9, alignment_score=3, free_space=2, margin=15))[
-            0
-        ].template
-        == 0
-    )
+    clear = Calibration(bias=-9, alignment_score=3, free_space=2, margin=15)
+    assert search(made_up, calibration=clear)[0].template == 0
     assert set(made_up.checked) == {0, 1}
     search(made_up, calibration=NEVER_SURE)
     assert set(made_up.checked) == {0, 1, 2, 3}
@@ -224,30 +216,24 @@ def test_a_scan_that_fits_below_the_floor_as_well_stays_there():
 def test_a_prior_leaves_out_poses_elsewhere():
     found = search(MadeUpMap([0.9, 0.8], [0.0, 0.0]), prior=Prior(np.array([APART_M, 0, 0]), 2.0))
     assert [candidate.template for candidate in found] == [1]
-
-
-def test_a_prior_may_leave_out_all_poses():
     assert search(MadeUpMap([0.9, 0.8], [0.0, 0.0]), prior=Prior(np.array([500.0, 0, 0]), 2.0)) == []
 
 
-def test_how_the_scan_agrees_is_measured_where_it_was_aligned_last():
+def test_agreement_is_measured_at_the_last_alignment():
     found = search(MadeUpMap([0.9, 0.3], [0.0, 0.0]), calibration=NEVER_SURE)
     assert [one.template for one in found] == [0, 1]
     assert [one.quality.beside_surface for one in found] == [0.1, 0.2]  # the second was not refined
     np.testing.assert_allclose([one.quality.same_plane for one in found], [0.1, 0.21])
 
 
-def test_of_equal_poses_only_the_best_is_kept():
+def test_equal_poses_are_kept_once():
     made_up = MadeUpMap([0.9], [0.0])
-    index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
-    candidates = standing_at([0.0, 0.1, 0.2])
-    assert [one.template for one in HypothesisSearch(index, PREPARED).run(candidates)] == [0]
+    assert [one.template for one in searching(made_up).run(standing_at([0.0, 0.1, 0.2]))] == [0]
 
 
 def test_a_later_run_registers_only_new_candidates_and_forgets_none():
     made_up = MadeUpMap([0.86, 0.9, 0.88], [0.0] * 3)
-    index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
-    found = HypothesisSearch(index, PREPARED)
+    found = searching(made_up)
     assert [one.template for one in found.run(standing_at([0.0, APART_M]))] == [1, 0]
     assert [one.template for one in found.run(standing_at([APART_M + 0.1, 2 * APART_M, 0.2]))] == [1, 1, 0]
     assert made_up.registered == [0.0, APART_M, 2 * APART_M]
@@ -256,8 +242,7 @@ def test_a_later_run_registers_only_new_candidates_and_forgets_none():
 
 def test_a_start_of_another_heading_is_new():
     made_up = MadeUpMap([0.9], [0.0])
-    index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
-    found, candidates = HypothesisSearch(index, PREPARED), standing_at([0.0])
+    found, candidates = searching(made_up), standing_at([0.0])
     found.run(candidates)
     turned = make_transform(rotation_z(np.radians(10)), [0, 0, 0])
     found.run(Candidates(candidates.template, turned[None], candidates.score))
@@ -266,8 +251,7 @@ def test_a_start_of_another_heading_is_new():
 
 def test_a_later_run_does_not_check_the_same_poses_again():
     made_up = MadeUpMap([0.9, 0.88, 0.6], [0.0, 0.1, 0.1])
-    index = MapIndex(EngineConfig(), NEVER_SURE, None, made_up, made_up)
-    search_twice = HypothesisSearch(index, PREPARED)
+    search_twice = searching(made_up, calibration=NEVER_SURE)
     search_twice.run(standing_at([0.0, APART_M]))
     first = list(made_up.checked)
     search_twice.run(standing_at([2 * APART_M]))
@@ -289,9 +273,7 @@ def test_the_motion_is_solved_at_every_place_that_is_compared():
 
     timed = MadeUpScan(np.zeros(3))
     made_up = Moving([0.9, 0.85, 0.7], [0.0] * 3)
-    index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
-    prepared = SimpleNamespace(spots=1, sparse=timed, dense=timed, scans=(SCAN,))
-    search = HypothesisSearch(index, prepared)
+    search = searching(made_up, points=timed)
     found = search.run(standing_at([0.0, APART_M, 2 * APART_M]))
     assert made_up.refined[:3] == [0.0, APART_M, 2 * APART_M]
     assert made_up.refined[3:5] == [0.0, APART_M]
@@ -305,7 +287,7 @@ def test_the_motion_is_solved_at_every_place_that_is_compared():
     assert made_up.refined == [*sparse_again, *sparse_again[3:]]  # only the places that are refined again
 
 
-def test_a_skewed_scan_is_not_moved_to_a_minimum_that_only_a_skewed_scan_has():
+def test_a_skewed_scan_is_not_moved_to_a_minimum_of_its_skew():
     """Beside each place stands a better minimum for the scan as it was taken."""
 
     class Moving(MadeUpMap):
@@ -323,10 +305,7 @@ def test_a_skewed_scan_is_not_moved_to_a_minimum_that_only_a_skewed_scan_has():
 
     made_up = Moving([0.9, 0.85], [0.0] * 2, better_beside={0: 0.97, 1: 0.96})
     made_up.started_with = []
-    index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
-    timed = MadeUpScan(np.zeros(3))
-    prepared = SimpleNamespace(spots=1, sparse=timed, dense=timed, scans=(SCAN,))
-    found = HypothesisSearch(index, prepared).run(standing_at([0.0, APART_M]))
+    found = searching(made_up, points=MadeUpScan(np.zeros(3))).run(standing_at([0.0, APART_M]))
     assert [one.registration.T_level_sensor[0, 3] for one in found] == [0.0, APART_M]
     assert [one.registration.alignment_score for one in found] == [0.9, 0.85]
     assert np.array_equal(made_up.started_with[-1], np.tile(MOTION, (2, 1)))  # each with its own motion
@@ -344,9 +323,8 @@ def test_candidates_with_a_motion_are_compared_with_poses_in_motion():
             return replace(found, T_level_sensor=there, twist=np.tile(MOTION, (len(starts), 1)))
 
     made_up = Moving([0.9, 0.85], [0.0] * 2)
-    index = MapIndex(EngineConfig(), NEVER_SURE, None, made_up, made_up)
     timed = MadeUpScan(np.zeros(3))
-    search = HypothesisSearch(index, SimpleNamespace(spots=1, sparse=timed, dense=timed, scans=(SCAN,)))
+    search = searching(made_up, calibration=NEVER_SURE, points=timed)
     search.run(standing_at([0.0]))
     assert len(search.untried(standing_at([0.0, moved_m]))) == 1
     untried = search.untried(standing_at([0.0, moved_m]), MOTION)
@@ -360,7 +338,7 @@ CLEAR = Calibration(bias=-9, alignment_score=3, free_space=2, margin=15, alias_m
 RACING = np.array([12.0, 0, 0, 0, 0, 0])
 
 
-def test_places_that_need_an_unlikely_motion_do_not_end_the_check_before_a_place_that_needs_none():
+def test_places_of_unlikely_motion_do_not_end_the_check():
     """They align better, but count for less: the true place, where things have moved, is the best rival."""
 
     class Moving(MadeUpMap):
@@ -369,14 +347,13 @@ def test_places_that_need_an_unlikely_motion_do_not_end_the_check_before_a_place
             return replace(super().align_fine(scan, starts), twist=np.array(twists))
 
     made_up = Moving([0.93, 0.91, 0.9, 0.85], [0.0] * 4)
-    index = MapIndex(EngineConfig(), CLEAR, None, made_up, made_up)
-    timed = MadeUpScan(np.zeros(3))
-    prepared = SimpleNamespace(spots=1, sparse=timed, dense=timed, scans=(SCAN,))
-    found = HypothesisSearch(index, prepared).run(standing_at([0.0, 10.0, 20.0, 30.0]))
+    found = searching(made_up, calibration=CLEAR, points=MadeUpScan(np.zeros(3))).run(
+        standing_at([0.0, 10.0, 20.0, 30.0])
+    )
     assert [one.template for one in found] == [0, 3]
 
 
-def test_a_known_alias_is_checked_where_the_answer_would_be_clear_beside_another_place():
+def test_a_known_alias_is_checked_before_a_clear_answer():
     made_up = MadeUpMap([0.95, 0.9, 0.87, 0.7], [0.0, 0.3, 0.0, 0.0])
     hypotheses = searching(made_up, calibration=CLEAR)
     found = hypotheses.run(standing_at([0.0, 10.0, 20.0, 30.0]))

@@ -40,7 +40,7 @@ def test_furniture_all_around_parts_two_rooms():
     assert t_of_the_first_room(DESKS, moved) > 2.5
 
 
-def test_one_desk_does_not():
+def test_one_desk_does_not_part_two_rooms():
     assert 0 < t_of_the_first_room(DESKS, [(2.6, 1.0), *DESKS[1:]]) < 2.5
 
 
@@ -48,7 +48,7 @@ def test_equal_rooms_lead_by_nothing():
     assert abs(t_of_the_first_room(DESKS, DESKS)) < 1
 
 
-def test_where_the_other_room_fits_better_t_is_negative():
+def test_a_better_other_room_has_a_negative_lead():
     mapped = points_of([*room(0, []), *room(APART_M, DESKS)], 0)
     surface = MapSurface.of(Surface.around(mapped), RegistrationConfig(map_voxel_m=0.1))
     scan = points_of(room(0, DESKS), 1).astype(np.float32)

@@ -147,7 +147,7 @@ def test_the_best_place_moves_and_others_stay(monkeypatch):
     assert len(ran) == 1  # what a pose has beside it is found once
 
 
-def test_where_nothing_is_better_all_stay(monkeypatch):
+def test_without_a_better_place_all_stay(monkeypatch):
     index, search, _ = search_with(monkeypatch, None)
     found = [at(index, 0.0, 0.8), at(index, 40.0, 0.7)]
     assert search.search_near(found, np.ones((3, 2))) == found

@@ -58,18 +58,13 @@ def search_by(monkeypatch, clock):
             good = found_by is not None and step is found_by
             quality = AlignmentQuality(0.99, 0.98, 0.0) if good else AlignmentQuality(0.3, 0.2, 0.2)
             support = RANKING.support(quality)
-            at_rest = SimpleNamespace(rests=True)
-            search.registered = [
-                SimpleNamespace(
-                    index=index,
-                    quality=quality,
-                    support=support,
-                    spots=1,
-                    registration=at_rest,
-                    is_alias=False,
-                    is_better_outside=False,
-                )
-            ]
+            told = {
+                "is_alias": False,
+                "is_better_outside": False,
+                "registration": SimpleNamespace(rests=True),
+            }
+            candidate = SimpleNamespace(index=index, quality=quality, support=support, spots=1, **told)
+            search.registered = [candidate]
 
         monkeypatch.setattr(
             search,
@@ -97,7 +92,7 @@ def test_the_search_ends_at_the_level_that_finds_the_place(search_by, number):
     assert taken == ALL[: number + 1]
 
 
-def test_a_place_that_is_localized_ends_the_search_only_if_the_map_s_own_cases_say_so(search_by):
+def test_a_localized_place_ends_the_search_by_the_maps_own_threshold(search_by):
     """Many maps may have taught a lower threshold: what is searched for less is less often right."""
     sure = Calibration(min_probability=0.9, search_until=0.9)
     search, taken = search_by(LocalizeOptions(), found_by=Step.NARROW, calibration=sure)
@@ -116,14 +111,14 @@ def test_a_scan_of_another_place_takes_every_step_once(search_by):
     assert taken == ALL
 
 
-def test_where_one_map_explains_the_scan_no_other_one_takes_the_last_steps(search_by):
+def test_a_map_that_explains_the_scan_ends_the_search_of_others(search_by):
     options = LocalizeOptions()
     (found, by_first), (other, by_other) = search_by(options, found_by=Step.WIDE), search_by(options)
     localizer_module._search([found, other])
     assert by_first == by_other == [Step.NARROW, Step.WIDE]
 
 
-def test_who_limits_the_candidates_gets_no_further_ones(search_by):
+def test_limited_candidates_are_not_extended(search_by):
     search, taken = search_by(LocalizeOptions(max_candidates=5))
     localizer_module._search([search])
     assert taken == [Step.NARROW, Step.OTHER_UPS]
@@ -142,11 +137,8 @@ def test_who_limits_the_candidates_gets_no_further_ones(search_by):
 def test_a_step_begins_only_if_the_deadline_leaves_time_for_it(search_by, deadline_ms, steps):
     search, taken = search_by(LocalizeOptions(deadline_ms=deadline_ms))
     localizer_module._search([search])
-    assert [round(1e3 * search._expected_s(step)) for step in ALL[1:]] == [
-        208,
-        90,
-        376,
-    ]  # the first took 10 ms
+    expected_ms = [round(1e3 * search._expected_s(step)) for step in ALL[1:]]
+    assert expected_ms == [208, 90, 376]  # the first took 10 ms
     assert taken == steps
 
 

@@ -66,7 +66,7 @@ class MadeUpSurface:
         )
 
 
-def test_a_rival_with_a_motion_of_its_own_is_solved_again_from_the_best_ones():
+def test_a_rival_with_another_motion_is_solved_again_from_the_best():
     surface = MadeUpSurface()
     found = MotionAtPlaces(surface, SCAN, 0.85).solve(rigid([0.7, 0.68, 0.66]), REST, np.arange(3))
     assert surface.asked == [(0, True), (1, True), (2, True), (1, False)]  # the third has the same motion
@@ -74,7 +74,7 @@ def test_a_rival_with_a_motion_of_its_own_is_solved_again_from_the_best_ones():
     assert all(np.array_equal(one.twist, TURNING) for one in found)
 
 
-def test_a_place_that_fits_no_better_so_keeps_what_it_has():
+def test_a_place_that_fits_no_better_keeps_its_motion():
     surface = MadeUpSurface(wrong=(2,))
     motion = MotionAtPlaces(surface, SCAN, 0.85)
     found = motion.solve(rigid([0.7, 0.68, 0.66]), REST, np.arange(3))

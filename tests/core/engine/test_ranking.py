@@ -52,7 +52,7 @@ def test_places_that_tie_are_no_rivals_of_each_other():
     assert match_features(fits, TIED, 3).margin == pytest.approx(-0.3)
 
 
-def test_known_aliases_tie_within_a_width_of_their_own_and_so_does_what_lies_between():
+def test_known_aliases_tie_within_a_width_of_their_own():
     fits = [fit_of(1.0), fit_of(0.9), fit_of(0.86), fit_of(0.8), fit_of(0.6)]
 
     def tied(aliases: list[int], within: float) -> int:
@@ -65,7 +65,7 @@ def test_known_aliases_tie_within_a_width_of_their_own_and_so_does_what_lies_bet
     assert match_features(fits, TIED, aliases=[2], aliases_tied_within=0.15).margin == pytest.approx(0.2)
 
 
-def test_where_all_places_tie_no_margin_is_claimed():
+def test_a_tie_of_all_places_has_no_margin():
     """The best rival was not compared: it may be as good as the weakest of those that tie."""
     fits = [fit_of(1.0), fit_of(0.98), fit_of(0.96)]
     assert match_features(fits, TIED).tied == 3
@@ -87,7 +87,7 @@ def test_no_feature_falls_as_the_fit_gets_better(better, worse):
     assert (match_features([better], TIED).vector > match_features([worse], TIED).vector).any()
 
 
-def test_what_has_left_counts_among_places_only():
+def test_removed_surfaces_count_among_places_only():
     here, elsewhere = AlignmentQuality(0.95, 0.8, 0.0, 0.0), AlignmentQuality(0.95, 0.8, 0.0, 0.1)
     assert (match_features([elsewhere], TIED).vector == match_features([here], TIED).vector).all()
     assert match_features([here, elsewhere], TIED).margin > TIED
@@ -168,7 +168,7 @@ def test_no_cases_leave_the_prior():
     assert Calibration.fit([], [], []) == Calibration()
 
 
-def test_round_trip():
+def test_a_calibration_is_read_from_its_mapping():
     fitted = Calibration.fit(*cases(200, 3))
     assert Calibration.from_mapping(fitted.to_mapping()) == fitted
     assert fitted.cases == 200
@@ -181,7 +181,7 @@ def test_round_trip():
             Calibration.from_mapping(other)
 
 
-def test_what_the_map_may_lack_speaks_less_against_a_place_than_what_stands_beside_its_surfaces():
+def test_unmapped_points_count_less_against_a_place_than_points_beside_surfaces():
     """Half of a scan on nothing: in a room that was missed, or in another building of the same kind."""
     missed = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.02, 0.03), 0.25)
     alike = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.2, 0.03), 0.25)

@@ -16,17 +16,12 @@ from firstfix.scan.condense import condense
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import AnyScan, ScanSequence
 from firstfix.transform import Matrix, make_transform, pose_error, rotation_z
-from tests.reference.recorded_places import MAPS, RecordedPlace, recorded_place
+from tests.reference.recorded_places import RecordedPlace
 
 MOVED_M = 1e-5
 MOST_M, MOST_DEG = 0.02, 0.05
 SEEDS = 3
 FORMS = {"whole": lambda scan: scan, "compact": condense}
-
-
-@pytest.fixture(scope="module", params=list(MAPS))
-def place(request: pytest.FixtureRequest) -> RecordedPlace:
-    return recorded_place(request.param)
 
 
 def pose_of(place: RecordedPlace, scan: AnyScan, T_map_sensor: Matrix) -> Matrix:

@@ -1,3 +1,5 @@
+"""Verdicts of places: rivals, ties, thresholds, motion, and scans from several spots."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -6,12 +8,15 @@ import pytest
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.calibration import Calibration
-from firstfix.engine.config import EngineConfig
+from firstfix.engine.config import EngineConfig, PreprocessConfig
 from firstfix.engine.index import FreeSpaceShares, MapIndex
+from firstfix.engine.preprocess import preprocess, spots_of
 from firstfix.engine.ranking import RANKING
-from firstfix.engine.registered_candidate import RegisteredCandidate
+from firstfix.engine.registered_candidate import RegisteredCandidate, features_of
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.verdict import judge
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import make_transform
 
 CALIBRATION = Calibration(min_inlier_ratio=0.5)
@@ -43,12 +48,43 @@ def test_a_good_place_without_rivals_is_localized():
     assert answer.probability == CALIBRATION.probability(features)
 
 
-def test_an_alignment_that_is_still_moving_is_not_the_answer():
-    good = place(0, 0.95)
-    moving = replace(good, registration=replace(good.registration, rests=False))
-    answer = judged(moving, place(1, 0.4, 0.1))
-    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.NOT_CONVERGED,))
-    assert answer.T_map_sensor is None
+def unsettled(settled: RegisteredCandidate) -> RegisteredCandidate:
+    """The place, if its alignment still moved."""
+    return replace(settled, registration=replace(settled.registration, rests=False))
+
+
+SURE = Calibration(bias=0, alignment_score=50, free_space=0, margin=0, min_margin=0.1)
+DOUBTS = Calibration(bias=-28)
+
+
+@pytest.mark.parametrize(
+    ("places", "options", "verdict", "reasons"),
+    [
+        ([], {}, Verdict.REJECTED, (Reason.NO_CANDIDATE,)),
+        ([unsettled(place(0, 0.95)), place(1, 0.4, 0.1)], {}, Verdict.REJECTED, (Reason.NOT_CONVERGED,)),
+        (
+            [place(0, 0.97, 0.001), place(1, 0.96, 0.2)],
+            {},
+            Verdict.LOCALIZED,
+            (),
+        ),  # the alias: through a wall
+        ([place(0, 0.95, 0.15)], {}, Verdict.REJECTED, (Reason.FREE_SPACE_VIOLATION,)),
+        ([place(0, 0.45)], {"min_probability": 0.0}, Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,)),
+        ([place(0, 0.6)], {"calibration": DOUBTS}, Verdict.REJECTED, (Reason.LOW_PROBABILITY,)),
+        ([place(0, 0.6)], {"calibration": DOUBTS, "min_probability": 0.01}, Verdict.LOCALIZED, ()),
+        (
+            [place(0, 0.99), place(1, 0.95)],
+            {"calibration": SURE},
+            Verdict.AMBIGUOUS,
+            (Reason.SEVERAL_PLACES,),
+        ),
+        ([place(0, 0.99), place(1, 0.80)], {"calibration": SURE}, Verdict.LOCALIZED, ()),
+    ],
+)
+def test_a_verdict_has_its_reasons(places, options, verdict, reasons):
+    answer = judged(*places, **options)
+    assert (answer.verdict, answer.reasons) == (verdict, reasons)
+    assert (answer.T_map_sensor is None) == (verdict is not Verdict.LOCALIZED)
 
 
 def test_an_alias_makes_it_ambiguous_and_both_are_returned():
@@ -58,22 +94,12 @@ def test_an_alias_makes_it_ambiguous_and_both_are_returned():
     assert answer.hypotheses[0].probability == answer.hypotheses[1].probability == answer.probability / 2
 
 
-def test_of_places_that_tie_the_probability_is_that_the_truth_is_among_them():
+def test_the_probability_of_a_tie_is_that_the_truth_is_among_them():
     alone = judged(place(0, 0.95), place(2, 0.5))
     tied = judged(place(0, 0.95), place(1, 0.95), place(2, 0.5))
     assert (tied.verdict, tied.reasons) == (Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,))
     assert tied.probability == alone.probability
     assert sum(h.probability for h in tied.hypotheses) <= 1
-
-
-def test_an_alias_with_a_wall_in_the_way_is_no_rival():
-    assert judged(place(0, 0.97, 0.001), place(1, 0.96, 0.2)).verdict is Verdict.LOCALIZED
-
-
-def test_an_alias_makes_it_ambiguous_however_sure_the_model_is():
-    sure = Calibration(bias=0, alignment_score=50, free_space=0, margin=0, min_margin=0.1)
-    assert judged(place(0, 0.99), place(1, 0.95), calibration=sure).verdict is Verdict.AMBIGUOUS
-    assert judged(place(0, 0.99), place(1, 0.80), calibration=sure).verdict is Verdict.LOCALIZED
 
 
 def claiming(probability: float, *places: RegisteredCandidate) -> Calibration:
@@ -102,22 +128,6 @@ def test_one_place_has_to_be_surer_than_places_that_tie():
     assert judged(*alone, calibration=claiming(0.6, *alone)).reasons == (Reason.LOW_PROBABILITY,)
 
 
-def test_a_place_that_is_seen_through_is_rejected_and_told_so():
-    answer = judged(place(0, 0.95, 0.15))
-    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.FREE_SPACE_VIOLATION,))
-
-
-def test_little_overlap_is_rejected_whatever_the_caller_asks():
-    answer = judged(place(0, 0.45), min_probability=0.0)
-    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
-
-
-def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():
-    doubtful, strict = place(0, 0.6), Calibration(bias=-28)
-    assert judged(doubtful, calibration=strict).reasons == (Reason.LOW_PROBABILITY,)
-    assert judged(doubtful, calibration=strict, min_probability=0.01).verdict is Verdict.LOCALIZED
-
-
 @pytest.mark.parametrize(
     ("twist", "verdict"),
     [
@@ -128,7 +138,7 @@ def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():
     ],
     ids=["at rest", "hardly moving", "driving", "turning"],
 )
-def test_a_scan_in_motion_needs_what_the_map_s_own_cases_ask_for(twist, verdict):
+def test_a_scan_in_motion_needs_the_threshold_of_the_maps_own_cases(twist, verdict):
     """What many maps have taught is of scans at rest."""
     good = place(0, 0.95)
     moving = replace(good, registration=replace(good.registration, twist=twist))
@@ -138,10 +148,6 @@ def test_a_scan_in_motion_needs_what_the_map_s_own_cases_ask_for(twist, verdict)
     assert answer.probability > sure - 0.01
     assert answer.verdict is verdict
     assert judged(moving, calibration=taught, min_probability=0.5).verdict is Verdict.LOCALIZED
-
-
-def test_no_place_is_no_candidate():
-    assert judged().reasons == (Reason.NO_CANDIDATE,)
 
 
 def test_poses_are_in_the_map_frame():
@@ -157,3 +163,35 @@ def test_only_a_localized_answer_has_a_pose():
     assert judged(place(0, 0.95)).covariance.shape == (6, 6)
     for answer in (judged(place(0, 0.95), place(1, 0.94)), judged(place(0, 0.45))):
         assert (answer.T_map_sensor, answer.covariance, answer.map_id) == (None, None, "")
+
+
+PLAIN = MapIndex(EngineConfig(), Calibration(), None, None, None)
+BOX = Scan.from_points(np.random.default_rng(1).uniform(-1, 1, (4000, 3)) * [8, 6, 1.5])
+
+
+def fit_at(x: float, score: float) -> RegisteredCandidate:
+    T_level_sensor = make_transform(np.eye(3), [x, 0, 0])
+    return RegisteredCandidate(PLAIN, "", 0, Registration(T_level_sensor, 0.95, score, np.eye(6)))
+
+
+def test_the_margin_counts_once_for_each_spot():
+    one = [fit_at(0, 0.9), fit_at(20, 0.8)]
+    three = [replace(candidate, spots=3) for candidate in one]
+    assert features_of(three).margin == pytest.approx(3 * features_of(one).margin)
+    assert PLAIN.calibration.probability(features_of(three)) > PLAIN.calibration.probability(features_of(one))
+    assert features_of(three, 1).margin == pytest.approx(3 * features_of(one, 1).margin), "a rival loses"
+
+
+def test_places_that_tie_tie_from_any_number_of_spots():
+    tied = [replace(fit_at(0, 0.9), spots=5), replace(fit_at(20, 0.89), spots=5)]
+    assert features_of(tied).tied == 2
+
+
+@pytest.mark.parametrize(
+    ("ways_m", "spots"), [((0.0,), 1), ((0, 0.3, 0.6), 1), ((0, 2, 4), 3), ((0, 2, 0.2), 2)]
+)
+def test_spots_are_a_metre_apart(ways_m, spots):
+    poses = [make_transform(np.eye(3), [x, 0, 0]) for x in ways_m]
+    prepared = preprocess(ScanSequence.along([BOX] * len(poses), poses), None, PreprocessConfig())
+    assert prepared is not None
+    assert spots_of(prepared.scans, RANKING.spots_apart_m) == spots

@@ -8,19 +8,13 @@ import lzf
 import numpy as np
 
 KIND = {"f": "F", "i": "I", "u": "U"}
-PLY_TYPE = {"f4": "float", "f8": "double", "u1": "uchar", "i4": "int", "u2": "ushort"}
+PLY_TYPE = {"f4": "float", "f8": "double", "u1": "uchar", "i4": "int", "u2": "ushort", "u4": "uint"}
 
 
 def random_cloud(n: int = 50, dtype: str = "f4", seed: int = 1) -> np.ndarray:
     """(n,) records x y z intensity ring."""
     rng = np.random.default_rng(seed)
-    fields = [
-        ("x", f"<{dtype}"),
-        ("y", f"<{dtype}"),
-        ("z", f"<{dtype}"),
-        ("intensity", "<f4"),
-        ("ring", "<u2"),
-    ]
+    fields = [*((axis, f"<{dtype}") for axis in "xyz"), ("intensity", "<f4"), ("ring", "<u2")]
     cloud = np.zeros(n, fields)
     for axis in "xyz":
         cloud[axis] = rng.uniform(-50, 50, n)

@@ -1,11 +1,15 @@
+"""Points as text, NumPy arrays, rows of floats and records of scanners."""
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from firstfix.errors import MalformedData, TooLarge
+from firstfix.errors import MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.npy import read_npy
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
+from firstfix.formats.raw_xyz import decode_xyz, decode_xyzi
+from firstfix.formats.scanner_bin import decode_scanner_bin
 from firstfix.formats.text import decode_text
 from tests.every_case import every_case
 
@@ -29,12 +33,12 @@ XYZ = np.array([[1.5, 2.0, -3.25], [512_345.678, 5_403_210.123, 295.5]])
         b"//Z X Y R G B\n2\n-3.25 1.5 2 1 2 3\n295.5 512345.678 5403210.123 1 2 3\n",
     ],
 )
-def test_the_ways_to_write_points(text):
+def test_points_are_read_in_every_way_of_writing(text):
     text = text.replace(b"\ncar,", b"\n2,")
     np.testing.assert_array_equal(decode_text(text, SCAN_LIMITS).xyz, XYZ)
 
 
-def test_intensity_by_name_and_by_place():
+def test_intensity_is_known_by_name_and_by_place():
     np.testing.assert_array_equal(decode_text(b"i,x,y,z,intensity\n1,2,3,4,5\n", SCAN_LIMITS).intensity, [5])
     np.testing.assert_array_equal(decode_text(b"1 2 3 4\n5 6 7 8\n", SCAN_LIMITS).intensity, [4, 8])
     assert decode_text(b"1 2 3\n", SCAN_LIMITS).intensity is None
@@ -58,19 +62,18 @@ def test_intensity_by_name_and_by_place():
         (b"1 2 3\n" + b"1 " * 100_000, "a line of"),
     ],
 )
-def test_what_is_no_table_of_points_is_malformed(text, reason):
+def test_an_invalid_table_is_malformed(text, reason):
     with pytest.raises(MalformedData, match=reason):
         decode_text(text, SCAN_LIMITS)
 
 
-def test_too_many_rows():
+@every_case("text", [b"1 2 3\n" * 20, b"1 2 3\n" * 19 + b"1 2 3"])
+def test_too_many_rows_of_text_are_refused(text):
     with pytest.raises(TooLarge):
-        decode_text(b"1 2 3\n" * 20, Limits(max_points=19, max_decoded_bytes=10**9))
-    with pytest.raises(TooLarge):
-        decode_text(b"1 2 3\n" * 19 + b"1 2 3", Limits(max_points=19, max_decoded_bytes=10**9))
+        decode_text(text, Limits(max_points=19, max_decoded_bytes=10**9))
 
 
-def test_npy(tmp_path):
+def test_npy_arrays_are_read(tmp_path):
     path = tmp_path / "a.npy"
     np.save(path, np.hstack([XYZ, [[7], [8]]]))
     read = read_npy(path, SCAN_LIMITS)
@@ -82,37 +85,77 @@ def test_npy(tmp_path):
 
 @pytest.mark.parametrize(
     "array",
-    [
-        np.zeros(3),
-        np.zeros((5, 2)),
-        np.zeros((2, 3, 3)),
-        np.array([["a", "b", "c"]]),
-        np.zeros((3, 3), complex),
-    ],
+    [np.zeros(3), np.zeros((5, 2)), np.zeros((2, 3, 3)), np.array([["a", "b", "c"]])]
+    + [np.zeros((3, 3), complex), np.array([{"a": 1}], object)],
 )
-def test_npy_that_is_no_cloud(tmp_path, array):
-    np.save(tmp_path / "a.npy", array)
+def test_npy_files_of_other_arrays_are_malformed(tmp_path, array):
+    np.save(tmp_path / "a.npy", array, allow_pickle=True)
     with pytest.raises(MalformedData):
         read_npy(tmp_path / "a.npy", SCAN_LIMITS)
 
 
-def test_npy_damaged_pickled_or_lying(tmp_path):
+def test_damaged_and_pickled_npy_files_are_malformed(tmp_path):
     path = tmp_path / "a.npy"
-    np.save(path, np.array([{"a": 1}], object), allow_pickle=True)
-    with pytest.raises(MalformedData):
-        read_npy(path, SCAN_LIMITS)
     np.save(path, np.zeros((100, 3)))
     raw = path.read_bytes()
     for damaged in (
-        raw[:500],
-        raw[:5],
-        b"",
-        b"\x93NUMPY" + bytes(100),
+        *(raw[:500], raw[:5], b"", b"\x93NUMPY" + bytes(100)),
         raw.replace(b"(100, 3)", b"(10**9,3"),
+        raw.replace(b"(100, 3), }         ", b"(9999999999999, 3), "),
     ):
         path.write_bytes(damaged)
         with pytest.raises(MalformedData):
             read_npy(path, SCAN_LIMITS)
-    path.write_bytes(raw.replace(b"(100, 3), }         ", b"(9999999999999, 3), "))
-    with pytest.raises(MalformedData):
-        read_npy(path, SCAN_LIMITS)
+
+
+ROWS = np.random.default_rng(3).uniform(-80, 80, (500, 4)).astype("<f4")
+
+
+def test_rows_of_floats_come_back():
+    np.testing.assert_array_equal(decode_xyz(ROWS[:, :3].tobytes(), SCAN_LIMITS).xyz, ROWS[:, :3])
+    read = decode_xyzi(ROWS.tobytes(), SCAN_LIMITS)
+    np.testing.assert_array_equal(read.xyz, ROWS[:, :3])
+    np.testing.assert_array_equal(read.intensity, ROWS[:, 3])
+
+
+@every_case("decode", [decode_xyz, decode_xyzi])
+def test_a_part_of_a_row_is_malformed(decode):
+    for body in (b"", ROWS.tobytes()[:-1], b"abc"):
+        with pytest.raises(MalformedData):
+            decode(body, SCAN_LIMITS)
+
+
+@every_case("decode", [decode_xyz, decode_xyzi])
+def test_too_many_rows_of_floats_are_refused(decode):
+    with pytest.raises(TooLarge):
+        decode(bytes(48 * 100), Limits(max_points=99, max_decoded_bytes=10**9))
+
+
+def test_a_kitti_file_is_xyzi():
+    np.testing.assert_array_equal(
+        decode_scanner_bin(ROWS.tobytes(), "000094.bin", SCAN_LIMITS).xyz, ROWS[:, :3]
+    )
+
+
+def test_nclt_records_are_turned_to_z_up():
+    record = np.array([(20_200, 19_800, 20_100, 9, 5)], "<u2,<u2,<u2,u1,u1")  # x 1 m, y -1 m, z 0.5 m (down)
+    read = decode_scanner_bin(record.tobytes(), "123.velodyne_sync.bin", SCAN_LIMITS)
+    np.testing.assert_allclose(read.xyz, [[1.0, 1.0, -0.5]], atol=1e-9)
+    with pytest.raises(MalformedData, match="cut off"):
+        decode_scanner_bin(record.tobytes()[:-1], "123.velodyne_sync.bin", SCAN_LIMITS)
+
+
+def test_avia_records_are_known_by_their_size():
+    record = np.dtype("<f4,<f4,<f4,u1,u1,u1,<u4")
+    records = np.zeros(77, record)
+    for column, field in enumerate(("f0", "f1", "f2")):
+        records[field] = ROWS[:77, column]
+    read = decode_scanner_bin(records.tobytes(), "a.bin", SCAN_LIMITS)
+    np.testing.assert_array_equal(read.xyz, ROWS[:77, :3])
+
+
+@every_case("size", [16 * 1000, 19 * 1000, 12_345])
+def test_bin_files_of_noise_are_refused(size):
+    noise = np.random.default_rng(7).bytes(size)
+    with pytest.raises(UnsupportedFormat):
+        decode_scanner_bin(noise, "a.bin", SCAN_LIMITS)

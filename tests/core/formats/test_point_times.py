@@ -7,6 +7,7 @@ import pytest
 
 from firstfix.decode import decode_query, read_scan_file
 from firstfix.formats.point_cloud import point_times
+from tests.core.formats.cloud_files import pcd, ply
 
 N = 500
 SWEEP_S = np.linspace(0, 0.1, N)
@@ -32,7 +33,7 @@ def columns(name: str, times: np.ndarray, **more: np.ndarray) -> dict[str, np.nd
         ("T", (SWEEP_S * 1e9), 0.0),  # an ascii file's numbers are all real
     ],
 )
-def test_times_of_drivers(name, times, first_s):
+def test_times_of_drivers_are_read_in_their_units(name, times, first_s):
     found = point_times(columns(name, times), STAMP_S)
     assert found is not None
     assert found.time_s.dtype == np.float32
@@ -59,7 +60,7 @@ def test_without_a_stamp_the_first_point_since_the_epoch_is_it():
         SWEEP_S.astype("S8"),
     ],
 )
-def test_what_is_no_sweep_is_left_out(times):
+def test_invalid_times_are_left_out(times):
     assert point_times(columns("t", times), STAMP_S) is None
 
 
@@ -68,7 +69,7 @@ def test_places_in_a_picture_are_no_times():
     assert point_times(columns("t", SWEEP_S), None) is not None
 
 
-def test_the_times_of_points_that_are_nowhere_do_not_matter():
+def test_times_of_invalid_points_do_not_matter():
     lost = np.arange(N) % 3 == 0
     x = np.where(lost, np.nan, POINTS[:, 0])
     found = point_times({**columns("time", np.where(lost, np.nan, SWEEP_S)), "x": x}, None)
@@ -81,20 +82,14 @@ def test_a_pcd_and_a_ply_have_times(tmp_path):
     for axis, name in enumerate("xyz"):
         record[name] = POINTS[:, axis]
     record["t"] = SWEEP_S * 1e9
-    pcd = (
-        "VERSION 0.7\nFIELDS x y z t\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\n"
-        f"WIDTH {N}\nHEIGHT 1\nPOINTS {N}\nDATA binary\n"
-    ).encode() + record.tobytes()
-    properties = "".join(
-        f"property {kind} {name}\n" for kind, name in zip(("float",) * 3, "xyz", strict=True)
+    bodies = (
+        (pcd(record, "binary"), "application/x-pcd"),
+        (ply(record, "binary_little_endian"), "application/ply"),
     )
-    ply = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {N}\n{properties}property uint t\nend_header\n"
-    ).encode() + record.tobytes()
-    for body, media_type in ((pcd, "application/x-pcd"), (ply, "application/ply")):
+    for body, media_type in bodies:
         scan = decode_query(body, media_type)
         np.testing.assert_allclose(scan.time_s, SWEEP_S, atol=1e-6)
-    (tmp_path / "scan.pcd").write_bytes(pcd)
+    (tmp_path / "scan.pcd").write_bytes(bodies[0][0])
     assert read_scan_file(tmp_path / "scan.pcd").time_s is not None
 
 

@@ -10,18 +10,13 @@ import pytest
 
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source, source_key
 from firstfix.maintenance.build_end import end_build
 from firstfix.maintenance.repair import Repair
 from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
+from tests.core.fixtures import publish
 from tests.interleavings import run_interleaved
-
-
-@pytest.fixture
-def catalog(any_store_url: str) -> Catalog:
-    return Catalog(Store.open(any_store_url))
 
 
 def recorded(catalog: Catalog, tmp_path: Path, build_id: str, content: str = "a cloud") -> str:
@@ -34,11 +29,8 @@ def recorded(catalog: Catalog, tmp_path: Path, build_id: str, content: str = "a 
 
 
 def published(catalog: Catalog, tmp_path: Path, build_id: str, *, provisional: bool) -> str:
-    folder = tmp_path / f"version-{provisional}"
-    folder.mkdir(exist_ok=True)
-    (folder / "a.bin").write_bytes(b"coarse" if provisional else b"fine")
-    manifest = Manifest.for_directory(folder, provisional=provisional)
-    version = catalog.publish("hall", folder, manifest, build_id=build_id)
+    content = "coarse" if provisional else "fine"
+    version = publish(catalog, tmp_path, content, build_id=build_id, provisional=provisional)
     status = new_status("running", map_id="hall", provisional_version=version if provisional else None)
     catalog.set_build_status(build_id, status)
     return version
@@ -49,47 +41,45 @@ def ended(state: str = "cancelled", **changes: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("state", ["cancelled", "failed"])
-def test_its_provisional_version_and_its_source_go(catalog: Catalog, tmp_path: Path, state: str):
-    recorded(catalog, tmp_path, "b1")
-    published(catalog, tmp_path, "b1", provisional=True)
+def test_the_provisional_version_and_the_source_of_an_ended_build_go(any_catalog, tmp_path, state: str):
+    recorded(any_catalog, tmp_path, "b1")
+    published(any_catalog, tmp_path, "b1", provisional=True)
     for _ in range(2):
-        end_build(catalog, "b1", ended(state))
-        assert catalog.active_version("hall") is None
-        assert catalog.build_status("b1")["state"] == state
-        assert catalog.store.list("maps/hall/sources") == []
+        end_build(any_catalog, "b1", ended(state))
+        assert any_catalog.active_version("hall") is None
+        assert any_catalog.build_status("b1")["state"] == state
+        assert any_catalog.store.list("maps/hall/sources") == []
 
 
-def test_the_version_before_serves_again(catalog: Catalog, tmp_path: Path):
+def test_the_version_before_serves_again(any_catalog: Catalog, tmp_path: Path):
     """The map had a provisional version of another build, which still runs."""
-    recorded(catalog, tmp_path, "b1")
-    before = published(catalog, tmp_path, "b1", provisional=True)
-    recorded(catalog, tmp_path, "b2", "another cloud")
-    (tmp_path / "version-True" / "a.bin").write_bytes(b"another")
-    manifest = Manifest.for_directory(tmp_path / "version-True", provisional=True)
-    catalog.publish("hall", tmp_path / "version-True", manifest, build_id="b2")
-    end_build(catalog, "b2", ended())
-    assert catalog.active_version("hall") == before
+    recorded(any_catalog, tmp_path, "b1")
+    before = published(any_catalog, tmp_path, "b1", provisional=True)
+    recorded(any_catalog, tmp_path, "b2", "another cloud")
+    publish(any_catalog, tmp_path, "another", build_id="b2", provisional=True)
+    end_build(any_catalog, "b2", ended())
+    assert any_catalog.active_version("hall") == before
 
 
-def test_what_another_build_needs_stays(catalog: Catalog, tmp_path: Path):
-    key = recorded(catalog, tmp_path, "b1")
-    recorded(catalog, tmp_path, "b2")
-    version = published(catalog, tmp_path, "b1", provisional=True)
-    catalog.set_build_status("b2", new_status("running", map_id="hall", provisional_version=version))
-    end_build(catalog, "b1", ended())
-    assert catalog.active_version("hall") == version
-    assert catalog.store.list("maps/hall/sources") == [key]
-    end_build(catalog, "b2", ended("failed"))
-    assert catalog.store.list("maps/hall/sources") == []
+def test_sources_of_another_build_stay(any_catalog: Catalog, tmp_path: Path):
+    key = recorded(any_catalog, tmp_path, "b1")
+    recorded(any_catalog, tmp_path, "b2")
+    version = published(any_catalog, tmp_path, "b1", provisional=True)
+    any_catalog.set_build_status("b2", new_status("running", map_id="hall", provisional_version=version))
+    end_build(any_catalog, "b1", ended())
+    assert any_catalog.active_version("hall") == version
+    assert any_catalog.store.list("maps/hall/sources") == [key]
+    end_build(any_catalog, "b2", ended("failed"))
+    assert any_catalog.store.list("maps/hall/sources") == []
 
 
-def test_a_full_version_that_was_published_stays_with_its_source(catalog: Catalog, tmp_path: Path):
+def test_a_full_version_that_was_published_stays_with_its_source(any_catalog: Catalog, tmp_path: Path):
     """The process was killed after the publication, before it recorded its success."""
-    key = recorded(catalog, tmp_path, "b1")
-    version = published(catalog, tmp_path, "b1", provisional=False)
-    end_build(catalog, "b1", ended())
-    assert catalog.active_version("hall") == version
-    assert catalog.store.list("maps/hall/sources") == [key]
+    key = recorded(any_catalog, tmp_path, "b1")
+    version = published(any_catalog, tmp_path, "b1", provisional=False)
+    end_build(any_catalog, "b1", ended())
+    assert any_catalog.active_version("hall") == version
+    assert any_catalog.store.list("maps/hall/sources") == [key]
 
 
 def test_a_kill_on_the_way_is_mended_by_a_repeat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -111,16 +101,14 @@ def test_a_kill_on_the_way_is_mended_by_a_repeat(tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.parametrize("full", [False, True])
-def test_a_damaged_status_is_repaired_with_what_the_build_has_published(
-    catalog: Catalog, tmp_path: Path, full: bool
-):
-    recorded(catalog, tmp_path, "b1")
-    early = published(catalog, tmp_path, "b1", provisional=True)
+def test_a_damaged_status_is_repaired_with_what_the_build_has_published(any_catalog, tmp_path, full: bool):
+    recorded(any_catalog, tmp_path, "b1")
+    early = published(any_catalog, tmp_path, "b1", provisional=True)
     if full:
-        version = published(catalog, tmp_path, "b1", provisional=False)
-    catalog.store.put("builds/b1/status.json", b"")
-    said = Repair(catalog.store).record("builds/b1/status.json", RecordKind.BUILD_STATUS)
-    status = catalog.build_status("b1")
+        version = published(any_catalog, tmp_path, "b1", provisional=False)
+    any_catalog.store.put("builds/b1/status.json", b"")
+    said = Repair(any_catalog.store).record("builds/b1/status.json", RecordKind.BUILD_STATUS)
+    status = any_catalog.build_status("b1")
     if full:
         assert (status["state"], status["version"]) == ("succeeded", version)
         assert status["provisional_version"] == early

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,23 +12,28 @@ from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source
 from firstfix.maintenance.backup import copy_store
 from firstfix.maintenance.checked_objects import CheckedObjects
 from firstfix.maintenance.garbage import Ages, collect_garbage
 from firstfix.store.store import Store
+from tests.core.fixtures import make_version, recording
 from tests.frequent_snapshots import EVERY
+
+
+@pytest.fixture
+def target(source: Catalog, tmp_path: Path) -> Catalog:
+    """A copy of the source."""
+    copy_store(source.store, (target := Store.open(str(tmp_path / "target"))))
+    return Catalog(target)
+
 
 MADE_ANEW = ("stages/1/a", "uploads/1/a", "idempotency/a", "samples/a.body", "changes/00000001.json")
 
 
 def publish(catalog: Catalog, map_id: str, content: bytes, scratch: Path) -> str:
     folder = scratch / content.decode()
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "a.npy").write_bytes(content * 1000)
-    (folder / "same.npy").write_bytes(content * 1000)
-    return catalog.publish(map_id, folder, Manifest.for_directory(folder))
+    return catalog.publish(map_id, folder, make_version(folder, content * 1000, {"same.npy": content * 1000}))
 
 
 @pytest.fixture
@@ -52,7 +56,7 @@ def source(tmp_path: Path) -> Catalog:
     return catalog
 
 
-def test_what_lasts_is_copied(source: Catalog, any_store_url: str, tmp_path: Path) -> None:
+def test_a_copy_has_all_that_lasts(source: Catalog, any_store_url: str, tmp_path: Path):
     target = Catalog(Store.open(any_store_url))
     report = copy_store(source.store, target.store)
     assert report.damaged == []
@@ -74,9 +78,7 @@ def test_what_lasts_is_copied(source: Catalog, any_store_url: str, tmp_path: Pat
     assert report.bytes == sum(o.size_bytes for o in copied)
 
 
-def test_a_copy_is_brought_up_to_date(source: Catalog, tmp_path: Path) -> None:
-    target = Catalog(Store.open(str(tmp_path / "target")))
-    copy_store(source.store, target.store)
+def test_a_copy_is_brought_up_to_date(source: Catalog, target: Catalog, tmp_path: Path):
     assert copy_store(source.store, target.store).objects == 0
     noticed = target.changes.end()
     newest = publish(source, "hall", b"5", tmp_path)
@@ -91,7 +93,7 @@ def test_a_copy_is_brought_up_to_date(source: Catalog, tmp_path: Path) -> None:
     assert ApiKeys(target.store).all()[0][0].revoked
 
 
-def test_what_was_begun_is_gone_on_with(source: Catalog, tmp_path: Path) -> None:
+def test_a_killed_copy_is_resumed(source: Catalog, tmp_path: Path):
     class Dies(Store):
         left = 0
 
@@ -118,7 +120,7 @@ def test_what_was_begun_is_gone_on_with(source: Catalog, tmp_path: Path) -> None
         }
 
 
-def test_damage_is_named_and_not_copied(source: Catalog, tmp_path: Path) -> None:
+def test_damage_is_named_and_not_copied(source: Catalog, tmp_path: Path):
     version = source.active_version("hall")
     (kept,) = source.store.list("maps/hall/sources")
     damaged = f"maps/hall/versions/{version}/a.npy"
@@ -136,7 +138,7 @@ def test_damage_is_named_and_not_copied(source: Catalog, tmp_path: Path) -> None
     assert damaged in copy_store(source.store, target.store).damaged
 
 
-def test_two_histories_are_not_mixed_and_the_other_maps_are_copied(source: Catalog, tmp_path: Path) -> None:
+def test_two_histories_of_a_map_are_not_mixed(source: Catalog, tmp_path: Path):
     target = Catalog(Store.open(str(tmp_path / "target")))
     publish(target, "hall", b"9", tmp_path)
     source.put_build("b2", {"map_id": "attic"})
@@ -165,11 +167,7 @@ FLIPPED = {
 
 
 @pytest.mark.parametrize("side", ["source", "target"])
-def test_of_two_copies_the_one_with_the_right_checksum_wins(
-    source: Catalog, tmp_path: Path, side: str
-) -> None:
-    target = Catalog(Store.open(str(tmp_path / "target")))
-    copy_store(source.store, target.store)
+def test_the_copy_with_the_right_checksum_wins(source, target, tmp_path, side):
     store = (source if side == "source" else target).store
     right = {key: store.get(key) for key in FLIPPED}
     for key, word in FLIPPED.items():
@@ -185,21 +183,16 @@ def test_of_two_copies_the_one_with_the_right_checksum_wins(
         assert sorted(report.mended) == sorted(FLIPPED)
 
 
-def test_a_version_of_another_format_is_copied(tmp_path: Path) -> None:
+def test_a_version_of_another_format_is_copied(tmp_path: Path):
     source, target = (Catalog(Store.open(str(tmp_path / name))) for name in ("source", "target"))
-    folder = tmp_path / "old"
-    folder.mkdir()
-    (folder / "a.npy").write_bytes(b"old")
-    version = source.publish("hall", folder, Manifest.for_directory(folder, format=1))
+    version = source.publish("hall", tmp_path / "old", make_version(tmp_path / "old", format=1))
     assert copy_store(source.store, target.store).damaged == []
     assert target.store.list(f"maps/hall/versions/{version}") == source.store.list(
         f"maps/hall/versions/{version}"
     )
 
 
-def test_damage_of_the_same_size_in_the_copy_is_mended(source: Catalog, tmp_path: Path) -> None:
-    target = Catalog(Store.open(str(tmp_path / "target")))
-    copy_store(source.store, target.store)
+def test_damage_of_the_same_size_in_the_copy_is_mended(source: Catalog, target: Catalog, tmp_path: Path):
     version = source.active_version("hall")
     (kept,) = source.store.list("maps/hall/sources")
     keys = [f"maps/hall/versions/{version}/{name}" for name in ("a.npy", "manifest.json")]
@@ -211,30 +204,19 @@ def test_damage_of_the_same_size_in_the_copy_is_mended(source: Catalog, tmp_path
     assert {key: target.store.get(key) for key in keys} == {key: source.store.get(key) for key in keys}
 
 
-def test_a_copy_does_not_read_everything_every_night(source: Catalog, tmp_path: Path) -> None:
-    class Counts(Store):
-        read: list[str]
-
-        def pieces(self, key: str) -> Iterator[bytes]:
-            self.read.append(key)
-            return super().pieces(key)
-
-    target = Counts.open(str(tmp_path / "target"))
-    assert isinstance(target, Counts)
-    target.read = []
+def test_a_copy_reads_again_only_what_was_not_checked(source: Catalog, tmp_path: Path):
+    target, reads = recording(str(tmp_path / "target"), "pieces")
     copy_store(source.store, target)
     assert copy_store(source.store, target).objects == 0
-    assert target.read == [], "what was copied was checked on the way"
+    assert reads == [], "what was copied was checked on the way"
     checked = CheckedObjects(target, "hall")
     checked.save(set())  # as if it were long ago
     copy_store(source.store, target)
-    assert target.read
-    assert all(key.startswith("maps/hall/") for key in target.read)
+    assert reads
+    assert all(key.startswith("maps/hall/") for _, key in reads)
 
 
-def test_a_damaged_record_does_not_replace_a_good_one(source: Catalog, tmp_path: Path) -> None:
-    target = Catalog(Store.open(str(tmp_path / "target")))
-    copy_store(source.store, target.store)
+def test_a_damaged_record_does_not_replace_a_good_one(source: Catalog, target: Catalog, tmp_path: Path):
     good = target.store.get("builds/b1/status.json")
     source.store.put("builds/b1/status.json", b"")
     assert copy_store(source.store, target.store).damaged == ["builds/b1/status.json"]
@@ -242,7 +224,7 @@ def test_a_damaged_record_does_not_replace_a_good_one(source: Catalog, tmp_path:
 
 
 @pytest.mark.usefixtures("frequent_snapshots")
-def test_a_log_of_which_old_entries_were_collected_is_copied(source: Catalog, tmp_path: Path) -> None:
+def test_a_log_of_which_old_entries_were_collected_is_copied(source: Catalog, tmp_path: Path):
     for _ in range(4 * EVERY):
         source.roll_back("attic") if len(source.state("attic").activated) > 1 else publish(
             source, "attic", b"5", tmp_path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
@@ -20,7 +21,6 @@ from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.query_samples import QuerySample, QuerySamples
 from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.catalog.uploads.uploads import Uploads
@@ -34,6 +34,7 @@ from firstfix.maintenance.garbage import Ages, collect_garbage
 from firstfix.maintenance.record_kinds import FORMS, form_of, why_unreadable
 from firstfix.store.json_record import RecordKind, max_bytes
 from firstfix.store.store import Store
+from tests.core.fixtures import publish
 from tests.frequent_snapshots import EVERY
 
 STAGES = ("a" * 64, "b" * 64)
@@ -103,11 +104,8 @@ def store(filled: dict[str, bytes], frequent_snapshots: None) -> Store:
 def _fill(store: Store, tmp_path: Path) -> None:
     catalog = Catalog(store)
     for map_id in ("hall", "yard"):
-        for content in (b"1", b"2"):
-            folder = tmp_path / map_id / content.decode()
-            folder.mkdir(parents=True)
-            (folder / "a.npy").write_bytes(content)
-            catalog.publish(map_id, folder, Manifest.for_directory(folder))
+        for content in ("1", "2"):
+            publish(catalog, tmp_path / map_id, content, map_id)
         georeferences = Georeferences(store)
         for latitude_deg in (47.0, 48.0):
             georeferences.set(map_id, Georeference(latitude_deg, 11.0, 500.0, (0.0, 0.0, 0.0, 1.0)))
@@ -136,9 +134,8 @@ def _fill(store: Store, tmp_path: Path) -> None:
     samples = QuerySamples(store)
     for sample_id in SAMPLES:
         answer = {"verdict": "rejected", "reasons": [], "probability": 0.1}
-        samples.put(
-            QuerySample(sample_id, "2026-01-01", "http", "r", "", "hall", "x/y", "", {}, answer, 4), b"body"
-        )
+        sample = QuerySample(sample_id, "2026-01-01", "http", "r", "", "hall", "x/y", "", {}, answer, 4)
+        samples.put(sample, b"body")
     for key in IDEMPOTENCY:
         claim_build(store, key, "same", "b1")
     for map_id in ("hall", "yard"):
@@ -174,8 +171,7 @@ def everything(store: Store, scratch: Path) -> dict[str, Any]:
     for key in IDEMPOTENCY:
         found[f"claim {key.key}"] = _said(claim_build, store, key, "same", "b9")
     for stage in STAGES:
-        folder = scratch / new_stage_name()
-        folder.mkdir()
+        folder = Path(tempfile.mkdtemp(dir=scratch))
         found[f"stage {stage}"] = SharedStages(store).fetch(stage, folder)
     return found
 
@@ -187,13 +183,6 @@ def _said(read: Callable[..., Any], *arguments: Any) -> Any:
         return error.code
 
 
-_names = iter(range(10**9))
-
-
-def new_stage_name() -> str:
-    return f"stage-{next(_names)}"
-
-
 def damaged_key(store: Store, kind: RecordKind) -> str:
     claim = IDEMPOTENCY[0].name.split("/")[-1]
     first = next(key for key in ApiKeys(store).all()[0] if key.name == "first")
@@ -201,14 +190,14 @@ def damaged_key(store: Store, kind: RecordKind) -> str:
     return DAMAGED[kind][0].format(claim=claim, key=first.key_id, sightings=sightings)
 
 
-def test_every_kind_is_here() -> None:
+def test_every_kind_is_here():
     assert set(DAMAGED) == set(RecordKind) == {form.kind for form in FORMS}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", RecordKind, ids=lambda kind: kind.value)
 @pytest.mark.parametrize("damage", [*DAMAGES, "too large"])
-def test_all_else_goes_on(kind: RecordKind, damage: str, store: Store, tmp_path: Path) -> None:
+def test_all_else_goes_on(kind: RecordKind, damage: str, store: Store, tmp_path: Path):
     key = damaged_key(store, kind)
     before = everything(store, tmp_path)
     good = store.get(key)
@@ -224,9 +213,7 @@ def test_all_else_goes_on(kind: RecordKind, damage: str, store: Store, tmp_path:
     store.unreadable.listen(told.append)
     after = everything(store, tmp_path)
     about = DAMAGED[kind][1]
-    assert {name: after[name] for name in before.keys() - about} == {
-        name: before[name] for name in before.keys() - about
-    }
+    assert all(after[name] == before[name] for name in before.keys() - about)
     for build_id in ("b1", "b2"):
         if f"status of {build_id}" in about:
             assert after[f"status of {build_id}"]["state"] == UNREADABLE
@@ -247,7 +234,7 @@ def test_all_else_goes_on(kind: RecordKind, damage: str, store: Store, tmp_path:
     assert {found.split("/")[1] for found in garbage.keys["builds"]} == ended
 
 
-def test_what_is_mended_is_read_again(store: Store) -> None:
+def test_a_mended_record_is_read_again(store: Store):
     told: list[UnreadableRecord] = []
     store.unreadable.listen(told.append)
     catalog = Catalog(store)
@@ -262,7 +249,7 @@ def test_what_is_mended_is_read_again(store: Store) -> None:
     assert len(told) == 2, "once each time that it was damaged"
 
 
-def test_a_damaged_stage_is_shared_again(store: Store, tmp_path: Path) -> None:
+def test_a_damaged_stage_is_shared_again(store: Store, tmp_path: Path):
     made = tmp_path / "hall" / "1"
     (file,) = (key for key in store.list(f"stages/{STAGES[0]}") if not key.endswith("stage.json"))
     store.put(file, b"x" * store.size(file))
@@ -272,7 +259,7 @@ def test_a_damaged_stage_is_shared_again(store: Store, tmp_path: Path) -> None:
     assert SharedStages(store).fetch(STAGES[0], folder)
 
 
-def test_a_log_entry_that_is_lost_keeps_the_files_of_what_it_may_have_published(store: Store) -> None:
+def test_a_lost_log_entry_keeps_the_files_that_it_may_have_published(store: Store):
     catalog = Catalog(store)
     (first, second) = catalog.state("hall").published
     store.put("maps/hall/log/000003.json", b"")  # by which the second one was published
@@ -283,7 +270,7 @@ def test_a_log_entry_that_is_lost_keeps_the_files_of_what_it_may_have_published(
     assert any(second in key for key in store.list("maps/hall/versions"))
 
 
-def test_a_source_that_a_damaged_request_may_name_stays(store: Store) -> None:
+def test_a_source_that_a_damaged_request_may_name_stays(store: Store):
     store.put("maps/hall/sources/" + "c" * 64, b"cloud")
     store.put("builds/b1/request.json", b"")
     found = collect_garbage(Catalog(store), ages=Ages(things_s=-60, builds_s=1e9))

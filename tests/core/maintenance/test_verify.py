@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 
@@ -15,31 +14,28 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.query_samples import QuerySample, QuerySamples
 from firstfix.catalog.sources import put_source
+from firstfix.catalog.uploads import parts
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.maintenance.repair import QUARANTINE, Repair
 from firstfix.maintenance.verify import Verification
 from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
+from tests.core import fixtures
 from tests.frequent_snapshots import EVERY
 
 
-class Reads(Store):
-    """Records the keys that are read in pieces."""
-
-    read: list[str]
-
-    def pieces(self, key: str) -> Iterator[bytes]:
-        self.read.append(key)
-        return super().pieces(key)
+@pytest.fixture
+def recorded(any_store_url: str) -> tuple[Store, list[tuple[str, str]]]:
+    """An empty store, and what is read in pieces of it."""
+    return fixtures.recording(any_store_url, "pieces")
 
 
 @pytest.fixture
-def catalog(any_store_url: str, tmp_path: Path) -> Catalog:
+def catalog(recorded: tuple[Store, list[tuple[str, str]]], tmp_path: Path) -> Catalog:
     """Two versions of a map that have a file in common, a source, a shared stage, and records."""
-    store = Reads.open(any_store_url)
-    assert isinstance(store, Reads)
-    store.read = []
+    store, _ = recorded
     catalog = Catalog(store)
     for content in (b"1", b"2"):
         publish(catalog, "hall", content, tmp_path, build_id=f"b{content.decode()}")
@@ -55,11 +51,9 @@ def catalog(any_store_url: str, tmp_path: Path) -> Catalog:
 
 
 def publish(catalog: Catalog, map_id: str, content: bytes, scratch: Path, *, build_id: str = "") -> str:
+    files = {"own.npy": content * 1000, "common.npy": b"common" * 1000}
     folder = scratch / f"{map_id}-{content.decode()}"
-    folder.mkdir()
-    (folder / "own.npy").write_bytes(content * 1000)
-    (folder / "common.npy").write_bytes(b"common" * 1000)
-    return catalog.publish(map_id, folder, Manifest.for_directory(folder), build_id=build_id)
+    return catalog.publish(map_id, folder, fixtures.make_version(folder, b"", files), build_id=build_id)
 
 
 def verified(catalog: Catalog, *, repair: bool = False, cache: Path | None = None) -> dict[str, str]:
@@ -74,15 +68,15 @@ def spoil(store: Store, key: str) -> None:
     store.put(key, bytes(byte ^ 1 for byte in store.get(key)))
 
 
-def test_a_store_in_order(catalog: Catalog) -> None:
+def test_a_sound_store_has_no_findings(catalog: Catalog):
     report = Verification(catalog.store).run()
     assert report.findings == []
     records = len([key for key in catalog.store.list() if key.endswith(".json")])
-    assert report.objects == records + 4 + 1, "two files each of two versions, and a source"
+    assert report.objects == records + 6 + 1, "three files each of two versions, and a source"
     assert verified(catalog, repair=True) == {}
 
 
-def test_a_file_is_mended_from_another_version(catalog: Catalog, tmp_path: Path) -> None:
+def test_a_file_is_mended_from_another_version(catalog: Catalog, tmp_path: Path):
     version = catalog.active_version("hall")
     folder = f"maps/hall/versions/{version}"
     spoil(catalog.store, f"{folder}/common.npy")
@@ -95,9 +89,7 @@ def test_a_file_is_mended_from_another_version(catalog: Catalog, tmp_path: Path)
     Catalog(catalog.store).fetch_version("hall", version, tmp_path / "cache")
 
 
-def test_a_file_is_mended_from_a_shared_stage_or_this_machines_cache(
-    catalog: Catalog, tmp_path: Path
-) -> None:
+def test_a_file_is_mended_from_a_shared_stage_or_this_machines_cache(catalog: Catalog, tmp_path: Path):
     version = catalog.active_version("hall")
     key = f"maps/hall/versions/{version}/own.npy"
     spoil(catalog.store, key)
@@ -114,14 +106,14 @@ def test_a_file_is_mended_from_a_shared_stage_or_this_machines_cache(
     assert verified(catalog) == {}
 
 
-def test_a_damaged_copy_is_not_copied(catalog: Catalog) -> None:
+def test_a_damaged_copy_is_not_copied(catalog: Catalog):
     keys = [key for key in catalog.store.list("maps/hall/versions") if key.endswith("/common.npy")]
     for key in keys:
         spoil(catalog.store, key)
     assert verified(catalog, repair=True) == dict.fromkeys(keys, "")
 
 
-def test_what_nothing_else_knows_is_named_and_left(catalog: Catalog) -> None:
+def test_damage_without_another_copy_is_named_and_left(catalog: Catalog):
     (source,) = catalog.store.list("maps/hall/sources")
     version = catalog.active_version("hall")
     manifest = f"maps/hall/versions/{version}/manifest.json"
@@ -137,7 +129,7 @@ def test_what_nothing_else_knows_is_named_and_left(catalog: Catalog) -> None:
     assert verified(catalog).keys() == before.keys(), "what is missing is named too"
 
 
-def test_records_are_moved_aside_or_written_again(catalog: Catalog) -> None:
+def test_damaged_records_are_moved_aside_or_written_again(catalog: Catalog):
     store = catalog.store
     uploads = Uploads(store)
     uploads.create("u1", size_bytes=3, file_name="a.ply")
@@ -162,14 +154,14 @@ def test_records_are_moved_aside_or_written_again(catalog: Catalog) -> None:
     assert verified(catalog) == {}
 
 
-def test_the_status_of_a_build_that_made_nothing_is_moved_and_it_waits_again(catalog: Catalog) -> None:
+def test_a_build_with_a_damaged_status_is_queued_again(catalog: Catalog):
     catalog.store.put("builds/b3/status.json", b"{")
     assert "queued again" in verified(catalog, repair=True)["builds/b3/status.json"]
     assert catalog.build_status("b3")["state"] == "queued"
 
 
 @pytest.mark.usefixtures("frequent_snapshots")
-def test_an_entry_of_a_log_is_written_again_from_a_snapshot(catalog: Catalog) -> None:
+def test_an_entry_of_a_log_is_written_again_from_a_snapshot(catalog: Catalog):
     for _ in range(EVERY):
         catalog.roll_back("hall")
     state = Catalog(catalog.store).state("hall")
@@ -181,35 +173,34 @@ def test_an_entry_of_a_log_is_written_again_from_a_snapshot(catalog: Catalog) ->
     assert Catalog(catalog.store).state("hall") == state
 
 
-def test_what_was_found_right_lately_is_not_read_again(catalog: Catalog) -> None:
-    store = catalog.store
-    assert isinstance(store, Reads)
+def test_lately_verified_objects_are_not_read_again(catalog: Catalog, recorded):
+    store, reads = recorded
     age = timedelta(days=30)
     Verification(store, max_age=age).run()
-    store.read.clear()
+    reads.clear()
     report = Verification(store, max_age=age).run()
-    assert (store.read, report.fresh) == ([], 5)
+    assert (reads, report.fresh) == ([], 7)
     (source,) = store.list("maps/hall/sources")
     store.put(source, b"clout")
     report = Verification(store, max_age=age).run()
-    assert store.read == [source], "it was put again since"
+    assert reads == [("pieces", source)], "it was put again since"
     assert [finding.key for finding in report.findings] == [source]
-    store.read.clear()
+    reads.clear()
     Verification(store, max_age=age).run()
-    assert store.read == [source], "what is damaged is never fresh"
-    store.read.clear()
+    assert reads == [("pieces", source)], "what is damaged is never fresh"
+    reads.clear()
     Verification(store, max_age=timedelta()).run()
-    assert len(store.read) == 5
+    assert len(reads) == 7
 
 
-def test_every_step_is_small(catalog: Catalog, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_step_reads_little(catalog: Catalog, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("firstfix.store.store.CHUNK_BYTES", 1000)
     steps = list(Verification(catalog.store).steps())
     assert max(steps) < 2000
     assert sum(steps) >= 2 * 7000
 
 
-def test_publishing_again_mends_what_has_the_same_size(catalog: Catalog, tmp_path: Path) -> None:
+def test_publishing_again_mends_damage_of_the_same_size(catalog: Catalog, tmp_path: Path):
     version = catalog.active_version("hall")
     keys = [f"maps/hall/versions/{version}/{name}" for name in ("own.npy", "manifest.json")]
     (source,) = catalog.store.list("maps/hall/sources")
@@ -221,7 +212,7 @@ def test_publishing_again_mends_what_has_the_same_size(catalog: Catalog, tmp_pat
     assert verified(catalog) == {}
 
 
-def test_an_upload_mends_the_source_that_it_repeats(catalog: Catalog) -> None:
+def test_an_upload_mends_the_source_that_it_repeats(catalog: Catalog):
     sha256 = hashlib.sha256(b"cloud").hexdigest()
     key = f"maps/hall/sources/{sha256}"
     spoil(catalog.store, key)
@@ -229,3 +220,76 @@ def test_an_upload_mends_the_source_that_it_repeats(catalog: Catalog) -> None:
     uploads.create("u1", size_bytes=5, file_name="hall.laz")
     assert uploads.keep_as_source(uploads.append(uploads.get("u1"), b"cloud"), "hall") == sha256
     assert catalog.store.get(key) == b"cloud"
+
+
+SAMPLE_ID = "20260101t000000000000-0000000a"
+BODY, RECORD = f"samples/{SAMPLE_ID}.body", f"samples/{SAMPLE_ID}.json"
+
+
+@pytest.fixture
+def store(monkeypatch: pytest.MonkeyPatch) -> Store:
+    """One kept query; an upload that is whole, and one under way, in parts of three bytes."""
+    monkeypatch.setattr(parts, "PART_BYTES", 3)
+    store = Store.open("memory://")
+    answer = {"verdict": "rejected", "reasons": [], "probability": 0.1}
+    sample = QuerySample(SAMPLE_ID, "2026-01-01", "http", "r", "", "hall", "x/y", "", {}, answer, 4)
+    QuerySamples(store).put(sample, b"body")
+    uploads = Uploads(store)
+    for upload_id, size_bytes in (("whole", 8), ("half", 9)):
+        uploads.create(upload_id, size_bytes=size_bytes, file_name="a.ply")
+        for data in (b"abc", b"def", b"gh"):
+            uploads.append(uploads.get(upload_id), data)
+    uploads.finish(uploads.get("whole"))
+    return store
+
+
+def findings(store: Store) -> dict[str, str]:
+    return {finding.key: finding.problem for finding in Verification(store).run().findings}
+
+
+def part(upload_id: str, offset: int) -> str:
+    return f"uploads/{upload_id}/parts/{offset:020d}"
+
+
+def test_sound_bodies_are_read_and_counted(store: Store):
+    report = Verification(store).run()
+    assert report.findings == []
+    assert report.kinds["sample_body"] == 1
+    assert report.kinds["upload_part"] == 6
+    assert report.kinds["upload"] == 2
+    assert sum(report.kinds.values()) == report.objects
+
+
+@pytest.mark.parametrize(("data", "why"), [(b"bodx", "sha256"), (b"bod", "3 bytes"), (None, "missing")])
+def test_a_damaged_body_of_a_kept_query_is_found(store: Store, data: bytes | None, why: str):
+    store.delete(BODY) if data is None else store.put(BODY, data)
+    found = findings(store)
+    assert found.keys() == {BODY}
+    assert why in found[BODY]
+
+
+@pytest.mark.parametrize(("upload_id", "size_bytes"), [("whole", 8), ("half", 9)])
+def test_missing_and_short_parts_of_an_upload_are_found(store: Store, upload_id: str, size_bytes: int):
+    record = f"uploads/{upload_id}/upload.json"
+    store.put(part(upload_id, 3), b"de")
+    assert findings(store) == {record: f"a part is missing or cut off at byte 5 of {size_bytes}"}
+    store.delete(part(upload_id, 3))
+    assert findings(store) == {record: f"a part is missing or cut off at byte 3 of {size_bytes}"}
+
+
+def test_a_missing_last_part_of_an_upload_under_way_is_no_damage(store: Store):
+    store.delete(part("half", 6))
+    assert findings(store) == {}, "the sender goes on from there"
+
+
+def test_altered_parts_of_an_upload_are_found(store: Store):
+    uploads = Uploads(store)
+    uploads.create("told", size_bytes=3, file_name="a.ply", sha256=hashlib.sha256(b"abc").hexdigest())
+    uploads.append(uploads.get("told"), b"abc")
+    assert findings(store) == {}
+    store.put(part("told", 0), b"abd")
+    store.put(part("whole", 3), b"dEf")
+    assert findings(store) == {
+        f"uploads/{one}/upload.json": "the body has another sha256 than its record says"
+        for one in ("told", "whole")
+    }

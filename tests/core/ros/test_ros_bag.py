@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-import tracemalloc
 from contextlib import closing
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.ros.bag import open_bag
 from firstfix.ros.point_cloud2 import decode_point_cloud2
 from tests import ros_samples
+from tests.core.fixtures import in_memory_of
 from tests.ros_samples import BAG_KINDS, IMU, PACKED_BAG_KINDS, cloud_of_points, stores_of, write_bag
 
 S = 10**9
@@ -47,7 +47,7 @@ def test_clouds_come_in_order_and_whole(tmp_path: Path, kind: str):
 
 
 @every_kind
-def test_topics_are_told_apart_by_type(tmp_path: Path, kind: str):
+def test_topics_are_found_by_type(tmp_path: Path, kind: str):
     imu = ros_samples.imu([0, 0, 9.81], stores=stores_of(kind))
     path = write_bag(tmp_path, kind, [("/imu", 99 * S, imu), *clouds(kind, "/b"), *clouds(kind, "/a")])
     with open_bag(path) as bag:
@@ -60,13 +60,13 @@ def test_topics_are_told_apart_by_type(tmp_path: Path, kind: str):
             bag.check_topic("/a", IMU)
 
 
-def test_a_bag_without_clouds(tmp_path: Path):
+def test_a_bag_without_clouds_is_refused(tmp_path: Path):
     path = write_bag(tmp_path, "sqlite3", [("/imu", S, ros_samples.imu([0, 0, 9.81]))])
     with open_bag(path) as bag, pytest.raises(NotFound, match="no topic has"):
         bag.cloud_topic(None)
 
 
-def test_what_is_no_bag(tmp_path: Path):
+def test_other_files_are_no_bags(tmp_path: Path):
     (tmp_path / "scan.pcd").write_bytes(b"x")
     (tmp_path / "folder").mkdir()
     for name in ("a.bag", "a.mcap", "a.db3"):
@@ -83,7 +83,7 @@ def test_what_is_no_bag(tmp_path: Path):
 
 
 @every_kind
-def test_a_damaged_bag_is_one_error(tmp_path: Path, kind: str):
+def test_a_damaged_bag_is_an_input_error(tmp_path: Path, kind: str):
     path = write_bag(tmp_path, kind, clouds(kind))
     file = (
         path if path.is_file() else next(p for p in path.iterdir() if p.suffix in (".db3", ".mcap", ".zstd"))
@@ -115,15 +115,11 @@ def test_one_message_is_in_memory_at_a_time(tmp_path: Path, kind: str):
     path = write_bag(tmp_path, kind, made)
     with open_bag(path):
         pass  # what is imported then is not counted
-    tracemalloc.start()
-    with open_bag(path) as bag:
+    with in_memory_of(8_000_000), open_bag(path) as bag:  # 20 of them are 12 MB; a chunk of a bag holds a few
         assert sum(1 for _ in bag.messages(["/points"])) == 20
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 8_000_000, "20 of them are 12 MB; a chunk of a bag holds a few"
 
 
-def test_a_serialization_that_is_no_text_is_named(tmp_path: Path):
+def test_an_invalid_serialization_is_an_input_error(tmp_path: Path):
     """Damaged bags have such, beside others; they were a TypeError."""
     path = write_bag(tmp_path, "sqlite3", [*clouds("sqlite3"), *clouds("sqlite3", "/b")])
     (file,) = path.glob("*.db3")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-import tracemalloc
 from collections import namedtuple
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from firstfix.ros import bag_compression
 from firstfix.ros.bag import open_bag
 from firstfix.ros.point_cloud2 import decode_point_cloud2
 from tests import ros_samples
+from tests.core.fixtures import in_memory_of
 from tests.every_case import every_case
 from tests.ros_samples import PACKED_BAG_KINDS, ROS2, cdr, cloud_of_points, write_bag
 
@@ -88,7 +88,7 @@ def test_nothing_is_left_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("kind", ROS2_KINDS)
-def test_a_cut_off_file_is_a_clear_error(tmp_path: Path, kind: str):
+def test_a_truncated_file_is_malformed(tmp_path: Path, kind: str):
     bag = written(tmp_path, kind)
     file = storage_file(bag)
     packed = file.read_bytes()
@@ -133,15 +133,10 @@ def test_a_damaged_message_is_named(tmp_path_factory: pytest.TempPathFactory, da
     assert damage == "of another packer" or f"the message of /points at {S} ns" in str(raised.value)
 
 
-def peak_bytes_refusing(path: Path, why: str) -> int:
-    """Reads a bag until it is refused. Returns the largest memory, of Python's allocators, meanwhile."""
-    tracemalloc.start()
-    try:
-        with pytest.raises(TooLarge, match=why), open_bag(path) as bag:
-            list(bag.messages(["/points"]))
-        return tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+def check_refused(path: Path, why: str, limit_bytes: float) -> None:
+    """The bag is refused before Python's allocators hold so much memory."""
+    with in_memory_of(int(limit_bytes)), pytest.raises(TooLarge, match=why), open_bag(path) as bag:
+        list(bag.messages(["/points"]))
 
 
 @every_case("pack", [zstandard.compress, without_size])
@@ -149,8 +144,8 @@ def test_a_message_cannot_take_memory_without_limit(tmp_path_factory: pytest.Tem
     bomb = pack(bytes(bag_compression.MAX_MESSAGE_BYTES + 1))
     assert len(bomb) < 100_000
     path = bag_of_message(tmp_path_factory.mktemp("bag"), bomb)
-    peak = peak_bytes_refusing(path, f"expands to over {bag_compression.MAX_MESSAGE_BYTES}")
-    assert peak < 1.3 * bag_compression.MAX_MESSAGE_BYTES
+    limit_bytes = bag_compression.MAX_MESSAGE_BYTES
+    check_refused(path, f"expands to over {limit_bytes}", 1.3 * limit_bytes)
 
 
 CHUNKS = {"zstd": zstandard.compress, "zstd without its size": without_size, "lz4": lz4.frame.compress}
@@ -165,7 +160,7 @@ def test_a_chunk_cannot_take_memory_without_limit(tmp_path_factory: pytest.TempP
         writer.storage.compressor = lambda data: CHUNKS[name](data + bytes(39 * len(data)))
         connection = writer.add_connection("/points", ros_samples.CLOUD, typestore=ROS2)
         writer.write(connection, S, cdr(cloud_of_points(np.zeros((100_000, 3)))))
-    assert peak_bytes_refusing(path, "expands to over 120") < 25_000_000
+    check_refused(path, "expands to over 120", 25_000_000)
 
 
 def test_the_declared_size_of_a_chunk_has_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -174,7 +169,7 @@ def test_the_declared_size_of_a_chunk_has_a_limit(tmp_path: Path, monkeypatch: p
         stores = ros_samples.stores_of(kind)
         points = np.zeros((1000, 3))
         path = write_bag(tmp_path, kind, [("/points", S, cloud_of_points(points, stores=stores))])
-        assert peak_bytes_refusing(path, "3000") < 20_000_000
+        check_refused(path, "3000", 20_000_000)
 
 
 def test_a_file_cannot_fill_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -189,14 +184,14 @@ def test_a_file_cannot_fill_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyP
     "text",
     ["", "nonsense", "a: [", "rosbag2_bagfile_information: 3", "rosbag2_bagfile_information: {version: 5}"],
 )
-def test_a_description_that_is_none(tmp_path_factory: pytest.TempPathFactory, text: str):
+def test_an_invalid_description_is_malformed(tmp_path_factory: pytest.TempPathFactory, text: str):
     folder = tmp_path_factory.mktemp("bag")
     (folder / "metadata.yaml").write_text(text)
     with pytest.raises(MalformedData, match=r"metadata|Metadata|key"), open_bag(folder):
         pass
 
 
-def test_a_recording_that_was_cut_off_says_what_to_do(tmp_path: Path):
+def test_a_recording_without_metadata_says_what_to_open(tmp_path: Path):
     bag = written(tmp_path, "sqlite3 zstd message")
     (bag / "metadata.yaml").unlink()
     with pytest.raises(MalformedData, match=r"Open its \.mcap or .db3 file itself"), open_bag(bag):

@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import struct
-import tracemalloc
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
+from firstfix.decode import decode_query
 from firstfix.errors import InputError, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
 from firstfix.ros.header import Stamp
+from firstfix.ros.media_types import POINT_CLOUD2
 from firstfix.ros.point_cloud2 import decode_point_cloud2
 from tests import ros_samples
+from tests.core.fixtures import in_memory_of
 from tests.every_case import every_case
 from tests.ros_samples import ROS1, cdr, cloud, cloud_of_points
 
-OUSTER = [
-    ("x", "f4"),
-    ("y", "f4"),
-    ("z", "f4"),
-    ("_", "f4"),
-    ("intensity", "f4"),
-    ("t", "u4"),
-    ("ring", "u1"),
-]
+OUSTER = [*((name, "f4") for name in ("x", "y", "z", "_", "intensity")), ("t", "u4"), ("ring", "u1")]
 LAYOUTS = {
     "xyz": {"names": ["x", "y", "z"], "formats": ["f4"] * 3},
     "any order": {"names": ["z", "intensity", "x", "y"], "formats": ["f4", "u2", "f4", "f4"]},
@@ -77,7 +72,7 @@ def test_an_organised_cloud_with_padded_rows(padding):
     np.testing.assert_array_equal(stamped.cloud.intensity, rows["intensity"].ravel())
 
 
-def test_ros1_says_the_same():
+def test_a_ros1_cloud_is_read():
     rows = records(OUSTER)
     body = ros_samples.ros1(cloud(rows, stores=ROS1))
     stamped = decode_point_cloud2(body, SCAN_LIMITS, ros1=True)
@@ -86,7 +81,7 @@ def test_ros1_says_the_same():
 
 
 @every_case("is_dense", [True, False])
-def test_returns_that_are_not_finite_are_dropped_even_where_it_says_dense(is_dense):
+def test_invalid_returns_are_dropped_even_from_dense_clouds(is_dense):
     rows = records(LAYOUTS["with gaps"])
     rows["y"][:7], rows["z"][7] = np.nan, np.inf
     scan = decode_point_cloud2(cdr(cloud(rows, is_dense=is_dense)), SCAN_LIMITS).scan()
@@ -96,14 +91,12 @@ def test_returns_that_are_not_finite_are_dropped_even_where_it_says_dense(is_den
 
 
 def test_a_stamp_of_zero_is_none():
-    assert (
-        decode_point_cloud2(cdr(cloud_of_points(np.ones((1, 3)), stamp_ns=0)), SCAN_LIMITS).scan().stamp_s
-        is None
-    )
+    unstamped = cdr(cloud_of_points(np.ones((1, 3)), stamp_ns=0))
+    assert decode_point_cloud2(unstamped, SCAN_LIMITS).scan().stamp_s is None
 
 
 @every_case("shape", [(0,), (4, 0)])
-def test_a_cloud_without_points_is_one(shape):
+def test_an_empty_cloud_is_read(shape):
     assert len(decode_point_cloud2(cdr(cloud(records(OUSTER, shape))), SCAN_LIMITS).cloud) == 0
 
 
@@ -135,7 +128,7 @@ BAD = {
 
 
 @every_case("case", BAD)
-def test_sizes_that_contradict_each_other(case):
+def test_contradictory_sizes_are_refused(case):
     replaced, error, says = BAD[case]
     body = cdr(cloud_of_points(np.ones((50, 3)), **replaced))
     with pytest.raises(error, match=says):
@@ -143,14 +136,14 @@ def test_sizes_that_contradict_each_other(case):
 
 
 @every_case(("sec", "nanosec"), [(-1, 0), (0, 10**9)])
-def test_a_stamp_that_is_no_time(sec, nanosec):
+def test_an_invalid_stamp_is_malformed(sec, nanosec):
     body = bytearray(cdr(cloud_of_points(np.ones((2, 3)))))
     body[4:12] = struct.pack("<iI", sec, nanosec)
     with pytest.raises(MalformedData, match="stamp"):
         decode_point_cloud2(bytes(body), SCAN_LIMITS)
 
 
-def test_the_limits_come_before_the_memory():
+def test_invalid_limits_of_nets_are_refused():
     body = cdr(cloud_of_points(np.ones((50, 3))))
     with pytest.raises(TooLarge):
         decode_point_cloud2(body, Limits(max_points=49, max_decoded_bytes=10**9))
@@ -158,28 +151,20 @@ def test_the_limits_come_before_the_memory():
         decode_point_cloud2(body, Limits(max_points=10**9, max_decoded_bytes=599))
 
 
-def test_what_is_promised_takes_no_memory():
+def test_a_promise_of_many_points_takes_no_memory():
     good = cdr(cloud_of_points(np.ones((50, 3))))
-    tracemalloc.start()
-    for place in range(4, len(good) - 600, 1):
-        damaged = bytearray(good)
-        damaged[place : place + 4] = b"\xff\xff\xff\x7f"
-        try:
-            decode_point_cloud2(bytes(damaged), SCAN_LIMITS)
-        except InputError:
-            continue
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 1_000_000
+    with in_memory_of(1_000_000):
+        for place in range(4, len(good) - 600, 1):
+            damaged = bytearray(good)
+            damaged[place : place + 4] = b"\xff\xff\xff\x7f"
+            with suppress(InputError):
+                decode_point_cloud2(bytes(damaged), SCAN_LIMITS)
 
 
 def test_the_columns_are_views():
     body = cdr(cloud(records(OUSTER, (100_000,))))
-    tracemalloc.start()
-    decode_point_cloud2(body, SCAN_LIMITS)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < len(body) / 10
+    with in_memory_of(len(body) // 10):
+        decode_point_cloud2(body, SCAN_LIMITS)
 
 
 def test_the_times_of_the_points_are_those_of_the_scan():
@@ -194,3 +179,28 @@ def test_the_times_of_the_points_are_those_of_the_scan():
     np.testing.assert_allclose(scan.time_s, np.linspace(-0.1, 0, 50), atol=1e-6)
     made["t"] = 0
     assert decode_point_cloud2(cdr(cloud(made)), SCAN_LIMITS).scan().time_s is None
+
+
+@every_case(
+    "media_type",
+    [
+        POINT_CLOUD2,
+        "application/vnd.ros2.cdr; type=sensor_msgs/msg/PointCloud2",
+        "Application/Vnd.ROS2.cdr;Type=sensor_msgs/msg/PointCloud2",
+        "application/vnd.ros2.cdr",
+        "application/cdr",
+        "application/cdr;sensor_msgs/msg/PointCloud2",
+    ],
+)
+def test_a_cloud_by_any_of_its_names(media_type):
+    points = np.arange(30, dtype=np.float32).reshape(10, 3)
+    np.testing.assert_array_equal(decode_query(cdr(cloud_of_points(points)), media_type).points, points)
+
+
+@every_case(
+    "media_type",
+    ["application/vnd.ros2.cdr; type=sensor_msgs/msg/Imu", "application/cdr;std_msgs/msg/String"],
+)
+def test_another_message_is_unsupported(media_type):
+    with pytest.raises(UnsupportedFormat, match=r"a scan cannot be read from a (sensor|std)_msgs/msg/"):
+        decode_query(cdr(cloud_of_points(np.ones((3, 3)))), media_type)

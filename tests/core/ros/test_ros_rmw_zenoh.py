@@ -29,13 +29,14 @@ TALKER = (
 )
 
 
-def test_the_design_pages_talker():
+def test_tokens_are_those_of_the_design_page():
     talker = parse_token(TALKER)
     assert talker is not None
     assert (talker.kind, talker.topic, talker.is_humble) == (PUBLISHER, "/chatter", False)
     assert talker.key == f"2/chatter/std_msgs::msg::dds_::String_/{STRING_HASH}"
     node = Node(2, "8b20917502ee955ac4476e0266340d5c", "talker")
     assert node.endpoint_token(10, talker, "::,7:,:,:,,") == TALKER
+    assert dds_type("sensor_msgs/msg/PointCloud2") == "sensor_msgs::msg::dds_::PointCloud2_"
     assert Node(2, "aac3", "listener").token == "@ros2_lv/2/aac3/0/0/NN/%/%/listener"
 
 
@@ -80,12 +81,8 @@ def test_the_pattern_matches_publishers_of_the_type_alone():
         TALKER.replace("%chatter", "chatter"),
     ],
 )
-def test_what_is_no_endpoints_token(key):
+def test_another_key_is_no_endpoints_token(key):
     assert parse_token(key) is None
-
-
-def test_names_of_types():
-    assert dds_type("sensor_msgs/msg/PointCloud2") == "sensor_msgs::msg::dds_::PointCloud2_"
 
 
 def test_an_attachment_is_33_bytes():
@@ -101,6 +98,6 @@ def test_an_attachment_is_33_bytes():
 
 
 @every_case("raw", [b"", bytes(33), b"\x0fsequence_number" + bytes(61)])
-def test_other_attachments(raw):
+def test_other_attachments_are_malformed(raw):
     with pytest.raises(MalformedData):
         Attachment.from_bytes(raw)

@@ -47,7 +47,7 @@ def test_the_descriptor_is_the_servers():
     assert descriptor.similarity(sent.rows, prepared.scans[0].described_by(descriptor)) > 0.95
 
 
-def test_gravity_levels_it():
+def test_gravity_levels_the_descriptor():
     sent = describe(room_scan(), PARAMETERS, gravity=np.array([0.0, 0.0, -9.81]))
     np.testing.assert_array_equal(sent.up, [0, 0, 1])
 
@@ -90,7 +90,7 @@ def test_the_server_levels_and_describes_a_compact_scan_alike():
     assert alike > 0.9
 
 
-def test_the_robots_descriptor_is_used_where_it_is_the_maps():
+def test_a_robots_descriptor_is_used_if_it_is_the_maps():
     compact = condense(room_scan(), PARAMETERS)
     prepared = preprocess(ScanSequence.single(compact), None, ENGINE.preprocess).scans[0]
     used = prepared.described_by(ENGINE.descriptor.make())
@@ -101,14 +101,14 @@ def test_the_robots_descriptor_is_used_where_it_is_the_maps():
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.full((5, 3), 500.0), np.full((5, 3), 0.01)])
-def test_nothing_within_range_is_a_query_that_cannot_be_localized(points):
+def test_a_scan_out_of_range_is_an_empty_query(points):
     scan = Scan.from_points(points)
     assert len(condense(scan, PARAMETERS)) == 0
     assert not describe(scan, PARAMETERS).occupancy.any()
     assert preprocess(ScanSequence.single(condense(scan)), None, ENGINE.preprocess) is None
 
 
-def test_senseless_wishes_are_refused():
+def test_invalid_parameters_are_refused():
     with pytest.raises(InvalidOption):
         condense(room_scan(), points=0)
     with pytest.raises(InvalidOption, match="parameters"):

@@ -13,7 +13,7 @@ def pose(x: float, yaw: float = 0.0) -> np.ndarray:
     return make_transform(rotation_z(yaw), [x, 0, 0])
 
 
-def test_poses_are_told_in_the_last_scan_s_frame_whatever_the_odometry_s():
+def test_poses_of_a_sequence_are_in_the_frame_of_the_last_scan():
     anywhere = make_transform(rotation_z(1.1), [300.0, -20.0, 2.0])
     way = [pose(0), pose(1.0, 0.3), pose(2.0, 0.5)]
     here = ScanSequence.along([SCAN] * 3, way)
@@ -39,12 +39,12 @@ def test_poses_are_told_in_the_last_scan_s_frame_whatever_the_odometry_s():
         ([SCAN] * 2, [make_transform(rotation_z(1), [1e308, 1e308, 0])] * 2),
     ],
 )
-def test_what_is_no_sequence_is_refused(scans, poses):
+def test_an_invalid_sequence_is_refused(scans, poses):
     with pytest.raises(InvalidScan):
         ScanSequence.along(scans, poses)
 
 
-def test_sizes_are_limited():
+def test_scans_and_points_of_a_sequence_are_limited():
     with pytest.raises(TooLarge, match="scans"):
         ScanSequence.along([SCAN] * (MAX_SCANS + 1), [np.eye(4)] * (MAX_SCANS + 1))
     half = Scan(np.broadcast_to(np.ones(3, np.float32), (MAX_POINTS // 2 + 1, 3)))

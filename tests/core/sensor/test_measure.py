@@ -18,7 +18,7 @@ def mixed_up(points, seed=1):
 
 
 @pytest.mark.parametrize("name", ROWS)
-def test_rows_are_measured_back_without_a_field_and_without_an_order(name):
+def test_rows_of_every_preset_are_measured(name):
     known = preset(name)
     points, _ = room_scan(known, 3)
     found = measure_sensor([MeasuredScan("a", mixed_up(points), height_m=0.9)])
@@ -37,7 +37,7 @@ def test_rows_are_measured_back_without_a_field_and_without_an_order(name):
 
 
 @pytest.mark.parametrize("name", ROSETTES)
-def test_a_sensor_without_rings_is_said_to_be_one_and_has_as_many_rays_in_its_field(name):
+def test_a_sensor_without_rings_is_measured_as_a_rosette(name):
     known = preset(name)
     scans = [MeasuredScan(str(moment), room_scan(known, moment, moment=moment)[0]) for moment in (0, 5)]
     found = measure_sensor(scans)
@@ -51,7 +51,7 @@ def test_a_sensor_without_rings_is_said_to_be_one_and_has_as_many_rays_in_its_fi
     assert name in found.presets
 
 
-def test_the_formats_numbers_are_taken_and_those_of_no_beams_are_not():
+def test_ring_numbers_of_the_format_are_used_if_they_are_beams():
     known = preset("hdl-32e")
     points, ray = room_scan(known, 4)
     number = np.random.default_rng(2).permutation(32)[ray // 1800]  # drivers number beams as they like
@@ -62,7 +62,7 @@ def test_the_formats_numbers_are_taken_and_those_of_no_beams_are_not():
     assert measure_sensor([MeasuredScan("b", livox, ray % 6)]).way is None  # six lines, which are no rings
 
 
-def test_lasers_that_do_not_sit_in_one_point_are_told_by_the_order():
+def test_beams_of_lasers_apart_are_told_by_the_order_of_points():
     """As in KITTI's files: the elevations of beams overlap, and the rings come one after the other."""
     known = preset("hdl-64e")
     points, ray = room_scan(known, 5, lost=0)
@@ -75,7 +75,7 @@ def test_lasers_that_do_not_sit_in_one_point_are_told_by_the_order():
     assert measure_sensor([MeasuredScan("a", mixed_up(points))]).way != "order"
 
 
-def test_beams_that_returned_nothing_are_missing_and_the_preset_is_named_all_the_same():
+def test_a_preset_is_recognized_without_some_of_its_beams():
     points, ray = room_scan(preset("os1-64"), 6)
     seen = points[ray // 1024 < 50]  # the upper beams look at the sky
     found = measure_sensor([MeasuredScan("a", seen)])
@@ -83,7 +83,7 @@ def test_beams_that_returned_nothing_are_missing_and_the_preset_is_named_all_the
     assert found.presets == ("os1-64",)
 
 
-def test_a_units_own_beams_are_a_little_off():
+def test_beams_a_little_off_are_those_of_the_preset():
     known = preset("os1-128")
     own = SensorModel.from_mapping(
         {**known.to_mapping(), "elevations_deg": [0.95 * up + 0.2 for up in known.elevations_deg]}
@@ -91,7 +91,7 @@ def test_a_units_own_beams_are_a_little_off():
     assert measure_sensor([MeasuredScan("a", room_scan(own, 7)[0])]).presets == ("os1-128",)
 
 
-def test_a_sensor_that_is_no_preset_looks_like_none():
+def test_an_unknown_sensor_has_no_preset():
     own = SensorModel("own", (-20.0, -9.0, -3.0, 0.0, 4.0, 6.0, 18.0), 0.5, 0.2, 80, 1.0)
     found = measure_sensor([MeasuredScan("a", room_scan(own, 8)[0])], name="own")
     assert found.presets == ()
@@ -99,12 +99,12 @@ def test_a_sensor_that_is_no_preset_looks_like_none():
     assert found.sensor.name == "own"
 
 
-def test_without_a_floor_the_height_is_the_default_and_said_to_be():
+def test_without_a_floor_the_height_is_the_default():
     found = measure_sensor([MeasuredScan("a", room_scan(preset("vlp-16"), 9)[0])], default_height_m=1.3)
     assert (found.sensor.mount_height_m, found.floor_seen) == (1.3, False)
 
 
-def test_a_scan_thinned_by_a_grid_is_said_to_be_one():
+def test_a_scan_thinned_by_a_grid_is_recognized():
     dense = SensorModel("dense", tuple(np.linspace(-80, 80, 400)), 0.25, 0.2, 80, 1.0)
     points, _ = room_scan(dense, 10)
     cells = np.floor(points / 0.15).astype(int)

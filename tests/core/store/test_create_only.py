@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -36,7 +38,7 @@ def test_a_store_with_create_only_puts_is_taken():
         ("405", "refuses create-only puts.*405 Method Not Allowed"),
     ],
 )
-def test_a_store_without_them_is_refused(way: Way, says: str):
+def test_a_store_without_create_only_puts_is_refused(way: Way, says: str):
     with s3_stand_in(way) as server:
         with pytest.raises(StoreUnsafe, match=says) as caught:
             Store.open(server.url).probe()
@@ -75,7 +77,7 @@ def switched_off(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AWS_CONDITIONAL_PUT", "disabled")
 
 
-def test_create_only_puts_that_are_switched_off_are_told(switched_off: None):
+def test_switched_off_create_only_puts_are_unsafe(switched_off: None):
     with s3_stand_in("honours") as server:
         store = Store.open(server.url)
         for attempt in (store.probe, lambda: store.put_new("a", b"1")):
@@ -86,35 +88,35 @@ def test_create_only_puts_that_are_switched_off_are_told(switched_off: None):
         assert store.get("a") == b"1"
 
 
-def shell(folder: Path, *command: str) -> subprocess.Popen[str]:
+@contextmanager
+def started(folder: Path, *command: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+    """A command of firstfix and its log. It is killed at the end."""
     folders = {"FIRSTFIX_WORK_DIR": str(folder), "FIRSTFIX_CACHE_DIR": str(folder)}
-    with (folder / "log").open("w") as log:
-        return subprocess.Popen(
-            [sys.executable, "-m", "firstfix_cli.main", *command],
-            env={**os.environ, **folders},
-            stdout=log,
-            stderr=log,
-            text=True,
-        )
-
-
-def test_a_service_says_so_without_a_traceback(switched_off: None, tmp_path: Path):
-    """It ends, or says so again and again where that took it longer than a start may take."""
-    with s3_stand_in("honours") as server:
-        service = shell(tmp_path, "serve", "--port", "0", "--store", server.url)
+    called, environment = [sys.executable, "-m", "firstfix_cli.main", *command], {**os.environ, **folders}
+    with (
+        (folder / "log").open("w") as log,
+        subprocess.Popen(called, env=environment, stdout=log, stderr=log) as made,
+    ):
         try:
-            log = tmp_path / "log"
-            wait_until(lambda: "conditional put is disabled" in log.read_text())
+            yield made, folder / "log"
         finally:
-            service.kill()
-            service.wait()
+            made.kill()
+
+
+def test_a_service_without_create_only_puts_says_so(switched_off: None, tmp_path: Path):
+    """It ends, or says so again and again where that took it longer than a start may take."""
+    serve = ["serve", "--port", "0"]
+    with s3_stand_in("honours") as server, started(tmp_path, *serve, "--store", server.url) as (_, log):
+        wait_until(lambda: "conditional put is disabled" in log.read_text())
     assert "Traceback" not in log.read_text()
 
 
-def test_a_command_that_writes_says_so_without_a_traceback(switched_off: None, tmp_path: Path):
-    with s3_stand_in("honours") as server:
-        command = ["keys", "create", "--name", "robot", "--scope", "localize", "--store", server.url]
-        assert shell(tmp_path, *command).wait(LIMIT_S) != 0
-    said = (tmp_path / "log").read_text()
-    assert "conditional put is disabled" in said
-    assert "Traceback" not in said
+def test_a_command_without_create_only_puts_says_so(switched_off: None, tmp_path: Path):
+    create = ["keys", "create", "--name", "robot", "--scope", "localize"]
+    with (
+        s3_stand_in("honours") as server,
+        started(tmp_path, *create, "--store", server.url) as (command, log),
+    ):
+        assert command.wait(LIMIT_S) != 0
+    assert "conditional put is disabled" in log.read_text()
+    assert "Traceback" not in log.read_text()

@@ -16,30 +16,22 @@ from firstfix.errors import OutOfSpace, StoreError, StoreUnavailable, StoreUnsaf
 from firstfix.store import durable_files
 from firstfix.store.durable_files import DurableFiles
 from firstfix.store.store import Store
-from tests.faults.disk_image import DiskImage, why_no_images
+from tests.disk_image import DiskImage, why_no_images
 
 WAIT_S = 60.0
 CONTENT = bytes(range(256)) * 1000
 KEY = "maps/hall/log/000001.json"
 
 
-def put_new(store: Store, source: Path) -> None:
-    assert store.put_new(KEY, CONTENT)
-
-
-def put(store: Store, source: Path) -> None:
-    store.put(KEY, CONTENT)
-
-
-def put_file(store: Store, source: Path) -> None:
-    assert store.put_file(KEY, source)
-
-
-def put_pieces(store: Store, source: Path) -> None:
-    store.put_pieces(KEY, (CONTENT[i : i + 1000] for i in range(0, len(CONTENT), 1000)))
-
-
-WRITERS = [put_new, put, put_file, put_pieces]
+WRITERS = {
+    "put_new": lambda store, source: store.put_new(KEY, CONTENT),
+    "put": lambda store, source: store.put(KEY, CONTENT),
+    "put_file": lambda store, source: store.put_file(KEY, source),
+    "put_pieces": lambda store, source: store.put_pieces(
+        KEY, (CONTENT[i : i + 999] for i in range(0, 256000, 999))
+    ),
+}
+each_writer = pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
 
 
 @pytest.fixture(scope="module")
@@ -90,10 +82,10 @@ class HeldSyncs:
         self.fsync(handle)
 
 
-@pytest.mark.parametrize("write", WRITERS)
+@each_writer
 def test_a_power_cut_at_any_point_of_a_put_leaves_all_or_nothing(
     images: None, tmp_path: Path, source: Path, write: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+):
     found: list[bytes | None] = []
     with DiskImage.make(tmp_path / "image", tmp_path / "disk", size_bytes=16 << 20) as disk:
         store = Store.open(f"file://{disk.mount_point / 'store'}")
@@ -113,13 +105,14 @@ def test_a_power_cut_at_any_point_of_a_put_leaves_all_or_nothing(
     assert found[-1] == CONTENT, "what was acknowledged is lost"
 
 
-def test_what_was_deleted_does_not_come_back(images: None, tmp_path: Path) -> None:
+def test_a_deleted_object_does_not_come_back_after_a_power_cut(images: None, tmp_path: Path):
     with DiskImage.make(tmp_path / "image", tmp_path / "disk", size_bytes=16 << 20) as disk:
         store = Store.open(f"file://{disk.mount_point / 'store'}")
-        for key in ("keys/one", "builds/b1/attempts/1", "builds/b1/request.json"):
+        gone = ("keys/one", "builds/b1/attempts/1")
+        for key in (*gone, "builds/b1/request.json"):
             store.put(key, b"x")
-        store.delete("keys/one")
-        store.delete("builds/b1/attempts/1")
+        for key in gone:
+            store.delete(key)
         with disk.copy_to(tmp_path / "copy", tmp_path / "copied") as copy:
             assert Store.open(f"file://{copy.mount_point / 'store'}").list() == ["builds/b1/request.json"]
 
@@ -144,15 +137,13 @@ class Calls:
         return tell
 
 
-@pytest.mark.parametrize("write", WRITERS)
-def test_a_file_has_its_name_after_its_bytes_are_on_disk(
-    tmp_path: Path, source: Path, write: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@each_writer
+def test_a_file_has_its_name_after_its_bytes_are_on_disk(tmp_path, source: Path, write: Any, monkeypatch):
     root = tmp_path / "store"
     store = Store.open(f"file://{root}")
     calls = Calls(root, monkeypatch)
     write(store, source)
-    name = ("link" if write is put_new else "replace", KEY)
+    name = ("link" if write is WRITERS["put_new"] else "replace", KEY)
     folders = {"maps", "maps/hall", "maps/hall/log"}
     made = calls.made
     assert {path for call, path in made if call == "mkdir"} == folders
@@ -176,14 +167,12 @@ def failing(monkeypatch: pytest.MonkeyPatch, name: str, number: int) -> Iterator
         yield
 
 
-@pytest.mark.parametrize("write", WRITERS)
+@each_writer
 @pytest.mark.parametrize(
     ("number", "error"),
     [(errno.ENOSPC, OutOfSpace), (errno.EROFS, StoreUnavailable), (errno.EACCES, StoreError)],
 )
-def test_what_a_disk_refuses_leaves_nothing(
-    tmp_path: Path, source: Path, write: Any, number: int, error: type, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_put_leaves_nothing(tmp_path, source, write, number, error, monkeypatch):
     store = Store.open(f"file://{tmp_path / 'store'}")
     with failing(monkeypatch, "fsync", number), pytest.raises(error):
         write(store, source)
@@ -192,29 +181,20 @@ def test_what_a_disk_refuses_leaves_nothing(
     assert store.get(KEY) == CONTENT
 
 
-def test_without_hard_links_a_rename_that_does_not_replace_decides(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_hard_links_a_rename_that_does_not_replace_decides(tmp_path, monkeypatch):
     store = Store.open(f"file://{tmp_path}")
     with failing(monkeypatch, "link", errno.EPERM):
         store.probe()
         assert store.put_new("k", b"first")
         assert not store.put_new("k", b"second")
-    assert store.get("k") == b"first"
+        assert store.get("k") == b"first"
+        monkeypatch.setattr(durable_files, "_RENAME_NOREPLACE", 1 << 30)  # EINVAL, as where it is not known
+        with pytest.raises(StoreUnsafe):
+            store.put_new("other", b"first")
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["k"]
 
 
-def test_a_file_system_that_can_do_neither_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    store = Store.open(f"file://{tmp_path}")
-    monkeypatch.setattr(durable_files, "_RENAME_NOREPLACE", 1 << 30)  # EINVAL, as where it is not known
-    with failing(monkeypatch, "link", errno.EPERM), pytest.raises(StoreUnsafe):
-        store.put_new("k", b"first")
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
-
-
-def test_a_folder_that_others_remove_meanwhile_is_made_again(tmp_path: Path) -> None:
+def test_a_folder_removed_by_others_is_made_again(tmp_path: Path):
     files, others = DurableFiles(tmp_path), DurableFiles(tmp_path)
     stop = threading.Event()
 
@@ -233,7 +213,7 @@ def test_a_folder_that_others_remove_meanwhile_is_made_again(tmp_path: Path) -> 
         remover.join()
 
 
-def test_a_folder_that_is_removed_while_it_is_made_is_made_again(tmp_path, monkeypatch) -> None:
+def test_a_folder_removed_while_it_is_made_is_made_again(tmp_path, monkeypatch):
     files = DurableFiles(tmp_path)
     (tmp_path / "a").mkdir()
     os_mkdir, found = os.mkdir, []
@@ -253,13 +233,13 @@ def test_a_folder_that_is_removed_while_it_is_made_is_made_again(tmp_path, monke
     assert (tmp_path / "a/key").read_bytes() == b"1"
 
 
-def test_a_file_in_the_place_of_a_folder_is_an_error(tmp_path: Path) -> None:
+def test_a_file_in_the_place_of_a_folder_is_an_error(tmp_path: Path):
     (tmp_path / "a").write_bytes(b"")
     with pytest.raises(FileExistsError):
         DurableFiles(tmp_path).create("a/key", (b"1",))
 
 
-def test_what_a_power_cut_left_is_removed_with_its_folders(tmp_path: Path) -> None:
+def test_leftovers_of_a_power_cut_are_removed_with_their_folders(tmp_path: Path):
     store = Store.open(f"file://{tmp_path}")
     store.put("builds/b1/request.json", b"{}")
     for left in ("builds/b2/attempts", "builds/b3", "uploads/u1/parts"):

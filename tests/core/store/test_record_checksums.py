@@ -23,16 +23,15 @@ SAMPLE = QuerySample(
 )
 
 
-def read_entry(data: bytes) -> LogEntry | None:
-    return parse_record(data, RecordKind.LOG_ENTRY, lambda record: LogEntry.parse(4, record))
+READERS: dict[RecordKind, Callable[[dict[str, Any]], Any]] = {
+    RecordKind.LOG_ENTRY: lambda record: LogEntry.parse(4, record),
+    RecordKind.GEOREFERENCE: parse_georeference,
+    RecordKind.SAMPLE: parse_sample,
+}
 
 
-def read_georeference(data: bytes) -> Georeference | None:
-    return parse_record(data, RecordKind.GEOREFERENCE, parse_georeference)
-
-
-def read_sample(data: bytes) -> QuerySample:
-    return parse_record(data, RecordKind.SAMPLE, parse_sample)
+def read(kind: RecordKind, data: bytes) -> Any:
+    return parse_record(data, kind, READERS[kind])
 
 
 def stored_sample(truth: dict[str, Any]) -> bytes:
@@ -43,22 +42,22 @@ def stored_sample(truth: dict[str, Any]) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("data", "read"),
+    ("kind", "data"),
     [
-        (ENTRY.to_json(), read_entry),
-        (record_json(GEOREFERENCE.to_mapping()), read_georeference),
-        (stored_sample({}), read_sample),
-        (stored_sample({"map_id": "hall"}), read_sample),
+        (RecordKind.LOG_ENTRY, ENTRY.to_json()),
+        (RecordKind.GEOREFERENCE, record_json(GEOREFERENCE.to_mapping())),
+        (RecordKind.SAMPLE, stored_sample({})),
+        (RecordKind.SAMPLE, stored_sample({"map_id": "hall"})),
     ],
     ids=["log entry", "georeference", "sample", "sample with a truth"],
 )
-def test_no_flipped_bit_changes_what_is_read(data: bytes, read: Callable[[bytes], Any]):
-    right, refused = read(data), 0
+def test_a_flipped_bit_is_refused_or_harmless(kind: RecordKind, data: bytes):
+    right, refused = read(kind, data), 0
     for bit in range(8 * len(data)):
         flipped = bytearray(data)
         flipped[bit // 8] ^= 1 << bit % 8
         try:
-            found = read(bytes(flipped))
+            found = read(kind, bytes(flipped))
         except ValueError:
             refused += 1
         else:
@@ -67,17 +66,18 @@ def test_no_flipped_bit_changes_what_is_read(data: bytes, read: Callable[[bytes]
 
 
 def test_a_record_without_a_right_checksum_is_refused():
-    for written, read in ((ENTRY.to_json(), read_entry), (stored_sample({"map_id": "hall"}), read_sample)):
+    for kind, written in (
+        (RecordKind.LOG_ENTRY, ENTRY.to_json()),
+        (RecordKind.SAMPLE, stored_sample({"map_id": "hall"})),
+    ):
         record = json.loads(written)
-        for damaged in ({**record, CHECKSUM: "0" * 64}, {**record, CHECKSUM: None}):
+        without = {name: value for name, value in record.items() if name != CHECKSUM}
+        for damaged in ({**record, CHECKSUM: "0" * 64}, {**record, CHECKSUM: None}, without):
             with pytest.raises(ValueError, match="checksum"):
-                read(json.dumps(damaged).encode())
-        del record[CHECKSUM]
-        with pytest.raises(ValueError, match="checksum"):
-            read(json.dumps(record).encode())
+                read(kind, json.dumps(damaged).encode())
 
 
 def test_an_event_of_a_later_release_is_none():
     record = {**json.loads(ENTRY.to_json()), "event": "renamed"}
     del record[CHECKSUM]
-    assert read_entry(record_json(record)) is None
+    assert read(RecordKind.LOG_ENTRY, record_json(record)) is None

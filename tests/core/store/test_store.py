@@ -1,13 +1,14 @@
-"""The one store interface on a directory, in memory, on a real S3 server and on Azurite."""
+"""The one store interface: a directory, memory, a real S3 server, Azurite, and fake-gcs-server (to read)."""
 
 from __future__ import annotations
 
 import hashlib
-import threading
+import uuid
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import httpx
 import pytest
 
 from firstfix.errors import InvalidOption, NotFound, StoreError, StoreUnavailable, StoreUnsafe, TooLarge
@@ -15,6 +16,8 @@ from firstfix.store import backend as store_backend
 from firstfix.store import store as store_module
 from firstfix.store.store import Store
 from firstfix.store.url import StoreUrl
+from tests.cloud_servers import CONTAINER
+from tests.core.fixtures import at_once
 
 
 @pytest.fixture
@@ -22,8 +25,10 @@ def store(any_store_url: str) -> Store:
     return Store.open(any_store_url)
 
 
-def test_an_object_is_put_got_and_deleted(store: Store) -> None:
-    store.put("a/b.bin", b"one")
+def test_an_object_is_put_got_and_deleted(store: Store):
+    assert store.put_new("a/b.bin", b"one")
+    assert not store.put_new("a/b.bin", b"two")
+    assert store.get("a/b.bin") == b"one"
     store.put("a/b.bin", b"three")
     assert store.get("a/b.bin") == b"three"
     assert store.size("a/b.bin") == 5
@@ -33,7 +38,7 @@ def test_an_object_is_put_got_and_deleted(store: Store) -> None:
     assert not store.exists("a/b.bin")
 
 
-def test_a_missing_object_is_not_found(store: Store, tmp_path: Path) -> None:
+def test_a_missing_object_is_not_found(store: Store, tmp_path: Path):
     for ask in (store.get, store.size, lambda key: store.get_range(key, 0, 1)):
         with pytest.raises(NotFound):
             ask("no/such")
@@ -45,28 +50,14 @@ def test_a_missing_object_is_not_found(store: Store, tmp_path: Path) -> None:
         store.get("folder")
 
 
-def test_a_new_put_never_replaces(store: Store) -> None:
-    assert store.put_new("k", b"first")
-    assert not store.put_new("k", b"second")
-    assert store.get("k") == b"first"
-
-
-def test_sixteen_at_once_have_one_winner(store: Store) -> None:
-    start = threading.Barrier(16)
-
-    def race(writer: int, key: str) -> bool:
-        start.wait()
-        return store.put_new(key, b"%02d" % writer * 1000)
-
-    for round_number in range(5):
-        key = f"race/{round_number}"
-        with ThreadPoolExecutor(16) as pool:
-            won = list(pool.map(race, range(16), [key] * 16))
+def test_one_of_sixteen_simultaneous_puts_wins(store: Store):
+    for key in ("race/0", "race/1", "race/2", "race/3", "race/4"):
+        won = at_once(16, lambda writer, key=key: store.put_new(key, b"%02d" % writer * 1000))
         assert won.count(True) == 1
         assert store.get(key) == b"%02d" % won.index(True) * 1000
 
 
-def test_a_range_is_cut_at_the_end(store: Store) -> None:
+def test_a_range_is_cut_at_the_end(store: Store):
     store.put("k", b"0123456789")
     assert store.get_range("k", 2, 3) == b"234"
     assert store.get_range("k", 8, 100) == b"89"
@@ -75,9 +66,7 @@ def test_a_range_is_cut_at_the_end(store: Store) -> None:
             store.get_range("k", start, length)
 
 
-def test_files_go_up_and_down_in_pieces(
-    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_go_up_and_down_in_pieces(store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(store_module, "CHUNK_BYTES", 1 << 20)
     content = bytes(range(256)) * 40_000 + b"end"  # over obstore's 5 MB: several parts
     source = tmp_path / "source"
@@ -95,14 +84,16 @@ def test_files_go_up_and_down_in_pieces(
     assert not list(tmp_path.glob(".*"))
 
 
-def test_putting_a_file_of_another_size_replaces_a_damaged_object(store: Store, tmp_path: Path) -> None:
-    store.put("k", b"dam")
+@pytest.mark.parametrize("damaged", [b"dam", b"whore"])
+def test_putting_a_file_replaces_a_damaged_object(store: Store, tmp_path: Path, damaged: bytes):
     (tmp_path / "whole").write_bytes(b"whole")
+    store.put("k", damaged)
     assert store.put_file("k", tmp_path / "whole")
     assert store.get("k") == b"whole"
+    assert not store.put_file("k", tmp_path / "whole")
 
 
-def test_a_listing_is_of_one_folder_and_sorted(store: Store) -> None:
+def test_a_listing_is_of_one_folder_and_sorted(store: Store):
     for key in ("m/b/2", "m/b/1", "m/bc/1", "m/a", "z"):
         store.put(key, b"xy")
     assert store.list("m/b") == store.list("m/b/") == ["m/b/1", "m/b/2"]
@@ -111,9 +102,11 @@ def test_a_listing_is_of_one_folder_and_sorted(store: Store) -> None:
     assert store.folders("m") == ["b", "bc"]
     assert store.folders() == ["m"]
     assert [item.size_bytes for item in store.scan("m/b")] == [2, 2]
+    assert store.list("m", after="m/b/1") == ["m/b/2", "m/bc/1"]
+    assert store.list("m/b", after="m/b/2") == []
 
 
-def test_a_listing_goes_past_the_thousand_of_one_page(s3_url: str) -> None:
+def test_a_listing_goes_past_the_thousand_of_one_page(s3_url: str):
     store = Store.open(s3_url)
     keys = [f"many/{i:04d}" for i in range(1005)]
     with ThreadPoolExecutor(8) as pool:
@@ -125,33 +118,24 @@ def test_a_listing_goes_past_the_thousand_of_one_page(s3_url: str) -> None:
     "key",
     [
         "",
-        "/a",
-        "a/",
-        "a//b",
-        "../a",
-        "a/../b",
-        "a/.",
-        ".hidden",
         "a b",
-        "a%2e",
-        "a\\b",
         "a\0",
-        "é",
         "a" * 999,
+        *[r"/a", r"a/", r"a//b", r"../a", r"a/../b", r"a/.", r".hidden", r"a%2e", r"a\b", r"é"],
     ],
 )
-def test_a_key_that_some_store_would_change_is_refused(store: Store, key: str) -> None:
+def test_a_key_that_some_store_would_change_is_refused(store: Store, key: str):
     for call in (store.get, store.delete, lambda key: store.put_new(key, b""), store.local_path):
         with pytest.raises(InvalidOption):
             call(key)
 
 
-def test_the_probe_passes_and_leaves_nothing(store: Store) -> None:
+def test_the_probe_leaves_nothing(store: Store):
     store.probe()
     assert store.list() == []
 
 
-def test_the_probe_finds_a_store_that_overwrites() -> None:
+def test_the_probe_finds_a_store_that_overwrites():
     class Careless(Store):
         def put_new(self, key: str, data: bytes | Path) -> bool:
             assert isinstance(data, bytes)
@@ -169,7 +153,7 @@ def test_the_probe_finds_a_store_that_overwrites() -> None:
             kind.open("memory://").probe()
 
 
-def test_a_file_store_lends_its_files_and_others_do_not(tmp_path: Path) -> None:
+def test_a_file_store_lends_its_files_and_others_do_not(tmp_path: Path):
     store = Store.open(str(tmp_path / "new" / "folder"))
     store.put("a/b", b"content")
     path = store.local_path("a/b")
@@ -177,16 +161,16 @@ def test_a_file_store_lends_its_files_and_others_do_not(tmp_path: Path) -> None:
     assert path.read_bytes() == b"content"
     with pytest.raises(NotFound):
         store.local_path("a")
-    assert Store.open("memory://").local_path("a/b") is None
+    other = Store.open("memory://")
+    other.put("a/b", b"")
+    assert other.local_path("a/b") is None
+    assert not Store.open("memory://").exists("a/b"), "two in memory share nothing"
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(StoreUnavailable):
+        Store.open(str(tmp_path / "file" / "below"))
 
 
-def test_two_memory_stores_share_nothing() -> None:
-    one, other = Store.open("memory://"), Store.open("memory://")
-    one.put("k", b"")
-    assert not other.exists("k")
-
-
-def test_a_prefix_is_a_folder_of_its_own(s3_url: str) -> None:
+def test_a_prefix_is_a_folder_of_its_own(s3_url: str):
     inner = Store.open(s3_url)
     outer = Store.open(s3_url.replace("?", "/deeper?"))
     outer.put("k", b"deep")
@@ -194,7 +178,7 @@ def test_a_prefix_is_a_folder_of_its_own(s3_url: str) -> None:
     assert outer.list() == ["k"]
 
 
-def test_a_store_out_of_reach_says_so_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unreachable_store_is_unavailable_soon(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "nobody")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "sesame")
     monkeypatch.setattr(store_backend, "_RETRY", {"max_retries": 1})
@@ -206,20 +190,12 @@ def test_a_store_out_of_reach_says_so_soon(monkeypatch: pytest.MonkeyPatch) -> N
         assert "\n" not in str(caught.value)
 
 
-def test_wrong_credentials_and_a_missing_bucket_are_told_apart(
-    s3_url: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wrong_credentials_and_a_missing_bucket_are_told_apart(s3_url: str, monkeypatch: pytest.MonkeyPatch):
     with pytest.raises(StoreUnavailable):
         Store.open(s3_url.replace("s3://firstfix-tests", "s3://no-such-bucket")).probe()
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "wrong")
     with pytest.raises(StoreError, match="credentials"):
         Store.open(s3_url).probe()
-
-
-def test_a_directory_that_cannot_be_made_is_unavailable(tmp_path: Path) -> None:
-    (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(StoreUnavailable):
-        Store.open(str(tmp_path / "file" / "below"))
 
 
 @pytest.mark.parametrize(
@@ -238,14 +214,14 @@ def test_a_directory_that_cannot_be_made_is_unavailable(tmp_path: Path) -> None:
         "az://container",
     ],
 )
-def test_a_url_that_means_nothing_is_refused(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_invalid_url_is_refused(url: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delenv("AZURE_STORAGE_ACCOUNT_NAME", raising=False)
     with pytest.raises(InvalidOption) as caught:
         Store.open(url)
     assert "hunter2" not in str(caught.value)
 
 
-def test_every_cloud_opens_by_its_url(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_cloud_opens_by_its_url(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("AZURE_STORAGE_ACCOUNT_KEY", "bm8ga2V5")
     for url in (
         "s3://bucket/prefix?region=eu-west-1&virtual_hosted_style_request=true",
@@ -258,7 +234,7 @@ def test_every_cloud_opens_by_its_url(monkeypatch: pytest.MonkeyPatch) -> None:
     assert StoreUrl.parse("relative").prefix == str(Path.cwd() / "relative")
 
 
-def test_a_store_has_one_identity_however_its_url_is_written(tmp_path: Path) -> None:
+def test_equal_urls_have_one_identity(tmp_path: Path):
     def identity(url: str, **environment: str) -> str:
         return StoreUrl.parse(url).identity(environment)
 
@@ -279,7 +255,7 @@ def test_a_store_has_one_identity_however_its_url_is_written(tmp_path: Path) -> 
     assert "secret" not in identity("s3://b", AWS_SECRET_ACCESS_KEY="secret")
 
 
-def test_what_killed_processes_left_is_removed_and_nothing_else(tmp_path: Path):
+def test_leftovers_of_killed_processes_alone_are_removed(tmp_path: Path):
     store = Store.open(f"file://{tmp_path}")
     store.put("maps/hall/a", b"a")
     store.put("probe/left", b"first")
@@ -290,7 +266,7 @@ def test_what_killed_processes_left_is_removed_and_nothing_else(tmp_path: Path):
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["a"]
 
 
-def test_a_file_store_keeps_no_empty_folders(tmp_path: Path) -> None:
+def test_a_file_store_keeps_no_empty_folders(tmp_path: Path):
     store = Store.open(str(tmp_path))
     store.put("builds/b1/parts/1", b"x")
     store.put("builds/b2/status.json", b"x")
@@ -302,8 +278,7 @@ def test_a_file_store_keeps_no_empty_folders(tmp_path: Path) -> None:
     assert store.put_new("builds/b1/parts/1", b"y")
 
 
-def test_an_object_of_pieces_is_there_whole_or_not_at_all(any_store_url: str) -> None:
-    store = Store.open(any_store_url)
+def test_an_object_of_pieces_is_there_whole_or_not_at_all(store: Store):
     store.put("first", b"first")
 
     def pieces(fails: bool) -> Iterator[bytes]:
@@ -319,23 +294,40 @@ def test_an_object_of_pieces_is_there_whole_or_not_at_all(any_store_url: str) ->
     assert store.get("whole") == b"".join(pieces(False))
 
 
-def test_putting_a_file_of_the_same_size_replaces_a_damaged_object(store: Store, tmp_path: Path) -> None:
-    (tmp_path / "whole").write_bytes(b"whole")
-    store.put("k", b"whore")
-    assert store.put_file("k", tmp_path / "whole")
-    assert store.get("k") == b"whole"
-    assert not store.put_file("k", tmp_path / "whole")
-
-
-def test_a_large_object_is_not_read_where_a_small_one_is_expected(store: Store) -> None:
+def test_an_object_over_the_limit_is_not_read(store: Store):
     store.put("k", b"x" * 1000)
     assert store.get("k", max_bytes=1000) == b"x" * 1000
     with pytest.raises(TooLarge):
         store.get("k", max_bytes=999)
 
 
-def test_a_listing_after_a_key(store: Store) -> None:
-    for name in ("a/1", "a/2", "a/3", "b/1"):
-        store.put(name, b"")
-    assert store.list("a", after="a/1") == ["a/2", "a/3"]
-    assert store.list("a", after="a/3") == []
+@pytest.fixture
+def gcs(fake_gcs: str) -> Store:
+    """A store with the objects a/one, a/two and b."""
+    prefix = uuid.uuid4().hex
+    for key in ("a/one", "a/two", "b"):
+        httpx.post(
+            f"{fake_gcs}/upload/storage/v1/b/{CONTAINER}/o",
+            params={"uploadType": "media", "name": f"{prefix}/{key}"},
+            content=key.encode(),
+        ).raise_for_status()
+    return Store.open(f"gs://{CONTAINER}/{prefix}?endpoint={fake_gcs}&allow_http=true")
+
+
+def test_gcs_objects_are_listed_and_read(gcs: Store, tmp_path: Path):
+    assert gcs.list() == ["a/one", "a/two", "b"]
+    assert gcs.list("a") == ["a/one", "a/two"]
+    assert gcs.folders() == ["a"]
+    assert gcs.get("a/two") == b"a/two"
+    assert gcs.get_range("a/two", 2, 100) == b"two"
+    assert gcs.size("b") == 1
+    for ask in (gcs.get, gcs.size, lambda key: gcs.get_range(key, 0, 1)):
+        with pytest.raises(NotFound):
+            ask("a/three")
+    assert gcs.download("a/one", tmp_path / "one") == hashlib.sha256(b"a/one").hexdigest()
+
+
+def test_a_gcs_server_without_the_puts_is_refused(gcs: Store):
+    with pytest.raises(StoreError):
+        gcs.probe()
+    assert gcs.list() == ["a/one", "a/two", "b"]

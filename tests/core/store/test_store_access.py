@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.manifest import Manifest
 from firstfix.errors import ReadOnly, StoreError, StoreUnavailable
 from firstfix.store.aws_credentials import credentials_file
 from firstfix.store.store import Store
@@ -42,7 +41,7 @@ def s3_url(port: int) -> str:
     ["file", "s3", pytest.param("azure", marks=pytest.mark.slow)],  # what is in memory is not shared
     indirect=True,
 )
-def test_a_read_only_store_reads_and_never_writes(any_store_url: str, tmp_path: Path) -> None:
+def test_a_read_only_store_reads_and_never_writes(any_store_url: str, tmp_path: Path):
     Store.open(any_store_url).put("a/b", b"content")
     store = Store.open(any_store_url, read_only=True)
     store.probe()
@@ -59,35 +58,28 @@ def test_a_read_only_store_reads_and_never_writes(any_store_url: str, tmp_path: 
     assert store.list() == ["a/b"]
 
 
-def test_a_read_only_directory_is_not_made(tmp_path: Path) -> None:
+def test_a_read_only_directory_is_not_made(tmp_path: Path):
     with pytest.raises(StoreUnavailable):
         Store.open(str(tmp_path / "none"), read_only=True)
     assert not (tmp_path / "none").exists()
 
 
-def test_a_server_that_takes_no_writes_serves_a_read_only_store(
-    gateway_folder: Path, no_keys: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_server_that_takes_no_writes_serves_a_read_only_store(gateway_folder, no_keys, made, tmp_path):
     port, access, secret = free_port(), secrets.token_hex(8), secrets.token_hex(16)
     no_keys.setenv("AWS_ACCESS_KEY_ID", access)
     no_keys.setenv("AWS_SECRET_ACCESS_KEY", secret)
-    made = tmp_path / "made"
-    made.mkdir()
-    (made / "index.bin").write_bytes(b"index")
     with running_versitygw(gateway_folder, port, access, secret):
-        version = Catalog(Store.open(s3_url(port))).publish("hall", made, Manifest.for_directory(made))
+        version = Catalog(Store.open(s3_url(port))).publish("hall", *made)
     with running_versitygw(gateway_folder, port, access, secret, "--readonly"):
         with pytest.raises(StoreError):
             Store.open(s3_url(port)).probe()
         store = Store.open(s3_url(port), read_only=True)
         store.probe()
         fetched = Catalog(store).fetch_version("hall", version, tmp_path / "cache")
-        assert (fetched / "index.bin").read_bytes() == b"index"
+        assert (fetched / "a.npy").read_bytes() == b"content"
 
 
-def test_rotated_keys_are_picked_up(
-    gateway_folder: Path, no_keys: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_rotated_keys_are_picked_up(gateway_folder: Path, no_keys: pytest.MonkeyPatch, tmp_path: Path):
     port, path = free_port(), tmp_path / "credentials"
     no_keys.setenv("AWS_SHARED_CREDENTIALS_FILE", str(path))
     no_keys.setenv("AWS_PROFILE", "robots")
@@ -114,7 +106,7 @@ def test_rotated_keys_are_picked_up(
         assert new[1] not in str(caught.value)
 
 
-def test_keys_in_the_environment_come_first(tmp_path: Path) -> None:
+def test_keys_in_the_environment_come_first(tmp_path: Path):
     path = tmp_path / "credentials"
     path.write_text("[default]\naws_access_key_id = a\naws_secret_access_key = b\naws_session_token = c\n")
     named = {"AWS_SHARED_CREDENTIALS_FILE": str(path)}

@@ -17,12 +17,12 @@ import firstfix
 from firstfix.builds.callers import CallersKey, claim_build
 from firstfix.builds.shared_stages import SharedStages, collect_stages
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.query_samples import QuerySamples, new_sample_id
 from firstfix.catalog.sources import source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.maintenance.garbage import collect_garbage, remove_abandoned
 from firstfix.store.store import Store
+from tests.core.fixtures import publish
 
 ROOMS = ("builds", "catalog", "store", "maintenance")
 WRITES_TIMES_FOR_PEOPLE = ("builds/attempts.py", "catalog/log/map_log.py", "catalog/query_samples.py")
@@ -58,7 +58,7 @@ def wrong_clock(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setattr(module, "datetime", WrongClock)
 
 
-def test_a_store_tells_its_time(any_store_url: str, wrong_clock: None) -> None:
+def test_a_store_tells_its_time_whatever_this_clock_says(any_store_url: str, wrong_clock: None):
     store = Store.open(any_store_url)
     before = store.now()
     store.put("a", b"x")
@@ -67,13 +67,10 @@ def test_a_store_tells_its_time(any_store_url: str, wrong_clock: None) -> None:
     assert abs(before - datetime.now(timezone.utc)) < timedelta(hours=1)
 
 
-def test_what_came_just_now_is_young(any_store_url: str, wrong_clock: None, tmp_path: Path) -> None:
+def test_new_objects_are_young_whatever_this_clock_says(any_store_url, wrong_clock: None, tmp_path):
     store = Store.open(any_store_url)
     catalog = Catalog(store)
-    (tmp_path / "made").mkdir()
-    (tmp_path / "made" / "a.npy").write_bytes(b"a")
-    manifest = Manifest.for_directory(tmp_path / "made")
-    catalog.retire("hall", catalog.publish("hall", tmp_path / "made", manifest), force=True)
+    catalog.retire("hall", publish(catalog, tmp_path, "made"), force=True)
     catalog.store.put(f"maps/hall/versions/{'0' * 64}/a.npy", b"of a publish under way")
     store.put(source_key("hall", "0" * 64), b"being handed in")
     Uploads(store).create("u1", size_bytes=3, file_name="x")
@@ -92,7 +89,7 @@ def test_what_came_just_now_is_young(any_store_url: str, wrong_clock: None, tmp_
     assert store.list() == before
 
 
-def test_what_is_old_goes_whatever_this_clock_says(wrong_clock: None) -> None:
+def test_old_objects_are_collected_whatever_this_clock_says(wrong_clock: None):
     store = Store.open("memory://")
     Uploads(store).create("u1", size_bytes=3, file_name="x")
     store.put(f"samples/{new_sample_id('0' * 8, datetime.now(timezone.utc))}.body", b"body")
@@ -101,12 +98,10 @@ def test_what_is_old_goes_whatever_this_clock_says(wrong_clock: None) -> None:
     assert store.list() == []
 
 
-def test_a_retirement_is_as_old_as_the_store_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_retirement_is_as_old_as_the_store_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     store = Store.open("memory://")
-    (tmp_path / "made").mkdir()
-    (tmp_path / "made" / "a.npy").write_bytes(b"a")
     catalog = Catalog(store)
-    version = catalog.publish("hall", tmp_path / "made", Manifest.for_directory(tmp_path / "made"))
+    version = publish(catalog, tmp_path, "made")
     with monkeypatch.context() as patch:  # the clock of whoever retires it is a year behind
         patch.setattr(WrongClock, "hours", -365 * 24)
         patch.setattr(importlib.import_module("firstfix.catalog.log.map_log"), "datetime", WrongClock)
@@ -126,7 +121,7 @@ def _aged(found: list[Any], old: dict[str, datetime]) -> list[Any]:
     ]
 
 
-def test_nothing_compares_a_stores_time_with_this_clock() -> None:
+def test_nothing_compares_a_stores_time_with_this_clock():
     root = Path(firstfix.__file__).parent
     found = set()
     for path in root.rglob("*.py"):

@@ -1,9 +1,9 @@
-"""application/vnd.firstfix.scan: decoding inverts encoding, and damaged bodies are refused."""
+"""application/vnd.firstfix.scan: decoding inverts encoding, of points, intensity and times."""
 
 from __future__ import annotations
 
 import struct
-import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,30 +13,21 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from firstfix.errors import (
-    FirstfixError,
     InvalidOption,
     InvalidScan,
-    MalformedData,
     TooLarge,
     UnsupportedFormat,
 )
+from firstfix.scan.condense import condense
 from firstfix.scan.scan import MAX_POINTS, Scan
+from firstfix.wire.query import decode_query, encode_query
 from firstfix.wire.scan import decode_scan, encode_scan
+from tests.core.wire.samples import street_scan
 from tests.every_case import every_case
 from tests.needs import recorded
 
-HEADER_BYTES = 64
-
 coordinates = st.floats(-1000, 1000, width=32)
 clouds = hnp.arrays(np.float32, st.tuples(st.integers(0, 60), st.just(3)), elements=coordinates)
-
-
-def street_scan(seed: int = 0, n: int = 5000) -> Scan:
-    rng = np.random.default_rng(seed)
-    azimuth = np.sort(rng.uniform(-np.pi, np.pi, n))
-    ranges = 20 + 5 * np.sin(4 * azimuth) + rng.normal(0, 0.02, n)
-    points = np.stack([ranges * np.cos(azimuth), ranges * np.sin(azimuth), rng.uniform(-2, 5, n)], axis=1)
-    return Scan.from_points(points, rng.integers(0, 256, n), 1_700_000_000.25)
 
 
 def error_m(scan: Scan, back: Scan) -> float:
@@ -132,121 +123,23 @@ def test_the_bytes_are_what_the_documentation_says():
     assert scan.stamp_s == 7.5
 
 
-def test_a_scan_without_points_is_a_scan():
+def test_an_empty_scan_comes_back():
     assert decode_scan(encode_scan(Scan.from_points(np.empty((0, 3))))).points.shape == (0, 3)
 
 
 @every_case("kwargs", [{"resolution_m": 0}, {"resolution_m": float("nan")}, {"voxel_m": 0}])
-def test_senseless_settings_are_refused(kwargs):
+def test_invalid_settings_are_refused(kwargs):
     with pytest.raises(InvalidOption):
         encode_scan(street_scan(), **kwargs)
 
 
 @every_case("bad", [np.nan, np.inf, 5000])
-def test_coordinates_that_skipped_the_check_are_refused(bad):
+@every_case("form", ["points", "range_image"])
+def test_invalid_coordinates_are_refused(bad, form):
     with pytest.raises(InvalidScan):
-        encode_scan(Scan(np.array([[bad, 0, 0]], np.float32)))
-
-
-def test_every_truncation_is_malformed():
-    body = encode_scan(street_scan(n=300))
-    for length in range(len(body)):
-        with pytest.raises(MalformedData):
-            decode_scan(body[:length])
-
-
-def test_bytes_after_the_end_are_malformed():
-    body = encode_scan(street_scan(n=300))
-    for extra in (b"\0", body[HEADER_BYTES:]):
-        with pytest.raises(MalformedData):
-            decode_scan(body + extra)
-
-
-def test_every_bit_flip_of_the_frame_is_found():
-    body = encode_scan(street_scan(n=40))
-    for position in range(HEADER_BYTES, len(body)):
-        for bit in range(8):
-            damaged = bytearray(body)
-            damaged[position] ^= 1 << bit
-            try:
-                back = decode_scan(bytes(damaged))
-            except FirstfixError:
-                continue
-            # zstd has bits without meaning (its reserved ones are ignored): the points must be the same
-            np.testing.assert_array_equal(back.points, decode_scan(body).points)
-
-
-@given(st.data())
-@settings(max_examples=400, deadline=None)
-def test_a_damaged_header_gives_an_error_or_a_sane_scan(data):
-    body = bytearray(encode_scan(street_scan(n=40)))
-    for _ in range(data.draw(st.integers(1, 4))):
-        body[data.draw(st.integers(0, HEADER_BYTES + 12))] = data.draw(st.integers(0, 255))
-    try:
-        scan = decode_scan(bytes(body))
-    except FirstfixError:
-        return
-    assert np.isfinite(scan.points).all()
-    assert np.isfinite(scan.intensity).all()
-
-
-@given(st.binary(max_size=300))
-@settings(max_examples=300, deadline=None)
-def test_noise_is_an_error(noise):
-    with pytest.raises(FirstfixError):
-        decode_scan(noise)
-
-
-def with_field(body: bytes, offset: int, form: str, value: object) -> bytes:
-    damaged = bytearray(body)
-    struct.pack_into("<" + form, damaged, offset, value)
-    return bytes(damaged)
-
-
-@every_case(
-    ("offset", "form", "value", "error"),
-    [
-        (0, "4s", b"LASF", MalformedData),
-        (4, "B", 2, UnsupportedFormat),
-        (5, "B", 0, UnsupportedFormat),
-        (5, "B", 3, UnsupportedFormat),
-        (6, "B", 3, MalformedData),
-        (7, "B", 4, MalformedData),
-        (8, "I", 39, MalformedData),
-        (8, "I", MAX_POINTS + 1, TooLarge),
-        (8, "I", 2**32 - 1, TooLarge),
-        (12, "I", 1, MalformedData),
-        (16, "d", 0.0, MalformedData),
-        (16, "d", float("nan"), MalformedData),
-        (24, "d", float("inf"), MalformedData),
-        (48, "d", float("inf"), MalformedData),
-        (56, "f", float("inf"), MalformedData),
-        (60, "f", float("nan"), MalformedData),
-    ],
-)
-def test_each_header_field_is_checked(offset, form, value, error):
-    with pytest.raises(error):
-        decode_scan(with_field(encode_scan(street_scan(n=40)), offset, form, value))
-
-
-def test_coordinates_out_of_range_are_malformed():
-    body = encode_scan(Scan.from_points([[100, 0, 0]]))
-    with pytest.raises(MalformedData, match="beyond"):
-        decode_scan(with_field(body, 16, "d", 0.5))  # 10000 steps of 0.5 m
-
-
-@every_case("declared", [True, False])
-def test_a_bomb_is_refused_before_its_memory_is_taken(declared):
-    bomb = zstandard.ZstdCompressor(write_content_size=declared).compress(bytes(300_000_000))
-    body = encode_scan(street_scan(n=40))[:HEADER_BYTES] + bomb
-    tracemalloc.start()
-    try:
-        with pytest.raises(MalformedData):
-            decode_scan(body)
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert peak < 1_000_000
+        encode_scan(Scan(np.array([[bad, 0, 0]], np.float32)), form=form)
+    with pytest.raises(TooLarge):
+        encode_scan(Scan(np.zeros((MAX_POINTS + 1, 3), np.float32)), form=form)
 
 
 def test_a_real_scan_takes_about_200_kib():
@@ -258,3 +151,93 @@ def test_a_real_scan_takes_about_200_kib():
         assert len(body) < 232 * 1024  # 198..230 KiB over the six
         assert len(encode_scan(scan, voxel_m=0.5)) < 44 * 1024
         assert error_m(scan, decode_scan(body)) <= 0.00507
+
+
+_RNG = np.random.default_rng(2)
+AROUND = _RNG.uniform(-np.pi, np.pi, 20_000)
+AROUND_POINTS = np.column_stack([9 * np.cos(AROUND), 9 * np.sin(AROUND), _RNG.uniform(-1, 2, 20_000)]).astype(
+    np.float32
+)
+TIMED = Scan(AROUND_POINTS, None, 12.5, (AROUND / (2 * np.pi) * 0.1).astype(np.float32))
+
+
+def test_points_keep_their_times_to_a_quarter_of_a_millisecond():
+    decoded = decode_scan(encode_scan(TIMED))
+    assert decoded.time_s.dtype == np.float32
+    assert np.abs(decoded.time_s - TIMED.time_s).max() <= 0.5**12
+    assert decode_scan(encode_scan(decoded)).time_s.tobytes() == decoded.time_s.tobytes()
+
+
+@pytest.mark.parametrize("span_s", [0.0, 3e-7, 1e-3, 0.2, 2.0])
+def test_any_span_takes_a_byte(span_s):
+    times = (np.linspace(-0.5, 0.5, len(TIMED)) * span_s).astype(np.float32)
+    decoded = decode_scan(encode_scan(replace(TIMED, time_s=times)))
+    assert np.abs(decoded.time_s - times).max() <= max(0.5**21, span_s / 255)
+
+
+def test_a_range_image_keeps_the_time_of_the_nearest_return():
+    behind = Scan(np.concatenate([AROUND_POINTS * 2, AROUND_POINTS]), None, None, np.tile(TIMED.time_s, 2))
+    behind.time_s[: len(AROUND_POINTS)] = -0.9
+    decoded = decode_scan(encode_scan(behind, form="range_image"))
+    azimuth = np.arctan2(decoded.points[:, 1], decoded.points[:, 0])
+    off = np.abs(decoded.time_s - azimuth / (2 * np.pi) * 0.1)
+    assert np.quantile(off, 0.99) < 0.005
+
+
+def test_a_compact_scan_keeps_the_mean_time_of_each_voxel():
+    compact = condense(TIMED)
+    decoded = decode_query(encode_query(compact))
+    order = np.lexsort(decoded.points.T)
+    again = np.lexsort(np.round(compact.points / np.float32(0.02)).T)
+    assert np.abs(np.sort(decoded.time_s) - np.sort(compact.time_s)).max() < 0.0005
+    assert np.abs(decoded.points[order] - compact.points[again]).max() < 0.0101
+    azimuth = np.arctan2(decoded.points[:, 1], decoded.points[:, 0])
+    beside_the_cut = np.abs(azimuth) > 3.1
+    off = np.abs(decoded.time_s - azimuth / (2 * np.pi) * 0.1)
+    assert off[~beside_the_cut].max() < 0.001
+
+
+def test_times_add_a_byte_for_each_point_at_most():
+    for form in ("points", "range_image"):
+        with_times = encode_scan(TIMED, form=form)
+        without = encode_scan(replace(TIMED, time_s=None), form=form)
+        assert 0 < len(with_times) - len(without) < len(TIMED) + 50  # these points are in no order
+        kind, start = with_times[5], 6 + 12 + struct.unpack_from("<I", with_times, 14)[0]
+        assert (kind, with_times[start:]) == (without[5] + 4, without[6:])
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1.01, -1.01])
+def test_invalid_times_are_refused(wrong):
+    times = TIMED.time_s.copy()
+    times[3] = wrong
+    for form in ("points", "range_image"):
+        with pytest.raises(InvalidScan, match="time"):
+            encode_scan(replace(TIMED, time_s=times), form=form)
+    with pytest.raises(InvalidScan, match="time"):
+        Scan.from_points(AROUND_POINTS, time_s=times)
+
+
+def test_a_scan_needs_one_time_for_each_point():
+    for voxel_m in (None, 0.5):
+        with pytest.raises(InvalidScan, match="19999 times for 20000"):
+            encode_scan(replace(TIMED, time_s=TIMED.time_s[:-1]), voxel_m=voxel_m)
+    with pytest.raises(InvalidScan, match="times for 20000 points"):
+        Scan.from_points(AROUND_POINTS, time_s=TIMED.time_s[:-1])
+    compact = condense(TIMED)
+    with pytest.raises(InvalidScan, match="times for"):
+        encode_query(replace(compact, time_s=compact.time_s[:-1]))
+
+
+def test_points_that_are_dropped_take_their_times_along():
+    points, times = AROUND_POINTS.copy(), TIMED.time_s.copy()
+    points[::3, 1], times[::3] = np.nan, np.nan
+    kept = np.arange(len(points)) % 3 > 0
+    assert np.array_equal(Scan.from_points(points, time_s=times).time_s, TIMED.time_s[kept])
+
+
+def test_times_without_points_are_unsupported():
+    body = bytearray(encode_query(condense(TIMED)))
+    for parts in (4, 6, 8):
+        body[5] = parts
+        with pytest.raises(UnsupportedFormat):
+            decode_query(bytes(body))

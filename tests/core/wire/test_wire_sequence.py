@@ -1,29 +1,25 @@
+"""Sequences of scans in one body, and the packing of numbers into planes and half bytes."""
+
 import struct
-from contextlib import suppress
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given
+from hypothesis.extra import numpy as hnp
 
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
-from firstfix.errors import InputError, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
+from firstfix.errors import MalformedData
 from firstfix.scan.compact import CompactScan, ScanDescriptor
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
-from firstfix.transform import make_transform, rotation_z
+from firstfix.wire.packing import halves_of, joined, packed_halves, planes_of
 from firstfix.wire.query import encode_query
 from firstfix.wire.sequence import decode_scans, encode_scans
-from tests.every_case import every_case
-
-RNG = np.random.default_rng(0)
-SCANS = [Scan(RNG.uniform(-20, 20, (50 + 10 * n, 3)).astype(np.float32), None, 5.0 + n) for n in range(3)]
-WAY = [make_transform(rotation_z(0.2 * n), [n, 0.1 * n, 0]) for n in range(3)]
-BODY = encode_scans(SCANS, WAY)
+from tests.core.wire.samples import SCANS, SEQUENCE, WAY
 
 
-def test_what_goes_in_comes_out():
-    sequence, expected = decode_scans(BODY), ScanSequence.along(SCANS, WAY)
+def test_a_sequence_comes_back():
+    sequence, expected = decode_scans(SEQUENCE), ScanSequence.along(SCANS, WAY)
     assert len(sequence) == 3
     for a, b in zip(sequence.scans, SCANS, strict=True):
         assert np.abs(a.points - b.points).max() <= 0.00501
@@ -32,40 +28,7 @@ def test_what_goes_in_comes_out():
         assert np.allclose(a, b, atol=1e-9)
 
 
-@every_case(
-    ("body", "error"),
-    [
-        (b"", MalformedData),
-        (b"FFSC" + BODY[4:], MalformedData),
-        (BODY[:4] + b"\x02" + BODY[5:], UnsupportedFormat),
-        (BODY[:5] + b"\x00" + BODY[6:], MalformedData),
-        (b"FFSS\x01\x00\x00\x00", InvalidScan),
-        (BODY[:5] + b"\x11" + BODY[6:], TooLarge),
-        (BODY[:5] + b"\x04" + BODY[6:], MalformedData),
-        (BODY[:-1], MalformedData),
-        (BODY + b"x", MalformedData),
-        (BODY[:8] + struct.pack("<7d", 0, 0, 0, 0, 0, 0, 0) + BODY[64:], InvalidScan),
-        (BODY[:8] + struct.pack("<7d", np.nan, 0, 0, 0, 0, 0, 1) + BODY[64:], InvalidScan),
-        (BODY[:64] + struct.pack("<I", 0xFFFFFFFF) + BODY[68:], MalformedData),
-    ],
-)
-def test_what_is_wrong_is_said(body, error):
-    with pytest.raises(error):
-        decode_scans(body)
-
-
-@settings(max_examples=300, deadline=None, derandomize=True)
-@given(st.data())
-def test_damaged_bytes_are_an_input_error_or_a_sequence(data):
-    body = bytearray(BODY[: data.draw(st.integers(0, len(BODY)))])
-    for _ in range(data.draw(st.integers(0, 4))):
-        if body:
-            body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
-    with suppress(InputError):
-        assert 1 <= len(decode_scans(bytes(body))) <= 16
-
-
-def test_compact_scans_go_between_whole_ones():
+def test_compact_scans_stand_between_whole_ones():
     compact = CompactScan(SCANS[0].points[:40], np.full(16_200, np.inf, np.float32))
     back = decode_scans(encode_scans([SCANS[0], compact], [np.eye(4)] * 2)).scans
     assert [type(scan) for scan in back] == [Scan, CompactScan]
@@ -80,3 +43,28 @@ def test_a_descriptor_is_no_part_of_a_sequence():
     length = struct.pack("<I", len(alone))
     with pytest.raises(MalformedData, match="descriptor"):
         decode_scans(body[: 8 + 56] + length + alone)
+
+
+lengths = hnp.array_shapes(min_dims=1, max_dims=1, min_side=0, max_side=40)
+
+
+@given(hnp.arrays(np.dtype("<u4"), lengths))
+def test_planes_of_bytes_come_back(some):
+    planes = planes_of(some)
+    assert planes.shape == (4, len(some))
+    np.testing.assert_array_equal(joined(planes, some.dtype), some)
+    np.testing.assert_array_equal(joined(planes[:3], some.dtype), some & 0xFFFFFF)
+
+
+def test_the_least_significant_plane_is_first():
+    assert planes_of(np.array([0x0102, 0x0304], "<u2")).tolist() == [[2, 4], [1, 3]]
+
+
+@given(hnp.arrays(np.uint8, lengths))
+def test_half_bytes_come_back(some):
+    halves = np.repeat(some & 15, 2)
+    np.testing.assert_array_equal(halves_of(np.frombuffer(packed_halves(halves), np.uint8)), halves)
+
+
+def test_the_first_half_is_the_high_one():
+    assert packed_halves(np.array([1, 2, 15, 0], np.uint8)) == b"\x12\xf0"

@@ -11,7 +11,7 @@ import pytest
 from firstfix.errors import BuildError, BuildStalled, BuildTimedOut
 from firstfix_service.builds import runner
 from firstfix_service.builds.build_watch import BuildLimits, BuildWatch
-from tests.faults.nats_server import NEEDS_NATS, nats_server_program
+from tests.nats_server import NEEDS_NATS, nats_server_program
 from tests.service.builds_world import building_service, upload, wait_until_ended
 from tests.service.nats_world import nats_world
 from tests.service.service_world import FAKE_WORKER

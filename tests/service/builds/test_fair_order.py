@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from firstfix.builds.records import FINAL_STATES
 from firstfix_service.builds.nats.builds import MAX_AHEAD
 from firstfix_service.builds.queue import FairOrder, UnfinishedBuild
-from tests.faults.nats_server import NEEDS_NATS, nats_server_program
+from tests.nats_server import NEEDS_NATS, nats_server_program
 from tests.service.builds_world import building_service
 from tests.service.callers_world import Caller, callers
 from tests.service.nats_world import nats_world

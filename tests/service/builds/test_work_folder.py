@@ -161,7 +161,7 @@ def test_builds_that_another_process_of_the_store_runs_do_not_wait(tmp_path: Pat
         assert wait_until_ended(service, response)["state"] == "succeeded"
 
 
-def test_a_process_of_an_earlier_release_does_not_say_whose_builds_it_runs(tmp_path: Path):
+def test_builds_wait_for_a_process_that_has_not_said_whose_it_runs(tmp_path: Path):
     folder = taken(tmp_path / "work", tmp_path / "store")
     (tmp_path / "work" / "queue.lock").write_text("")
     with building_service(tmp_path) as service:

@@ -19,7 +19,7 @@ _SHARE_BY_CHANCE = 0.0001
 # probability is about. A place further off along a free direction would tie, and nothing would be localized.
 _PLACE_M, _PLACE_DEG = 2.0, 20.0
 # The map's own error, which no number of pairs averages out. Chosen by the hall and the yard
-# (docs/experiments.md): not shown on other recorded places.
+# (lab/docs/experiments.md): not shown on other recorded places.
 _FLOOR_OF_VOXEL, _FLOOR_DEG = 1 / 15, 0.02
 _PLACE_INFORMATION = np.diag(np.repeat([np.radians(_PLACE_DEG), _PLACE_M], 3) ** -2)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta, timezone
 
 import pytest
@@ -10,22 +9,11 @@ import pytest
 from firstfix.catalog.log.change_log import MARK_EVERY, ChangeLog
 from firstfix.catalog.log.log_garbage import change_garbage
 from firstfix.store.store import Store
+from tests.core.fixtures import at_once, recording
 
 
-class Counts(Store):
-    calls = 0
-
-    def get(self, key: str, *, max_bytes: int | None = None) -> bytes:
-        self.calls += 1
-        return super().get(key, max_bytes=max_bytes)
-
-    def exists(self, key: str) -> bool:
-        self.calls += 1
-        return super().exists(key)
-
-
-def test_notices_are_read_in_order_and_each_map_once(any_store_url: str) -> None:
-    store = Store.open(any_store_url)
+def test_notices_are_read_in_order_and_each_map_once(any_store: Store):
+    store = any_store
     log, reader = ChangeLog(store), ChangeLog(store)
     assert reader.since(0) == ([], 0)
     for map_id in ("b", "a", "b"):
@@ -37,33 +25,30 @@ def test_notices_are_read_in_order_and_each_map_once(any_store_url: str) -> None
     assert reader.since(3) == (["c"], 4)
 
 
-def test_racing_writers_leave_no_gap(any_store_url: str) -> None:
-    store = Store.open(any_store_url)
-    with ThreadPoolExecutor(6) as threads:
-        list(threads.map(lambda k: ChangeLog(store).note(f"map-{k}"), range(18)))
+def test_racing_writers_leave_no_gap(any_store: Store):
+    store = any_store
+    at_once(18, lambda k: ChangeLog(store).note(f"map-{k}"))
     names, last = ChangeLog(store).since(0)
     assert last == 18
     assert sorted(names) == sorted(f"map-{k}" for k in range(18))
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 8, 100])
-def test_the_end_is_found_with_few_calls(count: int) -> None:
-    store = Counts.open("memory://")
-    assert isinstance(store, Counts)
+def test_the_end_is_found_with_few_calls(count: int):
+    store, calls = recording("memory://", "get", "exists")
     writer = ChangeLog(store)
     for _ in range(count):
         writer.note("hall")
-    store.calls = 0
+    del calls[:]
     reader = ChangeLog(store)
     assert reader.end() == count
-    assert store.calls <= 16
-    store.calls = 0
+    assert len(calls) <= 16
+    del calls[:]
     assert reader.since(count) == ([], count)
-    assert store.calls == 1, "nothing new costs one call"
+    assert len(calls) == 1, "nothing new costs one call"
 
 
-def test_what_cannot_be_read_is_passed_over() -> None:
-    store = Store.open("memory://")
+def test_an_unreadable_notice_is_passed_over(store: Store):
     log = ChangeLog(store)
     log.note("a")
     store.put_new("changes/00000002.json", b"\xff no notice")
@@ -73,8 +58,7 @@ def test_what_cannot_be_read_is_passed_over() -> None:
     assert ChangeLog(store).since(0) == (["a", "b"], 5)
 
 
-def test_notices_that_somebody_removed_do_not_lead_astray() -> None:
-    store = Store.open("memory://")
+def test_removed_notices_do_not_mislead_a_writer(store: Store):
     log = ChangeLog(store)
     for name in ("a", "b", "c"):
         log.note(name)
@@ -93,25 +77,23 @@ def collect(store: Store) -> list[str]:
     return found
 
 
-def test_old_notices_are_collected_and_nobody_is_led_astray() -> None:
-    store = Counts.open("memory://")
-    assert isinstance(store, Counts)
+def test_old_notices_are_collected_and_mislead_nobody():
+    store, calls = recording("memory://", "get", "exists")
     writer = ChangeLog(store)
     for k in range(2 * MARK_EVERY + 50):
         writer.note(f"map-{k}")
     assert len(collect(store)) == MARK_EVERY
     assert collect(store) == []
-    store.calls = 0
+    del calls[:]
     reader = ChangeLog(store)
     assert reader.end() == writer.end() == 2 * MARK_EVERY + 50
-    assert store.calls <= 30, "from the last mark on, however many there are"
+    assert len(calls) <= 30, "from the last mark on, however many there are"
     writer.note("newest")
     assert reader.since(2 * MARK_EVERY + 50) == (["newest"], 2 * MARK_EVERY + 51)
     assert ChangeLog(store).end() == 2 * MARK_EVERY + 51
 
 
-def test_a_reader_that_was_stopped_until_its_notices_were_collected_goes_on_at_the_end() -> None:
-    store = Store.open("memory://")
+def test_a_reader_whose_notices_were_collected_goes_on_at_the_end(store: Store):
     writer, reader = ChangeLog(store), ChangeLog(store)
     writer.note("a")
     position = reader.end()
@@ -124,16 +106,15 @@ def test_a_reader_that_was_stopped_until_its_notices_were_collected_goes_on_at_t
     assert reader.go_on_from(position) == writer.end()
 
 
-def test_a_reader_far_behind_reads_a_bounded_part_at_a_time() -> None:
-    store = Counts.open("memory://")
-    assert isinstance(store, Counts)
+def test_a_reader_far_behind_reads_a_bounded_part_at_a_time():
+    store, calls = recording("memory://", "get", "exists")
     writer = ChangeLog(store)
     for k in range(1500):
         writer.note(f"map-{k}")
-    store.calls = 0
+    del calls[:]
     names, position = ChangeLog(store).since(0)
     assert 1000 <= position < 1100
     assert len(names) == position
-    assert store.calls < 1100
+    assert len(calls) < 1100
     rest, end = ChangeLog(store).since(position)
     assert (len(rest), end) == (1500 - position, 1500)

@@ -9,16 +9,17 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
 from firstfix.catalog.log.log_garbage import log_garbage
 from firstfix.catalog.log.map_log import MapLog
 from firstfix.catalog.log.map_state import HISTORY, MARKS, MAX_SKIPPED, Event, LogEntry, MapState
-from firstfix.errors import Conflict
 from firstfix.store.json_record import record_json
 from firstfix.store.numbered import scan_after
 from firstfix.store.store import Store, StoredObject
+from tests.core.fixtures import at_once
 from tests.frequent_snapshots import EVERY
 
 A, B, C = "a" * 64, "b" * 64, "c" * 64
@@ -28,6 +29,14 @@ pytestmark = pytest.mark.usefixtures("frequent_snapshots")
 
 def _always(state: MapState) -> bool:
     return True
+
+
+def collect(store: Store) -> int:
+    """Removes the garbage of the log as if a day had passed."""
+    found = list(log_garbage(store, "log", datetime.now(timezone.utc) + timedelta(days=1)))
+    for key in found:
+        store.delete(key)
+    return len(found)
 
 
 @pytest.mark.parametrize(
@@ -45,9 +54,7 @@ def _always(state: MapState) -> bool:
         ([(PUB, A), (PUB, A)], (A,), ()),
     ],
 )
-def test_what_a_log_adds_up_to(
-    events: list[tuple[Event, str]], published: tuple[str, ...], activated: tuple[str, ...]
-) -> None:
+def test_a_log_adds_up_to_its_published_and_activated_versions(events, published, activated):
     log = MapLog(Store.open("memory://"), "log")
     for event, version in events:
         log.append(event, version, needed=_always)
@@ -59,16 +66,12 @@ def test_what_a_log_adds_up_to(
     ]
 
 
-def test_racing_writers_lose_no_entry(any_store_url: str) -> None:
-    store = Store.open(any_store_url)
+def test_racing_writers_lose_no_entry(any_store: Store):
+    store = any_store
     versions = [f"{i:064x}" for i in range(40)]
 
-    def write(version: str) -> None:
-        # each with a log of its own, as in processes of their own
-        MapLog(store, "log").append(PUB, version, needed=_always)
-
-    with ThreadPoolExecutor(8) as pool:
-        list(pool.map(write, versions))
+    # each with a log of its own, as in processes of their own
+    at_once(40, lambda number: MapLog(store, "log").append(PUB, versions[number], needed=_always))
     state = MapLog(store, "log").state()
     assert sorted(state.published) == versions
     assert [entry.seq for entry in state.entries] == list(range(1, 41))
@@ -76,35 +79,16 @@ def test_racing_writers_lose_no_entry(any_store_url: str) -> None:
 
 
 @pytest.mark.parametrize("shared", [False, True])
-def test_the_precondition_holds_for_the_very_state_before_the_entry(shared: bool) -> None:
-    store = Store.open("memory://")
+def test_the_precondition_holds_for_the_very_state_before_the_entry(store: Store, shared: bool):
     logs = [MapLog(store, "log")] * 16 if shared else [MapLog(store, "log") for _ in range(16)]
-    start = threading.Barrier(16)
-
-    def first_only(state: MapState) -> bool:
-        return not state.published
-
-    def write(i: int) -> bool:
-        start.wait()
-        return logs[i].append(PUB, f"{i:064x}", needed=first_only) is not None
-
-    with ThreadPoolExecutor(16) as pool:
-        assert list(pool.map(write, range(16))).count(True) == 1
+    entries = at_once(
+        16, lambda i: logs[i].append(PUB, f"{i:064x}", needed=lambda state: not state.published)
+    )
+    assert entries.count(None) == 15
     assert len(MapLog(store, "log").state().entries) == 1
 
 
-def test_a_refusal_writes_nothing() -> None:
-    store = Store.open("memory://")
-
-    def refuse(state: MapState) -> bool:
-        raise Conflict("no")
-
-    with pytest.raises(Conflict):
-        MapLog(store, "log").append(PUB, A, needed=refuse)
-    assert store.list() == []
-
-
-def test_a_writer_whose_reply_was_lost_writes_once() -> None:
+def test_a_lost_reply_is_written_once():
     class LosesReplies(Store):
         def put_new(self, key: str, data: bytes | Path) -> bool:
             super().put_new(key, data)
@@ -131,9 +115,7 @@ TIME = "2026-01-01T00:00:00+00:00"
         f'{{"event":"published","version":"{A}","time":"2026-01-01T00:00:00"}}',
     ],
 )
-def test_an_unreadable_entry_is_passed_over_and_not_overwritten(
-    data: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_an_unreadable_entry_is_passed_over_and_not_overwritten(data: str, caplog: pytest.LogCaptureFixture):
     store = Store.open("memory://")
     log = MapLog(store, "log")
     log.append(PUB, A, needed=_always)
@@ -146,21 +128,11 @@ def test_an_unreadable_entry_is_passed_over_and_not_overwritten(
     assert "000002" in caplog.text
 
 
-def test_a_reader_sees_what_others_write() -> None:
-    store = Store.open("memory://")
-    reader = MapLog(store, "log")
-    assert reader.state() == MapState()
-    MapLog(store, "log").append(PUB, C, needed=_always)
-    assert reader.state().published == (C,)
-
-
 # Snapshots: a log that grows without bound is read with bounded calls
 
 
 class Counts(Store):
-    """Counts its calls."""
-
-    calls: Counter[str]
+    calls: ClassVar[Counter[str]] = Counter()
 
     def get(self, key: str, *, max_bytes: int | None = None) -> bytes:
         self.calls["get"] += 1
@@ -177,21 +149,8 @@ class Counts(Store):
         return super().put_new(key, data)
 
 
-def counting() -> Counts:
+def test_after_many_entries_an_append_and_a_cold_read_cost_a_few_calls():
     store = Counts.open("memory://")
-    assert isinstance(store, Counts)
-    store.calls = Counter()
-    return store
-
-
-def random_events(seed: int, count: int) -> list[tuple[Event, str]]:
-    """Random events of a few versions."""
-    chance = random.Random(seed)
-    return [(chance.choice(list(Event)), f"{chance.randrange(7):064x}") for _ in range(count)]
-
-
-def test_after_many_entries_an_append_and_a_cold_read_cost_a_few_calls() -> None:
-    store = counting()
     log = MapLog(store, "log")
     log.append(PUB, A, needed=_always)
     log.append(PUB, B, needed=_always)
@@ -218,10 +177,10 @@ def test_after_many_entries_an_append_and_a_cold_read_cost_a_few_calls() -> None
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_state_through_snapshots_is_that_of_all_entries(seed: int) -> None:
-    store = Store.open("memory://")
+def test_a_state_through_snapshots_is_that_of_all_entries(store: Store, seed: int):
     chance = random.Random(seed)
-    events = random_events(seed, chance.randrange(1, 5 * EVERY))
+    count, other = chance.randrange(1, 5 * EVERY), random.Random(seed)
+    events = [(other.choice(list(Event)), f"{other.randrange(7):064x}") for _ in range(count)]
     log = MapLog(store, "log")
     for event, version in events:
         if chance.random() < 0.02:
@@ -238,7 +197,7 @@ def test_a_state_through_snapshots_is_that_of_all_entries(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_what_a_state_keeps_does_not_depend_on_where_it_was_summed_up(seed: int) -> None:
+def test_a_state_is_the_same_wherever_its_log_was_summed_up(seed: int):
     chance = random.Random(seed)
     entries = [
         LogEntry(seq, chance.choice(list(Event)), f"{chance.randrange(900):064x}", TIME, f"b{seq % 700}")
@@ -255,10 +214,9 @@ def test_what_a_state_keeps_does_not_depend_on_where_it_was_summed_up(seed: int)
     assert len(whole.entries) <= HISTORY + MARKS + len(whole.published)
 
 
-def test_writers_and_garbage_collection_do_not_perturb_each_other(any_store_url: str) -> None:
-    store = Store.open(any_store_url)
+def test_writers_and_garbage_collection_do_not_perturb_each_other(any_store: Store):
+    store = any_store
     done = threading.Event()
-    future = datetime.now(timezone.utc) + timedelta(days=1)
 
     def write(name: int) -> list[str]:
         log, written = MapLog(store, "log"), []
@@ -268,17 +226,15 @@ def test_writers_and_garbage_collection_do_not_perturb_each_other(any_store_url:
             written.append(entry.writer)
         return written
 
-    def collect() -> int:
+    def collect_until_done() -> int:
         removed, is_last = 0, False
         while not is_last:
             is_last = done.is_set()
-            for key in log_garbage(store, "log", future):
-                store.delete(key)
-                removed += 1
+            removed += collect(store)
         return removed
 
     with ThreadPoolExecutor(4) as pool:
-        collecting = pool.submit(collect)
+        collecting = pool.submit(collect_until_done)
         writers = [pool.submit(write, name) for name in range(2)]
         try:
             written = [writer.result() for writer in writers]
@@ -288,14 +244,11 @@ def test_writers_and_garbage_collection_do_not_perturb_each_other(any_store_url:
     state = MapLog(store, "log").state()
     assert state.last_seq == 10 * EVERY, "every entry has its own number"
     assert sorted(state.published) == [f"{name:064x}" for name in range(2)]
-    assert {entry.writer for entry in state.entries if entry.seq > 5 * EVERY} <= {
-        *written[0],
-        *written[1],
-    }
+    assert {entry.writer for entry in state.entries if entry.seq > 5 * EVERY} <= {*written[0], *written[1]}
     assert state.skipped == ()
 
 
-def test_a_slow_writer_does_not_create_a_removed_number_again() -> None:
+def test_a_slow_writer_does_not_create_a_removed_number_again():
     """The writer looked, was stopped while the log grew and was collected, and puts its entry only now."""
 
     class Sleeps(Store):
@@ -317,8 +270,7 @@ def test_a_slow_writer_does_not_create_a_removed_number_again() -> None:
         fast = MapLog(store, "log")
         for _ in range(5 * EVERY):
             fast.append(ACT, A, needed=_always)
-        for key in log_garbage(store, "log", datetime.now(timezone.utc) + timedelta(days=1)):
-            store.delete(key)
+        collect(store)
         assert "log/000002.json" not in store.list("log")
         store.wake.set()
         entry = slow.result()
@@ -329,27 +281,23 @@ def test_a_slow_writer_does_not_create_a_removed_number_again() -> None:
     assert "log/000002.json" not in store.list("log")
 
 
-def test_a_reader_that_was_stopped_for_long_sees_that_the_log_went_on() -> None:
-    store = Store.open("memory://")
+def test_a_reader_behind_a_collection_sees_that_the_log_went_on(store: Store):
     sleeper, writer = MapLog(store, "log"), MapLog(store, "log")
     writer.append(PUB, A, needed=_always)
     assert sleeper.state().published == (A,)
     for _ in range(5 * EVERY):
         writer.append(PUB, B, needed=_always)
-    for key in log_garbage(store, "log", datetime.now(timezone.utc) + timedelta(days=1)):
-        store.delete(key)
+    collect(store)
     assert "log/000002.json" not in store.list("log")
     assert sleeper.state() == writer.state()
 
 
-def test_one_damaged_snapshot_loses_nothing_after_a_collection() -> None:
-    store = Store.open("memory://")
+def test_one_damaged_snapshot_loses_nothing_after_a_collection(store: Store):
     log = MapLog(store, "log")
     log.append(PUB, A, needed=_always)
     for _ in range(6 * EVERY):
         log.append(ACT, A, needed=_always)
-    for key in log_garbage(store, "log", datetime.now(timezone.utc) + timedelta(days=1)):
-        store.delete(key)
+    collect(store)
     for key in store.list("snapshots"):
         good = store.get(key)
         store.put(key, good[: len(good) // 2])
@@ -357,8 +305,7 @@ def test_one_damaged_snapshot_loses_nothing_after_a_collection() -> None:
         store.put(key, good)
 
 
-def test_an_entry_of_a_later_release_is_in_no_snapshot_of_this_one() -> None:
-    store = Store.open("memory://")
+def test_an_entry_of_a_later_release_is_in_no_snapshot_of_this_one(store: Store):
     log = MapLog(store, "log")
     log.append(PUB, A, needed=_always)
     labelled = {"event": "labelled", "version": A, "time": TIME}
@@ -369,8 +316,7 @@ def test_an_entry_of_a_later_release_is_in_no_snapshot_of_this_one() -> None:
     assert f"snapshots/{EVERY:06d}.json" not in store.list("snapshots")
 
 
-def test_a_number_far_away_takes_no_memory() -> None:
-    store = Store.open("memory://")
+def test_a_large_number_takes_no_memory(store: Store):
     store.put_new("log/999999999999.json", b"{}")
     state = MapLog(store, "log").state()
     assert state.last_seq == 999_999_999_999
@@ -379,8 +325,7 @@ def test_a_number_far_away_takes_no_memory() -> None:
     assert MapLog(store, "log").state().published == (A,)
 
 
-def test_the_numbers_of_a_wider_name_are_seen() -> None:
-    store = Store.open("memory://")
+def test_numbers_of_seven_digits_are_listed(store: Store):
     for number in (999_000, 999_999, 1_000_000, 1_000_001):
         store.put_new(f"log/{number:06d}.json", b"{}")
     assert list(scan_after(store, "log", 999_000)) == [999_999, 1_000_000, 1_000_001]

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.versions.folder_lock import FolderLock, exclusive_lock
 from firstfix.catalog.versions.prune import ABANDONED_S, prune
 from firstfix.store.store import Store
+from tests.core.fixtures import make_version
 
 BYTES = 1000
 
@@ -30,10 +30,8 @@ class Place:
         self.made = folder / "made"
 
     def fetch(self, label: int) -> Path:
-        source = self.made / str(label)
-        source.mkdir(parents=True, exist_ok=True)
-        (source / "a.npy").write_bytes(b"%04d" % label * (BYTES // 4))
-        version = self.catalog.publish("hall", source, Manifest.for_directory(source))
+        manifest = make_version(self.made / str(label), b"%04d" % label * (BYTES // 4))
+        version = self.catalog.publish("hall", self.made / str(label), manifest)
         return self.catalog.fetch_version("hall", version, self.cache)
 
     def used(self, version: str, seconds_ago: float) -> None:
@@ -46,7 +44,7 @@ def place(tmp_path: Path) -> Place:
     return Place(tmp_path)
 
 
-def test_the_one_used_longest_ago_goes_first_with_all_that_belongs_to_it(place: Place) -> None:
+def test_the_version_used_longest_ago_is_pruned_first(place: Place):
     folders = [place.fetch(k) for k in range(4)]
     for k, folder in enumerate(folders):
         place.used(folder.name, 100 - k)
@@ -60,18 +58,22 @@ def test_the_one_used_longest_ago_goes_first_with_all_that_belongs_to_it(place: 
     assert place.fetch(1).is_dir(), "and comes back when it is asked for"
 
 
-def test_what_is_held_stays_until_it_is_given_back(place: Place) -> None:
+def test_a_held_version_stays_until_it_is_released(place: Place):
     first, second = place.fetch(1), place.fetch(2)
-    held = FolderLock(first)
-    also = FolderLock(first)
+    held, also = FolderLock(first), FolderLock(first)
     assert prune(place.cache, 0) == [second.name]
     held.close()
     assert prune(place.cache, 0) == []
     also.close()
-    assert prune(place.cache, 0) == [first.name]
+    third = place.fetch(3)
+    with exclusive_lock(place.cache / f".{third.name}.lock"):
+        assert prune(place.cache, 0) == [first.name], "the other one is being fetched"
+    assert third.is_dir()
+    with pytest.raises(FileNotFoundError):
+        FolderLock(first)
 
 
-def test_what_another_process_holds_stays_until_it_is_killed(place: Place) -> None:
+def test_a_version_held_by_another_process_stays_until_it_is_killed(place: Place):
     folder = place.fetch(1)
     code = (
         "import signal, sys; from pathlib import Path\n"
@@ -89,21 +91,7 @@ def test_what_another_process_holds_stays_until_it_is_killed(place: Place) -> No
     assert prune(place.cache, 0) == [folder.name]
 
 
-def test_what_is_being_fetched_stays(place: Place) -> None:
-    folder = place.fetch(1)
-    with exclusive_lock(place.cache / f".{folder.name}.lock"):
-        assert prune(place.cache, 0) == []
-    assert folder.is_dir()
-
-
-def test_a_folder_that_is_gone_cannot_be_held(place: Place) -> None:
-    folder = place.fetch(1)
-    prune(place.cache, 0)
-    with pytest.raises(FileNotFoundError):
-        FolderLock(folder)
-
-
-def test_leftovers_of_killed_processes_go(place: Place) -> None:
+def test_leftovers_of_killed_processes_go(place: Place):
     version = "a" * 64
     kept = place.fetch(1)
     young, old = place.cache / f".{'b' * 64}.part", place.cache / f".{version}.part"
@@ -121,7 +109,7 @@ def test_leftovers_of_killed_processes_go(place: Place) -> None:
     assert {kept.name, young.name, "notes.txt"} <= left
 
 
-def test_markers_of_a_file_store_go_with_their_versions(tmp_path: Path) -> None:
+def test_markers_of_a_file_store_go_with_their_versions(tmp_path: Path):
     place = Place(tmp_path, f"file://{tmp_path / 'store'}")
     folder = place.fetch(1)
     assert "store" in str(folder)
@@ -133,7 +121,7 @@ def test_markers_of_a_file_store_go_with_their_versions(tmp_path: Path) -> None:
     assert list(place.cache.iterdir()) == []
 
 
-def test_fetching_holding_and_pruning_at_once_never_shows_half_a_version(place: Place) -> None:
+def test_fetching_holding_and_pruning_at_once_never_shows_half_a_version(place: Place):
     folders = [place.fetch(k) for k in range(3)]
     wholes = {folder.name: (folder / "a.npy").read_bytes() for folder in folders}
     end = threading.Event()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from firstfix.engine.changes.areas import CellVotes, find_areas, newest_first
@@ -33,11 +34,20 @@ def kinds(found: Tally) -> list[str]:
     return [area.kind for area in find_areas(found)]
 
 
-def test_some_spots_must_agree():
-    assert kinds(tally(2, contradicted=PLACE)) == []
-    assert kinds(tally(8, contradicted=PLACE)) == ["gone"]
-    assert kinds(tally(8, unexplained=PLACE)) == ["new"]
-    assert kinds(tally(8, confirmed=PLACE)) == []
+@pytest.mark.parametrize(
+    ("tallies", "found"),
+    [
+        ([tally(2, contradicted=PLACE)], []),  # some spots must agree
+        ([tally(8, contradicted=PLACE)], ["gone"]),
+        ([tally(8, unexplained=PLACE)], ["new"]),
+        ([tally(8, confirmed=PLACE)], []),
+        ([tally(20, contradicted=PLACE[:1])], []),  # one cell is no area
+        ([tally(20, unexplained=PLACE), *[tally(20, free=PLACE)] * 9], []),  # somebody stood there once
+        ([*[tally(20, unexplained=PLACE)] * 9, tally(20, free=PLACE)], ["new"]),
+    ],
+)
+def test_areas_are_cells_that_enough_spots_agree_about(tallies: list[Tally], found: list[str]):
+    assert kinds(Tally.sum(tallies)) == found
 
 
 def test_a_robot_that_stands_still_has_one_vote():
@@ -48,17 +58,6 @@ def test_a_robot_that_stands_still_has_one_vote():
     assert votes.share.max() <= 1 / 4
     assert kinds(Tally.sum([parked, tally(6, 30, confirmed=PLACE)])) == []
     assert kinds(Tally.sum([parked, tally(8, 30, contradicted=PLACE)])) == ["gone"]
-
-
-def test_what_comes_and_goes_is_not_new():
-    """From each spot somebody stood there once, and mostly nobody."""
-    some, none = tally(20, unexplained=PLACE), tally(20, free=PLACE)
-    assert kinds(Tally.sum([some, *[none] * 9])) == []
-    assert kinds(Tally.sum([*[some] * 9, none])) == ["new"]
-
-
-def test_one_cell_is_no_area():
-    assert kinds(tally(20, contradicted=PLACE[:1])) == []
 
 
 def test_cells_beside_a_changed_one_need_less_confidence():

@@ -57,7 +57,7 @@ def counted(told: list[Sighting]) -> list[Area]:
     return find_areas(collector.take())
 
 
-def test_what_was_never_seen_is_unmapped_and_what_has_come_is_not(mapped: MapIndex):
+def test_unmapped_cells_were_never_seen(mapped: MapIndex):
     told = sightings(mapped)
     assert all(one.is_told_apart for one in told)
     unexplained = np.concatenate([one.unexplained for one in told])
@@ -88,7 +88,7 @@ def test_areas_are_of_one_kind(mapped: MapIndex):
     assert [area.kind for area in areas[: len(new)]] == ["new"], "changes come first, whatever their size"
 
 
-def test_nothing_is_lost_by_telling_them_apart(mapped: MapIndex, without_trajectory: MapIndex):
+def test_telling_unmapped_from_new_loses_nothing(mapped: MapIndex, without_trajectory: MapIndex):
     """All cells of areas, and all that a sighting says besides, are those of a map that does not know."""
     known, unknown = sightings(mapped), sightings(without_trajectory)
     for one, other in zip(known, unknown, strict=True):
@@ -112,7 +112,7 @@ def told(spot: int, cells: NDArray[np.int64], *, unmapped: bool) -> Tally:
 ROW = np.array([[x, 4, 2] for x in range(8)])
 
 
-def test_each_spot_has_one_vote_about_it():
+def test_each_spot_has_one_vote_about_unmapped_cells():
     """A robot that stands at one spot does not outvote seven others."""
     parked = Tally.sum([told(0, ROW, unmapped=False)] * 100)
     others = Tally.sum([told(spot, ROW, unmapped=True) for spot in range(1, 8)])
@@ -123,7 +123,7 @@ def test_each_spot_has_one_vote_about_it():
     both.check()
 
 
-def test_sightings_that_do_not_know_speak_for_new():
+def test_sightings_without_seen_free_space_speak_for_new():
     keys = np.sort(keys_of(ROW))
     before = Tally.sum(
         [Tally.of(Sighting((7 * n, 0, 1), NOTHING, NOTHING, keys, NOTHING)) for n in range(20)]

@@ -77,7 +77,7 @@ def test_invalid_points_are_counted():
     assert found(room()[:0]).code == "scan_empty"
 
 
-def test_what_a_robot_dropped_is_told_to_the_service():
+def test_points_dropped_by_the_robot_are_sent_to_the_service():
     dropped = Scan.from_points(room() * 1000).dropped
     sent = LocalizeOptions.from_strings(LocalizeOptions(dropped=dropped).to_strings())
     assert sent.dropped == dropped
@@ -128,7 +128,7 @@ def test_eigenvalues_are_those_of_numpy():
         )
 
 
-def test_all_kinds_are_whole():
+def test_every_kind_of_finding_is_complete():
     assert len(KINDS) > 20
     for code, kind in KINDS.items():
         assert kind.code == code

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.common.datasets import GARAGE, HALL, STREET, STREET_128, YARD
 from firstfix.answer.options import LocalizeOptions
 from firstfix.decode import read_scan_file
 from firstfix.engine.config import PreprocessConfig
@@ -20,6 +19,7 @@ from firstfix.scan.scan import Scan
 from firstfix.sensor import preset, presets
 from firstfix.wire.scan import decode_scan, encode_scan
 from tests.needs import RECORDED, of_recordings
+from tests.recorded_data import GARAGE, HALL, STREET, STREET_128, YARD
 
 Points = NDArray[np.float32]
 RNG = np.random.default_rng(7)

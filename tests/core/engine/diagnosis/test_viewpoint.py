@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.common.datasets import GARAGE, HALL, STREET, STREET_128, YARD, Dataset
 from firstfix.decode import read_scan_file
 from firstfix.engine.diagnosis.facts import MEASURED
 from firstfix.engine.diagnosis.viewpoint import (
@@ -29,6 +28,7 @@ from firstfix.transform import from_quaternion, make_transform, rotation_z
 from firstfix_builder.simulation.simulate import Simulator
 from tests.every_case import every_case
 from tests.needs import RECORDED, of_recordings
+from tests.recorded_data import GARAGE, HALL, STREET, STREET_128, YARD, Dataset
 from tests.small_world import SmallWorld, yard
 from tests.storey_world import storey
 

@@ -39,7 +39,7 @@ def agreement(of_map: Surface, scan: Surface, T: np.ndarray | None = None) -> Ag
 
 
 @pytest.mark.parametrize("name", list(MAPS))
-def test_it_is_that_of_numpy(name: str):
+def test_the_kernel_agrees_with_numpy(name: str):
     place = recorded_place(name)
     for number, (query, T) in enumerate(place.scans):
         reach_m = np.array([[0], [0.05], [0.2], [0.5], [1], [30]])
@@ -65,14 +65,14 @@ def test_a_scan_of_the_map_lies_beside_nothing():
     assert agreement(ROOM, ROOM).beside_surface == 0
 
 
-def test_what_stands_before_a_wall_is_beside_it_and_what_stands_far_from_all_is_not():
+def test_points_near_a_wall_are_beside_it_and_far_ones_are_not():
     shelf = wall((-2, 2.6), (1, 0))
     assert agreement(ROOM, Surface.together([ROOM, shelf])).beside_surface == pytest.approx(0.2)
     unmapped = wall((-2, 30), (1, 0))
     assert agreement(ROOM, Surface.together([ROOM, unmapped])).beside_surface == 0
 
 
-def test_the_more_surfaces_agree_the_less_often_two_points_lie_on_one():
+def test_agreement_of_more_surfaces_lowers_the_share_on_one_plane():
     corridor = agreement(ROOM, Surface.together([NORTH, SOUTH]))
     room = agreement(ROOM, ROOM)
     assert agreement(ROOM, NORTH).same_plane == 1
@@ -82,7 +82,7 @@ def test_the_more_surfaces_agree_the_less_often_two_points_lie_on_one():
     assert agreement(NORTH, ROOM).same_plane == 1
 
 
-def test_floors_and_ceilings_say_nothing():
+def test_floors_and_ceilings_do_not_count_as_planes():
     x, y = np.meshgrid(np.arange(-4, 4, 0.1), np.arange(-3, 3, 0.1))
     points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]).astype(np.float32)
     floor = Surface(points, np.tile(np.float32([0, 0, 1]), (len(points), 1)), np.ones(len(points), bool))
@@ -91,7 +91,7 @@ def test_floors_and_ceilings_say_nothing():
     assert agreement(floor, floor) == Agreement(0.0, 1.0)
 
 
-def test_of_no_points_nothing_is_claimed():
+def test_without_points_nothing_is_claimed():
     assert agreement(ROOM, ROOM.at(slice(0, 0))) == Agreement(0.0, 1.0)
     assert MapSurface.of(ROOM, CONFIG).agreements(ROOM, np.empty((0, 4, 4))) == []
 

@@ -13,8 +13,9 @@ from firstfix import native
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.transform import make_transform, pose_error, transform_points
+from tests.core.engine.fixtures import slab
 from tests.reference import registration as reference
-from tests.reference.recorded_places import MAPS, RecordedPlace, recorded_place
+from tests.reference.recorded_places import RecordedPlace
 
 FINE = {"iterations": 12, "reach_m": 0.5, "half_angle": 0.06}
 STEPS = {
@@ -42,11 +43,6 @@ def starts_around(T: np.ndarray, count: int, seed: int, metres: float = 0.4) -> 
     rng = np.random.default_rng(seed)
     turns = Rotation.from_rotvec(rng.normal(0, 0.05, (count, 3))).as_matrix()
     return np.array([T @ make_transform(turn, rng.uniform(-metres, metres, 3)) for turn in turns])
-
-
-@pytest.fixture(scope="module", params=list(MAPS))
-def place(request: pytest.FixtureRequest) -> RecordedPlace:
-    return recorded_place(request.param)
 
 
 @pytest.mark.parametrize("step", list(STEPS))
@@ -80,7 +76,7 @@ def test_one_step_is_that_of_numpy(place: RecordedPlace):
         assert np.abs(found[3] - information).max() < 1e-5 * np.abs(information).max()
 
 
-def test_a_pose_has_the_same_end_to_the_last_bit_alone_and_among_others(place: RecordedPlace):
+def test_a_pose_is_aligned_to_the_same_bits_alone_and_among_others(place: RecordedPlace):
     query, T = place.scans[0]
     starts = starts_around(T, 5, 1)
     together = align(place.surface.fine, query.sparse, starts, **FINE)
@@ -107,15 +103,6 @@ def test_the_grid_finds_the_rows_that_numpy_finds(place: RecordedPlace):
     near = grid.nearest(points)
     assert np.array_equal(near, reference.nearest(grid, points))
     assert 0.1 < (near >= 0).mean() < 0.9
-
-
-def slab() -> tuple[SurfaceGrid, Surface]:
-    """A bumpy floor and a scan of it."""
-    rng = np.random.default_rng(7)
-    points = rng.uniform([-8, -8, -0.05], [8, 8, 0.05], (4000, 3)).astype(np.float32)
-    normals = np.tile(np.float32([0, 0, 1]), (len(points), 1))
-    surface = Surface(points, normals, np.ones(len(points), np.bool_))
-    return SurfaceGrid.of(surface, 0.3), surface.at(slice(0, None, 9))
 
 
 def two_sided() -> tuple[SurfaceGrid, Surface]:
@@ -162,7 +149,7 @@ def test_a_damaged_file_gives_poses_that_are_numbers():
         assert ((ratio >= 0) & (ratio <= 1)).all()
 
 
-def test_poses_and_points_that_are_no_numbers_fit_nowhere():
+def test_invalid_poses_and_points_fit_nowhere():
     grid, scan = slab()
     starts = starts_around(np.eye(4), 8, 4)
     for number, wrong in enumerate([np.nan, np.inf, -np.inf, 1e300, -1e300, 1e30, -1e30, 4e9]):
@@ -174,7 +161,7 @@ def test_poses_and_points_that_are_no_numbers_fit_nowhere():
     assert ratio[0] <= 0.5
 
 
-def test_no_point_and_no_pose():
+def test_without_points_or_poses_nothing_is_aligned():
     grid, scan = slab()
     T, ratio, score, information, _ = align(grid, scan.at(slice(0, 0)), np.eye(4)[None], **FINE)
     assert np.array_equal(T, np.eye(4)[None])

@@ -13,9 +13,10 @@ from firstfix.engine.ranking import RANKING
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.transform import make_transform, pose_error, rotation_z
+from tests.core.engine.fixtures import slab
 from tests.reference import motion as reference
 from tests.reference import registration
-from tests.reference.recorded_places import MAPS, RecordedPlace, recorded_place
+from tests.reference.recorded_places import RecordedPlace
 
 FINE = {"iterations": 12, "reach_m": 0.5, "half_angle": 0.2}
 TWIST_SCALE = np.array(RANKING.twist_scale)
@@ -42,11 +43,6 @@ def align_moving(
         inlier_distance_m=0.15,
         **{**FINE, **parameters},
     )
-
-
-@pytest.fixture(scope="module", params=list(MAPS))
-def place(request: pytest.FixtureRequest) -> RecordedPlace:
-    return recorded_place(request.param)
 
 
 def skewed(scan: Surface, twist: np.ndarray) -> Surface:
@@ -100,7 +96,7 @@ def test_one_step_is_that_of_numpy(place: RecordedPlace, known: np.ndarray):
     np.testing.assert_allclose(found[3][0], information, atol=1e-4 * np.abs(information).max())
 
 
-def test_a_pose_has_the_same_end_to_the_last_bit_alone_and_among_others(place: RecordedPlace):
+def test_a_pose_is_aligned_to_the_same_bits_alone_and_among_others(place: RecordedPlace):
     query, T = place.scans[0]
     scan = skewed(query.sparse, TWIST)
     starts = np.array([T @ make_transform(rotation_z(a), [a, -a, 0]) for a in (0, 0.03, -0.05, 0.1)])
@@ -111,16 +107,13 @@ def test_a_pose_has_the_same_end_to_the_last_bit_alone_and_among_others(place: R
             assert np.array_equal(one[0], all_of_them[number])
 
 
-def slab() -> tuple[SurfaceGrid, Surface]:
-    rng = np.random.default_rng(7)
-    points = rng.uniform([-8, -8, -0.05], [8, 8, 0.05], (2000, 3)).astype(np.float32)
-    surface = Surface(points, np.tile(np.float32([0, 0, 1]), (2000, 1)), np.ones(2000, np.bool_))
-    scan = surface.at(slice(0, None, 9))
-    return SurfaceGrid.of(surface, 0.3), replace(scan, time_s=times_by_azimuth(scan.points))
+def timed_slab() -> tuple[SurfaceGrid, Surface]:
+    grid, scan = slab(2000)
+    return grid, replace(scan, time_s=times_by_azimuth(scan.points))
 
 
-def test_what_a_floor_cannot_show_stays_at_rest():
-    grid, scan = slab()
+def test_a_floor_shows_no_motion():
+    grid, scan = timed_slab()
     T, ratio, _, information, rests, twist = align_moving(grid, scan, np.eye(4)[None])
     assert pose_error(T[0], np.eye(4))[0] < 0.02
     assert ratio[0] > 0.95
@@ -130,7 +123,7 @@ def test_what_a_floor_cannot_show_stays_at_rest():
 
 
 def test_without_points_or_poses_there_is_no_motion():
-    grid, scan = slab()
+    grid, scan = timed_slab()
     T, *_, twist = align_moving(grid, scan.at(slice(0, 0)), np.eye(4)[None])
     assert np.array_equal(T, np.eye(4)[None])
     assert not twist.any()
@@ -138,7 +131,7 @@ def test_without_points_or_poses_there_is_no_motion():
 
 
 def test_damaged_tables_give_numbers():
-    grid, scan = slab()
+    grid, scan = timed_slab()
     rng = np.random.default_rng(4)
     for _ in range(20):
         planes = grid.planes.copy()
@@ -149,8 +142,8 @@ def test_damaged_tables_give_numbers():
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -101.0])
-def test_times_that_are_no_times_are_refused(wrong: float):
-    grid, scan = slab()
+def test_invalid_times_are_refused(wrong: float):
+    grid, scan = timed_slab()
     times = scan.time_s.copy()
     times[5] = wrong
     with pytest.raises(ValueError, match="100 s"):
@@ -162,7 +155,7 @@ def test_times_that_are_no_times_are_refused(wrong: float):
 
 
 def test_twists_and_scales_out_of_range_are_refused():
-    grid, scan = slab()
+    grid, scan = timed_slab()
     for wrong in (np.full(6, np.nan), np.full(6, 101.0), np.array([0, 0, 0, 0, 0, 21.0])):
         with pytest.raises(ValueError, match="too fast"):
             native.deskew(scan.points, scan.time_s, wrong)

@@ -1,6 +1,12 @@
-import numpy as np
+"""Surfaces: normals of points, thinning at once and slab by slab."""
 
+import numpy as np
+import pytest
+
+from firstfix.engine.registration import chunked_x as chunked_x_module
+from firstfix.engine.registration.chunked_x import chunked_x
 from firstfix.engine.registration.surface import Surface
+from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.transform import make_transform, rotation_z
 
 
@@ -14,24 +20,18 @@ def test_normals_of_a_plane_and_a_wall():
     assert np.allclose(np.abs(surface.normals[800:]), [1, 0, 0], atol=1e-3)
 
 
-def test_normals_point_to_who_saw_them():
+def test_normals_point_to_the_viewer_unless_the_surface_was_hardly_seen():
     rng = np.random.default_rng(2)
     floor = np.column_stack([rng.uniform(-3, 3, (800, 2)), np.zeros(800)])
     for side in (1.0, -1.0):
         surface = Surface.around(floor, np.array([0.5, 0.5, 2 * side]) - floor)
         assert surface.oriented.all()
         assert np.allclose(surface.normals, [0, 0, side], atol=1e-3)
+    for to_viewer in (None, np.tile([5.0, 0, 0.2], (800, 1)), np.zeros((800, 3))):
+        assert not Surface.around(floor, to_viewer).oriented.any()
 
 
-def test_a_surface_seen_at_a_grazing_angle_or_not_at_all_is_not_oriented():
-    rng = np.random.default_rng(2)
-    floor = np.column_stack([rng.uniform(-3, 3, (800, 2)), np.zeros(800)])
-    assert not Surface.around(floor).oriented.any()
-    assert not Surface.around(floor, np.tile([5.0, 0, 0.2], (800, 1))).oriented.any()
-    assert not Surface.around(floor, np.zeros((800, 3))).oriented.any()
-
-
-def test_few_points_on_one_face_of_a_slab_do_not_take_their_normals_from_the_other():
+def test_faces_of_a_slab_keep_their_own_normals():
     """A ceiling that few rays met, 0.2 m below a floor that many did."""
     rng = np.random.default_rng(4)
     floor = np.column_stack([rng.uniform(-3, 3, (3600, 2)), np.zeros(3600)])
@@ -60,10 +60,14 @@ def test_a_part_has_at_most_so_many_points_and_keeps_their_normals():
     assert len(surface.at_most(1000, 0.5)) == 100
 
 
-def test_moving_turns_points_and_normals():
+def test_surfaces_are_moved_and_put_together():
     moved = surface_of([[1, 0, 0]], [[1, 0, 0]]).moved(make_transform(rotation_z(np.pi / 2), [0, 0, 3]))
     assert np.allclose(moved.points, [[0, 1, 3]], atol=1e-6)
     assert np.allclose(moved.normals, [[0, 1, 0]], atol=1e-6)
+    one, other = surface_of([[0, 0, 0]], [[0, 0, 1]]), surface_of([[1, 0, 0]], [[0, 1, 0]], oriented=False)
+    both = Surface.together([one, other])
+    assert both.points[:, 0].tolist() == [0, 1]
+    assert both.oriented.tolist() == [True, False]
 
 
 def test_thinning_keeps_the_two_faces_of_a_wall_apart():
@@ -82,8 +86,39 @@ def test_thinning_brings_normals_of_unknown_sign_together():
     assert not thinned.oriented.any()
 
 
-def test_together():
-    one, other = surface_of([[0, 0, 0]], [[0, 0, 1]]), surface_of([[1, 0, 0]], [[0, 1, 0]], oriented=False)
-    both = Surface.together([one, other])
-    assert both.points[:, 0].tolist() == [0, 1]
-    assert both.oriented.tolist() == [True, False]
+RNG = np.random.default_rng(3)
+POINTS = RNG.uniform([-40, -20, 0], [35, 20, 4], (20_000, 3)).astype(np.float32)
+
+
+@pytest.fixture(params=[1, 700, 5000])
+def few(request, monkeypatch):
+    monkeypatch.setattr(chunked_x_module, "MOST_POINTS", request.param)
+    return request.param
+
+
+def test_slabs_are_whole_voxels_in_order(few):
+    parts = [POINTS[rows] for rows in chunked_x(POINTS, 0.5)]
+    assert sum(map(len, parts)) == len(POINTS)
+    layers = [np.unique(np.floor(part[:, 0] / 0.5)) for part in parts]
+    assert (np.diff(np.concatenate(layers)) > 0).all()
+    assert all(len(part) <= few or len(own) == 1 for part, own in zip(parts, layers, strict=True))
+
+
+def test_a_surface_is_thinned_the_same(few, monkeypatch):
+    normals = RNG.normal(size=POINTS.shape).astype(np.float32)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    surface = Surface(POINTS, normals, RNG.random(len(POINTS)) < 0.7)
+    found = surface.thinned(0.8)
+    monkeypatch.setattr(chunked_x_module, "MOST_POINTS", 1_000_000)
+    whole = surface.thinned(0.8)
+    assert np.array_equal(found.points, whole.points)
+    assert np.array_equal(found.normals, whole.normals)
+    assert np.array_equal(found.oriented, whole.oriented)
+
+
+def test_tiles_hold_the_same_points(few, monkeypatch):
+    found = PointTiles.of(POINTS, 0.4)
+    monkeypatch.setattr(chunked_x_module, "MOST_POINTS", 1_000_000)
+    whole = PointTiles.of(POINTS, 0.4)
+    assert np.array_equal(found.begin, whole.begin)
+    assert np.array_equal(*(one.points[np.lexsort(one.points.T)] for one in (found, whole)))

@@ -35,7 +35,7 @@ def grid(request, monkeypatch):
     return Known(surface_of(rng.uniform([-7, 2, -1], [5, 9, 2], (3000, 3))))
 
 
-def test_at_every_point_some_point_of_its_cell_or_nearer_is_found(grid):
+def test_a_point_is_found_near_every_point(grid):
     points = grid.surface.points
     found = grid.nearest(points)
     assert (found >= 0).all()
@@ -66,7 +66,7 @@ def test_a_kilometre_outside_nothing_is_near(grid):
     assert (grid.nearest(outside) == -1).all()
 
 
-def test_one_point():
+def test_a_grid_of_one_point_finds_it():
     grid = Known(surface_of(np.array([[3.0, -2.0, 1.0]])))
     asked = np.float32([[3.0, -2.0, 1.0], [3.1, -2.1, 1.1], [3.9, -2.0, 1.0]])
     assert grid.nearest(asked).tolist() == [0, 0, -1]
@@ -81,7 +81,7 @@ def test_a_plane_gives_the_distance_along_its_normal(grid):
     assert np.allclose(off_m, grid.surface.points[row, 2] - asked[:, 2], atol=1e-5)  # normals are upright
 
 
-def test_what_was_saved_answers_the_same(grid, tmp_path):
+def test_a_loaded_grid_finds_the_same(grid, tmp_path):
     grid.grid.save(tmp_path / "grid")
     again = SurfaceGrid.load(tmp_path / "grid")
     points = np.random.default_rng(8).uniform(0, 13, (2000, 3)).astype(np.float32)

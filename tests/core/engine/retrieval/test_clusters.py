@@ -1,9 +1,13 @@
-"""Clusters from labels, their order, and their files."""
+"""Templates and their clusters: labels, order, files, and files that do not fit."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from firstfix.engine.retrieval.cascade import Clusters
+from firstfix.descriptor import LayeredOccupancy, PolarGrid
+from firstfix.engine.retrieval.cascade import Clusters, Templates
+from tests.every_case import every_case
 
 
 def groups(clusters: Clusters) -> list[list[int]]:
@@ -35,7 +39,7 @@ def test_every_template_is_in_the_cluster_of_its_label(seed):
     assert sorted(clusters.member.tolist()) == list(range(len(label)))
 
 
-def test_who_is_typical_is_asked_for_two_and_more_with_their_templates():
+def test_the_typical_template_is_asked_for_of_two_and_more():
     asked = []
 
     def first(rows: np.ndarray) -> int:
@@ -76,7 +80,7 @@ def test_alone_is_every_template_by_itself(count):
     ],
     ids=["17", "all in one", "one", "alone"],
 )
-def test_what_was_saved_is_loaded(clusters, tmp_path):
+def test_loaded_clusters_are_the_same(clusters, tmp_path):
     clusters.save(tmp_path)
     loaded = Clusters.load(tmp_path)
     assert len(loaded) == len(clusters)
@@ -91,7 +95,7 @@ def test_what_was_saved_is_loaded(clusters, tmp_path):
     assert {path.name: path.read_bytes() for path in (tmp_path / "again").iterdir()} == files
 
 
-def test_a_file_that_is_missing_is_an_error(tmp_path):
+def test_a_missing_file_of_clusters_is_an_error(tmp_path):
     Clusters.alone(3).save(tmp_path)
     (tmp_path / "cluster_start.npy").unlink()
     with pytest.raises(OSError, match="cluster_start"):
@@ -116,8 +120,43 @@ def test_a_table_that_does_not_fit_is_refused(tmp_path, start):
         ("representative", [0, 1, 1 << 30]),
     ],
 )
-def test_numbers_that_are_no_rows_are_refused(tmp_path, name, numbers):
+def test_invalid_rows_are_refused(tmp_path, name, numbers):
     Clusters.alone(3).save(tmp_path)
     np.save(tmp_path / f"cluster_{name}.npy", np.array(numbers, np.int32))
     with pytest.raises(ValueError, match=f"cluster_{name}"):
         Clusters.load(tmp_path)
+
+
+DESCRIPTOR = LayeredOccupancy(PolarGrid(2, 8, 10.0), (0.0, 1.0))
+
+
+def saved_templates(directory: Path) -> Templates:
+    cells = np.arange(10, dtype=np.uint8).reshape(5, 2)
+    templates = Templates(np.eye(5, 3, dtype=np.float32), np.ones(5, np.float32), {"occupancy": cells})
+    templates.save(directory)
+    return templates
+
+
+def test_loaded_templates_are_the_same(tmp_path: Path):
+    templates = saved_templates(tmp_path)
+    loaded = Templates.load(tmp_path, DESCRIPTOR)
+    assert len(loaded) == 5
+    assert np.array_equal(loaded.position_m, templates.position_m)
+    assert np.array_equal(loaded.height_m, templates.height_m)
+    assert np.array_equal(loaded.described["occupancy"], templates.described["occupancy"])
+
+
+@every_case(
+    ("name", "array"),
+    [
+        ("height_m", np.ones(4, np.float32)),
+        ("occupancy", np.zeros((4, 2), np.uint8)),
+        ("occupancy", np.zeros((6, 2), np.uint8)),
+        ("height_m", np.float32(1)),
+    ],
+)
+def test_a_file_of_templates_with_other_rows_is_refused(tmp_path: Path, name: str, array: np.ndarray):
+    saved_templates(tmp_path)
+    np.save(tmp_path / f"template_{name}.npy", array)
+    with pytest.raises(ValueError, match=f"template_{name}.npy"):
+        Templates.load(tmp_path, DESCRIPTOR)

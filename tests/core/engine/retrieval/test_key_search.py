@@ -16,8 +16,8 @@ from firstfix.engine.config import LshConfig, SearchConfig
 from firstfix.engine.retrieval.key_search import ENGINES, build_key_search, load_key_search
 from firstfix.engine.retrieval.key_search.lsh_kd_tree import _nearest_flips
 
-EXACT = ("exhaustive", "kdtree", "faiss_flat")
-EIGHT_BITS = ("auto", "faiss_sq8", "faiss_ivf_sq8", "faiss_ivf_pq")  # of so few keys all are as "faiss_sq8"
+EXACT = ("exhaustive", "kdtree")
+EIGHT_BITS = ("auto", "faiss_sq8", "faiss_ivf_sq8")
 every_engine = pytest.mark.parametrize("engine", ENGINES)
 
 
@@ -70,7 +70,7 @@ FEW = clustered_keys(1, 600)
 
 
 @every_engine
-def test_what_was_saved_answers_as_what_was_built(engine, tmp_path):
+def test_a_loaded_search_answers_as_the_built_one(engine, tmp_path):
     config = SearchConfig(engine=engine)
     built = build_key_search(FEW, config)
     loaded = load_key_search(saved(built, tmp_path / "a"), config)
@@ -149,7 +149,7 @@ def test_copies_of_a_key_are_all_found(engine):
         assert sorted(rows) == [row, row + 1, row + 2]
 
 
-def test_the_one_dimensional_and_the_constant_are_keys_too():
+def test_one_dimensional_and_constant_keys_are_found():
     rng = np.random.default_rng(8)
     line = rng.permutation(200).astype(np.float32)[:, None]
     constant = np.concatenate([rng.random((200, 3)), np.ones((200, 5))], axis=1).astype(np.float32)
@@ -159,20 +159,20 @@ def test_the_one_dimensional_and_the_constant_are_keys_too():
 
 
 @pytest.mark.parametrize(
-    ("engine", "least"),  # measured: 0.998, 0.97, 1.0, 1.0
-    [("lsh_kdtree", 0.98), ("faiss_sq8", 0.93), ("faiss_ivf", 0.98), ("faiss_hnsw", 0.98)],
+    ("engine", "least"),  # measured: 0.998, 0.97
+    [("lsh_kdtree", 0.98), ("faiss_sq8", 0.93)],
 )
-def test_the_others_find_nearly_all_of_the_ten_nearest(engine, least):
+def test_approximate_engines_find_nearly_all_of_the_ten_nearest(engine, least):
     search = build_key_search(KEYS, SearchConfig(engine=engine))
     assert recall(search, QUERIES, TEN_NEAREST).mean() > least
 
 
 def test_ivf_leaves_most_lists_out_and_still_finds_most():
-    """Uniform keys, the worst case, in 39 lists: 16 of them are searched. Measured: 0.956."""
-    keys = np.random.default_rng(12).random((10_000, 20)).astype(np.float32)
+    """Uniform keys, the worst case, in 156 lists: 128 of them are searched."""
+    keys = np.random.default_rng(12).random((40_000, 20)).astype(np.float32)
     queries = near(keys, 50)
-    search = build_key_search(keys, SearchConfig(engine="faiss_ivf"))
-    assert len(search.search(queries[0], 10_000)) < 8000
+    search = build_key_search(keys, SearchConfig(engine="faiss_ivf_sq8"))
+    assert len(search.search(queries[0], 400)) == 400
     assert recall(search, queries, [nearest(keys, query, 10) for query in queries]).mean() > 0.9
 
 

@@ -14,7 +14,8 @@ from firstfix.engine.retrieval.key_search.faiss_search import SHARDS_FILE
 from firstfix.engine.retrieval.key_search.tile_shards import MOST_SHARDS, TILE_M, TileShards
 
 every_engine = pytest.mark.parametrize("engine", ENGINES)
-SHARDED = ("faiss_flat", "faiss_sq8", "faiss_ivf", "faiss_ivf_sq8", "faiss_ivf_pq")
+SHARDED = ("faiss_sq8", "faiss_ivf_sq8")
+HALF_STEP = 0.03  # of a number in 8 bits, here and there
 
 
 def world(seed: int, count: int, extent_m: float = 600.0, numbers: int = 16) -> tuple[np.ndarray, np.ndarray]:
@@ -44,16 +45,16 @@ def brute(keys: np.ndarray, key: np.ndarray) -> np.ndarray:
     st.integers(100, 500),
     st.integers(1, 600),
 )
-def test_shards_find_what_one_flat_index_finds(seed, count, extent_m, shard_keys, wanted):
+def test_shards_find_what_one_index_finds(seed, count, extent_m, shard_keys, wanted):
     keys, position_m = world(seed, count, extent_m)
-    whole = build_key_search(keys, SearchConfig(engine="faiss_flat"))
-    parted = build_key_search(keys, SearchConfig(engine="faiss_flat", shard_keys=shard_keys), position_m)
+    whole = build_key_search(keys, SearchConfig(engine="faiss_sq8"))
+    parted = build_key_search(keys, SearchConfig(engine="faiss_sq8", shard_keys=shard_keys), position_m)
     assert len(parted) == len(whole) == count
     for key in near(keys, 3):
         found = parted.search(key, wanted)
         assert len(set(found.tolist())) == len(found) == min(wanted, count)
-        assert np.allclose(brute(keys, key)[found], np.sort(brute(keys, key))[:wanted], rtol=0, atol=1e-5)
-        assert set(found[:20].tolist()) == set(whole.search(key, wanted)[:20].tolist())
+        nearest = brute(keys, key)[whole.search(key, wanted)]
+        np.testing.assert_allclose(np.sort(brute(keys, key)[found]), np.sort(nearest), rtol=0, atol=HALF_STEP)
 
 
 @pytest.mark.parametrize("engine", ["faiss_sq8", "faiss_ivf_sq8"])
@@ -69,13 +70,13 @@ def test_shards_of_short_codes_are_trained_as_one(engine):
 def test_of_equal_keys_the_lower_rows_come_first():
     keys, position_m = world(2, 2000)
     keys[:] = keys[np.arange(2000) % 10]  # two hundred copies of each, all over the map
-    config = SearchConfig(engine="faiss_flat", shard_keys=200)
+    config = SearchConfig(engine="faiss_sq8", shard_keys=200)
     found = build_key_search(keys, config, position_m).search(keys[3], 2000)
     assert found[:200].tolist() == list(range(3, 2000, 10))
 
 
 @pytest.mark.parametrize("engine", SHARDED)
-def test_what_was_saved_in_shards_answers_the_same_and_is_the_same(engine, tmp_path):
+def test_loaded_shards_answer_the_same_and_have_the_same_bytes(engine, tmp_path):
     keys, position_m = world(3, 12_000)
     config = SearchConfig(engine=engine, shard_keys=3000)
     built = build_key_search(keys, config, position_m)
@@ -95,13 +96,11 @@ def test_what_was_saved_in_shards_answers_the_same_and_is_the_same(engine, tmp_p
 
 @every_engine
 @pytest.mark.parametrize("parted", [False, True])
-def test_among_some_none_is_missed(engine, parted):
+def test_a_search_among_some_rows_misses_none(engine, parted):
     keys, position_m = world(4, 3000)
     config = SearchConfig(engine=engine, shard_keys=400 if parted else 1_000_000)
     search = build_key_search(keys, config, position_m)
-    off = (
-        0.03 if chosen_engine(engine, 3000) in ("faiss_sq8", "faiss_ivf_sq8") else 1e-5
-    )  # half a step, here and there
+    off = HALF_STEP if chosen_engine(engine, 3000).startswith("faiss") else 1e-5
     rng = np.random.default_rng(5)
     for key in near(keys, 6):
         for size, wanted in ((1, 5), (40, 40), (700, 30), (3000, 100)):
@@ -115,8 +114,8 @@ def test_among_some_none_is_missed(engine, parted):
 
 
 @pytest.mark.parametrize(
-    ("engine", "least"),  # measured: 0.975, 1.0, 0.974, 0.756
-    [("faiss_sq8", 0.95), ("faiss_ivf", 0.97), ("faiss_ivf_sq8", 0.93), ("faiss_ivf_pq", 0.7)],
+    ("engine", "least"),  # measured: 0.975, 0.974
+    [("faiss_sq8", 0.95), ("faiss_ivf_sq8", 0.93)],
 )
 def test_in_shards_most_of_the_nearest_hundred_are_found(engine, least):
     keys, position_m = world(6, 40_000, numbers=32)
@@ -131,7 +130,7 @@ def test_in_shards_most_of_the_nearest_hundred_are_found(engine, least):
 @pytest.mark.parametrize("parted", [False, True])
 def test_more_lists_are_looked_into_where_more_rows_are_wanted(parted, monkeypatch):
     """Keys without groups, the worst case: with the lists of few rows, the last of many would be missed."""
-    monkeypatch.setattr(faiss_indexes, "WIDE_PROBES", 4)
+    monkeypatch.setattr(faiss_indexes, "IVF_PROBES", 4)
     rng = np.random.default_rng(8)
     keys, position_m = rng.random((30_000, 24), np.float32), rng.uniform(0, 900, (30_000, 3))
     config = SearchConfig(engine="faiss_ivf_sq8", shard_keys=5000 if parted else 1_000_000)
@@ -146,15 +145,12 @@ def test_more_lists_are_looked_into_where_more_rows_are_wanted(parted, monkeypat
 
 
 @pytest.mark.parametrize("parted", [False, True])
-@pytest.mark.parametrize("engine", ["faiss_ivf", "faiss_ivf_sq8", "faiss_ivf_pq"])
-def test_many_keys_at_once_are_answered_as_one_by_one(engine, parted):
+def test_many_keys_at_once_are_answered_as_one_by_one(parted):
     keys, position_m = world(8, 12_000)
-    config = SearchConfig(engine=engine, shard_keys=2000 if parted else 1_000_000)
+    config = SearchConfig(engine="faiss_ivf_sq8", shard_keys=2000 if parted else 1_000_000)
     search = build_key_search(keys, config, position_m)
     lists, asked = search.key_lists(), near(keys, 30)
     assert np.array_equal(np.sort(lists.row), np.arange(len(keys)))
-    if engine == "faiss_ivf":
-        assert np.array_equal(lists.keys, keys[lists.row])
     decoded = lists.keys[np.argsort(lists.row)]
     found = lists.search(asked, 100)
     assert found.shape == (30, 100)
@@ -164,14 +160,13 @@ def test_many_keys_at_once_are_answered_as_one_by_one(engine, parted):
         np.testing.assert_allclose(brute(decoded[rows], key), brute(decoded[alone], key), rtol=0, atol=1e-5)
 
 
-@pytest.mark.parametrize("engine", ["faiss_flat", "faiss_sq8", "faiss_hnsw"])
-def test_an_index_without_lists_says_so(engine):
-    assert build_key_search(world(8, 500)[0], SearchConfig(engine=engine)).key_lists() is None
+def test_an_index_without_lists_has_no_key_lists():
+    assert build_key_search(world(8, 500)[0], SearchConfig(engine="faiss_sq8")).key_lists() is None
 
 
 @pytest.mark.parametrize("parted", [False, True])
-def test_where_the_lists_hold_fewer_keys_the_rest_is_marked(parted, monkeypatch):
-    monkeypatch.setattr(faiss_indexes, "WIDE_PROBES", 1)
+def test_missing_keys_of_lists_are_marked(parted, monkeypatch):
+    monkeypatch.setattr(faiss_indexes, "IVF_PROBES", 1)
     monkeypatch.setattr(faiss_indexes, "PROBED_ROWS", 2000)
     keys, position_m = world(9, 3000)
     config = SearchConfig(engine="faiss_ivf_sq8", shard_keys=500 if parted else 1_000_000)
@@ -186,7 +181,7 @@ def test_where_the_lists_hold_fewer_keys_the_rest_is_marked(parted, monkeypatch)
     assert more.sum() > there.sum()
 
 
-def test_a_missing_a_cut_and_a_strange_shard_are_told(tmp_path):
+def test_a_missing_truncated_or_foreign_shard_is_an_error(tmp_path):
     keys, position_m = world(7, 2000)
     config = SearchConfig(engine="faiss_sq8", shard_keys=300)
     build_key_search(keys, config, position_m).save(tmp_path)

@@ -50,7 +50,7 @@ def test_nothing_is_seen_through_at_the_true_pose(yaw_deg):
     assert found.free_space_violation + found.removed_surface < 0.005
 
 
-def test_where_a_mapped_wall_has_left_the_scan_ends_at_the_wall_behind_it():
+def test_a_removed_wall_is_told_from_a_contradiction():
     wall = box_surface(np.array([0.1, 8.0, 3.0])) + [2.0, 0, 0]
     T = make_transform(np.eye(3), [0.0, 0, 0])
     found = seen_through(np.concatenate([WALLS, wall]), scan_of(WALLS, T), T)
@@ -75,7 +75,7 @@ def test_a_return_outside_of_the_grid_is_near_nothing():
     assert far_out.removed_surface < 0.1 < far_out.free_space_violation
 
 
-def test_what_stands_before_a_mapped_wall_hides_nothing():
+def test_an_unmapped_thing_before_a_wall_contradicts_nothing():
     """A passer-by, a new shelf: the map lacks it, and that contradicts no pose."""
     shelf = box_surface(np.array([0.1, 6.0, 3.0])) + [2.0, 0, 0]
     T = make_transform(np.eye(3), [0.0, 0, 0])
@@ -92,20 +92,20 @@ def test_at_a_pose_a_metre_off_walls_are_seen_through():
     assert found.free_space_violation > 0.05
 
 
-def test_far_from_the_map_all_is_contradiction():
+def test_far_from_the_map_everything_contradicts():
     nowhere = make_transform(np.eye(3), [500.0, 0, 0])
     nothing = RangeView.of(np.empty((0, 3), np.float32))
     assert seen_through(WALLS, scan_of(WALLS, np.eye(4)), nowhere) == FreeSpaceShares(1.0, 0.0)
     assert seen_through(WALLS, nothing, np.eye(4)) == FreeSpaceShares(1.0, 0.0)
 
 
-def test_several_scans_count_alike():
+def test_shares_of_several_scans_are_averaged():
     assert FreeSpaceShares.mean([FreeSpaceShares(0.25, 0.5), FreeSpaceShares(0.75, 0.0)]) == FreeSpaceShares(
         0.5, 0.25
     )
 
 
-def test_tiles_give_what_all_points_give():
+def test_tiles_give_the_shares_of_all_points():
     rng = np.random.default_rng(2)
     points = rng.uniform([-60, -40, 0], [60, 40, 5], (60_000, 3))
     T = make_transform(np.eye(3), [17.0, -9.0, 1.0])

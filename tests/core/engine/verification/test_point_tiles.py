@@ -37,7 +37,7 @@ def test_the_tiles_are_those_that_numpy_reads():
         assert np.array_equal(nearest_around(TILES, centre, 11.0), nearest_by_direction(away))
 
 
-def test_what_was_saved_is_the_same(tmp_path):
+def test_loaded_tiles_are_the_same(tmp_path):
     TILES.save(tmp_path / "tiles")
     for again in (PointTiles.load(tmp_path / "tiles"), pickle.loads(pickle.dumps(TILES))):
         for name in ("points", "begin", "low"):
@@ -58,7 +58,7 @@ def test_a_damaged_table_finds_points_or_none():
         assert ((nearest > 0) & ((nearest < 11.001) | np.isinf(nearest))).all()
 
 
-def test_a_pose_that_is_no_number_sees_nothing():
+def test_an_invalid_pose_sees_nothing():
     for wrong in (np.nan, np.inf, -np.inf, 1e300):
         assert not np.isfinite(nearest_around(TILES, [wrong, 30, 0], 11.0)).any()
         T = make_transform(np.full((3, 3), wrong), [0, 30, 0])

@@ -18,12 +18,12 @@ from firstfix_service.builds.nats.address import NatsAddress
 from firstfix_service.builds.nats.builds import NatsBuilds
 from firstfix_service.settings import Settings
 from tests.certificates import certificates
-from tests.faults.nats_server import NEEDS_NATS, nats_server_program
-from tests.faults.tiny_worker import STAGES
+from tests.nats_server import NEEDS_NATS, nats_server_program
 from tests.service.builds_world import status_of, upload
 from tests.service.nats_world import LEASE_S, NatsWorld, nats_world
 from tests.service.service_world import FAKE_WORKER, Service, running_service
 from tests.small_world import COARSE_CONFIG
+from tests.tiny_worker import STAGES
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)

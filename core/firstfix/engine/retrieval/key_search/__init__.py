@@ -19,12 +19,8 @@ ENGINES: dict[str, type[KeySearch]] = {
     "exhaustive": Exhaustive,
     "kdtree": KdTree,
     "lsh_kdtree": LshKdTree,
-    "faiss_flat": FaissSearch,
     "faiss_sq8": FaissSearch,
-    "faiss_ivf": FaissSearch,
     "faiss_ivf_sq8": FaissSearch,
-    "faiss_ivf_pq": FaissSearch,
-    "faiss_hnsw": FaissSearch,
 }
 
 __all__ = ["ENGINES", "FaissSearch", "KeySearch", "build_key_search", "load_key_search"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import SearchConfig
-from .faiss_indexes import chosen_engine, empty_index, probes_for
+from .faiss_indexes import empty_index, probes_for
 from .key_lists import KeyLists
 from .tile_shards import TileShards
 
@@ -46,8 +46,7 @@ class FaissSearch:
         """Builds the indexes over (n, d) keys at (n, 3) positions."""
         empty = empty_index(config.engine, keys)
         shards = None
-        graph = chosen_engine(config.engine, len(keys)) == "faiss_hnsw"  # its links would end at borders
-        if position_m is not None and len(keys) > config.shard_keys and not graph:
+        if position_m is not None and len(keys) > config.shard_keys:
             shards = TileShards.of(position_m, config.shard_keys)
         if shards is None or len(shards) == 1:
             empty.add(keys)
@@ -171,8 +170,7 @@ def _among(index: faiss.Index, key: NDArray[np.float32], rows: NDArray[np.intege
         distance, found = index.search(key[None], few, params=every)
     else:
         every = faiss.SearchParameters(sel=selector)
-        keys = index.storage if isinstance(index, faiss.IndexHNSW) else index
-        distance, found = faiss.downcast_index(keys).search(key[None], few, params=every)
+        distance, found = index.search(key[None], few, params=every)
     there = found[0] >= 0
     return distance[0][there], found[0][there]
 

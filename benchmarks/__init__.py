@@ -1,1 +1,0 @@
-"""The evaluation suites (docs/method.md, BENCHMARK.md): ``python -m benchmarks.run SUITE``."""

@@ -1,1 +1,0 @@
-"""Other methods on the same maps and scans: ``python -m benchmarks.run peers``."""

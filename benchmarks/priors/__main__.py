@@ -1,5 +1,0 @@
-"""``python -m benchmarks.priors``: see ``suite``."""
-
-from .suite import main
-
-main()

@@ -1,1 +1,0 @@
-"""Simulated worlds, all that goes wrong with a scan: ``python -m benchmarks.run robust``."""

@@ -1,1 +1,0 @@
-"""Queries over a slow, late and lossy link: ``python -m benchmarks.weak_link``."""

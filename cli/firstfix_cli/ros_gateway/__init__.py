@@ -1,1 +1,0 @@
-"""Gateway for robots on rmw_zenoh: finds the first fix of every robot of a fleet."""

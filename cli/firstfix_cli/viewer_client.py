@@ -1,0 +1,86 @@
+"""A client of the service with calls that a viewer needs and a robot does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from firstfix.catalog.query_samples import QuerySample
+from firstfix.errors import FirstfixError
+from firstfix_client import Client, RetryPolicy
+
+from .arguments import PATIENCE_S, service_url
+
+TIMEOUT_S = 60.0
+MAX_DECODED_BYTES = 1 << 30  # of a kept query, decoded in this process
+
+
+class ViewerClient(Client):
+    """Client that also reads kept queries and clouds. Its errors are those of ``Client``."""
+
+    @classmethod
+    def at(cls, url: str | None) -> ViewerClient:
+        """Client of the service at ``url``, or at the default one."""
+        return cls(service_url(url), timeout_s=TIMEOUT_S, retry=RetryPolicy(patience_s=PATIENCE_S))
+
+    def cloud(self, map_id: str, version: str) -> Mapping[str, Any]:
+        """The index of a version's points in levels of detail, as the service's JSON.
+
+        Raises:
+            NotFound: no such map or version, or the version has no cloud.
+        """
+        path = ("maps", map_id, "versions", version, "cloud")
+        return self._http.run(self._http.steps.sender.call("GET", *path)).parsed(dict)
+
+    def cloud_points(self, map_id: str, version: str, first: int, count: int) -> bytes:
+        """Some of the points that ``cloud`` lists, 8 bytes each, at most 500,000."""
+        path = ("maps", map_id, "versions", version, "cloud", "points")
+        params = {"first": str(first), "count": str(count)}
+        return self._http.run(self._http.steps.sender.call("GET", *path, params=params)).body
+
+    def samples(self, map_id: str | None = None) -> Iterator[QuerySample]:
+        """Yield the kept queries, of one map or all, newest first, with one page of them in memory.
+
+        Raises:
+            FirstfixError: the service sent something else.
+        """
+        params = {} if map_id is None else {"map_id": map_id}
+        for record in self._http.items(
+            self._http.steps.sender.pages("samples", dict, "samples", params=params)
+        ):
+            yield _sample_of(record)
+
+    def sample(self, sample_id: str) -> QuerySample:
+        """One kept query.
+
+        Raises:
+            NotFound: no such sample.
+        """
+        return _sample_of(
+            self._http.run(self._http.steps.sender.call("GET", "samples", sample_id)).parsed(dict)
+        )
+
+    def set_truth(self, sample_id: str, truth: Mapping[str, Any]) -> None:
+        """Note where the scan of a kept query was taken; empty: it is not known.
+
+        Raises:
+            NotFound: no such sample.
+        """
+        path = ("samples", sample_id, "truth")
+        sender = self._http.steps.sender
+        self._http.run(sender.call("PUT", *path, json=dict(truth)) if truth else sender.call("DELETE", *path))
+
+    def sample_body(self, sample_id: str) -> bytes:
+        """The body of a kept query as it came.
+
+        Raises:
+            NotFound: no such sample.
+        """
+        return self._http.run(self._http.steps.sender.call("GET", "samples", sample_id, "body")).body
+
+
+def _sample_of(record: Mapping[str, Any]) -> QuerySample:
+    try:
+        return QuerySample(**{**record, "truth": record["truth"] or {}})
+    except (TypeError, KeyError) as error:
+        raise FirstfixError(f"the service sent a kept query that cannot be read: {error!r}") from None

@@ -1,0 +1,1 @@
+"""How right answers are: outcomes, their figures and pictures, replays of recorded queries."""

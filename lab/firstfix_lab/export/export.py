@@ -1,0 +1,116 @@
+"""Export of one map with its kept queries."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from firstfix.errors import InvalidOption
+
+from .kept_query import KeptQuery, kept_queries
+from .map_cloud import MapCloud, read_map_cloud
+from .new_file import new_file
+from .source import ExportSource
+
+ENDINGS = (".mcap", ".rrd")
+
+
+class ViewerFile(Protocol):
+    """A file that is being written."""
+
+    def write_map(self, cloud: MapCloud, time_ns: int) -> None:
+        """Write the map, which is there from ``time_ns`` on."""
+
+    def write_query(self, query: KeptQuery) -> None:
+        """Write one query with its answer."""
+
+
+@dataclass
+class Exported:
+    """Result of an export.
+
+    Attributes:
+        version: of the map, whose cloud it is.
+        note: why there is no cloud; empty if there is one.
+        unreadable: queries without points, because these could not be read.
+    """
+
+    version: str
+    points: int = 0
+    queries: int = 0
+    localized: int = 0
+    unreadable: int = 0
+    note: str = ""
+
+
+def export(
+    source: ExportSource,
+    map_id: str,
+    path: Path,
+    *,
+    version: str | None,
+    most_points: int,
+    count: int | None,
+    force: bool,
+) -> Exported:
+    """Write a map with its kept queries. The file appears when it is whole.
+
+    The memory that this takes does not depend on the number of the queries.
+
+    Args:
+        version: whose cloud is written; None: the active one.
+        most_points: of the cloud.
+        count: the newest so many queries; None: all.
+        force: replace a file that is there.
+
+    Raises:
+        InvalidOption: the ending of the path is neither .mcap nor .rrd.
+        Conflict: the file is there, and ``force`` is not set.
+        NotFound: no such map or version.
+    """
+    if path.suffix not in ENDINGS:
+        raise InvalidOption(f"{path}: the file's name must end with {' or '.join(ENDINGS)}")
+    with new_file(path, force=force) as folder:
+        found = Exported(version or source.active_version())
+        cloud = _cloud_of(source, found, most_points)
+        with _viewer_file(folder, path.suffix, map_id) as file:
+            first_ns = None
+            for query in kept_queries(source, map_id, count):
+                file.write_query(query)
+                first_ns = min(first_ns or query.time_ns, query.time_ns)
+                found.queries += 1
+                found.localized += query.localized
+                found.unreadable += bool(query.unreadable)
+            if cloud is not None:
+                file.write_map(cloud, first_ns or time.time_ns())
+    return found
+
+
+def _cloud_of(source: ExportSource, found: Exported, most_points: int) -> MapCloud | None:
+    index = source.cloud(found.version)
+    if index is None:
+        found.note = f"version {found.version[:12]} has no cloud for viewers: build the map again to get one"
+        return None
+    cloud = read_map_cloud(
+        index, lambda first, count: source.cloud_points(found.version, first, count), most_points
+    )
+    found.points = len(cloud.points)
+    return cloud
+
+
+@contextmanager
+def _viewer_file(folder: Path, ending: str, map_id: str) -> Iterator[ViewerFile]:
+    if ending == ".mcap":
+        from .mcap_file import mcap_file
+
+        with mcap_file(folder) as mcap:
+            yield mcap
+        return
+    from .rrd_file import rrd_file
+
+    with rrd_file(folder, f"firstfix {map_id}") as rrd:
+        yield rrd

@@ -1,0 +1,1 @@
+"""Suites: each measures one thing, and returns its figures."""

@@ -1,0 +1,97 @@
+"""Places that the suite asks in: a real street, and two of the project's worlds; their maps and queries."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+
+from firstfix.builds.config import BuildConfig
+from firstfix.decode import read_scan_file
+from firstfix.engine.config import ENGINE_FILE
+from firstfix.engine.index import MapIndex
+from firstfix.scan.descriptor_parameters import DescriptorParameters
+from firstfix.scan.scan import Scan
+from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_cli.poses_csv import read_poses_csv
+from firstfix_client.steps.scan_body import BodyForm, encoded
+from tests.recorded_data import STREET
+
+from ...common.load import Body
+from ...common.worlds import WORLDS, WorldFiles
+from ...evaluation.outcome import random_yaws, turned
+from ..robust.cases import CASES
+from ..robust.queries import queries_of
+from .build import Source
+
+SEED = 6
+HEADINGS = 2  # random yaws that each recorded scan is turned by
+FORMS = ("raw", "compact")
+CASE = next(case for case in CASES if case.name == "all at once")
+
+
+@dataclass(frozen=True)
+class Place:
+    """A map to build, and scans to ask in it.
+
+    Attributes:
+        scans_in: takes at most so many scans in a version that this checkout built.
+    """
+
+    name: str
+    source: Source
+    scans_in: Callable[[Path, int], list[Scan]]
+
+
+def street(folder: Path) -> Place:
+    """The recorded street, with its held-out scans, each at several headings."""
+    folder.mkdir(parents=True, exist_ok=True)
+    trajectory, poses = folder / "trajectory.csv", folder / "poses.csv"
+
+    def scans_in(version: Path, count: int) -> list[Scan]:
+        STREET.write_queries(poses)
+        recorded = [read_scan_file(row.path) for row in read_poses_csv(poses)] * HEADINGS
+        yaws = random_yaws(len(recorded), SEED)
+        return [turned(scan, None, float(yaw))[0] for scan, yaw in zip(recorded, yaws, strict=True)][:count]
+
+    STREET.write_trajectory(trajectory)
+    return Place("street", Source(STREET.map_path, trajectory, STREET.config), scans_in)
+
+
+def world(name: str, folder: Path) -> Place:
+    """A simulated world, with scans that have everything perturbed at once."""
+    made = next(one for one in WORLDS if one.name == name)
+    files: WorldFiles = made.make(StageCache(folder))
+
+    def scans_in(version: Path, count: int) -> list[Scan]:
+        rng = np.random.default_rng([SEED, crc32(name.encode())])
+        sensor = BuildConfig.parse(made.config).sensor_model
+        return [scan for scan, _ in queries_of(CASE, MapIndex.load(version), sensor, files, (), count, rng)]
+
+    return Place(name, Source(files.map.mesh, files.map.trajectory, made.config), scans_in)
+
+
+def missing(name: str) -> str | None:
+    """A message if the place's data is not here."""
+    if name == "street" and not STREET.available:
+        return f"skipped: {STREET.folder} is not beside the checkout"
+    return None
+
+
+def place(name: str, folder: Path) -> Place:
+    """A place by its name. The folder keeps what is made for it."""
+    return street(folder) if name == "street" else world(name, folder)
+
+
+def bodies_of(scans: list[Scan], version: Path) -> dict[str, list[Body]]:
+    """The scans as raw points, and in the compact form that the version recommends."""
+    parameters = DescriptorParameters.from_engine(json.loads((version / ENGINE_FILE).read_text()))
+    compact = BodyForm("compact", parameters)
+    return {
+        "raw": [Body("application/vnd.firstfix.xyz", scan.points.tobytes()) for scan in scans],
+        "compact": [Body(*encoded(scan, compact)) for scan in scans],
+    }

@@ -1,0 +1,1 @@
+"""Other methods on the same maps and scans: ``firstfix-lab peers``."""

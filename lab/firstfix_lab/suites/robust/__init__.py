@@ -1,0 +1,1 @@
+"""Simulated worlds, all that goes wrong with a scan: ``firstfix-lab robust``."""

@@ -1,0 +1,337 @@
+"""``firstfix export`` from a running service and from its store; the files are read by their own readers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from firstfix.catalog.query_samples import QuerySamples
+from firstfix.store.store import Store
+from firstfix.transform import from_quaternion
+from firstfix_cli.main import run
+from tests.service.access_world import give
+from tests.service.exported_world import GUESSES, POSE, T0_NS, TRUTH, ExportedWorld, make_exported_world
+from tests.service.service_world import Service, running_service
+from tests.waiting import wait_until
+
+ONE_S = 1_000_000_000
+
+
+def ended(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as caught:
+        run([str(argument) for argument in arguments])
+    return int(caught.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Service, ExportedWorld]]:
+    folder = tmp_path_factory.mktemp("served")
+    with running_service(folder, zenoh=False) as service:
+        yield service, make_exported_world(service.settings.store, folder / "drawn")
+
+
+@pytest.fixture(params=["service", "store"])
+def way(request: pytest.FixtureRequest, served: tuple[Service, ExportedWorld]) -> list[str]:
+    service, world = served
+    return ["--url", service.url] if request.param == "service" else ["--store", world.store]
+
+
+@pytest.fixture
+def world(served: tuple[Service, ExportedWorld]) -> ExportedWorld:
+    return served[1]
+
+
+def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
+    """Times and messages of each topic, in the order of time."""
+    from mcap import reader as mcap_reader
+    from mcap_ros2 import decoder
+
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with path.open("rb") as file:
+        reader = mcap_reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            found.setdefault(channel.topic, []).append((message.log_time, decoded))
+    return found
+
+
+def points_in(cloud: Any) -> np.ndarray:
+    assert (cloud.point_step, cloud.row_step, cloud.height) == (12, 12 * cloud.width, 1)
+    assert [(field.name, field.offset, field.datatype) for field in cloud.fields] == [
+        ("x", 0, 7),
+        ("y", 4, 7),
+        ("z", 8, 7),
+    ]
+    return np.frombuffer(bytes(cloud.data), "<f4").reshape(-1, 3)
+
+
+def pose_of(position: Any, turn: Any) -> np.ndarray:
+    return from_quaternion([position.x, position.y, position.z], [turn.x, turn.y, turn.z, turn.w])
+
+
+def near(points: np.ndarray, expected: np.ndarray, within_m: float) -> None:
+    """Both hold the same points, whatever their order."""
+    assert len(points) == len(expected)
+    for axis in range(3):
+        np.testing.assert_allclose(np.sort(points[:, axis]), np.sort(expected[:, axis]), atol=within_m)
+
+
+def test_an_mcap_holds_the_map_and_every_query(
+    way: list[str], world: ExportedWorld, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    out = tmp_path / "hall.mcap"
+    assert ended("export", out, "--map", "hall", *way) == 0
+    assert "60,000 points" in (said := capsys.readouterr()).out
+    assert "5 kept queries, 2 of them localized" in said.out
+    assert "1 queries have no points" in said.err
+    found = messages(out)
+    times = [T0_NS + number * ONE_S for number in range(1, 6)]
+
+    ((at, cloud),) = found["/map"]
+    assert at == times[0], "the map is there from the first query on"
+    assert cloud.header.frame_id == "map"
+    near(points_in(cloud), world.cloud, 1e-3)
+    ((_, templates),) = found["/templates"]
+    np.testing.assert_allclose(points_in(templates), world.templates, atol=1e-3)
+    ((_, way_of_run),) = found["/trajectory"]
+    run_at = [[p.pose.position.x, p.pose.position.y, p.pose.position.z] for p in way_of_run.poses]
+    np.testing.assert_allclose(run_at, world.trajectory, atol=1e-3)
+
+    one, two, three, four, _ = world.samples
+    assert [at for at, _ in found["/scan"]] == times[:1]
+    np.testing.assert_array_equal(points_in(found["/scan"][0][1]), world.points[one])
+    assert found["/scan"][0][1].header.frame_id == "sensor"
+    others = found["/scan_not_localized"]
+    assert [at for at, _ in others] == times[1:4]
+    assert [cloud.header.frame_id for _, cloud in others] == [
+        "best_hypothesis",
+        "sensor_unplaced",
+        "sensor_unplaced",
+    ]
+    for (_, cloud), sample in zip(others, (two, three, four), strict=True):
+        np.testing.assert_array_equal(points_in(cloud), world.points[sample])
+
+    placed = [(at, message.transforms[0]) for at, message in found["/tf"]]
+    assert [(at, one.child_frame_id) for at, one in placed] == [
+        (times[0], "sensor"),
+        (times[1], "best_hypothesis"),
+        (times[4], "sensor"),
+    ]
+    for (at, one), T in zip(placed, (POSE, GUESSES[0], POSE), strict=True):
+        assert one.header.frame_id == "map"
+        assert one.header.stamp.sec * ONE_S + one.header.stamp.nanosec == at
+        np.testing.assert_allclose(pose_of(one.transform.translation, one.transform.rotation), T, atol=1e-12)
+
+    assert [at for at, _ in found["/pose"]] == [times[0], times[4]]
+    np.testing.assert_allclose(
+        np.diag(np.reshape(found["/pose"][0][1].pose.covariance, (6, 6))), np.arange(1, 7) * 1e-4
+    )
+    assert [len(array.poses) for _, array in found["/hypotheses"]] == [1, 2, 0, 0, 1]
+    for pose, T in zip(found["/hypotheses"][1][1].poses, GUESSES, strict=True):
+        np.testing.assert_allclose(pose_of(pose.position, pose.orientation), T, atol=1e-12)
+    ((at, truth),) = found["/truth"]
+    assert at == times[1]
+    np.testing.assert_allclose(pose_of(truth.pose.position, truth.pose.orientation), TRUTH, atol=1e-12)
+
+    assert [value.data for _, value in found["/probability"]] == [0.97, 0.9, 0.01, 0.8, 0.97]
+    words = [line.msg for _, line in found["/log"]]
+    assert [line.level for _, line in found["/log"]] == [20, 30, 30, 20, 20]
+    assert (
+        words[0]
+        == f"{one_of(world, 0)}: localized, probability 0.970; x 12.50, y 3.25, z 1.50 m, yaw 22.9 deg"
+    )
+    assert "ambiguous (several_places), probability 0.900; 2 hypotheses" in words[1]
+    assert "rejected (no_candidate)" in words[2]
+    assert "in map attic, not in hall" in words[3]
+    assert "its points cannot be shown" in words[4]
+    facts = [{pair.key: pair.value for pair in one.status[0].values} for _, one in found["/answer"]]
+    assert [fact["sample"] for fact in facts] == [one_of(world, number) for number in range(5)]
+    assert facts[1]["verdict"] == "ambiguous"
+    assert facts[0]["version"] == world.version
+    assert facts[0]["option min_probability"] == "0.5"
+
+
+def one_of(world: ExportedWorld, number: int) -> str:
+    return world.samples[number]
+
+
+def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorld, tmp_path: Path):
+    pytest.importorskip("rerun", reason="needs rerun-sdk (170 MB): pip install './lab[rerun]'")
+    from rerun.chunk import RrdReader
+
+    out = tmp_path / "hall.rrd"
+    assert ended("export", out, "--map", "hall", *way) == 0
+    found: dict[tuple[str, str], list[tuple[Any, Any]]] = {}
+    for chunk in RrdReader(out).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        times = batch.column("time").cast("int64").to_pylist() if "time" in batch.schema.names else None
+        for name in batch.schema.names:
+            if ":" not in name:
+                continue
+            rows = batch.column(name).to_pylist()
+            found.setdefault((chunk.entity_path, name.partition(":")[2]), []).extend(
+                (None if times is None else times[row], value)
+                for row, value in enumerate(rows)
+                if value is not None
+            )
+    for run_of in found.values():
+        run_of.sort(key=lambda one: one[0] or 0)
+    ((at, cloud),) = found["/map/cloud", "positions"]
+    assert at is None, "the map is there at all times"
+    near(np.array(cloud), world.cloud, 1e-3)
+    times = [T0_NS + number * ONE_S for number in range(1, 6)]
+    scans = found["/map/sensor/scan", "positions"]
+    assert [at for at, _ in scans] == [times[0], times[4]]
+    np.testing.assert_array_equal(np.array(scans[0][1], np.float32), world.points[world.samples[0]])
+    assert scans[1][1] == []
+    placed = found["/map/sensor", "translation"]
+    assert [at for at, _ in placed] == [times[0], times[4]]
+    np.testing.assert_allclose(placed[0][1], [POSE[:3, 3]], atol=1e-6)
+    turn = found["/map/sensor", "quaternion"][0][1][0]
+    np.testing.assert_allclose(from_quaternion(POSE[:3, 3], turn), POSE, atol=1e-6)
+    guessed = found["/map/best_hypothesis", "translation"]
+    assert [at for at, _ in guessed] == times[1:2]
+    np.testing.assert_allclose(guessed[0][1], [GUESSES[0][:3, 3]], atol=1e-6)
+    ((_, unplaced), _) = found["/sensor_unplaced/scan", "positions"]
+    np.testing.assert_array_equal(np.array(unplaced, np.float32), world.points[world.samples[2]])
+    np.testing.assert_allclose(found["/map/truth", "translation"][0][1], [TRUTH[:3, 3]], atol=1e-6)
+    assert [value for _, (value,) in found["/probability", "scalars"]] == [0.97, 0.9, 0.01, 0.8, 0.97]
+    assert "ambiguous (several_places)" in found["/log", "text"][1][1][0]
+
+
+def test_the_newest_queries_and_an_even_part_of_the_map(
+    way: list[str], world: ExportedWorld, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    out = tmp_path / "hall.mcap"
+    assert ended("export", out, "--map", "hall", *way, "--count", 2, "--points", 9000, "--json") == 0
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert said["queries"] == 2
+    assert 8900 < said["points"] <= 9000
+    found = messages(out)
+    assert [at for at, _ in found["/probability"]] == [T0_NS + 4 * ONE_S, T0_NS + 5 * ONE_S]
+    points = points_in(found["/map"][0][1])
+    for axis, length in enumerate((30, 20, 4)):
+        assert np.mean(points[:, axis]) == pytest.approx(length / 2, rel=0.05)
+
+
+@pytest.mark.parametrize("ending", [".mcap", ".rrd"])
+def test_a_file_that_is_there_stays(way: list[str], tmp_path: Path, capsys, ending: str):
+    if ending == ".rrd":
+        pytest.importorskip("rerun", reason="needs rerun-sdk (170 MB): pip install './lab[rerun]'")
+    out = tmp_path / f"hall{ending}"
+    out.write_text("mine")
+    assert ended("export", out, "--map", "hall", *way) == 2
+    assert "--force replaces it" in capsys.readouterr().err
+    assert out.read_text() == "mine"
+    assert ended("export", out, "--map", "hall", *way, "--force") == 0
+    assert out.stat().st_size > 100_000
+    assert [path.name for path in tmp_path.iterdir()] == [out.name], "nothing else is left"
+
+
+@pytest.mark.parametrize(
+    ("name", "extra", "says"),
+    [
+        ("hall.bag", ["--map", "hall"], "must end with .mcap or .rrd"),
+        ("a.mcap", ["--map", "nowhere"], "no map nowhere"),
+        ("a.mcap", ["--map", "hall", "--version", "0" * 64], "000000"),
+        ("none/a.mcap", ["--map", "hall"], "No such file or directory"),
+    ],
+)
+def test_what_cannot_be_written_leaves_nothing(
+    way: list[str], tmp_path: Path, capsys, name: str, extra: list[str], says: str
+):
+    assert ended("export", tmp_path / name, *extra, *way) == 2
+    assert says in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_service_or_a_store_but_not_both(world: ExportedWorld, tmp_path: Path, capsys):
+    both = ["--url", "http://127.0.0.1:9", "--store", world.store]
+    assert ended("export", tmp_path / "a.mcap", "--map", "hall", *both) == 2
+    assert "only one of --url and --store" in capsys.readouterr().err
+
+
+def test_kept_queries_may_have_a_store_of_their_own(
+    world: ExportedWorld, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    Store.open(str(tmp_path / "kept")).put("samples/none", b"")
+    arguments = ["export", tmp_path / "a.mcap", "--map", "hall", "--samples", tmp_path / "kept"]
+    assert ended(*arguments) == 2
+    assert "--samples needs --store" in capsys.readouterr().err
+    assert ended(*arguments, "--store", world.store) == 0
+    assert "60,000 points" in (said := capsys.readouterr().out)
+    assert " 0 kept queries" in said
+
+
+def test_an_export_that_breaks_off_leaves_nothing(world: ExportedWorld, tmp_path: Path, monkeypatch, capsys):
+    from firstfix.errors import StoreUnavailable
+
+    def gone(self: QuerySamples, sample_id: str) -> bytes:
+        raise StoreUnavailable("the store is gone")
+
+    monkeypatch.setattr(QuerySamples, "body", gone)
+    assert ended("export", tmp_path / "a.mcap", "--map", "hall", "--store", world.store) == 1
+    assert "the store is gone" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_body_is_in_memory_at_a_time(world: ExportedWorld, tmp_path: Path, monkeypatch):
+    from firstfix_lab.export import mcap_file
+
+    steps: list[str] = []
+    read, write = QuerySamples.body, mcap_file.McapFile.write_query
+
+    def noted_read(self: QuerySamples, sample_id: str) -> bytes:
+        steps.append("read")
+        return read(self, sample_id)
+
+    def noted_write(self: mcap_file.McapFile, query: Any) -> None:
+        steps.append("write")
+        write(self, query)
+
+    monkeypatch.setattr(QuerySamples, "body", noted_read)
+    monkeypatch.setattr(mcap_file.McapFile, "write_query", noted_write)
+    assert ended("export", tmp_path / "a.mcap", "--map", "hall", "--store", world.store) == 0
+    assert steps == ["read", "write"] * 5
+
+
+def test_a_key_is_sent_and_a_version_without_a_cloud_says_so(tmp_path: Path, monkeypatch, capsys):
+    from tests.service.service_world import publish
+
+    with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as service:
+        publish(service.catalog, "hall", "1", service.scratch)
+        arguments = ["export", tmp_path / "hall.mcap", "--map", "hall", "--url", service.url]
+        assert ended(*arguments) == 2
+        key = give(service, "build")
+        headers = {"Authorization": f"Bearer {key}"}
+        wait_until(lambda: service.http.get("/caller", headers=headers).is_success)
+        monkeypatch.setenv("FIRSTFIX_API_KEY", key)
+        capsys.readouterr()
+        assert ended(*arguments) == 0
+        assert "has no cloud for viewers" in capsys.readouterr().err
+        assert messages(tmp_path / "hall.mcap") == {}
+
+
+def test_a_damaged_cloud_is_an_error(tmp_path: Path, capsys):
+    damaged = make_exported_world(str(tmp_path / "store"), tmp_path / "drawn")
+    key = f"maps/hall/versions/{damaged.version}/cloud.bin"
+    store = Store.open(damaged.store)
+    store.put(key, store.get(key)[:1000])
+    assert ended("export", tmp_path / "a.mcap", "--map", "hall", "--store", damaged.store) == 2
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_kept_queries_are_listed_by_the_service_as_by_its_store(
+    way: list[str], world: ExportedWorld, capsys: pytest.CaptureFixture[str]
+):
+    assert ended("samples", "ls", "--json", "--map", "hall", *way) == 0
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    listed = [one["sample_id"] for one in said["samples"]]
+    assert listed == sorted(listed), "oldest first"
+    kept = QuerySamples(Store.open(world.store))
+    assert listed == [one.sample_id for one in kept.each() if one.is_about("hall")]
+    assert listed

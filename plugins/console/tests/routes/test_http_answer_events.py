@@ -1,0 +1,129 @@
+"""The stream of answers: all that a caller may see, each once, and nothing of other callers' maps."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import httpx
+import orjson
+import pytest
+
+from firstfix.answer.localization import Verdict
+from firstfix_console import answer_events
+from firstfix_service.auth.principal import Principal
+from firstfix_service.localize import recent_answers
+from firstfix_service.localize.recent_answers import RecentAnswers
+from firstfix_service.query_workers.query import EncodedAnswer
+from tests.service.access_world import give
+from tests.service.service_world import SCAN_BODY, XYZ, Service, publish, running_service
+from tests.waiting import LIMIT_S, wait_until
+
+
+def events(response: httpx.Response) -> Iterator[dict[str, Any]]:
+    """The data of each event."""
+    for line in response.iter_lines():
+        if line.startswith("data: "):
+            yield json.loads(line.removeprefix("data: "))
+
+
+def watched(
+    service: Service, count: int, headers: dict[str, str] | None = None, **params: Any
+) -> list[dict[str, Any]]:
+    """The first answers of a stream."""
+    with service.http.stream(
+        "GET", "/answers/events", params=params, headers=headers, timeout=LIMIT_S
+    ) as stream:
+        assert stream.status_code == 200
+        coming = events(stream)
+        assert set(next(coming)) == {"replica", "all_replicas"}
+        return [next(coming) for _ in range(count)]
+
+
+def test_answers_come_in_order_with_their_poses(service: Service):
+    publish(service.catalog, "attic", "2", service.scratch)
+    wait_until(lambda: service.ask("http", map_id="attic").ok)
+    last = watched(service, 1)[-1]["number"]
+    assert service.ask("http").ok
+    assert service.ask("zenoh").ok
+    assert service.ask("http", map_id="attic").ok
+    told = watched(service, 3, after=last)
+    assert [one["number"] for one in told] == [last + 1, last + 2, last + 3]
+    assert [one["transport"] for one in told] == ["http", "zenoh", "http"]
+    assert [one["answer"]["map_id"] for one in told] == ["hall", "hall", "attic"]
+    assert told[0]["answer"]["verdict"] == "localized"
+    assert told[0]["answer"]["T_map_sensor"]["position"][0] == 1
+    assert told[0]["ms"] > 0
+    assert [one["number"] for one in watched(service, 1, after=last, map_id="attic")] == [last + 3]
+
+
+def test_a_watcher_sees_only_its_maps(tmp_path: Path):
+    with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as service:
+        for number, map_id in enumerate(("hall", "attic")):
+            publish(service.catalog, map_id, str(number), service.scratch)
+        everywhere = {"Authorization": f"Bearer {give(service, 'admin')}"}
+        hall = {"Authorization": f"Bearer {give(service, 'build', maps=('hall',))}"}
+        robot = {"Authorization": f"Bearer {give(service, 'localize')}"}
+
+        def ask(map_id: str) -> bool:
+            headers = {**everywhere, "Content-Type": XYZ}
+            return service.http.post(f"/localize?map={map_id}", content=SCAN_BODY, headers=headers).is_success
+
+        for map_id in ("attic", "hall"):
+            wait_until(lambda map_id=map_id: ask(map_id))
+        wait_until(lambda: service.http.get("/caller", headers=robot).is_success)
+        assert ask("attic")
+        assert ask("hall")
+        assert {one["answer"]["map_id"] for one in watched(service, 2, everywhere)} == {"hall", "attic"}
+        seen = watched(service, 1, hall)
+        assert [one["answer"]["map_id"] for one in seen] == ["hall"]
+        assert seen[0]["caller"].startswith("key:")
+        assert service.http.get("/answers/events?map_id=attic", headers=hall).status_code == 403
+        assert service.http.get("/answers/events", headers=robot).status_code == 403
+
+
+EVERYBODY = Principal("somebody")
+
+
+def kept(count: int) -> RecentAnswers:
+    recent = RecentAnswers("here")
+    for number in range(count):
+        answer = EncodedAnswer(Verdict.REJECTED, (), 0.0, "hall", "1" * 64, json=b'{"n":%d}' % number)
+        recent.add("robot", "http", 0.1, answer)
+    return recent
+
+
+async def first_look(recent: RecentAnswers) -> list[bytes]:
+    parts = answer_events._events(recent, EVERYBODY, None, 0)
+    await anext(parts)  # that it watches
+    look = []
+    while part := await anext(parts):
+        look.append(part)
+    return look
+
+
+def test_the_events_of_a_look_come_together_in_parts_of_limited_size():
+    count = 2 * answer_events.TOGETHER + 1
+    look = asyncio.run(first_look(kept(count)))
+    assert [part.count(b"event: answer") for part in look] == [answer_events.TOGETHER] * 2 + [1]
+    data = [line for line in b"".join(look).decode().splitlines() if line.startswith("data: ")]
+    assert [json.loads(line.removeprefix("data: "))["answer"]["n"] for line in data] == list(range(count))
+
+
+def test_an_event_is_made_once_for_all_watchers(monkeypatch: pytest.MonkeyPatch):
+    made = []
+
+    def dumps(value: dict[str, Any]) -> bytes:
+        made.append(value["number"])
+        return orjson.dumps(value)
+
+    monkeypatch.setattr(recent_answers, "orjson", SimpleNamespace(dumps=dumps))
+    recent = kept(3)
+    assert made == []  # nobody watches
+    looks = [asyncio.run(first_look(recent)) for _ in range(10)]
+    assert made == [1, 2, 3]
+    assert all(look == looks[0] for look in looks)

@@ -1,0 +1,1 @@
+"""Robots on rmw_zenoh, whose graph and topics are zenoh keys."""

@@ -1,1 +1,0 @@
-"""Routes for people who look at maps and answers: the page, clouds, overlays, live answers."""
