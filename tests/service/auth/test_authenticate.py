@@ -63,7 +63,7 @@ def test_every_route_is_behind_the_gate():
 def test_few_routes_are_public():
     routes = iter_route_contexts(create_app(Settings(store="memory://")).routes)
     public = {route.path for route in routes if route.endpoint.needs is None}
-    assert public == {"/healthz", "/readyz", "/openapi.json", "/", "/console", "/console/{name:path}"}
+    assert public == {"/healthz", "/readyz", "/openapi.json", "/", "/console", "/console/{path:path}"}
 
 
 async def _forgotten(request: Request) -> None:

@@ -176,7 +176,7 @@ def test_routes_of_every_kind_are_asked():
     assert {("GET", "/sensors"), ("GET", "/metrics"), ("POST", "/maps"), ("DELETE", "/keys/{key_id}")} <= set(
         routes
     )
-    public = {"/healthz", "/readyz", "/openapi.json", "/", "/console", "/console/{name:path}"}
+    public = {"/healthz", "/readyz", "/openapi.json", "/", "/console", "/console/{path:path}"}
     assert {path for _, path in every_route()} - {path for _, path in routes} == {"/localize", *public}
 
 
