@@ -206,9 +206,8 @@ def parse_sample(record: dict[str, Any]) -> QuerySample:
     whole_number_of(record, "body_bytes")
     if not isinstance(sample.options, dict) or not isinstance(sample.truth, dict):
         raise TypeError("options or truth is not an object")
-    if sample.truth:
-        text_of(record["truth"], TOLD_BY)
-        text_of(record["truth"], TOLD_AT)
+    for name in (TOLD_BY, TOLD_AT):
+        text_of(record["truth"], name, "")
     text_of(record["answer"], "verdict")
     texts_of(record["answer"], "reasons")
     float(record["answer"]["probability"])
