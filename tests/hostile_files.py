@@ -18,8 +18,8 @@ from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.ros.bag import open_bag
 from firstfix.transform import from_quaternion
-from firstfix_builder.read_map import read_map
-from firstfix_builder.read_map.archive import unpack
+from firstfix_builder.sources.read_map import read_map
+from firstfix_builder.sources.read_map.archive import unpack
 from tests.hostile_bodies import good_bodies, pcd, ply
 from tests.ros_samples import cloud_of_points, stores_of, write_bag
 
@@ -248,7 +248,7 @@ def _trajectory(folder: Path) -> None:
 
 
 def _read_trajectory(path: Path) -> None:
-    from firstfix_builder.read_map import read_trajectory
+    from firstfix_builder.sources.read_map import read_trajectory
 
     read_trajectory(path)
 

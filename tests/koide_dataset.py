@@ -17,7 +17,7 @@ from firstfix.ros.cdr import MessageReader
 from firstfix.ros.header import read_header
 from firstfix.ros.point_cloud2 import StampedCloud, decode_point_cloud2
 from firstfix.transform import Matrix, make_transform
-from firstfix_builder.read_map import read_trajectory
+from firstfix_builder.sources.read_map import read_trajectory
 from tests.pose_rows import POSE, numbers_of, write_rows
 
 CLOUDS = "/livox/points"

@@ -9,7 +9,7 @@ import numpy as np
 from firstfix.decode import read_scan_file
 from firstfix.scan.reduction import voxel_means
 from firstfix.transform import transform_points
-from firstfix_builder.read_map import read_trajectory
+from firstfix_builder.sources.read_map import read_trajectory
 from tests.pose_rows import POSE, numbers_of, write_rows
 
 MAP_M = 25.0  # single returns further off lie apart

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import final
 
 import numpy as np
 
@@ -14,32 +16,41 @@ from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import ENGINE_FILE, EngineConfig
 from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
 from firstfix.engine.false_accept_bound import FalseAcceptBound
-from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE
+from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE, MapIndex
+from firstfix.engine.localizer import Localizer
 from firstfix.engine.retrieval.cascade import Clusters, Templates, save_projection
 
 from .execution.build_trace import within_a_stage
 from .execution.chunks import Arrays, Chunk
 from .execution.stage_cache import StageResult
-from .execution.stage_runner import RunChunks, StageRunner
+from .execution.stage_runner import Progress, RunChunks, StageRunner
 from .index.carve import carve_chunks, merged, poses_needed, seen_free
 from .index.cloud_octree import draw_cloud
 from .index.index_files import VIEWS_SHARE, write_index_files
 from .index.key_scans import KeyScans, key_scan_chunks
 from .index.learn_keys import is_worth_learning, learn_keys, scans_for
-from .index.views import PROVISIONAL_REACHES, REACHES, view_chunks
-from .level_map import write_level_map
+from .index.views import PROVISIONAL_REACHES, REACHES, STEP_M, view_chunks
+from .job.patch_source import BASE, PatchSource, is_patch_source
 from .mesh.clean_cloud import voxel_means
 from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
-from .read_map.map_of_scans import is_map_of_scans
-from .read_map.read_map import content_hash
-from .stage_files import (
-    engine_of,
-    link,
-    spacing_m_of,
-    trajectory_of,
-    write_json,
+from .self_test.compare_versions import COMPARED_FILE, ComparedVersions, compare
+from .sources.patch_reader import PatchedMap
+from .sources.read_map.read_map import content_hash
+from .sources.read_source import read_source
+from .sources.reading import Reading
+from .stage_files import link, write_json
+from .stage_results import (
+    POSITIONS_FILE,
+    SPACING_FILE,
+    FittedEngine,
+    IndexedMap,
+    IndexFiles,
+    LevelMap,
+    MapMesh,
+    MapViewpoints,
+    SelfTested,
 )
 from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .templates.fit_engine import fit_engine
@@ -52,41 +63,34 @@ from .viewpoints.workload import Workload
 THINNED_M = 0.2  # between the points of a provisional version
 
 
+@final
 @dataclass(frozen=True)
-class BuildStages(StageRunner):
+class BuildStages:
     """The stages of one build. Each takes the results of earlier stages and returns its own.
 
     Attributes:
-        threads: run the work of ``self_test``.
+        runner: runs a stage, or takes its result from the cache.
+        threads: run the work of ``read_map`` and ``self_test``.
         provisional: make a provisional version, whose index takes less work.
         workload: refuses maps of too many templates before the work is begun.
     """
 
+    runner: StageRunner
     config: BuildConfig
     threads: Executor
     provisional: bool = False
     workload: Workload = field(default_factory=Workload)
 
-    def read_map(self, source: Path, trajectory: Path | None) -> StageResult:
-        """The map in its levelled local frame: points or a mesh, trajectory, T_map_level."""
+    def for_config(self, config: BuildConfig, progress: Progress) -> BuildStages:
+        """The stages of another build."""
+        return replace(self, config=config, runner=replace(self.runner, progress=progress))
 
-        def produce(out: Path) -> None:
-            write_level_map(source, trajectory, self.config, out)
+    def read_map(self, source: Path, trajectory: Path | None) -> LevelMap:
+        """The map in its levelled local frame, by the reader of its kind of source."""
+        reading = Reading(self.runner, self.config, self.threads, self.for_config)
+        return read_source(source, trajectory, reading)
 
-        inputs = {"source": content_hash(source)}
-        if trajectory is not None:
-            inputs["trajectory"] = content_hash(trajectory)
-        chosen = {
-            "axis": self.config.axis,
-            "scale": self.config.scale,
-            "level": self.config.level,
-            "clean": self.config.clean.model_dump(mode="json"),
-            "held_out": self.config.self_test.held_out if is_map_of_scans(source) else None,
-            "names": [path.name for path in (source, trajectory) if path is not None],
-        }
-        return self._stage("read_map", inputs, chosen, produce)
-
-    def index_map(self, read: StageResult) -> tuple[StageResult, StageResult, StageResult]:
+    def index_map(self, read: LevelMap) -> IndexedMap:
         """The surface of a map that was read, its viewpoints, and all that scans are localized with.
 
         All but the calibration, which ``self_test`` or ``assume_prior`` makes.
@@ -94,43 +98,46 @@ class BuildStages(StageRunner):
         mesh = self.reconstruct_mesh(read)
         viewpoints = self.sample_viewpoints(read, mesh)
         fitted = self.fit_engine(read, viewpoints)
-        engine = engine_of(fitted)
+        engine = fitted.engine
         templates = self.make_templates(mesh, viewpoints, engine)
         clusters = self.cluster(templates, engine)
         learned = self.learn_keys(mesh, templates, engine)
         carved = self.carve_free_space(read, mesh, engine)
         index = self.build_index(read, mesh, fitted, templates, clusters, learned, carved)
-        return mesh, viewpoints, index
+        return IndexedMap(mesh, viewpoints, index)
 
-    def thin_map(self, read: StageResult) -> StageResult:
+    def thin_map(self, read: LevelMap) -> LevelMap:
         """The map of ``read_map`` with fewer points, for a provisional version."""
 
         def produce(out: Path) -> None:
             for path in read.directory.iterdir():
                 if not path.name.startswith("point"):
                     link(path, out / path.name)
-            if (read.directory / "points.npy").exists():
-                cloud = voxel_means(np.load(read.directory / "points.npy"), THINNED_M)
-                TiledPoints.of(cloud).save(out)
+            if not read.is_mesh:
+                TiledPoints.of(voxel_means(read.points, THINNED_M)).save(out)
 
-        return self._stage("read_map", {"map": read.digest}, {"thinned_m": THINNED_M}, produce)
+        return LevelMap.of(
+            self.runner.stage("read_map", {"map": read.digest}, {"thinned_m": THINNED_M}, produce)
+        )
 
-    def reconstruct_mesh(self, read: StageResult) -> StageResult:
+    def reconstruct_mesh(self, read: LevelMap) -> MapMesh:
         """The surface of the map, in tiles. A source that is a mesh stays as it is."""
 
         def produce(out: Path, run: RunChunks) -> None:
-            if (read.directory / "triangles.npy").exists():  # the source is a mesh: taken as it is
+            if read.is_mesh:  # it is taken as it is
                 for path in read.directory.iterdir():
                     link(path, out / path.name)
             else:
-                points = np.load(read.directory / "points.npy")
-                self.workload.check_cloud(points, trajectory_of(read), self.config.viewpoints)
-                chunks = mesh_chunks(points, trajectory_of(read), self.config.surface)
+                points, trajectory = read.points, read.trajectory
+                self.workload.check_cloud(points, trajectory, self.config.viewpoints)
+                chunks = mesh_chunks(points, trajectory, self.config.surface)
                 write_tiled_mesh(block_meshes(run(chunks)), out)
 
-        return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.surface, produce)
+        return MapMesh.of(
+            self.runner.chunked_stage("reconstruct_mesh", {"map": read}, self.config.surface, produce)
+        )
 
-    def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
+    def sample_viewpoints(self, read: LevelMap, mesh: MapMesh) -> MapViewpoints:
         """The sensor positions of the templates, and how far one sees from them."""
         name, inputs = "sample_viewpoints", {"map": read.digest, "mesh": mesh.digest}
         chosen = {
@@ -140,17 +147,17 @@ class BuildStages(StageRunner):
 
         def run(chunks: Sequence[Chunk], **places: StageResult) -> Iterator[Arrays]:
             reads = {"map": read, "mesh": mesh, **places}
-            return self.chunks.run(name, chunks, reads, self._ticks(name), self.cancelled)
+            return self.runner.chunks.run(name, chunks, reads, self.runner.ticks(name), self.runner.cancelled)
 
         def places_at(spacing_m: float) -> StageResult:
             def produce(out: Path) -> None:
                 config, sensor = self.config.viewpoints, self.config.sensor_model
                 tiled = TiledMesh.load(mesh.directory)
-                self.workload.check_mesh(tiled, trajectory_of(read), config, spacing_m)
+                self.workload.check_mesh(tiled, read.trajectory, config, spacing_m)
                 write_places(run, read.directory, mesh.directory, config, spacing_m, sensor, out)
 
             with within_a_stage():
-                return self.cache.run(name, inputs, {**chosen, "places_m": spacing_m}, produce)
+                return self.runner.cache.run(name, inputs, {**chosen, "places_m": spacing_m}, produce)
 
         def produce(out: Path) -> None:
             fitting_viewpoints(
@@ -160,22 +167,22 @@ class BuildStages(StageRunner):
                 self.config.sensor_model,
                 out,
             )
-            found = np.load(out / "positions.npy", mmap_mode="r")
-            self.workload.check_found(len(found), float(np.load(out / "spacing_m.npy")))
+            found = np.load(out / POSITIONS_FILE, mmap_mode="r")
+            self.workload.check_found(len(found), float(np.load(out / SPACING_FILE)))
 
-        return self._stage(name, inputs, chosen, produce)
+        return MapViewpoints.of(self.runner.stage(name, inputs, chosen, produce))
 
-    def fit_engine(self, read: StageResult, viewpoints: StageResult) -> StageResult:
+    def fit_engine(self, read: LevelMap, viewpoints: MapViewpoints) -> FittedEngine:
         """The engine's parameters: what the version is made with and asked with."""
 
         def produce(out: Path) -> None:
             engine = fit_engine(
                 self.config.engine,
                 self.config.sensor_model,
-                spacing_m_of(read),
-                float(np.load(viewpoints.directory / "view_m.npy")),
-                float(np.load(viewpoints.directory / "spacing_m.npy")),
-                np.load(read.directory / "T_map_level.npy"),
+                STEP_M if read.is_mesh else read.spacing_m,
+                viewpoints.view_m,
+                viewpoints.spacing_m,
+                read.T_map_level,
             )
             (out / ENGINE_FILE).write_text(engine.model_dump_json())
 
@@ -183,20 +190,22 @@ class BuildStages(StageRunner):
             "sensor": self.config.sensor_model.to_mapping(),
             "engine": self.config.engine.model_dump(mode="json"),
         }
-        return self._stage(
-            "fit_engine", {"map": read.digest, "viewpoints": viewpoints.digest}, chosen, produce
+        return FittedEngine.of(
+            self.runner.stage(
+                "fit_engine", {"map": read.digest, "viewpoints": viewpoints.digest}, chosen, produce
+            )
         )
 
-    def make_templates(self, mesh: StageResult, viewpoints: StageResult, engine: EngineConfig) -> StageResult:
+    def make_templates(self, mesh: MapMesh, viewpoints: MapViewpoints, engine: EngineConfig) -> StageResult:
         """The templates: simulated scans at the viewpoints, described."""
 
         def produce(out: Path, run: RunChunks) -> None:
-            positions = np.load(viewpoints.directory / "positions.npy")
+            positions = viewpoints.positions
             chunks = template_chunks(
                 positions,
-                np.load(viewpoints.directory / "chunk_start.npy"),
+                viewpoints.chunk_start,
                 self.config.viewpoints.tile_m,
-                float(np.load(viewpoints.directory / "spacing_m.npy")),
+                viewpoints.spacing_m,
                 self.config.sensor_model.coarser(self.config.simulate.max_rays),
                 engine.descriptor,
             )
@@ -207,7 +216,7 @@ class BuildStages(StageRunner):
             "simulate": self.config.simulate.model_dump(mode="json"),
             "descriptor": engine.descriptor.model_dump(mode="json"),
         }
-        return self._chunked_stage(
+        return self.runner.chunked_stage(
             "make_templates", {"mesh": mesh, "viewpoints": viewpoints}, chosen, produce
         )
 
@@ -226,8 +235,8 @@ class BuildStages(StageRunner):
                     made.described,
                     made.position_m,
                     config,
-                    self._ticks("cluster"),
-                    self.cancelled,
+                    self.runner.ticks("cluster"),
+                    self.runner.cancelled,
                 )
             else:
                 parts = run(cluster_chunks(len(made), config.neighbours, engine.descriptor))
@@ -239,9 +248,9 @@ class BuildStages(StageRunner):
             "descriptor": engine.descriptor.model_dump(mode="json"),
             "cluster": None if engine.cluster is None else engine.cluster.model_dump(mode="json"),
         }
-        return self._chunked_stage("cluster", {"templates": templates}, chosen, produce)
+        return self.runner.chunked_stage("cluster", {"templates": templates}, chosen, produce)
 
-    def learn_keys(self, mesh: StageResult, templates: StageResult, engine: EngineConfig) -> StageResult:
+    def learn_keys(self, mesh: MapMesh, templates: StageResult, engine: EngineConfig) -> StageResult:
         """The projection of the keys; nothing where the config or the map asks for none."""
 
         def produce(out: Path, run: RunChunks) -> None:
@@ -268,13 +277,15 @@ class BuildStages(StageRunner):
             "simulate": self.config.simulate.model_dump(mode="json"),
             "engine": engine.model_dump(mode="json"),
         }
-        return self._chunked_stage("learn_keys", {"mesh": mesh}, chosen, produce, {"templates": templates})
+        return self.runner.chunked_stage(
+            "learn_keys", {"mesh": mesh}, chosen, produce, {"templates": templates}
+        )
 
-    def carve_free_space(self, read: StageResult, mesh: StageResult, engine: EngineConfig) -> StageResult:
+    def carve_free_space(self, read: LevelMap, mesh: MapMesh, engine: EngineConfig) -> StageResult:
         """The cells that the mapping run saw free: none without a trajectory, and none provisionally."""
 
         def produce(out: Path, run: RunChunks) -> None:
-            trajectory = trajectory_of(read)
+            trajectory = read.trajectory
             if trajectory is None or self.provisional:
                 return
             chunks = carve_chunks(trajectory, self.config.sensor_model, engine.registration)
@@ -286,37 +297,36 @@ class BuildStages(StageRunner):
             "registration": engine.registration.model_dump(mode="json"),
             "provisional": self.provisional,
         }
-        return self._chunked_stage("carve_free_space", {"mesh": mesh}, chosen, produce, {"map": read})
+        return self.runner.chunked_stage("carve_free_space", {"mesh": mesh}, chosen, produce, {"map": read})
 
     def build_index(
         self,
-        read: StageResult,
-        mesh: StageResult,
-        fitted: StageResult,
+        read: LevelMap,
+        mesh: MapMesh,
+        fitted: FittedEngine,
         templates: StageResult,
         clusters: StageResult,
         learned: StageResult,
         carved: StageResult,
-    ) -> StageResult:
+    ) -> IndexFiles:
         """All files of the version but what the self-test adds."""
 
         def produce(out: Path, run: RunChunks) -> None:
             for part in (fitted, templates, clusters, learned):
                 for path in part.directory.iterdir():
                     link(path, out / path.name)
-            cloud = read.directory / "points.npy"
             reaches = PROVISIONAL_REACHES if self.provisional else REACHES
             write_index_files(
                 out,
-                np.load(cloud) if cloud.exists() else None,
-                engine_of(fitted),
+                None if read.is_mesh else read.points,
+                fitted.engine,
                 lambda positions: run(view_chunks(positions, self.config.sensor_model, reaches)),
-                self._ticks("build_index"),
+                self.runner.ticks("build_index"),
                 provisional=self.provisional,
             )
             parts = {path.stem: np.load(path) for path in carved.directory.iterdir()}
             if parts:
-                seen_free(parts, np.load(out / MAP_FILE), engine_of(fitted).registration).save(out)
+                seen_free(parts, np.load(out / MAP_FILE), fitted.engine.registration).save(out)
 
         besides = {
             "map": read,
@@ -327,34 +337,35 @@ class BuildStages(StageRunner):
             "carved": carved,
         }
         chosen = {"sensor": self.config.sensor_model.to_mapping(), "provisional": self.provisional}
-        return self._chunked_stage("build_index", {"mesh": mesh}, chosen, produce, besides, VIEWS_SHARE)
+        return IndexFiles.of(
+            self.runner.chunked_stage("build_index", {"mesh": mesh}, chosen, produce, besides, VIEWS_SHARE)
+        )
 
-    def draw_cloud(self, read: StageResult, index: StageResult) -> StageResult:
+    def draw_cloud(self, read: LevelMap, index: IndexFiles) -> StageResult:
         """The map's points in levels of detail, for viewers. Of a mesh those that are seen."""
 
         def produce(out: Path) -> None:
-            cloud = read.directory / "points.npy"
-            engine = engine_of(index)
+            engine = index.engine
             draw_cloud(
                 out,
-                np.load(cloud if cloud.exists() else index.directory / MAP_FILE, mmap_mode="r"),
+                index.mapped_map_points if read.is_mesh else read.mapped_points,
                 Templates.load(index.directory, engine.descriptor.make()).position_m,
-                trajectory_of(read),
+                read.trajectory,
                 index.directory,
                 engine.registration,
-                np.load(read.directory / "T_map_level.npy"),
+                read.T_map_level,
             )
 
-        return self._stage("draw_cloud", {"map": read.digest, "index": index.digest}, {}, produce)
+        return self.runner.stage("draw_cloud", {"map": read.digest, "index": index.digest}, {}, produce)
 
     def self_test(
         self,
-        read: StageResult,
-        mesh: StageResult,
-        viewpoints: StageResult,
-        index: StageResult,
+        read: LevelMap,
+        mesh: MapMesh,
+        viewpoints: MapViewpoints,
+        index: IndexFiles,
         confirmed: Path | None = None,
-    ) -> StageResult:
+    ) -> SelfTested:
         """The calibration, the version's measured success, and what was left out of floor and cloud.
 
         Args:
@@ -363,7 +374,9 @@ class BuildStages(StageRunner):
 
         def produce(out: Path) -> None:
             results = SelfTestInputs(read, mesh, viewpoints, index, confirmed)
-            write_self_test(results, self.config, self.threads, self._ticks("self_test"), self.cancelled, out)
+            write_self_test(
+                results, self.config, self.threads, self.runner.ticks("self_test"), self.runner.cancelled, out
+            )
 
         chosen = {
             "self_test": self.config.self_test.model_dump(mode="json"),
@@ -373,13 +386,43 @@ class BuildStages(StageRunner):
         digests = {name: result.digest for name, result in inputs.items()}
         if confirmed is not None:
             digests["confirmed"] = content_hash(confirmed)
-        return self._stage("self_test", digests, chosen, produce)
+        return SelfTested.of(self.runner.stage("self_test", digests, chosen, produce))
 
-    def assume_prior(self, index: StageResult) -> StageResult:
+    def assume_prior(self, index: IndexFiles) -> SelfTested:
         """The calibration of a provisional version, which has no self-test: that of no map in particular."""
 
         def produce(out: Path) -> None:
             write_json(out / CALIBRATION_FILE, Calibration().to_mapping())
             write_json(out / BOUND_FILE, FalseAcceptBound().to_mapping())
 
-        return self._stage("self_test", {"index": index.digest}, {"self_test": "none"}, produce)
+        return SelfTested.of(
+            self.runner.stage("self_test", {"index": index.digest}, {"self_test": "none"}, produce)
+        )
+
+    def compare_patch(
+        self, source: Path, read: LevelMap, mesh: MapMesh, index: IndexFiles, tested: SelfTested
+    ) -> ComparedVersions | None:
+        """Answers of the patched version and of the one before at unchanged places; None: it is no patch."""
+        if not is_patch_source(source):
+            return None
+        patched = PatchedMap.of(read)
+
+        def produce(out: Path) -> None:
+            found = compare(
+                Localizer(MapIndex.load(source / BASE), explains=False),
+                Localizer(index.load(tested.calibration), explains=False),
+                mesh.simulator,
+                self.config.sensor_model,
+                self.config.self_test,
+                patched.changed_cells,
+                self.threads,
+                self.runner.cancelled,
+            )
+            (out / COMPARED_FILE).write_text(json.dumps(found.to_mapping()))
+
+        inputs = {"map": read.digest, "mesh": mesh.digest, "index": index.digest, "tested": tested.digest}
+        chosen = {
+            "compared_with": PatchSource.load(source).base,
+            "self_test": self.config.self_test.model_dump(mode="json"),
+        }
+        return ComparedVersions.of(self.runner.stage("self_test", inputs, chosen, produce))

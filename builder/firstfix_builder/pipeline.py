@@ -29,12 +29,13 @@ from .build_stages import BuildStages
 from .execution.chunks import ChunkCache, ChunkExecutor
 from .execution.local_executor import LocalExecutor, die_with_parent
 from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
-from .execution.stage_runner import Progress
+from .execution.stage_runner import Progress, StageRunner
 from .job.build_job import BuildResult
-from .patch.stages import PATCH_FILE, PatchStages, patch_record
+from .self_test.compare_versions import ComparedVersions
 from .self_test.confirmed_scans import decode_confirmed
-from .sessions.stages import SESSIONS_FILE
-from .stage_files import findings_of, link
+from .sources.patch_reader import PATCH_FILE, PatchedMap
+from .stage_files import link
+from .stage_results import REPORT_FILE, LevelMap
 from .viewpoints.workload import Workload
 
 _log = logging.getLogger(__name__)
@@ -85,33 +86,34 @@ def build_version(
         cache = StageCache(work, shared=shared)
         chunks = ChunkCache(cache, executor, shared)
         workload = Workload(options.max_templates)
-        build = PatchStages(cache, chunks, progress, cancelled, config, threads, workload=workload)
-        read = build.read_source(source, trajectory)
+        runner = StageRunner(cache, chunks, progress, cancelled)
+        build = BuildStages(runner, config, threads, workload=workload)
+        read = build.read_map(source, trajectory)
         if publish_provisional is not None:
             early = _provisional(build, read, work)
             if early is not None:
                 publish_provisional(early)
-        mesh, viewpoints, index = build.index_map(read)
-        drawn = build.draw_cloud(read, index)
+        made = build.index_map(read)
+        drawn = build.draw_cloud(read, made.index)
         with _decoded(confirmed, work) as scans:
-            tested = build.self_test(read, mesh, viewpoints, index, scans)
-        compared = build.compare_patch(source, read, mesh, index, tested)
-        return _collect(config, read, [index, drawn, tested], work / "version", compared=compared)
+            tested = build.self_test(read, made.mesh, made.viewpoints, made.index, scans)
+        compared = build.compare_patch(source, read, made.mesh, made.index, tested)
+        return _collect(config, read, [made.index, drawn, tested], work / "version", compared=compared)
 
 
-def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuildResult | None:
+def _provisional(build: BuildStages, read: LevelMap, work: Path) -> BuildResult | None:
     """The provisional version of the map; None if it cannot be made: the full build then reports the reason.
 
     Its stages count as one.
     """
 
     def progress(stage: str, fraction: float) -> None:
-        build.progress(PROVISIONAL, (STAGES.index(stage) + fraction) / len(STAGES))
+        build.runner.progress(PROVISIONAL, (STAGES.index(stage) + fraction) / len(STAGES))
 
-    coarse = replace(build, config=provisional_config(build.config), progress=progress, provisional=True)
+    coarse = replace(build.for_config(provisional_config(build.config), progress), provisional=True)
     try:
         read = coarse.thin_map(read)
-        *_, index = coarse.index_map(read)
+        index = coarse.index_map(read).index
         tested = coarse.assume_prior(index)
     except BuildFailed as error:
         _log.warning("no provisional version: %s", error)
@@ -166,8 +168,8 @@ def read_source(
         cache = StageCache(work, shared=shared)
         chunks = ChunkCache(cache, executor)
         workload = Workload(options.max_templates)
-        build = PatchStages(cache, chunks, progress, cancelled, config, threads, workload=workload)
-        build.read_source(source, trajectory)
+        runner = StageRunner(cache, chunks, progress, cancelled)
+        BuildStages(runner, config, threads, workload=workload).read_map(source, trajectory)
         if confirmed is not None:
             decode_confirmed(confirmed, work / CONFIRMED)
 
@@ -207,12 +209,12 @@ def _chunk_executor(options: BuildOptions, work: Path, threads: Executor) -> Ite
 
 def _collect(
     config: BuildConfig,
-    read: StageResult,
+    read: LevelMap,
     parts: Sequence[StageResult],
     directory: Path,
     *,
     provisional: bool = False,
-    compared: StageResult | None = None,
+    compared: ComparedVersions | None = None,
 ) -> BuildResult:
     """The version's folder with its manifest, of the files of all parts. They are linked where that works."""
     shutil.rmtree(directory, ignore_errors=True)
@@ -220,7 +222,7 @@ def _collect(
     for path in sorted(path for part in parts for path in part.directory.iterdir()):
         link(path, directory / path.name)
     if compared is not None:
-        link(read.directory / PATCH_FILE, directory / PATCH_FILE)
+        link(PatchedMap.of(read).patch, directory / PATCH_FILE)
     points = np.load(directory / MAP_FILE, mmap_mode="r")
     clusters = Clusters.load(directory)
     manifest = Manifest.for_directory(
@@ -228,14 +230,14 @@ def _collect(
         engine=json.loads((directory / ENGINE_FILE).read_text()),
         config=config.to_mapping(),
         sensor=config.sensor_model.to_mapping(),
-        origin=np.load(read.directory / "T_map_level.npy")[:3, 3],
+        origin=read.T_map_level[:3, 3],
         source=_source_record(read, compared),
         counts={
             "templates": len(clusters.member),
             "clusters": len(clusters),
             "map_points": len(points),
         },
-        self_test={} if provisional else json.loads((directory / "self_test.json").read_text()),
+        self_test={} if provisional else json.loads((directory / REPORT_FILE).read_text()),
         provisional=provisional,
         bounds=(points.min(axis=0), points.max(axis=0)),
     )
@@ -243,13 +245,11 @@ def _collect(
     return BuildResult(directory, manifest)
 
 
-def _source_record(read: StageResult, compared: StageResult | None) -> dict[str, Any]:
+def _source_record(read: LevelMap, compared: ComparedVersions | None) -> dict[str, Any]:
     """Record of the source: its digest and findings, the transform of each session, and the patch."""
-    sessions = read.directory / SESSIONS_FILE
-    found: dict[str, Any] = {"sha256": read.digest, "findings": findings_of(read)}
-    if sessions.exists():
-        found["sessions"] = json.loads(sessions.read_text())
-    patch = patch_record(read, compared)
-    if patch is not None:
-        found["patch"] = patch
+    found: dict[str, Any] = {"sha256": read.digest, "findings": read.findings}
+    if (sessions := read.sessions) is not None:
+        found["sessions"] = sessions
+    if compared is not None:
+        found["patch"] = {**PatchedMap.of(read).record, "compared": compared.record}
     return found

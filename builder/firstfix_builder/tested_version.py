@@ -7,23 +7,21 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
-from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE, MapIndex
+from firstfix.engine.index import CALIBRATION_FILE
 from firstfix.engine.localizer import Localizer
 from firstfix.transform import inverse
 
-from .execution.stage_cache import StageResult
-from .read_map.held_out import HeldOut
 from .self_test.localizability import draw_localizability
 from .self_test.mapped_places import MappedPlaces
 from .self_test.real_scans import RealScans
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
-from .stage_files import floor_of, moving_of, simulator_of, trajectory_of, write_json
+from .sources.read_map.held_out import HeldOut
+from .stage_files import write_json
+from .stage_results import REPORT_FILE, IndexFiles, LevelMap, MapMesh, MapViewpoints
 
 
 @dataclass(frozen=True)
@@ -34,17 +32,17 @@ class SelfTestInputs:
         confirmed: folder of ``decode_confirmed``; None: no robot has confirmed a query.
     """
 
-    read: StageResult
-    mesh: StageResult
-    viewpoints: StageResult
-    index: StageResult
+    read: LevelMap
+    mesh: MapMesh
+    viewpoints: MapViewpoints
+    index: IndexFiles
     confirmed: Path | None
 
     def real_scans(self) -> RealScans:
         """The scans that were held out of the map, and the confirmed ones, in the level frame."""
         told = HeldOut() if self.confirmed is None else HeldOut.load(self.confirmed)
-        told = told.moved(inverse(np.load(self.read.directory / "T_map_level.npy")))
-        return RealScans.of(HeldOut.load(self.read.directory), np.load(self.index.directory / MAP_FILE), told)
+        told = told.moved(inverse(self.read.T_map_level))
+        return RealScans.of(HeldOut.load(self.read.directory), self.index.map_points, told)
 
 
 def write_self_test(
@@ -60,8 +58,8 @@ def write_self_test(
     Raises:
         BuildCancelled: cancelled() said so.
     """
-    sensor, index = config.sensor_model, MapIndex.load(results.index.directory, Calibration())
-    simulator, floor = simulator_of(results.mesh), floor_of(results.viewpoints)
+    sensor, index = config.sensor_model, results.index.load(Calibration())
+    simulator, floor = results.mesh.simulator, results.viewpoints.floor
     found, calibration, bound, places = run_self_test(
         Localizer(index, explains=False),
         simulator,
@@ -74,13 +72,11 @@ def write_self_test(
     )
     write_json(out / CALIBRATION_FILE, calibration.to_mapping())
     write_json(out / BOUND_FILE, bound.to_mapping())
-    left_out = {"floor": floor and floor.to_mapping(), "moving": moving_of(results.read)}
-    mapped = MappedPlaces.of(index, trajectory_of(results.read), simulator, sensor)
+    left_out = {"floor": floor and floor.to_mapping(), "moving": results.read.moving}
+    mapped = MappedPlaces.of(index, results.read.trajectory, simulator, sensor)
     grid = found.localizability
     known = mapped and {"localizability": mapped.told_of(grid), "mapped": mapped.to_mapping(grid)}
-    write_json(out / "self_test.json", {**found.to_mapping(), **left_out, **(known or {})})
+    write_json(out / REPORT_FILE, {**found.to_mapping(), **left_out, **(known or {})})
     draw_reliability(found.reliability, out / "reliability.png")
     in_part = mapped.in_part if mapped else ()
-    draw_localizability(
-        np.load(results.index.directory / MAP_FILE), places, out / "localizability.png", floor, in_part
-    )
+    draw_localizability(results.index.map_points, places, out / "localizability.png", floor, in_part)

@@ -17,7 +17,7 @@ from .errors import pip_install
 COMMANDS = "firstfix.commands"
 # (app: fastapi.FastAPI) -> None: includes its routers in the service's app.
 ROUTES = "firstfix.routes"
-# A reader of a map source: firstfix_builder.sources says what it has.
+# A reader of a kind of map source: ``SourceReader`` of firstfix_builder.sources.reading.
 SOURCES = "firstfix.sources"
 # {name: (folder, seed, extent_m or None) -> line to print}: writers of worlds for ``firstfix world``.
 WORLDS = "firstfix.worlds"

@@ -26,11 +26,11 @@ from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.decode import read_scan_file
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, pose_error, yaw_of
-from firstfix_cli.answerer import answerer, fetch_active_version
+from firstfix_cli.answerer import fetch_active_version
 from firstfix_cli.local_service import LocalService, local_service
 from firstfix_cli.poses_csv import PosedScan, read_poses_csv
 from firstfix_cli.sample_world import write_world
-from firstfix_client import BuildStatus, Client
+from firstfix_client import BuildStatus, Client, ZenohClient
 
 from .evaluation.outcome import Outcome, outcome_of, report_of
 from .evaluation.plot import MapPicture, draw
@@ -57,8 +57,8 @@ def main() -> int:
         version = _build(console, service, world)
         console.print(f"Map [bold]{WORLD}[/bold] published as version {version[:12]}")
         scans = _chosen(read_poses_csv(world / "poses.csv"))
-        http = _localize(scans, service, over="http")
-        zenoh = _localize(scans, service, over="zenoh")
+        http = _localize(Client(service.url, timeout_s=30.0), scans, version)
+        zenoh = _localize(ZenohClient(service.zenoh, timeout_s=30.0), scans, version)
         code = _show(console, store, version, scans, http, zenoh)
         offer_console(console, service)
     return code
@@ -143,14 +143,14 @@ def _chosen(rows: list[PosedScan]) -> list[PosedScan]:
     return [own[row] for row in rows_by_chance(len(own), OWN_SHOWN)] + foreign[:FOREIGN_SHOWN]
 
 
-def _localize(scans: list[PosedScan], service: LocalService, over: str) -> list[Outcome]:
-    outcomes = []
-    url, zenoh = (service.url, None) if over == "http" else (None, service.zenoh)
-    with answerer(WORLD, url=url, zenoh=zenoh, store=None, timeout_s=30.0) as ask:
+def _localize(client: Client | ZenohClient, scans: list[PosedScan], version: str) -> list[Outcome]:
+    """Asks for the scans in a version: just now a provisional one may still answer others."""
+    outcomes, options = [], LocalizeOptions(version=version)
+    with client:
         for row in scans:
             scan = read_scan_file(row.path)
             begin = time.perf_counter()
-            answer = ask(scan, LocalizeOptions())
+            answer = client.localize(scan, map_id=WORLD, options=options)
             ms = (time.perf_counter() - begin) * 1e3
             outcomes.append(outcome_of(str(row.path), row.T_map_sensor, answer, ms))
     return outcomes

@@ -15,9 +15,11 @@ from firstfix.builds.options import STAGES
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MapIndex
-from firstfix.errors import BuildCancelled, BuildFailed, InvalidOption, MalformedData
+from firstfix.errors import BuildCancelled, BuildFailed, InvalidOption
 from firstfix.store.store import Store
+from firstfix_builder import build_stages
 from firstfix_builder.pipeline import build_version
+from firstfix_builder.sources import map_reader
 from tests.small_world import COARSE_CONFIG
 
 # A process for each build, forked from one that has imported what they need. Prints how each of them ended.
@@ -52,6 +54,17 @@ if __name__ == "__main__":
 """
 
 
+def forbid(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """Lets a build fail that reads its map again, or calls one of these functions of its stages."""
+
+    def never(*arguments: object, **more: object) -> None:
+        raise AssertionError("done again")
+
+    monkeypatch.setattr(map_reader, "write_level_map", never)
+    for name in names:
+        monkeypatch.setattr(build_stages, name, never)
+
+
 @pytest.mark.slow
 def test_a_build_killed_in_every_stage_ends_with_the_same_digest(small_map, coarse_version, tmp_path):
     script = tmp_path / "build_and_die.py"
@@ -63,13 +76,7 @@ def test_a_build_killed_in_every_stage_ends_with_the_same_digest(small_map, coar
 
 
 def test_finished_stages_are_not_done_again(small_map, coarse_version, coarse_work, monkeypatch):
-    import firstfix_builder.build_stages as stages
-
-    def never(*arguments: object, **more: object) -> None:
-        raise AssertionError("done again")
-
-    for stage in ("write_level_map", "fitting_viewpoints", "template_chunks", "write_self_test"):
-        monkeypatch.setattr(stages, stage, never)
+    forbid(monkeypatch, "fitting_viewpoints", "template_chunks", "write_self_test")
     again = build_version(small_map, BuildConfig.parse(COARSE_CONFIG), coarse_work)
     assert again.manifest.digest == coarse_version.manifest.digest
 
@@ -77,8 +84,6 @@ def test_finished_stages_are_not_done_again(small_map, coarse_version, coarse_wo
 def test_a_build_goes_on_at_another_machine_from_the_last_finished_stage(
     small_map, coarse_version, tmp_path, monkeypatch
 ):
-    import firstfix_builder.build_stages as stages
-
     shared = SharedStages(Store.open(f"file://{tmp_path / 'store'}"))
     reached: list[str] = []
     with pytest.raises(BuildCancelled):
@@ -91,11 +96,7 @@ def test_a_build_goes_on_at_another_machine_from_the_last_finished_stage(
             shared=shared,
         )
 
-    def never(*arguments: object, **more: object) -> None:
-        raise AssertionError("done again")
-
-    for name in ("write_level_map", "fitting_viewpoints", "template_chunks", "cluster_chunks"):
-        monkeypatch.setattr(stages, name, never)
+    forbid(monkeypatch, "fitting_viewpoints", "template_chunks", "cluster_chunks")
     built = build_version(small_map, BuildConfig.parse(COARSE_CONFIG), tmp_path / "second", shared=shared)
     assert built.manifest.digest == coarse_version.manifest.digest
 
@@ -165,29 +166,6 @@ def test_progress_names_every_stage_in_order(small_map, coarse_work):
     )
     assert [stage for stage, fraction in seen if fraction == 0.0] == list(STAGES)
     assert all(0 <= fraction <= 1 for _, fraction in seen)
-
-
-def test_an_unreadable_source_names_itself(tmp_path):
-    broken = tmp_path / "broken.pcd"
-    broken.write_bytes(b"VERSION 0.7\nFIELDS x y z\n")
-    with pytest.raises(MalformedData, match=r"broken\.pcd"):
-        build_version(broken, BuildConfig(), tmp_path / "work")
-
-
-@pytest.mark.parametrize(
-    ("config", "said"),
-    [
-        ({"sensr": "os1-64"}, "sensr"),
-        ({"sensor": "os9"}, "no sensor preset"),
-        ({"sensor": {"preset": "vlp-16", "max_range_m": -1}}, "max_range_m"),
-        ({"viewpoints": {"spacing_m": 0}}, "viewpoints.spacing_m"),
-        ({"engine": {"search": {"candidates": 0}}}, "engine.search.candidates"),
-        ([], "build config"),
-    ],
-)
-def test_a_wrong_config_says_what_is_wrong(config, said):
-    with pytest.raises(InvalidOption, match=said):
-        BuildConfig.parse(config)
 
 
 def test_a_config_file_is_yaml_or_json(tmp_path: Path):

@@ -18,10 +18,9 @@ from typing import Any
 import pytest
 
 from firstfix.builds.options import BuildOptions
-from firstfix.builds.records import new_status
+from firstfix.builds.records import BuildRecords, new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.sources import put_source
 from firstfix.errors import (
     BuildCancelled,
     BuildFailed,
@@ -37,6 +36,7 @@ from firstfix_builder.job import reporter as build_reporter
 from firstfix_builder.job.build_job import MEMORY_REACHED, BuildJob, BuildResult
 from firstfix_builder.job.reporter import BuildReporter
 from firstfix_builder.job.run_build import run_build
+from tests.builder.fixtures import queue_build, uploaded
 from tests.waiting import LIMIT_S, let_pass, wait_until
 
 STAGES = ("one", "two")
@@ -73,8 +73,8 @@ class Place:
         return run_build(run, pipeline, STAGES)
 
     def request(self, build_id: str, **changes: Any) -> None:
-        request = {**self.catalog.build_request("b1"), **changes}
-        self.catalog.put_build(build_id, request)
+        request = {**self.catalog.builds.request("b1"), **changes}
+        self.catalog.builds.put(build_id, request)
 
 
 @pytest.fixture
@@ -84,25 +84,14 @@ def place(tmp_path: Path) -> Place:
 
 def make_place(url: str, tmp_path: Path) -> Place:
     catalog = Catalog(Store.open(url))
-    (tmp_path / "upload").write_bytes(b"a cloud")
-    sha256 = put_source(catalog.store, "hall", tmp_path / "upload")
-    catalog.put_build(
-        "b1",
-        {
-            "map_id": "hall",
-            "source": {"key": f"maps/hall/sources/{sha256}"},
-            "file_name": "hall.ply",
-            "trajectory": None,
-            "config": {"x": 1},
-        },
-    )
+    queue_build(catalog, tmp_path, config={"x": 1})
     return Place(url, catalog, tmp_path / "work")
 
 
 def test_a_build_is_published_and_its_end_recorded(place: Place) -> None:
     pipeline = TinyPipeline()
     assert place.run(pipeline) == 0
-    status = place.catalog.build_status("b1")
+    status = place.catalog.builds.status("b1")
     version = place.catalog.active_version("hall")
     assert status == new_status("succeeded", map_id="hall", stage="publish", progress=1.0, version=version)
     assert place.catalog.log("hall")[0].build_id == "b1"
@@ -115,16 +104,15 @@ def test_a_build_is_published_and_its_end_recorded(place: Place) -> None:
 def test_it_works_on_a_real_s3_server(s3_url: str, tmp_path: Path) -> None:
     place = make_place(s3_url, tmp_path)
     assert place.run(TinyPipeline()) == 0
-    assert place.catalog.active_version("hall") == place.catalog.build_status("b1")["version"]
+    assert place.catalog.active_version("hall") == place.catalog.builds.status("b1")["version"]
 
 
-def test_what_waits_for_the_network_tells_how_far_it_is(
+def test_fetching_and_publishing_tell_their_progress(
     place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A build without progress is ended: a slow connection is not one that hangs."""
-    (tmp_path / "poses").write_bytes(b"1 2 3 4")
-    sha256 = put_source(place.catalog.store, "hall", tmp_path / "poses")
-    place.request("b2", trajectory={"key": f"maps/hall/sources/{sha256}", "file_name": "poses.tum"})
+    poses = uploaded(place.catalog, b"1 2 3 4", tmp_path)
+    place.request("b2", trajectory={**poses, "file_name": "poses.tum"})
     told: list[tuple[str, float]] = []
     tick = BuildReporter.tick
 
@@ -141,10 +129,8 @@ def test_what_waits_for_the_network_tells_how_far_it_is(
 
 
 def test_a_trajectory_comes_with_its_own_name(place: Place, tmp_path: Path) -> None:
-    (tmp_path / "poses").write_bytes(b"1 2 3")
-    sha256 = put_source(place.catalog.store, "hall", tmp_path / "poses")
-    named = {"key": f"maps/hall/sources/{sha256}", "file_name": "../../poses of hall.tum"}
-    place.request("b2", trajectory=named)
+    poses = uploaded(place.catalog, b"1 2 3", tmp_path)
+    place.request("b2", trajectory={**poses, "file_name": "../../poses of hall.tum"})
     seen: list[bytes] = []
 
     class Reads(TinyPipeline):
@@ -161,13 +147,13 @@ def test_a_trajectory_comes_with_its_own_name(place: Place, tmp_path: Path) -> N
 
 def test_the_status_is_written_twice_a_second_at_most(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[dict[str, Any]] = []
-    original = Catalog.set_build_status
+    original = BuildRecords.set_status
 
-    def record(catalog: Catalog, build_id: str, status: dict[str, Any]) -> None:
+    def record(records: BuildRecords, build_id: str, status: dict[str, Any]) -> None:
         written.append(status)
-        original(catalog, build_id, status)
+        original(records, build_id, status)
 
-    monkeypatch.setattr(Catalog, "set_build_status", record)
+    monkeypatch.setattr(BuildRecords, "set_status", record)
 
     def many_ticks(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
         for tick in itertools.count():
@@ -214,19 +200,19 @@ def test_a_provisional_version_serves_until_the_full_one_is_there(place: Place) 
 
     def look(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
         (info,) = place.catalog.versions("hall")
-        wait_until(lambda: place.catalog.build_status("b1")["provisional_version"] is not None)
-        seen.append((info.provisional, place.catalog.build_status("b1")["provisional_version"]))
+        wait_until(lambda: place.catalog.builds.status("b1")["provisional_version"] is not None)
+        seen.append((info.provisional, place.catalog.builds.status("b1")["provisional_version"]))
         assert place.catalog.active_version("hall") == info.version == seen[0][1]
 
     assert place.run(EarlyPipeline(act=look)) == 0
     assert seen[0][0]
-    status = place.catalog.build_status("b1")
+    status = place.catalog.builds.status("b1")
     assert status["provisional_version"] == seen[0][1]
     (info,) = place.catalog.versions("hall")
     assert (info.version, info.active, info.provisional) == (status["version"], True, False)
     place.request("b2")
     assert place.run(EarlyPipeline(), "b2") == 0
-    assert place.catalog.build_status("b2")["provisional_version"] is None, "the old full version is better"
+    assert place.catalog.builds.status("b2")["provisional_version"] is None, "the old full version is better"
 
 
 @pytest.mark.parametrize("ends", ["failed", "cancelled"])
@@ -235,7 +221,7 @@ def test_a_build_that_ends_badly_leaves_nothing_but_its_record(place: Place, end
         raise BuildFailed("no floor") if ends == "failed" else BuildCancelled("enough")
 
     place.run(EarlyPipeline(act=end))
-    status = place.catalog.build_status("b1")
+    status = place.catalog.builds.status("b1")
     assert status["state"] == ends
     assert status["version"] is None
     assert status["provisional_version"] is not None, "it says what it had published"
@@ -248,24 +234,13 @@ def test_a_provisional_version_can_be_forbidden(place: Place) -> None:
     place.request("b2", config={"provisional": False})
     assert place.run(EarlyPipeline(), "b2") == 0
     assert place.run(EarlyPipeline(), provisional=False) == 0
-    assert place.catalog.build_status("b1")["provisional_version"] is None
-    assert place.catalog.build_status("b2")["provisional_version"] is None
-
-
-def test_a_cancelled_build_publishes_nothing(place: Place) -> None:
-    def until_cancelled(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
-        place.catalog.request_cancel("b1")
-        wait_until(cancelled)
-        raise BuildCancelled("seen")
-
-    assert place.run(TinyPipeline(until_cancelled)) == 3
-    assert place.catalog.build_status("b1")["state"] == "cancelled"
-    assert place.catalog.log("hall") == []
+    assert place.catalog.builds.status("b1")["provisional_version"] is None
+    assert place.catalog.builds.status("b2")["provisional_version"] is None
 
 
 def test_a_cancel_that_no_stage_looks_for_stops_the_publish(place: Place) -> None:
     def wait(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
-        place.catalog.request_cancel("b1")
+        place.catalog.builds.request_cancel("b1")
         wait_until(cancelled)
 
     assert place.run(TinyPipeline(wait)) == 3
@@ -291,7 +266,7 @@ def _fail(error: BaseException) -> TinyPipeline:
 )
 def test_a_failure_is_recorded_with_its_code(error: Exception, code: str, detail: str, place: Place) -> None:
     assert place.run(_fail(error)) == 1
-    status = place.catalog.build_status("b1")
+    status = place.catalog.builds.status("b1")
     assert (status["state"], status["stage"]) == ("failed", "two")
     assert status["error"]["code"] == code
     assert re.fullmatch(re.escape(detail) + "([0-9]+ bytes are left)?", status["error"]["detail"])
@@ -306,7 +281,7 @@ def test_a_build_that_has_ended_is_left_alone(place: Place) -> None:
     assert pipeline.calls == []
     assert place.catalog.store.list() == before
     for state, code in (("failed", 1), ("cancelled", 3)):
-        place.catalog.set_build_status("b1", new_status(state, map_id="hall"))
+        place.catalog.builds.set_status("b1", new_status(state, map_id="hall"))
         assert place.run(pipeline) == code
     assert pipeline.calls == []
 
@@ -320,17 +295,17 @@ def test_a_build_that_has_ended_is_left_alone(place: Place) -> None:
         (OSError(errno.ENOSPC, "No space left on device"), "out_of_space"),
     ],
 )
-def test_what_is_no_fault_of_the_build_leaves_it_to_be_run_again(
+def test_a_failure_of_store_cluster_or_disk_leaves_the_build_queued(
     error: Exception, code: str, place: Place
 ) -> None:
     with pytest.raises(OutOfSpace if code == "out_of_space" else type(error)):
         place.run(_fail(error))
-    status = place.catalog.build_status("b1")
+    status = place.catalog.builds.status("b1")
     assert (status["state"], status["error"]["code"]) == ("queued", code)
     if isinstance(error, OSError):
         assert re.search("work disk is full: [0-9]+ bytes are left", status["error"]["detail"])
     assert place.run(TinyPipeline()) == 0
-    assert place.catalog.build_status("b1")["error"] is None
+    assert place.catalog.builds.status("b1")["error"] is None
 
 
 def test_builds_that_share_a_folder_run_one_after_the_other(place: Place) -> None:
@@ -353,7 +328,7 @@ def test_builds_that_share_a_folder_run_one_after_the_other(place: Place) -> Non
     assert len(place.catalog.versions("hall")) == 2
 
 
-def test_no_such_build(place: Place) -> None:
+def test_an_unknown_build_is_not_found(place: Place) -> None:
     with pytest.raises(NotFound):
         place.run(TinyPipeline(), "b9")
 
@@ -363,7 +338,7 @@ def _refused(place: Place, options: dict[str, Any] | None = None, **changes: Any
     pipeline = TinyPipeline()
     assert place.run(pipeline, "bad", **options or {}) == 1
     assert pipeline.calls == []
-    error: dict[str, str] = place.catalog.build_status("bad")["error"]
+    error: dict[str, str] = place.catalog.builds.status("bad")["error"]
     return error
 
 
@@ -382,7 +357,7 @@ def _refused(place: Place, options: dict[str, Any] | None = None, **changes: Any
         {"source": {}},
     ],
 )
-def test_a_request_for_what_is_not_the_callers_is_refused(changes: dict[str, Any], place: Place) -> None:
+def test_a_source_that_is_not_the_callers_is_refused(changes: dict[str, Any], place: Place) -> None:
     assert _refused(place, **changes)["code"] == "invalid_option"
 
 
@@ -395,13 +370,13 @@ def test_a_request_of_another_form_is_not_run(changes: dict[str, Any], place: Pl
     assert pipeline.calls == []
 
 
-def test_a_source_that_is_gone_or_too_large(place: Place) -> None:
+def test_a_source_that_is_gone_or_too_large_is_refused(place: Place) -> None:
     error = _refused(place, {"max_source_bytes": 3})
     assert error["code"] == "too_large"
-    place.catalog.store.delete(place.catalog.build_request("b1")["source"]["key"])
+    place.catalog.store.delete(place.catalog.builds.request("b1")["source"]["key"])
     place.request("b3")
     assert place.run(TinyPipeline(), "b3") == 1
-    assert place.catalog.build_status("b3")["error"]["code"] == "not_found"
+    assert place.catalog.builds.status("b3")["error"]["code"] == "not_found"
 
 
 def test_a_file_url_is_read_below_a_folder_that_was_allowed(place: Place, tmp_path: Path) -> None:
@@ -427,7 +402,7 @@ def test_an_object_elsewhere_on_the_same_server_is_a_source(s3_url: str, tmp_pat
     pipeline = TinyPipeline()
     assert place.run(pipeline, "b2") == 0
     assert pipeline.calls[0]["source"] == "yard.las"
-    key = place.catalog.build_request("b1")["source"]["key"]
+    key = place.catalog.builds.request("b1")["source"]["key"]
     for url, code in (
         (f"{bare}/own/{key}", "invalid_option"),  # another map's upload, by the back door
         (f"{bare}/clouds/none.las", "not_found"),
@@ -436,7 +411,7 @@ def test_an_object_elsewhere_on_the_same_server_is_a_source(s3_url: str, tmp_pat
         build_id = f"c{abs(hash(url))}"
         place.request(build_id, source={"url": url})
         assert place.run(TinyPipeline(), build_id) == 1
-        assert place.catalog.build_status(build_id)["error"]["code"] == code
+        assert place.catalog.builds.status(build_id)["error"]["code"] == code
 
 
 @pytest.mark.slow
@@ -447,10 +422,10 @@ def test_the_command_line_with_the_real_pipeline(place: Place) -> None:
 
     place.request("b2", config={"sensor": "no-such-lidar"})
     assert run("--work", str(place.work), "--build", "b2") == 1
-    error = place.catalog.build_status("b2")["error"]
+    error = place.catalog.builds.status("b2")["error"]
     assert error["code"] == "invalid_option"
     assert "no-such-lidar" in error["detail"]
     assert run("--work", str(place.work), "--build", "b9") == 2
     assert run("--build", "b1") == 2
     assert run("--work", str(place.work), "--build", "b1", "--executor", "dask://nowhere") == 2
-    assert place.catalog.build_status("b1")["state"] == "queued"
+    assert place.catalog.builds.status("b1")["state"] == "queued"

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.sources import put_source
 from firstfix.store.store import Store
+from tests.builder.fixtures import queue_build
 from tests.waiting import LIMIT_S, let_pass, wait_until
 
 pytestmark = pytest.mark.slow
@@ -80,11 +80,7 @@ class Place:
         self.program = tmp_path / "program.py"
         self.program.write_text(PROGRAM)
         self.catalog = Catalog(Store.open(self.url))
-        (tmp_path / "upload").write_bytes(b"a cloud")
-        key = f"maps/hall/sources/{put_source(self.catalog.store, 'hall', tmp_path / 'upload')}"
-        self.catalog.put_build(
-            "b1", {"map_id": "hall", "source": {"key": key}, "file_name": "a.ply", "config": config}
-        )
+        queue_build(self.catalog, tmp_path, config=config)
 
     def start(self, *options: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, str(self.program), self.url, str(self.work), *options]
@@ -97,7 +93,7 @@ class Place:
         with self.start(*options) as worker:
             try:
                 wait_until((self.work / "hangs").exists)
-                wait_until(lambda: self.catalog.build_status("b1")["stage"] == "two")
+                wait_until(lambda: self.catalog.builds.status("b1")["stage"] == "two")
                 yield worker
             finally:
                 worker.kill()
@@ -109,7 +105,7 @@ class Place:
         (self.work / "go").write_text("")
         with self.start() as worker:
             assert worker.wait(LIMIT_S) == 0
-        status = self.catalog.build_status("b1")
+        status = self.catalog.builds.status("b1")
         assert status["state"] == "succeeded"
         assert status["version"] == self.catalog.active_version("hall")
         assert (self.work / "made").read_text() == "first\n"  # the finished stage was not made again
@@ -128,7 +124,7 @@ def test_a_stopped_worker_leaves_the_build_queued_and_is_gone_soon(
     with place.hanging() as worker:
         worker.send_signal(number)
         assert worker.wait(LIMIT_S) == 75
-    status = place.catalog.build_status("b1")
+    status = place.catalog.builds.status("b1")
     assert (status["state"], status["stage"]) == ("queued", "two")
     wait_until(lambda: not _is_alive(place.pool_pid()))
     place.finish()
@@ -139,7 +135,7 @@ def test_a_stop_of_the_whole_process_group_is_no_failure(tmp_path: Path) -> None
     with place.hanging() as worker:
         os.killpg(worker.pid, signal.SIGTERM)  # the pool breaks under the stage in the same moment
         assert worker.wait(LIMIT_S) == 75
-    assert place.catalog.build_status("b1")["state"] == "queued"
+    assert place.catalog.builds.status("b1")["state"] == "queued"
     place.finish()
 
 
@@ -156,16 +152,16 @@ def test_a_worker_stops_when_whoever_started_it_is_gone(place: Place) -> None:
         assert worker.stdin is not None
         worker.stdin.close()
         assert worker.wait(LIMIT_S) == 75
-    assert place.catalog.build_status("b1")["state"] == "queued"
+    assert place.catalog.builds.status("b1")["state"] == "queued"
     wait_until(lambda: not _is_alive(place.pool_pid()))
     place.finish()
 
 
 def test_a_cancel_that_the_stages_ignore_ends_the_process(place: Place) -> None:
     with place.hanging() as worker:
-        place.catalog.request_cancel("b1")
+        place.catalog.builds.request_cancel("b1")
         assert worker.wait(LIMIT_S) == 3
-    assert place.catalog.build_status("b1")["state"] == "cancelled"
+    assert place.catalog.builds.status("b1")["state"] == "cancelled"
     assert place.catalog.log("hall") == []
     wait_until(lambda: not _is_alive(place.pool_pid()))
 

@@ -15,7 +15,7 @@ from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample
 from firstfix.errors import BuildFailed
 from firstfix.store.store import Store
 from firstfix_builder.job.confirmed_queries import CONFIRMED_FILE
-from firstfix_builder.read_map.held_out import HeldOut
+from firstfix_builder.sources.read_map.held_out import HeldOut
 from firstfix_cli.main import app
 
 

@@ -104,13 +104,13 @@ def test_what_the_sandbox_read_is_not_read_again(tmp_path: Path, monkeypatch: py
     config: dict[str, object] = {"level": False}
     job = BuildJob(path, None, config, tmp_path / "work", lambda stage, fraction: None, lambda: False)
     read_confined(job, BuildOptions(work=tmp_path / "work"))
-    monkeypatch.setattr("firstfix_builder.level_map.read_parts", refuse)
+    monkeypatch.setattr("firstfix_builder.sources.write_level_map.read_parts", refuse)
     read_source(path, BuildConfig.parse(config), tmp_path / "work" / "build")
 
 
 def test_a_build_reads_its_map_in_the_sandbox(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """This process parses nothing of it."""
-    monkeypatch.setattr("firstfix_builder.level_map.read_parts", refuse)
+    monkeypatch.setattr("firstfix_builder.sources.write_level_map.read_parts", refuse)
     path = las(tmp_path / "a.las")
     raw = bytearray(path.read_bytes())
     raw[100:104] = b"\xff" * 4

@@ -8,7 +8,7 @@ import zipfile
 import pytest
 
 from firstfix.errors import InvalidOption, NotFound
-from firstfix_builder.sessions.description import description_in, read_description
+from firstfix_builder.sources.sessions.description import description_in, read_description
 from firstfix_cli.map_source import GivenSession, as_one_file, session_folder
 
 

@@ -226,22 +226,22 @@ def test_maps_are_built_again_and_stores_copied(versions, tmp_path, capsys):
     assert "submit the map again" in capsys.readouterr().err
     (tmp_path / "cloud.xyz").write_text("0 0 0")
     key = f"maps/hall/sources/{put_source(catalog.store, 'hall', tmp_path / 'cloud.xyz')}"
-    catalog.put_build("b1", {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})
+    catalog.builds.put("b1", {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})
     files = tmp_path / "three"
     files.mkdir()
     catalog.publish("hall", files, Manifest.for_directory(files), build_id="b1")
     assert ended(["maps", "rebuild", "hall", "--store", tmp_path / "store"]) == 0
-    (build_id,) = set(catalog.build_ids()) - {"b1"}
+    (build_id,) = set(catalog.builds.ids()) - {"b1"}
     assert build_id in capsys.readouterr().out
     assert ended(["maps", "patch", "hall", "--store", tmp_path / "store"]) == 2
     assert "patches of map hall are off" in capsys.readouterr().err
     assert ended(["maps", "patch", "hall", "--mode", "propose", "--store", tmp_path / "store", "--json"]) == 0
     asked = json.loads(capsys.readouterr().out)
-    assert catalog.build_request(asked["build_id"])["patch"]["mode"] == "propose"
+    assert catalog.builds.request(asked["build_id"])["patch"]["mode"] == "propose"
     assert ended(["copy-store", tmp_path / "store", tmp_path / "copy", "--json"]) == 0
     copied = json.loads(capsys.readouterr().out)
     assert copied["damaged"] == []
-    assert Catalog(Store.open(str(tmp_path / "copy"))).build_ids() == catalog.build_ids()
+    assert Catalog(Store.open(str(tmp_path / "copy"))).builds.ids() == catalog.builds.ids()
 
 
 def test_a_copy_with_another_history_has_an_exit_code_of_its_own(versions, tmp_path, capsys):

@@ -52,7 +52,7 @@ def store(small_version, small_map: Path, tmp_path: Path) -> Path:
     catalog = Catalog(Store.open(str(folder)))
     key = source_key("hall", put_source(catalog.store, "hall", small_map))
     request = {"map_id": "hall", "source": {"key": key}, "file_name": "yard.ply", "trajectory": None}
-    catalog.put_build("b1", {**request, "config": CONFIG})
+    catalog.builds.put("b1", {**request, "config": CONFIG})
     catalog.publish("hall", small_version.directory, small_version.manifest, build_id="b1")
     return folder
 

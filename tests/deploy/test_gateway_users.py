@@ -80,7 +80,8 @@ def test_a_worker_builds(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, tmp_
     service = Catalog(gateway.as_user("service", monkeypatch))
     (tmp_path / "upload").write_bytes(np.random.default_rng(0).bytes(20 << 20))  # in several parts
     key = f"maps/hall/sources/{put_source(service.store, 'hall', tmp_path / 'upload')}"
-    service.put_build("b1", {"map_id": "hall", "source": {"key": key}, "file_name": "hall.ply", "config": {}})
+    request = {"map_id": "hall", "source": {"key": key}, "file_name": "hall.ply", "config": {}}
+    service.builds.put("b1", request)
     gateway.as_user("worker", monkeypatch)
 
     def build_version(job: BuildJob) -> BuildResult:
@@ -93,8 +94,8 @@ def test_a_worker_builds(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, tmp_
 
     options = BuildOptions(store=gateway.store_url, build_id="b1", work=tmp_path / "work")
     assert run_build(options, build_version, ("one",)) == 0
-    assert service.active_version("hall") == service.build_status("b1")["version"]
-    usage = CallerUsage(Catalog(gateway.as_user("worker", monkeypatch)))
+    assert service.active_version("hall") == service.builds.status("b1")["version"]
+    usage = CallerUsage(Catalog(gateway.as_user("worker", monkeypatch)).builds)
     usage.charge("robot-7", "b1", 1, 60.0)  # as the worker does when an attempt has ended
     assert usage.minutes_today("robot-7") == 1.0
 

@@ -31,12 +31,12 @@ class Place(ChangedYard):
 
     def build(self, build_id: str, **changes: Any) -> dict[str, Any]:
         """Runs a build of the yard as the service does. Returns its status."""
-        self.catalog.put_build(build_id, {**self.request, **changes})
+        self.catalog.builds.put(build_id, {**self.request, **changes})
         options = BuildOptions(
             store=self.url, build_id=build_id, work=self.folder / "work", sandbox="off", log_level="critical"
         )
         run_build(options, partial(build_here, options, None))
-        return self.catalog.build_status(build_id)
+        return self.catalog.builds.status(build_id)
 
     def patch(self, build_id: str, base: str, mode: str = "activate") -> dict[str, Any]:
         """Runs the build of a patch. Returns its status."""

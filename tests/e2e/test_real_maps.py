@@ -15,7 +15,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.transform import Matrix, from_quaternion, pose_error
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.read_map import read_map, read_trajectory
+from firstfix_builder.sources.read_map import read_map, read_trajectory
 from firstfix_cli.sample_world.write_world import pcd_of_points
 from tests.needs import of_recordings
 from tests.once_a_run import OnceARun

@@ -12,7 +12,7 @@ from firstfix.scan.reduction import voxel_means
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, pose_error, quaternion_of, transform_points
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.read_map import read_trajectory
+from firstfix_builder.sources.read_map import read_trajectory
 from tests.needs import RECORDED, with_recorded
 
 FOLDER = RECORDED / "rotation_in_place_11"

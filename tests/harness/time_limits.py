@@ -22,7 +22,6 @@ LONGER: dict[str, tuple[int, str]] = {
     "small_version": (600, "builds a version of a map"),
     "coarse_version": (600, "the same"),
     "cloud_version": (600, "the same"),
-    "two_sessions": (600, "aligns two sessions"),
     "hall_directory": (900, "builds a version of a real hall"),
     "optimised_tests": (1500, "compiles the C++ client's tests"),
     "optimised": (1500, "compiles the C++ client"),

@@ -55,18 +55,18 @@ def test_every_page_that_the_code_names_exists():
 
 
 def test_every_file_on_the_way_of_a_map_exists():
-    """The picture names files below the package that was named last, or after an arrow those of the core."""
-    page, core = REPO / "docs/concepts/way-of-a-map.md", REPO / "core/firstfix"
-    package, missing, found = core, [], 0
-    for line in re.findall(r"^```text\n(.*?)^```", page.read_text(), re.M | re.S)[0].splitlines():
-        named = re.search(r"\w+/firstfix\w*/", line)
-        if named and (REPO / named[0]).is_dir():
-            package = REPO / named[0]
-        own, _, of_core = line.replace(named[0] if named else "", "").partition("<-")
-        for place, text in ((package, own), (core, of_core)):
-            for name in re.findall(r"\b[\w/]+\.py\b|\b\w+/(?=\s)", text):
-                found += 1
-                if not any((root / name).exists() for root in (place, core)):
-                    missing.append(name)
-    assert found > 20
-    assert not missing
+    """The drawing, whose boxes say below which folder their names are; and the table of other ways."""
+    page = (REPO / "docs/concepts/way-of-a-map.md").read_text()
+    _, drawing, others = page.split("```")
+    _, *boxes = re.split(r"names are paths in ([\w/]+)", drawing)
+    drawn = [
+        REPO / folder / (name if name.endswith("/") else f"{name}.py")
+        for folder, box in zip(boxes[::2], boxes[1::2], strict=True)
+        for name in re.findall(r"^ │ (\w+(?:/\w+)*/?) ", box, re.M)
+    ]
+    assert len(drawn) > 20
+    assert [str(path) for path in drawn if not path.exists()] == []
+    packages = [REPO / folder for folder in boxes[::2]]
+    named = re.findall(r"`(\w+(?:/\w+)+(?:\.py|/))`", others.partition("\n## Why")[0])
+    assert len(named) > 8
+    assert [name for name in named if not any((root / name).exists() for root in [REPO, *packages])] == []

@@ -33,13 +33,13 @@ def main() -> int:
     parser.add_argument("--source-url", action="append", default=[])
     chosen = parser.parse_args()
     catalog = Catalog(Store.open(chosen.store))
-    request = catalog.build_request(chosen.build)
+    request = catalog.builds.request(chosen.build)
     map_id, do = request["map_id"], request["config"].get("sensor", {}).get("name", "succeed")
     work = Path(chosen.work)
     with (work / "order.txt").open("a") as file:
         file.write(f"{map_id} {os.getpriority(os.PRIO_PROCESS, 0)} {os.getpid()}\n")
     (work / "source_urls.txt").write_text(" ".join(chosen.source_url))
-    catalog.set_build_status(
+    catalog.builds.set_status(
         chosen.build, new_status("running", map_id=map_id, stage="describe", progress=0.5)
     )
     if do == "die":
@@ -64,7 +64,7 @@ def main() -> int:
         for number in range(10**9):
             progress = 0.5 + number % 1000 / 2000
             status = new_status("running", map_id=map_id, stage="describe", progress=progress)
-            catalog.set_build_status(chosen.build, status)
+            catalog.builds.set_status(chosen.build, status)
             time.sleep(0.05)
     if do == "hang_thrice" and len((work / "order.txt").read_text().splitlines()) <= 3:
         sys.stdin.read()
@@ -77,11 +77,11 @@ def main() -> int:
         data[::4096] = b"x" * len(data[::4096])
         hang(chosen.tied_to_stdin)
     if do == "until_cancelled":
-        while not catalog.is_cancel_requested(chosen.build):
+        while not catalog.builds.is_cancel_requested(chosen.build):
             time.sleep(0.05)
-        catalog.set_build_status(chosen.build, new_status("cancelled", map_id=map_id, stage="describe"))
+        catalog.builds.set_status(chosen.build, new_status("cancelled", map_id=map_id, stage="describe"))
         return 3
-    catalog.set_build_status(
+    catalog.builds.set_status(
         chosen.build,
         new_status("succeeded", map_id=map_id, stage="publish", progress=1.0, version="a" * 64),
     )

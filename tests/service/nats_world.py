@@ -77,7 +77,7 @@ class NatsWorld:
         (self.folder / "upload").write_bytes(b"a cloud")
         key = f"maps/{map_id}/sources/{put_source(self.catalog.store, map_id, self.folder / 'upload')}"
         build_id = f"b{self.count:03d}"
-        self.catalog.put_build(
+        self.catalog.builds.put(
             build_id,
             {
                 "map_id": map_id,
@@ -131,18 +131,18 @@ class NatsWorld:
         self.threads.close()
 
     def state(self, build_id: str) -> str:
-        return str(self.catalog.build_status(build_id)["state"])
+        return str(self.catalog.builds.status(build_id)["state"])
 
     def wait_until_in(self, build_id: str, stage: str) -> None:
         def there() -> bool:
-            status = self.catalog.build_status(build_id)
+            status = self.catalog.builds.status(build_id)
             return (status["state"], status["stage"]) == ("running", stage)
 
         wait_until(there)
 
     def wait_until_ended(self, build_id: str) -> dict[str, Any]:
         wait_until(lambda: self.state(build_id) in FINAL_STATES)
-        return self.catalog.build_status(build_id)
+        return self.catalog.builds.status(build_id)
 
     def in_stream(self, stream: str = "FIRSTFIX_BUILDS") -> list[str]:
         """Ids of the builds in a stream."""

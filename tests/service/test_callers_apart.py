@@ -141,8 +141,8 @@ def test_a_key_that_was_refused_is_no_way_round_the_limit(tmp_path: Path):
 def test_minutes_of_one_callers_builds_are_limited_alone(tmp_path: Path):
     with callers(tmp_path, build_minutes_per_day=10) as these:
         first = these.a.post_map().json()["build_id"]
-        owner = these.service.catalog.build_request(first)["owner"]
-        usage = CallerUsage(these.service.catalog)
+        owner = these.service.catalog.builds.request(first)["owner"]
+        usage = CallerUsage(these.service.catalog.builds)
         usage.charge(owner, first, 1, 9 * 60)
         assert these.a.post_map().status_code == 202
         usage.charge(owner, first, 2, 60)

@@ -63,11 +63,11 @@ def test_a_large_file_goes_in_parts_over_a_bad_line(service: Service, tmp_path: 
     network = Breaks(lambda n, request: {0: "request", 1: "answer"}.get(n % 4))
     with Client(service.url, retry=QUICK, transport=network) as client:
         status = client.build_map(file_of(tmp_path), "hall", config={"level": False})
-    request = service.catalog.build_request(status.build_id)
+    request = service.catalog.builds.request(status.build_id)
     assert service.catalog.store.get(request["source"]["key"]) == DATA
     assert request["file_name"] == "hall.xyz"
     assert request["config"] == {"level": False}
-    assert len(service.catalog.build_ids()) == 1
+    assert len(service.catalog.builds.ids()) == 1
     assert network.sent < 2 * len(DATA), "no part that arrived is sent again more than once"
 
 
@@ -85,19 +85,19 @@ def test_a_file_that_changes_while_it_is_read_is_no_map(
     monkeypatch.setattr(build_steps, "_sha256", lambda path: "0" * 64)
     with Client(service.url, retry=QUICK) as client, pytest.raises(ChecksumMismatch):
         client.build_map(file_of(tmp_path), "hall")
-    assert service.catalog.build_ids() == []
+    assert service.catalog.builds.ids() == []
 
 
 def test_a_small_file_is_one_build_however_often_it_is_sent(service: Service, tmp_path: Path):
     network = Breaks(lambda n, request: "answer" if n <= 3 else None)
     with Client(service.url, retry=QUICK, transport=network) as client:
         client.build_map(file_of(tmp_path), "hall")
-    assert len(service.catalog.build_ids()) == 1
+    assert len(service.catalog.builds.ids()) == 1
 
 
 def test_a_build_tells_how_far_it_is(service: Service):
-    service.catalog.put_build("b1", {"map_id": "hall"})
-    service.catalog.put_build("b2", {"map_id": "attic"})
+    service.catalog.builds.put("b1", {"map_id": "hall"})
+    service.catalog.builds.put("b2", {"map_id": "attic"})
     with Client(service.url) as client:
         assert [build.build_id for build in client.builds()] == ["b2", "b1"]
         assert [build.build_id for build in client.builds(map_id="hall", state="queued")] == ["b1"]
@@ -105,7 +105,7 @@ def test_a_build_tells_how_far_it_is(service: Service):
         for status in client.build_events("b1"):
             seen.append(status.state)
             following = "running" if status.state == "queued" else "succeeded"
-            service.catalog.set_build_status("b1", new_status(following, map_id="hall"))
+            service.catalog.builds.set_status("b1", new_status(following, map_id="hall"))
         assert seen == ["queued", "running", "succeeded"]
         with pytest.raises(NotFound):
             next(client.build_events("none"))

@@ -40,9 +40,9 @@ def ends_as(service: Service, state: str, **more: Any) -> threading.Thread:
     """Plays the builder: ends the first build with this state."""
 
     def build() -> None:
-        wait_until(service.catalog.build_ids)
-        (build_id,) = service.catalog.build_ids()
-        service.catalog.set_build_status(build_id, new_status(state, map_id="hall", **more))
+        wait_until(service.catalog.builds.ids)
+        (build_id,) = service.catalog.builds.ids()
+        service.catalog.builds.set_status(build_id, new_status(state, map_id="hall", **more))
 
     thread = threading.Thread(target=build)
     thread.start()
@@ -58,8 +58,8 @@ def test_a_service_builds(service: Service, tmp_path: Path, capsys, as_json: boo
     builder.join()
     first = printed(capsys)[0]
     assert (json.loads(first)["version"] if as_json else first.rpartition(" ")[2]) == version
-    (build_id,) = service.catalog.build_ids()
-    assert service.catalog.build_request(build_id)["config"] == {"sensor": "vlp-16", "axis": "y-up"}
+    (build_id,) = service.catalog.builds.ids()
+    assert service.catalog.builds.request(build_id)["config"] == {"sensor": "vlp-16", "axis": "y-up"}
 
 
 def test_a_build_that_fails_is_an_error(service: Service, tmp_path: Path, capsys):
@@ -75,7 +75,7 @@ def test_a_build_need_not_be_waited_for(service: Service, tmp_path: Path, capsys
     assert ended(*arguments) == 0
     said = json.loads(printed(capsys)[0])
     assert said.pop("waits_for").startswith("this service runs no builds")
-    assert said == {"map_id": "hall", "build_id": service.catalog.build_ids()[0], "state": "queued"}
+    assert said == {"map_id": "hall", "build_id": service.catalog.builds.ids()[0], "state": "queued"}
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_a_build_need_not_be_waited_for(service: Service, tmp_path: Path, capsys
 def test_what_a_remote_build_cannot_take(service: Service, tmp_path: Path, capsys, extra, says):
     assert ended("build", the_map(tmp_path), "--map-id", "hall", "--url", service.url, *extra) == 2
     assert says in capsys.readouterr().err
-    assert service.catalog.build_ids() == []
+    assert service.catalog.builds.ids() == []
 
 
 def test_a_folder_goes_as_an_archive(service: Service, tmp_path: Path):
@@ -98,8 +98,8 @@ def test_a_folder_goes_as_an_archive(service: Service, tmp_path: Path):
     folder.mkdir()
     the_map(folder)
     assert ended("build", folder, "--map-id", "hall", "--url", service.url, "--no-wait") == 0
-    (build_id,) = service.catalog.build_ids()
-    request = service.catalog.build_request(build_id)
+    (build_id,) = service.catalog.builds.ids()
+    request = service.catalog.builds.request(build_id)
     assert request["file_name"] == "plant.zip"
     with ZipFile(BytesIO(service.catalog.store.get(request["source"]["key"]))) as archive:
         assert archive.namelist() == ["map.xyz"]

@@ -202,7 +202,7 @@ def test_a_build_is_handed_in_and_followed(client: Any, kind: str, service: Serv
     for one in client.build_events(status.build_id):
         events.append(one.state)
         after = "running" if one.state == "queued" else "failed"
-        service.catalog.set_build_status(status.build_id, new_status(after, map_id=map_id))
+        service.catalog.builds.set_status(status.build_id, new_status(after, map_id=map_id))
     assert events == ["queued", "running", "failed"]
     with pytest.raises(BuildFailed):
         client.wait_for_build(status.build_id)
@@ -218,7 +218,7 @@ def test_a_build_is_waited_for(client: Any, kind: str, service: Service, tmp_pat
     def progress(status: Any) -> None:
         seen.append(status.state)
         after = new_status("succeeded", map_id=f"of-{kind}", version="ff" * 32)
-        service.catalog.set_build_status(status.build_id, after)
+        service.catalog.builds.set_status(status.build_id, after)
 
     status = client.build_map(source, f"of-{kind}", progress=progress)
     assert (status.version, status.is_final) == ("ff" * 32, True)

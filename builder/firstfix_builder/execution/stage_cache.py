@@ -30,7 +30,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 from pydantic import BaseModel
 
@@ -70,6 +70,11 @@ class StageResult:
     key: str
     directory: Path
     digest: str
+
+    @classmethod
+    def of(cls, result: StageResult) -> Self:
+        """The same stage, with the properties of its kind (``stage_results``)."""
+        return cls(result.key, result.directory, result.digest)
 
 
 class StageCache:

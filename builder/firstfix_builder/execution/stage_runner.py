@@ -31,7 +31,7 @@ class StageRunner:
     progress: Progress
     cancelled: Callable[[], bool]
 
-    def _stage(
+    def stage(
         self, name: str, inputs: Mapping[str, str], config: Any, produce: Callable[[Path], None]
     ) -> StageResult:
         """Result of a stage that runs in this process, unless it is cached."""
@@ -42,7 +42,7 @@ class StageRunner:
         self.progress(name, 1.0)
         return result
 
-    def _chunked_stage(
+    def chunked_stage(
         self,
         name: str,
         inputs: Mapping[str, StageResult],
@@ -60,10 +60,11 @@ class StageRunner:
         """
 
         def run(chunks: Sequence[Chunk]) -> Iterator[Arrays]:
-            return self.chunks.run(name, chunks, inputs, self._ticks(name, share), self.cancelled)
+            return self.chunks.run(name, chunks, inputs, self.ticks(name, share), self.cancelled)
 
         digests = {reads: result.digest for reads, result in {**inputs, **(besides or {})}.items()}
-        return self._stage(name, digests, config, lambda out: produce(out, run))
+        return self.stage(name, digests, config, lambda out: produce(out, run))
 
-    def _ticks(self, stage: str, share: float = 1.0) -> Callable[[float], None]:
+    def ticks(self, stage: str, share: float = 1.0) -> Callable[[float], None]:
+        """Reports the progress of a part of a stage, 0..1."""
         return lambda fraction: self.progress(stage, share * fraction)

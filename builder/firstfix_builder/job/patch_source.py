@@ -25,6 +25,7 @@ from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.engine.changes.areas import Area, find_areas
 from firstfix.errors import NotFound, NothingToPatch, UnreadableRecord
 
+from ..stage_files import link
 from .kept_queries import chosen_queries
 
 _log = logging.getLogger(__name__)
@@ -148,7 +149,7 @@ def _areas_of(catalog: Catalog, map_id: str, version: str) -> list[Area]:
 def _linked(path: Path, folder: Path) -> str:
     """Puts a file into a folder. Returns its path below that folder's parent."""
     folder.mkdir()
-    _link(path, folder / path.name)
+    link(path, folder / path.name)
     return f"{folder.name}/{path.name}"
 
 
@@ -157,11 +158,4 @@ def _link_all(folder: Path, into: Path) -> None:
         if path.is_file():
             target = into / path.relative_to(folder)
             target.parent.mkdir(parents=True, exist_ok=True)
-            _link(path, target)
-
-
-def _link(path: Path, target: Path) -> None:
-    try:
-        target.hardlink_to(path)
-    except OSError:  # another file system
-        shutil.copyfile(path, target)
+            link(path, target)

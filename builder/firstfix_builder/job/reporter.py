@@ -16,6 +16,7 @@ import signal
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from types import FrameType
 from typing import Any
 
@@ -60,7 +61,8 @@ class BuildReporter:
         own_process: bool = False,
     ) -> None:
         build_id = options.build_id
-        self.provisional_version: str | None = catalog.status_or_queued(build_id)["provisional_version"]
+        status = catalog.builds.status_or_queued(build_id)
+        self.provisional_version: str | None = status["provisional_version"]
         self._catalog = catalog
         self._build_id = build_id
         self._map_id = map_id
@@ -131,7 +133,7 @@ class BuildReporter:
                 self._write_status()
                 if now >= next_look and not self._cancelled.is_set():
                     next_look = now + CANCEL_PERIOD_S
-                    if self._catalog.is_cancel_requested(self._build_id):
+                    if self._catalog.builds.is_cancel_requested(self._build_id):
                         self._cancelled.set()
                         forced_at = now + CANCEL_GRACE_S
             except StoreError as error:
@@ -144,7 +146,7 @@ class BuildReporter:
         if current == self._written:
             return
         status = self._status("running")
-        self._catalog.set_build_status(self._build_id, status)
+        self._catalog.builds.set_status(self._build_id, status)
         self._written = current
 
     def _status(self, state: str) -> dict[str, Any]:
@@ -158,11 +160,9 @@ class BuildReporter:
 
     def _end_process(self, state: str, code: ExitCode) -> None:
         status = self._status(state)
-        last_word = threading.Thread(
-            target=end_build if state in FINAL_STATES else Catalog.set_build_status,
-            args=(self._catalog, self._build_id, status),
-            daemon=True,
-        )
+        has_ended = state in FINAL_STATES
+        record = partial(end_build, self._catalog) if has_ended else self._catalog.builds.set_status
+        last_word = threading.Thread(target=record, args=(self._build_id, status), daemon=True)
         last_word.start()
         last_word.join(LAST_WORD_S)
         for child in multiprocessing.active_children():

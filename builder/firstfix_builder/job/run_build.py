@@ -76,10 +76,10 @@ def run_build(
     """
     build_id, work = options.build_id, options.work
     catalog = Catalog(Store.open(options.store))
-    request = catalog.build_request(build_id)
+    request = catalog.builds.request(build_id)
     map_id = str(request.get("map_id", ""))
     with _alone_in(work), BuildTrace(build_id, map_id, request.get("traceparent")) as trace:
-        state = catalog.build_status(build_id)["state"]
+        state = catalog.builds.status(build_id)["state"]
         if state in _EXIT_OF_STATE:
             return _EXIT_OF_STATE[state]
         config = json_object(request, "config")
@@ -165,7 +165,7 @@ def run_build(
                     _log.warning("build %s: %s", build_id, held.text)
             except (StoreUnavailable, ClusterUnavailable, OutOfSpace) as error:
                 with suppress(StoreError):  # not the build's fault: it is to be run again
-                    catalog.set_build_status(build_id, reporter.waiting_status(error_record(error, work)))
+                    catalog.builds.set_status(build_id, reporter.waiting_status(error_record(error, work)))
                 raise
             except BuildCancelled:
                 status = new_status("cancelled", map_id=map_id, stage=reporter.stage)
@@ -176,9 +176,9 @@ def run_build(
                 )
         status["provisional_version"] = reporter.provisional_version
         trace.end(status["state"], (status["error"] or {}).get("code"))
-        catalog.set_build_stages(build_id, [asdict(stage) for stage in trace.stages])
+        catalog.builds.set_stages(build_id, [asdict(stage) for stage in trace.stages])
         if status["state"] == "succeeded":
-            catalog.set_build_status(build_id, status)
+            catalog.builds.set_status(build_id, status)
         else:
             end_build(catalog, build_id, status)
         shutil.rmtree(work / "sources", ignore_errors=True)

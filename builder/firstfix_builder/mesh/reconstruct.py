@@ -17,6 +17,7 @@ from firstfix.errors import BuildFailed
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
+from ..stage_files import TRAJECTORY_FILE
 from .clean_cloud import surface_spacings_m
 from .map_tiles import Block, occupied_blocks
 from .mesh import Mesh
@@ -83,7 +84,7 @@ class MeshChunk(Chunk):
 
     def _places(self, folder: Path) -> NDArray[np.float64] | None:
         """(m, 3) where the scanner was near the block; None: the map has no poses."""
-        trajectory = folder / "trajectory.npy"
+        trajectory = folder / TRAJECTORY_FILE
         if not trajectory.exists():
             return None
         places = _thinned(np.load(trajectory)[:, :3, 3])

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..index.top_view import TopView
+from ..viewpoints.left_out_floor import SeenFloor
 
 CELL_M = 4.0
 _COLOURS = {"localized": "tab:green", "unsure": "tab:orange", "wrong": "tab:red"}
@@ -33,25 +34,6 @@ class QueriedPlace:
     outcome: str
     rival_m: NDArray[np.float64] | None
     found: bool
-
-
-@dataclass(frozen=True)
-class SeenFloor:
-    """The floor that the mapping run saw.
-
-    Attributes:
-        seen_m2: its area.
-        without_template: share that has no template, because no step reaches it.
-        left_out: (k, 3) places of that share, in the index's levelled frame.
-    """
-
-    seen_m2: float
-    without_template: float
-    left_out: NDArray[np.float64]
-
-    def to_mapping(self) -> dict[str, float]:
-        """Returns the figures as JSON values."""
-        return {"seen_m2": self.seen_m2, "without_template": self.without_template}
 
 
 def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:

@@ -14,8 +14,8 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.transform import transform_points
 
-from ..read_map.held_out import HeldOut, HeldOutScan
-from ..read_map.held_out_parts import HeldOutParts
+from ..sources.read_map.held_out import HeldOut, HeldOutScan
+from ..sources.read_map.held_out_parts import HeldOutParts
 from .reliability import FOLDS
 
 MAX_RESIDUAL_M = 0.3  # median distance of a scan's points from the map: beyond it, its pose does not fit

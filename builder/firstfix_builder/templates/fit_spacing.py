@@ -19,8 +19,10 @@ from firstfix.sensor import SensorModel
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
 from ..mesh.map_tiles import by_nested_tiles
+from ..stage_results import CHUNK_START_FILE, POSITIONS_FILE, SPACING_FILE, VIEW_FILE
 from ..viewpoints.even_sample import rows_by_hash
 from ..viewpoints.floor_chunks import tiled_viewpoints
+from ..viewpoints.left_out_floor import FLOOR_FILE, LEFT_OUT_FILE
 from ..viewpoints.sample import DEFAULT_SPACING_M
 from ..viewpoints.tiles import Tiling, in_order
 from .make import chunk_tile_m
@@ -33,7 +35,6 @@ from .view_distance import (
     percentile_m,
 )
 
-LEFT_OUT_FILE, FLOOR_FILE = "left_out.npy", "floor.json"
 ROOM_SPACING_M = 0.5
 ROOM_VIEW_M = 12.0  # below this view distance, 0.5 m finds twice as many places as 1 m
 
@@ -121,11 +122,11 @@ def fitting_viewpoints(
     if keep is not None and not keep.all():
         spacing_m = OPEN_SPACING_M
     order, start = by_nested_tiles(positions[rows], config.tile_m, chunk_tile_m(config.tile_m, spacing_m))
-    np.save(out / "positions.npy", positions[rows[order]])
+    np.save(out / POSITIONS_FILE, positions[rows[order]])
     np.save(out / "floor_z.npy", floor_z[rows[order]])
-    np.save(out / "chunk_start.npy", start)
-    np.save(out / "spacing_m.npy", spacing_m)
-    np.save(out / "view_m.npy", view_m)
+    np.save(out / CHUNK_START_FILE, start)
+    np.save(out / SPACING_FILE, spacing_m)
+    np.save(out / VIEW_FILE, view_m)
     if (places.directory / LEFT_OUT_FILE).exists():
         left_out = np.load(places.directory / LEFT_OUT_FILE)
         np.save(out / LEFT_OUT_FILE, left_out)

@@ -21,6 +21,7 @@ from ..mesh.places.surface_cells import surface_cells_of
 from ..mesh.tiled_mesh import TiledMesh
 from ..simulation.local_simulator import local_simulator
 from ..simulation.simulate import Simulator
+from ..stage_files import TRAJECTORY_FILE
 from .even_sample import FloorPoints
 from .sample import Viewpoints, floor_sampling, foot_near, joined_viewpoints
 from .seen_floor import SIGHT_M, MappingRun, TileFloor, is_sparse, poses_near, seen_from
@@ -28,7 +29,6 @@ from .tile_floors import FloorSampling, TileFloors, tile_floors
 from .tiles import SHARED_TILES, Tiling, in_order
 from .trajectory_floor import Track
 
-TRAJECTORY = "trajectory.npy"
 _SPOT = np.dtype([("xy", "<f8", 2), ("z", "<f8"), ("low", "<f8"), ("high", "<f8"), ("part", "<i4")])
 
 
@@ -158,7 +158,7 @@ def tiled_viewpoints(
     tiled = TiledMesh.load(mesh)
     tiles = tiling.over(tiled.low, tiled.high)
     drop_m = mapping = None
-    if (read / TRAJECTORY).exists() and len(_poses(read).points):
+    if (read / TRAJECTORY_FILE).exists() and len(_poses(read).points):
         over = np.unique(tiling.of(_poses(read).points), axis=0).tolist()
         under = [DropsChunk(tile, tiling) for tile in in_order((x, y) for x, y in over)]
         drop_m = np.concatenate([part["drop_m"] for part in run(under)])
@@ -222,7 +222,7 @@ def _floors(arrays: Arrays) -> TileFloors:
 @lru_cache(2)
 def _poses(read: Path) -> Track:
     """The positions of the poses themselves."""
-    return Track(np.ascontiguousarray(np.load(read / TRAJECTORY, mmap_mode="r")[:, :3, 3]))
+    return Track(np.ascontiguousarray(np.load(read / TRAJECTORY_FILE, mmap_mode="r")[:, :3, 3]))
 
 
 @lru_cache(2)

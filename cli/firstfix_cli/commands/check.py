@@ -14,7 +14,7 @@ from .build import Axis
 
 if TYPE_CHECKING:
     from firstfix.findings.finding import Finding
-    from firstfix_builder.read_map import MapData
+    from firstfix_builder.sources.read_map import MapData
 
 EXAMPLES = examples(
     "firstfix check hall.ply",
@@ -63,10 +63,10 @@ def _of_map(source: Path, trajectory: Path | None, axis: Axis, scale: float) -> 
     from tempfile import TemporaryDirectory
 
     from firstfix.builds.config import BuildConfig
-    from firstfix_builder.check_map.check_map import check_map
-    from firstfix_builder.check_map.shape import Shape
-    from firstfix_builder.read_map import read_map
-    from firstfix_builder.read_map.archive import SUFFIX, unpack
+    from firstfix_builder.sources.check_map.check_map import check_map
+    from firstfix_builder.sources.check_map.shape import Shape
+    from firstfix_builder.sources.read_map import read_map
+    from firstfix_builder.sources.read_map.archive import SUFFIX, unpack
 
     BuildConfig.parse({"axis": axis.value, "scale": scale})
     with TemporaryDirectory() as scratch:

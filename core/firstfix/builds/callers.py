@@ -55,7 +55,7 @@ class CallerUsage:
             if not is_name(build_id):
                 continue
             try:
-                state = self._records.build_status(build_id)["state"]
+                state = self._records.status(build_id)["state"]
             except UnreadableRecord:  # such a build is not run
                 continue
             except NotFound:  # about to be recorded; or its process was killed, and the entry expires

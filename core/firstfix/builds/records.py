@@ -36,7 +36,7 @@ class BuildRecords:
     def __init__(self, store: Store) -> None:
         self.store = store
 
-    def put_build(self, build_id: str, request: Mapping[str, Any]) -> None:
+    def put(self, build_id: str, request: Mapping[str, Any]) -> None:
         """Record the request of a build, which is ``queued`` from now on.
 
         Raises:
@@ -45,11 +45,11 @@ class BuildRecords:
         if not self.store.put_new(_key(build_id, "request.json"), record_json(request)):
             raise Conflict(f"a build {build_id} exists already")
 
-    def build_ids(self) -> list[str]:
+    def ids(self) -> list[str]:
         """Ids of all recorded builds, sorted."""
         return [name for name in self.store.folders("builds") if is_name(name)]
 
-    def build_request(self, build_id: str) -> dict[str, Any]:
+    def request(self, build_id: str) -> dict[str, Any]:
         """Request of a build.
 
         Raises:
@@ -62,7 +62,7 @@ class BuildRecords:
         except NotFound:
             raise NotFound(f"no build {build_id}") from None
 
-    def build_status(self, build_id: str) -> dict[str, Any]:
+    def status(self, build_id: str) -> dict[str, Any]:
         """Status of a build.
 
         Returns:
@@ -77,7 +77,7 @@ class BuildRecords:
             key = _key(build_id, "status.json")
             return read_record(self.store, key, RecordKind.BUILD_STATUS, parse_status)
         except NotFound:
-            request = self.build_request(build_id)
+            request = self.request(build_id)
             return new_status("queued", map_id=request.get("map_id", ""))
 
     def shown_status(self, build_id: str) -> dict[str, Any]:
@@ -89,7 +89,7 @@ class BuildRecords:
             NotFound: no such build.
         """
         try:
-            return self.build_status(build_id)
+            return self.status(build_id)
         except UnreadableRecord as error:
             return {
                 **new_status("failed", map_id=self._map_of(build_id)),
@@ -100,21 +100,21 @@ class BuildRecords:
     def status_or_queued(self, build_id: str) -> dict[str, Any]:
         """Status of a build, or ``queued`` if the status is damaged. For the process that will replace it."""
         try:
-            return self.build_status(build_id)
+            return self.status(build_id)
         except UnreadableRecord:
             return new_status("queued", map_id=self._map_of(build_id))
 
     def _map_of(self, build_id: str) -> str:
         try:
-            return str(self.build_request(build_id).get("map_id", ""))
+            return str(self.request(build_id).get("map_id", ""))
         except (NotFound, UnreadableRecord):
             return ""
 
-    def set_build_status(self, build_id: str, status: Mapping[str, Any]) -> None:
+    def set_status(self, build_id: str, status: Mapping[str, Any]) -> None:
         """Replace the status of a build (``new_status``)."""
         self.store.put(_key(build_id, "status.json"), record_json(status))
 
-    def build_stages(self, build_id: str) -> list[dict[str, Any]]:
+    def stages(self, build_id: str) -> list[dict[str, Any]]:
         """Stages of the last run that ended: ``stage``, ``seconds`` and ``cached`` of each.
 
         Raises:
@@ -127,7 +127,7 @@ class BuildRecords:
         except NotFound:
             return []
 
-    def set_build_stages(self, build_id: str, stages: Sequence[Mapping[str, Any]]) -> None:
+    def set_stages(self, build_id: str, stages: Sequence[Mapping[str, Any]]) -> None:
         """Record the stages of a run that has ended."""
         record = record_json({"stages": [dict(stage) for stage in stages]})
         self.store.put(_key(build_id, "stages.json"), record)
@@ -140,7 +140,7 @@ class BuildRecords:
             Conflict: the build has ended.
             UnreadableRecord: the status is damaged, so the build may have ended.
         """
-        state = self.build_status(build_id)["state"]
+        state = self.status(build_id)["state"]
         if state in FINAL_STATES:
             raise Conflict(f"build {build_id} has {state}")
         self.store.put_new(_key(build_id, "cancel"), b"")
@@ -242,7 +242,7 @@ def parse_stages(record: dict[str, Any]) -> list[dict[str, Any]]:
     """Parse the record of a build's stages.
 
     Raises:
-        ValueError, TypeError, KeyError: it is not what ``set_build_stages`` records.
+        ValueError, TypeError, KeyError: it is not what ``set_stages`` records.
     """
     stages = [dict(stage) for stage in record["stages"]]
     for stage in stages:

@@ -57,15 +57,20 @@ class VersionInfo:
     provisional: bool = False
 
 
-class Catalog(BuildRecords):
+class Catalog:
     """Maps and builds that the builder writes and the service reads. Thread-safe.
 
     Every method raises InvalidOption for an invalid id or version, and StoreUnavailable or StoreError if the
     store fails.
+
+    Attributes:
+        builds: requests and states of the builds.
+        changes: notices of changed maps.
     """
 
     def __init__(self, store: Store) -> None:
-        super().__init__(store)
+        self.store = store
+        self.builds = BuildRecords(store)
         self.changes = ChangeLog(store)
         self._logs: dict[str, MapLog] = {}  # of existing maps only: made-up ids leave no trace
         self._objects = VersionObjects(store)

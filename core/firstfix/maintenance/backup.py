@@ -162,7 +162,7 @@ class _Copy:
         build_id = key.split("/")[1]
         if build_id not in self._maps_of_builds:
             try:
-                request = BuildRecords(self._source).build_request(build_id)
+                request = BuildRecords(self._source).request(build_id)
             except (NotFound, UnreadableRecord, InvalidOption):
                 request = {}
             self._maps_of_builds[build_id] = str(request.get("map_id", ""))

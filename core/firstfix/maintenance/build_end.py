@@ -33,7 +33,7 @@ def end_build(catalog: Catalog, build_id: str, status: Mapping[str, Any]) -> Non
         StoreError: the end is not recorded.
     """
     made_full = _retire_provisional(catalog, build_id, str(status["map_id"]))
-    catalog.set_build_status(build_id, status)
+    catalog.builds.set_status(build_id, status)
     if made_full:  # it was published, but its process was killed before it could say so
         return
     try:
@@ -49,7 +49,7 @@ def _retire_provisional(catalog: Catalog, build_id: str, map_id: str) -> bool:
     state = catalog.state(map_id)
     own = state.published_by(build_id)
     # Two builds may make the same one: the log names the first, and the status of each names it.
-    named = {catalog.status_or_queued(build_id)["provisional_version"]}
+    named = {catalog.builds.status_or_queued(build_id)["provisional_version"]}
     for version in (own | named) & state.provisional:
         if not _is_of_another(catalog, build_id, version):
             with suppress(NotFound):  # somebody has just retired it
@@ -59,10 +59,10 @@ def _retire_provisional(catalog: Catalog, build_id: str, map_id: str) -> bool:
 
 def _is_of_another(catalog: Catalog, build_id: str, version: str) -> bool:
     """Returns whether a build that has not ended has published the same provisional version."""
-    for other in catalog.build_ids():
+    for other in catalog.builds.ids():
         if other != build_id:
             with suppress(NotFound, UnreadableRecord):
-                status = catalog.build_status(other)
+                status = catalog.builds.status(other)
                 if status["state"] not in FINAL_STATES and status["provisional_version"] == version:
                     return True
     return False

@@ -135,7 +135,7 @@ def remove_sources_of(catalog: Catalog, build_id: str) -> None:
         StoreError: the store failed.
     """
     try:
-        folder = f"maps/{check_map_id(catalog.build_request(build_id)['map_id'])}/sources"
+        folder = f"maps/{check_map_id(catalog.builds.request(build_id)['map_id'])}/sources"
         keys = {key for key in _sources_of(catalog, build_id) if key.startswith(f"{folder}/")}
     except (UnreadableRecord, KeyError, InvalidOption):  # nobody can tell which
         return
@@ -204,7 +204,7 @@ def _builds(catalog: Catalog, cutoff: datetime) -> list[str]:
         if not is_name(build_id):
             return False
         try:
-            status = catalog.build_status(build_id)
+            status = catalog.builds.status(build_id)
         except NotFound:  # left by a removal that was killed
             return True
         except UnreadableRecord:  # nobody can tell whether it has ended
@@ -235,7 +235,7 @@ def _unused_sources(catalog: Catalog, found: list[StoredObject], gone: set[str])
         except UnreadableRecord:
             return None
 
-    needs = read_each([build_id for build_id in catalog.build_ids() if build_id not in gone], needed)
+    needs = read_each([build_id for build_id in catalog.builds.ids() if build_id not in gone], needed)
     used = set().union(*(named for named in needs.values() if named is not None))
     unread: list[StoredObject] = []
     for build_id, named in needs.items():
@@ -246,7 +246,7 @@ def _unused_sources(catalog: Catalog, found: list[StoredObject], gone: set[str])
 
 def _ended_without_version(catalog: Catalog, build_id: str) -> bool:
     """Returns whether a build failed or was cancelled, and no version in service is its own."""
-    status = catalog.build_status(build_id)
+    status = catalog.builds.status(build_id)
     if status["state"] not in FINAL_STATES - {"succeeded"}:
         return False
     map_id = str(status["map_id"])
@@ -255,7 +255,7 @@ def _ended_without_version(catalog: Catalog, build_id: str) -> bool:
 
 def _sources_of(catalog: Catalog, build_id: str) -> list[str]:
     try:
-        request = catalog.build_request(build_id)
+        request = catalog.builds.request(build_id)
     except NotFound:
         return []
     named = (request.get(role) for role in ("source", "trajectory"))

@@ -103,7 +103,7 @@ def is_patch_waiting(catalog: Catalog, map_id: str, version: str) -> bool:
 def _base_of(catalog: Catalog, build_id: str) -> str | None:
     """The version that a build has patched; None: it was no patch, or its record is gone."""
     try:
-        patch = catalog.build_request(build_id).get("patch")
+        patch = catalog.builds.request(build_id).get("patch")
     except NotFound:
         return None
     return str(patch.get("base")) if isinstance(patch, dict) else None

@@ -49,7 +49,7 @@ def active_request(catalog: Catalog, map_id: str) -> tuple[str, dict[str, Any]]:
     )
     if not made_by:
         raise NotFound(f"the active version of map {map_id} was built without a record: submit the map again")
-    request = catalog.build_request(made_by)
+    request = catalog.builds.request(made_by)
     _check_files(catalog.store, map_id, request)
     for name in ("traceparent", "owner"):  # of the old request and its caller
         request.pop(name, None)
@@ -66,7 +66,7 @@ def record_again(catalog: Catalog, map_id: str, request: Mapping[str, Any], buil
         NotFound: a source is gone.
     """
     build_id = build_id or new_build_id()
-    catalog.put_build(build_id, request)
+    catalog.builds.put(build_id, request)
     # As for a submitted map. If a source has just been removed, the build fails and this error says why.
     _check_files(catalog.store, map_id, request, own_copy_for=build_id)
     return build_id

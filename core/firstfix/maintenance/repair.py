@@ -104,7 +104,7 @@ class Repair:
     def _build_status(self, key: str) -> str:
         build_id = key.split("/")[1]
         try:
-            request = self._catalog.build_request(build_id)
+            request = self._catalog.builds.request(build_id)
         except (NotFound, UnreadableRecord):
             return self._aside(key)
         map_id = request.get("map_id", "")
@@ -123,7 +123,7 @@ class Repair:
             version=published[False],
             provisional_version=published[True],
         )
-        self._catalog.set_build_status(build_id, status)
+        self._catalog.builds.set_status(build_id, status)
         return "written again: the map's log shows that the build has succeeded"
 
     def _log_entry(self, key: str) -> str:

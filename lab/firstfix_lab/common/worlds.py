@@ -19,8 +19,8 @@ from firstfix.scan.scan import Scan
 from firstfix.store.sha256 import sha256_of
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.mesh.mesh import Mesh
-from firstfix_builder.read_map import read_map, read_trajectory
 from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.sources.read_map import read_map, read_trajectory
 from firstfix_builder.viewpoints.sample import sample_viewpoints
 from firstfix_cli import sample_world
 from firstfix_cli.poses_csv import read_poses_csv

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from firstfix.errors import MalformedData, NotFound, TooLarge
 from firstfix.formats.text_table import parse_rows
 from firstfix.transform import Matrix, make_transform
-from firstfix_builder.read_map.file_errors import naming
-from firstfix_builder.read_map.rigid import rigid_from_quaternions
+from firstfix_builder.sources.read_map.file_errors import naming
+from firstfix_builder.sources.read_map.rigid import rigid_from_quaternions
 
 NS = 1_000_000_000
 MAX_FILE_BYTES = 1_000_000_000

@@ -17,8 +17,8 @@ import numpy as np
 from firstfix.errors import InvalidOption, MalformedData, NotFound
 from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.scan.scan import Scan
-from firstfix_builder.read_map.file_errors import naming
-from firstfix_builder.read_map.rigid import rigid_from_quaternions
+from firstfix_builder.sources.read_map.file_errors import naming
+from firstfix_builder.sources.read_map.rigid import rigid_from_quaternions
 
 from .ground_truth import GroundTruth, check_stamps, read_rows
 from .recording import Recording

@@ -14,8 +14,8 @@ from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.formats.raw_xyz import decode_xyzi
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
-from firstfix_builder.read_map.file_errors import naming
-from firstfix_builder.read_map.rigid import rigid_matrices
+from firstfix_builder.sources.read_map.file_errors import naming
+from firstfix_builder.sources.read_map.rigid import rigid_matrices
 
 from .ground_truth import GroundTruth, check_stamps, read_rows
 from .recording import Recording

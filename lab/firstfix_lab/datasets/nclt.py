@@ -17,8 +17,8 @@ from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.formats.scanner_bin import decode_scanner_bin
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform
-from firstfix_builder.read_map.file_errors import naming
-from firstfix_builder.read_map.rigid import rigid_from_angles
+from firstfix_builder.sources.read_map.file_errors import naming
+from firstfix_builder.sources.read_map.rigid import rigid_from_angles
 
 from .ground_truth import GroundTruth, check_stamps, read_rows
 from .recording import Recording

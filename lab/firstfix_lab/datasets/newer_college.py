@@ -16,8 +16,8 @@ import numpy as np
 from firstfix.decode import read_scan_file
 from firstfix.errors import NotFound
 from firstfix.transform import from_quaternion
-from firstfix_builder.read_map.file_errors import naming
-from firstfix_builder.read_map.rigid import rigid_from_quaternions
+from firstfix_builder.sources.read_map.file_errors import naming
+from firstfix_builder.sources.read_map.rigid import rigid_from_quaternions
 
 from .bag_clouds import BagClouds, bags_in
 from .ground_truth import NS, GroundTruth, check_stamps, read_rows, read_tum

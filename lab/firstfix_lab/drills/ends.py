@@ -65,7 +65,7 @@ class World:
         return self.deployment.members[0]
 
     def status(self, build_id: str) -> dict[str, Any]:
-        return self.catalog.build_status(build_id)
+        return self.catalog.builds.status(build_id)
 
     def cancel(self, build_id: str) -> None:
         httpx.delete(f"http://127.0.0.1:{self.deployment.port}/builds/{build_id}", timeout=30)
@@ -277,10 +277,10 @@ def left_over(world: World) -> list[str]:
     store = catalog.store
     keys = store.list()  # before the references: what is created meanwhile is not taken for left over
     referred: set[str] = set()
-    for build_id in catalog.build_ids():
+    for build_id in catalog.builds.ids():
         referred.update(store.list(f"builds/{build_id}"))
-        if catalog.build_status(build_id)["state"] not in ("failed", "cancelled"):
-            referred.add(str(catalog.build_request(build_id)["source"]["key"]))
+        if catalog.builds.status(build_id)["state"] not in ("failed", "cancelled"):
+            referred.add(str(catalog.builds.request(build_id)["source"]["key"]))
     for map_id in catalog.folder_names():
         for version in catalog.state(map_id).published:
             names = (*catalog.manifest(map_id, version).files, "manifest.json")

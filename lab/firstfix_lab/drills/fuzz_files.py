@@ -40,7 +40,7 @@ AT_ONCE = 50  # files that one process reads, if it lives
 _PRELOADED = (  # so that a process for one file starts in milliseconds
     "laspy", "lazrs", "pye57", "trimesh", "trimesh.exchange.load", "lzf", "zstandard", "sqlite3", "yaml",
     "rosbags.rosbag1", "rosbags.rosbag2", "rosbags.typesys", "firstfix.wire.scan", "firstfix.wire.query",
-    "firstfix.wire.sequence", "firstfix_builder.read_map",
+    "firstfix.wire.sequence", "firstfix_builder.sources.read_map",
 )  # fmt: skip
 
 

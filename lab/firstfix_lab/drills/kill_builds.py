@@ -190,11 +190,11 @@ def _kill_one(deployment: Deployment, rng: random.Random) -> str:
 
 def _recorded(catalog: Catalog) -> list[str]:
     """Ids of the builds with a record. A kill while it is written leaves a folder without one."""
-    return [one for one in catalog.build_ids() if catalog.store.exists(f"builds/{one}/request.json")]
+    return [one for one in catalog.builds.ids() if catalog.store.exists(f"builds/{one}/request.json")]
 
 
 def _state(catalog: Catalog, build_id: str) -> str:
-    return str(catalog.build_status(build_id)["state"])
+    return str(catalog.builds.status(build_id)["state"])
 
 
 def _attempts(catalog: Catalog, build_id: str) -> int:
@@ -213,7 +213,7 @@ def _published_twice(catalog: Catalog) -> list[str]:
 def _orphans(catalog: Catalog) -> list[str]:
     """Files of the store that no version, no build and no log refers to."""
     store = catalog.store
-    referred = {str(catalog.build_request(b)["source"]["key"]) for b in _recorded(catalog)}
+    referred = {str(catalog.builds.request(b)["source"]["key"]) for b in _recorded(catalog)}
     kept = {key for folder in ("changes", "checked", "callers") for key in store.list(folder)}
     for map_id in catalog.map_ids():
         for version in catalog.state(map_id).published:

@@ -34,9 +34,9 @@ class Acknowledged:
 
     def missing_in(self, catalog: Catalog) -> list[str]:
         """The acknowledged things that a store has lost."""
-        lost = [f"build {name}" for name in sorted(self.builds - set(catalog.build_ids()))]
+        lost = [f"build {name}" for name in sorted(self.builds - set(catalog.builds.ids()))]
         for build_id, (map_id, version) in self.succeeded.items():
-            if catalog.build_status(build_id)["version"] != version:
+            if catalog.builds.status(build_id)["version"] != version:
                 lost.append(f"the end of build {build_id}")
             if version not in catalog.state(map_id).published:
                 lost.append(f"version {version[:12]} of {map_id}")

@@ -86,7 +86,7 @@ def power_cuts(folder: Path, *, cuts: int, seed: int = 0) -> dict[str, Any]:
         found["torn"] += [f"cut {number}: {key}" for key in _torn(_catalog(disk).store)]
         found["broken"] += [f"cut {number}: {what}" for what in _broken(_catalog(disk), folder / "cache")]
     catalog = _catalog(disk)
-    ended = {build_id: str(catalog.build_status(build_id)["state"]) for build_id in sorted(said.builds)}
+    ended = {build_id: str(catalog.builds.status(build_id)["state"]) for build_id in sorted(said.builds)}
     versions = sum(len(catalog.state(map_id).published) for map_id in MAPS)
     _unmount(disk)
     return {

@@ -84,15 +84,15 @@ def fill(store: Store, scratch: Path) -> None:
     checked.save({item.key for item in store.scan("maps/hall")})
     for build_id in ("b1", "b2"):
         key = f"maps/hall/sources/{source}"
-        catalog.put_build(build_id, {"map_id": "hall", "source": {"key": key}, "config": {"a": 1}})
+        catalog.builds.put(build_id, {"map_id": "hall", "source": {"key": key}, "config": {"a": 1}})
         attempts = BuildAttempts(store, "me", lease_s=30, max_attempts=3)
         attempt = attempts.claim(build_id, "")
         assert attempt is not None
         attempts.end(attempt, AttemptEnd.ENDED, ran_s=12.5)
-    catalog.set_build_status(
+    catalog.builds.set_status(
         "b2", new_status("succeeded", map_id="hall", version=catalog.active_version("hall"))
     )
-    catalog.set_build_stages("b2", [{"stage": "cluster", "seconds": 1.5, "cached": False}])
+    catalog.builds.set_stages("b2", [{"stage": "cluster", "seconds": 1.5, "cached": False}])
     uploads = Uploads(store)
     for upload_id, size_bytes in (("whole", 6), ("half", 9)):
         uploads.create(upload_id, size_bytes=size_bytes, file_name="a.ply")
@@ -130,14 +130,14 @@ def look(store: Store, scratch: Path) -> dict[str, Any]:
         if state.active is not None:
             files = said(_files, catalog, map_id, state.active, scratch)
             found[f"files {map_id} {state.active}"] = files
-    for build_id in catalog.build_ids():
-        status = said(catalog.shown_status, build_id)
+    for build_id in catalog.builds.ids():
+        status = said(catalog.builds.shown_status, build_id)
         is_shown = status != ABSENT and status["state"] != "unreadable"
         found[f"status {build_id}"] = status if is_shown else ABSENT
         known = ("map_id", "source", "trajectory", "config", "file_name", "owner")
-        request = said(catalog.build_request, build_id)
+        request = said(catalog.builds.request, build_id)
         found[f"request {build_id}"] = request if request == ABSENT else [request.get(name) for name in known]
-        found[f"stages {build_id}"] = said(catalog.build_stages, build_id)
+        found[f"stages {build_id}"] = said(catalog.builds.stages, build_id)
         attempts = BuildAttempts(store, "you", lease_s=30, max_attempts=3)
         found[f"ran {build_id}"] = said(attempts.ran_s, build_id)
     for upload_id in uploads.ids():

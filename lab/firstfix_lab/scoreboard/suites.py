@@ -32,9 +32,9 @@ ASKED = (  # what turns, asks and judges the scans
 BUILDS = (  # what else decides the work of a build
     "builder/firstfix_builder/build_stages.py",
     "builder/firstfix_builder/execution",
-    "builder/firstfix_builder/level_map.py",
-    "builder/firstfix_builder/read_map",
+    "builder/firstfix_builder/sources",
     "builder/firstfix_builder/stage_files.py",
+    "builder/firstfix_builder/stage_results.py",
     "builder/firstfix_builder/tested_version.py",
 )
 WORLDS = ("cli/firstfix_cli/sample_world", "lab/firstfix_lab/worlds")

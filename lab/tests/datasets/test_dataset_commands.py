@@ -9,7 +9,7 @@ import pytest
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
-from firstfix_builder.read_map import read_map
+from firstfix_builder.sources.read_map import read_map
 from firstfix_cli.main import run
 from lab.tests.datasets.dataset_files import write_hilti, write_mulran
 

@@ -11,7 +11,7 @@ from firstfix.decode import read_scan_file
 from firstfix.errors import InputError, InvalidOption, MalformedData, NotFound
 from firstfix.scan.scan import Scan
 from firstfix.transform import from_quaternion, inverse, make_transform, pose_error, transform_points
-from firstfix_builder.read_map import read_map
+from firstfix_builder.sources.read_map import read_map
 from firstfix_lab.datasets.datasets import open_dataset
 from firstfix_lab.datasets.ground_truth import GroundTruth
 from firstfix_lab.datasets.mapping_run import write_mapping_run

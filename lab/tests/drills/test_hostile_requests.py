@@ -205,7 +205,7 @@ def test_json_that_is_meant_to_hurt_is_refused(service: Service, body: str):
     answer = service.http.post("/maps", content=data, headers={"Content-Type": "application/json"})
     assert 400 <= answer.status_code < 500
     assert len(answer.content) < 2000
-    assert service.catalog.build_ids() == []
+    assert service.catalog.builds.ids() == []
 
 
 def form(*parts: bytes, boundary: bytes = b"B") -> bytes:
@@ -239,11 +239,11 @@ FORMS = {
 
 @pytest.mark.parametrize("kind", FORMS)
 def test_forms_that_are_meant_to_hurt_are_refused(service: Service, kind: str):
-    headers, before = {"Content-Type": "multipart/form-data; boundary=B"}, service.catalog.build_ids()
+    headers, before = {"Content-Type": "multipart/form-data; boundary=B"}, service.catalog.builds.ids()
     answer = service.http.post("/maps", content=FORMS[kind], headers=headers)
     assert 400 <= answer.status_code < 500
     assert len(answer.content) < 2000
-    assert service.catalog.build_ids() == before
+    assert service.catalog.builds.ids() == before
     assert list((service.settings.work_dir / "uploads").iterdir()) == [], "nothing stays on the disk"
 
 
@@ -282,7 +282,7 @@ def test_file_names_are_made_harmless(service: Service, file_name: bytes):
     headers = {"Content-Type": "multipart/form-data; boundary=B"}
     answer = service.http.post("/maps", content=body, headers=headers)
     assert answer.status_code == 202
-    kept = service.catalog.build_request(answer.json()["build_id"])["file_name"]
+    kept = service.catalog.builds.request(answer.json()["build_id"])["file_name"]
     assert 0 < len(kept) <= 100
     assert not kept.startswith(".")
     assert set(kept) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-")

@@ -9,8 +9,8 @@ import pytest
 
 from firstfix.errors import InvalidOption
 from firstfix_builder.mesh.mesh import Mesh
-from firstfix_builder.read_map import read_parts
 from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.sources.read_map import read_parts
 from firstfix_lab.worlds import write_city
 from firstfix_lab.worlds.city.city import City
 from firstfix_lab.worlds.city.layout import BLOCK_M

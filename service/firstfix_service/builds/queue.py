@@ -73,8 +73,8 @@ def cancel_build(catalog: Catalog, build_id: str) -> dict[str, Any]:
         NotFound: there is no such build.
         Conflict: the build has ended.
     """
-    catalog.request_cancel(build_id)
-    status = catalog.build_status(build_id)
+    catalog.builds.request_cancel(build_id)
+    status = catalog.builds.status(build_id)
     if status["state"] not in FINAL_STATES and not has_open_attempt(catalog.store, build_id):
         status = new_status(
             "cancelled",
@@ -114,13 +114,13 @@ class UnfinishedBuilds:
     def find(self) -> list[UnfinishedBuild]:
         """Returns the unfinished builds, oldest first: build ids begin with the time."""
         found = []
-        on_record = self._catalog.build_ids()
+        on_record = self._catalog.builds.ids()
         self._ended.intersection_update(on_record)
         for build_id in on_record:
             if build_id in self._ended:
                 continue
             try:
-                state = self._catalog.build_status(build_id)["state"]
+                state = self._catalog.builds.status(build_id)["state"]
                 if state in FINAL_STATES:
                     self._ended.add(build_id)
                     continue
@@ -135,7 +135,7 @@ class UnfinishedBuilds:
         return found
 
     def _read(self, build_id: str) -> UnfinishedBuild:
-        return UnfinishedBuild(build_id, str(self._catalog.build_request(build_id).get("owner") or ""))
+        return UnfinishedBuild(build_id, str(self._catalog.builds.request(build_id).get("owner") or ""))
 
 
 MAX_OWNERS = 10_000  # the owner whose turn is longest ago is forgotten first

@@ -73,7 +73,7 @@ class BuildRunner:
         self._limits = limits = build_limits(settings)
         # Often enough for the shortest of these times.
         self._beat_s = min(settings.build_lease_s, limits.timeout_s, limits.stall_s) / 6
-        self._usage = CallerUsage(catalog)
+        self._usage = CallerUsage(catalog.builds)
         self._attempts = BuildAttempts(
             catalog.store,
             folder.claimant,
@@ -144,10 +144,10 @@ class BuildRunner:
 
     def _claim(self, build_id: str) -> Attempt | Turn:
         """Claims the build for this runner, or returns why it is not run."""
-        status = self._catalog.build_status(build_id)
+        status = self._catalog.builds.status(build_id)
         if status["state"] in FINAL_STATES:
             return Turn.ENDED
-        self._owner = self._catalog.build_request(build_id).get("owner")
+        self._owner = self._catalog.builds.request(build_id).get("owner")
         self._watch = BuildWatch(self._limits, self._attempts.ran_s(build_id))
         try:
             attempt = self._attempts.claim(build_id, status)
@@ -156,8 +156,8 @@ class BuildRunner:
             return Turn.ENDED
         if attempt is None:
             return Turn.TAKEN
-        status = self._catalog.build_status(build_id)  # another runner may have ended it meanwhile
-        if status["state"] not in FINAL_STATES and not self._catalog.is_cancel_requested(build_id):
+        status = self._catalog.builds.status(build_id)  # another runner may have ended it meanwhile
+        if status["state"] not in FINAL_STATES and not self._catalog.builds.is_cancel_requested(build_id):
             return attempt
         if status["state"] not in FINAL_STATES:
             self._end(build_id, status, "cancelled")
@@ -181,11 +181,11 @@ class BuildRunner:
                     await process.stop()
                     return None
                 if kill_at == math.inf and await BUILDS.run(
-                    self._catalog.is_cancel_requested, attempt.build_id
+                    self._catalog.builds.is_cancel_requested, attempt.build_id
                 ):
                     # The process sees the request itself. It is killed if it does not end.
                     kill_at = time.monotonic() + 3 * STOP_GRACE_S
-                self._watch.see(await BUILDS.run(self._catalog.build_status, attempt.build_id))
+                self._watch.see(await BUILDS.run(self._catalog.builds.status, attempt.build_id))
             except (StoreError, NotFound) as error:
                 _log.warning(
                     "the lease of a build was not renewed", build_id=attempt.build_id, error=str(error)
@@ -201,25 +201,25 @@ class BuildRunner:
 
     def _put_back(self, attempt: Attempt) -> None:
         """Queues the build again after a stop. The stop does not count as a failed attempt."""
-        status = self._catalog.status_or_queued(attempt.build_id)
+        status = self._catalog.builds.status_or_queued(attempt.build_id)
         if status["state"] not in FINAL_STATES | {"queued"}:
-            self._catalog.set_build_status(attempt.build_id, {**status, "state": "queued"})
+            self._catalog.builds.set_status(attempt.build_id, {**status, "state": "queued"})
         self._end_attempt(attempt, AttemptEnd.STOPPED)
 
     def _record_end(self, attempt: Attempt, process: BuildProcess, code: int) -> Turn:
         """Records the end of a build whose process ended, unless the process recorded it."""
-        status = self._catalog.status_or_queued(attempt.build_id)
+        status = self._catalog.builds.status_or_queued(attempt.build_id)
         if code == ExitCode.TRY_AGAIN:
             self._put_back(attempt)
             return self._pause(attempt, status["error"])
         if code == ExitCode.NO_SPACE:
             return self._wait_for_space(attempt, status, process.why(code))
         self._put_backs.pop(attempt.build_id, None)
-        cancelled = self._catalog.is_cancel_requested(attempt.build_id)
+        cancelled = self._catalog.builds.is_cancel_requested(attempt.build_id)
         is_killed_here = process.exceeded_memory or process.overdue is not None or cancelled
         if status["state"] not in FINAL_STATES and code < 0 and not is_killed_here:
             self._end_attempt(attempt, AttemptEnd.DIED, status=status, why=process.why(code))
-            self._catalog.set_build_status(attempt.build_id, {**status, "state": "queued"})
+            self._catalog.builds.set_status(attempt.build_id, {**status, "state": "queued"})
             return Turn.DIED
         turn = self._close(attempt, process.overdue or BuildFailed(process.why(code)))
         if status["state"] == "succeeded":
@@ -232,7 +232,7 @@ class BuildRunner:
         if self._attempts.times_without_space(attempt.build_id) >= len(PAUSES_S):
             return self._close(attempt, OutOfSpace(error["detail"]))
         if status["state"] not in FINAL_STATES:
-            self._catalog.set_build_status(attempt.build_id, {**status, "state": "queued", "error": error})
+            self._catalog.builds.set_status(attempt.build_id, {**status, "state": "queued", "error": error})
         self._end_attempt(attempt, AttemptEnd.NO_SPACE, status=status, why=error["detail"])
         return self._pause(attempt, error)
 
@@ -249,12 +249,12 @@ class BuildRunner:
     def _close(self, attempt: Attempt, error: FirstfixError) -> Turn:
         """Records the end of the build, if it is not on record yet."""
         build_id = attempt.build_id
-        status = self._catalog.status_or_queued(build_id)
+        status = self._catalog.builds.status_or_queued(build_id)
         if status["state"] in FINAL_STATES:
             if status["state"] != "succeeded":  # its process may have published until it ended
                 end_build(self._catalog, build_id, status)
             self._count(build_id, status)
-        elif self._catalog.is_cancel_requested(build_id):
+        elif self._catalog.builds.is_cancel_requested(build_id):
             self._end(build_id, status, "cancelled")
         else:
             self._end(build_id, status, "failed", error)
@@ -295,7 +295,7 @@ class BuildRunner:
         code = (ended.get("error") or {}).get("code")
         # a patch that finds nothing needs nobody: alerts look at builds that failed
         state = code if code == NothingToPatch.code else ended["state"]
-        count_build(self._catalog, self._metrics, build_id, state)
+        count_build(self._catalog.builds, self._metrics, build_id, state)
         _log.info("build ended", build_id=build_id, state=state)
 
     async def _insist(self, record: Callable[..., Turn], *arguments: Any) -> Turn:
@@ -312,7 +312,7 @@ def count_build(records: BuildRecords, metrics: Metrics, build_id: str, state: s
     """Counts a build that ended, and the times of its stages if its process recorded them."""
     metrics.builds.labels(state).inc()
     with suppress(FirstfixError, TypeError, ValueError, KeyError):  # missing times of one build do no harm
-        for stage in records.build_stages(build_id):
+        for stage in records.stages(build_id):
             name = stage["stage"] if stage["stage"] in STAGE_LABELS else "other"
             cached = "yes" if stage["cached"] else "no"
             metrics.build_stage_seconds.labels(name, cached).observe(float(stage["seconds"]))

@@ -193,7 +193,7 @@ class BuildWorker:
 
     async def _settle(self, build_id: str, message: Any) -> None:
         """Removes the message of a build that has ended, after the reason of a dead build is kept."""
-        error = (await BUILDS.run(self._catalog.status_or_queued, build_id))["error"]
+        error = (await BUILDS.run(self._catalog.builds.status_or_queued, build_id))["error"]
         if error is not None and error["code"] == BuildAttemptsExceeded.code:
             await self._builds.bury(build_id, error["detail"])
         await message.ack_sync()

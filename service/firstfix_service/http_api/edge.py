@@ -113,7 +113,7 @@ async def authorize(request: Request) -> None:
     request.state.caller = caller
     request.state.permission = Permission(authenticator, credential, address, needs.scope, map_id)
     if (build_id := request.path_params.get("build_id")) is not None and not caller.sees_every_map:
-        status = await AUTH.run(part_of(request, Catalog).shown_status, build_id)
+        status = await AUTH.run(part_of(request, Catalog).builds.shown_status, build_id)
         if not caller.sees(status["map_id"]):
             raise NotFound(f"no build {build_id}")
     is_change = request.method not in _READING and needs.scope is not Scope.LOCALIZE

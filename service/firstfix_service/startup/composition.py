@@ -151,7 +151,7 @@ async def compose(
         if settings.verify_bytes_per_s:
             store_verification(settings, store, metrics).start(stack)
     georeferences = Georeferences(store)
-    uploads, usage = Uploads(store), CallerUsage(catalog)
+    uploads, usage = Uploads(store), CallerUsage(catalog.builds)
     upload_quota = UploadQuota(uploads, limits)
     georeference_cache = GeoreferenceCache(georeferences, GEOREFERENCE_TTL_S)
     upload_streams = ConcurrencyLimit(

@@ -17,7 +17,6 @@ import pytest
 from firstfix.builds.options import BuildOptions
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.sources import put_source
 from firstfix.errors import BuildFailed, StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_builder.execution.build_trace import (
@@ -31,6 +30,7 @@ from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.job import fetch_source
 from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
+from tests.builder.fixtures import queue_build
 from tests.otlp_collector import Collector, running_collector
 from tests.waiting import LIMIT_S
 
@@ -74,16 +74,8 @@ class CachedPipeline:
 @pytest.fixture
 def catalog(tmp_path: Path) -> Catalog:
     catalog = Catalog(Store.open(str(tmp_path / "store")))
-    source = tmp_path / "map.bin"
-    source.write_bytes(b"cloud")
-    sha256 = put_source(catalog.store, "hall", source)
     for build_id in ("b1", "b2"):
-        request = {
-            "map_id": "hall",
-            "source": {"key": f"maps/hall/sources/{sha256}"},
-            "traceparent": TRACEPARENT,
-        }
-        catalog.put_build(build_id, request)
+        queue_build(catalog, tmp_path, build_id, traceparent=TRACEPARENT)
     return catalog
 
 
@@ -122,7 +114,7 @@ def test_stages_that_an_earlier_build_had_done_are_marked(
     assert cached == {"fetch_source": False, "one": True, "two": True, "publish": False}
 
 
-def test_the_stage_that_failed_and_why(catalog: Catalog, collector: Collector, tmp_path: Path):
+def test_a_failed_stage_is_a_span_with_its_error(catalog: Catalog, collector: Collector, tmp_path: Path):
     assert build(tmp_path, error=BuildFailed("no floor")) == 1
     (root,) = collector.named("build")
     assert root.is_error
@@ -153,10 +145,10 @@ def test_a_build_that_had_ended_has_no_span(catalog: Catalog, collector: Collect
 
 
 def test_the_record_has_the_times_without_a_collector(catalog: Catalog, tmp_path: Path):
-    assert catalog.build_stages("b1") == []
+    assert catalog.builds.stages("b1") == []
     build(tmp_path, "b1")
     build(tmp_path, "b2")
-    stages = catalog.build_stages("b2")
+    stages = catalog.builds.stages("b2")
     assert [stage["stage"] for stage in stages] == ALL
     assert [stage["cached"] for stage in stages] == [False, True, True, False]
     assert all(0 <= stage["seconds"] < 10 * LIMIT_S for stage in stages)

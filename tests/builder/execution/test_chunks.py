@@ -37,19 +37,6 @@ def store(tmp_path: Path) -> Store:
     return Store.open(str(tmp_path / "store"))
 
 
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    (tmp_path / "log").mkdir()
-    return tmp_path / "log"
-
-
-@pytest.fixture
-def numbers(tmp_path: Path) -> StageResult:
-    (tmp_path / "numbers").mkdir()
-    np.save(tmp_path / "numbers" / "numbers.npy", np.arange(3))
-    return StageResult("6" * 64, tmp_path / "numbers", "7" * 64)
-
-
 class Here(ChunkExecutor):
     """Runs chunks in this thread.
 
@@ -150,7 +137,7 @@ def test_parts_become_the_files_of_the_whole(tmp_path: Path):
         assert (tmp_path / f"template_{name}.npy").read_bytes() == (tmp_path / "expected.npy").read_bytes()
 
 
-def test_what_is_there_is_not_made_again(store: Store, log: Path, numbers: StageResult):
+def test_chunks_that_the_store_has_are_not_made_again(store: Store, log: Path, numbers: StageResult):
     chunks = [keyed(Toy(number, str(log))) for number in range(4)]
     told: list[float] = []
     make_chunk(store, chunks[1], {"numbers": numbers.directory})

@@ -42,19 +42,6 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
         yield cluster
 
 
-@pytest.fixture
-def numbers(tmp_path: Path) -> StageResult:
-    (tmp_path / "numbers").mkdir()
-    np.save(tmp_path / "numbers" / "numbers.npy", np.arange(3))
-    return StageResult("6" * 64, tmp_path / "numbers", "7" * 64)
-
-
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    (tmp_path / "log").mkdir()
-    return tmp_path / "log"
-
-
 class Driver:
     """A build's side of it, in a thread: runs chunks and keeps how that ended."""
 
@@ -138,7 +125,7 @@ def test_a_cloud_becomes_the_same_mesh(cluster: DaskCluster, tmp_path: Path, sur
     assert far.triangles.tobytes() == near.triangles.tobytes()
 
 
-def test_what_a_chunk_raises_reaches_the_build(
+def test_errors_of_a_chunk_reach_the_build(
     cluster: DaskCluster, log: Path, numbers: StageResult, tmp_path: Path
 ):
     with pytest.raises(BuildFailed, match="cannot be made"):
@@ -147,7 +134,9 @@ def test_what_a_chunk_raises_reaches_the_build(
         Driver(cluster, tmp_path / "store", [Toy(1, str(log), fate="breaks")], numbers).end()
 
 
-def test_cancelled_it_begins_no_more(cluster: DaskCluster, log: Path, numbers: StageResult, tmp_path: Path):
+def test_a_cancelled_build_begins_no_more_chunks(
+    cluster: DaskCluster, log: Path, numbers: StageResult, tmp_path: Path
+):
     gate = tmp_path / "gate"
     driver = Driver(cluster, tmp_path / "store", [Toy(n, str(log), str(gate)) for n in range(50)], numbers)
     wait_until(lambda: runs(log) > 0)
@@ -243,7 +232,7 @@ def test_a_chunk_that_kills_its_workers_fails_the_build(log: Path, numbers: Stag
     assert runs(log) == 2
 
 
-def test_without_a_scheduler_or_workers_it_says_so(tmp_path: Path):
+def test_a_cluster_without_scheduler_or_workers_is_unavailable(tmp_path: Path):
     with pytest.raises(ClusterUnavailable, match="no Dask scheduler answers"):
         DaskExecutor(f"tcp://127.0.0.1:{free_port()}", str(tmp_path), away_s=0.0)
     with dask_cluster(tmp_path / "dask", 0) as cluster:

@@ -16,9 +16,10 @@ from firstfix.builds.options import STAGES
 from firstfix_builder.execution import library_versions
 from firstfix_builder.execution.library_versions import libraries_of, version_of
 from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.sources.read_source import readers
 
 ROOTS = {one.__name__: Path(one.__file__).parent for one in (firstfix, firstfix_builder)}
-STAGE_FILES = ("build_stages", "sessions.stages", "patch.stages")
+READERS = ("patch", "archive", "sessions", "map")
 # They store, configure and watch a build, read values that are in the key, or draw.
 OTHERS = {"distributed", "matplotlib", "obstore", "opentelemetry", "pydantic", "threadpoolctl", "yaml"}
 # Imported beside the classes of files that these stages read and write, and not called by them.
@@ -78,9 +79,10 @@ def libraries_behind(modules: set[str]) -> set[str]:
     return found & LIBRARIES
 
 
-def stages_in(stage_file: str) -> Iterator[tuple[str, set[str]]]:
-    """Yields the stages that the methods of a file make, with the modules that each method uses."""
-    module = f"firstfix_builder.{stage_file}"
+def stages_with_modules() -> Iterator[tuple[str, set[str]]]:
+    """Yields the stages that the methods of ``BuildStages`` make, with the modules that each method uses."""
+    yield "read_map", {f"firstfix_builder.sources.{kind}_reader" for kind in READERS}
+    module = "firstfix_builder.build_stages"
     path = file_of(module)
     assert path is not None
     tree = ast.parse(path.read_text())
@@ -89,21 +91,21 @@ def stages_in(stage_file: str) -> Iterator[tuple[str, set[str]]]:
         if isinstance(node, ast.FunctionDef):
             words = {one.value for one in ast.walk(node) if isinstance(one, ast.Constant)}
             used = {one.id for one in ast.walk(node) if isinstance(one, ast.Name)} & modules.keys()
-            for stage in words & set(STAGES) if "_stage(" in ast.unparse(node) else ():
+            for stage in words & set(STAGES) if "stage(" in ast.unparse(node) else ():
                 yield str(stage), {modules[name] for name in used}
 
 
 def test_each_stage_knows_the_libraries_that_its_code_imports():
     missing, seen = {}, set()
-    for stage_file in STAGE_FILES:
-        for stage, modules in stages_in(stage_file):
-            seen.add(stage)
-            called = {name for name in libraries_behind(modules) if stage not in NOT_CALLED.get(name, ())}
-            without = called - libraries_of(stage).keys()
-            if without:
-                missing[stage_file, stage] = without
+    for stage, modules in stages_with_modules():
+        seen.add(stage)
+        called = {name for name in libraries_behind(modules) if stage not in NOT_CALLED.get(name, ())}
+        without = called - libraries_of(stage).keys()
+        if without:
+            missing[stage] = without
     assert not missing
     assert seen == set(STAGES)
+    assert set(READERS) == {name for name in readers() if " of " not in name}
 
 
 def test_no_library_is_left_out_of_consideration():

@@ -9,7 +9,6 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
 import pytest
 
 from firstfix.errors import BuildCancelled, BuildFailed
@@ -22,19 +21,6 @@ from tests.builder.execution.toy_chunks import Toy, keyed, runs
 @dataclass(frozen=True)
 class Heavy(Toy):
     keeps_interpreter: ClassVar[bool] = True
-
-
-@pytest.fixture
-def numbers(tmp_path: Path) -> StageResult:
-    (tmp_path / "numbers").mkdir()
-    np.save(tmp_path / "numbers" / "numbers.npy", np.arange(3))
-    return StageResult("6" * 64, tmp_path / "numbers", "7" * 64)
-
-
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    (tmp_path / "log").mkdir()
-    return tmp_path / "log"
 
 
 @pytest.fixture
@@ -72,7 +58,7 @@ def test_a_fault_costs_only_what_was_not_done(executor: LocalExecutor, log: Path
     assert runs(log, 1) == 1
 
 
-def test_cancelled_it_begins_no_more(
+def test_a_cancelled_build_begins_no_more_chunks(
     executor: LocalExecutor, log: Path, numbers: StageResult, tmp_path: Path
 ):
     gate = tmp_path / "gate"

@@ -66,7 +66,7 @@ def test_a_stage_is_made_once(tmp_path: Path) -> None:
         lambda cache, stage: cache.run("mesh", {"map": X}, {}, stage),
     ],
 )
-def test_whatever_goes_in_differently_is_made_anew(
+def test_a_stage_of_other_inputs_or_config_is_made_anew(
     run: Callable[[StageCache, Stage], object], tmp_path: Path
 ) -> None:
     cache, stage = StageCache(tmp_path), Stage()
@@ -75,14 +75,14 @@ def test_whatever_goes_in_differently_is_made_anew(
     assert stage.made == 2
 
 
-def test_changed_code_makes_it_anew(tmp_path: Path) -> None:
+def test_a_stage_of_changed_code_is_made_anew(tmp_path: Path) -> None:
     stage = Stage()
     for version in ("1", "2", "2"):
         StageCache(tmp_path, code_version=version).run("mesh", {}, {}, stage)
     assert stage.made == 2
 
 
-def test_a_changed_kernel_makes_it_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stage_of_a_changed_kernel_is_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage()
     for digest in ("1", "2", "2"):
         monkeypatch.setattr(native, "source_digest", digest)
@@ -208,7 +208,7 @@ def test_the_longest_unused_stages_go_first(tmp_path: Path) -> None:
     assert [one.exists(), three.exists()] == [True, False]
 
 
-def test_what_was_unused_for_long_goes_whatever_its_size(tmp_path: Path) -> None:
+def test_a_stage_that_was_unused_for_long_is_pruned(tmp_path: Path) -> None:
     cache = StageCache(tmp_path)
     old, young = (cache.run(name, {}, {}, Stage()).directory.parent for name in ("old", "young"))
     os.utime(old / "stage.json", (time.time() - 100,) * 2)

@@ -143,14 +143,6 @@ def test_points_and_normals_stay_together_and_come_into_the_maps_frame(tmp_path)
     np.testing.assert_array_equal(packed["normal"][inside], np.floor(found[inside, :2]))
 
 
-def test_the_same_points_give_the_same_bytes(tmp_path):
-    for name in ("one", "two"):
-        (tmp_path / name).mkdir()
-        CloudOctree.of(hall(60_000)).save(tmp_path / name)
-    for file in (CLOUD_INDEX, CLOUD_POINTS):
-        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
-
-
 def test_normals_come_back_within_two_degrees():
     normals = np.random.default_rng(4).normal(size=(5000, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
-from threadpoolctl import threadpool_limits
 
 from firstfix.builds.config import BuildConfig
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.engine.index import MAP_FILE
-from firstfix.transform import make_transform, rotation_angle_deg, rotation_z, transform_points
-from firstfix_builder.execution.chunks import ChunkCache
-from firstfix_builder.execution.local_executor import LocalExecutor
-from firstfix_builder.execution.stage_cache import StageCache, StageResult
+from firstfix.transform import make_transform, rotation_angle_deg, transform_points
+from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.index.cloud_octree import NO_NORMAL, POINT
 from firstfix_builder.job.build_job import BuildResult
-from firstfix_builder.pipeline import build_version
-from firstfix_builder.sessions.stages import SessionStages
-from tests.small_world import COARSE_CONFIG, SmallWorld, begun_as
+from firstfix_builder.stage_results import IndexFiles, LevelMap
+from tests.builder.stages import stages_below
+from tests.small_world import SmallWorld, begun_as
 
 pytestmark = pytest.mark.slow
 THINNED_M = 0.1  # the first stage of a build puts means in the place of near points
-FILES = (CLOUD_INDEX, CLOUD_POINTS)
 
 
 class Stages:
@@ -38,22 +32,19 @@ class Stages:
         self.work = begun_as(built, work)
         index = json.loads((built.directory / "manifest.json").read_text())["files"]["keys.faiss"]["sha256"]
         self.index = next(
-            StageResult(stage.parent.name, stage.parent / "files", index)
+            IndexFiles(stage.parent.name, stage.parent / "files", index)
             for stage in self.work.glob("stages/*/stage.json")
             if json.loads(stage.read_text())["stage"] == "build_index"
         )
         self.drawn = 0
 
-    def draw(self, source: Path, config: BuildConfig | None = None) -> tuple[StageResult, StageResult]:
+    def draw(self, source: Path, config: BuildConfig | None = None) -> tuple[LevelMap, StageResult]:
         """The results of reading a source and of drawing it."""
 
         def count(stage: str, fraction: float) -> None:
             self.drawn += (stage, fraction) == ("draw_cloud", 0.0)
 
-        with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as threads:
-            cache = StageCache(self.work)
-            chunks = ChunkCache(cache, LocalExecutor(self.work, threads, threads))
-            stages = SessionStages(cache, chunks, count, lambda: False, config or BuildConfig(), threads)
+        with stages_below(self.work, config, count) as stages:
             read = stages.read_map(source, None)
             return read, stages.draw_cloud(read, self.index)
 
@@ -102,10 +93,6 @@ def the_same(found: np.ndarray, expected: np.ndarray) -> None:
     assert far_apart(expected, found) < 2e-3
 
 
-def contents(directory: Path) -> list[bytes]:
-    return [(directory / name).read_bytes() for name in FILES]
-
-
 def test_of_a_mesh_the_points_that_are_seen_are_drawn(coarse_version: BuildResult, small_world: SmallWorld):
     index, points, normals = cloud_of(coarse_version.directory)
     seen = np.load(coarse_version.directory / MAP_FILE)
@@ -122,41 +109,7 @@ def test_of_a_mesh_the_points_that_are_seen_are_drawn(coarse_version: BuildResul
     assert np.abs(normals[floor].astype(int)).sum(axis=1).mean() < 10, "it looks up"
 
 
-def test_a_build_that_has_only_the_other_stages_draws_the_same(
-    coarse_version: BuildResult, coarse_work: Path, small_map: Path
-):
-    removed = 0
-    for stage in coarse_work.glob("stages/*/stage.json"):
-        if json.loads(stage.read_text())["stage"] == "draw_cloud":
-            shutil.rmtree(stage.parent)
-            removed += 1
-    assert removed == 1
-    reached: list[str] = []
-    again = build_version(
-        small_map,
-        BuildConfig.parse(COARSE_CONFIG),
-        coarse_work,
-        progress=lambda stage, fraction: reached.append(stage),
-    )
-    assert "draw_cloud" in reached
-    assert again.manifest.digest == coarse_version.manifest.digest
-    assert contents(again.directory) == contents(coarse_version.directory)
-
-
-def test_the_work_folder_and_the_cache_are_no_part_of_the_result(
-    stages: Callable[[str], Stages], small_world: SmallWorld, tmp_path: Path
-):
-    np.save(tmp_path / "yard.npy", points_on(small_world, 30_000))
-    here, there = stages("here"), stages("somewhere/else")
-    _, one = here.draw(tmp_path / "yard.npy")
-    _, cached = here.draw(tmp_path / "yard.npy")
-    _, other = there.draw(tmp_path / "yard.npy")
-    assert one.digest == cached.digest == other.digest
-    assert one.directory != other.directory
-    assert contents(one.directory) == contents(other.directory)
-
-
-def test_what_has_changed_is_drawn_anew(
+def test_a_changed_map_is_drawn_anew(
     stages: Callable[[str], Stages], small_world: SmallWorld, tmp_path: Path
 ):
     before = points_on(small_world, 30_000) + [400.0, -250.0, 12.0]  # far from the frame's zero
@@ -184,33 +137,11 @@ def test_a_map_is_drawn_in_its_own_frame(
     tilted = transform_points(tilt, points_on(small_world, 30_000))
     np.save(tmp_path / "tilted.npy", tilted)
     read, drawn = stages("work").draw(tmp_path / "tilted.npy")
-    turned_deg = rotation_angle_deg(np.load(read.directory / "T_map_level.npy")[:3, :3])
+    turned_deg = rotation_angle_deg(read.T_map_level[:3, :3])
     assert turned_deg == pytest.approx(6, abs=1.5)
     _, points, _ = cloud_of(drawn.directory)
     assert far_apart(points, tilted) < THINNED_M
     np.testing.assert_allclose(points.mean(axis=0), tilted.mean(axis=0), atol=0.15)
-
-
-def test_of_sessions_all_points_are_drawn_in_the_frame_of_the_first(
-    stages: Callable[[str], Stages], small_world: SmallWorld, tmp_path: Path
-):
-    cloud = points_on(small_world, 60_000)
-    west, east = cloud[cloud[:, 0] < 2], cloud[cloud[:, 0] > -2]
-    T_map_session = make_transform(rotation_z(0.3), [30.0, -20.0, 0.5])
-    folder = tmp_path / "sessions"
-    folder.mkdir()
-    np.save(folder / "west.npy", west)
-    np.save(folder / "east.npy", transform_points(np.linalg.inv(T_map_session), east))
-    sessions = [{"source": "west.npy"}, {"source": "east.npy", "T_map_session": T_map_session.tolist()}]
-    (folder / "sessions.yaml").write_text(json.dumps({"sessions": sessions}))
-    read, drawn = stages("work").draw(folder)
-    T_map_level = np.load(read.directory / "T_map_level.npy")
-    merged = transform_points(T_map_level, np.load(read.directory / "points.npy"))
-    _, points, _ = cloud_of(drawn.directory)
-    the_same(points, merged)
-    for end in (0, 1):
-        assert points[:, end].min() == pytest.approx(cloud[:, end].min(), abs=0.1)
-        assert points[:, end].max() == pytest.approx(cloud[:, end].max(), abs=0.1)
 
 
 def test_points_far_from_the_surface_have_no_normals(stages: Callable[[str], Stages], tmp_path: Path):
@@ -218,7 +149,7 @@ def test_points_far_from_the_surface_have_no_normals(stages: Callable[[str], Sta
     np.save(tmp_path / "elsewhere.npy", rng.uniform([0, 0, 0], [20, 15, 1.0], (30_000, 3)) + [0, 0, 90])
     read, drawn = stages("work").draw(tmp_path / "elsewhere.npy", BuildConfig.parse({"level": False}))
     _, points, normals = cloud_of(drawn.directory)
-    local = points - np.load(read.directory / "T_map_level.npy")[:3, 3]
+    local = points - read.T_map_level[:3, 3]
     assert len(points) > 20_000
     assert local[:, 2].min() > 20, "far above the index's surface"
     assert (normals == NO_NORMAL).all()

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from firstfix_builder.index.top_view import PIXELS, TopView, draw_preview
+from firstfix_builder.index.top_view import PIXELS, TopView
 
 
 def test_pixels_tell_how_high_and_how_many_points_are_and_lie_where_they_are():
@@ -28,11 +28,3 @@ def test_pixels_tell_how_high_and_how_many_points_are_and_lie_where_they_are():
 def test_points_in_one_place_are_a_view():
     assert TopView.of(np.ones((3, 3))).height_m.tolist() == [[1.0]]
     assert np.isfinite(TopView.of(np.ones((3, 3))).opacity).all()
-
-
-def test_equal_input_gives_equal_pictures(tmp_path):
-    points = np.random.default_rng(0).uniform(0, 40, (5000, 3))
-    for name in ("a.png", "b.png"):
-        draw_preview(points, points[:30], tmp_path / name)
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    assert (tmp_path / "a.png").stat().st_size > 1000

@@ -11,23 +11,21 @@ from firstfix_builder.index import visible_points as visible_points_module
 from firstfix_builder.index.seen_voxels import SeenBlocks
 from firstfix_builder.index.views import NEAR_M, STEP_M, view_chunks, views_in
 from firstfix_builder.index.visible_points import map_surface
+from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.simulation.simulate import Simulator
+from tests.builder.box_scenes import box
 
 SENSOR = preset("os0-64")
 
 
-def box(low, high):
-    """Vertices and triangles of a closed box."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
-    return np.array(low) + corners * (np.array(high) - low), triangles
+def boxes(*ends: tuple[tuple[float, ...], tuple[float, ...]]) -> Simulator:
+    mesh = Mesh.joined([box(low, high) for low, high in ends])
+    return Simulator(mesh.vertices, mesh.triangles)
 
 
 def two_rooms() -> Simulator:
     """A hall of 8 by 4 by 3 m with a wall across, 0.2 m thick."""
-    hall, wall = box([0, 0, 0], [8, 4, 3]), box([3.9, 0, 0], [4.1, 4, 3])
-    return Simulator(np.concatenate([hall[0], wall[0]]), np.concatenate([hall[1], wall[1] + 8]))
+    return boxes(((0, 0, 0), (8, 4, 3)), ((3.9, 0, 0), (4.1, 4, 3)))
 
 
 VIEWPOINTS = np.array([[1.5, 2, 1], [2.5, 2, 1], [5.5, 2, 1], [6.5, 2, 1]])
@@ -101,8 +99,7 @@ def test_block_by_block_the_same_is_seen(monkeypatch):
 
 def two_storeys() -> tuple[Simulator, np.ndarray]:
     """A building of 24 by 12 m, both of whose storeys look alike, and its viewpoints column by column."""
-    lower, upper = box([0, 0, 0], [24, 12, 2.8]), box([0, 0, 3], [24, 12, 5.8])
-    simulator = Simulator(np.concatenate([lower[0], upper[0]]), np.concatenate([lower[1], upper[1] + 8]))
+    simulator = boxes(((0, 0, 0), (24, 12, 2.8)), ((0, 0, 3), (24, 12, 5.8)))
     columns = [[x, y, z] for x in np.arange(1, 24) for y in np.arange(1, 12) for z in (1.0, 4.0)]
     return simulator, np.array(columns)
 
@@ -118,7 +115,7 @@ def test_no_storey_is_passed_over(tmp_path):
 
 
 def test_what_is_far_from_all_viewpoints_is_seen_too(tmp_path):
-    hall = Simulator(*box([0, 0, 0], [40, 6, 3]))
+    hall = boxes(((0, 0, 0), (40, 6, 3)))
     near_one_end = np.array([[x, y, 1.0] for x in range(1, 9) for y in range(1, 6)], float)
     seen = seen_points(hall, near_one_end, tmp_path)
     end = seen[np.abs(seen[:, 0] - 40) < 0.02]

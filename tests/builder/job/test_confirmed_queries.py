@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.catalog.query_samples import QuerySamples
 from firstfix.errors import StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_builder.job.confirmed_queries import ConfirmedQueries, collect_confirmed
-from firstfix_builder.read_map.held_out import HeldOut
 from firstfix_builder.self_test.confirmed_scans import decode_confirmed
+from firstfix_builder.sources.read_map.held_out import HeldOut
+from tests.builder.fixtures import keep_query
 
 TODAY = datetime.now(timezone.utc).replace(minute=0, second=0, microsecond=0)
 BODY = np.ones((60, 3), "<f4").tobytes()
@@ -38,13 +39,8 @@ class Kept:
         **options: str,
     ) -> str:
         time = TODAY - timedelta(seconds=ago_s)
-        sample_id = new_sample_id(f"{len(self.samples.ids()):08x}", time)
         answer = {"verdict": "ambiguous", "reasons": [], "probability": 0.4}
-        sample = QuerySample(
-            sample_id, time.isoformat(), "http", "r", "", "hall", "application/vnd.firstfix.xyz", "",
-            options, answer, len(body), robot=robot,
-        )  # fmt: skip
-        self.samples.put(sample, body)
+        sample_id = keep_query(self.samples, time, answer, body, robot=robot, options=options)
         pose = {"position": [x, 0.0, 1.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
         self.samples.set_truth(sample_id, {"map_id": map_id, "T_map_sensor": pose}, "key:eve")
         return sample_id
@@ -152,8 +148,6 @@ def test_bodies_are_decoded_and_bad_ones_left_out(kept: Kept):
 
 def test_a_robots_tracking_confirms_where_nobody_has_told(kept: Kept):
     def keep(ago_s: float, x: float, verdict: str) -> str:
-        time = TODAY - timedelta(seconds=ago_s)
-        sample_id = new_sample_id(f"{len(kept.samples.ids()):08x}", time)
         pose = {"position": [x, 0.0, 1.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
         answer = {
             "verdict": verdict,
@@ -162,18 +156,11 @@ def test_a_robots_tracking_confirms_where_nobody_has_told(kept: Kept):
             "map_id": "hall",
             "T_map_sensor": pose,
         }
-        sample = QuerySample(
-            sample_id, time.isoformat(), "http", "r", "", "hall", "application/vnd.firstfix.xyz", "",
-            {"T_odom_base": f"{x - 30.0},0,1,0,0,0,1"}, answer, len(BODY), robot="ann",
-        )  # fmt: skip
-        kept.samples.put(sample, BODY)
-        return sample_id
+        time, options = TODAY - timedelta(seconds=ago_s), {"T_odom_base": f"{x - 30.0},0,1,0,0,0,1"}
+        return keep_query(kept.samples, time, answer, BODY, options=options)
 
-    first, between, last = (
-        keep(200.0, 0.0, "localized"),
-        keep(150.0, 8.0, "ambiguous"),
-        keep(100.0, 16.0, "localized"),
-    )
+    first, last = keep(200.0, 0.0, "localized"), keep(100.0, 16.0, "localized")
+    between = keep(150.0, 8.0, "ambiguous")
     found = {Path(one.file).name: one for one in kept.collect().queries}
     assert set(found) == {first, between, last}
     assert {one.told_by for one in found.values()} == {"tracking"}

@@ -78,7 +78,7 @@ def test_a_file_arrives(server: Server, tmp_path: Path):
     assert server.asked[0]["accept-encoding"] == "identity"
 
 
-def test_it_tells_how_far_it_is(server: Server, tmp_path: Path):
+def test_progress_of_a_fetch_is_told(server: Server, tmp_path: Path):
     server.answers = [says(200, DATA)]
     told: list[float] = []
     fetch_http(server.url, tmp_path / "a", 1 << 20, told.append)
@@ -120,7 +120,7 @@ def test_without_an_etag_nothing_is_pieced_together(server: Server, tmp_path: Pa
         (says(206, DATA, Content_Range="bytes 7-9/10"), BuildFailed, "206"),
     ],
 )
-def test_what_cannot_be_had_leaves_nothing(
+def test_a_source_that_cannot_be_fetched_leaves_no_file(
     server: Server, tmp_path: Path, answer: Answer, error: type[Exception], says_why: str
 ):
     server.answers = [answer]
@@ -151,7 +151,7 @@ def test_only_where_the_operator_allows(server: Server, tmp_path: Path):
     assert server.asked == []
 
 
-def test_nobody_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_refused_connection_fails_the_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(module, "PAUSE_S", 0.01)
     with pytest.raises(BuildFailed, match="cannot be fetched from its server"):
         fetch_http("http://127.0.0.1:9/x", tmp_path / "a", 100)

@@ -11,14 +11,15 @@ import pytest
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.catalog.query_samples import QuerySamples
 from firstfix.engine.changes.areas import Area
 from firstfix.errors import BuildFailed
 from firstfix.store.store import Store
 from firstfix_builder.job import kept_queries
 from firstfix_builder.job.kept_queries import chosen_queries
 from firstfix_builder.job.patch_source import PatchSource, collect_patch_source, is_patch_source
-from firstfix_builder.patch.kept_scans import read_observations
+from firstfix_builder.sources.patch.kept_scans import read_observations
+from tests.builder.fixtures import keep_query
 
 DAY_S = 86400.0
 NOON = datetime(2026, 3, 2, 12, tzinfo=timezone.utc)
@@ -41,14 +42,8 @@ class Kept:
         at = {"position": [x, 0.0, 1.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
         said = {"verdict": "localized", "reasons": [], "probability": 0.999, "T_map_sensor": at}
         said |= {"map_id": "hall", "map_version": self.version} | answer
-        time = NOON + timedelta(seconds=after_s)
-        sample_id = new_sample_id(f"{len(self.samples.ids()):08x}", time)
-        media_type, body = "application/vnd.firstfix.xyz", body or np.ones((60, 3), "<f4").tobytes()
-        sample = QuerySample(
-            sample_id, time.isoformat(), "http", "r", "", "hall", media_type, "", {}, said, len(body),
-            robot=robot,
-        )  # fmt: skip
-        self.samples.put(sample, body)
+        body = body or np.ones((60, 3), "<f4").tobytes()
+        keep_query(self.samples, NOON + timedelta(seconds=after_s), said, body, robot=robot)
 
     def collect(self) -> PatchSource:
         files = {"source": self.folder / "hall.ply"}
@@ -88,7 +83,7 @@ def test_localized_queries_of_robots_are_collected_oldest_first(kept: Kept):
         ("ann", {"T_map_sensor": {"position": [1.0]}}),
     ],
 )
-def test_other_queries_say_nothing(kept: Kept, robot: str, answer: dict[str, Any]):
+def test_other_queries_are_not_collected(kept: Kept, robot: str, answer: dict[str, Any]):
     kept.keep(robot, 0.0, **answer)
     with pytest.raises(BuildFailed, match="nothing to patch"):
         kept.collect()

@@ -117,7 +117,7 @@ def test_an_odometry_that_drifts_a_little_confirms_and_its_places_are_the_nearer
         query(90.0, map_id="attic"),
     ],
 )
-def test_what_confirms_nothing(second: QuerySample):
+def test_a_second_fix_that_confirms_nothing(second: QuerySample):
     assert tracked_queries([query(0.0), second], "hall") == []
 
 

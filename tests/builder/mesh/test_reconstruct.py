@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firstfix.builds.config import CleanConfig, ReconstructConfig
+from firstfix.builds.config import ReconstructConfig
 from firstfix.errors import BuildFailed
 from firstfix.transform import make_transform
-from firstfix_builder.mesh.clean_cloud import clean_cloud
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.places.tiled_points import TiledPoints
 from firstfix_builder.mesh.reconstruct import block_meshes, mesh_chunks
 from firstfix_builder.simulation.simulate import Simulator
 from tests.builder.box_scenes import box, floor, sampled
-from tests.needs import recorded
 
 pytestmark = pytest.mark.slow
 
@@ -166,15 +164,3 @@ def test_points_that_are_no_surface_do_not_crash_the_solver(shape: str, config: 
     except BuildFailed:
         return
     assert np.isfinite(mesh.vertices).all()
-
-
-def test_part_of_the_real_hall(config: ReconstructConfig):
-    import laspy
-
-    las = laspy.read(recorded("hilti_hall_indoor") / "map_0.05m.laz")
-    points = np.column_stack([las.x, las.y, las.z])
-    points = clean_cloud(points[(np.abs(points[:, :2]) < 5).all(axis=1)], CleanConfig(voxel_m=0.12))
-    mesh = reconstruct_mesh(points, None, config)
-    distance = Simulator(mesh.vertices, mesh.triangles).distance(points)
-    assert np.median(distance) < 0.04
-    assert np.percentile(distance, 95) < 0.2

@@ -22,18 +22,14 @@ import pytest
 
 from firstfix.builds.options import BuildOptions
 from firstfix.builds.shared_stages import SharedStages
-from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.sources import put_source
 from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, TooLarge
 from firstfix.store.store import Store
-from firstfix_builder import level_map
 from firstfix_builder.job.build_job import BuildJob, BuildResult
-from firstfix_builder.job.run_build import run_build
 from firstfix_builder.sandbox import seccomp
 from firstfix_builder.sandbox.hand_over import take_files
 from firstfix_builder.sandbox.kernel import SIGNALS_VERSION, landlock_version
 from firstfix_builder.sandbox.sandboxed_build import SandboxedBuild
-from firstfix_builder.sessions import stages as session_stages
+from firstfix_builder.sources import archive_reader, write_level_map
 from firstfix_builder.worker import build_here
 from tests.small_world import CONFIG
 
@@ -133,7 +129,7 @@ def test_nothing_forbidden_is_done(attempts: dict[str, str], place: Place, tmp_p
     assert not (tmp_path / "written").exists()
 
 
-def test_what_it_made_is_taken_over(place: Place):
+def test_a_version_that_the_sandbox_made_is_taken_over(place: Place):
     built = place.build("succeed")
     assert (built.directory / "index.bin").read_bytes() == b"a cloud"
     assert set(built.manifest.files) == {"index.bin"}
@@ -165,7 +161,7 @@ def test_a_build_that_goes_astray_fails_and_says_why(place: Place, do: str, told
     assert (place.build("succeed").directory / "index.bin").read_bytes() == b"a cloud"
 
 
-def test_its_own_errors_keep_their_kind(place: Place):
+def test_errors_of_the_sandbox_keep_their_kind(place: Place):
     with pytest.raises(TooLarge, match="too many points"):
         place.build("fail")
     with pytest.raises(FirstfixError, match=r"^KeyError: see the worker's log$") as caught:
@@ -183,7 +179,7 @@ def test_a_cancel_reaches_it(place: Place):
         place.build("wait", cancelled=True)
 
 
-def test_what_it_leaves_behind_is_ended(place: Place, tmp_path: Path):
+def test_processes_that_a_build_leaves_are_ended(place: Place, tmp_path: Path):
     place.build("leave a daemon")
     left = [
         status for status in Path("/proc").glob("[0-9]*/cmdline") if str(tmp_path).encode() in _read(status)
@@ -212,7 +208,7 @@ def test_stages_go_out_and_come_in_through_the_worker(place: Place, tmp_path: Pa
     assert not shared.fetch("b" * 64, tmp_path / "fetched" / "inner")
 
 
-def test_a_kernel_that_lacks_a_means_is_told_of(
+def test_a_kernel_without_seccomp_is_told_of(
     place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ):
     program = place.work.parent / "lacking.py"
@@ -231,32 +227,6 @@ def test_a_kernel_that_lacks_a_means_is_told_of(
     place.required = False
     assert place.build("succeed").manifest.files
     assert "incomplete on this machine: the network is open (no seccomp: not here)" in caplog.text
-
-
-def test_the_worker_goes_on_after_a_hostile_build(tmp_path: Path):
-    """The whole way: two builds of one worker, of which the first attacks."""
-    catalog = Catalog(Store.open(str(tmp_path / "store")))
-    (tmp_path / "upload").write_bytes(b"a cloud")
-    ended = {}
-    for build_id, do in (("b1", "fork bomb"), ("b2", "succeed")):
-        key = f"maps/hall/sources/{put_source(catalog.store, 'hall', tmp_path / 'upload')}"
-        request = {
-            "map_id": "hall",
-            "source": {"key": key},
-            "file_name": "hall.ply",
-            "config": config_telling(do=do),
-        }
-        catalog.put_build(build_id, request)
-        options = BuildOptions(
-            build_id=build_id, store=str(tmp_path / "store"), work=tmp_path / "work", sandbox="required"
-        )
-        code = run_build(options, SandboxedBuild(options, program=PROGRAM).build_version)
-        ended[build_id] = (code, catalog.build_status(build_id))
-    assert ended["b1"][0] == 1
-    assert ended["b1"][1]["error"]["code"] == "build_failed"
-    assert "processes in read_map" in ended["b1"][1]["error"]["detail"]
-    assert ended["b2"][0] == 0
-    assert catalog.active_version("hall") == ended["b2"][1]["version"]
 
 
 def archive_of_sessions(path: Path) -> None:
@@ -302,8 +272,10 @@ def test_with_a_cluster_the_source_is_read_in_the_sandbox(
         shutil.copy(small_map, source)
     options = BuildOptions(build_id="b1", store="memory://", work=tmp_path / "work", sandbox="required")
     for read in ("read_parts", "read_map_of_scans"):
-        monkeypatch.setattr(level_map, read, lambda *_, **__: pytest.fail("the worker reads the source"))
-    monkeypatch.setattr(session_stages, "unpack", lambda *_: pytest.fail("the worker reads the source"))
+        monkeypatch.setattr(
+            write_level_map, read, lambda *_, **__: pytest.fail("the worker reads the source")
+        )
+    monkeypatch.setattr(archive_reader, "unpack", lambda *_: pytest.fail("the worker reads the source"))
     seen: list[str] = []
 
     def stop_after_the_first_stage() -> bool:
@@ -367,7 +339,7 @@ inside.main()
     )
 
 
-def test_nothing_is_taken_from_elsewhere(tmp_path: Path):
+def test_files_outside_the_folder_are_not_taken_over(tmp_path: Path):
     root, elsewhere = tmp_path / "root", tmp_path / "elsewhere"
     (root / "inner").mkdir(parents=True)
     (elsewhere / "deep").mkdir(parents=True)

@@ -54,15 +54,6 @@ def test_no_spots_are_no_cells():
     assert grid_of([]) == []
 
 
-def test_equal_input_gives_equal_pictures(tmp_path):
-    points = np.random.default_rng(0).uniform(0, 40, (500, 3))
-    places = [place(1.0, "unsure", FAR), place(9.0, "localized"), place(3.0, "wrong", FAR)]
-    for name in ("a.png", "b.png"):
-        draw_localizability(points, places, tmp_path / name)
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    draw_localizability(points, [], tmp_path / "none.png")
-
-
 def test_floor_without_templates_is_drawn(tmp_path):
     points = np.random.default_rng(0).uniform(0, 40, (500, 3))
     floor = SeenFloor(100.0, 0.12, np.array([[20.0, 20.0, 0.6], [21.0, 20.0, 0.6]]))

@@ -38,7 +38,7 @@ def test_a_right_place_below_the_best_is_found_if_it_ties():
     assert replace(second, min_margin=1.1 * APART).found_by(Calibration()), "an equal storey"
 
 
-def test_so_it_is_if_it_is_a_known_alias_that_disturbances_may_put_second():
+def test_a_right_place_below_the_best_is_found_if_it_is_a_known_alias():
     alias = replace(outcome((FAR, QUALITY), (NEAR, WORSE)), min_margin=0.5 * APART, aliases=(1,))
     assert alias.found_by(Calibration(alias_margin=1.1 * APART))
     assert not alias.found_by(Calibration(alias_margin=0.9 * APART))

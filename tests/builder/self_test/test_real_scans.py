@@ -8,17 +8,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from firstfix.builds.config import BuildConfig, PerturbConfig
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.catalog.query_samples import QuerySamples
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix.transform import make_transform, pose_to_mapping
 from firstfix_builder.job.confirmed_queries import collect_confirmed
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.read_map.held_out import HeldOut, HeldOutScan
 from firstfix_builder.self_test.real_scans import MAX_WEIGHT, RealScans, disagreeing
 from firstfix_builder.self_test.reliability import FOLDS
 from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.sources.read_map.held_out import HeldOut, HeldOutScan
+from tests.builder.fixtures import keep_query
 from tests.small_world import COARSE_CONFIG, SmallWorld
 
 WALL = np.random.default_rng(3).uniform([-5, 2.0, 0], [5, 2.0, 3], (4000, 3))
@@ -115,14 +116,11 @@ def test_a_build_asks_confirmed_queries_and_keeps_no_scan_of_them(
     now = datetime.now(timezone.utc)
     ids = []
     for number, (scan, T) in enumerate(asked):
-        body, time = scan.points.tobytes(), now - timedelta(hours=number)
-        answer = {"verdict": "ambiguous", "reasons": [], "probability": 0.4}
-        ids.append(new_sample_id(f"{number:08x}", time))
-        sample = QuerySample(
-            ids[-1], time.isoformat(), "http", "r", "", "yard", "application/vnd.firstfix.xyz", "", {},
-            answer, len(body), robot="ann",
-        )  # fmt: skip
-        samples.put(sample, body)
+        time, answer = (
+            now - timedelta(hours=number),
+            {"verdict": "ambiguous", "reasons": [], "probability": 0.4},
+        )
+        ids.append(keep_query(samples, time, answer, scan.points.tobytes(), map_id="yard"))
         wrong = T if number else make_transform(np.eye(3), [0, 0, 9.0]) @ T
         samples.set_truth(ids[-1], {"map_id": "yard", "T_map_sensor": pose_to_mapping(wrong)}, "key:eve")
     confirmed = collect_confirmed(samples, "yard", 40, tmp_path / "confirmed")

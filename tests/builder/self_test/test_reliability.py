@@ -9,7 +9,6 @@ from firstfix_builder.self_test.reliability import (
     ABSENT_WEIGHT,
     Case,
     bound_of,
-    draw_reliability,
     fit,
     reliability_of,
 )
@@ -78,14 +77,6 @@ def test_equal_places_teach_how_likely_one_of_them_is_right():
 def test_nothing_asked_leaves_the_prior_and_no_claim():
     assert fit([]) == Calibration()
     assert reliability_of([]) == {"expected_calibration_error": None, "bins": []}
-
-
-def test_the_picture_is_the_same_every_time(tmp_path):
-    found = reliability_of(cases(100, 4))
-    draw_reliability(found, tmp_path / "a.png")
-    draw_reliability(found, tmp_path / "b.png")
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    assert (tmp_path / "a.png").stat().st_size > 5000
 
 
 def test_the_bound_counts_wrong_cases_asked_or_not_and_those_without_an_answer():

@@ -10,17 +10,16 @@ from firstfix.sensor import SensorModel, preset
 from firstfix.transform import rotation_angle_deg
 from firstfix_builder.simulation.perturb import ScanSimulation
 from firstfix_builder.simulation.simulate import Simulator
+from tests.builder.box_scenes import box
 
 SENSOR = SensorModel("ring-3", (-10.0, 0.0, 10.0), 1.0, 0.3, 60.0, 0.8)
 CLEAN = PerturbConfig(noise_m=0, dropout=0, occluders=0, strangers=0, unmapped=0, vanished=0)
 REACH_M = 2.0
 
 
-def room(low=(-9, -7, 0), high=(9, 7, 3)) -> Simulator:
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
-    return Simulator(np.array(low) + corners * (np.array(high) - low), triangles)
+def room() -> Simulator:
+    walls = box((-9, -7, 0), (9, 7, 3))
+    return Simulator(walls.vertices, walls.triangles)
 
 
 def cases(config: PerturbConfig, count: int = 200, around=((0, 0, 0.8), (8.9, 0, 0.8))):

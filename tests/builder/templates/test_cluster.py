@@ -113,18 +113,6 @@ def test_neighbour_pairs_are_the_nearest_by_position_each_once(descriptor, neigh
     assert np.allclose(pairs.distance, expected, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_blocks_do_not_change_the_pairs(seed, monkeypatch):
-    described, position_m = some_templates(PCA_SC, 90, seed)
-    found = []
-    for block in (7, 256):
-        monkeypatch.setattr(cluster, "BLOCK", block)
-        _, pairs = all_of(neighbour_pairs(PCA_SC, described, position_m, 6))
-        found.append(sorted(zip(listed(pairs), pairs.distance.tolist(), strict=True)))
-    assert [pair for pair, _ in found[0]] == [pair for pair, _ in found[1]]
-    assert np.allclose([d for _, d in found[0]], [d for _, d in found[1]], rtol=0, atol=1e-6)
-
-
 @both_descriptors
 @pytest.mark.parametrize("edges", [(0, 40, 41, 150), (0, 75, 150)])
 @pytest.mark.usefixtures("small_blocks")

@@ -147,7 +147,7 @@ def test_without_pairs_everyone_is_alone(linkage, samples):
 
 
 @every_linkage
-@pytest.mark.parametrize("threshold", [0.25, 0.5, 0.75])
+@pytest.mark.parametrize("threshold", [0.1, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75])
 def test_the_threshold_itself_is_merged_and_a_hair_more_is_not(linkage, threshold):
     over = np.nextafter(np.float32(threshold), np.float32(1))
     pairs = Pairs.of(np.array([0, 3]), np.array([1, 2]), np.array([threshold, over]))
@@ -179,10 +179,3 @@ def test_pairs_are_kept_lower_number_first():
     assert len(both) == 4
     assert (both.a.tolist(), both.b.tolist()) == ([2, 1, 0, 8], [5, 3, 7, 9])
     assert both.distance.tolist() == [0.5, 0.25, 0.125, 0.75]
-
-
-@pytest.mark.parametrize("threshold", [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
-@pytest.mark.parametrize("linkage", ["complete", "average", "single"])
-def test_a_pair_exactly_at_the_threshold_is_merged(linkage, threshold):
-    pair = Pairs.of(np.array([0]), np.array([1]), np.array([threshold]))
-    assert agglomerate(2, pair, linkage, threshold).tolist() == [0, 0]

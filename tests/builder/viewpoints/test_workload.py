@@ -51,7 +51,7 @@ def plain_cloud(path: Path) -> Path:
 )
 def test_small_files_of_large_maps_end_before_the_work(tmp_path, monkeypatch, make, name, config, why):
     """No chunk is run, neither for the provisional nor for the full version."""
-    monkeypatch.setattr("firstfix_builder.level_map.clean_cloud", lambda cloud, config: cloud)
+    monkeypatch.setattr("firstfix_builder.sources.write_level_map.clean_cloud", lambda cloud, config: cloud)
     chunks = []
     monkeypatch.setattr(
         "firstfix_builder.execution.chunks.ChunkCache.run", lambda self, *given: chunks.append(given)

@@ -12,43 +12,43 @@ from firstfix.store.store import Store
 def test_a_build_is_recorded_from_request_to_end(any_store: Store):
     records = BuildRecords(any_store)
     request = {"map_id": "hall", "source": {"key": "k"}, "file_name": "größe.ply", "config": {"a": 1}}
-    records.put_build("b1", request)
-    assert records.build_request("b1") == request
-    assert records.build_status("b1") == new_status("queued", map_id="hall")
+    records.put("b1", request)
+    assert records.request("b1") == request
+    assert records.status("b1") == new_status("queued", map_id="hall")
     running = new_status("running", map_id="hall", stage="read_map", progress=0.25)
-    records.set_build_status("b1", running)
-    assert records.build_status("b1") == running
-    assert records.build_ids() == ["b1"]
+    records.set_status("b1", running)
+    assert records.status("b1") == running
+    assert records.ids() == ["b1"]
     with pytest.raises(Conflict):
-        records.put_build("b1", request)
+        records.put("b1", request)
 
 
 def test_a_cancellation_is_kept_until_the_end(any_store: Store):
     records = BuildRecords(any_store)
-    records.put_build("b1", {"map_id": "hall"})
+    records.put("b1", {"map_id": "hall"})
     assert not records.is_cancel_requested("b1")
     records.request_cancel("b1")
     records.request_cancel("b1")
     assert records.is_cancel_requested("b1")
-    records.set_build_status("b1", new_status("cancelled", map_id="hall"))
+    records.set_status("b1", new_status("cancelled", map_id="hall"))
     with pytest.raises(Conflict):
         records.request_cancel("b1")
 
 
 def test_a_missing_build_is_not_found(any_store: Store):
     records = BuildRecords(any_store)
-    for call in (records.build_request, records.build_status, records.request_cancel):
+    for call in (records.request, records.status, records.request_cancel):
         with pytest.raises(NotFound, match="no build b1"):
             call("b1")
 
 
 def test_a_damaged_record_is_refused():
     records = BuildRecords(Store.open("memory://"))
-    records.put_build("b1", {})
+    records.put("b1", {})
     for data in (b"{", b"[]", b"\xff\xfe"):
         records.store.put("builds/b1/status.json", data)
         with pytest.raises(StoreError):
-            records.build_status("b1")
+            records.status("b1")
 
 
 def test_an_invalid_status_is_refused():

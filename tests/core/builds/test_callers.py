@@ -14,7 +14,7 @@ from firstfix.builds.callers import (
     claim_build,
     claimed_build,
 )
-from firstfix.builds.records import new_status
+from firstfix.builds.records import BuildRecords, new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import IdempotencyConflict
 from firstfix.maintenance.garbage import USAGE_DAYS, collect_garbage, remove_abandoned
@@ -25,26 +25,26 @@ from tests.core.fixtures import at_once
 def catalog_with(*build_ids: str, url: str = "memory://") -> Catalog:
     catalog = Catalog(Store.open(url))
     for build_id in build_ids:
-        CallerUsage(catalog).begin("key:a", build_id)
-        catalog.put_build(build_id, {"map_id": "hall", "owner": "key:a"})
+        CallerUsage(catalog.builds).begin("key:a", build_id)
+        catalog.builds.put(build_id, {"map_id": "hall", "owner": "key:a"})
     return catalog
 
 
 def test_builds_count_until_they_have_ended(any_store_url: str):
     catalog = catalog_with("b1", "b2", url=any_store_url)
-    usage = CallerUsage(catalog)
+    usage = CallerUsage(catalog.builds)
     usage.begin("key:a", "b2")
     usage.begin("key:a", "never-recorded")
     assert usage.unfinished("key:a") == {"b1", "b2"}
     assert usage.unfinished("key:b") == set()
-    catalog.set_build_status("b1", new_status("failed", map_id="hall"))
+    catalog.builds.set_status("b1", new_status("failed", map_id="hall"))
     assert usage.unfinished("key:a") == {"b2"}
     entries = {key.rsplit("/", 1)[-1] for key in catalog.store.list(CALLERS_FOLDER)}
     assert entries == {"b2", "never-recorded"}, "what has ended is not looked at again"
 
 
 def test_minutes_add_up_over_builds_and_attempts(any_store_url: str):
-    usage = CallerUsage(Catalog(Store.open(any_store_url)))
+    usage = CallerUsage(BuildRecords(Store.open(any_store_url)))
     usage.charge("key:a", "b1", 1, 90.4)
     usage.charge("key:a", "b1", 1, 90.4)
     usage.charge("key:a", "b1", 2, 30.0)
@@ -54,7 +54,7 @@ def test_minutes_add_up_over_builds_and_attempts(any_store_url: str):
 
 
 def test_an_invalid_name_of_a_run_counts_nothing(catalog: Catalog):
-    usage = CallerUsage(catalog)
+    usage = CallerUsage(catalog.builds)
     usage.charge("key:a", "b1", 1, 60.0)
     (key,) = catalog.store.list(CALLERS_FOLDER)
     for name in ("b1", "b1.1", "b1.1.x", f"b1.1.{'9' * 100}", "b1.1.60.60"):
@@ -64,7 +64,7 @@ def test_an_invalid_name_of_a_run_counts_nothing(catalog: Catalog):
 
 def test_old_entries_are_garbage(monkeypatch: pytest.MonkeyPatch):
     catalog = catalog_with("b1")
-    CallerUsage(catalog).charge("key:a", "b1", 1, 60.0)
+    CallerUsage(catalog.builds).charge("key:a", "b1", 1, 60.0)
     assert remove_abandoned(catalog).keys[CALLERS_FOLDER] == []
     now = catalog.store.now()
     for days, left in ((USAGE_DAYS - 1, 2), (USAGE_DAYS + 1, 0)):

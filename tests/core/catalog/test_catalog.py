@@ -374,7 +374,7 @@ def test_an_invalid_id_is_refused(catalog: Catalog, map_id: str, tmp_path: Path)
     for call in (
         lambda: catalog.state(map_id),
         lambda: catalog.publish(map_id, tmp_path, Manifest({})),
-        lambda: catalog.put_build(map_id, {}),
+        lambda: catalog.builds.put(map_id, {}),
         lambda: catalog.collect_garbage(map_id),
     ):
         with pytest.raises(InvalidOption):

@@ -23,8 +23,8 @@ def recorded(catalog: Catalog, tmp_path: Path, build_id: str, content: str = "a 
     """Records a build that runs. Returns the key of its source."""
     (tmp_path / "source").write_text(content)
     key = source_key("hall", put_source(catalog.store, "hall", tmp_path / "source"))
-    catalog.put_build(build_id, {"map_id": "hall", "source": {"key": key}, "config": {}})
-    catalog.set_build_status(build_id, new_status("running", map_id="hall"))
+    catalog.builds.put(build_id, {"map_id": "hall", "source": {"key": key}, "config": {}})
+    catalog.builds.set_status(build_id, new_status("running", map_id="hall"))
     return key
 
 
@@ -32,7 +32,7 @@ def published(catalog: Catalog, tmp_path: Path, build_id: str, *, provisional: b
     content = "coarse" if provisional else "fine"
     version = publish(catalog, tmp_path, content, build_id=build_id, provisional=provisional)
     status = new_status("running", map_id="hall", provisional_version=version if provisional else None)
-    catalog.set_build_status(build_id, status)
+    catalog.builds.set_status(build_id, status)
     return version
 
 
@@ -47,7 +47,7 @@ def test_the_provisional_version_and_the_source_of_an_ended_build_go(any_catalog
     for _ in range(2):
         end_build(any_catalog, "b1", ended(state))
         assert any_catalog.active_version("hall") is None
-        assert any_catalog.build_status("b1")["state"] == state
+        assert any_catalog.builds.status("b1")["state"] == state
         assert any_catalog.store.list("maps/hall/sources") == []
 
 
@@ -65,7 +65,7 @@ def test_sources_of_another_build_stay(any_catalog: Catalog, tmp_path: Path):
     key = recorded(any_catalog, tmp_path, "b1")
     recorded(any_catalog, tmp_path, "b2")
     version = published(any_catalog, tmp_path, "b1", provisional=True)
-    any_catalog.set_build_status("b2", new_status("running", map_id="hall", provisional_version=version))
+    any_catalog.builds.set_status("b2", new_status("running", map_id="hall", provisional_version=version))
     end_build(any_catalog, "b1", ended())
     assert any_catalog.active_version("hall") == version
     assert any_catalog.store.list("maps/hall/sources") == [key]
@@ -89,7 +89,7 @@ def test_a_kill_on_the_way_is_mended_by_a_repeat(tmp_path: Path, monkeypatch: py
         published(catalog, tmp_path, "b1", provisional=True)
         works: list[Callable[[], Any]] = [lambda: end_build(catalog, "b1", ended()), lambda: None]
         steps = run_interleaved(works, (), kill_at=kill_at, monkeypatch=monkeypatch)
-        if catalog.build_status("b1")["state"] == "cancelled":
+        if catalog.builds.status("b1")["state"] == "cancelled":
             assert catalog.active_version("hall") is None, "whoever sees the end sees no version"
         end_build(Catalog(catalog.store), "b1", ended())
         assert catalog.store.list("maps/hall/sources") == []
@@ -108,7 +108,7 @@ def test_a_damaged_status_is_repaired_with_what_the_build_has_published(any_cata
         version = published(any_catalog, tmp_path, "b1", provisional=False)
     any_catalog.store.put("builds/b1/status.json", b"")
     said = Repair(any_catalog.store).record("builds/b1/status.json", RecordKind.BUILD_STATUS)
-    status = any_catalog.build_status("b1")
+    status = any_catalog.builds.status("b1")
     if full:
         assert (status["state"], status["version"]) == ("succeeded", version)
         assert status["provisional_version"] == early

@@ -27,8 +27,8 @@ def build(catalog: Catalog, tmp_path: Path, build_id: str, state: str, version: 
     path = tmp_path / f"{build_id}.ply"
     path.write_text(build_id)
     key = source_key("hall", put_source(catalog.store, "hall", path))
-    catalog.put_build(build_id, {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})
-    catalog.set_build_status(build_id, new_status(state, map_id="hall", version=version))
+    catalog.builds.put(build_id, {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})
+    catalog.builds.set_status(build_id, new_status(state, map_id="hall", version=version))
     return key
 
 
@@ -53,7 +53,7 @@ def test_versions_in_use_are_not_collected(any_catalog: Catalog, tmp_path: Path)
     assert done == would
     assert before - set(any_catalog.store.list()) == {key for keys in done.keys.values() for key in keys}
     assert set(any_catalog.store.list("maps/hall/sources")) == kept
-    assert any_catalog.build_ids() == ["b-runs", "b-served", "b-waits"]
+    assert any_catalog.builds.ids() == ["b-runs", "b-served", "b-waits"]
     assert any_catalog.store.list("uploads") == any_catalog.store.list("idempotency") == []
     assert any_catalog.store.list("probe") == []
     assert any_catalog.manifest("hall", served)
@@ -81,7 +81,7 @@ def test_one_map_alone_is_collected(any_catalog: Catalog, tmp_path: Path):
     assert set(done.keys["sources"]) == {source_key("hall", "0" * 64), source}
     assert any_catalog.store.list("maps/hall/versions") == []
     assert len(any_catalog.store.list("maps/attic/versions")) == 2
-    assert any_catalog.build_ids() == ["b-failed"]
+    assert any_catalog.builds.ids() == ["b-failed"]
 
 
 def test_a_killed_removal_is_finished(any_catalog: Catalog, tmp_path: Path):

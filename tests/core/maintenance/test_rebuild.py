@@ -30,7 +30,7 @@ def built(catalog: Catalog, scratch: Path, content: str = "1", *, patch: str = "
     key = source_key("hall", put_source(catalog.store, "hall", scratch / f"{content}.laz"))
     request = {"map_id": "hall", "source": {"key": key}, "file_name": "hall.laz", "trajectory": None}
     request |= {"config": {"patch": patch}, "owner": "key:k1", "traceparent": "00-1"}
-    catalog.put_build(f"b{content}", request)
+    catalog.builds.put(f"b{content}", request)
     return publish(catalog, scratch, content, build_id=f"b{content}", **values)
 
 
@@ -39,19 +39,19 @@ def test_a_rebuild_repeats_the_build_of_the_active_version(catalog: Catalog, tmp
     catalog.retire("hall", built(catalog, tmp_path, "2", patch="propose"), force=True)
     assert catalog.active_version("hall") == version
     build_id = rebuild(catalog, "hall")
-    request = catalog.build_request("b1")
+    request = catalog.builds.request("b1")
     del request["traceparent"], request["owner"]
-    assert catalog.build_request(build_id) == request
-    assert catalog.build_status(build_id)["state"] == "queued"
-    assert catalog.build_ids()[0] == build_id, "its time sorts before b1"
+    assert catalog.builds.request(build_id) == request
+    assert catalog.builds.status(build_id)["state"] == "queued"
+    assert catalog.builds.ids()[0] == build_id, "its time sorts before b1"
 
 
 def test_a_rebuild_without_its_source_is_refused(catalog: Catalog, tmp_path: Path):
     built(catalog, tmp_path)
-    catalog.store.delete(catalog.build_request("b1")["source"]["key"])
+    catalog.store.delete(catalog.builds.request("b1")["source"]["key"])
     with pytest.raises(NotFound, match="source of map hall is gone"):
         rebuild(catalog, "hall")
-    assert catalog.build_ids() == ["b1"]
+    assert catalog.builds.ids() == ["b1"]
 
 
 def test_a_rebuild_without_a_record_is_refused(catalog: Catalog, tmp_path: Path):
@@ -64,9 +64,9 @@ def test_a_rebuild_without_a_record_is_refused(catalog: Catalog, tmp_path: Path)
 
 def test_a_patch_is_a_build_of_the_same_sources(catalog: Catalog, tmp_path: Path):
     version = built(catalog, tmp_path, patch="propose")
-    request = catalog.build_request(request_patch(catalog, "hall"))
+    request = catalog.builds.request(request_patch(catalog, "hall"))
     assert request.pop("patch") == {"base": version, "mode": "propose"}
-    before = catalog.build_request("b1")
+    before = catalog.builds.request("b1")
     assert request == {name: before[name] for name in request}
     assert "owner" not in request
 
@@ -75,10 +75,10 @@ def test_patches_are_off_unless_the_map_or_the_caller_says_otherwise(catalog: Ca
     built(catalog, tmp_path, patch="off")
     with pytest.raises(Conflict, match="patches of map hall are off"):
         request_patch(catalog, "hall")
-    assert catalog.build_ids() == ["b1"]
+    assert catalog.builds.ids() == ["b1"]
     build_id = request_patch(catalog, "hall", "activate")
-    assert catalog.build_request(build_id)["patch"]["mode"] == "activate"
-    assert catalog.build_request(build_id)["config"] == {"patch": "off"}, "of this build alone"
+    assert catalog.builds.request(build_id)["patch"]["mode"] == "activate"
+    assert catalog.builds.request(build_id)["config"] == {"patch": "off"}, "of this build alone"
 
 
 def test_a_map_without_a_full_version_is_not_patched(catalog: Catalog, tmp_path: Path):
@@ -94,7 +94,7 @@ def test_a_rebuild_repeats_no_patch(catalog: Catalog, tmp_path: Path):
     build_id = request_patch(catalog, "hall")
     publish(catalog, tmp_path, "patched", build_id=build_id)
     assert catalog.active_version("hall") != version
-    assert "patch" not in catalog.build_request(rebuild(catalog, "hall"))
+    assert "patch" not in catalog.builds.request(rebuild(catalog, "hall"))
 
 
 def test_off_in_a_yaml_config_means_no_patches(tmp_path: Path):
@@ -122,7 +122,7 @@ def test_a_changed_map_is_patched_once_a_day(catalog: Catalog, tmp_path: Path):
     see_changes(catalog, version, 3)
     assert request_due_patches(catalog, HOUR - timedelta(hours=1)) == [], "not its hour"
     (build_id,) = request_due_patches(catalog, HOUR)
-    assert catalog.build_request(build_id)["patch"] == {"base": version, "mode": "activate"}
+    assert catalog.builds.request(build_id)["patch"] == {"base": version, "mode": "activate"}
     assert build_id.startswith(f"{HOUR:%Y%m%dt%H}")
     assert request_due_patches(catalog, HOUR + timedelta(minutes=30)) == [], "another replica in this hour"
     assert len(request_due_patches(catalog, HOUR + timedelta(days=1))) == 1

@@ -47,8 +47,8 @@ def source(tmp_path: Path) -> Catalog:
     catalog.retire("hall", catalog.versions("hall")[0].version)
     (tmp_path / "hall.laz").write_bytes(b"cloud")
     put_source(catalog.store, "hall", tmp_path / "hall.laz")
-    catalog.put_build("b1", {"map_id": "hall"})
-    catalog.set_build_status("b1", new_status("queued", map_id="hall"))
+    catalog.builds.put("b1", {"map_id": "hall"})
+    catalog.builds.set_status("b1", new_status("queued", map_id="hall"))
     Georeferences(catalog.store).set("hall", Georeference(48.0, 11.0, 500.0, (0.0, 0.0, 0.0, 1.0)))
     ApiKeys(catalog.store).create("robot-7", Grant.parse(["localize"], ["*"]))
     for key in MADE_ANEW:
@@ -67,7 +67,7 @@ def test_a_copy_has_all_that_lasts(source: Catalog, any_store_url: str, tmp_path
         for found in target.versions(map_id):
             folder = target.fetch_version(map_id, found.version, tmp_path / "fetched")
             target.manifest(map_id, found.version).verify_directory(folder)
-    assert target.build_status("b1") == source.build_status("b1")
+    assert target.builds.status("b1") == source.builds.status("b1")
     assert Georeferences(target.store).get("hall") == Georeferences(source.store).get("hall")
     assert [key.name for key in ApiKeys(target.store).all()[0]] == ["robot-7"]
     (kept,) = target.store.list("maps/hall/sources")
@@ -83,13 +83,13 @@ def test_a_copy_is_brought_up_to_date(source: Catalog, target: Catalog, tmp_path
     noticed = target.changes.end()
     newest = publish(source, "hall", b"5", tmp_path)
     failed = new_status("failed", map_id="hall")  # as long as "queued"
-    source.set_build_status("b1", failed)
+    source.builds.set_status("b1", failed)
     ApiKeys(source.store).revoke(ApiKeys(source.store).all()[0][0].key_id)
     # two files, manifest, two entries of the log, status, revocation
     assert copy_store(source.store, target.store).objects == 7
     assert target.active_version("hall") == newest
     assert target.changes.since(noticed)[0] == ["hall"], "services on the copy are told"
-    assert target.build_status("b1") == failed
+    assert target.builds.status("b1") == failed
     assert ApiKeys(target.store).all()[0][0].revoked
 
 
@@ -141,14 +141,14 @@ def test_damage_is_named_and_not_copied(source: Catalog, tmp_path: Path):
 def test_two_histories_of_a_map_are_not_mixed(source: Catalog, tmp_path: Path):
     target = Catalog(Store.open(str(tmp_path / "target")))
     publish(target, "hall", b"9", tmp_path)
-    source.put_build("b2", {"map_id": "attic"})
+    source.builds.put("b2", {"map_id": "attic"})
     before = target.store.list("maps/hall")
     report = copy_store(source.store, target.store)
     assert report.conflicts == ["maps/hall/log/000001.json", "maps/hall/log/000002.json"]
     assert report.damaged == []
     assert target.store.list("maps/hall") == before
     assert target.log("attic") == source.log("attic")
-    assert target.build_ids() == ["b2"], "a build of the map that is left out has no sources there"
+    assert target.builds.ids() == ["b2"], "a build of the map that is left out has no sources there"
     assert target.store.list("keys") == source.store.list("keys")
 
 

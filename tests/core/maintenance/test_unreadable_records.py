@@ -116,14 +116,14 @@ def _fill(store: Store, tmp_path: Path) -> None:
     for _ in range(EVERY):
         catalog.roll_back("yard")
     for build_id in ("b1", "b2", "b3"):
-        catalog.put_build(build_id, {"map_id": "hall", "source": {"key": "maps/hall/sources/x"}})
+        catalog.builds.put(build_id, {"map_id": "hall", "source": {"key": "maps/hall/sources/x"}})
         attempts = BuildAttempts(store, "me", lease_s=30, max_attempts=3)
         attempt = attempts.claim(build_id, "")
         assert attempt is not None
         attempts.end(attempt, AttemptEnd.STOPPED)
     for build_id in ("b2", "b3"):
-        catalog.set_build_status(build_id, new_status("failed", map_id="hall"))
-        catalog.set_build_stages(build_id, [{"stage": "cluster", "seconds": 1.5, "cached": False}])
+        catalog.builds.set_status(build_id, new_status("failed", map_id="hall"))
+        catalog.builds.set_stages(build_id, [{"stage": "cluster", "seconds": 1.5, "cached": False}])
     uploads = Uploads(store)
     for upload_id in ("u1", "u2"):
         uploads.create(upload_id, size_bytes=3, file_name="a.ply")
@@ -161,10 +161,10 @@ def everything(store: Store, scratch: Path) -> dict[str, Any]:
         days = Sightings(store).read(newest(catalog, map_id)).days
         found[f"sightings of {map_id}"] = sum(day.tally.sightings for day in days.values())
         found[f"georeference of {map_id}"] = _said(Georeferences(store).get, map_id)
-    for build_id in catalog.build_ids():
-        found[f"status of {build_id}"] = catalog.shown_status(build_id)
-        found[f"request of {build_id}"] = _said(catalog.build_request, build_id)
-        found[f"stages of {build_id}"] = _said(catalog.build_stages, build_id)
+    for build_id in catalog.builds.ids():
+        found[f"status of {build_id}"] = catalog.builds.shown_status(build_id)
+        found[f"request of {build_id}"] = _said(catalog.builds.request, build_id)
+        found[f"stages of {build_id}"] = _said(catalog.builds.stages, build_id)
     for upload_id in uploads.ids():
         upload = _said(uploads.get, upload_id)
         found[f"upload {upload_id}"] = upload if isinstance(upload, str) else uploads.finish(upload)
@@ -242,10 +242,10 @@ def test_a_mended_record_is_read_again(store: Store):
     good = store.get(key)
     for _ in range(2):
         store.put(key, b"")
-        assert catalog.shown_status("b2")["state"] == UNREADABLE
-        assert catalog.shown_status("b2")["map_id"] == "hall", "its request says it"
+        assert catalog.builds.shown_status("b2")["state"] == UNREADABLE
+        assert catalog.builds.shown_status("b2")["map_id"] == "hall", "its request says it"
         store.put(key, good)
-        assert catalog.shown_status("b2")["state"] == "failed"
+        assert catalog.builds.shown_status("b2")["state"] == "failed"
     assert len(told) == 2, "once each time that it was damaged"
 
 

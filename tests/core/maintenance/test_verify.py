@@ -42,8 +42,8 @@ def catalog(recorded: tuple[Store, list[tuple[str, str]]], tmp_path: Path) -> Ca
     (tmp_path / "hall.laz").write_bytes(b"cloud")
     put_source(catalog.store, "hall", tmp_path / "hall.laz")
     for build_id in ("b1", "b2", "b3"):
-        catalog.put_build(build_id, {"map_id": "hall"})
-        catalog.set_build_status(build_id, new_status("queued", map_id="hall"))
+        catalog.builds.put(build_id, {"map_id": "hall"})
+        catalog.builds.set_status(build_id, new_status("queued", map_id="hall"))
     georeferences = Georeferences(store)
     for height_m in (1.0, 2.0):
         georeferences.set("hall", Georeference(48.0, 11.0, height_m, (0.0, 0.0, 0.0, 1.0)))
@@ -145,8 +145,8 @@ def test_damaged_records_are_moved_aside_or_written_again(catalog: Catalog):
     assert verified(catalog).keys() == damaged.keys()
     assert all(verified(catalog, repair=True).values())
     fresh = Catalog(store)
-    assert fresh.build_status("b1")["state"] == "succeeded", "the map's log says so"
-    assert fresh.build_ids() == ["b1", "b2"]
+    assert fresh.builds.status("b1")["state"] == "succeeded", "the map's log says so"
+    assert fresh.builds.ids() == ["b1", "b2"]
     assert fresh.changes.end() == 2
     assert uploads.ids() == []
     assert Georeferences(store).get("hall") is not None
@@ -157,7 +157,7 @@ def test_damaged_records_are_moved_aside_or_written_again(catalog: Catalog):
 def test_a_build_with_a_damaged_status_is_queued_again(catalog: Catalog):
     catalog.store.put("builds/b3/status.json", b"{")
     assert "queued again" in verified(catalog, repair=True)["builds/b3/status.json"]
-    assert catalog.build_status("b3")["state"] == "queued"
+    assert catalog.builds.status("b3")["state"] == "queued"
 
 
 @pytest.mark.usefixtures("frequent_snapshots")

@@ -191,7 +191,7 @@ def test_without_a_map_only_the_callers_compete(guarded: Service, keys: dict[str
 
 
 def test_builds_of_other_maps_do_not_exist(guarded: Service, keys: dict[str, str]):
-    guarded.catalog.put_build("b-1", {"map_id": "attic"})
+    guarded.catalog.builds.put("b-1", {"map_id": "attic"})
     other = give(guarded, "build", maps=("hall",))
     wait_until(lambda: get(guarded, "/maps", other).is_success)
     assert get(guarded, "/builds/b-1", keys["build"]).json()["map_id"] == "attic"
@@ -201,7 +201,7 @@ def test_builds_of_other_maps_do_not_exist(guarded: Service, keys: dict[str, str
         missing = guarded.http.request(method, "/builds/b-2", headers=bearer)
         assert hidden.status_code == missing.status_code == 404
         assert hidden.content.replace(b"b-1", b"") == missing.content.replace(b"b-2", b"")
-    assert not guarded.catalog.is_cancel_requested("b-1")
+    assert not guarded.catalog.builds.is_cancel_requested("b-1")
 
 
 def test_a_map_is_handed_in_only_under_a_name_of_the_callers(guarded: Service):
@@ -217,7 +217,7 @@ def test_a_map_is_handed_in_only_under_a_name_of_the_callers(guarded: Service):
         )
 
     assert post("attic").status_code == 403
-    assert guarded.catalog.build_ids() == []
+    assert guarded.catalog.builds.ids() == []
     assert post("hall-7").status_code == 202
     named = {"map_id": "attic", "source": {"url": "s3://b/x"}}
     answer = guarded.http.post("/maps", json=named, headers={"Authorization": f"Bearer {key}"})

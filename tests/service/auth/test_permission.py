@@ -31,7 +31,7 @@ def guarded(tmp_path: Path) -> Iterator[Service]:
     keys.write_text(json.dumps(ALL_KEYS))
     tokens = {"jwt_jwks": str(keys), "jwt_issuer": ISSUER, "jwt_audience": AUDIENCE, "jwt_leeway_s": 0.0}
     with running_service(tmp_path, zenoh=False, auth="on", keys_refresh_s=0.1, **tokens) as running:
-        running.catalog.put_build(BUILD, {"map_id": "hall"})
+        running.catalog.builds.put(BUILD, {"map_id": "hall"})
         yield running
 
 

@@ -30,7 +30,7 @@ def test_an_upload_is_durable_before_it_is_answered(recorder: Service):
     assert int(response.headers["retry-after"]) >= 1
     build_id = response.headers["location"].removeprefix("/builds/")
     assert response.json()["build_id"] == build_id
-    request = recorder.catalog.build_request(build_id)
+    request = recorder.catalog.builds.request(build_id)
     assert request["file_name"] == "hall_map.xyz", "no path, no space"
     assert request["config"]["level"] is False
     assert request["source"]["key"].endswith(hashlib.sha256(CLOUD).hexdigest())
@@ -172,11 +172,11 @@ def test_a_url_has_to_be_allowed(tmp_path: Path):
     with running_service(tmp_path / "a", zenoh=False) as service:
         response = service.http.post("/maps", json=body)
         assert (response.status_code, response.json()["code"]) == (400, "invalid_option")
-        assert service.catalog.build_ids() == []
+        assert service.catalog.builds.ids() == []
     with running_service(tmp_path / "b", zenoh=False, source_urls=("s3://maps/",)) as service:
         response = service.http.post("/maps", json={**body, "trajectory": {"url": "s3://maps/tracks/t.txt"}})
         assert response.status_code == 202
-        assert service.catalog.build_request(response.json()["build_id"]) == {
+        assert service.catalog.builds.request(response.json()["build_id"]) == {
             "map_id": "hall",
             "source": {"url": "s3://maps/hall.laz"},
             "file_name": "hall.laz",
@@ -212,7 +212,7 @@ def test_bad_json_is_refused(tmp_path: Path, body: bytes, code: str):
     with running_service(tmp_path, zenoh=False, source_urls=("s3://maps/",)) as service:
         response = service.http.post("/maps", content=body, headers={"Content-Type": "application/json"})
         assert (response.json()["status"], response.json()["code"]) == (response.status_code, code)
-        assert service.catalog.build_ids() == []
+        assert service.catalog.builds.ids() == []
 
 
 def form(*fields: tuple[str, str | None, bytes], end: bytes = b"--b--\r\n") -> bytes:
@@ -251,7 +251,7 @@ def test_forms_are_checked_and_leave_nothing_behind(tmp_path: Path, body: bytes,
         headers = {"Content-Type": "multipart/form-data; boundary=b"}
         response = service.http.post("/maps", content=body, headers=headers)
         assert response.json().get("code") == code
-        assert len(service.catalog.build_ids()) == (1 if code is None else 0)
+        assert len(service.catalog.builds.ids()) == (1 if code is None else 0)
         assert list(service.settings.work_dir.glob("uploads/*")) == []
 
 
@@ -263,7 +263,7 @@ def test_a_form_without_a_boundary(recorder: Service):
 def test_a_file_larger_than_a_batch_arrives_whole(recorder: Service):
     data = bytes(range(256)) * (20 << 10)  # 5 MiB
     response = recorder.http.post("/maps", data={"map_id": "hall"}, files={"source": ("a.bin", data)})
-    request = recorder.catalog.build_request(response.json()["build_id"])
+    request = recorder.catalog.builds.request(response.json()["build_id"])
     assert recorder.catalog.store.get(request["source"]["key"]) == data
     assert request["trajectory"] is None
 
@@ -276,8 +276,8 @@ def test_a_map_is_built_again_from_what_was_kept(tmp_path: Path):
         # the fake worker publishes nothing
         service.catalog.publish("hall", tmp_path / "made", manifest, build_id=first["build_id"])
         build_id = rebuild(service.catalog, "hall")
-        wait_until(lambda: service.catalog.build_status(build_id)["state"] in FINAL_STATES)
-        assert service.catalog.build_status(build_id)["state"] == "succeeded"
+        wait_until(lambda: service.catalog.builds.status(build_id)["state"] in FINAL_STATES)
+        assert service.catalog.builds.status(build_id)["state"] == "succeeded"
 
 
 def test_a_build_is_run_although_another_ones_record_is_damaged(tmp_path: Path):

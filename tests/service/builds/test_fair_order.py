@@ -66,7 +66,7 @@ def test_a_flood_of_builds_does_not_hold_up_another_caller(tmp_path: Path):
         catalog = these.service.catalog
         with building_service(tmp_path, work_dir=tmp_path / "other"):
             for build_id in last:
-                wait_until(lambda: catalog.build_status(build_id)["state"] in FINAL_STATES)  # noqa: B023
+                wait_until(lambda: catalog.builds.status(build_id)["state"] in FINAL_STATES)  # noqa: B023
         lines = (tmp_path / "other" / "order.txt").read_text().splitlines()
     assert [line.split()[0] for line in lines][:4] == ["a0", "b0", "a1", "b1"]
 

@@ -35,14 +35,14 @@ def test_the_same_request_is_one_build(recorder: Service):
     assert first.headers["location"] == again.headers["location"]
     assert post(recorder, "night-2").headers["location"] != first.headers["location"]
     assert post(recorder, None).headers["location"] != post(recorder, None).headers["location"]
-    assert len(recorder.catalog.build_ids()) == 4
+    assert len(recorder.catalog.builds.ids()) == 4
 
 
 def test_another_request_with_the_key_is_a_conflict(recorder: Service):
     post(recorder, "night-1")
     other = post(recorder, "night-1", map_id="attic")
     assert (other.status_code, other.json()["code"]) == (409, "idempotency_conflict")
-    assert len(recorder.catalog.build_ids()) == 1
+    assert len(recorder.catalog.builds.ids()) == 1
 
 
 def test_forms_are_compared_by_their_content(recorder: Service):
@@ -69,7 +69,7 @@ def test_it_holds_over_replicas(tmp_path: Path):
         answers = list(threads.map(lambda replica: post(replica, "k"), replicas))
         assert {answer.status_code for answer in answers} == {202}
         assert len({answer.headers["location"] for answer in answers}) == 1
-        assert len(first.catalog.build_ids()) == 1
+        assert len(first.catalog.builds.ids()) == 1
 
 
 def test_a_service_killed_between_claim_and_record_is_made_good(recorder: Service):
@@ -78,7 +78,7 @@ def test_a_service_killed_between_claim_and_record_is_made_good(recorder: Servic
     claim_build(recorder.catalog.store, key, submission.fingerprint(), "b-of-the-dead")
     answer = post(recorder, "night-1")
     assert answer.json()["build_id"] == "b-of-the-dead"
-    assert recorder.catalog.build_ids() == ["b-of-the-dead"]
+    assert recorder.catalog.builds.ids() == ["b-of-the-dead"]
 
 
 def test_what_was_refused_leaves_the_key_free(recorder: Service):
@@ -89,7 +89,7 @@ def test_what_was_refused_leaves_the_key_free(recorder: Service):
 @pytest.mark.parametrize("key", ["", "a b", "x" * 256])
 def test_a_key_is_short_and_printable(recorder: Service, key: str):
     assert post(recorder, key).status_code == 400
-    assert recorder.catalog.build_ids() == []
+    assert recorder.catalog.builds.ids() == []
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ ANY_AGE = Ages(things_s=-5, builds_s=-5)
 def parts_of(store: Store) -> Any:
     catalog = Catalog(store)
     uploads = SimpleNamespace(store=store, uploads=Uploads(store), disks=DiskSpace(0))
-    return uploads, SimpleNamespace(catalog=catalog, usage=CallerUsage(catalog))
+    return uploads, SimpleNamespace(catalog=catalog, usage=CallerUsage(catalog.builds))
 
 
 def collect(store: Store) -> None:
@@ -45,7 +45,7 @@ def collect(store: Store) -> None:
 
 
 def fetched(store: Store, build_id: str, folder: Path) -> bytes:
-    named = Catalog(store).build_request(build_id)["source"]
+    named = Catalog(store).builds.request(build_id)["source"]
     path = SourceFetch(BuildOptions(build_id=build_id, work=folder / build_id), store, "hall").fetch(
         named, "a.xyz"
     )
@@ -134,7 +134,7 @@ def test_a_collection_that_was_killed_leaves_nothing_for_ever(
         steps = run_interleaved(works, (), kill_at=kill_at, monkeypatch=monkeypatch)
         _record(*parts_of(store), "b1", handed_in, False)
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
-        Catalog(store).set_build_status("b1", new_status("failed", map_id="hall"))
+        Catalog(store).builds.set_status("b1", new_status("failed", map_id="hall"))
         collect_garbage(Catalog(store), ages=ANY_AGE)
         assert [key for key in store.list() if not key.startswith(("maps/hall/log/", "callers/"))] == []
         return len(steps)
@@ -153,14 +153,14 @@ def test_a_map_that_is_built_once_more_finds_its_source(
         store = Store.open("memory://")
         catalog = Catalog(store)
         sha256 = put_source(store, "hall", tmp_path / "a.xyz")
-        catalog.put_build("old", {"map_id": "hall", "source": {"key": source_key("hall", sha256)}})
+        catalog.builds.put("old", {"map_id": "hall", "source": {"key": source_key("hall", sha256)}})
         for event in (Event.PUBLISHED, Event.ACTIVATED):
             catalog._map_log("hall").append(event, version, build_id="old", needed=lambda state: True)
         made: list[str] = []
 
         def collect_all() -> None:
             Catalog(store).retire("hall", version, force=True)
-            Catalog(store).set_build_status("old", new_status("failed", map_id="hall"))
+            Catalog(store).builds.set_status("old", new_status("failed", map_id="hall"))
             for key in store.list("builds/old"):
                 store.delete(key)
             collect(store)

@@ -19,7 +19,7 @@ BROKEN = [b"", b'{"map_id": "ha', b"[]", b'{"state": 3, "map_id": []}', b'{"a":'
 def waiting_builds(store: Store) -> Catalog:
     catalog = Catalog(store)
     for build_id in ("b1", "b2", "b3"):
-        catalog.put_build(build_id, {"map_id": "hall"})
+        catalog.builds.put(build_id, {"map_id": "hall"})
     return catalog
 
 
@@ -39,7 +39,7 @@ def test_the_queue_goes_on_with_the_others(record: bytes, name: str):
 @pytest.fixture
 def service_with_damage(service: Service) -> Service:
     catalog = waiting_builds(service.catalog.store)
-    catalog.set_build_status("b3", new_status("succeeded", map_id="hall", version="a" * 64))
+    catalog.builds.set_status("b3", new_status("succeeded", map_id="hall", version="a" * 64))
     service.catalog.store.put("builds/b2/status.json", b"")
     return service
 

@@ -71,7 +71,7 @@ def known(service: Service) -> dict[str, str]:
     """Path parameters of existing objects."""
     names = {kind: f"{kind}-{uuid.uuid4().hex[:12]}" for kind in ("map", "build", "upload")}
     version = publish(service.catalog, names["map"], "1", service.scratch)
-    service.catalog.put_build(names["build"], {"map_id": names["map"]})
+    service.catalog.builds.put(names["build"], {"map_id": names["map"]})
     uploads = Uploads(service.catalog.store)
     uploads.create(names["upload"], size_bytes=1000, file_name="hall.ply")
     sample_id = new_sample_id(uuid.uuid4().hex[:8], datetime.now(timezone.utc))

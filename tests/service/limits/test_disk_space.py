@@ -131,7 +131,7 @@ def test_a_form_that_does_not_tell_its_length_stops_at_the_reserve(service: Serv
     answer = service.http.post("/maps", content=form(*pieces()), headers=FORM)
     assert (answer.status_code, answer.json()["code"]) == (507, "out_of_space")
     assert min(free_bytes) > 0
-    assert service.catalog.build_ids() == []
+    assert service.catalog.builds.ids() == []
     wait_until(lambda: list(service.settings.work_dir.glob("uploads/*")) == [])
     disks = service.app.state.start.parts[UploadParts].disks
     assert disks.promised_bytes == 0

@@ -30,7 +30,7 @@ def changed_map(catalog: Catalog, folder: Path) -> None:
     (folder / "a.npy").write_bytes(b"1")
     key = source_key("hall", put_source(catalog.store, "hall", folder / "a.npy"))
     request = {"map_id": "hall", "source": {"key": key}, "file_name": "a.npy", "trajectory": None}
-    catalog.put_build("b1", {**request, "config": {"patch": "propose"}})
+    catalog.builds.put("b1", {**request, "config": {"patch": "propose"}})
     version = catalog.publish("hall", folder, Manifest.for_directory(folder), build_id="b1")
     for day in range(3):
         spots = [Sighting((7 * n, day, 1), NOTHING, PLACE, NOTHING, NOTHING) for n in range(9)]
@@ -53,6 +53,6 @@ def test_due_patches_are_recorded_once_and_handed_to_the_queue(
     task = map_patches(catalog, submit if has_queue else None)
     for _ in range(2):
         asyncio.run(task.work())  # type: ignore[arg-type]
-    recorded = [build_id for build_id in catalog.build_ids() if build_id != "b1"]
+    recorded = [build_id for build_id in catalog.builds.ids() if build_id != "b1"]
     assert len(recorded) == 1
     assert submitted == (recorded if has_queue else [])

@@ -182,21 +182,21 @@ def test_a_worker_under_the_service_logs_json_with_the_builds_ids(tmp_path: Path
 
     catalog = Catalog(Store.open(str(tmp_path / "store")))
     request = {"map_id": "hall", "source": {"sha256": "0" * 64}, "traceparent": TRACEPARENT}
-    catalog.put_build("b1", request)
+    catalog.builds.put("b1", request)
     with running_service(
         tmp_path,
         zenoh=False,
         run_builds=True,
         build_command=(sys.executable, "-m", "firstfix_builder.worker"),
     ):
-        wait_until(lambda: catalog.build_status("b1")["state"] == "failed")
+        wait_until(lambda: catalog.builds.status("b1")["state"] == "failed")
         log_path = tmp_path / "work" / "b1.log"
         lines = [json.loads(line) for line in log_path.read_text().splitlines()]
     failed = next(line for line in lines if line["event"] == "build b1 failed in fetch_source")
     assert (failed["build_id"], failed["stage"], failed["trace_id"]) == ("b1", "fetch_source", TRACE)
     assert failed["level"] == "error"
     assert "Traceback" in failed["exception"]
-    assert [stage["stage"] for stage in catalog.build_stages("b1")] == ["fetch_source"]
+    assert [stage["stage"] for stage in catalog.builds.stages("b1")] == ["fetch_source"]
 
 
 def test_a_worker_run_by_hand_logs_plain_lines(tmp_path: Path):

@@ -126,9 +126,9 @@ def test_every_operation_of_the_store_is_metered():
 
 def test_stages_of_builds_that_ended_are_counted(tmp_path: Path):
     metrics, catalog = Metrics(), Catalog(Store.open(str(tmp_path)))
-    catalog.put_build("b1", {"map_id": "hall"})
-    count_build(catalog, metrics, "b1", "failed")
-    catalog.set_build_stages(
+    catalog.builds.put("b1", {"map_id": "hall"})
+    count_build(catalog.builds, metrics, "b1", "failed")
+    catalog.builds.set_stages(
         "b1",
         [
             {"stage": "read_map", "seconds": 2.5, "cached": False},
@@ -136,7 +136,7 @@ def test_stages_of_builds_that_ended_are_counted(tmp_path: Path):
             {"stage": "hall-of-mirrors", "seconds": 1.0, "cached": False},
         ],
     )
-    count_build(catalog, metrics, "b1", "succeeded")
+    count_build(catalog.builds, metrics, "b1", "succeeded")
 
     def count(name: str, **labels: str) -> float | None:
         return metrics.registry.get_sample_value(name, labels)
@@ -156,7 +156,7 @@ def test_stages_of_builds_that_ended_are_counted(tmp_path: Path):
 def test_a_bad_record_of_stages_does_no_harm(tmp_path: Path, record: bytes):
     metrics, catalog = Metrics(), Catalog(Store.open(str(tmp_path)))
     catalog.store.put("builds/b1/stages.json", record)
-    count_build(catalog, metrics, "b1", "failed")
+    count_build(catalog.builds, metrics, "b1", "failed")
     assert metrics.registry.get_sample_value("firstfix_builds_total", {"state": "failed"}) == 1
 
 

@@ -141,7 +141,7 @@ def test_a_build_is_recorded_with_the_span_that_asked_for_it(service: Service, c
     )
     wait_until(lambda: collector.named("POST /maps"))
     (span,) = collector.named("POST /maps")
-    request = service.catalog.build_request(answer.json()["build_id"])
+    request = service.catalog.builds.request(answer.json()["build_id"])
     assert request["traceparent"] == f"00-{TRACE}-{span.span_id}-01"
 
 

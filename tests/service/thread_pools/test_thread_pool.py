@@ -178,7 +178,7 @@ def test_slow_maps_hold_up_nothing_else(tmp_path: Path, monkeypatch: pytest.Monk
         running_service(tmp_path, zenoh=False, auth="on", keys_refresh_s=0.1, **any_number) as service,
         ThreadPoolExecutor(SLOW_POSTS) as callers,
     ):
-        service.catalog.put_build("b1", {"map_id": "hall"})
+        service.catalog.builds.put("b1", {"map_id": "hall"})
         mine, other = give(service, "build"), give(service, "build", maps=("hall",))
         wait_until(lambda: get(service, "/builds/b1", other).is_success)
         posts = [callers.submit(post_slowly, service, mine) for _ in range(SLOW_POSTS)]

@@ -15,9 +15,9 @@ from firstfix.catalog.version_findings import findings_of
 from firstfix.errors import FirstfixError
 from firstfix.findings.finding import Finding, Severity
 from firstfix.findings.registry import KINDS
-from firstfix_builder.check_map.check_map import check_map
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.read_map.map_data import MapData, local_origin, subtract_origin
+from firstfix_builder.sources.check_map.check_map import check_map
+from firstfix_builder.sources.read_map.map_data import MapData, local_origin, subtract_origin
 
 from .cases import MapCase
 from .places import place_map

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix_builder.read_map import read_trajectory
-from firstfix_builder.read_map.map_file import read_map_file
+from firstfix_builder.sources.read_map import read_trajectory
+from firstfix_builder.sources.read_map.map_file import read_map_file
 from tests.recorded_data import GARAGE, HALL, STREET, STREET_128, YARD
 
 from ...worlds import make_world

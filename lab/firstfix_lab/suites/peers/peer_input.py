@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firstfix.builds.config import BuildConfig
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, from_quaternion, inverse, transform_points
-from firstfix_builder.read_map import read_map
+from firstfix_builder.sources.read_map import read_map
 from tests.recorded_data import Dataset
 
 MAP_FILE = "map.npy"

@@ -13,12 +13,13 @@ from threadpoolctl import threadpool_limits
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.config import EngineConfig
 from firstfix_builder.execution.stage_cache import StageResult
-from firstfix_builder.stage_files import engine_of, link
+from firstfix_builder.stage_files import link
+from firstfix_builder.stage_results import MapMesh
 
 from ...common.worlds import WORLDS_SOURCE
 from .extent import Extent
 from .spent import Cost
-from .stages import ScaleStages
+from .stages import MeasuringRunner
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Built:
 
     extent: Extent
     config: BuildConfig
-    mesh: StageResult
+    mesh: MapMesh
     templates: StageResult
     learned: StageResult
     version: Path
@@ -51,14 +52,15 @@ def build(extent: Extent, work: Path) -> Built:
         {"sensor": "os1-64", "viewpoints": {"spacing_m": extent.spacing_m}, **extent.config}
     )
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as threads:
-        stages = ScaleStages.below(work, config, threads)
+        runner = MeasuringRunner.below(work, threads)
+        stages = runner.build(config, threads)
         recipe = {"extent_m": extent.extent_m}
-        world = stages.cache.run("world", WORLDS_SOURCE, recipe, extent.write).directory
+        world = runner.cache.run("world", WORLDS_SOURCE, recipe, extent.write).directory
         read = stages.read_map(world / "mesh", None)
         mesh = stages.reconstruct_mesh(read)
         viewpoints = stages.sample_viewpoints(read, mesh)
         fitted = stages.fit_engine(read, viewpoints)
-        engine = engine_of(fitted)
+        engine = fitted.engine
         templates = stages.make_templates(mesh, viewpoints, engine)
         clusters = stages.cluster(templates, engine)
         learned = stages.learn_keys(mesh, templates, engine)
@@ -70,4 +72,4 @@ def build(extent: Extent, work: Path) -> Built:
         version.mkdir()
         for path in sorted([*index.directory.iterdir(), *tested.directory.iterdir()]):
             link(path, version / path.name)
-        return Built(extent, config, mesh, templates, learned, version, dict(stages.took))
+        return Built(extent, config, mesh, templates, learned, version, dict(runner.took))

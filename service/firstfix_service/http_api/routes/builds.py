@@ -66,12 +66,12 @@ def get_builds(
     if map_id is not None:
         check_map_id(map_id)
     catalog = builds.catalog
-    older = [name for name in reversed(catalog.build_ids()) if after is None or name < after]
+    older = [name for name in reversed(catalog.builds.ids()) if after is None or name < after]
     found: list[dict[str, Any]] = []
     following = None
     for looked_at, build_id in enumerate(older, 1):
         try:
-            status = catalog.shown_status(build_id)
+            status = catalog.builds.shown_status(build_id)
         except NotFound:  # its record was collected just now
             continue
         wanted = map_id in (None, status["map_id"]) and state in (None, status["state"])
@@ -93,7 +93,7 @@ def get_build(build_id: BuildId, builds: BuildPartsDep, response: Response) -> B
 
     State `unreadable`: the build's record in the store is damaged.
     """
-    status = builds.catalog.shown_status(build_id)
+    status = builds.catalog.builds.shown_status(build_id)
     shown = _shown(builds.queue, build_id, status)
     if status["state"] not in FINAL_STATES:
         response.headers["Retry-After"] = str(RETRY_AFTER_S)
@@ -123,7 +123,7 @@ async def get_build_events(
     permission: PermissionDep,
 ) -> StreamingResponse:
     """The build's status as it changes, until it ends or the caller's key or token is no longer valid."""
-    status = await READS.run(builds.catalog.build_status, build_id)
+    status = await READS.run(builds.catalog.builds.status, build_id)
     events = _events(builds.catalog, builds.queue, build_id, status)
     return streams.open(caller.name, permission, status["map_id"], events, LOOK_S)
 
@@ -140,7 +140,7 @@ async def _events(
             sent = shown
         yield b""
         try:
-            status = await READS.run(catalog.build_status, build_id)
+            status = await READS.run(catalog.builds.status, build_id)
         except StoreUnavailable as error:  # it comes back, or the caller gives up
             _log.warning("cannot read the build's status", build_id=build_id, error=str(error))
         except FirstfixError:  # its record was removed
@@ -159,6 +159,6 @@ def _event(name: str, shown: dict[str, Any]) -> bytes:
 
 def _stages(catalog: Catalog, build_id: str) -> list[dict[str, Any]]:
     try:
-        return catalog.build_stages(build_id)
+        return catalog.builds.stages(build_id)
     except UnreadableRecord:  # they are for people: the build's state does not depend on them
         return []

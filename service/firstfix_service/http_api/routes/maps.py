@@ -68,7 +68,7 @@ async def post_map(
         await COPIES.run(_record, uploads, builds, build_id, submission, key is not None)
     if builds.queue is not None:
         await builds.queue.submit(build_id)
-    status = await READS.run(builds.catalog.build_status, build_id)
+    status = await READS.run(builds.catalog.builds.status, build_id)
     headers = {"Location": f"/builds/{build_id}", "Retry-After": str(RETRY_AFTER_S)}
     shown = {"build_id": build_id, **status, "waits_for": waits_for(builds.queue, status["state"])}
     return JSONResponse(shown, 202, headers)
@@ -164,7 +164,7 @@ def _record(
         record = submission.keep(uploads)
         builds.usage.begin(submission.caller.name, build_id)
         try:
-            builds.catalog.put_build(build_id, with_traceparent(record))
+            builds.catalog.builds.put(build_id, with_traceparent(record))
         except Conflict:  # by the same request at the same time
             if not repeated:
                 raise
@@ -178,6 +178,6 @@ def _is_repeated(catalog: Catalog, key: CallersKey) -> bool:
 
 def _on_record(catalog: Catalog, build_id: str) -> dict[str, Any] | None:
     try:
-        return catalog.build_request(build_id)
+        return catalog.builds.request(build_id)
     except NotFound:
         return None

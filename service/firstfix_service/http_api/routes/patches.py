@@ -58,7 +58,7 @@ async def post_patch(
         await COPIES.run(_record, builds, caller, build_id, map_id, mode)
     if builds.queue is not None:
         await builds.queue.submit(build_id)
-    status = await READS.run(builds.catalog.build_status, build_id)
+    status = await READS.run(builds.catalog.builds.status, build_id)
     headers = {"Location": f"/builds/{build_id}", "Retry-After": str(RETRY_AFTER_S)}
     shown = {"build_id": build_id, **status, "waits_for": waits_for(builds.queue, status["state"])}
     return JSONResponse(shown, 202, headers)

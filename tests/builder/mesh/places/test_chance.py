@@ -1,10 +1,10 @@
-"""Samples by the chance of each place."""
+"""Samples by the chance of each place, and runs of equal rows."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from firstfix_builder.mesh.places.chance import chance_of, rows_by_cell, rows_by_rank
+from firstfix_builder.mesh.places.chance import begins_run, chance_of, rank_in_run, rows_by_cell, rows_by_rank
 
 RNG = np.random.default_rng(1)
 PLACES = RNG.uniform(-40, 40, (5000, 3)).astype(np.float32)
@@ -54,3 +54,13 @@ def test_a_ranking_loses_as_many_as_were_replaced():
     assert len(before) == len(after) == 1000
     assert 850 < len(before & after) < 950
     assert len(rows_by_rank(PLACES, 10_000)) == len(PLACES)
+
+
+def test_rows_are_numbered_within_their_run():
+    rows = np.array([[0, 0], [0, 0], [0, 1], [2, 1], [2, 1], [2, 1], [0, 0]])
+    assert begins_run(rows).tolist() == [True, False, True, True, False, False, True]
+    assert rank_in_run(rows).tolist() == [0, 1, 0, 0, 1, 2, 0]
+    for count in (0, 1):
+        rows = np.zeros((count, 2), np.int64)
+        assert begins_run(rows).tolist() == [True] * count
+        assert rank_in_run(rows).tolist() == [0] * count

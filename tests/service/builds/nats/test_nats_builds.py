@@ -128,13 +128,13 @@ def test_a_real_build_goes_on_at_another_worker(world: NatsWorld, small_map: Pat
     first = world.start_worker("w1", command=command)
     key = f"maps/yard/sources/{put_source(world.catalog.store, 'yard', small_map)}"
     request = {"map_id": "yard", "source": {"key": key}, "file_name": "yard.ply"}
-    world.catalog.put_build("b1", {**request, "config": {**COARSE_CONFIG, "provisional": False}})
+    world.catalog.builds.put("b1", {**request, "config": {**COARSE_CONFIG, "provisional": False}})
     wait_until(lambda: "fit_engine" in stages_shared(world))
     first.kill()
     world.start_worker("w2", command=command)
     status = world.wait_until_ended("b1")
     assert (status["state"], status["version"]) == ("succeeded", world.catalog.active_version("yard"))
-    assert sum(stage["cached"] for stage in world.catalog.build_stages("b1")) >= 4
+    assert sum(stage["cached"] for stage in world.catalog.builds.stages("b1")) >= 4
 
 
 def stages_shared(world: NatsWorld) -> set[str]:

@@ -23,9 +23,9 @@ def recorder(tmp_path: Path) -> Iterator[Service]:
 
 
 def put(service: Service, build_id: str, map_id: str = "hall", state: str = "queued") -> None:
-    service.catalog.put_build(build_id, {"map_id": map_id})
+    service.catalog.builds.put(build_id, {"map_id": map_id})
     if state != "queued":
-        service.catalog.set_build_status(build_id, new_status(state, map_id=map_id))
+        service.catalog.builds.set_status(build_id, new_status(state, map_id=map_id))
 
 
 def events(lines: Iterator[str]) -> Iterator[tuple[str, dict]]:
@@ -71,9 +71,9 @@ def test_events_until_the_end(recorder: Service):
     def work() -> None:
         for progress in (0.2, 0.7):
             status = new_status("running", map_id="hall", stage="simulate", progress=progress)
-            recorder.catalog.set_build_status("b1", status)
+            recorder.catalog.builds.set_status("b1", status)
             wait_until(lambda told=progress: told in seen)
-        recorder.catalog.set_build_status("b1", new_status("succeeded", map_id="hall", version="a" * 64))
+        recorder.catalog.builds.set_status("b1", new_status("succeeded", map_id="hall", version="a" * 64))
 
     seen: list[float] = []
     with recorder.http.stream("GET", "/builds/b1/events") as response:

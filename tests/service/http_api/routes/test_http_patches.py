@@ -25,7 +25,7 @@ def publish_built(service: Service, patch: str) -> str:
     (folder / "label.txt").write_text("1")
     key = source_key("hall", put_source(service.catalog.store, "hall", folder / "label.txt"))
     request = {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {"patch": patch}}
-    service.catalog.put_build("b1", request)
+    service.catalog.builds.put("b1", request)
     return service.catalog.publish("hall", folder, Manifest.for_directory(folder), build_id="b1")
 
 
@@ -36,11 +36,11 @@ def test_a_patch_is_recorded_as_a_build(recorder: Service):
     build_id = answer.json()["build_id"]
     assert answer.headers["location"] == f"/builds/{build_id}"
     assert answer.json()["state"] == "queued"
-    request = recorder.catalog.build_request(build_id)
+    request = recorder.catalog.builds.request(build_id)
     assert request["patch"] == {"base": version, "mode": "activate"}
     assert request["owner"]
     answer = recorder.http.post("/maps/hall/patch", params={"mode": "propose"})
-    assert recorder.catalog.build_request(answer.json()["build_id"])["patch"]["mode"] == "propose"
+    assert recorder.catalog.builds.request(answer.json()["build_id"])["patch"]["mode"] == "propose"
 
 
 def test_patches_that_are_off_are_refused(recorder: Service):
@@ -50,4 +50,4 @@ def test_patches_that_are_off_are_refused(recorder: Service):
     assert answer.status_code == 409
     assert "patches of map hall are off" in answer.json()["detail"]
     assert recorder.http.post("/maps/hall/patch", params={"mode": "force"}).status_code == 400
-    assert recorder.catalog.build_ids() == ["b1"]
+    assert recorder.catalog.builds.ids() == ["b1"]

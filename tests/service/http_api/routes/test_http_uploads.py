@@ -80,7 +80,7 @@ def test_however_a_file_is_cut_it_arrives(shared: Service, data: bytes, cuts: li
     assert shared.http.get(url).json()["complete"]
     answer = shared.http.post("/maps", json={"map_id": "hall", "source": {"upload": url.split("/")[-1]}})
     assert answer.status_code == 202, answer.text
-    request = shared.catalog.build_request(answer.json()["build_id"])
+    request = shared.catalog.builds.request(answer.json()["build_id"])
     assert shared.catalog.store.get(request["source"]["key"]) == data
     assert request["file_name"] == "hall.xyz"
     assert shared.http.delete(url).status_code == 204
@@ -115,7 +115,7 @@ def test_an_upload_goes_on_after_a_restart_and_on_another_replica(tmp_path: Path
         assert send(first, url, 2000, DATA[2000:]).status_code == 204
         body = {"map_id": "hall", "source": {"upload": url.split("/")[-1]}}
         build = second.http.post("/maps", json=body).json()["build_id"]
-        key = first.catalog.build_request(build)["source"]["key"]
+        key = first.catalog.builds.request(build)["source"]["key"]
         assert first.catalog.store.get(key) == DATA
 
 

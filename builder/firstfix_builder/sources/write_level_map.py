@@ -1,0 +1,129 @@
+"""A map as it was read becomes one in its levelled local frame: checked, clean, without moving things."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.builds.config import BuildConfig
+from firstfix.findings.finding import Finding
+from firstfix.transform import Matrix, inverse, make_transform, transform_points
+
+from ..mesh.clean_cloud import clean_cloud
+from ..mesh.level import level_frame
+from ..mesh.mesh import Mesh
+from ..mesh.places.tiled_points import TiledPoints
+from ..mesh.tiled_mesh import write_tiled_mesh
+from ..stage_files import TRAJECTORY_FILE, write_json
+from ..stage_results import FINDINGS_FILE, MOVING_FILE, T_MAP_LEVEL_FILE
+from .check_map.check_map import check_map, refuse
+from .read_map import MapData, read_parts
+from .read_map.file_errors import naming
+from .read_map.held_out import read_held_out
+from .read_map.map_of_scans import MapOfScans, is_map_of_scans, read_map_of_scans
+from .read_map.mapping_scans import FOLDER, MappingScans
+from .read_map.read_map import in_local_frame
+from .read_map.without_moving import Moving, without_moving
+
+MORE_POINTS = 2  # of joined scans than cleaning leaves: it shall have a choice
+
+
+def write_level_map(
+    source: Path,
+    trajectory: Path | None,
+    config: BuildConfig,
+    out: Path,
+    *,
+    read: Callable[[Path], MapData] | None = None,
+) -> None:
+    """Writes points or a mesh, the trajectory, held-out scans, findings, and T_map_level.
+
+    Args:
+        source: a map file or folder, as ``read_map`` takes it, or whatever ``read`` reads.
+        trajectory: poses of the mapping run, if they are not in the source.
+        out: the stage's folder.
+        read: reads a source of another kind, in its own frame.
+
+    Raises:
+        InputError: the source or the trajectory cannot be read.
+        BuildFailed: a finding refuses the map.
+    """
+    axis, scale = config.axis, config.scale
+    made = _made_of_scans(source, config) if read is None else None
+    if read is not None:
+        with naming(source):
+            parts = iter([in_local_frame(read(source), axis, scale, trajectory)])
+    elif made is None:
+        parts = read_parts(source, axis=axis, scale=scale, trajectory=trajectory)
+    else:
+        parts = iter([in_local_frame(made.data, axis, scale, trajectory)])
+    data = next(parts)
+    poses = data.trajectory
+    findings = check_map(data, poses)
+    refuse(findings)
+    write_findings(findings, out)
+    T_map_level = np.eye(4)
+    if data.points is not None:
+        T_map_level = level_frame(data.points) if config.level else T_map_level
+        T_level_map = inverse(T_map_level)
+        cloud = clean_cloud(transform_points(T_level_map, data.points), config.clean)
+        to_origin = make_transform(np.eye(3), -data.origin)
+        cloud, moving = _without_moving(cloud, source, made, T_level_map @ to_origin, config)
+        if moving is not None:
+            write_json(out / MOVING_FILE, moving.to_mapping())
+        TiledPoints.of(cloud).save(out)
+    else:
+        write_tiled_mesh((Mesh(*part.surface) for part in chain([data], parts)), out)
+    if poses is not None:
+        np.save(out / TRAJECTORY_FILE, inverse(T_map_level) @ poses)
+    # answers are in the file's own coordinates: the local origin goes back in here
+    T_map_level = make_transform(np.eye(3), data.origin) @ T_map_level
+    np.save(out / T_MAP_LEVEL_FILE, T_map_level)
+    held_out = read_held_out(source, axis, scale)
+    if made is not None:
+        held_out = made.held_out if held_out is None else made.held_out.with_those(held_out)
+    if held_out is not None:
+        held_out.moved(inverse(T_map_level)).save(out)
+
+
+def write_findings(findings: Sequence[Finding], out: Path) -> None:
+    """Writes the findings of a map for ``LevelMap.findings``."""
+    (out / FINDINGS_FILE).write_text(json.dumps([one.to_mapping() for one in findings]) + "\n")
+
+
+def _made_of_scans(source: Path, config: BuildConfig) -> MapOfScans | None:
+    """The map of a folder that brings its scans and no map file; None of any other source."""
+    if not is_map_of_scans(source):
+        return None
+    with naming(source):
+        return read_map_of_scans(
+            source,
+            config.axis,
+            config.scale,
+            held_out=config.self_test.held_out,
+            max_points=MORE_POINTS * config.clean.max_points,
+        )
+
+
+def _without_moving(
+    cloud: NDArray[np.float64],
+    source: Path,
+    made: MapOfScans | None,
+    T_level_source: Matrix,
+    config: BuildConfig,
+) -> tuple[NDArray[np.float64], Moving | None]:
+    """The cloud without moving things, and what the mapping scans tell; None if the source has none."""
+    held_out = set() if made is None else {one.name.removeprefix(f"{FOLDER}/") for one in made.held_out.scans}
+    scans = MappingScans(source, config.axis, config.scale, without=held_out)
+    if made is not None:
+        scans.left_out.update(made.left_out)  # all were read for it; below only some are
+    if not len(scans) and not scans.left_out:
+        return cloud, None
+    if not config.clean.passes:
+        return cloud, None if made is None else Moving(0, 0.0, 0.0, dict(scans.left_out))
+    return without_moving(cloud, scans, T_level_source, config.clean)
