@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -41,6 +42,7 @@ def generated() -> dict[Path, str]:
         **_between(MAPS_PAGE, FINDINGS_HEAD, _findings(map_kinds), "\n"),
         **_between("clients/PROTOCOL.md", "| scan encoding | media type |\n|---|---|\n", formats, "\n"),
         **_figures(),
+        REPO / "clients/python/firstfix_client/async_calls.py": _asynchronous_calls(),
         **_between(
             "plugins/console/page/src/scan/media.ts",
             "const TYPES: Record<string, string> = {\n",
@@ -48,6 +50,32 @@ def generated() -> dict[Path, str]:
             "};\n",
         ),
     }
+
+
+def _asynchronous_calls() -> str:
+    """The asynchronous client's calls, made of the blocking client's. Docstrings are their summaries."""
+    _, _, text = (REPO / "clients/python/firstfix_client/calls.py").read_text().partition("\n")
+
+    def awaitable(match: re.Match[str]) -> str:
+        returns_at_once = "Iterator" in match[0] or "_http" in match[0]
+        return match[0] if returns_at_once else match[0].replace("def ", "async def ", 1)
+
+    for pattern, made in (
+        (r'("""[^"\n]+)\n\n.*?"""', r'\1"""'),
+        (r"def \w+\([^:]*?self.*?\) -> [^\n]*:\n", awaitable),
+        (r"\blist\((self\._http\.items\(.*\))\)", r"[item async for item in \1]"),
+        (r"\bself\.(_http\.run|_http\.close|close)\(", r"await self.\1("),
+        (r"\b__(enter|exit)__\b", r"__a\1__"),
+        (r"\bCallable, Iterator\b", "AsyncIterator, Callable"),
+        (r"(?<!Async)\bIterator\b", "AsyncIterator"),
+        (r"\bBlockingService\b", "AsyncService"),
+        (r"\bblocking_http\b", "async_http"),
+        (r"\b(HttpCalls|FixCalls|MapCalls|BuildCalls|Client)\b", r"Async\1"),
+    ):
+        text = re.sub(pattern, made, text, flags=re.DOTALL if "\\n" in pattern else 0)
+    text = f'"""Calls of the asynchronous client: scripts/generate.py makes them of calls.py."""\n{text}'
+    command = [sys.executable, "-m", "ruff", "format", "--quiet", "-"]
+    return subprocess.run(command, input=text, capture_output=True, text=True, check=True, cwd=REPO).stdout
 
 
 def _figures() -> dict[Path, str]:

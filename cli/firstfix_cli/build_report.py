@@ -36,7 +36,7 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
     success = ", ".join(f"{share:.0%} within {limit}" for limit, share in tested["success"].items())
     lines = [
         f"self-test, {tested['queries']} perturbed scans: {success}",
-        f"  {_found(tested)}{_median(tested['median_error_m'])}, "
+        f"  {tested['found']:.0%} of the places found, {_median(tested['median_error_m'])}, "
         f"{tested['localized']:.0%} answered localized, "
         f"{tested['false_accepts']} false among them and {tested['outside']} scans from elsewhere",
     ]
@@ -55,14 +55,9 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
     return [*lines, *_left_out_lines(tested)]
 
 
-def _found(tested: Mapping[str, Any]) -> str:
-    """The share of the scans whose place was found; nothing for versions of earlier releases."""
-    return f"{tested['found']:.0%} of the places found, " if "found" in tested else ""
-
-
 def _median(error_m: float | None) -> str:
-    """The median error; versions of earlier releases have -1 where there is none."""
-    return "no median error" if error_m is None or error_m < 0 else f"median error {error_m:.3f} m"
+    """The median error."""
+    return "no median error" if error_m is None else f"median error {error_m:.3f} m"
 
 
 def _left_out_lines(tested: Mapping[str, Any]) -> list[str]:

@@ -14,11 +14,10 @@ from firstfix.doors import ROUTES, absent, through
 from firstfix.engine.localizer import Localizer
 
 from . import problems
-from .auth.turns import Turns
-from .http_api.answer_room import AnswerRoom, CountedAnswers
 from .http_api.bodies.request_body import WhilePermitted
 from .http_api.edge import RequestLog, authorize, check_routes
 from .http_api.openapi import DocumentedApp
+from .http_api.response_budget import CountedAnswers
 from .http_api.routes import (
     builds,
     caller,
@@ -35,6 +34,9 @@ from .http_api.routes import (
     versions,
 )
 from .http_api.routes.absent import absent_routes
+from .limits.byte_budget import ByteBudget
+from .limits.limits import Limits
+from .limits.turns import Turns
 from .settings import Settings
 from .startup.composition import compose
 from .startup.retry import PlainStartError, RetryingStart
@@ -85,7 +87,8 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     Raises:
         TypeError: a route does not say what its callers need.
     """
-    metrics, requests, turns = Metrics(), Requests(), Turns()
+    metrics, requests, limits = Metrics(), Requests(), Limits.of(settings)
+    turns = Turns(limits)
     watch = StallWatch(metrics.event_loop_lag, settings.stalled_exit_s)
 
     @asynccontextmanager
@@ -93,7 +96,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
         state = app.state
         async with RetryingStart(
             lambda stack: compose(
-                settings, metrics, requests, turns, watch, load, state.closing, state.draining, stack
+                settings, limits, metrics, requests, turns, watch, load, state.closing, state.draining, stack
             )
         ) as state.start:
             watch.start(asyncio.get_running_loop())
@@ -113,7 +116,8 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
         dependencies=[Depends(authorize)],
         responses={"default": _PROBLEM},
     )
-    app.state.settings, app.state.metrics, app.state.closing = settings, metrics, asyncio.Event()
+    app.state.settings, app.state.limits, app.state.metrics = settings, limits, metrics
+    app.state.closing = asyncio.Event()
     app.state.draining, app.state.watch = asyncio.Event(), watch
     app.state.pages = {}  # for people, by name: paths that the log names at the start
     localize.add_route(app)
@@ -127,9 +131,9 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     check_routes(app)
     problems.add_handlers(app)
     app.add_middleware(WhilePermitted)
-    room = AnswerRoom(settings.max_unsent_bytes)
-    metrics.unsent_bytes.set_function(lambda: room.taken_bytes)
-    app.add_middleware(CountedAnswers, room=room)
+    answers = ByteBudget.of_answers(limits.max_unsent_bytes)
+    metrics.unsent_bytes.set_function(lambda: answers.bytes)
+    app.add_middleware(CountedAnswers, budget=answers)
     trusted = settings.trusted_proxies
     app.add_middleware(RequestLog, metrics=metrics, requests=requests, trusted=trusted, turns=turns)
     app.add_middleware(PlainStartError)

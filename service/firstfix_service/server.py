@@ -16,8 +16,9 @@ import uvicorn
 from fastapi import FastAPI
 
 from .app import create_app
-from .http_server.connections import ConnectionLimits, Connections, EndReason
 from .http_server.protocol import LimitedHttpProtocol
+from .limits.connections import Connections, EndReason
+from .limits.limits import Limits
 from .settings import Settings
 from .telemetry.log_setup import LAST_LINES_WITHIN_S, drain_log, set_up_logging
 from .telemetry.metrics import Metrics
@@ -33,7 +34,7 @@ REST_WITHIN_S = 15.0  # for the rest of a stop: zenoh, the store, builds
 def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
     """Returns the configuration of the HTTP server."""
     metrics: Metrics = app.state.metrics
-    limits = ConnectionLimits.of(settings)
+    limits: Limits = app.state.limits
 
     def ended(why: EndReason) -> None:
         metrics.http_connections_ended.labels(why.value).inc()
@@ -51,7 +52,7 @@ def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
         log_config=None,
         server_header=False,
         proxy_headers=False,
-        timeout_keep_alive=math.ceil(limits.idle_s),
+        timeout_keep_alive=math.ceil(limits.keep_alive_s),
         timeout_graceful_shutdown=STOP_WITHIN_S,
         lifespan="on",
     )

@@ -69,7 +69,7 @@ class Settings(BaseSettings):
         description="maximum rate of the background verification of the store; 0: no verification",
     )
 
-    # Queries
+    # Limits of requests: ``limits.limits`` has them all
     workers: int = Field(
         os.cpu_count() or 1,
         ge=1,
@@ -88,6 +88,20 @@ class Settings(BaseSettings):
     )
     max_unsent_bytes: int = Field(
         128 * MIB, ge=1, description="maximum size of the large answers that wait to be read"
+    )
+    localize_per_s: float | None = Field(
+        None, ge=0, description="queries of one caller per second; 0: no limit; default: 50 if exposed"
+    )
+    build_minutes_per_day: float | None = Field(
+        None,
+        ge=0,
+        description="minutes that one caller's builds run per day (UTC); 0: no limit of builds at all; "
+        "default: 1440 if exposed",
+    )
+    max_upload_bytes: int = Field(
+        20 * GIB,
+        ge=1,
+        description="maximum size of one POST /maps; open uploads of one caller have five times that",
     )
 
     # Maps in memory and on the disk
@@ -138,22 +152,8 @@ class Settings(BaseSettings):
     jwt_maps_claim: str | None = Field(
         None, description="claim with the patterns of map ids; default: a token is valid for every map"
     )
-    localize_per_s: float | None = Field(
-        None, ge=0, description="queries of one caller per second; 0: no limit; default: 50 if exposed"
-    )
-    build_minutes_per_day: float | None = Field(
-        None,
-        ge=0,
-        description="minutes that one caller's builds run per day (UTC); 0: no limit of builds at all; "
-        "default: 1440 if exposed",
-    )
 
     # Uploads and builds
-    max_upload_bytes: int = Field(
-        20 * GIB,
-        ge=1,
-        description="maximum size of one POST /maps; open uploads of one caller have five times that",
-    )
     source_urls: tuple[str, ...] = Field(
         (), description="URL prefixes, such as s3://bucket/maps/, that POST /maps may name; default: none"
     )

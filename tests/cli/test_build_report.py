@@ -6,6 +6,7 @@ TESTED = {
     "queries": 120,
     "outside": 30,
     "success": {"0.2m": 0.9},
+    "found": 0.95,
     "localized": 0.8,
     "median_error_m": 0.02,
     "false_accepts": 0,
@@ -106,5 +107,5 @@ def test_the_share_of_places_that_were_found_comes_first():
     assert self_test_lines({**TESTED, "found": 0.9})[1].startswith("  90% of the places found, ")
 
 
-def test_versions_from_before_have_no_such_lines():
+def test_what_was_not_measured_has_no_line():
     assert len(self_test_lines(TESTED)) == 2

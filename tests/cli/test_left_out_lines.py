@@ -4,6 +4,7 @@ TESTED = {
     "queries": 10,
     "success": {"0.2m": 1.0},
     "median_error_m": 0.01,
+    "found": 0.95,
     "localized": 0.9,
     "false_accepts": 0,
     "outside": 3,

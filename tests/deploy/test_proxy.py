@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from firstfix_service.http_server.connections import BODY_TIMEOUT_S
-from firstfix_service.http_server.protocol import LINGER_S
+from firstfix_service.limits.limits import Limits
 from tests.deploy.balancer import SHIPPED, Balancer, balancer
 from tests.servers import free_port, program
 from tests.waiting import LIMIT_S, wait_until
@@ -155,4 +154,4 @@ def test_the_proxy_waits_for_a_body_as_long_as_a_replica():
     # The proxy reads all of a query first, and its time for a head would end the slow ones.
     queries = SHIPPED.read_text().partition("\nbackend queries\n")[2].partition("\nbackend ")[0]
     (allowed_s,) = re.findall(r"(?m)^  timeout http-request (\d+)s$", queries)
-    assert int(allowed_s) > BODY_TIMEOUT_S + LINGER_S
+    assert int(allowed_s) > Limits.body_timeout_s + Limits.linger_s

@@ -222,4 +222,4 @@ def test_a_hint_is_encoded():
     assert received is not None
     np.testing.assert_allclose(received.T_sensor_goal, hint.T_sensor_goal, atol=1e-12)
     assert received.to_mapping() == hint.to_mapping()
-    assert Localization.from_mapping({"verdict": "ambiguous"}).hint is None, "from an older service"
+    assert Localization.from_mapping({"verdict": "ambiguous"}).hint is None

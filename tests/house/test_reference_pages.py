@@ -12,7 +12,6 @@ import firstfix_client
 from firstfix.catalog.manifest import FORMAT
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
-from firstfix_service.startup.removed_settings import REMOVED
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 REFERENCE = DOCS / "reference"
@@ -55,11 +54,3 @@ def test_every_public_name_is_documented(name: str, package: ModuleType):
 def test_the_format_of_versions_is_the_documented_one():
     page = (DOCS / "how-to" / "operate.md").read_text()
     assert f"This release makes and reads format **{FORMAT}**" in page
-
-
-def test_removed_settings_are_in_the_table_of_the_upgrade():
-    page = (DOCS / "how-to" / "operate.md").read_text()
-    table = page.partition("### Settings that were removed")[2].partition("\n### ")[0]
-    found = dict(re.findall(r"^\| `FIRSTFIX_(\w+)` \| (.*) \|$", table, re.M))
-    assert {name.lower(): now.replace("`", "") for name, now in found.items()} == REMOVED
-    assert not REMOVED.keys() & Settings.model_fields.keys()

@@ -46,14 +46,6 @@ def test_an_upload_is_hidden_from_other_callers(tmp_path: Path):
         assert these.admin.call("DELETE", url).status_code == 204
 
 
-def test_an_upload_of_an_earlier_release_can_be_continued(tmp_path: Path):
-    """Its record names no owner."""
-    with callers(tmp_path) as these:
-        record = b'{"size_bytes": 12, "file_name": "a.xyz", "sha256": null}'
-        these.service.catalog.store.put_new("uploads/u1/upload.json", record)
-        assert these.a.send("/uploads/u1", CLOUD).status_code == 204
-
-
 def test_open_uploads_of_one_caller_are_limited(tmp_path: Path):
     with callers(tmp_path, max_open_uploads=4, max_open_uploads_per_caller=2) as these:
         urls = [these.a.begin() for _ in range(2)]

@@ -12,7 +12,7 @@ from firstfix.ros.header import read_header
 
 WINDOW_S = 0.1  # LiDARs that nobody synchronised turn at 10 Hz: the nearest clouds differ by up to 0.05 s
 _PATIENCE_S = 0.5  # of recording: drivers send late, by their load and the network
-_MOST_WAITING = 64  # clouds of one topic, should the recording's own clock stand still
+_MAX_WAITING = 64  # clouds of one topic, should the recording's own clock stand still
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class CloudSets:
         self._ros1 = ros1
         self._leading = topics[0]
         self._leaders: deque[_Cloud] = deque()
-        self._others: dict[str, deque[_Cloud]] = {topic: deque(maxlen=_MOST_WAITING) for topic in topics[1:]}
+        self._others: dict[str, deque[_Cloud]] = {topic: deque(maxlen=_MAX_WAITING) for topic in topics[1:]}
         self._nearest_ns: dict[str, int] = {}
 
     def add(self, message: RawMessage) -> list[tuple[RawMessage, ...]]:
@@ -59,7 +59,7 @@ class CloudSets:
             self._leaders.append(cloud)
         else:
             self._others[message.topic].append(cloud)
-        found = self._complete(message.time_ns, at_end=len(self._leaders) > _MOST_WAITING)
+        found = self._complete(message.time_ns, at_end=len(self._leaders) > _MAX_WAITING)
         self._forget(message.time_ns)
         return found
 

@@ -77,16 +77,13 @@ def settings_of(
     """The service's settings. The command line has precedence over the environment.
 
     Raises:
-        InvalidOption: a setting is missing or out of range, or this release does not have it any more.
+        InvalidOption: a setting is missing or out of range.
     """
     from pydantic import ValidationError
 
     from firstfix.builds.plain_problems import plain_problems
     from firstfix.errors import InvalidOption
     from firstfix_service.settings import SHARED_STAGES_BYTES, Settings
-    from firstfix_service.startup.removed_settings import refuse_removed_settings
-
-    refuse_removed_settings()
 
     given: dict[str, Any] = {
         "store": store,

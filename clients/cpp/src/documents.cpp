@@ -33,6 +33,11 @@ double number(const Json* value, const char* name) {
 
 double number(const Json& object, const char* name) { return number(member(object, name), name); }
 
+std::optional<double> optional_number(const Json& object, const char* name) {
+  const Json* value = member(object, name);
+  return value == nullptr ? std::nullopt : std::optional<double>(number(value, name));
+}
+
 std::string text(const Json& object, const char* name) {
   const Json* value = member(object, name);
   if (value == nullptr) return {};
@@ -75,9 +80,7 @@ Hypothesis hypothesis_of(const Json& data) {
   Hypothesis made{pose_of(*pose), std::nullopt, number(data, "probability"), 0, text(data, "map_id")};
   if (member(data, "inlier_ratio") != nullptr) {
     made.quality = AlignmentQuality{number(data, "inlier_ratio"), number(data, "alignment_score"), number(data, "free_space_violation"),
-                                    member(data, "removed_surface") == nullptr ? 0.0 : number(data, "removed_surface"),  // older services
-                                    std::nullopt};
-    if (member(data, "seen_free") != nullptr) made.quality->seen_free = number(data, "seen_free");
+                                    number(data, "removed_surface"), optional_number(data, "seen_free")};
   }
   const Json* row = member(data, "template");
   if (row == nullptr || !row->is_number_integer()) unreadable("a hypothesis has no template");
@@ -116,11 +119,6 @@ Finding finding_of(const Json& data) {
     for (const auto& [name, value] : numbers->items()) made.numbers[name] = number(&value, "a number of a finding");
   }
   return made;
-}
-
-std::optional<double> optional_number(const Json& object, const char* name) {
-  const Json* value = member(object, name);
-  return value == nullptr ? std::nullopt : std::optional<double>(number(value, name));
 }
 
 ScanFacts facts_of(const Json& data) {

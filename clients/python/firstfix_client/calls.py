@@ -1,44 +1,121 @@
-"""Calls about maps, their versions and builds."""
+"""Calls of the blocking client. scripts/generate.py makes those of the asynchronous client of them."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from numpy.typing import ArrayLike
+
+from firstfix.answer.localization import Localization
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
+from firstfix.errors import InvalidOption
+from firstfix.scan.sequence import ScanSequence
 
 from .records import BuildStatus, MapInfo, VersionInfo
+from .steps.localize import options_of
+from .steps.scan_body import BodyForm, Encoding, ScanLike
 
 if TYPE_CHECKING:
     from firstfix.scan.descriptor_parameters import DescriptorParameters
 
-    from .drivers.async_http import AsyncHttp
     from .drivers.blocking_http import BlockingService
-    from .steps.http import HttpSteps
 
 
-class HttpCalls(ABC):
-    """Base of the groups of blocking calls."""
+C = TypeVar("C", bound="HttpCalls")
+
+
+class HttpCalls:
+    """Base of the groups of calls."""
+
+    _service: BlockingService | None
 
     @property
-    @abstractmethod
     def _http(self) -> BlockingService:
-        """The service over HTTP.
+        if self._service is None:
+            raise InvalidOption("this call goes over HTTP: give ZenohClient the url of the service")
+        return self._service
+
+    def __enter__(self: C) -> C:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes the connections."""
+        self._http.close()
+
+
+class FixCalls(HttpCalls):
+    """Queries for the pose of a scan."""
+
+    def localize(
+        self,
+        scan: ScanLike | ScanSequence,
+        *,
+        map_id: str,
+        prior: Prior | None = None,
+        gravity: ArrayLike | None = None,
+        options: LocalizeOptions | None = None,
+        encoding: Encoding = "scan",
+        parameters: DescriptorParameters | None = None,
+    ) -> Localization:
+        """Returns the pose of a scan in a map, or why there is none.
+
+        "Not localized" is an answer without a pose, not an error.
+
+        Args:
+            scan: a Scan, (n, 3) points in metres in the sensor frame, the path of a scan file, or several
+                scans with the motion between them. The pose is then that of the last scan.
+            map_id: one map; several, separated by commas; or empty for all maps that are served. The best
+                place in any of them wins.
+            prior: where the robot is known to be.
+            gravity: (3,) direction of gravity in the sensor frame (pointing down).
+            options: everything that can be asked; ``prior`` and ``gravity`` replace its fields. Without a
+                ``deadline_ms`` the service is told how long this client waits.
+            encoding: ``range_image`` sends the whole scan in a ninth to a third of the bytes, 120k points
+                in under 90 KB. ``compact`` sends under 10 KB and localizes as well as the whole scan.
+                ``descriptor`` sends under 1.5 KB and gets candidates, never ``localized``.
+            parameters: the map's, for the last two. A descriptor needs those of its one map. If they are
+                not given, the client asks the service for them once, and again when the map changes.
 
         Raises:
-            InvalidOption: this client has no URL.
+            NotFound: no such map or version, or no such file.
+            InputError: the scan or an option cannot be used.
         """
+        form = BodyForm(encoding, parameters)
+        return self._http.run(
+            self._http.steps.fixes.localize(scan, map_id, options_of(options, prior, gravity), form)
+        )
 
+    def localize_body(
+        self,
+        body: bytes,
+        media_type: str,
+        *,
+        map_id: str,
+        options: LocalizeOptions | None = None,
+        content_encoding: str | None = None,
+        request_id: str | None = None,
+    ) -> Localization:
+        """Returns the answer to an encoded query, as ``localize`` does. The bytes are sent unchanged.
 
-class AsyncCalls:
-    """Base of the groups of asynchronous calls: the steps of every call, and their driver."""
-
-    _steps: HttpSteps
-    _http: AsyncHttp
+        Args:
+            media_type, content_encoding: format of the bytes, see clients/PROTOCOL.md.
+            request_id: id of the query in the service's log.
+        """
+        return self._http.run(
+            self._http.steps.ask(
+                body, media_type, map_id, options or LocalizeOptions(), content_encoding, request_id
+            )
+        )
 
 
 class MapCalls(HttpCalls):
-    """Calls about maps, versions and georeferences. Part of ``Client``; of ``ZenohClient`` with a URL."""
+    """Calls about maps, versions and georeferences."""
 
     def maps(self) -> list[MapInfo]:
         """Returns the maps that the service can localize in."""
@@ -188,7 +265,7 @@ DAY_S = 24 * 3600.0
 
 
 class BuildCalls(HttpCalls):
-    """Calls about uploads and builds. Part of ``Client``; of ``ZenohClient`` with a URL."""
+    """Calls about uploads and builds."""
 
     def build_map(
         self,

@@ -112,7 +112,7 @@ class BuildStatus:
             error_detail=str(error["detail"]) if "detail" in error else None,
             provisional_version=None if provisional is None else str(provisional),
             stages=tuple(dict(stage) for stage in data.get("stages", ())),
-            activated=data.get("activated", version is not None) is True,
+            activated=data.get("activated") is True,
             findings=tuple(Finding.from_mapping(one) for one in data.get("findings", ())),
             waits_for=data.get("waits_for"),
         )

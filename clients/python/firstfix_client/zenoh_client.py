@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
@@ -104,25 +103,11 @@ class ZenohClient(MapCalls, BuildCalls):
         self._replicas = LiveReplicas(self._session)
         self._ask = ZenohAsk(self._zenoh, self._session, given, self._replicas)
 
-    def __enter__(self) -> ZenohClient:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     def close(self) -> None:
         """Closes the zenoh session and the HTTP connections."""
         self._session.close()
         if self._service is not None:
             self._service.close()
-
-    @property
-    def _http(self) -> BlockingService:
-        if self._service is None:
-            raise InvalidOption("this call goes over HTTP: give ZenohClient the url of the service")
-        return self._service
 
     def localize(
         self,

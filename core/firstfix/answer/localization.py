@@ -90,7 +90,7 @@ class Localization:
         hint: a move that should tell the best hypotheses apart. None unless ambiguous, or if no move within
             reach does.
         findings: what is wrong or noteworthy with the scan, in words and with its remedy, weightiest first.
-        scan: facts of the scan as it came. None of a query without points, or from an older service.
+        scan: facts of the scan as it came. None of a query without points.
     """
 
     verdict: Verdict
@@ -180,12 +180,11 @@ class Localization:
             ),
             map_id=str(data.get("map_id", "")),
             map_version=str(data.get("map_version", "")),
-            map_provisional=data.get("map_provisional") is True,  # an older service does not tell
-            fix_id=str(data.get("fix_id", "")),  # an older service does not tell
+            map_provisional=data.get("map_provisional") is True,
+            fix_id=str(data.get("fix_id", "")),
             timings_ms=dict(data.get("timings_ms", {})),
             twist=_twist_from_mapping(data.get("twist")),
             hint=None if data.get("hint") is None else Hint.from_mapping(data["hint"]),
-            # an older service does not tell
             degenerate=tuple(FreeDirection.from_mapping(one) for one in data.get("degenerate") or ()),
             findings=tuple(Finding.from_mapping(one) for one in data.get("findings") or ()),
             scan=None if data.get("scan") is None else ScanFacts.from_mapping(data["scan"]),
@@ -220,6 +219,6 @@ def _quality_from_mapping(data: Mapping[str, Any]) -> AlignmentQuality | None:
         float(data["inlier_ratio"]),
         float(data["alignment_score"]),
         float(data["free_space_violation"]),
-        float(data.get("removed_surface", 0.0)),  # an older service does not tell
+        float(data["removed_surface"]),
         seen_free=None if data.get("seen_free") is None else float(data["seen_free"]),
     )

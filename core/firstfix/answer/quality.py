@@ -24,7 +24,7 @@ class AlignmentQuality:
             An answer that was sent has neither this nor ``beside_surface``: they are 0.
         seen_free: 0..1, share of the scan's points that lie in space that the mapping run saw free. What
             stands there came later, or the place is another one. None: the map does not know, because it has
-            no trajectory, or an older service answered.
+            no trajectory.
     """
 
     inlier_ratio: float

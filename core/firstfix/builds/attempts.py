@@ -28,7 +28,7 @@ from typing import Any
 
 from ..errors import BuildAttemptsExceeded, NotFound, UnreadableRecord
 from ..ids import check_build_id
-from ..store.json_record import RecordKind, read_record, record_json, text_of, without_checksum
+from ..store.json_record import RecordKind, read_record, record_json, text_of
 from ..store.store import Store
 
 _NAME = re.compile(r"(\d{6,})\.(json|beat|look|end\.json)")
@@ -242,7 +242,7 @@ def parse_attempt(record: dict[str, Any]) -> dict[str, Any]:
     text_of(record, "end" if "end" in record else "holder")
     for name in ("stage", "why", "time"):
         text_of(record, name, "")
-    return without_checksum(record)
+    return record
 
 
 def _read(store: Store, key: str) -> dict[str, Any]:

@@ -1,8 +1,7 @@
 """Interface of the process that runs one build: its options, the stages that it reports, and its exit codes.
 
 The service appends ``BuildOptions.arguments()`` to ``FIRSTFIX_BUILD_COMMAND`` and adds ``environment()``.
-That command may be of another release, or an operator's own program: no argument changes its meaning, and a
-new option is an environment variable, which an older program does not read.
+That command may be an operator's own program.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from typing import Any
 from ..errors import Conflict, NotFound, UnreadableRecord
 from ..findings.finding import Finding
 from ..ids import check_build_id, check_version, is_name
-from ..store.json_record import RecordKind, read_record, record_json, text_of, without_checksum
+from ..store.json_record import RecordKind, read_record, record_json, text_of
 from ..store.store import Store
 from ..telemetry.redact import redact
 
@@ -211,7 +211,7 @@ def parse_request(record: dict[str, Any]) -> dict[str, Any]:
     for name in ("file_name", "owner"):
         if record.get(name) is not None:
             text_of(record, name)
-    return without_checksum(record)
+    return record
 
 
 def parse_status(record: dict[str, Any]) -> dict[str, Any]:
@@ -233,7 +233,7 @@ def parse_status(record: dict[str, Any]) -> dict[str, Any]:
         "error": error,
         "version": None if version is None else check_version(version),
         "provisional_version": None if provisional is None else check_version(provisional),
-        "activated": record.get("activated", version is not None) is True,  # earlier releases always did
+        "activated": record["activated"] is True,
         "findings": [Finding.from_mapping(one).to_mapping() for one in record.get("findings", ())],
     }
 

@@ -63,7 +63,7 @@ def _reason_of_self_test(
     if not tested.get("queries"):
         wanted = int((manifest.config.get("self_test") or {}).get("queries", 0))
         return SELF_TEST_NONE.found({"wanted": wanted}, **words) if wanted else None
-    found = _found(tested)
+    found = float(tested["found"])
     if found < config.min_found:
         return SELF_TEST_LOW.found({"found": found, "least": config.min_found}, **words)
     real = (tested.get("real") or {}).get("of_source") or {"asked": 0, "found": 0}
@@ -71,9 +71,7 @@ def _reason_of_self_test(
         return SELF_TEST_REAL_LOW.found({**real, "least": config.min_real_found}, **words)
     if active is None or not active.self_test.get("queries"):
         return None
-    before = _found(active.self_test)
-    if "found" not in active.self_test:  # right first is compared with right first
-        found = _right_first(tested)
+    before = float(active.self_test["found"])
     if found < before - config.max_loss - _ROUNDING:
         return SELF_TEST_WORSE.found({"found": found, "before": before}, **words)
     return None
@@ -110,13 +108,3 @@ def _chance_of(lost: int, won: int) -> float:
 def _chance_of_so_few(count: int, of: int, share: float) -> float:
     """Probability that at most ``count`` of so many scans are found if this share of them is: binomial."""
     return sum(math.comb(of, k) * share**k * (1 - share) ** (of - k) for k in range(count + 1))
-
-
-def _found(tested: Mapping[str, Any]) -> float:
-    """Share of a self-test's scans whose place was found; of an earlier release's, of those right first."""
-    return float(tested["found"]) if "found" in tested else _right_first(tested)
-
-
-def _right_first(tested: Mapping[str, Any]) -> float:
-    """Share of a self-test's scans whose best place was right, within 1 m."""
-    return float(tested["success"]["1m"])

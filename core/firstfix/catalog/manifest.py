@@ -19,7 +19,6 @@ from ..store.object_keys import check_key
 from ..store.sha256 import sha256_of
 
 FORMAT = 9
-_READ = (8, FORMAT)  # 8: before the numbers of the ranking were stored in ``engine``
 FILE_NAME = "manifest.json"
 CLOUD_INDEX, CLOUD_POINTS = "cloud.json", "cloud.bin"  # for viewers: no query reads them
 MAX_BYTES = 64 << 20
@@ -120,7 +119,7 @@ class Manifest:
         """JSON-ready form."""
         files = {name: {"bytes": entry.bytes, "sha256": entry.sha256} for name, entry in self.files.items()}
         values = {**{f.name: getattr(self, f.name) for f in fields(self)}, "files": files}
-        if not self.provisional:  # as in versions from before there were provisional ones
+        if not self.provisional:
             del values["provisional"]
         return values
 
@@ -143,9 +142,9 @@ class Manifest:
             found = mapping["format"]
         except (ValueError, KeyError, TypeError, RecursionError):
             raise CorruptVersion("the manifest is not a JSON object with a format") from None
-        if found not in _READ or type(found) is not int:
+        if found != FORMAT or type(found) is not int:
             raise IncompatibleVersion(
-                f"the version has format {found!r}, this release reads {_READ[0]} to {FORMAT}: {REBUILD}"
+                f"the version has format {found!r}, this release reads {FORMAT}: {REBUILD}"
             )
         unknown = set(mapping) - {f.name for f in fields(cls)}
         if unknown:

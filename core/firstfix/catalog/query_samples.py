@@ -3,16 +3,12 @@
     samples/<sample_id>.body    body of the query, in its own encoding
     samples/<sample_id>.json    request and answer; written last: without it there is no sample
 
-Ids begin with the time, so that they sort by age. Earlier releases refuse a record with another field, and
-replace its truth alone. So the checksum, the robot, and who has told the truth are within the answer. The
-checksum covers all but the truth, which has its own: who has told is kept with it, and counts for no other
-truth.
+Ids begin with the time, so that they sort by age.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -21,22 +17,11 @@ from datetime import datetime, timedelta, timezone
 from typing import Any
 
 from ..errors import InvalidOption, NotFound, UnreadableRecord
-from ..store.json_record import (
-    CHECKSUM,
-    RecordKind,
-    checksum_of,
-    read_record,
-    text_of,
-    texts_of,
-    whole_number_of,
-    with_checksum,
-    without_checksum,
-)
+from ..store.json_record import RecordKind, read_record, record_json, text_of, texts_of, whole_number_of
 from ..store.store import Store
 
 FOLDER = "samples"
 REPLAY = "replay-"  # prefix of the request id of a replayed query, which is not sampled again
-_BODY_SHA256, _ROBOT, _TOLD = "body_sha256", "robot", "told"
 TOLD_BY, TOLD_AT = "told_by", "told_at"
 _ID = re.compile(r"(\d{8}t\d{12})-[0-9a-f]{8}")
 _TIME_FORM = "%Y%m%dt%H%M%S%f"
@@ -53,10 +38,10 @@ class QuerySample:
         options: as in the request, in the form of ``LocalizeOptions.from_strings``.
         answer: ``Localization.to_mapping``.
         truth: where the scan was taken, as people have told since: ``map_id`` and ``T_map_sensor``, in the
-            form of the answer; ``told_by``, the caller's name, and ``told_at``, UTC, ISO 8601, which truths
-            of earlier releases lack. Empty if nobody has told.
-        body_sha256: of the body, as hex; empty in samples of earlier releases.
-        robot: ``robot_of`` the caller; empty if nobody can tell it apart, and in samples of earlier releases.
+            form of the answer; ``told_by``, the caller's name, and ``told_at``, UTC, ISO 8601. Empty if
+            nobody has told.
+        body_sha256: of the body, as hex.
+        robot: ``robot_of`` the caller; empty if nobody can tell it apart.
     """
 
     sample_id: str
@@ -138,7 +123,7 @@ class QuerySamples:
         """
         body = self._store.get(_key(sample_id, "body"))
         sha256 = self.get(sample_id).body_sha256
-        if sha256 and hashlib.sha256(body).hexdigest() != sha256:
+        if hashlib.sha256(body).hexdigest() != sha256:
             raise UnreadableRecord(f"the body of sample {sample_id} is damaged", RecordKind.SAMPLE.value)
         return body
 
@@ -183,7 +168,7 @@ class QuerySamples:
             self._store.delete(_key(sample_id, ending))
 
     def _put_record(self, sample: QuerySample) -> None:
-        self._store.put(_key(sample.sample_id, "json"), _to_json(sample))
+        self._store.put(_key(sample.sample_id, "json"), record_json(asdict(sample)))
 
     def prune(self, *, older_than_s: float, max_bytes: int) -> int:
         """Remove samples of this age by the store's clock, then the oldest until ``max_bytes`` are left.
@@ -208,43 +193,21 @@ class QuerySamples:
         return left
 
 
-def _to_json(sample: QuerySample) -> bytes:
-    """Content of the object of a sample's record."""
-    values = asdict(sample)
-    truth = values.pop("truth")
-    told = {name: truth.pop(name) for name in (TOLD_BY, TOLD_AT) if name in truth}
-    for name in (_BODY_SHA256, _ROBOT):
-        values["answer"][name] = values.pop(name)
-    if told:
-        values["answer"][_TOLD] = {**told, "truth": checksum_of(truth)}
-    values["answer"][CHECKSUM] = checksum_of(values)
-    values["truth"] = with_checksum(truth) if truth else {}
-    return json.dumps(values, sort_keys=True, allow_nan=False).encode("ascii")
-
-
 def parse_sample(record: dict[str, Any]) -> QuerySample:
     """Parse the record of a sample.
 
     Raises:
         ValueError, KeyError, TypeError: it is not the record of a sample.
     """
-    values = {**record, "truth": without_checksum(record.get("truth", {})), "answer": {**record["answer"]}}
-    checksum = values["answer"].pop(CHECKSUM, None)
-    covered = {name: value for name, value in values.items() if name != "truth"}
-    if checksum is not None and checksum != checksum_of(covered):
-        raise ValueError("its checksum is wrong")
-    for name in (_BODY_SHA256, _ROBOT):
-        values[name] = values["answer"].pop(name, "")
-    told = values["answer"].pop(_TOLD, {})
-    if values["truth"] and told and told["truth"] == checksum_of(values["truth"]):
-        values["truth"] |= {name: text_of(told, name) for name in (TOLD_BY, TOLD_AT)}
-    sample = QuerySample(**values)
+    sample = QuerySample(**record)
     for one in fields(QuerySample):
         if one.name not in ("options", "answer", "body_bytes", "truth"):
-            text_of(values, one.name, "")
+            text_of(record, one.name)
     whole_number_of(record, "body_bytes")
     if not isinstance(sample.options, dict) or not isinstance(sample.truth, dict):
         raise TypeError("options or truth is not an object")
+    for name in (TOLD_BY, TOLD_AT):
+        text_of(record["truth"], name, "")
     text_of(record["answer"], "verdict")
     texts_of(record["answer"], "reasons")
     float(record["answer"]["probability"])

@@ -6,12 +6,12 @@ from ..findings.finding import Finding
 from ..findings.map_kinds import MAP_FLOOR_LEFT_OUT, MAP_IN_PART, MAP_PATCHED
 from .manifest import Manifest
 
-MOST_LEFT_OUT = 0.3  # of the seen floor: rooms behind closed doors and far sides of roads are less
-MOST_IN_PART = 0.1  # of the places: runs that drove through all rooms and roads had 0 to 4 %
+MAX_LEFT_OUT = 0.3  # of the seen floor: rooms behind closed doors and far sides of roads are less
+MAX_IN_PART = 0.1  # of the places: runs that drove through all rooms and roads had 0 to 4 %
 
 
 def findings_of(manifest: Manifest) -> list[Finding]:
-    """Findings that a version's manifest has or shows. Earlier releases looked for none in the map."""
+    """Findings that a version's manifest has or shows."""
     found = [Finding.from_mapping(one) for one in manifest.source.get("findings", ())]
     if (patched := manifest.source.get("patch")) is not None:
         numbers = {
@@ -23,9 +23,9 @@ def findings_of(manifest: Manifest) -> list[Finding]:
         }
         found.append(MAP_PATCHED.found(numbers, base=str(patched["base"])[:12]))
     left_out = (manifest.self_test.get("floor") or {}).get("without_template", 0.0)
-    if left_out > MOST_LEFT_OUT:
+    if left_out > MAX_LEFT_OUT:
         found.append(MAP_FLOOR_LEFT_OUT.found({"left_out_share": left_out}))
     mapped = manifest.self_test.get("mapped") or {}
-    if mapped.get("in_part", 0) > MOST_IN_PART * mapped.get("places", 0):
+    if mapped.get("in_part", 0) > MAX_IN_PART * mapped.get("places", 0):
         found.append(MAP_IN_PART.found({name: mapped[name] for name in ("places", "in_part")}))
     return found

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 _DTYPES = {"F32": np.float32, "F64": np.float64, "I32": np.int32, "U8": np.uint8, "BOOL": np.bool_}
 _NAMES = {np.dtype(dtype): name for name, dtype in _DTYPES.items()}
-_MOST_HEADER_BYTES = 1 << 20
+_MAX_HEADER_BYTES = 1 << 20
 
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -52,7 +52,7 @@ def map_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """
     data = np.asarray(np.memmap(path, np.uint8, "r"))  # views of a plain array are made quicker
     size = int.from_bytes(data[:8].tobytes(), "little")
-    if size > min(_MOST_HEADER_BYTES, len(data) - 8):
+    if size > min(_MAX_HEADER_BYTES, len(data) - 8):
         raise ValueError(f"{path.name} has no header")
     try:
         header = json.loads(data[8 : 8 + size].tobytes())

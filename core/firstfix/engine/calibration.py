@@ -144,19 +144,13 @@ class Calibration:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
-        """Reads what ``to_mapping`` returned, also before it had all of these fields.
+        """Reads what ``to_mapping`` returned.
 
         Raises:
             IncompatibleVersion: it was fitted on other features.
             ValueError: a field is none.
         """
-        missing: dict[str, Any] = {
-            "among_tied": (),
-            "alias_margin": data.get("min_margin"),
-            "search_until": data.get("min_probability"),
-            "with_prior": None,
-        }
-        values = missing | dict(data)
+        values = {"with_prior": None, **data}
         different = set(values) ^ {field.name for field in fields(cls)}
         if different:
             raise IncompatibleVersion(

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 
 from ..descriptor import Descriptor, LayeredOccupancy, PolarGrid
 from ..descriptor.pca_sc import PcaScanContext
@@ -166,14 +165,6 @@ class RegistrationConfig(Stage):
     align_iterations: int = Field(4, ge=1, le=200, description="on the map's own points, for every candidate")
     fine_distance_m: float = Field(0.5, gt=0.01, le=20)
     inlier_distance_m: float = Field(0.15, gt=0.01, le=5)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_fine_iterations(cls, given: Any) -> Any:
-        """The numbers without ``fine_iterations``, which is the engine's now. Older versions have it."""
-        if not isinstance(given, Mapping):
-            return given
-        return {name: value for name, value in given.items() if name != "fine_iterations"}
 
 
 class VerificationConfig(Stage):

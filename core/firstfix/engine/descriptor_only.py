@@ -17,7 +17,7 @@ from ..scan.levelling import levelling_rotation
 from ..transform import Matrix
 from .candidates import find_candidates
 from .index import MapIndex
-from .ranking import RANKING, RankingConfig
+from .ranking import RANKING, CandidatesConfig, ProbabilityConfig
 
 MAX_HYPOTHESES = 10
 
@@ -38,7 +38,7 @@ class UnregisteredCandidate:
     score: float
     template: int
     map_id: str = ""
-    ranking: RankingConfig = RANKING
+    ranking: ProbabilityConfig = RANKING
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def _probability(ranked: Sequence[UnregisteredCandidate], number: int) -> float:
     return 1 / (1 + math.exp(-log_odds))
 
 
-def _distinct(T_level_sensor: NDArray[np.float64], ranking: RankingConfig) -> NDArray[np.intp]:
+def _distinct(T_level_sensor: NDArray[np.float64], ranking: CandidatesConfig) -> NDArray[np.intp]:
     """Rows of the (k, 4, 4) poses, best first, of which each place has only the best."""
     R, position_m = T_level_sensor[:, :3, :3].reshape(-1, 9), T_level_sensor[:, :3, 3]
     same_cosine = math.cos(math.radians(ranking.same_place_deg))

@@ -18,7 +18,7 @@ from ..transform import Matrix
 from .candidates import YAW_SLACK_DEG, Candidates
 from .index import MapIndex
 from .lead import lead_t
-from .ranking import RankingConfig
+from .ranking import CandidatesConfig
 from .registered_candidate import RegisteredCandidate, distinct, features_of
 from .registration.align import MapSurface
 from .registration.surface import Surface
@@ -104,7 +104,7 @@ def rivals_among(
 def not_far_behind(
     index: MapIndex, aliases: Candidates, T_level_sensor: Matrix, sparse: Surface
 ) -> Candidates:
-    """The few aliases of a pose at which a glance finds the scan to fit nearly as well.
+    """The few aliases of a pose at which a probe finds the scan to fit nearly as well.
 
     Args:
         T_level_sensor: (4, 4) the pose.
@@ -165,7 +165,7 @@ def are_parted(
 
 
 def is_any_of(
-    aliases: NDArray[np.float64], T_level_sensor: NDArray[np.float64], ranking: RankingConfig
+    aliases: NDArray[np.float64], T_level_sensor: NDArray[np.float64], ranking: CandidatesConfig
 ) -> NDArray[np.bool_]:
     """(n,) which of (n, 4, 4) poses are nearly the same as one of (k, 4, 4) aliases."""
     off_m = np.linalg.norm(T_level_sensor[:, None, :3, 3] - aliases[None, :, :3, 3], axis=2)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .registration.align import MapSurface
 
 _SECTORS = 16  # of azimuth, each in a near and a far part
-_LEAST_ERROR = 2e-3  # of the mean lead: two places that fit nearly perfectly lead by nothing
+_MIN_ERROR = 2e-3  # of the mean lead: two places that fit nearly perfectly lead by nothing
 
 
 def lead_t(
@@ -42,7 +42,7 @@ def lead_t(
     for other in others:
         lead = np.bincount(part, own - other, 2 * _SECTORS) / filled
         mean = weight @ lead
-        found.append(mean / (np.sqrt(weight**2 @ (lead - mean) ** 2) + _LEAST_ERROR))
+        found.append(mean / (np.sqrt(weight**2 @ (lead - mean) ** 2) + _MIN_ERROR))
     return np.array(found)
 
 

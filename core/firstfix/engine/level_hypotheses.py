@@ -15,10 +15,10 @@ TILT_DEG = 5.0
 TILTS = 6
 _APART_COSINE = np.cos(np.radians(2.0))  # of two ups that are worth two searches
 _APART_M = 0.25  # of two heights
-_MOST_LEVELLED = 18  # each has a descriptor and a key search of its own
+_MAX_LEVELLED = 18  # each has a descriptor and a key search of its own
 _GROUND_WITHIN_M = 10.0
 _GROUND_COSINE = 0.8  # of the ground's normals with up, at least
-_LEAST_GROUND = 20  # points
+_MIN_GROUND = 20  # points
 
 
 def level_hypotheses(
@@ -41,7 +41,7 @@ def level_hypotheses(
         if tilted:
             ups += [up for about in ups[:2] for up in tilts(about)]
     ups = _apart(ups)
-    scans = prepared.scans[-max(1, _MOST_LEVELLED // len(ups)) :]
+    scans = prepared.scans[-max(1, _MAX_LEVELLED // len(ups)) :]
     return tuple(
         levelled
         for up in ups
@@ -58,7 +58,7 @@ def ground_normal(scan: Surface, expected_up: NDArray[np.float64]) -> NDArray[np
     rise = scan.normals @ expected_up
     near = np.linalg.norm(scan.points, axis=1) < _GROUND_WITHIN_M
     ground = scan.normals[near & (np.abs(rise) > _GROUND_COSINE) & (scan.points @ expected_up < 0)]
-    if len(ground) < _LEAST_GROUND:
+    if len(ground) < _MIN_GROUND:
         return expected_up
     normal: NDArray[np.float64] = np.linalg.eigh((ground.T @ ground).astype(np.float64))[1][:, 2]
     return normal if normal @ expected_up > 0 else -normal

@@ -254,17 +254,17 @@ def _search(searches: Sequence[MapSearch]) -> None:
             search.take(step)
 
 
-GLANCED = 24  # templates that are registered, of all maps together
-LEAST_GLANCED = 3  # of each
+PROBED_TEMPLATES = 24  # templates that are registered, of all maps together
+MIN_PROBED_PER_MAP = 3  # of each
 
 
 def _one_explains_scan(searches: Sequence[MapSearch]) -> bool:
-    """Looks at all maps, and takes the first step in the best one. Returns whether its place is accepted.
+    """Probes all maps, and takes the first step in the best one. Returns whether its place is accepted.
 
     The places of the others compete with it in the answer.
     """
     for search in searches:
-        search.glance(max(LEAST_GLANCED, GLANCED // len(searches)))
+        search.probe(max(MIN_PROBED_PER_MAP, PROBED_TEMPLATES // len(searches)))
     found = [search for search in searches if search.registered]
     if not found:
         return False

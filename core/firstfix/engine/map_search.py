@@ -87,7 +87,7 @@ class MapSearch:
             is_last = step is Step.EXHAUSTIVE
             self._by_screening(search.exhaustive if is_last else search.wide, tilted=is_last)
 
-    def glance(self, count: int) -> None:
+    def probe(self, count: int) -> None:
         """Registers the best few templates by descriptor, to see whether the scan may be of this map at all.
 
         The first step then adds to them.

@@ -20,7 +20,7 @@ from ..scan.sequence import ScanSequence
 from ..scan.up_hypotheses import other_ups
 from ..transform import Matrix
 from .config import PreprocessConfig
-from .ranking import RANKING, RankingConfig
+from .ranking import RANKING, AlignmentConfig
 from .registration.surface import Surface
 
 MIN_SWEEP_S = 0.005  # between the first and the last point: in less, nothing moves far enough to be seen
@@ -185,7 +185,7 @@ def preprocess(
     gravity: NDArray[np.float64] | None,
     config: PreprocessConfig,
     R_base_sensor: NDArray[np.float64] | None = None,
-    ranking: RankingConfig = RANKING,
+    ranking: AlignmentConfig = RANKING,
 ) -> PreparedQuery | None:
     """Prepares a query. Returns None if too few points are left.
 
@@ -235,7 +235,7 @@ class _Returns:
     viewed: TimedPoints | None = None
 
     @classmethod
-    def of(cls, scan: Scan | CompactScan, config: PreprocessConfig, ranking: RankingConfig) -> _Returns:
+    def of(cls, scan: Scan | CompactScan, config: PreprocessConfig, ranking: AlignmentConfig) -> _Returns:
         timed = TimedPoints(scan.points, sweep_times(scan.time_s))
         near = timed.within_range(config.min_range_m, config.max_range_m)
         if isinstance(scan, CompactScan):
@@ -253,7 +253,7 @@ class _Returns:
         timed: TimedPoints,
         nearest_m: NDArray[np.float32],
         config: PreprocessConfig,
-        ranking: RankingConfig,
+        ranking: AlignmentConfig,
     ) -> _Returns:
         near = (nearest_m > config.min_range_m) & (nearest_m < config.max_range_m)
         nearest_m = np.where(near, nearest_m, np.float32(np.inf))
@@ -270,7 +270,7 @@ def _prepare(
     down: NDArray[np.float64] | None,
     config: PreprocessConfig,
     R_base_sensor: NDArray[np.float64] | None,
-    ranking: RankingConfig,
+    ranking: AlignmentConfig,
 ) -> PreparedScan | None:
     returns = _Returns.of(scan, config, ranking)
     voxels = returns.voxels.points

@@ -1,9 +1,9 @@
 """Ranking: how strongly a pose is supported, and the features by which its probability is computed.
 
-All numbers by which registered poses are compared and judged are in ``RankingConfig``, which is stored with
-the version: a calibration is asked with what it was fitted on. Which candidates are registered at all is the
-work of the search (``candidates``, ``map_search``). The kernels' own distances are part of their formulas:
-who changes one changes the manifest's format.
+All numbers by which registered poses are compared and judged are in ``RankingConfig``, in four parts. They
+are stored with the version: a calibration is asked with what it was fitted on. Which candidates are
+registered at all is the work of the search (``candidates``, ``map_search``). The kernels' own distances are
+part of their formulas: who changes one changes the manifest's format.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, log, nextafter
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,97 +20,27 @@ from ..answer.quality import AlignmentQuality
 from ..errors import REBUILD, IncompatibleVersion
 
 
-class RankingConfig(BaseModel):
-    """Numbers that ranking and calibration read. None has a default: a version has all, or needs a rebuild.
-
-    Attributes:
-        alignment_weight, removed_weight, violation_weight: of the logarithms in a pose's support: those that
-            most often tell the true place from its rivals in ``firstfix-lab calibration``
-            (docs/method.md section 7), on a scale on which 0.01 of a good alignment score is about 0.01 of
-            support.
-        seen_free_weight, seen_free_offset: the same of the share in seen-free space, which is 0 where the map
-            does not know it. The offset lets people and parked things pass.
-        best_score, least_share: keep the logarithms of perfect values finite.
-        worst_score, violation_offset, beside_offset, same_plane_offset: for the probability.
-        max_margin: a larger margin counts as this. About two in three right places have more.
-        unlikely_m_s, unlikely_rad_s: speeds at which a motion is half as likely as rest. A wrong place often
-            needs one that no robot has there.
-        motion_score_weight: of the logarithm of the score's misfit in the log odds, if it counts alone.
-        twist_scale: (6,) scale of the twist about 0 (a Cauchy distribution), linear then angular, along the
-            level axes. A robot drives and turns on its floor: the other axes are fixed, so that noise does
-            not look like motion.
-        likely: from this probability on, one of the places that tie is more likely right than not.
-        convincing_inlier_ratio: below it other up directions are tried too, however probable the fix is.
-        spots_apart_m: nearer to each other, scans show the same surfaces again.
-        same_pose_m, same_pose_deg: nearer poses are one.
-        same_start_m, same_start_deg: nearer starts end at one pose.
-        rival_within: of the best candidate's support: such rivals are compared and aligned as it is.
-        max_refined: candidates that are aligned finely, at most.
-        neighbour_m: to the minima beside the right one: the next panel, a wall's other face.
-        slid_m: from the floor: where walls alone are seen, a scan slides up or down along them.
-        better_by: of alignment_score: a scan distorted by motion has several minima nearly as good.
-        maybe_better_by: the same, measured with few points.
-        promising: probability before fine alignment, which raises the inlier ratio a little.
-        screen_points, screen_iterations, coarse_points, smooth_iterations: of the alignments so named.
-        coarse_angle, align_angle, smooth_angle, fine_angle: sine between normals at which a pair counts half.
-            The smaller, the more minima there are side by side.
-        voxelled_points, view_points, dense_points, sparse_points: of a scan, to take one a voxel from, and
-            for the free-space check, fine alignment, and the alignment of many candidates.
-        same_place_m, same_place_deg: of candidates that were not registered: nearer ones are one place.
-        unregistered_bias, unregistered_score, unregistered_lead: model of "the best of them is
-            right" (docs/method.md equation 10.1), fitted over ten worlds; a fifth of the scans are of other
-            worlds. In a world that it was not fitted to, it is off by 0.03 on average.
-    """
-
+class _Numbers(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    alignment_weight: float
-    removed_weight: float
-    violation_weight: float
-    seen_free_weight: float
-    seen_free_offset: float
-    best_score: float
-    least_share: float
-    worst_score: float
-    violation_offset: float
-    beside_offset: float
-    same_plane_offset: float
-    max_margin: float
-    unlikely_m_s: float
-    unlikely_rad_s: float
-    motion_score_weight: float
-    twist_scale: tuple[float, float, float, float, float, float]
-    likely: float
-    convincing_inlier_ratio: float
-    spots_apart_m: float
-    same_pose_m: float
-    same_pose_deg: float
-    same_start_m: float
-    same_start_deg: float
-    rival_within: float
-    max_refined: int
-    neighbour_m: float
-    slid_m: float
-    better_by: float
-    maybe_better_by: float
-    promising: float
-    screen_points: int
-    screen_iterations: int
-    coarse_points: int
-    smooth_iterations: int
-    coarse_angle: float
-    align_angle: float
-    smooth_angle: float
-    fine_angle: float
-    voxelled_points: int
-    view_points: int
-    dense_points: int
-    sparse_points: int
-    same_place_m: float
-    same_place_deg: float
-    unregistered_bias: float
-    unregistered_score: float
-    unregistered_lead: float
+
+class SupportConfig(_Numbers):
+    """Weights of a pose's support.
+
+    Those of the logarithms are the ones that most often tell the true place from its rivals in ``firstfix-lab
+    calibration`` (docs/method.md section 7), on a scale on which 0.01 of a good alignment score is about 0.01
+    of support.
+    """
+
+    alignment_weight: float = 0.25
+    removed_weight: float = 0.04
+    violation_weight: float = 0.06
+    seen_free_weight: float = 0.07  # of the share in seen-free space: 0 where the map does not know it
+    seen_free_offset: float = 0.05  # share; lets people and parked things pass
+    best_score: float = 1.05  # keeps the logarithm of a perfect alignment score finite
+    # Share that keeps the others finite. With 0.0003, one direction of 2,500 moved the support by 0.05: as
+    # much as parts two places.
+    least_share: float = 0.001
 
     def support(self, quality: AlignmentQuality) -> float:
         """Score by which poses are ranked (equation 7.1). Only differences of it mean something.
@@ -125,6 +54,28 @@ class RankingConfig(BaseModel):
             + self.violation_weight * log(self.least_share + quality.free_space_violation)
             + self.seen_free_weight * log(1 + seen_free / self.seen_free_offset)
         )
+
+
+class ProbabilityConfig(SupportConfig):
+    """Numbers from which the probability of a pose is computed, beside the version's calibration."""
+
+    worst_score: float = 0.02  # these four keep the logarithms of perfect values finite
+    violation_offset: float = 0.005  # share
+    beside_offset: float = 0.02  # share
+    same_plane_offset: float = 0.02  # share
+    max_margin: float = 0.25  # of support; a larger one counts as this: two in three right places have more
+    unlikely_m_s: float = 3.0  # m/s; at this speed a motion is half as likely as rest: a wrong place often
+    unlikely_rad_s: float = 4.0  # rad/s; needs one that no robot has there
+    motion_score_weight: float = 2.5  # of the logarithm of the score's misfit in the log odds, alone
+    likely: float = 0.5  # probability from which one of the places that tie is more likely right than not
+    convincing_inlier_ratio: float = 0.75  # below it other up directions are tried, however probable the fix
+    promising: float = 0.02  # probability before fine alignment, which raises the inlier ratio a little
+    # Model of "the best of those that were not registered is right" (docs/method.md equation 10.1), fitted
+    # over ten worlds; a fifth of the scans are of other worlds. In a world that it was not fitted to, it is
+    # off by 0.03 on average.
+    unregistered_bias: float = -7.84
+    unregistered_score: float = 10.07
+    unregistered_lead: float = 52.1
 
     def discounted_score(self, alignment_score: float, twist: NDArray[np.float64] | None) -> float:
         """The alignment score that counts as much as this one and the likelihood of its motion together.
@@ -176,77 +127,70 @@ class RankingConfig(BaseModel):
         margin = self.max_margin if len(supports) == 1 else own - (max(rivals) if rivals else min(supports))
         return MatchFeatures(qualities[number], margin, len(supports) - len(rivals), self)
 
+
+class CandidatesConfig(_Numbers):
+    """Numbers by which candidates are compared and chosen."""
+
+    spots_apart_m: float = 0.9  # nearer to each other, scans show the same surfaces again
+    same_pose_m: float = 1.0  # nearer poses are one
+    same_pose_deg: float = 15.0
+    same_start_m: float = 0.3  # nearer starts end at one pose
+    same_start_deg: float = 3.0
+    rival_within: float = 0.3  # of the best candidate's support: such rivals are compared and aligned too
+    max_refined: int = 3  # candidates that are aligned finely, at most
+    neighbour_m: float = 0.3  # to the minima beside the right one: the next panel, a wall's other face
+    slid_m: float = 0.25  # from the floor: where walls alone are seen, a scan slides up or down along them
+    better_by: float = 0.02  # of alignment_score: a scan in motion has several minima nearly as good
+    maybe_better_by: float = 0.01  # the same, measured with few points
+    same_place_m: float = 3.0  # of candidates that were not registered: nearer ones are one place
+    same_place_deg: float = 30.0
+
+
+class AlignmentConfig(_Numbers):
+    """Numbers of the alignments, and of the points that they take.
+
+    The smaller an angle, the more minima there are side by side.
+    """
+
+    screen_points: int = 100
+    screen_iterations: int = 2
+    coarse_points: int = 200
+    smooth_iterations: int = 6
+    coarse_angle: float = 0.2  # sine between normals at which a pair counts half
+    align_angle: float = 0.06
+    smooth_angle: float = 0.5
+    fine_angle: float = 0.2
+    # Scale of the twist about 0 (a Cauchy distribution), linear (m/s) then angular (rad/s), along the level
+    # axes. A robot drives and turns on its floor: the other axes are fixed, so that noise does not look like
+    # motion.
+    twist_scale: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1e-6, 1e-6, 1e-6, 1.0)
+    voxelled_points: int = 40_000  # of a scan, to take one a voxel from
+    view_points: int = 20_000  # for the free-space check
+    dense_points: int = 4000  # for fine alignment
+    sparse_points: int = 400  # for the alignment of many candidates
+
+
+class RankingConfig(ProbabilityConfig, CandidatesConfig, AlignmentConfig):
+    """All of these numbers, in one object as a version stores them. A version has all, or needs a rebuild."""
+
     @classmethod
-    def from_stored(cls, stored: Mapping[str, Any] | None) -> RankingConfig:
-        """Reads the numbers of a version; None: of one from before they were stored.
+    def from_stored(cls, stored: object) -> RankingConfig:
+        """Reads the numbers of a version.
 
         Raises:
             IncompatibleVersion: this release ranks by other numbers than the version has.
-            ValueError: a number is none.
+            ValueError: it is not an object of numbers.
         """
-        numbers = _LATER | (_UNSTORED if stored is None else dict(stored))
-        different = set(numbers) ^ set(cls.model_fields)
-        if different:
+        if not isinstance(stored, Mapping):
+            raise ValueError("the version has no numbers of its ranking")
+        if different := set(stored) ^ set(cls.model_fields):
             raise IncompatibleVersion(
                 f"the version was made for another ranking ({', '.join(sorted(different))}): {REBUILD}"
             )
-        return cls.model_validate(numbers)
+        return cls.model_validate(stored)
 
 
-# Versions from before the numbers were stored were made with these. They never change: what a newer release
-# changes or adds stands in ``RANKING`` alone.
-_UNSTORED: dict[str, Any] = {
-    "alignment_weight": 0.25,
-    "removed_weight": 0.04,
-    "violation_weight": 0.06,
-    "best_score": 1.05,
-    "least_share": 0.0003,
-    "worst_score": 0.02,
-    "violation_offset": 0.005,
-    "beside_offset": 0.02,
-    "same_plane_offset": 0.02,
-    "max_margin": 0.25,
-    "unlikely_m_s": 3.0,
-    "unlikely_rad_s": 4.0,
-    "motion_score_weight": 2.5,
-    "twist_scale": (1.0, 1.0, 1e-6, 1e-6, 1e-6, 1.0),
-    "likely": 0.5,
-    "convincing_inlier_ratio": 0.75,
-    "spots_apart_m": 0.9,
-    "same_pose_m": 1.0,
-    "same_pose_deg": 15.0,
-    "same_start_m": 0.3,
-    "same_start_deg": 3.0,
-    "rival_within": 0.3,
-    "max_refined": 3,
-    "neighbour_m": 0.3,
-    "slid_m": 0.25,
-    "better_by": 0.02,
-    "maybe_better_by": 0.01,
-    "promising": 0.02,
-    "screen_points": 100,
-    "screen_iterations": 2,
-    "coarse_points": 200,
-    "smooth_iterations": 6,
-    "coarse_angle": 0.2,
-    "align_angle": 0.06,
-    "smooth_angle": 0.5,
-    "fine_angle": 0.2,
-    "voxelled_points": 40_000,
-    "view_points": 20_000,
-    "dense_points": 4000,
-    "sparse_points": 400,
-    "same_place_m": 3.0,
-    "same_place_deg": 30.0,
-    "unregistered_bias": -7.84,
-    "unregistered_score": 10.07,
-    "unregistered_lead": 52.1,
-}
-# Numbers that came later, and change nothing in a version without them: it has no file that they are about.
-_LATER: dict[str, Any] = {"seen_free_weight": 0.07, "seen_free_offset": 0.05}
-# With 0.0003, one direction of 2,500 moved the support by 0.05: as much as parts two places.
-_CHANGED: dict[str, Any] = {"least_share": 0.001}
-RANKING = RankingConfig.model_validate(_UNSTORED | _LATER | _CHANGED)  # of versions that are made now
+RANKING = RankingConfig()  # of versions that are made now
 
 
 @dataclass(frozen=True)
@@ -265,7 +209,7 @@ class MatchFeatures:
     quality: AlignmentQuality
     margin: float
     tied: int = 1
-    ranking: RankingConfig = RANKING
+    ranking: ProbabilityConfig = RANKING
 
     @property
     def without_rivals(self) -> MatchFeatures:

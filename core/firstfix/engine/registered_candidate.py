@@ -14,7 +14,7 @@ from .. import native
 from ..answer.quality import AlignmentQuality
 from ..transform import Matrix
 from .index import FreeSpaceShares, MapIndex
-from .ranking import MatchFeatures, RankingConfig
+from .ranking import CandidatesConfig, MatchFeatures
 from .registration.align import Agreement, Registration
 from .registration.surface import Surface
 
@@ -101,7 +101,7 @@ def ranked(candidates: Sequence[RegisteredCandidate]) -> list[RegisteredCandidat
 
 
 def distinct(
-    T_level_sensor: NDArray[np.float64], ranking: RankingConfig, most: int | None = None
+    T_level_sensor: NDArray[np.float64], ranking: CandidatesConfig, most: int | None = None
 ) -> NDArray[np.int64]:
     """Rows of (k, 4, 4) poses of one map, ``most`` at most, that are not nearly the same as a row before."""
     most = len(T_level_sensor) if most is None else most

@@ -20,7 +20,7 @@ from .verification.point_tiles import PointTiles
 VIEWPOINTS = 3
 _NEAR_M, _FAR_M = 9.0, 40.0  # up to which the map's fine and its coarse points are taken
 _DIRECTION_DEG = 1.0  # of which only the nearest point is seen
-_MOST_ROWS = 1000  # of directions from the lowest to the highest
+_MAX_ROWS = 1000  # of directions from the lowest to the highest
 
 
 def own_scans(index: MapIndex, count: int = VIEWPOINTS) -> Iterator[Scan]:
@@ -46,7 +46,7 @@ def seen_from(index: MapIndex, position_m: NDArray[np.float64]) -> Scan:
     column, row = (
         np.floor(np.degrees(angle) / _DIRECTION_DEG).astype(np.int64) for angle in (azimuth, elevation)
     )
-    direction = column * _MOST_ROWS + row
+    direction = column * _MAX_ROWS + row
     nearest_first = np.argsort(distance_m, kind="stable")
     _, seen = np.unique(direction[nearest_first], return_index=True)
     return Scan.from_points(points[nearest_first[seen]])

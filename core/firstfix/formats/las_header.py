@@ -16,7 +16,7 @@ from .point_cloud import Limits
 _HEADER_BYTES = 227  # of LAS 1.1 and 1.2; 1.4 counts its points further behind
 _LARGE_COUNT_AT = 247
 _VLR_HEADER = struct.Struct("<2x16sHH32x")
-_MOST_VLRS = 10_000
+_MAX_VLRS = 10_000
 _COMPRESSED = 0x80  # bit of the point format
 _LASZIP = b"laszip encoded", 22204
 
@@ -81,7 +81,7 @@ def read_las_header(path: Path, limits: Limits, column_bytes: int) -> LasHeader:
 
 def _laszip_record(file: BinaryIO, first: int, start: int, count: int) -> bytes | None:
     """Follows the records before the points. Returns that of the compression, or None."""
-    if count > min(_MOST_VLRS, (start - first) // _VLR_HEADER.size):
+    if count > min(_MAX_VLRS, (start - first) // _VLR_HEADER.size):
         raise MalformedData(f"LAS: {start - first} bytes cannot hold {count} variable length records")
     found = None
     at = first

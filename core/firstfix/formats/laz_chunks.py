@@ -18,8 +18,8 @@ _VARIABLE = 0xFFFFFFFF  # points a chunk
 # Numbers of layers by the type of an item; an item of extra bytes has one for each.
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 _EXTRA_BYTES = 14
-_MOST_CHUNKS = 1_000_000
-_MOST_POINTS_PER_BYTE = 1000  # a million copies of one point take more
+_MAX_CHUNKS = 1_000_000
+_MAX_POINTS_PER_BYTE = 1000  # a million copies of one point take more
 _SPARE_POINTS = 10_000_000  # of the last chunk, which lazrs takes memory for
 
 
@@ -45,7 +45,7 @@ def check_las(path: Path, limits: Limits, column_bytes: int) -> None:
     if header.packing is None:
         return
     size, start, points = header.size, header.start, header.points
-    if points > _MOST_POINTS_PER_BYTE * (size - start):
+    if points > _MAX_POINTS_PER_BYTE * (size - start):
         raise MalformedData(f"LAS: {size - start} compressed bytes cannot hold {points} points")
     packing = _packing(header.packing, header.point_bytes)
     if points:
@@ -82,7 +82,7 @@ def _check_chunks(
     file.seek(table + 4)
     (chunks,) = struct.unpack("<I", file.read(4))
     data = table - start - 8
-    if not 0 < chunks <= min(_MOST_CHUNKS, data // point_bytes):
+    if not 0 < chunks <= min(_MAX_CHUNKS, data // point_bytes):
         raise MalformedData(f"LAS: {data} compressed bytes cannot hold {chunks} chunks")
     if packing.chunk_points != _VARIABLE and chunks != -(-points // packing.chunk_points):
         raise MalformedData(

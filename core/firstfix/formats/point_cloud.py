@@ -23,7 +23,7 @@ RING_NAMES = ("ring", "laser", "laser_id", "channel", "line")
 _NANOSECONDS = 1e-9
 _EPOCH_S = 1e8  # later than this, a time counts from the epoch, and not from the scan's begin
 _EPOCH_NS = 1e15
-_LEAST_S = 1e-4  # from the first to the last point: drivers fill in zeros where they do not know the times
+_MIN_S = 1e-4  # from the first to the last point: drivers fill in zeros where they do not know the times
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def point_times(columns: Mapping[str, Column], stamp_s: float | None) -> PointTi
         return None
     if column.dtype.kind in "iu" or np.ptp(taken) > MAX_ABS_TIME_S or np.abs(taken).max() > _EPOCH_NS:
         seconds, taken = seconds * _NANOSECONDS, taken * _NANOSECONDS
-    if np.ptp(taken) < _LEAST_S:
+    if np.ptp(taken) < _MIN_S:
         return None
     first = float(taken.min())
     of_epoch = first > _EPOCH_S

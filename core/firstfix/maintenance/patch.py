@@ -14,7 +14,7 @@ from ..engine.changes.areas import find_areas
 from ..errors import Conflict, NotFound, UnreadableRecord
 from .rebuild import active_request, record_again
 
-FEWEST_DAYS = 3  # on which the version's queries have looked for changes: a patch needs as many
+MIN_DAYS = 3  # on which the version's queries have looked for changes: a patch needs as many
 
 
 def patch_request(catalog: Catalog, map_id: str, mode: PatchMode | None = None) -> dict[str, Any]:
@@ -116,7 +116,7 @@ def seems_changed(catalog: Catalog, map_id: str, version: str) -> bool:
         NotFound: no such version.
     """
     record = Sightings(catalog.store).read(catalog.folder_of(map_id, version))
-    return len(record.days) >= FEWEST_DAYS and bool(find_areas(record.newest_first()))
+    return len(record.days) >= MIN_DAYS and bool(find_areas(record.newest_first()))
 
 
 def _digest(*parts: str) -> str:

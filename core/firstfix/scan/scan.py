@@ -15,9 +15,9 @@ from .reduction import at_most
 
 MAX_POINTS = 2_000_000  # an OS1-128 at 2048 columns has 262,144; merged scans stay below this limit
 MAX_ABS_COORDINATE_M = 1_000.0  # beyond the range of any scanner on a robot
-_MOST_COLUMNS = 64  # of numbers about one point
+_MAX_COLUMNS = 64  # of numbers about one point
 _MEASURED = 4096  # of the points that are dropped
-_MOST_M = 1e9  # a length beyond means nothing
+_MAX_M = 1e9  # a length beyond means nothing
 MAX_ABS_TIME_S = 1.0  # of a point from its scan's stamp: revolutions take 0.05 to 0.2 s
 
 
@@ -44,7 +44,7 @@ def all_within(points: NDArray[np.float32], limit_m: float) -> bool:
 
 def is_transposed(shape: tuple[int, ...]) -> bool:
     """Returns whether the shape of an array is that of points side by side, (3, n) or (4, n)."""
-    return shape[0] in (3, 4) and shape[1] > _MOST_COLUMNS
+    return shape[0] in (3, 4) and shape[1] > _MAX_COLUMNS
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Dropped:
         far = at_most(points[(np.abs(points) > MAX_ABS_COORDINATE_M).any(axis=1)], _MEASURED)
         far_m = float(np.median(np.linalg.norm(far, axis=1)))
         spread_m = float(np.median(np.linalg.norm(far - np.median(far, axis=0), axis=1)))
-        return cls(not_finite, count - not_finite, min(far_m, _MOST_M), min(spread_m, _MOST_M))
+        return cls(not_finite, count - not_finite, min(far_m, _MAX_M), min(spread_m, _MAX_M))
 
     @property
     def points(self) -> int:

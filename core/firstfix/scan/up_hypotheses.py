@@ -16,7 +16,7 @@ from .levelling import directions_about_z, estimate_up_near, refined_up, votes
 from .reduction import at_most
 
 _MAIN_AXES = 3  # the floor's normal and those of two directions of walls
-_LEAST_VOTES = 0.5  # of the best axis's votes: an axis with fewer comes from clutter
+_MIN_VOTES = 0.5  # of the best axis's votes: an axis with fewer comes from clutter
 _AXIS_COSINE = np.cos(np.radians(25.0))  # nearer directions are one axis
 _IN_PLANE_COSINE = np.cos(np.radians(65.0))  # with the normal of a plane, of axes in it
 _NEW_DEG = 10.0  # nearer up directions lead to the same poses
@@ -54,7 +54,7 @@ def main_axes(normals: NDArray[np.floating]) -> list[NDArray[np.float64]]:
     directions = directions_about_z(90.0)
     normals = at_most(normals, _VOTERS)
     won = votes(normals, directions)
-    least = _LEAST_VOTES * won.max()
+    least = _MIN_VOTES * won.max()
     axes: list[NDArray[np.float64]] = []
     while len(axes) < _MAIN_AXES and won.max() >= least:
         voted = directions[int(np.argmax(won))]

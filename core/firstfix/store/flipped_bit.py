@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from .json_record import CHECKSUM, RecordKind, parse_record
+from .json_record import RecordKind, parse_record
 
 MAX_BYTES = 2048  # every bit is tried: a larger record would take seconds
 
@@ -14,8 +14,7 @@ def with_bit_restored(data: bytes, kind: RecordKind) -> bytes | None:
     """A damaged record as it was before one bit of it flipped.
 
     Returns:
-        The record with a right checksum. None if no single bit explains the damage, if the record is large,
-        or if it is of an earlier release and has no checksum.
+        The record with a right checksum. None if the record is large, or no single bit explains the damage.
     """
     if len(data) > MAX_BYTES:
         return None
@@ -30,6 +29,6 @@ def with_bit_restored(data: bytes, kind: RecordKind) -> bytes | None:
 
 def _is_right(data: bytes, kind: RecordKind) -> bool:
     try:
-        return parse_record(data, kind, lambda record: record is not None and CHECKSUM in record)
+        return parse_record(data, kind, lambda record: record is not None)
     except ValueError:
         return False

@@ -1,7 +1,7 @@
 """JSON records of a store: the one way to write and read them, with limits on size and parsers by kind.
 
 A record carries a checksum, so that no flipped bit passes for a value: ``record_json`` writes it, and every
-reader checks it. A record without one is of an earlier release.
+reader checks it.
 
 A damaged record is an error of that record alone: ``UnreadableRecord`` names it, and a caller that reads many
 records skips it. Each such record is reported once to ``Store.unreadable``, which logs and counts it.
@@ -69,37 +69,15 @@ def record_json(record: Mapping[str, Any]) -> bytes:
     Raises:
         ValueError, TypeError: a value has no JSON form.
     """
-    return json.dumps(with_checksum(record), sort_keys=True, allow_nan=False).encode("ascii")
-
-
-def with_checksum(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values, and the checksum of all of them in one more field."""
-    return {**values, CHECKSUM: checksum_of(values)}
-
-
-def checksum_of(values: Mapping[str, Any]) -> str:
-    """SHA-256 of the one JSON form of values: sorted keys, no spaces, ASCII."""
-    text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode("ascii")).hexdigest()
-
-
-def without_checksum(record: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a record, compared with its checksum if it has one.
-
-    Raises:
-        ValueError: the checksum is wrong.
-    """
-    values = {name: value for name, value in record.items() if name != CHECKSUM}
-    if CHECKSUM in record and record[CHECKSUM] != checksum_of(values):
-        raise ValueError("its checksum is wrong")
-    return values
+    values = {**record, CHECKSUM: _checksum_of(record)}
+    return json.dumps(values, sort_keys=True, allow_nan=False).encode("ascii")
 
 
 def read_record(store: Store, key: str, kind: RecordKind, parse: Callable[[Any], T]) -> T:
     """Read the record under a key and parse it.
 
     Args:
-        parse: takes the JSON object with its checksum, or None for a georeference's ``null``. It raises
+        parse: takes the JSON object without its checksum, or None for a georeference's ``null``. It raises
             ValueError, KeyError, TypeError, AttributeError or FirstfixError if the object is not a record of
             this kind.
 
@@ -123,14 +101,15 @@ def parse_record(data: bytes, kind: RecordKind, parse: Callable[[Any], T]) -> T:
     """Decode and parse a record.
 
     Raises:
-        ValueError: the data is not a JSON object, its checksum is wrong, or the parser refuses it.
+        ValueError: the data is not a JSON object, its checksum is missing or wrong, or the parser refuses it.
     """
     try:
         record = json.loads(data, parse_constant=_refuse)
         if not (record is None and kind is RecordKind.GEOREFERENCE):
             if not isinstance(record, dict):
                 raise ValueError("it is not a JSON object")
-            without_checksum(record)
+            if record.pop(CHECKSUM, None) != _checksum_of(record):
+                raise ValueError("its checksum is missing or wrong")
         return parse(record)
     except (KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from None
@@ -187,6 +166,12 @@ def whole_number_of(record: Mapping[str, Any], name: str) -> int:
     if type(value) is not int or value < 0:
         raise TypeError(f"{name} is not a whole number of at least 0")
     return value
+
+
+def _checksum_of(values: Mapping[str, Any]) -> str:
+    """SHA-256 of the one JSON form of values: sorted keys, no spaces, ASCII."""
+    text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
 def _refuse(constant: str) -> NoReturn:

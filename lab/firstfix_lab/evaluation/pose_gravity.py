@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from firstfix.errors import InvalidOption
 from firstfix.transform import Matrix
 
-MOST_NOISE_DEG = 90.0
+MAX_NOISE_DEG = 90.0
 SEED = 0
 
 
@@ -25,9 +25,9 @@ def imu_errors(count: int, noise_deg: float | None) -> Sequence[NDArray[np.float
     """
     if noise_deg is None:
         return [None] * count
-    if not 0 <= noise_deg <= MOST_NOISE_DEG:
+    if not 0 <= noise_deg <= MAX_NOISE_DEG:
         raise InvalidOption(
-            f"the noise of gravity must be in [0, {MOST_NOISE_DEG:g}] degrees, not {noise_deg}"
+            f"the noise of gravity must be in [0, {MAX_NOISE_DEG:g}] degrees, not {noise_deg}"
         )
     return list(np.radians(noise_deg) * np.random.default_rng(SEED).normal(size=(count, 2)))
 

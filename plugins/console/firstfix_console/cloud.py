@@ -9,9 +9,9 @@ from fastapi import APIRouter, Query, Response
 from firstfix.access.permissions import Scope
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.errors import NotFound
-from firstfix_service.http_api.answer_room import AnswerPlaceDep
 from firstfix_service.http_api.edge import needs
 from firstfix_service.http_api.parts import CatalogDep
+from firstfix_service.http_api.response_budget import ResponseLeaseDep
 from firstfix_service.http_api.routes.versions import FOREVER
 from firstfix_service.http_api.schema.api_models import CloudIndex
 from firstfix_service.http_api.schema.bodies import binary_answer
@@ -31,18 +31,18 @@ MAX_INDEX_BYTES = 64 << 20
 )
 @needs(Scope.LOCALIZE, "localize")
 @LISTS.route
-def get_cloud(map_id: MapId, version: Version, catalog: CatalogDep, place: AnswerPlaceDep) -> Response:
+def get_cloud(map_id: MapId, version: Version, catalog: CatalogDep, lease: ResponseLeaseDep) -> Response:
     """The nodes of the octree that holds the map's points.
 
     `low_m` and `edge_m`: low corner and edge of the root, in map coordinates. `nodes`: `[level, x, y, z,
     first, count]`, parents before children; the edge of a cube is `edge_m / 2**level`, its low corner is
     `low_m + (x, y, z) * edge`. `marks`: `[first, count]` of the templates and of the mapping run, packed as
-    points of the root. 404: the version was built before there were clouds, or it is provisional.
+    points of the root. 404: the version is provisional.
     """
     entry = catalog.manifest(map_id, version).files.get(CLOUD_INDEX)
     if entry is None:
         raise NotFound(f"version {version} of map {map_id} has no cloud for viewers")
-    place.take(min(entry.bytes, MAX_INDEX_BYTES))
+    lease.take(min(entry.bytes, MAX_INDEX_BYTES))
     data = catalog.read_file(map_id, version, CLOUD_INDEX, max_bytes=MAX_INDEX_BYTES)
     return Response(data, media_type="application/json", headers={"Cache-Control": FOREVER})
 
@@ -58,7 +58,7 @@ def get_cloud_points(
     map_id: MapId,
     version: Version,
     catalog: CatalogDep,
-    place: AnswerPlaceDep,
+    lease: ResponseLeaseDep,
     first: Annotated[int, Query(ge=0, description="number of the first point")],
     count: Annotated[int, Query(ge=1, le=MAX_POINTS, description="number of points")],
 ) -> Response:
@@ -67,6 +67,6 @@ def get_cloud_points(
     Little-endian. The normal is two int8: the octahedral map of a unit vector to -127..127, or twice -128
     where it is not known.
     """
-    place.take(count * POINT_BYTES)
+    lease.take(count * POINT_BYTES)
     data = catalog.read_part(map_id, version, CLOUD_POINTS, first * POINT_BYTES, count * POINT_BYTES)
     return Response(data, media_type="application/octet-stream", headers={"Cache-Control": FOREVER})

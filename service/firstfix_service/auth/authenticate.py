@@ -14,7 +14,8 @@ from firstfix.access.permissions import Scope
 from firstfix.errors import Unauthorized
 from firstfix.store.store import Store
 
-from ..security_check import exposed_at
+from ..limits.limits import Limits
+from ..limits.rate import Rate
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import note
@@ -22,7 +23,6 @@ from ..thread_pools import KEYS
 from ..thread_pools.background import PeriodicTask
 from .key_ring import KeyRing
 from .principal import Needs, Principal
-from .rate_limit import RateLimit
 
 if TYPE_CHECKING:
     from .token_verifier import TokenVerifier
@@ -30,14 +30,8 @@ if TYPE_CHECKING:
 _log = structlog.get_logger(__name__)
 _API_KEY = "ffx_"
 CHECK_S = 1.0  # between two checks of a permission: they read memory, and verify the signature of a token
-# For one caller of an exposed service
-DEFAULT_LOCALIZE_PER_S, DEFAULT_BUILD_MINUTES_PER_DAY = 50.0, 1440.0
-BUILDS_PER_HOUR = 60.0  # or more, if a caller may have so many minutes that each build could take one
-CHANGES_PER_MIN = 60.0  # of each map: each change stays in its log for ever
-AUTH_FAILURES_PER_MIN = 60.0  # of an address: nobody guesses 256 bits, but each guess is a line in the log
 # A revoked key goes on working until the next listing of the keys, or while the store is away.
 KEYS_REFRESH_S, KEYS_MAX_AGE_S = 5.0, 3600.0
-_LOCALIZE_BURST_S = 5.0
 
 
 class Authenticator:
@@ -50,19 +44,15 @@ class Authenticator:
         keys: None means that authentication is off: credentials are ignored.
     """
 
-    def __init__(self, settings: Settings, keys: KeyRing | None, tokens: TokenVerifier | None) -> None:
+    def __init__(self, limits: Limits, keys: KeyRing | None, tokens: TokenVerifier | None) -> None:
         self.keys, self._tokens = keys, tokens
-        exposed = bool(exposed_at(settings))
-        per_s = chosen_limit(settings.localize_per_s, DEFAULT_LOCALIZE_PER_S, exposed)
-        minutes = build_minutes_per_day(settings)
-        per_hour = max(BUILDS_PER_HOUR, minutes / 24) if minutes else 0.0
-        changes_per_min = CHANGES_PER_MIN if exposed else 0.0
-        self._limits: dict[str, RateLimit | None] = {
-            "localize": _limit("queries", per_s, _LOCALIZE_BURST_S * per_s),
-            "build": _limit("builds", per_hour / 3600, per_hour),
-            "change": _limit("changes of this map", changes_per_min / 60, changes_per_min),
+        self._rates: dict[str, Rate | None] = {
+            "localize": _rate("queries", limits.localize_per_s, limits.localize_burst_s),
+            "build": _rate("builds", limits.builds_per_hour / 3600, 3600),
+            "change": _rate("changes of this map", limits.changes_per_min / 60, 60),
         }
-        self._failures = RateLimit("invalid credentials", AUTH_FAILURES_PER_MIN / 60, AUTH_FAILURES_PER_MIN)
+        failures_per_min = limits.auth_failures_per_min
+        self._failures = Rate("invalid credentials", failures_per_min / 60, failures_per_min)
 
     @property
     def is_on(self) -> bool:
@@ -129,7 +119,7 @@ class Authenticator:
         """
         note(caller=caller.name)
         caller.check(needs.scope, map_id)
-        limit = self._limits.get(needs.rate)
+        limit = self._rates.get(needs.rate)
         if limit is not None:
             limit.take(f"{caller.name} {map_id}" if map_id else caller.name)
 
@@ -163,7 +153,7 @@ class Permission:
 
 @asynccontextmanager
 async def open_authenticator(
-    settings: Settings, store: Store, metrics: Metrics
+    settings: Settings, limits: Limits, store: Store, metrics: Metrics
 ) -> AsyncIterator[Authenticator]:
     """Opens the authenticator that the settings ask for, and refreshes its keys until the block ends.
 
@@ -187,25 +177,8 @@ async def open_authenticator(
                 "refresh issuer keys", tokens.jwks.refresh, REFRESH_S, first_after_s=REFRESH_S
             ).start(stack)
         metrics.keys_age.set_function(lambda: 0.0 if keys is None else keys.age_s)
-        yield Authenticator(settings, keys, tokens)
+        yield Authenticator(limits, keys, tokens)
 
 
-def _limit(what: str, per_s: float, burst: float) -> RateLimit | None:
-    return RateLimit(what, per_s, burst) if per_s else None
-
-
-def build_minutes_per_day(settings: Settings) -> float:
-    """Returns the build minutes that one caller has per day; 0 means that no limit of builds applies."""
-    exposed = bool(exposed_at(settings))
-    return chosen_limit(settings.build_minutes_per_day, DEFAULT_BUILD_MINUTES_PER_DAY, exposed)
-
-
-def chosen_limit(given: float | None, default: float, exposed: bool) -> float:
-    """Returns the given limit, or the default; 0 means no limit.
-
-    Args:
-        default: used if the service can be reached from other machines; otherwise there is no limit.
-    """
-    if given is not None:
-        return given
-    return default if exposed else 0.0
+def _rate(what: str, per_s: float, burst_s: float) -> Rate | None:
+    return Rate(what, per_s, burst_s * per_s) if per_s else None

@@ -9,35 +9,23 @@ from datetime import datetime, timedelta, timezone
 from firstfix.builds.callers import CallerUsage
 from firstfix.errors import QuotaExceeded
 
-from ..auth.authenticate import build_minutes_per_day
-from ..settings import Settings
+from ..limits.limits import Limits
 from ..thread_pools import READS
 
 BUILDS_RETRY_S = 60.0
-MAX_UNFINISHED = 50  # of one caller: more would only wait, and each is looked at when the next one comes
 
 
 class BuildQuota:
     """Limits the builds of each caller. For use by one event loop.
 
-    Replicas that accept builds of one caller at the same moment can exceed the quota by one build each.
-
-    Args:
-        max_unfinished: builds of one caller that wait or run; 0: no limit.
-        max_minutes_per_day: time that one caller's builds have run since midnight (UTC), after which no other
-            build is accepted; 0: no limit.
+    Once its builds have run for so many minutes since midnight (UTC), no other one is accepted. Replicas that
+    accept builds of one caller at the same moment can exceed the quota by one build each.
     """
 
-    @classmethod
-    def of(cls, settings: Settings, usage: CallerUsage) -> BuildQuota:
-        """Returns the quota of the settings. By default there is none unless the service is exposed."""
-        minutes = build_minutes_per_day(settings)
-        return cls(usage, max_unfinished=MAX_UNFINISHED if minutes else 0, max_minutes_per_day=minutes)
-
-    def __init__(self, usage: CallerUsage, *, max_unfinished: float, max_minutes_per_day: float) -> None:
+    def __init__(self, usage: CallerUsage, limits: Limits) -> None:
         self._usage = usage
-        self._max_unfinished = max_unfinished
-        self._max_minutes_per_day = max_minutes_per_day
+        self._max_unfinished = limits.max_builds_per_caller
+        self._max_minutes_per_day = limits.build_minutes_per_day
         self._submitting: dict[str, str] = {}  # builds that are not on record yet: id to owner
 
     @asynccontextmanager
@@ -59,7 +47,7 @@ class BuildQuota:
     def _check(self, owner: str, submitting: set[str]) -> None:
         if self._max_unfinished and len(self._usage.unfinished(owner) | submitting) > self._max_unfinished:
             raise QuotaExceeded(
-                f"{self._max_unfinished:g} builds of this caller wait or run: try again when one has ended",
+                f"{self._max_unfinished} builds of this caller wait or run: try again when one has ended",
                 retry_after_s=BUILDS_RETRY_S,
             )
         if self._max_minutes_per_day and self._usage.minutes_today(owner) >= self._max_minutes_per_day:

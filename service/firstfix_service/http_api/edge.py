@@ -22,8 +22,8 @@ from firstfix.errors import NotFound, ReadOnly, Unauthorized
 
 from ..auth.authenticate import Authenticator, Permission
 from ..auth.principal import Needs, Principal, Rate
-from ..auth.turns import Turns
-from ..http_server.connections import Network, address_of
+from ..limits.addresses import Network, address_of
+from ..limits.turns import Turns
 from ..problems import problem_of
 from ..settings import Settings
 from ..telemetry.metrics import Metrics

@@ -15,7 +15,7 @@ from starlette.types import Receive, Scope, Send
 from firstfix.errors import FirstfixError
 
 from ..auth.authenticate import CHECK_S, Permission
-from .concurrency_limit import ConcurrencyLimit
+from ..limits.concurrency_limit import ConcurrencyLimit
 from .parts import part
 
 _log = structlog.get_logger(__name__)

@@ -18,15 +18,15 @@ from firstfix.store.store import Store
 
 from ..builds.queue import BuildQueue
 from ..builds.quota import BuildQuota
+from ..limits.concurrency_limit import ConcurrencyLimit
+from ..limits.disk_space import DiskSpace
 from ..localize.use_case import LocalizeUseCase
 from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
 from ..query_workers.sightings.keeper import SightingsKeeper
 from ..telemetry.metrics import Metrics
-from .bodies.disk_space import DiskSpace
 from .bodies.request_body import BodyReader, Pace
 from .bodies.uploads import UploadQuota
-from .concurrency_limit import ConcurrencyLimit
 from .encoded_changes import EncodedChanges
 from .made_once import MadeOnce
 

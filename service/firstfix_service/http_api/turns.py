@@ -6,8 +6,9 @@ from fastapi import Request
 from starlette.requests import ClientDisconnect
 from starlette.types import Scope
 
-from ..auth.turns import Credit, Turns
 from ..http_server.streams import DELAY_ANSWER, DelayAnswer
+from ..limits.rate import Rate
+from ..limits.turns import Turns
 from ..telemetry.request_scope import note
 
 PROBES = frozenset({"/healthz", "/readyz"})
@@ -22,10 +23,10 @@ class Turn:
         self._was_counted = False
 
     async def wait_to_begin(self, caller: str = "") -> bool:
-        """Waits before the work for a request until it is within the credit of who asks.
+        """Waits before the work for a request until it is within the rate of who asks.
 
         Args:
-            caller: empty: a stranger.
+            caller: empty: unauthenticated.
 
         Returns:
             whether it had to wait.
@@ -35,7 +36,7 @@ class Turn:
         """
         wait_s = self._take(caller)
         if wait_s and not await self._delay(wait_s):
-            self._credit_of(caller).give_back(self._name(caller))
+            self._rate_of(caller).give_back(self._name(caller))
             raise ClientDisconnect
         return wait_s > 0.0
 
@@ -43,7 +44,7 @@ class Turn:
         """Waits before the answer to a request that did not wait before its work: nobody knew who asks.
 
         Args:
-            caller: empty: a stranger.
+            caller: empty: unauthenticated.
         """
         wait_s = self._take(caller)
         if wait_s:
@@ -54,15 +55,15 @@ class Turn:
         if self._was_counted or DELAY_ANSWER not in self._scope.get("extensions", {}):
             return 0.0
         self._was_counted = True
-        return self._credit_of(caller).take(self._name(caller))
+        return self._rate_of(caller).take(self._name(caller))
 
     async def _delay(self, wait_s: float) -> bool:
         note(waited_ms=round(wait_s * 1e3))
         delay: DelayAnswer = self._scope["extensions"][DELAY_ANSWER]
         return await delay(wait_s)
 
-    def _credit_of(self, caller: str) -> Credit:
-        return self._turns.credit_of(caller, is_probe=self._scope["path"] in PROBES)
+    def _rate_of(self, caller: str) -> Rate:
+        return self._turns.rate_of(caller, is_probe=self._scope["path"] in PROBES)
 
     def _name(self, caller: str) -> str:
         return caller or str(self._scope["state"]["address"])

@@ -1,1 +1,1 @@
-"""HTTP server: its protocol, the limits of its connections, and the address of the caller."""
+"""HTTP server: its protocol, and the streams of bodies and answers."""

@@ -16,10 +16,9 @@ import httptools
 from starlette.requests import ClientDisconnect
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
-from .connections import Connections, ConnectionUse, EndReason
+from ..limits.connections import Connections, ConnectionUse, EndReason
 from .streams import (
     DELAY_ANSWER,
-    MIN_BYTES_PER_S,
     RECEIVE_INTO,
     AnswerDelay,
     AnswerTransport,
@@ -31,13 +30,6 @@ from .streams import (
     limit_kernel_buffer,
 )
 
-MAX_HEAD_BYTES = 64 << 10
-MAX_HEADERS = 100
-MAX_PIPELINED = 100  # requests that wait for an earlier answer
-LINGER_S = 5.0  # for a caller that still sends to see an early answer
-LINGER_BYTES = 4 << 20
-LINGER_BODY_BYTES = 65 << 20  # of a body of declared length: clients send files of up to 64 MiB in a form
-LINGER_BYTES_PER_S = 128 << 10  # a body that comes faster has more time
 HEALTH_PATHS = {b"/healthz", b"/readyz"}
 _FULL = "too many connections: try again"
 
@@ -68,10 +60,10 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._overhead_bytes = 0  # received since the request began, or since the last piece of its body
         self._head_bytes = self._headers = 0
         self._body_bytes = 0
-        self._linger_bytes, self._linger_limit = 0, LINGER_BYTES
+        self._linger_bytes, self._linger_limit = 0, self._limits.linger_bytes
         self._keep_alive = False  # the caller's wish; granted after its body was read
         self._refusal: tuple[bytes, str] | None = None
-        self._pace = ReadingPace(self._limits.answer_s)
+        self._pace = ReadingPace(self._limits)
         self.app = in_pieces(self.app, self._answer_begins)
         self._answer_bytes: int | None = None  # of the current one, of several; None: not begun; 0: a stream
         self._is_half_closed = False  # the caller sends no more, and may still read
@@ -97,6 +89,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     def overdue(self, now: float) -> EndReason | None:
         """Returns the reason to end the connection now, if there is one."""
+        limits = self._limits
         last_check, self._checked_at = self._checked_at, now
         if self._pace.is_paused:
             is_too_slow = self._pace.is_too_slow(now, self.transport.get_write_buffer_size())
@@ -104,23 +97,23 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if self.transport.is_closing():
             if self._closing_since is None:
                 self._closing_since = now
-            return EndReason.ANSWER if now - self._closing_since > LINGER_S else None
+            return EndReason.ANSWER if now - self._closing_since > limits.linger_s else None
         if self._is_lingering:
-            allowed_s = LINGER_S + self._linger_bytes / LINGER_BYTES_PER_S
+            allowed_s = limits.linger_s + self._linger_bytes / limits.linger_bytes_per_s
             return EndReason.UNREAD if now - self._since > allowed_s else None
         if self._reading is Reading.BODY:
             if self.flow.read_paused or self.cycle.waiting_for_100_continue:
                 # the caller must wait for this side
                 self._since += now - last_check
-            allowed_s = self._limits.body_s + LINGER_S + self._body_bytes / MIN_BYTES_PER_S
+            allowed_s = limits.body_timeout_s + limits.linger_s + self._body_bytes / limits.min_bytes_per_s
             return EndReason.BODY if now - self._since > allowed_s else None
         if self._answering:
             if self._is_half_closed:
                 self._look_for_reset()
             return None
         if self._reading is Reading.HEAD:
-            return EndReason.HEAD if now - self._since > self._limits.head_s else None
-        return EndReason.IDLE if now - self._since > self._limits.idle_s else None
+            return EndReason.HEAD if now - self._since > limits.head_timeout_s else None
+        return EndReason.IDLE if now - self._since > limits.keep_alive_s else None
 
     def abort(self) -> None:
         """Ends the connection at once."""
@@ -154,7 +147,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             return
         self._overhead_bytes += len(data)
         super().data_received(data)
-        if self._overhead_bytes > MAX_HEAD_BYTES and not self._is_ending:
+        if self._overhead_bytes > self._limits.max_head_bytes and not self._is_ending:
             self._refuse(*_TOO_LARGE)
 
     def eof_received(self) -> bool:  # type: ignore[override]
@@ -212,7 +205,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         path = self.url.partition(b"?")[0]
         if self._use is ConnectionUse.HEALTH_ONLY and path not in HEALTH_PATHS:
             self._stop_parsing(b"503 Service Unavailable", _FULL)
-        if len(self.pipeline) >= MAX_PIPELINED:
+        if len(self.pipeline) >= self._limits.max_pipelined:
             self._stop_parsing(b"429 Too Many Requests", "too many requests at the same time")
         super().on_headers_complete()
         # An answer before the end of the body closes the connection, and its headers say so.
@@ -270,7 +263,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """
         if self._reading is Reading.BODY and self.cycle.response_complete:
             rest_bytes = declared_bytes(self.headers) - self._body_bytes
-            if LINGER_BYTES < rest_bytes <= LINGER_BODY_BYTES:
+            if self._limits.linger_bytes < rest_bytes <= self._limits.linger_body_bytes:
                 self._linger_limit = rest_bytes
             self._linger()
         else:
@@ -358,7 +351,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     def _count_head(self, size: int) -> None:
         self._head_bytes += size
-        if self._head_bytes > MAX_HEAD_BYTES or self._headers > MAX_HEADERS:
+        if self._head_bytes > self._limits.max_head_bytes or self._headers > self._limits.max_headers:
             self._stop_parsing(*_TOO_LARGE)
 
     def _stop_parsing(self, status: bytes, text: str) -> None:

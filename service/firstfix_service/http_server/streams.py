@@ -9,9 +9,9 @@ from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
+from ..limits.limits import Limits
+
 PIECE_BYTES = 64 << 10  # of a body, in one write
-MIN_BYTES_PER_S = 500  # of a body, and of an answer: the slowest mobile networks are faster
-LONGEST_ANSWER_S = 300.0  # for a long answer to be taken in: its bytes stay in memory until then
 App = Callable[[Any, Any, Any], Any]  # ASGI
 
 DELAY_ANSWER = "firstfix.delay_answer"  # extension of the ASGI scope: a ``DelayAnswer``
@@ -108,13 +108,11 @@ class ReadingPace:
     Only the time during which writing is paused counts: otherwise the service has nothing to send. A pause of
     its own for each piece of an answer would not do, because a caller may take one piece in, and stop again.
 
-    Args:
-        answer_s: seconds that a caller may wait with any answer.
     """
 
-    def __init__(self, answer_s: float) -> None:
-        self._answer_s = answer_s
-        self._bytes_per_s = float(MIN_BYTES_PER_S)
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._bytes_per_s = float(limits.min_bytes_per_s)
         self._written_bytes = 0
         self._waited_s = 0.0  # in the pauses that have ended
         self._paused_at: float | None = None
@@ -131,7 +129,7 @@ class ReadingPace:
             size_bytes: of its body; 0: not known.
             unsent_bytes: that the transport still has to send, of this and earlier answers.
         """
-        self._bytes_per_s = max(MIN_BYTES_PER_S, size_bytes / LONGEST_ANSWER_S)
+        self._bytes_per_s = max(self._limits.min_bytes_per_s, size_bytes / self._limits.longest_answer_s)
         self._written_bytes = unsent_bytes
         self._waited_s = 0.0
 
@@ -158,7 +156,7 @@ class ReadingPace:
         """
         waited_s = self._waited_s + (0.0 if self._paused_at is None else now - self._paused_at)
         taken_bytes = max(0, self._written_bytes - unsent_bytes)
-        return waited_s > self._answer_s + taken_bytes / self._bytes_per_s
+        return waited_s > self._limits.answer_timeout_s + taken_bytes / self._bytes_per_s
 
 
 class AnswerTransport:

@@ -22,10 +22,12 @@ from typing import Any, Protocol, TypeVar
 from firstfix.engine.map_choice.sought_scan import SoughtScan
 from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded, WorkerLost
 
+from ..limits.asker import Asker
+from ..limits.byte_budget import ByteBudget
+from ..limits.fair_queue import FairQueue, Job, State
+from ..limits.limits import Limits
 from ..query_workers.base import QueryWorker, QueryWorkerDied
-from ..query_workers.query import Asker, EncodedAnswer, Query
-from .fair_queue import FairQueue, Job, State
-from .held_bodies import HeldBodies
+from ..query_workers.query import EncodedAnswer, Query
 
 T = TypeVar("T")
 MAX_RETRY_AFTER_S = 60.0
@@ -48,24 +50,23 @@ C = TypeVar("C", bound=Closeable)
 class QueryGate:
     """The way of all queries to the workers. Belongs to the event loop in which it is made.
 
-    Args:
-        workers: number of workers that ``add_worker`` will bring.
-        queue_size: number of queries that may wait.
+    ``add_worker`` brings as many workers as the limits say.
 
     Attributes:
         bodies: the bodies in memory. Transports count them as they arrive.
     """
 
-    def __init__(self, workers: int, queue_size: int, max_body_bytes: int) -> None:
-        self.bodies = HeldBodies(max_body_bytes)
+    def __init__(self, limits: Limits) -> None:
+        self.bodies = ByteBudget.of_bodies(limits.max_inflight_bytes)
         self._loop = asyncio.get_running_loop()
-        self._workers = workers
-        self._limit = workers + queue_size
-        self._queue = FairQueue(workers)
+        self._workers = limits.workers
+        self._limit = limits.workers + limits.queue_size
+        self._queue = FairQueue(limits.workers)
         self._closed = False
         self._running: set[asyncio.Task[Any]] = set()
         self._free: list[QueryWorker] = []  # the one that worked last comes first: its caches are warm
-        self._bereaved: deque[asyncio.Future[QueryWorker]] = deque()  # that run, and whose worker died
+        # Of queries that run, and whose worker died
+        self._waiting_for_new_worker: deque[asyncio.Future[QueryWorker]] = deque()
         self._giving_up: asyncio.TimerHandle | None = None
 
     def add_worker(self, worker: QueryWorker) -> None:
@@ -170,8 +171,8 @@ class QueryGate:
             worker = self._free.pop()
             if not worker.is_alive:
                 continue
-            if self._bereaved:
-                waiting = self._bereaved.popleft()
+            if self._waiting_for_new_worker:
+                waiting = self._waiting_for_new_worker.popleft()
                 if not waiting.done():
                     waiting.set_result(worker)
                     continue
@@ -203,14 +204,14 @@ class QueryGate:
 
     async def _another_worker(self) -> QueryWorker:
         waiting: asyncio.Future[QueryWorker] = self._loop.create_future()
-        self._bereaved.append(waiting)
+        self._waiting_for_new_worker.append(waiting)
         self._dispatch()
         return await waiting
 
     def _expect_workers(self) -> None:
         """Gives queries up that wait, if no worker answers one and none comes up in time."""
-        is_any_up = self._free or len(self._running) > len(self._bereaved)
-        if is_any_up or not (self._bereaved or self._queue.is_any_ready):
+        is_any_up = self._free or len(self._running) > len(self._waiting_for_new_worker)
+        if is_any_up or not (self._waiting_for_new_worker or self._queue.is_any_ready):
             if self._giving_up is not None:
                 self._giving_up.cancel()
                 self._giving_up = None
@@ -224,8 +225,8 @@ class QueryGate:
     def _refuse_waiting(self, error: FirstfixError) -> None:
         for job in self._queue.waiting():
             self._refuse(job, error)
-        while self._bereaved:
-            waiting = self._bereaved.popleft()
+        while self._waiting_for_new_worker:
+            waiting = self._waiting_for_new_worker.popleft()
             if not waiting.done():
                 waiting.set_exception(error)
 

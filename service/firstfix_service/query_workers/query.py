@@ -23,6 +23,7 @@ from firstfix.scan.sequence import AnyScan
 from firstfix.wire.content_encoding import decompressor_of
 
 from ..auth.principal import Principal
+from ..limits.asker import Asker
 from .answer_form import JSON, AnswerForm
 
 MAX_MAPS = 16  # that one query searches in full
@@ -99,19 +100,6 @@ class EncodedAnswer:
     def content(self) -> tuple[bytes, str]:
         """Bytes and media type: JSON, if there is no pose message."""
         return (self.json, JSON) if self.pose_message is None else (self.pose_message, POSE)
-
-
-class Asker(NamedTuple):
-    """One of those whose queries take turns.
-
-    Attributes:
-        caller: name of its ``Principal``. Without credentials it is an address: all who share one are one
-            caller. All zenoh clients without a credential are one, too: zenoh does not say who asks.
-        map_id: the map, or ``SEVERAL_MAPS``.
-    """
-
-    caller: str
-    map_id: str
 
 
 class AsGiven(NamedTuple):

@@ -25,18 +25,18 @@ from firstfix.errors import InvalidOption, StoreUnavailable
 from firstfix.store.store import Store
 
 from ..auth.authenticate import Authenticator, open_authenticator
-from ..auth.turns import Turns
 from ..builds.quota import BuildQuota
 from ..builds.start import start_builds
-from ..http_api.bodies.disk_space import MIN_FREE_BYTES, DiskSpace
 from ..http_api.bodies.request_body import BodyReader, Pace
 from ..http_api.bodies.uploads import UploadQuota
-from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.event_stream import EventStreams
 from ..http_api.health import HealthCheck
 from ..http_api.made_once import MadeOnce
 from ..http_api.parts import BuildParts, LocalizeParts, MapParts, Parts, UploadParts
-from ..http_server.connections import ConnectionLimits
+from ..limits.concurrency_limit import ConcurrencyLimit
+from ..limits.disk_space import DiskSpace
+from ..limits.limits import Limits
+from ..limits.turns import Turns
 from ..localize.answer_counts import AnswerCounts
 from ..localize.query_gate import QueryGate
 from ..localize.query_recorder import QueryRecorder
@@ -67,11 +67,7 @@ from ..thread_pools.background import close_within, run_in_background
 from ..webhooks.sender import WebhookPolicy, WebhookSender
 from .settings_summary import settings_summary
 
-MOST_CHANGES, MAX_CHANGES_BYTES = 64, 32 << 20  # versions whose changes are kept as they are told
-# At the same time, of all callers and of one
-MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # with their scans in memory
-MAX_UPLOAD_STREAMS, MAX_UPLOAD_STREAMS_PER_CALLER = 16, 4  # 32 MiB of memory each
-MAX_EVENT_STREAMS, MAX_EVENT_STREAMS_PER_CALLER = 128, 16  # pages of the console, and who waits for a build
+MAX_CHANGES, MAX_CHANGES_BYTES = 64, 32 << 20  # versions whose changes are kept as they are told
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
 # For parts that may wait for the store or zenoh when the service stops. An orchestrator kills it in the end.
@@ -80,6 +76,7 @@ CLOSE_WITHIN_S, FLUSH_WITHIN_S, ZENOH_CLOSE_WITHIN_S = 2.0, 4.0, 3.0
 
 async def compose(
     settings: Settings,
+    limits: Limits,
     metrics: Metrics,
     requests: Requests,
     turns: Turns,
@@ -103,10 +100,10 @@ async def compose(
     placement = open_placement(settings, replica)
     await _start_tracing(requests, replica, stack)
     store = metered(await START.run(_open_store, settings), metrics)
-    authenticator = await stack.enter_async_context(open_authenticator(settings, store, metrics))
+    authenticator = await stack.enter_async_context(open_authenticator(settings, limits, store, metrics))
     catalog = Catalog(store)
     await START.run(_remove_abandoned_uploads, settings.work_dir / "uploads")
-    gate = QueryGate(settings.workers, settings.queue_size, settings.max_inflight_bytes)
+    gate = QueryGate(limits)
     workers = _workers(settings, metrics, load, gate)
     coarse = CoarseMaps(catalog, settings.cache_dir / "coarse", metrics)
     maps = MapCache(
@@ -136,8 +133,7 @@ async def compose(
         metrics.maps_held.set_function(placement.__len__)
         metrics.maps_held_loaded.set_function(lambda: maps.held_loaded)
         metrics.holding_replicas.set_function(lambda: len(placement.replicas))
-    body_s = ConnectionLimits.of(settings).body_s
-    bodies = BodyReader(settings.max_body_bytes, gate.bodies, body_s)
+    bodies = BodyReader(limits.max_body_bytes, gate.bodies, limits.body_timeout_s)
     metrics.body_bytes.set_function(lambda: gate.bodies.bytes)
     samples = await _open_samples(settings, store, metrics)
     sampler = _start_sampler(settings, samples, metrics, stack)
@@ -156,11 +152,15 @@ async def compose(
             store_verification(settings, store, metrics).start(stack)
     georeferences = Georeferences(store)
     uploads, usage = Uploads(store), CallerUsage(catalog.builds)
-    upload_quota = UploadQuota(uploads, settings.max_upload_bytes)
+    upload_quota = UploadQuota(uploads, limits)
     georeference_cache = GeoreferenceCache(georeferences, GEOREFERENCE_TTL_S)
-    upload_streams = ConcurrencyLimit(MAX_UPLOAD_STREAMS, MAX_UPLOAD_STREAMS_PER_CALLER, "uploads")
-    event_streams = ConcurrencyLimit(MAX_EVENT_STREAMS, MAX_EVENT_STREAMS_PER_CALLER, "streams of events")
-    overlays = ConcurrencyLimit(MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER, "overlays")
+    upload_streams = ConcurrencyLimit(
+        limits.max_upload_streams, limits.max_upload_streams_per_caller, "uploads"
+    )
+    event_streams = ConcurrencyLimit(
+        limits.max_event_streams, limits.max_event_streams_per_caller, "streams of events"
+    )
+    overlays = ConcurrencyLimit(limits.max_overlays, limits.max_overlays_per_caller, "overlays")
     made = (
         authenticator,
         catalog,
@@ -169,23 +169,23 @@ async def compose(
         recent,
         counts,
         EventStreams(event_streams, closing),
-        LocalizeParts(use_case, bodies, maps, georeference_cache, metrics, overlays, settings.max_body_bytes),
+        LocalizeParts(use_case, bodies, maps, georeference_cache, metrics, overlays, limits.max_body_bytes),
         MapParts(
             catalog,
             maps,
             georeferences,
             georeference_cache,
             sightings,
-            MadeOnce(MOST_CHANGES, MAX_CHANGES_BYTES),
+            MadeOnce(MAX_CHANGES, MAX_CHANGES_BYTES),
         ),
-        BuildParts(catalog, builds, BuildQuota.of(settings, usage), usage),
+        BuildParts(catalog, builds, BuildQuota(usage, limits), usage),
         UploadParts(
             store,
             uploads,
             upload_quota,
             upload_streams,
-            Pace(body_s),
-            DiskSpace(MIN_FREE_BYTES),
+            Pace(limits.body_timeout_s),
+            DiskSpace(limits.min_free_bytes),
             settings.work_dir / "uploads",
             settings.max_upload_bytes,
             settings.source_urls,

@@ -34,7 +34,7 @@ TICK_S = 0.1
 STACKS_AFTER_S = 1.0
 UNWELL_AFTER_S = 5.0  # of a stall, for /healthz
 UNWELL_FOR_S = 20.0  # after the end of such a stall
-MOST_FRAMES = 25  # of one thread's stack, the innermost
+MAX_FRAMES = 25  # of one thread's stack, the innermost
 MAX_STACKS_CHARS = 24_000
 
 
@@ -205,6 +205,6 @@ def stacks_of_all_threads() -> str:
 
 def _text(frame: FrameType) -> str:
     """Reads no source file: its disk may be what hangs."""
-    inner = itertools.islice(traceback.walk_stack(frame), MOST_FRAMES)
+    inner = itertools.islice(traceback.walk_stack(frame), MAX_FRAMES)
     lines = [f"  {one.f_code.co_filename}:{line} {one.f_code.co_name}" for one, line in inner]
     return "\n".join(reversed(lines))

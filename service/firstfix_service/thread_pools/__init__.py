@@ -29,7 +29,7 @@ __all__ = [
     "give_up_requests",
 ]
 
-TURN_WITHIN_S = 10.0  # of work that takes a moment where the store answers
+TURN_WITHIN_S = 10.0  # of work that takes a moment where the store answers: beyond it 503
 
 START = ThreadPool("start", 8)  # opens resources at the start and closes them at the end
 KEYS = ThreadPool("keys", 2)  # reads API keys and the keys of the token issuer

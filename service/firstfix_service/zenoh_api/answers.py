@@ -29,7 +29,7 @@ JSON = "application/json"
 LOOK_S = 0.25  # between messages
 MOST_RECORDS = 50  # in a message: with more answers than these, the newest are published
 MAX_BYTES = 128 << 10  # of a message
-MOST_MESSAGES_PER_S = 100  # that are read, of all replicas together
+MAX_MESSAGES_PER_S = 100  # that are read, of all replicas together
 RETRY_S = 3.0
 _LONGEST_NAME = 200
 
@@ -157,7 +157,7 @@ class ZenohAnswers:
         if second != self._second:
             self._second, self._messages = second, 0
         self._messages += 1
-        return self._messages <= MOST_MESSAGES_PER_S
+        return self._messages <= MAX_MESSAGES_PER_S
 
 
 def _record_of(one: RecentAnswer) -> dict[str, Any]:

@@ -30,8 +30,9 @@ import zenoh
 from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
 
 from ..auth.authenticate import Authenticator
-from ..auth.turns import Turns
-from ..localize.held_bodies import HeldBodies, HeldBody
+from ..limits.byte_budget import ByteBudget, Lease, owners_of_body
+from ..limits.limits import Limits
+from ..limits.turns import Turns
 from ..localize.use_case import LocalizeUseCase
 from ..settings import Settings
 from ..telemetry.request_scope import Requests, current_caller, note
@@ -47,7 +48,6 @@ _log = structlog.get_logger(__name__)
 DRAIN_S = 10.0  # for queries under way when the service stops
 ENDPOINT_CLOSE_WITHIN_S = DRAIN_S + 5.0
 _NOT_READ = "too many answers wait for callers who do not read them: try again"
-ANY_CALLERS = 8  # times the queries of one caller may be taken in: who asks is known only after that
 
 
 class ZenohEndpoint:
@@ -58,7 +58,7 @@ class ZenohEndpoint:
         settings: Settings,
         replica: str,
         use_case: LocalizeUseCase,
-        bodies: HeldBodies,
+        bodies: ByteBudget,
         authenticator: Authenticator,
         turns: Turns,
         loop: asyncio.AbstractEventLoop,
@@ -83,7 +83,7 @@ class ZenohEndpoint:
         self._loop = loop
         self._requests = requests
         self._max_body_bytes = settings.max_body_bytes
-        self._max_pending = ANY_CALLERS * (settings.workers + settings.queue_size)
+        self._max_pending = Limits.pending_factor * (settings.workers + settings.queue_size)
         self._tokens: dict[str, Any] = {}
         self._tokens_lock = threading.Lock()
         self._closed = False
@@ -153,9 +153,10 @@ class ZenohEndpoint:
         """Hands the query to the event loop. zenoh calls this once at a time, so it must be quick."""
         arrived = time.monotonic()
         size = 0 if query.payload is None else len(query.payload)
+        body = self._bodies.lease()
         try:
             self._check_room(size)
-            self._bodies.add("", size, body_bytes=size)
+            body.grow(size)
         except FirstfixError as error:  # before the payload is copied
             with logged_query(self._requests, query, arrived):
                 self._use_case.count(TRANSPORT, error)
@@ -163,9 +164,9 @@ class ZenohEndpoint:
             self.replies.send(query, partial(reply_error, query, error, caller))
             return
         try:
-            future = asyncio.run_coroutine_threadsafe(self._answer(query, size, arrived), self._loop)
+            future = asyncio.run_coroutine_threadsafe(self._answer(query, body, arrived), self._loop)
         except RuntimeError:  # the loop has ended with the service
-            self._bodies.give_back("", size)
+            body.end()
             self.replies.end(query)
             return
         self._pending.add(future)
@@ -196,17 +197,16 @@ class ZenohEndpoint:
             # The session is closing, or the caller has gone.
             _log.warning("no reply could be sent", error=repr(error))
 
-    async def _answer(self, query: Any, size: int, arrived: float) -> None:
-        held = HeldBody(self._bodies, size)
+    async def _answer(self, query: Any, held: Lease, arrived: float) -> None:
         with logged_query(self._requests, query, arrived), ExitStack() as stack:
-            stack.callback(held.give_back)
+            stack.callback(held.end)
             caller = self._callers.look(query)
             try:
                 principal = await self._callers.admit(caller, query)
                 note(caller=principal.name)
                 if self.replies.is_full_for(principal.name):
                     raise Overloaded(_NOT_READ)
-                held.name_caller(principal.name)
+                held.name(*owners_of_body(principal.name))
                 shared_key, asked = read_query(query, principal, self._use_case.served, arrived)
                 self._use_case.check_room(asked)
                 body = b"" if query.payload is None else query.payload.to_bytes()
@@ -225,7 +225,7 @@ class ZenohEndpoint:
             key = own if query.key_expr.intersects(zenoh.KeyExpr(own)) else shared_key
             await self._reply(query, partial(reply_ok, query, caller, key, *answer.content))
 
-    async def _refuse(self, query: Any, send: Callable[[], None], held: HeldBody) -> None:
+    async def _refuse(self, query: Any, send: Callable[[], None], held: Lease) -> None:
         self._replying += 1  # it takes no place while it waits
         try:
             await self._refusals.wait(current_caller(), held)

@@ -1,4 +1,4 @@
-"""Refusals of zenoh queries: beyond the credit of who asks they come late, as over HTTP."""
+"""Refusals of zenoh queries: beyond the rate of who asks they come late, as over HTTP."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections import Counter
 
 from firstfix.errors import Overloaded
 
-from ..auth.turns import Turns
-from ..localize.held_bodies import HeldBody
+from ..limits.byte_budget import Lease, owners_of_body
+from ..limits.limits import Limits
+from ..limits.turns import Turns
 from ..telemetry.request_scope import note
 
-STRANGERS = "zenoh"  # all together: zenoh does not say from which connection a query came
-MOST_WAITING = 250  # of a caller: as many wait as keep to the rate, and as many connections wait over HTTP
+UNAUTHENTICATED = "zenoh"  # all together: zenoh does not say from which connection a query came
 
 
 class Refusals:
@@ -29,20 +29,20 @@ class Refusals:
         self._turns = turns
         self._waiting: Counter[str] = Counter()
 
-    async def wait(self, caller: str, body: HeldBody) -> None:
-        """Counts a refusal, and waits until it is within the credit of who asks.
+    async def wait(self, caller: str, body: Lease) -> None:
+        """Counts a refusal, and waits until it is within the rate of who asks.
 
         Args:
-            caller: empty: a stranger.
+            caller: empty: unauthenticated.
             body: of the query; it counts for who asks from now on.
         """
-        name = caller or STRANGERS
-        wait_s = self._turns.credit_of(caller).take(name)
-        if not wait_s or self._waiting[name] >= MOST_WAITING:
+        name = caller or UNAUTHENTICATED
+        wait_s = self._turns.rate_of(caller).take(name)
+        if not wait_s or self._waiting[name] >= Limits.max_waiting_refusals:
             return
-        if not body.caller:
+        if not body.owners:
             try:
-                body.name_caller(name)
+                body.name(*owners_of_body(name))
             except Overloaded:
                 return
         note(waited_ms=round(wait_s * 1e3))

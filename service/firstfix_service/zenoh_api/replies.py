@@ -16,9 +16,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
-MOST_THREADS = 128  # started when they are needed
-MOST_PER_CALLER = MOST_THREADS // 2
-MOST_WAITING = 1024  # for a thread
+from ..limits.limits import Limits
 
 
 @dataclass(frozen=True)
@@ -58,17 +56,18 @@ class ReplyThreads:
     @property
     def is_full(self) -> bool:
         """True if no thread is free for one more reply."""
-        return len(self) >= MOST_THREADS
+        return len(self) >= Limits.max_replies
 
     def is_full_for(self, caller: str) -> bool:
-        """Returns whether the caller has so many replies that it does not read that it gets no more."""
+        """Returns whether so many replies of the caller are unsent that it gets no more."""
         with self._lock:
-            return self._held[caller] >= MOST_PER_CALLER
+            return self._held[caller] >= Limits.max_replies_per_caller
 
     def send(self, query: Any, send: Callable[[], None], caller: str = "") -> Future[None]:
         """Sends a reply and ends its query, in a thread.
 
-        It blocks only where ``MOST_WAITING`` replies wait for a thread: then the reply is sent here.
+        It blocks only where ``Limits.max_waiting_replies`` replies wait for a thread: then the reply is sent
+        here.
 
         Returns:
             Future that is done when zenoh has taken the reply, or with its error.
@@ -76,11 +75,11 @@ class ReplyThreads:
         reply = _Reply(query, send, caller)
         with self._lock:
             self._held[caller] += 1
-            is_queued = len(self._waiting) < MOST_WAITING
+            is_queued = len(self._waiting) < Limits.max_waiting_replies
             if is_queued:
                 self._waiting.append(reply)
                 self._has_work.notify()
-                if self._idle < len(self._waiting) and self._threads < MOST_THREADS:
+                if self._idle < len(self._waiting) and self._threads < Limits.max_replies:
                     self._threads += 1
                     threading.Thread(target=self._work, name="zenoh-reply", daemon=True).start()
         if not is_queued:

@@ -101,15 +101,6 @@ def test_three_deaths_without_progress_are_enough(store: Store):
     assert attempts(store, "two").claim("b2", at()) is not None, "another build is another build"
 
 
-def test_records_of_a_release_without_progress_are_counted(store: Store):
-    for number in range(1, 4):
-        folder = "builds/b1/attempts"
-        store.put_new(f"{folder}/{number:06d}.json", b'{"holder": "one", "time": "x", "writer": "y"}')
-        store.put_new(f"{folder}/{number:06d}.end.json", b'{"end": "died", "stage": "cluster", "why": "x"}')
-    with pytest.raises(BuildAttemptsExceeded, match="3 attempts failed"):
-        attempts(store, "one").claim("b1", at("cluster"))
-
-
 @pytest.mark.parametrize(("state", "is_counted"), [("running", True), ("queued", False)])
 def test_many_kills_of_the_holder_count_unless_the_builds_process_outlived_them(state: str, is_counted: bool):
     """Where the process was killed with its holder, or first, nobody can tell."""

@@ -125,13 +125,6 @@ def test_real_scans_hold_back_if_too_few_are_found_by_more_than_chance(maker, fo
     assert maker.build(0.95, any_real, self_test={**tested, "found": 0.96}) is None
 
 
-def test_versions_of_an_earlier_release_are_judged_by_right_first(maker: Maker):
-    earlier = {"queries": 120, "localized": 0.2, "success": {"1m": 0.85}}
-    assert maker.build(0.85, self_test=earlier) is None
-    assert maker.build(0.84) == "self_test_worse", "right first .74, and .85 before"
-    assert maker.build(0.86) is None, "right first .76"
-
-
 def test_a_person_may_activate_a_version_held_back(maker: Maker):
     maker.build(0.2)
     (version,) = maker.catalog.versions("hall")

@@ -25,7 +25,6 @@ from firstfix.maintenance.backup import copy_store
 from firstfix.maintenance.garbage import Ages, collect_garbage
 from firstfix.maintenance.repair import Repair
 from firstfix.maintenance.verify import Verification
-from firstfix.store.json_record import CHECKSUM, record_json
 from firstfix.store.store import Store
 from tests.core.fixtures import publish
 
@@ -94,14 +93,6 @@ def hole(*spots: int) -> Tally:
     return Tally.sum(map(Tally.of, told))
 
 
-def as_before(record: bytes) -> bytes:
-    """The record as earlier releases have written it."""
-    values = json.loads(record)
-    for day in values["days"].values():
-        del day["unmapped"], day["told_apart"]
-    return record_json({key: value for key, value in values.items() if key != CHECKSUM})
-
-
 def test_unmapped_places_are_told_from_changed_ones(catalog: Catalog, folder: VersionFolder):
     Sightings(catalog.store).put(folder, hole(*range(9)), NOW)
     found = changes_of(Sightings(catalog.store).read(folder), with_grid=True)
@@ -109,34 +100,6 @@ def test_unmapped_places_are_told_from_changed_ones(catalog: Catalog, folder: Ve
     assert found["areas"][0]["first_seen"] == NOW.isoformat()
     assert (found["sightings"], found["told_apart"]) == (9, 9)
     assert found["grid"]["unmapped"] == found["grid"]["unexplained"] == [9] * 4
-
-
-def test_a_record_of_an_earlier_release_loses_nothing(catalog: Catalog, folder: VersionFolder):
-    """It does not know what was never mapped: all that the map does not explain is new, as it was then."""
-    part = SightingsRecord.of(hole(*range(9)), NOW)
-    catalog.store.put_new(f"{folder.key}/sightings/20260304t120000000000-0.json", as_before(part.to_json()))
-    found = changes_of(Sightings(catalog.store).read(folder), with_grid=True)
-    assert [area["kind"] for area in found["areas"]] == ["new"]
-    assert (found["sightings"], found["told_apart"]) == (9, 0)
-    assert found["grid"]["unexplained"] == [9] * 4
-    assert found["grid"]["unmapped"] == [0] * 4
-    assert Verification(catalog.store).run().findings == []
-    Sightings(catalog.store).put(folder, hole(*range(100, 131)), NOW + timedelta(days=1))
-    found = changes_of(Sightings(catalog.store).read(folder))
-    assert [area["kind"] for area in found["areas"]] == ["unmapped"], "the newest sightings decide"
-    assert (found["sightings"], found["told_apart"]) == (40, 31)
-
-
-def test_an_earlier_release_reads_the_counts_that_it_knows():
-    """As long as replicas of two releases share a store, none of them may take a record for damaged."""
-    told = Tally.sum([hole(*range(3)), tally(4)])
-    values = json.loads(SightingsRecord.of(told, NOW).to_json())
-    assert values["format"] == 1
-    (day,) = values["days"].values()
-    data = zlib.decompress(base64.b64decode(day["columns"]))
-    assert len(data) == day["rows"] * (8 + 1 + 4 * 4)
-    counts = np.frombuffer(data, "<u4", 4 * day["rows"], 9 * day["rows"]).reshape(4, -1).T
-    assert np.array_equal(counts, told.counts[:, :4])
 
 
 def test_many_parts_are_merged_and_count_once(catalog: Catalog, folder: VersionFolder):
@@ -212,11 +175,7 @@ def test_a_damaged_part_costs_itself_alone(catalog: Catalog, folder: VersionFold
         {"told_apart": 3},
         {"told_apart": None},
         {"told_apart": 1.0},
-        {"unmapped": ""},
-        {"unmapped": "!"},
-        {"unmapped": None},
-        {"unmapped": base64.b64encode(zlib.compress(bytes(7 * 4))).decode()},
-        {"unmapped": base64.b64encode(zlib.compress(b"\x02\0\0\0" * 8)).decode()},
+        {"columns": base64.b64encode(zlib.compress(bytes(7))).decode()},
     ],
 )
 def test_a_record_that_contradicts_itself_is_refused(damage: dict[str, Any]):

@@ -55,7 +55,7 @@ def test_a_stored_calibration_has_that_of_priors():
     stored = json.loads(json.dumps(CALIBRATION.to_mapping()))
     assert Calibration.from_mapping(stored) == CALIBRATION
     del stored["with_prior"]
-    assert Calibration.from_mapping(stored) == replace(CALIBRATION, with_prior=None), "of an older release"
+    assert Calibration.from_mapping(stored) == replace(CALIBRATION, with_prior=None)
     assert "with_prior" not in TAUGHT.to_mapping()
 
 

@@ -174,13 +174,6 @@ def test_a_calibration_is_read_from_its_mapping():
     assert fitted.cases == 200
     with_ties = fitted.with_ties_as_in(Calibration.fit(*cases(200, 4)))
     assert Calibration.from_mapping(json.loads(json.dumps(with_ties.to_mapping()))) == with_ties
-    earlier = fitted.to_mapping()
-    del earlier["among_tied"], earlier["alias_margin"], earlier["search_until"]
-    assert Calibration.from_mapping(earlier) == fitted
-    wide = Calibration.from_mapping({**earlier, "min_margin": 0.08})
-    assert wide.alias_margin == 0.08, "as all places tied"
-    strict = Calibration.from_mapping({**earlier, "min_probability": 0.999})
-    assert strict.search_until == 0.999, "its threshold ended the search"
     with pytest.raises(ValueError, match="fields"):
         Calibration.from_mapping({**fitted.to_mapping(), "among_tied": [1.0, 2.0]})
     for other in ({"nonsense": 1}, {"bias": -12.0, "inlier_ratio": 18.0, "margin": 8.0}):
@@ -210,14 +203,6 @@ def test_accepting_takes_overlap_margin_and_probability():
     assert calibration.accepts(doubtful, min_probability=0.0)
 
 
-def test_a_version_from_before_the_ranking_was_stored_has_the_numbers_of_its_time(tmp_path):
-    stored = EngineConfig().model_dump(mode="json")
-    del stored["ranking"]
-    (tmp_path / ENGINE_FILE).write_text(json.dumps(stored))
-    numbers = EngineConfig.load(tmp_path).ranking
-    assert (numbers.alignment_weight, numbers.removed_weight, numbers.max_margin) == (0.25, 0.04, 0.25)
-
-
 @pytest.mark.parametrize("name", RankingConfig.model_fields)
 def test_each_number_is_part_of_the_version(tmp_path, name):
     own = EngineConfig().model_dump(mode="json")
@@ -227,20 +212,10 @@ def test_each_number_is_part_of_the_version(tmp_path, name):
     (tmp_path / ENGINE_FILE).write_text(json.dumps(other))
     assert EngineConfig.load(tmp_path) != EngineConfig()
     assert Manifest({}, engine=other).digest != Manifest({}, engine=own).digest
-    if name.startswith("seen_free"):  # of a file that versions without these numbers do not have
-        return
     del other["ranking"][name]
     (tmp_path / ENGINE_FILE).write_text(json.dumps(other))
     with pytest.raises(IncompatibleVersion, match=f"{name}.*rebuild"):
         MapIndex.load(tmp_path)
-
-
-def test_a_version_from_before_seen_free_space_answers_with_its_own_numbers(tmp_path):
-    stored = EngineConfig().model_dump(mode="json")
-    del stored["ranking"]["seen_free_weight"], stored["ranking"]["seen_free_offset"]
-    stored["registration"]["fine_iterations"] = 12  # now the engine's
-    (tmp_path / ENGINE_FILE).write_text(json.dumps(stored))
-    assert EngineConfig.load(tmp_path) == EngineConfig()
 
 
 def test_a_version_with_a_number_more_needs_a_rebuild_too(tmp_path):

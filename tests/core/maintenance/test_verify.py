@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from datetime import timedelta
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from firstfix.catalog.uploads import parts
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.maintenance.repair import QUARANTINE, Repair
 from firstfix.maintenance.verify import Verification
-from firstfix.store.json_record import CHECKSUM, RecordKind
+from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
 from tests.core import fixtures
 from tests.frequent_snapshots import EVERY
@@ -267,17 +266,6 @@ def test_a_damaged_body_of_a_kept_query_is_found(store: Store, data: bytes | Non
     found = findings(store)
     assert found.keys() == {BODY}
     assert why in found[BODY]
-
-
-def test_a_kept_query_of_an_earlier_release_has_a_size_alone(store: Store):
-    record = json.loads(store.get(RECORD))
-    for name in (CHECKSUM, "body_sha256", "robot"):
-        del record["answer"][name]
-    store.put(RECORD, json.dumps(record).encode())
-    store.put(BODY, b"bodx")
-    assert findings(store) == {}, "nobody can tell"
-    store.put(BODY, b"bod")
-    assert findings(store).keys() == {BODY}
 
 
 @pytest.mark.parametrize(("upload_id", "size_bytes"), [("whole", 8), ("half", 9)])

@@ -12,6 +12,7 @@ from firstfix.builds.options import BuildOptions, ExitCode
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.manifest import Manifest
 from firstfix.maintenance.rebuild import rebuild
+from firstfix.store.json_record import record_json
 from firstfix.store.store import Store
 from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
@@ -250,7 +251,7 @@ def test_a_map_is_rebuilt_from_its_kept_source(tmp_path: Path):
 def test_a_damaged_record_delays_no_other_build(tmp_path: Path):
     store = Store.open(str(tmp_path / "store"))
     store.put("builds/a-broken-request/request.json", b"{")
-    store.put("builds/a-broken-status/request.json", b'{"map_id": "hall"}')
+    store.put("builds/a-broken-status/request.json", record_json({"map_id": "hall"}))
     store.put("builds/a-broken-status/status.json", b"")
     with building_service(tmp_path) as service:
         assert wait_until_ended(service, upload(service))["state"] == "succeeded"

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from firstfix.builds.attempts import BuildAttempts
 from firstfix.builds.records import FINAL_STATES, new_status
 from firstfix.catalog.catalog import Catalog
+from firstfix.store.json_record import record_json
 from firstfix.store.store import Store
 from firstfix_service.builds.nats.builds import MAX_AHEAD
 from firstfix_service.builds.queue import FairOrder, UnfinishedBuild, UnfinishedBuilds
@@ -132,7 +133,7 @@ def test_the_queue_skips_damaged_builds(record: bytes, name: str):
     assert [build.build_id for build in queue.find()] == ["b1", "b3"]
     assert metrics.registry.get_sample_value("firstfix_builds_waiting") == 2
     catalog.store.delete(f"builds/b2/{name}")
-    catalog.store.put("builds/b2/request.json", b'{"map_id": "hall"}')
+    catalog.store.put("builds/b2/request.json", record_json({"map_id": "hall"}))
     assert [build.build_id for build in queue.find()] == ["b1", "b2", "b3"], "once it is mended"
 
 

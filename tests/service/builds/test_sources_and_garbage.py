@@ -22,10 +22,10 @@ from firstfix.maintenance.rebuild import rebuild
 from firstfix.store.store import Store
 from firstfix_builder.job.fetch_source import SourceFetch
 from firstfix_service.auth.principal import Principal
-from firstfix_service.http_api.bodies.disk_space import DiskSpace
 from firstfix_service.http_api.bodies.form import FormFile
 from firstfix_service.http_api.bodies.submission import NamedUpload, Submission
 from firstfix_service.http_api.routes.maps import _record
+from firstfix_service.limits.disk_space import DiskSpace
 from tests.interleavings import Step, run_every_order, run_interleaved
 
 CONTENT = b"0 0 0\n1 1 1\n"

@@ -16,18 +16,11 @@ from fastapi.routing import iter_route_contexts
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix_service.app import create_app
-from firstfix_service.auth import turns
 from firstfix_service.auth.authenticate import Authenticator
-from firstfix_service.auth.turns import (
-    BURST_S,
-    MAX_PROBE_WAIT_S,
-    MAX_STRANGER_WAIT_S,
-    MAX_WAIT_S,
-    REQUESTS_PER_S,
-    Turns,
-)
 from firstfix_service.http_api.edge import needs_of
 from firstfix_service.http_server.streams import AnswerDelay
+from firstfix_service.limits.limits import Limits
+from firstfix_service.limits.turns import Turns
 from firstfix_service.settings import Settings
 from tests.service.access_world import CONSOLE, known, localize
 from tests.service.raw_connection import all_of, connect
@@ -87,13 +80,11 @@ def waiting(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     async def record(delay: AnswerDelay, seconds: float) -> bool:
         seen.append("begun")
-        lasted = await wait(delay, seconds)
+        lasted = await wait(delay, 1e6)
         seen.append("over" if lasted else "gone")
         return lasted
 
     monkeypatch.setattr(AnswerDelay, "wait", record)
-    for name in ("MAX_WAIT_S", "MAX_STRANGER_WAIT_S"):
-        monkeypatch.setattr(turns, name, 1e6)
     return seen
 
 
@@ -151,7 +142,7 @@ def test_a_stranger_waits_after_its_burst_and_others_do_not(slow: Service, held,
     assert not held
     refused = ask(slow, path, key, "192.0.2.1")
     assert refused.status_code in (200, 401, 404), "it is answered all the same"
-    assert held == [MAX_STRANGER_WAIT_S]
+    assert held == [Limits.max_unauthenticated_wait_s]
     ask(slow, path, key, "192.0.2.2")
     assert len(held) == 1, "another address"
     assert ask(slow, "/maps", robot, "192.0.2.1").is_success
@@ -173,7 +164,7 @@ def test_every_route_waits_before_its_work_when_its_caller_is_over_its_credit(
                 pass
         else:
             ask(slow, filled, flooder, method=method)
-        assert held == [MAX_WAIT_S], (method, path)
+        assert held == [Limits.max_wait_s], (method, path)
         assert len(worked) <= 1, "its permission is looked at after the wait"
     held.clear()
     assert ask(slow, "/maps", robot).is_success
@@ -237,16 +228,15 @@ def test_one_answer_to_250_connections_of_one_key_goes_before_that_of_another(
 def test_connections_of_one_caller_together_keep_to_the_rate():
     """Counts answers of a flood by a clock of its own: each connection asks as soon as it has its answer."""
     clock = Clock()
-    all_turns = Turns(clock)
-    credit = all_turns.credit_of("key:flooder")
+    rate = Turns(Limits(), clock).rate_of("key:flooder")
     asking = [(0.0, number) for number in range(250)]
     answered = 0
     while asking[0][0] < 60.0:
         clock.now, number = heapq.heappop(asking)
         answered += 1
-        heapq.heappush(asking, (clock.now + credit.take("key:flooder"), number))
-    assert answered <= REQUESTS_PER_S * (BURST_S + 60.0) + 250
-    assert credit.take("key:robot") == 0.0
+        heapq.heappush(asking, (clock.now + rate.take("key:flooder"), number))
+    assert answered <= Limits.requests_per_s * (Limits.request_burst_s + 60.0) + 250
+    assert rate.take("key:robot") == 0.0
 
 
 def test_a_query_within_its_rate_does_not_wait_and_its_refusals_do(tmp_path: Path, held):
@@ -265,26 +255,26 @@ def test_a_query_within_its_rate_does_not_wait_and_its_refusals_do(tmp_path: Pat
         for query in ("?map=none", "?map=hall&nonsense=1"):
             held.clear()
             assert localize(service, robot, query).is_client_error
-            assert held == [MAX_WAIT_S]
+            assert held == [Limits.max_wait_s]
 
 
 def test_without_credentials_callers_are_addresses(tmp_path: Path, held):
     with running_service(tmp_path, requests_per_s=1e-3, trusted_proxies=PROXY, zenoh=False) as service:
         for _ in range(2):
             assert ask(service, "/sensors", None, "192.0.2.1").is_success
-        assert held == [MAX_WAIT_S]
+        assert held == [Limits.max_wait_s]
         assert ask(service, "/sensors", None, "192.0.2.2").is_success
-        assert held == [MAX_WAIT_S]
+        assert held == [Limits.max_wait_s]
 
 
 def test_probes_wait_for_a_short_time_alone(slow: Service, held):
     for _ in range(3):
         ask(slow, "/nothing", None)
-    assert set(held) == {MAX_STRANGER_WAIT_S}
+    assert set(held) == {Limits.max_unauthenticated_wait_s}
     held.clear()
     for _ in range(3):
         assert ask(slow, "/healthz", None).is_success
-    assert set(held) == {MAX_PROBE_WAIT_S}
+    assert set(held) == {Limits.max_probe_wait_s}
 
 
 def test_a_stranger_that_waits_gives_its_place_to_another(tmp_path: Path, waiting):

@@ -15,9 +15,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from firstfix_service.http_server import connections
-from firstfix_service.http_server import protocol as http_protocol
-from firstfix_service.http_server.connections import ConnectionLimits
+from firstfix_service.limits import connections
+from firstfix_service.limits.limits import Limits
 from firstfix_service.settings import Settings
 from tests.service.access_world import give
 from tests.service.service_world import (
@@ -34,14 +33,19 @@ from tests.waiting import LIMIT_S, let_pass, wait_until
 pytestmark = pytest.mark.slow
 
 GET = b"GET /healthz HTTP/1.1\r\nHost: x\r\n"
-SHORT = {"head_timeout_s": 0.5, "keep_alive_s": 0.5, "body_timeout_s": 0.5, "answer_timeout_s": 0.5}
+SHORT = {
+    "head_timeout_s": 0.5,
+    "keep_alive_s": 0.5,
+    "body_timeout_s": 0.5,
+    "answer_timeout_s": 0.5,
+    "linger_s": 0.5,
+}
 DRIP_S = 0.1
 OTHER_ADDRESS = "127.0.0.9"
 
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(http_protocol, "LINGER_S", 0.5)
     monkeypatch.setattr(connections, "CHECK_S", 0.1)
 
 
@@ -208,8 +212,8 @@ def test_the_health_finds_a_place_among_callers_that_are_all_being_served(tmp_pa
 
 def test_places_follow_from_the_limit_of_open_files():
     def places(open_files: int) -> tuple[int, int]:
-        limits = ConnectionLimits.of(Settings(store="memory://"), open_files)
-        return limits.total, limits.per_address
+        limits = Limits.of(Settings(store="memory://"), open_files)
+        return limits.max_connections, limits.max_connections_per_address
 
     assert places(256) == (112, 56)
     assert places(1024) == (752, 256)

@@ -7,7 +7,7 @@ import socket
 import pytest
 
 from firstfix_service.http_api.event_stream import EventStreams
-from firstfix_service.http_server import connections
+from firstfix_service.limits import connections
 from tests.service.raw_connection import all_of, connect
 from tests.service.service_world import SCAN_BODY, XYZ, Service, serving
 from tests.waiting import LIMIT_S, let_pass, wait_until

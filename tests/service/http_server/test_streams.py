@@ -10,9 +10,11 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
-from firstfix_service.http_server.connections import ConnectionLimits, Connections, client_address
 from firstfix_service.http_server.protocol import LimitedHttpProtocol
 from firstfix_service.http_server.streams import PIECE_BYTES, ReadingPace, in_pieces
+from firstfix_service.limits.addresses import client_address
+from firstfix_service.limits.connections import Connections
+from firstfix_service.limits.limits import Limits
 from firstfix_service.settings import Settings
 
 REQUEST = b"%s / HTTP/1.1\r\nHost: x\r\nContent-Length: 0\r\n\r\n"
@@ -62,7 +64,7 @@ def writes(*received: bytes, wait_between: bool = False, pieces: list[bytes] = P
     async def exchange() -> list[bytes]:
         config = uvicorn.Config(app, log_config=None, access_log=False, proxy_headers=False, lifespan="off")
         config.load()
-        connections = Connections(ConnectionLimits.of(Settings(store="memory://")), (), lambda why: None)
+        connections = Connections(Limits.of(Settings(store="memory://")), (), lambda why: None)
         protocol = LimitedHttpProtocol(config, ServerState(), {}, connections=connections)
         transport = Recorded()
         protocol.connection_made(transport)
@@ -186,7 +188,7 @@ LARGE = 4_000_000
 
 def is_cut_off(size_bytes: int, taken_per_s: float, seconds: int = 600) -> bool:
     """Returns whether a caller is too slow that takes an answer in at an even pace."""
-    pace = ReadingPace(ANSWER_S)
+    pace = ReadingPace(Limits(answer_timeout_s=ANSWER_S))
     pace.begin(size_bytes, 0)
     pace.wrote(size_bytes)
     pace.paused(0.0)
@@ -205,7 +207,7 @@ def test_the_pace_grows_with_the_answer():
 
 
 def test_a_pause_for_each_piece_does_not_begin_the_measurement_anew():
-    pace, piece, now = ReadingPace(ANSWER_S), 65_536, 0.0
+    pace, piece, now = ReadingPace(Limits(answer_timeout_s=ANSWER_S)), 65_536, 0.0
     pace.begin(LARGE, 0)
     for _ in range(3):
         pace.wrote(piece)
@@ -218,7 +220,7 @@ def test_a_pause_for_each_piece_does_not_begin_the_measurement_anew():
 
 
 def test_only_time_without_progress_of_the_caller_counts():
-    pace = ReadingPace(ANSWER_S)
+    pace = ReadingPace(Limits(answer_timeout_s=ANSWER_S))
     pace.begin(0, 0)
     for hour in range(10):  # a stream of events
         pace.wrote(100)
@@ -229,7 +231,7 @@ def test_only_time_without_progress_of_the_caller_counts():
 
 
 def test_unsent_bytes_of_an_earlier_answer_do_not_count():
-    pace = ReadingPace(ANSWER_S)
+    pace = ReadingPace(Limits(answer_timeout_s=ANSWER_S))
     pace.begin(1000, 60_000)
     pace.wrote(1000)
     pace.paused(0.0)

@@ -12,11 +12,12 @@ import pytest
 
 from firstfix.answer.localization import Verdict
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, WorkerLost
+from firstfix_service.limits.asker import Asker
+from firstfix_service.limits.limits import Limits
 from firstfix_service.localize import query_gate
 from firstfix_service.localize.query_gate import MAX_RETRY_AFTER_S, AskWorker, QueryGate
-from firstfix_service.localize.slow_share import SLOW_S
 from firstfix_service.query_workers.base import QueryWorkerDied
-from firstfix_service.query_workers.query import Asker, EncodedAnswer, Query
+from firstfix_service.query_workers.query import EncodedAnswer, Query
 from tests.waiting import let_pass, wait_until_async
 
 
@@ -67,7 +68,7 @@ def with_gate(
     up: int | None = None,
 ) -> None:
     async def run() -> None:
-        gate = QueryGate(workers, queue_size, 1 << 20)
+        gate = QueryGate(Limits(workers=workers, queue_size=queue_size))
         for _ in range(workers if up is None else up):
             gate.add_worker(Worker())
         try:
@@ -214,7 +215,7 @@ def test_a_slow_map_leaves_a_worker_to_the_others():
     async def test(gate: QueryGate) -> None:
         tasks = Tasks(gate)
         tasks.may_end.set()
-        await tasks.ask("slow", seconds=SLOW_S * 1.2)
+        await tasks.ask("slow", seconds=Limits.slow_query_s * 1.2)
         await tasks.ask("quick")
         tasks.may_end.clear()
         slow = [tasks.ask("slow") for _ in range(3)]
@@ -232,7 +233,7 @@ def test_a_slow_map_alone_has_every_worker():
     async def test(gate: QueryGate) -> None:
         tasks = Tasks(gate)
         tasks.may_end.set()
-        await tasks.ask("slow", seconds=SLOW_S * 1.2)
+        await tasks.ask("slow", seconds=Limits.slow_query_s * 1.2)
         tasks.may_end.clear()
         slow = [tasks.ask("slow") for _ in range(3)]
         await wait_until_async(lambda: len(tasks.begun) == 3)
@@ -366,13 +367,13 @@ def test_a_query_that_lost_its_worker_goes_first():
     async def test(gate: QueryGate) -> None:
         first = Worker(deaths=1)
         gate.add_worker(first)
-        bereaved = asyncio.ensure_future(gate.run(Asker("robot", "a"), ready(), asks))
+        waits = asyncio.ensure_future(gate.run(Asker("robot", "a"), ready(), asks))
         await wait_until_async(lambda: first.asked)
         tasks = Tasks(gate)
         other = tasks.ask("a", caller="other")
         await wait_until_async(lambda: gate.admitted == 2)
         gate.add_worker(Worker())
-        assert await bereaved is ANSWER
+        assert await waits is ANSWER
         tasks.may_end.set()
         await other
 

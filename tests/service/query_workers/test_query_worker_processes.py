@@ -24,6 +24,7 @@ from firstfix.engine.warm_up import VIEWPOINTS
 from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, TooLarge
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
+from firstfix_service.limits.limits import Limits
 from firstfix_service.localize.query_gate import AskWorker, QueryGate
 from firstfix_service.query_workers.processes import QueryWorkerProcesses
 from firstfix_service.query_workers.protocol import INLINE_BYTES
@@ -66,7 +67,7 @@ class Answering:
         self.loop.call_soon_threadsafe(self.loop.stop)
 
     async def _gate(self, count: int) -> QueryGate:
-        return QueryGate(count, 8, 1 << 26)
+        return QueryGate(Limits(workers=count, queue_size=8))
 
     async def _answer(self, query: Query) -> EncodedAnswer:
         async def work(ask: AskWorker, _: Any, waited_s: float) -> EncodedAnswer:

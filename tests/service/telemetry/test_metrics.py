@@ -23,7 +23,7 @@ from firstfix.errors import StoreUnavailable, all_errors
 from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
 from firstfix_service.builds.runner import STAGE_LABELS, count_build
-from firstfix_service.http_server.connections import EndReason
+from firstfix_service.limits.connections import EndReason
 from firstfix_service.telemetry.metered_store import OPERATIONS, metered
 from firstfix_service.telemetry.metrics import Metrics
 from tests.service.service_world import (

@@ -17,8 +17,9 @@ import zenoh
 from firstfix.answer.localization import Verdict
 from firstfix.scan.scan import Scan
 from firstfix_client import ZenohClient
+from firstfix_service.limits.limits import Limits
 from firstfix_service.zenoh_api import endpoint
-from firstfix_service.zenoh_api.replies import MOST_PER_CALLER, MOST_THREADS, ReplyThreads
+from firstfix_service.zenoh_api.replies import ReplyThreads
 from tests.servers import free_port
 from tests.service.service_world import publish, running_service, served
 from tests.service.zenoh_world import running_router
@@ -123,12 +124,12 @@ class Asked:
 def test_replies_that_wait_hold_up_no_others():
     reads = threading.Event()
     replies = ReplyThreads()
-    waiting = [Asked(reads) for _ in range(MOST_THREADS - 1)]
+    waiting = [Asked(reads) for _ in range(Limits.max_replies - 1)]
     sent = [replies.send(one, one.reply, "frozen") for one in waiting]
     other = Asked()
     replies.send(other, other.reply, "robot").result(LIMIT_S)
     assert other.is_ended.is_set()
-    assert len(replies) == MOST_THREADS - 1
+    assert len(replies) == Limits.max_replies - 1
     assert not any(one.done() for one in sent)
     reads.set()
     for one in sent:
@@ -140,7 +141,7 @@ def test_replies_that_wait_hold_up_no_others():
 def test_a_caller_has_at_most_half_of_the_threads():
     reads = threading.Event()
     replies = ReplyThreads()
-    for _ in range(MOST_PER_CALLER):
+    for _ in range(Limits.max_replies_per_caller):
         assert not replies.is_full_for("frozen")
         one = Asked(reads)
         replies.send(one, one.reply, "frozen")

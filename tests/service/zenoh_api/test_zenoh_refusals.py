@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from firstfix_service.auth.turns import MAX_STRANGER_WAIT_S, MAX_WAIT_S
+from firstfix_service.limits.limits import Limits
 from firstfix_service.zenoh_api import refusals
 from tests.service.access_world import ask_zenoh, get, known
 from tests.service.service_world import SCAN_BODY, Service, publish, running_service
@@ -83,7 +83,7 @@ def test_refusals_wait_after_the_burst_and_answers_do_not(slow: Service, held):
     assert code_of(slow, robot, "none") == "not_found"
     assert not held, "within its credit"
     assert code_of(slow, robot, "none") == "not_found"
-    assert held == [MAX_WAIT_S]
+    assert held == [Limits.max_wait_s]
     assert code_of(slow, robot) == ""
     assert len(held) == 1, "a queue has given it its turn"
     assert code_of(slow, other, "none") == "not_found"
@@ -101,21 +101,21 @@ def test_each_kind_of_refusal_counts(slow: Service, held):
     held.clear()
     assert code_of(slow, reader) == code_of(slow, elsewhere) == "forbidden"
     assert code_of(slow, robot, "none") == "not_found"
-    assert held == [MAX_WAIT_S] * 3
+    assert held == [Limits.max_wait_s] * 3
 
 
 def test_the_credit_is_that_of_http(slow: Service, held):
     robot = known(slow, "localize")
     assert get(slow, "/maps", robot).is_success
     code_of(slow, robot, "none")
-    assert held == [MAX_WAIT_S]
+    assert held == [Limits.max_wait_s]
 
 
 def test_strangers_count_together(slow: Service, held):
     assert code_of(slow, None) == "unauthorized"
     assert not held
     assert code_of(slow, "wrong") == "unauthorized"
-    assert held == [MAX_STRANGER_WAIT_S]
+    assert held == [Limits.max_unauthenticated_wait_s]
     assert code_of(slow, known(slow, "localize")) == ""
 
 
@@ -139,7 +139,7 @@ def test_waiting_refusals_take_no_places_and_bounded_memory(slow: Service, waiti
 def test_only_some_refusals_of_a_flooding_caller_wait(
     slow: Service, waiting, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(refusals, "MOST_WAITING", 3)
+    monkeypatch.setattr(Limits, "max_waiting_refusals", 3)
     robot = known(slow, "localize")
     code_of(slow, robot, "none")
     with ThreadPoolExecutor(3) as threads:

@@ -11,20 +11,24 @@ from typing import Any, TypeVar
 
 import httpx
 
+from ..steps.http import HttpSteps
 from ..steps.http_sender import outcome_of_error, outcome_of_response
 from ..steps.step import Emit, NextLine, Outcome, Sleep, Steps, Try, Work, advance, too_late
 
 T = TypeVar("T")
 
 
-class AsyncHttp:
-    """Performs steps in the event loop. A cancelled call closes its connection.
+class AsyncService:
+    """A service over HTTP, as ``BlockingService``. A cancelled call closes its connection.
 
     Args:
         transport: replaces the network in tests.
     """
 
-    def __init__(self, headers: Mapping[str, str], transport: httpx.AsyncBaseTransport | None) -> None:
+    def __init__(
+        self, steps: HttpSteps, headers: Mapping[str, str], transport: httpx.AsyncBaseTransport | None
+    ) -> None:
+        self.steps = steps
         self._http = httpx.AsyncClient(headers=headers, transport=transport, follow_redirects=False)
 
     async def close(self) -> None:
@@ -38,7 +42,7 @@ class AsyncHttp:
             pass
         return result[0]
 
-    async def iterate(self, steps: Steps[None]) -> AsyncGenerator[Any, None]:
+    async def items(self, steps: Steps[None]) -> AsyncGenerator[Any, None]:
         """Performs a call and yields its items."""
         async for item in self._perform(steps, []):
             yield item

@@ -224,11 +224,7 @@ def _lines(response: httpx.Response) -> Iterator[str]:
 
 
 class BlockingService:
-    """A service over HTTP: the steps of its calls, and their blocking driver.
-
-    Attributes:
-        steps: all calls, to be passed to ``run`` or ``items``.
-    """
+    """A service over HTTP: the ``steps`` of its calls, and what performs them."""
 
     def __init__(
         self, steps: HttpSteps, headers: Mapping[str, str], transport: httpx.BaseTransport | None

@@ -2,7 +2,7 @@
 
 Every call of the clients is written once, as a generator. It yields a step, and the driver sends back the
 step's result. Drivers (``drivers.blocking``, ``drivers.async_http``) use sockets, threads and event loops.
-Steps do not.
+Steps do not: the design is known as *sans-I/O*.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from enum import Enum
 from typing import Any
 
 from ...ids import check_version
-from ...store.json_record import CHECKSUM, record_json, text_of, whole_number_of
+from ...store.json_record import record_json, text_of, whole_number_of
 
 HISTORY = 200  # newest entries that a state keeps
 MARKS = 1000  # entries that a state keeps because they are the last of their event, version and build
@@ -66,14 +66,12 @@ class LogEntry:
         if datetime.fromisoformat(time).tzinfo is None:
             raise ValueError("its time has no zone")
         event, version = text_of(record, "event"), check_version(text_of(record, "version"))
-        build_id, writer = text_of(record, "build_id", ""), text_of(record, "writer", "")
-        generation = whole_number_of({"generation": 0, **record}, "generation")
         known = {one.value: one for one in Event}
         if event not in known:
-            if CHECKSUM not in record:
-                raise ValueError(f"there is no event {event[:80]!r}")
-            return None  # a later release, whose entries have checksums
-        provisional = record.get("provisional", False)
+            return None  # of a later release
+        build_id, writer = text_of(record, "build_id"), text_of(record, "writer")
+        generation = whole_number_of(record, "generation")
+        provisional = record["provisional"]
         if type(provisional) is not bool:
             raise TypeError("provisional is no boolean")
         return cls(seq, known[event], version, time, build_id, writer, generation, provisional)

@@ -13,16 +13,13 @@ import numpy as np
 
 from ...engine.changes.areas import newest_first
 from ...engine.changes.cells import CELL_M, SLOTS, SPOT_M
-from ...engine.changes.tally import KINDS, UNMAPPED, Tally
+from ...engine.changes.tally import KINDS, Tally
 from ...store.json_record import record_json, text_of, texts_of, whole_number_of
 
-FORMAT = 1
+FORMAT = 2
 MAX_ROWS = 2_000_000  # of all days of a record together
 _DTYPES = ("<i8", "u1", "<u4")  # of cell, slot and counts
-# Counts that earlier releases have, too, and know by their place. What came later is packed by itself: they
-# do not read it, and of their records nobody knows what was never mapped.
-_FIRST = UNMAPPED
-_ROW_BYTES = 8 + 1 + 4 * _FIRST
+_ROW_BYTES = 8 + 1 + 4 * len(KINDS)
 
 
 @dataclass(frozen=True)
@@ -92,7 +89,6 @@ class SightingsRecord:
                 "rows": len(day.tally),
                 "columns": _packed(day.tally),
                 "told_apart": day.tally.told_apart,
-                "unmapped": _text(day.tally.counts[:, UNMAPPED].astype("<u4").tobytes()),
             }
             for name, day in self.days.items()
         }
@@ -131,8 +127,8 @@ _GRID = {"cell_m": CELL_M, "spot_m": SPOT_M, "slots": SLOTS}
 
 
 def _packed(tally: Tally) -> str:
-    """The first columns of a tally as text. Differences of sorted keys are small: they pack well."""
-    columns = np.diff(tally.cell, prepend=0), tally.slot, tally.counts[:, :_FIRST].T
+    """The columns of a tally as text. Differences of sorted keys are small: they pack well."""
+    columns = np.diff(tally.cell, prepend=0), tally.slot, tally.counts.T
     return _text(
         b"".join(
             np.ascontiguousarray(column, dtype).tobytes()
@@ -151,13 +147,9 @@ def _tally_of(day: Mapping[str, Any]) -> Tally:
     data = _bytes_of(text_of(day, "columns"), rows * _ROW_BYTES)
     cell = np.cumsum(np.frombuffer(data, "<i8", rows))
     slot = np.frombuffer(data, np.uint8, rows, 8 * rows)
-    counts = np.zeros((rows, len(KINDS)), np.uint32)
-    counts[:, :_FIRST] = np.frombuffer(data, "<u4", _FIRST * rows, 9 * rows).reshape(_FIRST, rows).T
-    told_apart = 0
-    if "unmapped" in day:
-        counts[:, UNMAPPED] = np.frombuffer(_bytes_of(text_of(day, "unmapped"), 4 * rows), "<u4", rows)
-        told_apart = whole_number_of(day, "told_apart")
-    tally = Tally(whole_number_of(day, "sightings"), cell, slot.copy(), counts, told_apart)
+    counts = np.frombuffer(data, "<u4", len(KINDS) * rows, 9 * rows).reshape(len(KINDS), rows).T.copy()
+    sightings, told_apart = whole_number_of(day, "sightings"), whole_number_of(day, "told_apart")
+    tally = Tally(sightings, cell, slot.copy(), counts, told_apart)
     tally.check()
     return tally
 

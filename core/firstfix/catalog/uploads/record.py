@@ -36,7 +36,7 @@ class UploadRecord:
         Raises:
             KeyError, TypeError, ValueError, InvalidOption: it is not the record of an upload.
         """
-        sha256, owner = record["sha256"], record.get("owner")
+        sha256, owner = record["sha256"], record["owner"]
         return cls(
             whole_number_of(record, "size_bytes"),
             text_of(record, "file_name"),

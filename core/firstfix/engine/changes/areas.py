@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..false_accept_bound import upper_bound
 from .cells import SLOTS, box_of, cells_of_keys
 from .tally import UNEXPLAINED, UNMAPPED, Tally
-from .unmapped import FEWEST_CELLS, groups_of, unmapped_of
+from .unmapped import MIN_CELLS, groups_of, unmapped_of
 
 MIN_SHARE = 0.3  # of the spots that see a cell: more of them say that it has changed
 MIN_SPOTS = 4  # that have a vote about a cell
@@ -133,7 +133,7 @@ def find_areas(tally: Tally, min_share: float = MIN_SHARE) -> list[Area]:
         group = groups_of(cells_of_keys(votes.cell[rows]))
         for number in range(int(group.max()) + 1):
             part = rows[group == number]
-            if changed[part].sum() >= FEWEST_CELLS:
+            if changed[part].sum() >= MIN_CELLS:
                 found += _areas_of_group(kind, votes, part, tally)
     return sorted(
         found, key=lambda area: (area.kind == "unmapped", -len(area.cells), area.kind, area.cells[0].tolist())

@@ -24,7 +24,7 @@ from .cells import CELL_M, Spot, cells_of, keys_of, spot_of
 
 TOLERANCE_M, TOLERANCE = 0.2, 0.02  # along a ray, for the errors of map, pose and range
 FINE_COLUMNS, COARSE_COLUMNS = 360, 180  # directions around the sensor; near it the coarse ones are compared
-FEWEST = 2  # points or returns of a cell that must agree: one alone may be a stray
+MIN_AGREEING = 2  # points or returns of a cell that must agree: one alone may be a stray
 GONE_SHARE = 0.3  # of the mapped points of a cell that show: its floor stays where a rack has left
 NEW_SHARE = 0.03  # of the rays at a cell: most of them pass through a shelf, or beside it
 FREE_SHARE = 0.2  # of the new returns of a cell: the rays of a mapping run leave gaps in what it saw
@@ -149,17 +149,17 @@ def sighting_in(compared: Comparison, T_map_sensor: Matrix) -> Sighting:
         CELL_M,
     )
     through, confirmed, ends, passing = counts.T
-    is_gone = (through >= FEWEST) & (through >= GONE_SHARE * (through + confirmed))
+    is_gone = (through >= MIN_AGREEING) & (through >= GONE_SHARE * (through + confirmed))
     keys = block.keys(cells)
-    is_unexplained = (ends >= FEWEST) & (ends >= NEW_SHARE * (ends + passing))
+    is_unexplained = (ends >= MIN_AGREEING) & (ends >= NEW_SHARE * (ends + passing))
     unexplained = keys[is_unexplained]
     unseen = _at(unexplained, transform_points(T_map_sensor, compared.unmapped))
     return Sighting(
         spot_of(T_map_sensor[:3, 3]),
-        keys[(confirmed >= FEWEST) & ~is_gone],
+        keys[(confirmed >= MIN_AGREEING) & ~is_gone],
         keys[is_gone],
         unexplained,
-        keys[(passing >= FEWEST) & (ends == 0)],
+        keys[(passing >= MIN_AGREEING) & (ends == 0)],
         unexplained[unseen > (1 - FREE_SHARE) * ends[is_unexplained]],
         compared.is_told_apart,
     )

@@ -13,7 +13,7 @@ from .sighting import Sighting
 
 KINDS = ("confirmed", "contradicted", "unexplained", "free", "unmapped")  # the last of the unexplained ones
 UNEXPLAINED, UNMAPPED = KINDS.index("unexplained"), KINDS.index("unmapped")
-_MOST = np.iinfo(np.uint32).max
+_MAX_COUNT = np.iinfo(np.uint32).max
 
 
 @dataclass(frozen=True)
@@ -100,4 +100,4 @@ def _summed(
     cell, slot = cell[order], slot[order]
     first = np.flatnonzero(np.r_[True, (cell[1:] != cell[:-1]) | (slot[1:] != slot[:-1])])
     total = np.add.reduceat(counts[order].astype(np.uint64), first, axis=0)
-    return cell[first], slot[first], np.minimum(total, _MOST).astype(np.uint32)
+    return cell[first], slot[first], np.minimum(total, _MAX_COUNT).astype(np.uint32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-FEWEST_CELLS = 3  # of an area: one cell may be an error of all poses on one side
+MIN_CELLS = 3  # of an area: one cell may be an error of all poses on one side
 UNMAPPED_SHARE = 0.5  # of those who did not explain a cell: more of them say that it was never seen
 
 
@@ -24,7 +24,7 @@ def groups_of(cells: NDArray[np.int64]) -> NDArray[np.int32]:
 def unmapped_of(cells: NDArray[np.int64], share: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(n,) which of (n, 3) unexplained cells were never mapped.
 
-    A part of under FEWEST_CELLS takes the kind of the cells that it touches: few rays meet an edge.
+    A part of under MIN_CELLS takes the kind of the cells that it touches: few rays meet an edge.
 
     Args:
         share: (n,) 0..1, of those who did not explain a cell and say that it was never seen.
@@ -37,7 +37,7 @@ def unmapped_of(cells: NDArray[np.int64], share: NDArray[np.float64]) -> NDArray
         rows = np.flatnonzero(is_unmapped == kind)
         if len(rows):
             size = _sizes(cells[rows])
-            is_unmapped[rows[(size < FEWEST_CELLS) & (size < whole[rows])]] = not kind
+            is_unmapped[rows[(size < MIN_CELLS) & (size < whole[rows])]] = not kind
     return is_unmapped
 
 

@@ -30,7 +30,7 @@ from .place_findings import mounting_finding, reasons_found
 from .viewpoint import best_viewpoint, is_elsewhere, is_even, is_map_origin, is_suspect
 
 FLAT = 0.01  # plane ratio of a 2-D LiDAR's scan
-MOST_TIME = 2.0  # of the other forms, over that of the query
+MAX_TIME = 2.0  # of the other forms, over that of the query
 _FITS_FROM = 0.85  # inlier ratio of places that tie; poorer ones tie because nothing fits
 _SLOWER = 1.5  # than the forms before it, at worst
 
@@ -66,7 +66,7 @@ class AskedQuery:
 
     @cached_property
     def part(self) -> NDArray[np.float32]:
-        """A part of the scan's points, (m, 3): enough for its facts and for a glance at its viewpoint."""
+        """A part of the scan's points, (m, 3): enough for its facts and to probe its viewpoint."""
         return at_most(self.scan.points, MEASURED)
 
     @property
@@ -118,7 +118,7 @@ def _fits_as_sent(answer: Localization) -> bool:
 def _wrong_frame(answer: Localization, query: AskedQuery, facts: ScanFacts) -> Finding | None:
     """The finding that the scan was not taken from its own origin.
 
-    A localized scan gets a glance; the search is for suspects, for a pose at the map's own origin, and for
+    A localized scan is probed; the search is for suspects, for a pose at the map's own origin, and for
     what was not localized.
     """
     if query.prepared is None or not query.is_single or not isinstance(query.scan, Scan):
@@ -168,7 +168,7 @@ def _by_other_forms(answer: Localization, query: AskedQuery, watch: Stopwatch) -
     sent_ratio = 0.0 if quality is None else quality.inlier_ratio
     height_m = query.prepared.scans[-1].height_m
     start = time.monotonic()
-    end = min(start + MOST_TIME * (start - query.began), watch.deadline)
+    end = min(start + MAX_TIME * (start - query.began), watch.deadline)
     longest_s = 0.0
     for form in other_forms(query.scan, query.options, height_m, query.usual_height_m):
         began = time.monotonic()

@@ -18,12 +18,12 @@ MEASURED = 500  # points: each is a miss of the processor's cache
 RING_BIN_DEG = 0.1
 ONE_RING_DEG = 1.0
 SHARP_M = 3.0  # from here, a centimetre is 0.2 degrees at most
-MOST_RINGS = 160
+MAX_RINGS = 160
 WHOLE = 0.7  # of the decimetres in x, the whole metres: intensities 0.97 at least, right scans 0.22 at most
-LEAST_LEVELS = 10  # of an intensity: fewer are chance
+MIN_LEVELS = 10  # of an intensity: fewer are chance
 _DECIMETRES = 10.0  # in a metre
 OFF_LINE = 0.3  # of points on a line; of right scans it is 0.4 at least, of arrays (3, n) 0.21 at most
-_LEAST = 10  # points: fewer have no shape
+_MIN_POINTS = 10  # points: fewer have no shape
 _FILLED = 0.5  # of the bins between the lowest and the highest point: with more, they are in no rings
 _BINS = np.degrees(1.0) / RING_BIN_DEG  # of the sine, from 0 to 1: towards the poles they are wider
 
@@ -58,7 +58,7 @@ def facts_of(
         median_m,
         float(range_m.max()),
         rings_of(part[:, 2], range_m),
-        plane_ratio_of(part) if len(part) >= _LEAST else None,
+        plane_ratio_of(part) if len(part) >= _MIN_POINTS else None,
         None if scan.time_s is None or not len(scan.time_s) else float(np.ptp(scan.time_s)),
     )
 
@@ -70,14 +70,14 @@ def rings_of(z_m: NDArray[np.float32], range_m: NDArray[np.float32]) -> int | No
     """
     far = range_m >= SHARP_M
     sine = z_m[far] / range_m[far]
-    if len(sine) < _LEAST:
+    if len(sine) < _MIN_POINTS:
         return None
     filled = np.flatnonzero(np.bincount((sine * _BINS + (_BINS + 1)).astype(np.int64)))
     span = int(filled[-1] - filled[0]) + 1
     if span <= ONE_RING_DEG / RING_BIN_DEG:
         return 1
     rings = 1 + int(np.count_nonzero(np.diff(filled) > 1))
-    return rings if len(filled) <= _FILLED * span and rings <= MOST_RINGS else None
+    return rings if len(filled) <= _FILLED * span and rings <= MAX_RINGS else None
 
 
 def plane_ratio_of(points: NDArray[np.float32]) -> float:
@@ -120,7 +120,7 @@ def _has_whole_metres_only(values_m: NDArray[np.float32]) -> bool:
     Each decimetre counts once: a wall at a whole distance has many points, and says nothing.
     """
     decimetres = np.unique(np.rint(values_m * _DECIMETRES))
-    return len(decimetres) >= LEAST_LEVELS and float(np.mean(decimetres % _DECIMETRES == 0)) > WHOLE
+    return len(decimetres) >= MIN_LEVELS and float(np.mean(decimetres % _DECIMETRES == 0)) > WHOLE
 
 
 def eigenvalue_bounds(matrix: Sequence[Sequence[float]]) -> tuple[float, float]:

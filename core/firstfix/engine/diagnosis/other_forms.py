@@ -25,7 +25,7 @@ LEAST_SCALE, MOST_SCALE = 0.01, 100.0  # by the height above the floor
 _SAME_SCALE = 0.03
 _SCALE_TEXT = ", as from {}"
 _FITS_TEXT = "with them the scan fits (inliers {inlier_ratio:.2f} against {inlier_ratio_as_sent:.2f})"
-_MOST_TURN = 2 * np.pi + 0.01
+_MAX_TURN = 2 * np.pi + 0.01
 _DEGREES = 360.0
 
 Numbers = Mapping[str, float]
@@ -89,7 +89,7 @@ def from_polar(points: NDArray[np.float32]) -> NDArray[np.float32] | None:
     spans = float(np.abs(azimuth).max()), float(np.abs(elevation).max())
     if float(range_m.min()) < 0 or spans[0] > _DEGREES or spans[1] > 90:
         return None
-    if spans[0] > _MOST_TURN or spans[1] > np.pi / 2 + 0.01:
+    if spans[0] > _MAX_TURN or spans[1] > np.pi / 2 + 0.01:
         azimuth, elevation = np.radians(azimuth), np.radians(elevation)
     level_m = range_m * np.cos(elevation)
     return np.column_stack(

@@ -21,8 +21,8 @@ from ...scan.reduction import COLUMNS, ROWS, at_most, cells_of
 from ...transform import Matrix
 
 POINTS = 2000
-GLANCE_M = 4.0  # from the origin, towards the middle of the points
-SUSPECT = 1.06  # directions at a glance, against those from the origin
+PROBE_M = 4.0  # from the origin, towards the middle of the points
+SUSPECT = 1.06  # directions from a probed place, against those from the origin
 MORE = 1.2  # directions from the best viewpoint, against those from the origin: with fewer, none is better
 ELSEWHERE = 1.1  # evidence, where no pose is lost by it, or that of the map's own origin
 ELSEWHERE_DESPITE_POSE = 2.0  # of right scans without a pose it is 1.6 at most
@@ -75,14 +75,14 @@ class Viewpoint:
 def is_suspect(part: NDArray[np.float32]) -> bool:
     """Returns whether some hundred (n, 3) points lie in more directions seen from elsewhere.
 
-    It is a glance, for every scan.
+    It is a quick probe, for every scan.
     """
     enough = SUSPECT * _directions(part, np.zeros(3, np.float32))
     middle = _middle(part)
     if _directions(part, middle) > enough:
         return True
     level_m = max(float(np.hypot(middle[0], middle[1])), 1e-3)
-    return _directions(part, middle * (GLANCE_M / level_m, GLANCE_M / level_m, 0)) > enough
+    return _directions(part, middle * (PROBE_M / level_m, PROBE_M / level_m, 0)) > enough
 
 
 def best_viewpoint(points: NDArray[np.float32]) -> Viewpoint:

@@ -18,13 +18,13 @@ from ..registered_candidate import RegisteredCandidate
 from .outlook import FieldOfView, Outlook
 from .ways import SHORT_WAY_M, WAYS_M, Floor, free_lengths, goals_at
 
-MOST_COMPARED = 3
+MAX_COMPARED = 3
 RIVAL_SHARE = 0.1  # of the first hypothesis's probability; a less probable one does not count
 ENOUGH = 0.2  # separation at which the search ends
-LEAST = 0.01  # separation of a hint
+MIN_SEPARATION = 0.01  # separation of a hint
 CLEARLY = 0.005  # by which a longer way must be better
 TURNS_DEG = (60.0, -60.0, 120.0, -120.0, 180.0)
-MOST_MOVES = 24
+MAX_MOVES = 24
 LIKELY = 1e-3  # is added to every probability: an improbable hypothesis may still be right
 
 
@@ -82,7 +82,7 @@ def find_hint(
         number
         for number, share in enumerate(probability)
         if number < 2 or share >= RIVAL_SHARE * probability[0]
-    ][:MOST_COMPARED]
+    ][:MAX_COMPARED]
     if len(numbers) < 2:
         return None
     compared = [ranked[number] for number in numbers]
@@ -95,8 +95,8 @@ def find_hint(
         for move in moves:
             misfits = _least_misfits(compared, move.T_sensor_goal, seen)
             separation = float(misfits @ weights / weights.sum())
-            if separation >= LEAST and (best is None or separation >= best.separation + CLEARLY):
-                apart = tuple(numbers[row] for row in np.flatnonzero(misfits >= LEAST).tolist())
+            if separation >= MIN_SEPARATION and (best is None or separation >= best.separation + CLEARLY):
+                apart = tuple(numbers[row] for row in np.flatnonzero(misfits >= MIN_SEPARATION).tolist())
                 best = Hint(move.T_sensor_goal, move.distance_m, move.turn_deg, separation, apart)
     return best
 
@@ -116,7 +116,7 @@ def _moves_by_length(
     scanned = turned(last.seen, last.T_last_scan[:3, :3]) + last.T_last_scan[:3, 3].astype(np.float32)
     lengths = free_lengths(turned(np.concatenate([mapped, scanned]), R_level_sensor), last.height_m)
     floors = [_Ground.under(one, last.height_m, up) for one in compared]
-    left = MOST_MOVES
+    left = MAX_MOVES
     for way_m in (*WAYS_M, SHORT_WAY_M):
         goals = goals_at(lengths, way_m) @ R_level_sensor[:2]  # (g, 3) in the sensor frame
         is_free = np.logical_and.reduce([ground.carries(goals) for ground in floors])

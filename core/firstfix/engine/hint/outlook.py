@@ -15,7 +15,7 @@ FAR_M = 1000.0  # where nothing is mapped
 NEAR_M = 9.0  # up to which the fine points are drawn, as in the free-space check
 BLIND_DEG = 120.0  # a sensor that does not see all round has a wider gap
 _BLOB = 6  # of a direction and its eight neighbours
-FEWEST = 20  # directions in which there is something to compare
+MIN_COMPARED = 20  # directions in which there is something to compare
 _ROW_RETURNS = 4  # of a row that the sensor sees; fewer are strays
 _TOLERANCE_M, _TOLERANCE = 0.3, 0.03  # as in the free-space check
 _THROUGH_WEIGHT, _MAX_THROUGH = 2.0, 0.2  # beside the weight of every misfit
@@ -95,7 +95,7 @@ class Outlook:
         """
         rows = seen.cells & (self.surface_m < FAR_M)
         count = int(rows.sum())
-        if count < FEWEST:
+        if count < MIN_COMPARED:
             return 0.0
         here_m, there_m = self.surface_m, there.surface_m
         allowed_m = _TOLERANCE_M + _TOLERANCE * here_m + np.maximum(self.slack_m, there.slack_m)

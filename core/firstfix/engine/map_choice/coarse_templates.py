@@ -17,7 +17,7 @@ from ...errors import CorruptVersion
 from ..config import ENGINE_FILE, DescriptorConfig
 from ..retrieval.cascade import PREFIX
 
-MOST_TEMPLATES = 2048  # of one map: 0.5 m apart they cover a floor, and 3 m apart a town
+MAX_TEMPLATES = 2048  # of one map: 0.5 m apart they cover a floor, and 3 m apart a town
 _CONFIG: TypeAdapter[DescriptorConfig] = TypeAdapter(DescriptorConfig)
 
 
@@ -44,13 +44,13 @@ class CoarseTemplates:
     def of(
         cls, config: DescriptorConfig, position_m: NDArray[np.floating], described: Described
     ) -> CoarseTemplates:
-        """Up to MOST_TEMPLATES of a version's templates.
+        """Up to MAX_TEMPLATES of a version's templates.
 
         Args:
             position_m: (n, 3) of the templates.
             described: their descriptions, n rows.
         """
-        order = spread_order(position_m, MOST_TEMPLATES)
+        order = spread_order(position_m, MAX_TEMPLATES)
         return cls(config.model_dump_json(), rows_of(described, order))
 
     @classmethod

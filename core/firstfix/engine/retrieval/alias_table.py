@@ -80,7 +80,7 @@ class AliasTable:
         Raises:
             ValueError, TypeError, OSError: the file is damaged, or does not fit the templates.
         """
-        if not (directory / FILE).exists():  # a provisional version, or one from before there were aliases
+        if not (directory / FILE).exists():  # a provisional version
             return None
         table = cls(**map_arrays(directory / FILE))
         shape = table.row.shape

@@ -20,7 +20,7 @@ _MAP_CELL_DEG = 1.0
 _MAP_RATIO = 1.5  # of two ranges in one cell
 _MAP_SHARE = 0.25  # of the points. A scan has one return in a direction, a map has all
 _GRID_CELL_DEG = 3.0
-_MOST_OF_SCAN = 300_000  # points: 128 beams at 2048 columns
+_MAX_OF_SCAN = 300_000  # points: 128 beams at 2048 columns
 _GRID_SLOPE = 1.0  # of a cell's points with range, as a power: 0 for a scan's rays, 2 for a grid's points
 _COUNTS_DIFFER = 0.8
 _ROSETTE_ROW_DEG = 1.5  # between the rows that stand for a rosette, as in the Mid-360's preset
@@ -88,7 +88,7 @@ def measure_sensor(
     if total < LEAST_POINTS:
         raise InvalidScan(f"{total} points are too few to measure a sensor: it needs {LEAST_POINTS} or more")
     for view in views:
-        if view.share_behind() > _MAP_SHARE or (view.is_even() and len(view) > _MOST_OF_SCAN):
+        if view.share_behind() > _MAP_SHARE or (view.is_even() and len(view) > _MAX_OF_SCAN):
             raise InvalidScan(
                 f"{view.name} is no scan of one sensor in its own frame, but a map or a merged cloud: many "
                 "points lie behind others as seen from the origin, or evenly in space"

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 Way = Literal["field", "order", "elevation"]
 
-MOST_RINGS = 512  # as in a SensorModel
-_FEWEST_OF_RING = 5  # points
-_FEWEST_IN_ORDER = 8  # turns: fewer come by chance, where the azimuth jumps
+MAX_RINGS = 512  # as in a SensorModel
+_MIN_OF_RING = 5  # points
+_MIN_IN_ORDER = 8  # turns: fewer come by chance, where the azimuth jumps
 _SPREAD_SHARE = {"field": 0.6, "order": 1.0}  # of the gap between rings; without rings it is several gaps
 _JUMP_SHARE = 0.2  # of the gap: from point to point of a ring in the order of the file
 _LENS_M = 5.0  # nearer than this, beams that do not come from one point have another elevation
@@ -48,7 +48,7 @@ def rings_by_field(
 ) -> Rings | None:
     """Rings as the format numbers them, (n,) each; None: the numbers are not of beams (a Livox's lines)."""
     numbers, of_point = np.unique(field, return_inverse=True)
-    if len(numbers) > MOST_RINGS:
+    if len(numbers) > MAX_RINGS:
         return None
     return _checked(elevation_deg, range_m, of_point, "field")
 
@@ -64,7 +64,7 @@ def rings_by_order(
     for cut in (0.0, np.pi, float(azimuth_rad[0])):
         turn = (azimuth_rad - cut) % (2 * np.pi)
         of_point = np.concatenate([[0], np.cumsum(np.abs(np.diff(turn)) > np.pi)])
-        if _FEWEST_IN_ORDER <= of_point[-1] + 1 <= MOST_RINGS:
+        if _MIN_IN_ORDER <= of_point[-1] + 1 <= MAX_RINGS:
             found = _checked(elevation_deg, range_m, of_point, "order")
             if found is not None and jump_deg < _JUMP_SHARE * np.median(np.diff(found.elevations_deg)):
                 return found
@@ -96,14 +96,14 @@ def _checked(
 ) -> Rings | None:
     """The rings in the order of their elevations, or None if their points spread too much."""
     count = np.bincount(of_point)
-    enough = count >= max(_FEWEST_OF_RING, _WEAK_PEAK * np.median(count))
+    enough = count >= max(_MIN_OF_RING, _WEAK_PEAK * np.median(count))
     number = np.where(enough, np.cumsum(enough) - 1, -1)[of_point]
     rings = int(enough.sum())
     if rings < 2:
         return None
     far = (range_m > _LENS_M) & (number >= 0)
     seen = np.bincount(number[far], minlength=rings)
-    usable = np.where(seen[number] >= _FEWEST_OF_RING, far, number >= 0)
+    usable = np.where(seen[number] >= _MIN_OF_RING, far, number >= 0)
     usable &= number >= 0
     elevations = _medians(elevation_deg[usable], number[usable], rings)
     off = np.abs(elevation_deg - elevations[number])
@@ -137,7 +137,7 @@ def _parts(elevation_deg: NDArray[np.float64], width_deg: float) -> NDArray[np.f
     kernel = np.exp(-0.5 * (reach / 3) ** 2)
     density = np.convolve(count, kernel / kernel.sum(), mode="same")
     peaks = _peaks(density)
-    if not 2 <= len(peaks) <= MOST_RINGS:
+    if not 2 <= len(peaks) <= MAX_RINGS:
         return None
     valleys = [first + int(np.argmin(density[first:second])) for first, second in pairwise(peaks)]
     lower = np.minimum(density[peaks[:-1]], density[peaks[1:]])
@@ -170,7 +170,7 @@ def _peaks(density: NDArray[np.float64]) -> list[int]:
 def _share_near(elevation_deg: NDArray[np.float64], parts: NDArray[np.float64]) -> float:
     """Share of points nearer to their ring's median than a part of the gap to the next ring."""
     group = np.searchsorted(parts, elevation_deg)
-    if np.bincount(group, minlength=len(parts) + 1).min() < _FEWEST_OF_RING:
+    if np.bincount(group, minlength=len(parts) + 1).min() < _MIN_OF_RING:
         return 0.0
     middles = _medians(elevation_deg, group, len(parts) + 1)
     gaps = np.diff(middles)

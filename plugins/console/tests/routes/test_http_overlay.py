@@ -8,7 +8,7 @@ import pytest
 from firstfix.catalog.manifest import Manifest
 from firstfix.engine.config import ENGINE_FILE
 from firstfix_service.http_api.parts import LocalizeParts
-from firstfix_service.startup.composition import MOST_OVERLAYS_PER_CALLER
+from firstfix_service.limits.limits import Limits
 from tests.changed_hall import Hall, pose, standing
 from tests.service.raw_connection import connect
 from tests.service.service_world import XYZ, Service
@@ -76,11 +76,11 @@ def test_one_caller_holds_few_scans_at_a_time(service: Service, version: str):
     path = f"/maps/hall/versions/{version}/overlay?T_map_sensor={PLACE}"
     head = f"POST {path} HTTP/1.1\r\nHost: h\r\nContent-Type: {XYZ}\r\nContent-Length: 1200\r\n\r\n"
     held = service.app.state.start.parts[LocalizeParts].overlays
-    slow = [connect(service) for _ in range(MOST_OVERLAYS_PER_CALLER)]
+    slow = [connect(service) for _ in range(Limits.max_overlays_per_caller)]
     try:
         for connection in slow:
             connection.sendall(head.encode() + b"some of it")
-        wait_until(lambda: held.taken == MOST_OVERLAYS_PER_CALLER)
+        wait_until(lambda: held.taken == Limits.max_overlays_per_caller)
         refused = service.http.post(path, content=bytes(1200), headers={"Content-Type": XYZ})
         assert (refused.status_code, refused.json()["code"]) == (429, "quota_exceeded")
         assert service.ask("http").ok, "queries go on"

@@ -21,9 +21,9 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 
 from firstfix.errors import InvalidOption, MalformedData, TooLarge
 
+from ...limits.disk_space import Reservation
 from ...thread_pools import COPIES
 from ..parts import UploadParts
-from .disk_space import Reservation
 from .request_body import paced_pieces
 
 if TYPE_CHECKING:

@@ -11,11 +11,9 @@ from pydantic import BaseModel, ValidationError
 
 from firstfix.errors import InvalidOption, MalformedData
 
-from ...localize.held_bodies import HeldBodies
+from ...limits.byte_budget import ByteBudget
+from ...limits.limits import Limits
 from .request_body import BodyReader
-
-MAX_JSON_BYTES = 1 << 20
-TIMEOUT_S = 30.0
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -24,12 +22,13 @@ async def read_object(request: Request) -> dict[str, Any]:
     """Returns the JSON object in a request's body.
 
     Raises:
-        TooLarge: over MAX_JSON_BYTES.
+        TooLarge: over ``Limits.max_json_bytes``.
         DeadlineExceeded: it did not arrive in time.
         MalformedData: as ``parse_object``.
     """
-    body = bytes(await BodyReader(MAX_JSON_BYTES, HeldBodies(MAX_JSON_BYTES), TIMEOUT_S).read(request))
-    return parse_object(body, "the body")
+    most = Limits.max_json_bytes
+    reader = BodyReader(most, ByteBudget.of_bodies(most), Limits.body_timeout_s)
+    return parse_object(bytes(await reader.read(request)), "the body")
 
 
 async def read_model(request: Request, model: type[Model]) -> Model:

@@ -19,21 +19,18 @@ from firstfix.formats.point_cloud import Body
 
 from ...auth.authenticate import CHECK_S, Permission
 from ...http_server.streams import RECEIVE_INTO, Arrived, ReceiveInto, declared_bytes
-from ...localize.held_bodies import HeldBodies
+from ...limits.byte_budget import ByteBudget, owners_of_body
+from ...limits.limits import Limits
 
-MIN_BYTES_PER_S = (
-    1024  # of an uploaded file; below it, nothing but an attack: the slowest radio links have more
-)
-TIMEOUT_S = 6 * 3600.0  # 20 GB at 1 MB/s; over a slower link a file comes in several requests
 LONG_BYTES = 64 << 10  # of a body that is received right into its place
 
 
 class BodyReader:
     """Reads bodies up to limits: of each, of a caller, and of all together."""
 
-    def __init__(self, max_bytes: int, held: HeldBodies, timeout_s: float) -> None:
+    def __init__(self, max_bytes: int, budget: ByteBudget, timeout_s: float) -> None:
         self._max_bytes = max_bytes
-        self._held = held
+        self._budget = budget
         self._timeout_s = timeout_s
 
     async def read(self, request: Request, caller: str = "") -> Body:
@@ -46,27 +43,25 @@ class BodyReader:
         """
         declared = checked_length(request, self._max_bytes)
         is_long = declared >= LONG_BYTES and RECEIVE_INTO in request.scope.get("extensions", {})
-        size = 0
+        lease = self._budget.lease(*owners_of_body(caller))
 
         def arrived(count: int) -> None:
-            nonlocal size
-            self._held.add(caller, count, body_bytes=size + count)
-            size += count
-            if size > self._max_bytes:
+            lease.grow(count)
+            if lease.size > self._max_bytes:
                 raise TooLarge(f"the body has over {self._max_bytes} bytes")
 
         try:
             async with asyncio.timeout(self._timeout_s):
                 return await (_long(request, declared, arrived) if is_long else _joined(request, arrived))
         except BaseException as error:
-            self._held.give_back(caller, size)
+            lease.end()
             if isinstance(error, TimeoutError):
                 raise DeadlineExceeded(f"the body did not arrive within {self._timeout_s:g} s") from None
             raise
 
     def release(self, body: Body, caller: str = "") -> None:
         """Takes a body out of the count of all bodies."""
-        self._held.give_back(caller, len(body))
+        self._budget.give_back(owners_of_body(caller), len(body))
 
 
 async def _long(request: Request, declared: int, arrived: Arrived) -> Body:
@@ -149,8 +144,8 @@ class Pace:
     """
 
     stall_s: float
-    min_bytes_per_s: int = MIN_BYTES_PER_S
-    timeout_s: float = TIMEOUT_S
+    min_bytes_per_s: int = Limits.file_bytes_per_s
+    timeout_s: float = Limits.file_timeout_s
 
 
 async def paced_pieces(request: Request, pace: Pace) -> AsyncIterator[bytes]:

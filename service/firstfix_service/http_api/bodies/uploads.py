@@ -13,30 +13,26 @@ from firstfix.catalog.uploads.uploads import Upload, Uploads
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, QuotaExceeded, TooLarge
 
 from ...auth.principal import Principal
+from ...limits.disk_space import Reservation
+from ...limits.limits import Limits
 from ...thread_pools import COPIES
-from .disk_space import Reservation
 from .request_body import Pace, paced_pieces
 from .tus import Checksum
-
-# Each begin lists all open uploads, so there are not many. No caller has more than an eighth of them.
-MAX_OPEN, MAX_OPEN_PER_CALLER = 256, 32
-LARGEST_FILES_PER_CALLER = 5
 
 
 class UploadQuota:
     """Limits of open uploads. Thread-safe.
 
     Several replicas that begin uploads of one caller at the same moment may each let one pass.
-
-    Args:
-        max_upload_bytes: size of one upload. The open ones of a caller may have ``LARGEST_FILES_PER_CALLER``
-            times that, as announced.
     """
 
-    def __init__(self, uploads: Uploads, max_upload_bytes: int) -> None:
+    def __init__(self, uploads: Uploads, limits: Limits) -> None:
         self._uploads = uploads
-        self._max_open, self._max_open_per_caller = MAX_OPEN, MAX_OPEN_PER_CALLER
-        self._max_bytes_per_caller = LARGEST_FILES_PER_CALLER * max_upload_bytes
+        self._max_open, self._max_open_per_caller = (
+            limits.max_open_uploads,
+            limits.max_open_uploads_per_caller,
+        )
+        self._max_bytes_per_caller = limits.largest_files_per_caller * limits.max_upload_bytes
         self._beginning: dict[str, UploadRecord] = {}
         self._lock = threading.Lock()
 

@@ -19,10 +19,10 @@ from firstfix.transform import from_quaternion
 from ...auth.principal import Principal
 from ...settings import Settings
 from ...thread_pools import CHANGES, LISTS
-from ..answer_room import AnswerPlaceDep
 from ..bodies.json_body import read_model
 from ..edge import CallerDep, needs
 from ..parts import SamplesDep
+from ..response_budget import ResponseLeaseDep
 from ..schema.answer_models import Pose
 from ..schema.bodies import binary_answer, json_body
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, SampleId
@@ -52,8 +52,8 @@ class Truth(BaseModel):
 class ToldTruth(Truth):
     """Place where a scan was taken, and who has told."""
 
-    told_by: str = Field("", description="name of the caller; empty: nobody can tell, or an earlier release")
-    told_at: str = Field("", description="UTC, ISO 8601; empty: it was told to an earlier release")
+    told_by: str = Field("", description="name of the caller; empty: nobody can tell")
+    told_at: str = Field("", description="UTC, ISO 8601")
 
 
 class Sample(BaseModel):
@@ -144,14 +144,14 @@ def get_sample(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) -> S
 @needs(Scope.BUILD, "localize")
 @LISTS.route
 def get_sample_body(
-    sample_id: SampleId, samples: SamplesDep, caller: CallerDep, place: AnswerPlaceDep
+    sample_id: SampleId, samples: SamplesDep, caller: CallerDep, lease: ResponseLeaseDep
 ) -> Response:
     """The body of the query, as it came: `POST /localize` takes it again.
 
     Its content encoding is in the sample, not in this answer's header: the body stays as it is.
     """
     sample = _shown(samples, caller, sample_id)
-    place.take(sample.body_bytes)
+    lease.take(sample.body_bytes)
     return Response(
         samples.body(sample_id),
         media_type="application/octet-stream",

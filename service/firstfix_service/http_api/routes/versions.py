@@ -11,9 +11,9 @@ from firstfix.catalog.version_findings import findings_of
 from firstfix.errors import NotFound
 
 from ...thread_pools import CHANGES, LISTS, READS
-from ..answer_room import AnswerPlaceDep
 from ..edge import needs
 from ..parts import CatalogDep, MapPartsDep
+from ..response_budget import ResponseLeaseDep
 from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
 from ..schema.bodies import BINARY
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId, Version
@@ -103,7 +103,7 @@ def get_picture(
     version: Version,
     request: Request,
     catalog: CatalogDep,
-    place: AnswerPlaceDep,
+    lease: ResponseLeaseDep,
     if_none_match: Annotated[str | None, Header(description="ETags of the caller's copies")] = None,
 ) -> Response:
     """A picture of the version.
@@ -118,7 +118,7 @@ def get_picture(
     headers = {"ETag": f'"{entry.sha256}"', "Cache-Control": FOREVER}
     if if_none_match is not None and _names(if_none_match, headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    place.take(min(entry.bytes, MAX_PICTURE_BYTES))
+    lease.take(min(entry.bytes, MAX_PICTURE_BYTES))
     data = catalog.read_file(map_id, version, name, max_bytes=MAX_PICTURE_BYTES)
     return Response(data, media_type="image/png", headers=headers)
 

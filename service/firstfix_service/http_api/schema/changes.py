@@ -61,7 +61,7 @@ class MapChanges(BaseModel):
     sightings: int = Field(description="number of queries that were counted")
     told_apart: int = Field(
         description="of these, those that tell unmapped areas from new ones; 0: nobody knows where the "
-        "mapping run saw, because the version has no trajectory, or an earlier release has counted"
+        "mapping run saw, because the version has no trajectory"
     )
     seen_cells: int = Field(description="number of cells about which they tell something")
     first_time: str | None = Field(description="UTC, ISO 8601, of the first count; null: there is none")

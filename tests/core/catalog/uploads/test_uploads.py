@@ -216,10 +216,10 @@ def test_an_unreadable_record_hides_no_other_upload(store: Store, record: bytes)
 def test_the_owner_is_in_the_record(store: Store):
     uploads = Uploads(store)
     uploads.create("u1", size_bytes=3, file_name="x", owner="key:a")
-    store.put_new("uploads/old/upload.json", b'{"size_bytes": 3, "file_name": "x", "sha256": null}')
+    uploads.create("u2", size_bytes=3, file_name="x")
     for _ in range(2):
-        assert {name: r.owner for name, r in uploads.announced().items()} == {"u1": "key:a", "old": None}
-    assert (uploads.get("u1").owner, uploads.get("old").owner) == ("key:a", None)
+        assert {name: r.owner for name, r in uploads.announced().items()} == {"u1": "key:a", "u2": None}
+    assert (uploads.get("u1").owner, uploads.get("u2").owner) == ("key:a", None)
 
 
 SHORT = bytes(range(200))

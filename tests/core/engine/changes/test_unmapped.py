@@ -124,7 +124,6 @@ def test_each_spot_has_one_vote_about_unmapped_cells():
 
 
 def test_sightings_without_seen_free_space_speak_for_new():
-    """Such as those that an earlier release has counted."""
     keys = np.sort(keys_of(ROW))
     before = Tally.sum(
         [Tally.of(Sighting((7 * n, 0, 1), NOTHING, NOTHING, keys, NOTHING)) for n in range(20)]

@@ -15,9 +15,7 @@ from firstfix.engine.registration.surface import Surface
 from firstfix.transform import make_transform, rotation_z
 from tests.reference.facing import told
 
-CONFIG = RegistrationConfig(
-    map_voxel_m=0.1, coarse_voxel_m=0.5, fine_distance_m=0.4, inlier_distance_m=0.13, fine_iterations=60
-)
+CONFIG = RegistrationConfig(map_voxel_m=0.1, coarse_voxel_m=0.5, fine_distance_m=0.4, inlier_distance_m=0.13)
 TURNED = make_transform(Rotation.from_euler("zyx", [0.7, 0.1, -0.2]).as_matrix(), [100, -50, 3])
 SCATTER_RAD = 0.07  # of normals: 4 degrees
 

@@ -20,7 +20,7 @@ enum class Verdict { localized, ambiguous, rejected };
 // How well a scan fits the map at a pose; shares, 0 to 1.
 struct AlignmentQuality {
   double inlier_ratio = 0, alignment_score = 0, free_space_violation = 0, removed_surface = 0;
-  std::optional<double> seen_free;  // absent if the map does not know what its mapping run saw free, or the service is older
+  std::optional<double> seen_free;  // absent if the map does not know what its mapping run saw free
 };
 
 // A pose where the scan may have been taken.
@@ -79,11 +79,11 @@ struct Localization {
   std::string map_id, map_version;
   std::map<std::string, double> timings_ms;
   std::optional<Twist> twist{};  // of the sensor during the scan, if it was solved with the pose or given by the caller
-  std::vector<FreeDirection> degenerate{};  // the pose is right but for these; empty if an older service does not tell
+  std::vector<FreeDirection> degenerate{};  // the pose is right but for these
   bool map_provisional = false;  // the version is coarse and untested, until a full one takes its place
-  std::vector<Finding> findings{};  // the cause first; empty if an older service does not tell
+  std::vector<Finding> findings{};  // the cause first
   std::optional<ScanFacts> scan{};  // absent of a query without points
-  std::string fix_id{};  // the same for the same pose in the same version; empty without one, or from an older service
+  std::string fix_id{};  // the same for the same pose in the same version; empty without one
 };
 
 // OGC GeoPose 1.0, Basic-Quaternion: WGS84, height above the ellipsoid, orientation in the local east-north-up frame.

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 
-from ..query_workers.query import Asker
+from .asker import Asker
+from .limits import Limits
 
-SLOW_S = 0.25  # a query that is expected to take longer is slow
-RECENT_S = 60.0  # who was answered within this time may ask again at any moment
 _MAX_NAMES = 2  # of those who were answered last: one of them is somebody else
 
 
@@ -24,7 +23,7 @@ class SlowShare:
 
     def is_slow(self, expected_s: float) -> bool:
         """Returns whether a query counts as slow, beside others that are not."""
-        return self._workers > 1 and expected_s > SLOW_S
+        return self._workers > 1 and expected_s > Limits.slow_query_s
 
     def may_begin(self, asker: Asker) -> bool:
         """Returns whether another slow query of this caller and map leaves a worker to the others."""
@@ -86,5 +85,5 @@ class _Names:
         """Returns whether another name has a query in the gate, or was answered lately."""
         if len(self.present) > (name in self.present):
             return True
-        since = self._clock() - RECENT_S
+        since = self._clock() - Limits.recent_s
         return any(other != name and then > since for other, then in self._answered.items())

@@ -12,8 +12,8 @@ import pytest
 
 from firstfix.catalog.uploads.parts import PART_BYTES
 from firstfix.errors import OutOfSpace
-from firstfix_service.http_api.bodies.disk_space import DiskSpace
 from firstfix_service.http_api.parts import UploadParts
+from firstfix_service.limits.disk_space import DiskSpace
 from tests.service.callers_world import Caller
 from tests.service.raw_connection import connect
 from tests.service.service_world import serving

@@ -10,8 +10,6 @@ from pathlib import Path
 
 from firstfix.errors import OutOfSpace
 
-MIN_FREE_BYTES = 1 << 30  # on the disks of the work folder and of a file store, for logs and records
-
 
 class DiskSpace:
     """Reserved bytes of each disk, of this process. Thread-safe.

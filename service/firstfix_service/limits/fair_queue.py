@@ -1,6 +1,6 @@
 """A fair queue: callers take turns by the workers' time that they use, and so do the maps of each caller.
 
-Time is counted as in start-time fair queueing (Goyal, Vin and Cheng, 1996): a turn costs what it takes, and
+Virtual time is that of start-time fair queueing (Goyal, Vin and Cheng, 1996): a turn costs what it takes, and
 who has used the least time goes next. Who begins to ask is not behind the others, and not before them either.
 """
 
@@ -16,8 +16,7 @@ from enum import Enum
 from operator import attrgetter
 from typing import Any, TypeVar
 
-from ..query_workers.base import QueryWorker
-from ..query_workers.query import Asker
+from .asker import Asker
 from .slow_share import SlowShare
 
 _NEWEST_WEIGHT = 0.1  # in the moving averages
@@ -65,7 +64,7 @@ class Job:
     charged_s: float = 0.0
     is_slow: bool = False
     timer: asyncio.TimerHandle | None = None
-    worker: QueryWorker | None = None
+    worker: Any = None
 
 
 @dataclass(frozen=True)
@@ -128,11 +127,11 @@ class _Caller(_Share):
     """The queries of one caller.
 
     Attributes:
-        now_s: used time of the map that had the last turn.
+        virtual_time_s: of its maps: the used time of the one that had the last turn.
     """
 
     maps: dict[str, _Map] = field(default_factory=dict)
-    now_s: float = 0.0
+    virtual_time_s: float = 0.0
 
     @property
     def ready(self) -> list[_Map]:
@@ -159,7 +158,7 @@ class FairQueue:
         self._idle: OrderedDict[Asker, None] = OrderedDict()  # without a query, the longest idle first
         self._slow = SlowShare(workers, clock)
         self._running = 0
-        self._now_s = 0.0  # used time of the caller that had the last turn
+        self._virtual_time_s = 0.0  # the used time of the caller that had the last turn
         self._usual: UsualQuery | None = None  # of all callers
         self.size = 0  # waiting and running
 
@@ -185,8 +184,8 @@ class FairQueue:
         caller, of_map = self._shares(job)
         job.state, job.ready_since = State.READY, self._clock()
         of_map.ready[job] = None
-        caller.used_s = max(caller.used_s, self._now_s)
-        of_map.used_s = max(of_map.used_s, caller.now_s)
+        caller.used_s = max(caller.used_s, self._virtual_time_s)
+        of_map.used_s = max(of_map.used_s, caller.virtual_time_s)
 
     def remove(self, job: Job) -> None:
         """Removes a query that waits."""
@@ -208,8 +207,8 @@ class FairQueue:
                 if job.is_slow and not self._slow.may_begin(job.asker):
                     continue
                 # Who may not use its turn now does not save it up.
-                self._now_s = _present(callers, caller)
-                caller.now_s = _present(caller.ready, of_map)
+                self._virtual_time_s = _virtual_time_of(callers, caller)
+                caller.virtual_time_s = _virtual_time_of(caller.ready, of_map)
                 self._begin(job, caller, of_map)
                 return job
         return None
@@ -219,8 +218,8 @@ class FairQueue:
         caller, of_map = self._shares(job)
         self._running -= 1
         self._slow.ended(job.asker, job.is_slow)
-        caller.used_s = max(caller.used_s + seconds - job.charged_s, self._now_s)
-        of_map.used_s = max(of_map.used_s + seconds - job.charged_s, caller.now_s)
+        caller.used_s = max(caller.used_s + seconds - job.charged_s, self._virtual_time_s)
+        of_map.used_s = max(of_map.used_s + seconds - job.charged_s, caller.virtual_time_s)
         of_map.usual = UsualQuery.after(of_map.usual, seconds, job.size_bytes)
         self._usual = UsualQuery.after(self._usual, seconds, job.size_bytes)
         self._leave(job)
@@ -301,8 +300,8 @@ def _by_turns(shares: Iterable[S]) -> list[S]:
     return sorted(shares, key=lambda one: (one.used_s, one.ready_since))
 
 
-def _present(shares: Iterable[_Share], chosen: _Share) -> float:
-    """The used time of the one whose turn it is. Nobody who waits keeps less."""
+def _virtual_time_of(shares: Iterable[_Share], chosen: _Share) -> float:
+    """The virtual time of a turn: the used time of the one who has it. All who wait come up to it."""
     for one in shares:
         one.used_s = max(one.used_s, chosen.used_s)
     return chosen.used_s

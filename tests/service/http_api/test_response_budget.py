@@ -1,4 +1,4 @@
-"""Room for large answers: callers that do not read them take neither memory nor turns from others."""
+"""The response budget: callers that do not read them take neither memory nor turns from others."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import httpx
 import pytest
 
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS, Manifest
-from firstfix_service.http_api.answer_room import SMALL_BYTES
-from firstfix_service.http_server import connections
+from firstfix_service.limits import connections
+from firstfix_service.limits.limits import Limits
 from tests.service.access_world import give
 from tests.service.service_world import Service, running_service
 from tests.waiting import LIMIT_S, wait_until
@@ -126,7 +126,7 @@ def test_an_unmeasured_answer_counts_for_the_limit(tmp_path: Path):
                 series.labels("GET", f"/made/up/{number}", "200").inc()
             answer = get(service, "/metrics", "127.0.0.9")
             if is_small:
-                assert 65_536 < len(answer.content) < SMALL_BYTES
+                assert 65_536 < len(answer.content) < Limits.small_answer_bytes
             else:
                 assert refusal(answer) == (503, "overloaded")
 

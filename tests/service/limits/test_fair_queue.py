@@ -11,10 +11,10 @@ from typing import Any, cast
 
 import pytest
 
-from firstfix_service.localize import fair_queue
-from firstfix_service.localize.fair_queue import FairQueue, Job, State
-from firstfix_service.localize.slow_share import RECENT_S, SLOW_S
-from firstfix_service.query_workers.query import Asker
+from firstfix_service.limits import fair_queue
+from firstfix_service.limits.asker import Asker
+from firstfix_service.limits.fair_queue import FairQueue, Job, State
+from firstfix_service.limits.limits import Limits
 
 QUICK_S, HEAVY_S = 1 / 16, 2.0  # of binary fractions, whose sums are exact
 USUAL_BYTES = 1000
@@ -130,7 +130,7 @@ def test_a_slow_caller_has_every_worker_again_once_the_others_are_gone():
     sim.begin()
     assert sim.begun == ["flood"]
     sim.pass_until(4)
-    sim.now = 1 + RECENT_S
+    sim.now = 1 + Limits.recent_s
     sim.begin()
     assert sim.begun == ["flood", "flood"]
 
@@ -211,7 +211,7 @@ def test_unused_turns_are_not_saved_up():
         sim.ask("robot", 4 * QUICK_S)
     sim.pass_until(30)
     flood = sim.queue._callers["flood"]
-    assert flood.used_s >= sim.queue._now_s
+    assert flood.used_s >= sim.queue._virtual_time_s
 
 
 def test_the_first_heavy_queries_of_an_unknown_caller_count_as_heavy():
@@ -229,7 +229,7 @@ def test_the_first_heavy_queries_of_an_unknown_caller_count_as_heavy():
         sim.ask("light", QUICK_S)
         sim.pass_until(sim.now + 0.125)
     assert sim.begun == ["unknown", *["light"] * 5]
-    assert sim.queue._callers["unknown"].used_s - sim.queue._now_s >= 80 * QUICK_S - 1
+    assert sim.queue._callers["unknown"].used_s - sim.queue._virtual_time_s >= 80 * QUICK_S - 1
 
 
 def test_expected_time_is_corrected_by_the_time_taken():
@@ -240,7 +240,7 @@ def test_expected_time_is_corrected_by_the_time_taken():
     sim.begin()
     assert sim.queue._callers["large"].used_s >= 1000 * QUICK_S
     sim.finish()
-    assert sim.queue._callers["large"].used_s == sim.queue._now_s + QUICK_S
+    assert sim.queue._callers["large"].used_s == sim.queue._virtual_time_s + QUICK_S
 
 
 def test_a_full_queue_drops_the_newest_of_the_caller_with_most():
@@ -299,4 +299,4 @@ def test_a_quick_query_is_not_slow_for_its_maps_others():
     sim.ask("robot", QUICK_S)
     sim.begin()
     assert sim.begun == ["flood", "robot"] or sim.begun == ["robot", "flood"]
-    assert HEAVY_S > SLOW_S > QUICK_S
+    assert HEAVY_S > Limits.slow_query_s > QUICK_S
