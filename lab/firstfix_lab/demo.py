@@ -41,7 +41,7 @@ DIRECTORY = Path("demo")
 PORT = 8080  # of HTTP, if it is free
 WORST_M = 0.1
 FOREIGN_SHOWN, OWN_SHOWN = 2, 10
-LEAST_LOCALIZED = 7  # of the ten
+MIN_LOCALIZED = 7  # of the ten
 
 
 def main() -> int:
@@ -84,7 +84,7 @@ def _show(
         said = f"{outcome.answer.verdict.value}, {_best_error_m(outcome):.3f} m"
         console.print(f"[red]wrong:[/red] {outcome.name}: {said}")
     localized = sum(o.is_accepted for o in http)
-    if localized < LEAST_LOCALIZED:
+    if localized < MIN_LOCALIZED:
         console.print(f"[red]wrong:[/red] {localized} scans localized")
         return 1
     if not wrong:

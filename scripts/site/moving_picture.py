@@ -35,7 +35,7 @@ OWN, FOREIGN = 8, 1  # scans of the hall, and of other places
 ASK_MS, ANSWER_MS, LAST_MS = 700, 1300, 2500
 SIZE_INCHES, DPI = (10.0, 5.0), 80
 QUALITY = 60  # of WebP
-MOST_SCAN_POINTS = 6000
+MAX_SCAN_POINTS = 6000
 SENT, NO_POSE, QUIET = "#4575b4", "#d73027", "#9aa0a6"
 
 
@@ -92,7 +92,7 @@ def _draw_map(axes: Any, picture: MapPicture) -> None:
 
 def _draw_sent(axes: Any, scan: Scan) -> None:
     near = scan.points[np.linalg.norm(scan.points[:, :2], axis=1) < 20.0]
-    near = near[rows_by_chance(len(near), MOST_SCAN_POINTS)]
+    near = near[rows_by_chance(len(near), MAX_SCAN_POINTS)]
     axes.scatter(*near[:, :2].T, s=0.8, c=SENT, lw=0)
     axes.plot(0, 0, "o", ms=6, c="black", mec="white")
     axes.set_xlim(-20, 20)
@@ -103,7 +103,7 @@ def _draw_placed(axes: Any, scan: Scan, outcome: Outcome) -> None:
     pose = outcome.answer.T_map_sensor
     if pose is None:
         return
-    points = transform_points(pose, scan.points[rows_by_chance(len(scan), MOST_SCAN_POINTS)])
+    points = transform_points(pose, scan.points[rows_by_chance(len(scan), MAX_SCAN_POINTS)])
     axes.scatter(*points[:, :2].T, s=1.2, c=SENT, lw=0, alpha=0.7)
     _draw_pose(axes, outcome, 9)
 

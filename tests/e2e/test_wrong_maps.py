@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 TABLE = Path(__file__).with_name("wrong_maps.json")
 MAP_POINTS = 150_000
-MOST_BYTES = 1 << 30
+MAX_BYTES = 1 << 30
 # Its own peak: that of wait4 counts the test's process too, of which it is a fork before it loads a program.
 COMMAND = """
 import atexit, resource, sys
@@ -123,7 +123,7 @@ def test_a_build_refuses_a_map_in_millimetres_before_it_takes_memory(right: Poin
     assert done.returncode == 2
     assert "is its unit the millimetre? Give --scale 0.001" in error
     assert "docs/how-to/my-map.md" in error
-    assert 1024 * peak_kib < MOST_BYTES, "of the largest of its processes"
+    assert 1024 * peak_kib < MAX_BYTES, "of the largest of its processes"
 
 
 def test_a_service_names_wrong_maps_too(right: Points, tmp_path: Path):

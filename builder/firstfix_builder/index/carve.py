@@ -34,7 +34,7 @@ RAYS = 12_288
 APART_M = 0.5  # nearer to the last one, a pose sees the same again
 BACK_OFF_M = 0.3  # of a ray's end: surface and mesh are not one
 SPARSE_M = 2.0  # between poses: then a cell is free that one of them saw so, otherwise two of them
-LEAST_CELL_M, MOST_CELL_M = 0.1, 0.25
+MIN_CELL_M, MAX_CELL_M = 0.1, 0.25
 TILE_M = 64.0
 AT_ONCE = 16
 
@@ -101,7 +101,7 @@ def cell_width_m(registration: RegistrationConfig) -> float:
 
     The cells around a wall are not free. So small ones tell more, as far as the points fill them.
     """
-    return round(float(np.clip(0.8 * registration.map_voxel_m, LEAST_CELL_M, MOST_CELL_M)), 3)
+    return round(float(np.clip(0.8 * registration.map_voxel_m, MIN_CELL_M, MAX_CELL_M)), 3)
 
 
 def poses_needed(trajectory: NDArray[np.float64]) -> int:

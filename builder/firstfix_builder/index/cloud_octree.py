@@ -22,8 +22,8 @@ from firstfix.transform import Matrix, transform_points
 
 CELLS = 128  # cells along the edge of a node, of which each gives one point at most; a power of two
 LEAF_POINTS = 20_000  # so few stay together in one node
-MOST_LEVELS = 20
-MOST_POINTS = 50_000_000
+MAX_LEVELS = 20
+MAX_POINTS = 50_000_000
 SPARE_M = 0.01  # around the points, so that none lies on the root's border
 POINT = np.dtype(
     [("at", "<u2", 3), ("normal", "i1", 2)]
@@ -81,7 +81,7 @@ class CloudOctree:
         marks: Mapping[str, NDArray[np.float64]] | None = None,
         *,
         T_map_points: Matrix | None = None,
-        most_points: int = MOST_POINTS,
+        most_points: int = MAX_POINTS,
     ) -> CloudOctree:
         """Octree of a cloud, in the map's frame.
 
@@ -122,7 +122,7 @@ class CloudOctree:
         waiting = deque([Node(0, ROOT.cell, np.arange(len(self.offsets_m), dtype=np.int32))])
         while waiting:
             reached = waiting.popleft()
-            if len(reached.rows) <= LEAF_POINTS or reached.level == MOST_LEVELS:
+            if len(reached.rows) <= LEAF_POINTS or reached.level == MAX_LEVELS:
                 yield reached
                 continue
             kept, octant = self._first_of_cells(reached)

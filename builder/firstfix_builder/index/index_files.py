@@ -52,7 +52,7 @@ def make_keys(
     return whole
 
 
-MOST_BESIDE = 5_000_000  # points: of a larger map, what takes memory is made one after the other
+MAX_BESIDE = 5_000_000  # points: of a larger map, what takes memory is made one after the other
 VIEWS_SHARE = 0.6  # of the stage's progress, that the views' chunks tell themselves
 
 
@@ -82,7 +82,7 @@ def write_index_files(
     progress(0.7)
     with ThreadPoolExecutor(1) as beside:
         viewed = beside.submit(_write_view, directory, surface.points, engine, templates, provisional)
-        if len(surface) > MOST_BESIDE:
+        if len(surface) > MAX_BESIDE:
             viewed.result()
         MapSurface.of(surface, engine.registration).save(directory)
         viewed.result()

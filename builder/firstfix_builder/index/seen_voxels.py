@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 BLOCK_M = 20.0  # small ones: of a hall there are several, too, for all processors
 VOXEL = np.dtype([("voxel", "<i4", 3), ("offset", "u1", 3), ("toward", "i1", 3), ("count", "<u2")])
-_OFFSETS, _TOWARDS, _MOST = 256, 127, 65_535
+_OFFSETS, _TOWARDS, _MAX = 256, 127, 65_535
 _BITS = 21  # of a voxel's number along each axis, in its key
 
 
@@ -29,7 +29,7 @@ def seen_voxels(means: NDArray[np.float64], step_m: float) -> NDArray[np.void]:
     found["voxel"] = voxel
     found["offset"] = np.minimum((scaled - voxel) * _OFFSETS, _OFFSETS - 1)
     found["toward"] = np.rint(means[:, 3:6] * _TOWARDS)
-    found["count"] = np.minimum(means[:, 6], _MOST)
+    found["count"] = np.minimum(means[:, 6], _MAX)
     return found
 
 

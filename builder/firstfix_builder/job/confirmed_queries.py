@@ -34,10 +34,10 @@ from .tracked_queries import tracked_queries
 
 _log = logging.getLogger(__name__)
 CONFIRMED_FILE = "confirmed.json"
-MOST_AGE_DAYS = 90  # a place changes
-MOST_READ = 4000  # records; those with a truth are read first
-MOST_BODY_BYTES = 64 << 20
-MOST_OF_ROBOT, MOST_OF_HOUR = 2, 4  # one robot has at most half of the queries, one hour a quarter
+MAX_AGE_DAYS = 90  # a place changes
+MAX_READ = 4000  # records; those with a truth are read first
+MAX_BODY_BYTES = 64 << 20
+MAX_OF_ROBOT, MAX_OF_HOUR = 2, 4  # one robot has at most half of the queries, one hour a quarter
 PLACE_M = 5.0
 HOUR_S, DAY_S = 3600.0, 86400.0
 SEED = 17
@@ -122,7 +122,7 @@ def collect_confirmed(samples: QuerySamples, map_id: str, most: int, folder: Pat
     if not most:
         return None
     try:
-        read = read_each(samples.ids_told_first()[:MOST_READ], samples.find)
+        read = read_each(samples.ids_told_first()[:MAX_READ], samples.find)
         kept = [sample for sample in read.values() if sample is not None]
         untold = [sample for sample in kept if not sample.truth]
         told = [
@@ -178,8 +178,8 @@ def drawn(told: Sequence[_Told], most: int) -> list[_Told]:
         if len(found) == most:
             break
         if (
-            of_robot[one.sample.robot] < _part(most, MOST_OF_ROBOT)
-            and of_hour[one.hour] < _part(most, MOST_OF_HOUR)
+            of_robot[one.sample.robot] < _part(most, MAX_OF_ROBOT)
+            and of_hour[one.hour] < _part(most, MAX_OF_HOUR)
         ):  # fmt: skip
             of_robot[one.sample.robot] += 1
             of_hour[one.hour] += 1
@@ -188,22 +188,22 @@ def drawn(told: Sequence[_Told], most: int) -> list[_Told]:
 
 
 def _fetched(samples: QuerySamples, told: Sequence[_Told], most: int, folder: Path) -> ConfirmedQueries:
-    oldest_s = time.time() - MOST_AGE_DAYS * DAY_S
+    oldest_s = time.time() - MAX_AGE_DAYS * DAY_S
     young = [one for one in told if one.time_s >= oldest_s]
     chosen = drawn(young, most)
     queries, left_out = [], {}
     if len(told) > len(young):
-        left_out[f"{len(told) - len(young)} confirmed queries"] = f"older than {MOST_AGE_DAYS} days"
+        left_out[f"{len(told) - len(young)} confirmed queries"] = f"older than {MAX_AGE_DAYS} days"
     if len(young) > len(chosen):
         left_out[f"{len(young) - len(chosen)} more confirmed queries"] = (
-            f"not drawn: at most {most} are asked, {_part(most, MOST_OF_ROBOT)} of one robot, "
-            f"{_part(most, MOST_OF_HOUR)} of one hour"
+            f"not drawn: at most {most} are asked, {_part(most, MAX_OF_ROBOT)} of one robot, "
+            f"{_part(most, MAX_OF_HOUR)} of one hour"
         )
     for one in chosen:
         sample = one.sample
         file = f"queries/{sample.sample_id}"
         try:
-            if sample.body_bytes > MOST_BODY_BYTES:
+            if sample.body_bytes > MAX_BODY_BYTES:
                 raise UnreadableRecord(f"its body has {sample.body_bytes} bytes")
             (folder / file).write_bytes(samples.body(sample.sample_id))
         except (NotFound, UnreadableRecord) as error:

@@ -18,9 +18,9 @@ from firstfix.engine.changes.cells import spot_of
 from firstfix.store.json_record import read_each
 
 MIN_PROBABILITY = 0.99  # as for the counts of changes: a wrong pose would contradict the whole map around it
-MOST_DAYS = 14
-MOST_READ = 4000  # records, as many of each day
-MOST_QUERIES = 600  # as many of each day; no robot has more than half of a day's
+MAX_DAYS = 14
+MAX_READ = 4000  # records, as many of each day
+MAX_QUERIES = 600  # as many of each day; no robot has more than half of a day's
 NEAR_M = 15.0  # from an area that seems changed: queries from there come first
 HOUR_S = 3600.0
 
@@ -58,13 +58,13 @@ def chosen_queries(
     of_day: dict[str, list[str]] = defaultdict(list)
     for sample_id in samples.ids():
         of_day[sample_id[:8]].append(sample_id)
-    days = sorted(of_day)[-MOST_DAYS:]
+    days = sorted(of_day)[-MAX_DAYS:]
     found: list[RobotQuery] = []
     for number, day in enumerate(days):
         on_progress(number / len(days))
-        some = [of_day[day][row] for row in rows_by_chance(len(of_day[day]), MOST_READ // len(days))]
+        some = [of_day[day][row] for row in rows_by_chance(len(of_day[day]), MAX_READ // len(days))]
         read = [_query_of(sample, map_id, version) for sample in read_each(some, samples.find).values()]
-        found += _of_day([one for one in read if one is not None], areas, MOST_QUERIES // len(days))
+        found += _of_day([one for one in read if one is not None], areas, MAX_QUERIES // len(days))
     return sorted(found, key=lambda one: (one.time_s, one.sample.sample_id))
 
 

@@ -30,7 +30,7 @@ from .kept_queries import chosen_queries
 
 _log = logging.getLogger(__name__)
 PATCH_SOURCE_FILE, BASE = "patch.json", "base"
-MOST_BYTES = 1 << 30
+MAX_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def collect_patch_source(
         on_progress((1 + number / len(chosen)) / 2)
         sample = one.sample
         size += sample.body_bytes
-        if size > MOST_BYTES:
+        if size > MAX_BYTES:
             break
         try:
             body = samples.body(sample.sample_id)

@@ -22,8 +22,8 @@ from firstfix.errors import InvalidOption
 from firstfix.transform import Matrix, inverse, pose_error, pose_from_mapping, pose_to_mapping
 
 TRACKING = "tracking"  # in place of the name of who has told
-LEAST_S, MOST_S = 60.0, 600.0  # between two fixes: in less a wrong one may last, in more odometry drifts
-LEAST_MOVED_M = 5.0  # a robot that stands gets the same answer again, be it wrong
+MIN_S, MAX_S = 60.0, 600.0  # between two fixes: in less a wrong one may last, in more odometry drifts
+MIN_MOVED_M = 5.0  # a robot that stands gets the same answer again, be it wrong
 AGREE_M, AGREE_DEG = 0.5, 5.0  # odometry's drift; the self-test takes a place within 1 m for right
 
 
@@ -122,9 +122,9 @@ def _pairs(queries: Sequence[_Moved]) -> Iterator[tuple[int, int]]:
     for at, first in enumerate(free):
         for last in free[at + 1 :]:
             apart_s = queries[last].time_s - queries[first].time_s
-            if apart_s > MOST_S:
+            if apart_s > MAX_S:
                 break
-            if apart_s >= LEAST_S and _confirm(queries[first], queries[last]):
+            if apart_s >= MIN_S and _confirm(queries[first], queries[last]):
                 yield first, last
                 break
 
@@ -134,7 +134,7 @@ def _confirm(first: _Moved, last: _Moved) -> bool:
     assert first.T_map_sensor is not None
     assert last.T_map_sensor is not None
     moved_m = float(np.linalg.norm(expected[:3, 3] - first.T_map_sensor[:3, 3]))
-    return moved_m >= LEAST_MOVED_M and _agree(expected, last.T_map_sensor)
+    return moved_m >= MIN_MOVED_M and _agree(expected, last.T_map_sensor)
 
 
 def _places_between(first: _Moved, query: _Moved, last: _Moved) -> list[Matrix]:

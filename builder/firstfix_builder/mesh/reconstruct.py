@@ -29,7 +29,7 @@ from .signed_distance import Sampling, signed_distance_mesh
 PLACE_STEP_M = 0.5
 SIGHT_RANGE_M = 100.0  # a scanner further than this from a block was not what saw it
 SIGHT_SPACINGS = 1.8
-MOST_THIN = 0.1  # of an even cloud's points
+MAX_THIN = 0.1  # of an even cloud's points
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def mesh_chunks(
         sampling = Sampling.of(points, spacings_m, _thinned(trajectory[:, :3, 3]))
     if config.surface == "auto":
         is_thin = spacings_m > config.spacings_per_cell * spacing_m
-        known = sampling is not None or float(is_thin.mean()) <= MOST_THIN
+        known = sampling is not None or float(is_thin.mean()) <= MAX_THIN
         config = config.model_copy(update={"surface": "signed-distance" if known else "poisson"})
     cell_m = config.cell_m or config.spacings_per_cell * spacing_m
     chunks: list[MeshChunk] = []

@@ -23,7 +23,7 @@ from .orient_normals import orient_normals
 from .places.chance import SPACING_STEPS, VIEW_STEPS, stepped
 
 RANGE_SAMPLES = 50_000
-LEAST_RANGE_M = 0.5
+MIN_RANGE_M = 0.5
 DENSEST = 0.1  # of the points
 
 
@@ -60,7 +60,7 @@ class Sampling:
         dense_m, median_m = np.quantile(spacings_m, [DENSEST, 0.5])
         return cls(
             stepped(float(median_m), SPACING_STEPS),
-            stepped(max(range_m, LEAST_RANGE_M), VIEW_STEPS),
+            stepped(max(range_m, MIN_RANGE_M), VIEW_STEPS),
             stepped(float(dense_m), VIEW_STEPS),
         )
 
@@ -75,7 +75,7 @@ PLANE_CELLS = 4.0  # around a cell of a plane are the points of so many cells, a
 CORE_SHARE = 1 / 2  # of the points that a surface has at this range
 BORDER_SHARE = 1 / 3  # of these, beside such a cell: at an edge, or in a gap
 REACH_CELLS = 2.0  # less leaves holes at the foot of walls and between sparse rings, more rounds corners
-MOST_TRIM_CELLS = 4.0
+MAX_TRIM_CELLS = 4.0
 
 
 def signed_distance_mesh(
@@ -114,7 +114,7 @@ def signed_distance_mesh(
         if len(means) == 0:
             return Mesh.empty()
         normals = orient_normals(means, normals, places, sight_voxel_m)
-        trim_cells = min(trim_m / cell_m, MOST_TRIM_CELLS)
+        trim_cells = min(trim_m / cell_m, MAX_TRIM_CELLS)
         vertices, triangles = surface_net(means, normals, weights, near, cell_m, REACH_CELLS, trim_cells)
     except ValueError as error:
         raise BuildFailed(f"no surface of cells of {cell_m:.3g} m: {error}") from None

@@ -26,7 +26,7 @@ from firstfix.transform import Matrix, inverse, pose_error
 
 from ..simulation.perturb import ScanCase, ScanSimulation
 
-_TIED, _LEAST_SCANS = 0.9, 20  # share of the losses that is less than the width, and scans to learn it from
+_TIED, _MIN_SCANS = 0.9, 20  # share of the losses that is less than the width, and scans to learn it from
 _FOUND_M, _FOUND_DEG = 0.5, 5.0  # from the true pose
 
 
@@ -40,7 +40,7 @@ def alias_tie_width(lost: Sequence[float | None], min_margin: float, max_margin:
         max_margin: a larger one counts as this.
     """
     found = [by for by in lost if by is not None]
-    if len(found) < _LEAST_SCANS:
+    if len(found) < _MIN_SCANS:
         return min_margin
     most = min(float(np.quantile(found, _TIED)), max_margin)
     return max(min_margin, math.ceil(most * 1e4) / 1e4)

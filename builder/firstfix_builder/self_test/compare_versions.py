@@ -27,8 +27,8 @@ from ..simulation.simulate import Simulator
 from .outcome import RIGHT_DEG, RIGHT_M
 
 COMPARED_FILE = "compared.json"
-MOST_PLACES = 60
-MOST_CHANGED = 0.1  # of the rays of a scan: a place with more has changed
+MAX_PLACES = 60
+MAX_CHANGED = 0.1  # of the rays of a scan: a place with more has changed
 SIGHT_M, STEP_M = 25.0, 0.25
 _RAYS = 2000
 _TRIES = 4  # cases for each place that is wanted: many see the change
@@ -90,7 +90,7 @@ def compare(
     """
     rng = np.random.default_rng(config.seed)
     simulation = ScanSimulation(simulator, sensor, config.perturb)
-    wanted = min(MOST_PLACES, config.queries)
+    wanted = min(MAX_PLACES, config.queries)
     T_map_level = after.index.T_map_level
     tried = simulation.cases(
         before.index.cascade.templates.position_m, before.index.config.spacing_m, _TRIES * wanted, rng
@@ -98,7 +98,7 @@ def compare(
     keys = keys_of(changed)
     cases: list[ScanCase] = []
     for case in tried:
-        if len(cases) < wanted and changed_share(case, simulator, sensor, keys, T_map_level) <= MOST_CHANGED:
+        if len(cases) < wanted and changed_share(case, simulator, sensor, keys, T_map_level) <= MAX_CHANGED:
             cases.append(case)
     options = LocalizeOptions(T_base_sensor=make_transform(sensor.R_base_sensor, np.zeros(3)))
 

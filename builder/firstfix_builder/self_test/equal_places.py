@@ -23,12 +23,12 @@ from ..simulation.simulate import Simulator
 
 _ALIKE_M, _ALIKE_SHARE = 0.1, 0.02  # of ranges: what is nearer is the same surface
 EQUAL = 0.97  # share of rays; more that meet the same: the places are equal
-_COMPARED_RAYS, _LEAST_RAYS = 2000, 100
+_COMPARED_RAYS, _MIN_RAYS = 2000, 100
 _LEVEL_M = 0.2  # nearer to the floor or the ceiling, a surface tells no places apart
 _FOUND_M, _FOUND_DEG = 0.2, 2.0  # from the true pose
 _ELSEWHERE_M = 1.0
 _COMPARED = 3  # rivals of one scan that are no equals: more will hardly be
-_TIE, _LEAST_SCANS = 0.95, 20  # share of the equal places that tie, and scans of such places to learn it from
+_TIE, _MIN_SCANS = 0.95, 20  # share of the equal places that tie, and scans of such places to learn it from
 
 
 def tie_width(unequal: Sequence[float | None]) -> float:
@@ -37,7 +37,7 @@ def tie_width(unequal: Sequence[float | None]) -> float:
     So wide that all but one in twenty equal places tie. Of few equal places nothing is learned.
     """
     found = [by for by in unequal if by is not None]
-    if len(found) < _LEAST_SCANS:
+    if len(found) < _MIN_SCANS:
         return Calibration().min_margin
     most = float(np.quantile(found, _TIE, method="lower"))
     return max(Calibration().min_margin, math.floor(most * 1e4 + 1) / 1e4)
@@ -122,4 +122,4 @@ def share_seen_alike(
     floor_m, ceiling_m = np.percentile(height_m[met], [5, 95])
     tells = met & (height_m > floor_m + _LEVEL_M) & (height_m < ceiling_m - _LEVEL_M)
     same = np.abs(own[tells] - found[tells]) < _ALIKE_M + _ALIKE_SHARE * own[tells]
-    return float(same.mean()) if len(same) >= _LEAST_RAYS else 0.0
+    return float(same.mean()) if len(same) >= _MIN_RAYS else 0.0

@@ -21,7 +21,7 @@ from .never_seen import never_seen
 # street driven through once, its side streets are above: 77 % of the scans localized there, 94 % elsewhere.
 IN_PART = 0.25
 TEMPLATES = 4  # of each cell
-MOST_TOLD = 200  # cells without scans: a manifest stays small
+MAX_TOLD = 200  # cells without scans: a manifest stays small
 _SEED = 0
 
 
@@ -111,7 +111,7 @@ class MappedPlaces:
             "localized_in_part": _localized([scanned[cell] for cell in in_part if cell in scanned]),
             "localized_elsewhere": _localized(others),
             "without_scans": [
-                {"cell": list(cell), "never_seen": self.never_seen[cell]} for cell in without[:MOST_TOLD]
+                {"cell": list(cell), "never_seen": self.never_seen[cell]} for cell in without[:MAX_TOLD]
             ],
         }
 

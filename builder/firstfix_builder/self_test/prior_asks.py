@@ -20,7 +20,7 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.with_prior import LEAST_RADIUS_M, MOST_RADIUS_M
+from firstfix.engine.with_prior import MAX_RADIUS_M, MIN_RADIUS_M
 from firstfix.scan.compact import CompactScan
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
@@ -34,8 +34,8 @@ from .threshold import ABSENT_SHARE, Judged, choose
 
 YAW_RANGE_DEG = 45.0  # of the priors with a heading: every other one
 _OFF_CENTRE = 0.9  # of radius and range, within which the truth lies in a right prior
-_LEAST = 0.5  # probability from which on an answer is looked at closely, whatever threshold the map gets
-MOST, OTHERS = 64, 16  # queries of a map that are asked with priors, and of these such as do not tie
+_MIN = 0.5  # probability from which on an answer is looked at closely, whatever threshold the map gets
+MAX, OTHERS = 64, 16  # queries of a map that are asked with priors, and of these such as do not tie
 _PLACES = 8  # drawn from the map, to find one that a wrong prior can be about
 
 
@@ -89,7 +89,7 @@ def worth_a_prior(free: Sequence[Outcome], rng: np.random.Generator) -> list[Out
     for row in rng.permutation(len(free)).tolist():
         evidence = free[row].evidence
         chosen[evidence is not None and evidence.tied > 1].append(free[row])
-    return [*chosen[True][: MOST - OTHERS], *chosen[False][:OTHERS]]
+    return [*chosen[True][: MAX - OTHERS], *chosen[False][:OTHERS]]
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class PriorAsks:
         """
         T_level_sensor, T_map_level = free.T_level_sensor, self.localizer.index.T_map_level
         rng = np.random.default_rng([self.seed, free.query])
-        radius_m = float(np.exp(rng.uniform(np.log(LEAST_RADIUS_M), np.log(MOST_RADIUS_M))))
+        radius_m = float(np.exp(rng.uniform(np.log(MIN_RADIUS_M), np.log(MAX_RADIUS_M))))
         off_m = _OFF_CENTRE * radius_m * _in_ball(rng)
         if T_level_sensor is None:
             return [
@@ -145,7 +145,7 @@ class PriorAsks:
         return replace(asked, behind=_behind(right, answer), is_equal=is_equal)
 
     def _asked(self, scan: Scan | CompactScan, prior: Prior) -> Localization:
-        options = replace(self.options, prior=prior, min_probability=_LEAST)
+        options = replace(self.options, prior=prior, min_probability=_MIN)
         return self.localizer.localize(scan, options)
 
     def _elsewhere(
@@ -169,7 +169,7 @@ class PriorAsks:
 def _told(outcome: Outcome) -> PriorOutcome:
     """The outcome, and whether it was refused for another reason than its probability."""
     evidence = outcome.evidence
-    would_do = evidence is not None and evidence.tied == 1 and Calibration().accepts(evidence, _LEAST)
+    would_do = evidence is not None and evidence.tied == 1 and Calibration().accepts(evidence, _MIN)
     return PriorOutcome(outcome, is_refused=would_do and outcome.answer.verdict is not Verdict.LOCALIZED)
 
 

@@ -29,7 +29,7 @@ from .alias_leads import alias_tie_width, aliases_among, lead_lost
 from .equal_places import equal_places, tie_width
 from .localizability import QueriedPlace, grid_of
 from .outcome import Outcome
-from .prior_asks import MOST, PriorAsks, PriorOutcome, teach_with_prior, worth_a_prior
+from .prior_asks import MAX, PriorAsks, PriorOutcome, teach_with_prior, worth_a_prior
 from .real_scans import RealScans
 from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, judged
 from .results import SelfTest, queried_places, results_of_real, summary_of
@@ -106,7 +106,7 @@ def run_self_test(
     def ticked() -> None:
         nonlocal done
         done += 1
-        progress(min(1.0, done / (len(queries) + len(real.scans) + MOST)))
+        progress(min(1.0, done / (len(queries) + len(real.scans) + MAX)))
 
     outcomes = list(executor.map(run, range(len(queries))))
     outcomes += executor.map(run_real, range(len(real.scans)))

@@ -27,7 +27,7 @@ COLUMNS = ("map", "place", "sensor", "own_threshold", "kind", "claimed", "right"
 HERE, ELSEWHERE, ALIKE = "here", "elsewhere", "alike"
 # No ceiling is lower, whatever natural scans show: of scans whose true place was taken away, 2 % are accepted
 # from here on, and 7 % from 0.9 on (lab/docs/experiments.md, "The threshold").
-LEAST_CEILING = 0.99
+MIN_CEILING = 0.99
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class TaughtOutcomes:
         here = [row.case for row in rows if row.kind == HERE]
         elsewhere = [row.case.claimed for row in rows if row.kind == ELSEWHERE]
         for threshold in THRESHOLDS:
-            if threshold >= LEAST_CEILING:
+            if threshold >= MIN_CEILING:
                 bound = _wrong_at_most(here, elsewhere, threshold)
                 if bound <= max_false_accept:
                     return Ceiling(threshold, bound)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
 
 RAYS_AT_ONCE = 1_000_000
-MOST_SURFACES = 200  # of one column
+MAX_SURFACES = 200  # of one column
 _IDENTITY = np.eye(3)
 
 
@@ -76,7 +76,7 @@ class Simulator:
 
     def drops(self, origins: NDArray[np.floating]) -> NDArray[np.float64]:
         """(r, 3) origins to the (r,) heights over the surfaces below them, inf where there is none."""
-        start, z, _ = self.crossings(origins[:, :2].astype(np.float64), 0.0, MOST_SURFACES)
+        start, z, _ = self.crossings(origins[:, :2].astype(np.float64), 0.0, MAX_SURFACES)
         drop = np.full(len(origins), np.inf)
         of_origin = np.repeat(np.arange(len(origins)), np.diff(start))
         below = z <= origins[of_origin, 2]

@@ -25,7 +25,7 @@ from .reading import Reading
 
 PATCH_FILE = "patch.npz"  # of a version, too: the next patch is laid over it
 RECORD_FILE, CELLS_FILE = "patch.json", "changed_cells.npy"
-MOST_OF_CLOUD = 0.1  # a larger change is no patch: somebody must map the place again
+MAX_OF_CLOUD = 0.1  # a larger change is no patch: somebody must map the place again
 
 
 class PatchReader:
@@ -94,7 +94,7 @@ def _lay(source: Path, told: PatchSource, read: LevelMap, out: Path) -> None:
         raise NothingToPatch(
             "nothing to patch: the robots do not agree about any point of the changed places"
         )
-    if len(patch.added) + len(patch.removed) > MOST_OF_CLOUD * len(current):
+    if len(patch.added) + len(patch.removed) > MAX_OF_CLOUD * len(current):
         raise BuildFailed("over a tenth of the map has changed, which is no patch: map the place again")
     whole = before.then(patch)
     TiledPoints.of(whole.lay(cloud)).save(out)

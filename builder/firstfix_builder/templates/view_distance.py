@@ -25,7 +25,7 @@ RAYS = 4000
 SHARE = 75  # percentile, over the directions
 GROUND_M = 0.3  # returns nearer than this to the floor's height are ground
 OPEN_SIDES = 0.75  # a place is open if a larger share of its directions has only ground
-LEAST_RETURNS = 4  # of RAYS, that are not ground
+MIN_RETURNS = 4  # of RAYS, that are not ground
 VIEWPOINTS, VIEWPOINT_CELL_M = 200, 2.0  # sample of viewpoints for the view distance of a map
 
 
@@ -84,7 +84,7 @@ class ViewRays:
 
         Returns:
             (k,) metres: percentile SHARE, over the directions, of the furthest return that is not ground; inf
-            if most directions have none. (k,) whether at least LEAST_RETURNS returns are not ground.
+            if most directions have none. (k,) whether at least MIN_RETURNS returns are not ground.
         """
         ranges = self.off_ground(simulator, positions, floor_z)
         away = self.furthest_m(ranges).astype(np.float64)
@@ -92,7 +92,7 @@ class ViewRays:
         closed = np.isnan(away).mean(axis=0) <= OPEN_SIDES
         view_m = np.full(len(positions), np.inf)
         view_m[closed] = np.nanpercentile(away[:, closed], SHARE, axis=0)
-        return view_m, np.isfinite(ranges).sum(axis=1) >= LEAST_RETURNS
+        return view_m, np.isfinite(ranges).sum(axis=1) >= MIN_RETURNS
 
 
 def percentile_m(furthest_m: NDArray[np.float32], sensor: SensorModel) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..execution.local_executor import in_turn
-from ..simulation.simulate import MOST_SURFACES, Simulator
+from ..simulation.simulate import MAX_SURFACES, Simulator
 
 APART_M = 0.02  # of the surfaces of a column
 COLUMNS_AT_ONCE = 65_536
@@ -140,7 +140,7 @@ def find_surfaces(simulator: Simulator, grid: Grid, columns: NDArray[np.int64]) 
 
 
 def _surfaces(simulator: Simulator, grid: Grid, columns: NDArray[np.int64]) -> Surfaces:
-    start, z, level = simulator.crossings(grid.centre_m(columns), APART_M, MOST_SURFACES)
+    start, z, level = simulator.crossings(grid.centre_m(columns), APART_M, MAX_SURFACES)
     above = np.concatenate([[np.inf], z[:-1]])
     above[start[:-1][np.diff(start) > 0]] = np.inf  # the highest surface of a column
     return Surfaces(np.repeat(columns, np.diff(start), axis=0), z, level.astype(np.float64), above - z)

@@ -19,8 +19,8 @@ STOP_M = 0.5  # scans nearer to each other than this are of one stop
 SIGHT_M = 30.0  # a level floor further away than this is seen by few rays
 LIFT_M = 0.3  # over the floor, so that its bumps do not hide it
 POSE_STEP_M = 4.0
-MOST_POSES = 12  # nearest poses, from which a place is looked at
-LEAST_M2 = 4.0  # of a floor: more than a table or the roof of a car
+MAX_POSES = 12  # nearest poses, from which a place is looked at
+MIN_M2 = 4.0  # of a floor: more than a table or the roof of a car
 
 TileFloor: TypeAlias = tuple[tuple[int, int], NDArray[np.float64]]
 Kept: TypeAlias = Callable[[int], tuple[FloorPoints, NDArray[np.int32]]]
@@ -72,7 +72,7 @@ def seen_from(
     if not len(poses) or not len(floor):
         return seen
     places = floor + [0.0, 0.0, LIFT_M]
-    nearest = list(range(1, min(MOST_POSES, len(poses)) + 1))
+    nearest = list(range(1, min(MAX_POSES, len(poses)) + 1))
     away_m, number = cKDTree(poses).query(places, k=nearest, distance_upper_bound=SIGHT_M)
     for column in range(len(nearest)):
         ask = np.flatnonzero(np.isfinite(away_m[:, column]) & ~seen)
@@ -94,7 +94,7 @@ def seen_beyond(
 ) -> dict[int, NDArray[np.bool_]]:
     """By a tile's number which of its floor points the mapping run saw on floors that no step reaches.
 
-    Floors count of which it saw LEAST_M2 or more.
+    Floors count of which it saw MIN_M2 or more.
 
     Args:
         parts, chosen: the parts of all tiles, and those that steps reach.
@@ -102,7 +102,7 @@ def seen_beyond(
     """
     floor = parts.floor_of
     area_m2 = np.bincount(floor, parts.cells * cell_m**2)
-    is_wide = area_m2 >= LEAST_M2
+    is_wide = area_m2 >= MIN_M2
     is_wide[floor[chosen]] = False
     rows: dict[int, NDArray[np.int64]] = {}
     asked: list[TileFloor] = []
@@ -117,7 +117,7 @@ def seen_beyond(
     count = np.zeros((2, len(area_m2)))  # places asked, and of them seen
     for number, of in of_rows.items():
         count += [np.bincount(some, minlength=len(area_m2)) for some in (of, of[saw[number]])]
-    is_wide &= area_m2 * count[1] >= LEAST_M2 * count[0]
+    is_wide &= area_m2 * count[1] >= MIN_M2 * count[0]
     found = {}
     for number, at in rows.items():
         found[number] = np.zeros(len(kept(number)[1]), np.bool_)

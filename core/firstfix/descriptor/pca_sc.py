@@ -17,7 +17,7 @@ from .principal_axes import principal_axes
 from .scan_batch import ScanBatch
 from .similarity import Columns, best_shift, similarity
 
-LEAST_HEIGHT_M = np.float32(0.01)  # of a filled cell with ground="keep"
+MIN_HEIGHT_M = np.float32(0.01)  # of a filled cell with ground="keep"
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class PcaScanContext:
             x, y, z, above_floor, of_point = x[kept], y[kept], z[kept], above_floor[kept], of_point[kept]
         height = above_floor if self.height_origin == "floor" else z
         if self.ground == "keep":
-            height = np.maximum(height, LEAST_HEIGHT_M)
+            height = np.maximum(height, MIN_HEIGHT_M)
         c, s = np.cos(angle)[of_point], np.sin(angle)[of_point]
         inside, cell = self.grid.cells_of(c * x + s * y, c * y - s * x)
         np.maximum.at(context, of_point[inside] * self.grid.cells + cell, height[inside])

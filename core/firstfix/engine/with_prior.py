@@ -11,7 +11,7 @@ from dataclasses import replace
 from ..answer.options import LocalizeOptions
 from .index import MapIndex
 
-LEAST_RADIUS_M, MOST_RADIUS_M = 1.0, 10.0  # of the priors by which self-tests fit the calibration
+MIN_RADIUS_M, MAX_RADIUS_M = 1.0, 10.0  # of the priors by which self-tests fit the calibration
 
 
 def judging(index: MapIndex, options: LocalizeOptions) -> MapIndex:
@@ -21,7 +21,7 @@ def judging(index: MapIndex, options: LocalizeOptions) -> MapIndex:
     bound that they ask for was measured without priors.
     """
     taught, prior = index.calibration.with_prior, options.prior
-    if taught is None or prior is None or prior.radius_m > MOST_RADIUS_M:
+    if taught is None or prior is None or prior.radius_m > MAX_RADIUS_M:
         return index
     if options.max_false_accept is not None:
         return index

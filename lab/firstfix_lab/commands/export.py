@@ -15,7 +15,7 @@ EXAMPLES = examples(
     "firstfix export hall.mcap --map hall",
     "firstfix export hall.rrd --map hall --store s3://maps/firstfix --count 200",
 )
-MOST_POINTS = 10_000_000
+MAX_POINTS = 10_000_000
 
 
 def export(
@@ -34,7 +34,7 @@ def export(
         typer.Option(help="Version whose cloud is written, 64 characters [default: the active one]."),
     ] = None,
     points: Annotated[
-        int, typer.Option(help="Limit on the points of the map.", min=1, max=MOST_POINTS)
+        int, typer.Option(help="Limit on the points of the map.", min=1, max=MAX_POINTS)
     ] = 2_000_000,
     count: Annotated[
         int | None, typer.Option(help="Only the newest so many kept queries [default: all].", min=0)

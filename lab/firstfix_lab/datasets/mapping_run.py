@@ -17,7 +17,7 @@ from firstfix_cli.poses_csv import POSE_COLUMNS
 
 from .recording import RecordedScan
 
-MOST_VOXELS = 2**20 - 1  # from the sensor to the furthest point: ``first_in_voxel`` takes twice as many
+MAX_VOXELS = 2**20 - 1  # from the sensor to the furthest point: ``first_in_voxel`` takes twice as many
 
 
 def write_mapping_run(
@@ -40,7 +40,7 @@ def write_mapping_run(
     for name, value in (("voxel", voxel_m), ("range", max_range_m)):
         if not 0 < value < np.inf:
             raise InvalidOption(f"the {name} must be over 0 m, not {value:g}")
-    if max_range_m > MOST_VOXELS * voxel_m:
+    if max_range_m > MAX_VOXELS * voxel_m:
         raise InvalidOption(f"a voxel of {voxel_m:g} m is too small for a range of {max_range_m:g} m")
     (folder / FOLDER).mkdir(parents=True)
     rows, count = [], 0

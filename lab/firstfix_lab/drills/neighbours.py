@@ -42,7 +42,7 @@ from .flooders import all_floods
 from .floods import HEAVY_POINTS, LARGEST_POINTS, XYZ, random_returns
 
 MAP = "yard"
-EVERY_S, MOST_AT_ONCE = 0.1, 4
+EVERY_S, MAX_AT_ONCE = 0.1, 4
 TIMEOUT_S = 120.0  # of a query: it is then lost
 SETTLE_S = 120.0  # at most, until the service has nothing more to do with the last flood
 OWN_ADDRESS, PROBE_ADDRESS = "127.0.0.11", "127.0.0.12"
@@ -167,7 +167,7 @@ async def _ask(url: str, key: str, body: Body, seconds: float) -> Seen:
     """Ask every ``EVERY_S``, and wait for all answers."""
     seen = Seen()
     transport = httpx.AsyncHTTPTransport(local_address=OWN_ADDRESS)
-    free = asyncio.Semaphore(MOST_AT_ONCE - 1)
+    free = asyncio.Semaphore(MAX_AT_ONCE - 1)
     limits = {"timeout": TIMEOUT_S, "transport": transport}
 
     async def ask(http: httpx.AsyncClient) -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-MOST_BYTES = 400_000  # of each file in the repository
+MAX_BYTES = 400_000  # of each file in the repository
 
 
 class ResultTooLarge(Exception):
@@ -124,7 +124,7 @@ class Result:
         """Write the files, in place of older ones, and return their bytes.
 
         Raises:
-            ResultTooLarge: one has more than MOST_BYTES. Nothing is written.
+            ResultTooLarge: one has more than MAX_BYTES. Nothing is written.
         """
         about = {name: value for name, value in vars(self).items() if name != "cases"}
         text = "{" + ",\n".join(f'"{name}":{_compact(value)}' for name, value in about.items()) + "}\n"
@@ -132,8 +132,8 @@ class Result:
         if self.cases is not None:
             files[_cases_file(folder, self.suite)] = self.cases.compressed()
         for path, content in files.items():
-            if len(content) > MOST_BYTES:
-                raise ResultTooLarge(f"{path.name}: {len(content)} bytes, at most {MOST_BYTES} are kept")
+            if len(content) > MAX_BYTES:
+                raise ResultTooLarge(f"{path.name}: {len(content)} bytes, at most {MAX_BYTES} are kept")
         self.remove(folder, self.suite)
         folder.mkdir(parents=True, exist_ok=True)
         for path, content in files.items():

@@ -24,7 +24,7 @@ from plugins.console.tests.page import Page
 from tests.service.service_world import running_service
 
 COLOURS = (256, 192, 128, 96, 64)  # of a palette: as many as the size allows
-MOST_BYTES = 195_000
+MAX_BYTES = 195_000
 
 
 def main() -> None:
@@ -121,7 +121,7 @@ def keep(page: Page, file: Path) -> None:
         shown.quantize(colours, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
             file, optimize=True
         )
-        if file.stat().st_size <= MOST_BYTES:
+        if file.stat().st_size <= MAX_BYTES:
             break
     print(f"{file}: {file.stat().st_size / 1000:.0f} KB")
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 HOUR_S, DAY_S = 3600.0, 86400.0
 STEP_S = 300.0  # answers are counted together for so long: an hour is told to within it
-MOST_MAPS = 2000  # in memory; the counts of the map that was asked longest ago are dropped
+MAX_MAPS = 2000  # in memory; the counts of the map that was asked longest ago are dropped
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class AnswerCounts:
             counted = steps.counts.setdefault(step, [0, 0])
             counted[0] += 1
             counted[1] += is_localized
-            if len(self._maps) > MOST_MAPS:
+            if len(self._maps) > MAX_MAPS:
                 self._maps.popitem(last=False)
 
     def of_maps(self) -> list[MapCounts]:

@@ -15,7 +15,7 @@ import orjson
 
 from ..query_workers.query import EncodedAnswer
 
-MOST_ANSWERS = 500
+MAX_ANSWERS = 500
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class RecentAnswer:
 
 
 class RecentAnswers:
-    """The last ``MOST_ANSWERS`` answers of this replica, and as many of all others. Thread-safe.
+    """The last ``MAX_ANSWERS`` answers of this replica, and as many of all others. Thread-safe.
 
     Others can never displace this replica's own. Nothing here parses JSON.
 
@@ -71,8 +71,8 @@ class RecentAnswers:
         self.replica = replica
         self.hears_others = False
         self._numbers = itertools.count(1)
-        self._own: deque[RecentAnswer] = deque(maxlen=MOST_ANSWERS)
-        self._heard: deque[RecentAnswer] = deque(maxlen=MOST_ANSWERS)
+        self._own: deque[RecentAnswer] = deque(maxlen=MAX_ANSWERS)
+        self._heard: deque[RecentAnswer] = deque(maxlen=MAX_ANSWERS)
         self._watchers = 0
         self._lock = threading.Lock()
 

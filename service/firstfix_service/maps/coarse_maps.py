@@ -24,7 +24,7 @@ from ..telemetry.metrics import Metrics
 _log = structlog.get_logger(__name__)
 MAX_FILE_BYTES = 256 << 20  # of templates, read at once: a map with more is searched in full
 READERS = 8
-MOST_AT_ONCE = 256  # maps that are read before they come into the index: a quarter of a gigabyte
+MAX_AT_ONCE = 256  # maps that are read before they come into the index: a quarter of a gigabyte
 AGAIN_S = 60.0  # until a version that could not be read is read again
 STORE_AGAIN_S = 5.0  # the same if the store failed
 
@@ -147,7 +147,7 @@ class CoarseMaps:
             is_refused = refusal is not None and refusal.version == version and now < refusal.again_at
             if self._held.get(map_id) != version and not is_refused:
                 due[map_id] = version
-                if len(due) >= min(MOST_AT_ONCE, max(MAX_MAPS, len(self._held))):
+                if len(due) >= min(MAX_AT_ONCE, max(MAX_MAPS, len(self._held))):
                     break
         return due, gone
 

@@ -27,7 +27,7 @@ _log = structlog.get_logger(__name__)
 ANSWERS = "firstfix/@answers"
 JSON = "application/json"
 LOOK_S = 0.25  # between messages
-MOST_RECORDS = 50  # in a message: with more answers than these, the newest are published
+MAX_RECORDS = 50  # in a message: with more answers than these, the newest are published
 MAX_BYTES = 128 << 10  # of a message
 MAX_MESSAGES_PER_S = 100  # that are read, of all replicas together
 RETRY_S = 3.0
@@ -56,7 +56,7 @@ class _Record(BaseModel):
     answer: _Answer
 
 
-_RECORDS: TypeAdapter[list[_Record]] = TypeAdapter(Annotated[list[_Record], Field(max_length=MOST_RECORDS)])
+_RECORDS: TypeAdapter[list[_Record]] = TypeAdapter(Annotated[list[_Record], Field(max_length=MAX_RECORDS)])
 
 
 class ZenohAnswers:
@@ -111,7 +111,7 @@ class ZenohAnswers:
             return
         self._last_published = found[-1].number
         if self._publisher.matching_status.matching:
-            message = orjson.dumps([_record_of(one) for one in found[-MOST_RECORDS:]])
+            message = orjson.dumps([_record_of(one) for one in found[-MAX_RECORDS:]])
             if len(message) <= MAX_BYTES:
                 self._publisher.put(message)
 

@@ -18,11 +18,11 @@ from firstfix_builder.simulation.simulate import Simulator
 from tests.once_a_run import OnceARun
 from tests.storey_world import CONFIG, ROOMS_X, pose, scan_at, storey, storey_version
 
-LEAST, MOST = Calibration().min_margin, RANKING.max_margin
+MIN, MAX = Calibration().min_margin, RANKING.max_margin
 
 
-def width(lost: list[float | None], least: float = LEAST) -> float:
-    return alias_tie_width(lost, least, MOST)
+def width(lost: list[float | None], least: float = MIN) -> float:
+    return alias_tie_width(lost, least, MAX)
 
 
 def test_nine_in_ten_losses_are_less_than_the_width():
@@ -31,13 +31,13 @@ def test_nine_in_ten_losses_are_less_than_the_width():
 
 
 def test_the_width_is_neither_below_that_of_all_places_nor_above_what_margins_count():
-    assert width([0.01] * 60) == width([-0.1] * 60) == LEAST
+    assert width([0.01] * 60) == width([-0.1] * 60) == MIN
     assert width([0.01] * 60, 0.08) == 0.08
-    assert width([0.9] * 60) == MOST
+    assert width([0.9] * 60) == MAX
 
 
 def test_of_few_places_with_aliases_nothing_is_learned():
-    assert width([]) == width([None] * 60) == width([0.2] * 19 + [None] * 41) == LEAST
+    assert width([]) == width([None] * 60) == width([0.2] * 19 + [None] * 41) == MIN
 
 
 @pytest.fixture(scope="module")

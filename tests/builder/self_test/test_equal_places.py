@@ -100,7 +100,7 @@ def test_a_maps_own_width_is_measured_by_its_self_test(
     coarse_version: BuildResult, small_world: SmallWorld, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(run, "equal_places", lambda *_: EqualPlaces((), 0.12))
-    monkeypatch.setattr(equal_places_module, "_LEAST_SCANS", 2)
+    monkeypatch.setattr(equal_places_module, "_MIN_SCANS", 2)
     with ThreadPoolExecutor(1) as executor:
         _, calibration, _, _ = run.run_self_test(
             Localizer(MapIndex.load(coarse_version.directory, Calibration())),

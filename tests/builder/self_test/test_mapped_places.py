@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from firstfix_builder.self_test.mapped_places import IN_PART, MOST_TOLD, MappedPlaces
+from firstfix_builder.self_test.mapped_places import IN_PART, MAX_TOLD, MappedPlaces
 from firstfix_builder.simulation.simulate import upright
 from tests.builder.self_test.two_rooms import DRIVE, HEIGHT_M, SENSOR, seen_from, simulator
 
@@ -62,8 +62,8 @@ def test_scans_are_counted_in_part_and_elsewhere():
 
 
 def test_shares_of_no_scans_are_not_told_and_long_lists_are_cut():
-    many = MappedPlaces({(x, 0): 0.5 for x in range(MOST_TOLD + 1)})
+    many = MappedPlaces({(x, 0): 0.5 for x in range(MAX_TOLD + 1)})
     told = many.to_mapping([])
-    assert told["in_part"] == MOST_TOLD + 1
-    assert len(told["without_scans"]) == MOST_TOLD
+    assert told["in_part"] == MAX_TOLD + 1
+    assert len(told["without_scans"]) == MAX_TOLD
     assert told["localized_in_part"] is told["localized_elsewhere"] is None

@@ -10,7 +10,7 @@ from firstfix.answer.localization import Hypothesis, Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine.calibration import Calibration
-from firstfix.engine.with_prior import LEAST_RADIUS_M, MOST_RADIUS_M
+from firstfix.engine.with_prior import MAX_RADIUS_M, MIN_RADIUS_M
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform
 from firstfix_builder.self_test import prior_asks
@@ -126,7 +126,7 @@ def test_the_right_prior_holds_the_true_pose_and_the_wrong_one_does_not(asks, en
     for right, wrong in zip(engine.priors[::2], engine.priors[1::2], strict=True):
         assert right.allows(HERE)
         assert np.linalg.norm(wrong.position_m - HERE[:3, 3]) > wrong.radius_m + 1
-        assert LEAST_RADIUS_M <= right.radius_m == wrong.radius_m <= MOST_RADIUS_M
+        assert MIN_RADIUS_M <= right.radius_m == wrong.radius_m <= MAX_RADIUS_M
     assert {prior.yaw_range_deg for prior in engine.priors} == {45.0, 180.0}
 
 

@@ -11,7 +11,7 @@ from firstfix_builder.self_test.taught_outcomes import (
     ALIKE,
     ELSEWHERE,
     HERE,
-    LEAST_CEILING,
+    MIN_CEILING,
     TaughtOutcome,
     TaughtOutcomes,
     taught_outcomes,
@@ -41,14 +41,14 @@ STRANGE = ("hall", ELSEWHERE, 0.3, False, 3000)
 
 
 def test_the_ceiling_is_the_lowest_threshold_at_which_many_maps_keep_the_promise():
-    assert threshold(taught(RIGHT, STRANGE)) == LEAST_CEILING
+    assert threshold(taught(RIGHT, STRANGE)) == MIN_CEILING
     assert threshold(taught(RIGHT, STRANGE, ("mill", HERE, 0.992, False, 30))) == 0.995
     assert threshold(taught(RIGHT, STRANGE, ("mill", ELSEWHERE, 0.992, False, 200))) == 0.995
 
 
 def test_few_wrong_answers_among_many_right_ones_break_no_promise():
     few = ("mill", HERE, 0.9996, False, 3)
-    assert threshold(taught(RIGHT, STRANGE, few)) == LEAST_CEILING
+    assert threshold(taught(RIGHT, STRANGE, few)) == MIN_CEILING
     assert threshold(taught(RIGHT, STRANGE, few), promise=0.0005) is None
 
 
@@ -58,12 +58,12 @@ def test_of_few_answers_nothing_is_learned():
 
 
 def test_look_alikes_teach_no_ceiling():
-    assert threshold(taught(RIGHT, STRANGE, ("mill", ALIKE, 0.9999, False, 300))) == LEAST_CEILING
+    assert threshold(taught(RIGHT, STRANGE, ("mill", ALIKE, 0.9999, False, 300))) == MIN_CEILING
 
 
 def test_a_place_can_be_held_out():
     table = taught(RIGHT, STRANGE, ("mill", HERE, 0.992, False, 60))
-    assert (threshold(table), threshold(table, but_of="mill")) == (0.995, LEAST_CEILING)
+    assert (threshold(table), threshold(table, but_of="mill")) == (0.995, MIN_CEILING)
 
 
 def test_the_table_of_the_release_is_of_many_maps_and_sensors():

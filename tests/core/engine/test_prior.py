@@ -19,7 +19,7 @@ from firstfix.engine.registered_candidate import RegisteredCandidate, features_o
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.stopwatch import Stopwatch
 from firstfix.engine.verdict import judge
-from firstfix.engine.with_prior import MOST_RADIUS_M, judging
+from firstfix.engine.with_prior import MAX_RADIUS_M, judging
 from firstfix.transform import make_transform
 
 TAUGHT = Calibration(bias=-15.0, min_probability=0.95, cases=200)
@@ -33,14 +33,14 @@ def about(radius_m: float) -> Prior:
 
 def test_a_prior_is_judged_by_a_calibration_of_its_own():
     assert judging(INDEX, LocalizeOptions(prior=about(2.5))).calibration == TAUGHT
-    assert judging(INDEX, LocalizeOptions(prior=about(MOST_RADIUS_M))).calibration == TAUGHT
+    assert judging(INDEX, LocalizeOptions(prior=about(MAX_RADIUS_M))).calibration == TAUGHT
 
 
 @pytest.mark.parametrize(
     "options",
     [
         LocalizeOptions(),
-        LocalizeOptions(prior=about(MOST_RADIUS_M + 0.1)),
+        LocalizeOptions(prior=about(MAX_RADIUS_M + 0.1)),
         LocalizeOptions(prior=about(2.5), max_false_accept=0.02),
     ],
     ids=["no prior", "a wide one", "a bound that was measured without priors"],

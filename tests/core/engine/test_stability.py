@@ -19,7 +19,7 @@ from firstfix.transform import Matrix, make_transform, pose_error, rotation_z
 from tests.reference.recorded_places import RecordedPlace
 
 MOVED_M = 1e-5
-MOST_M, MOST_DEG = 0.02, 0.05
+MAX_M, MAX_DEG = 0.02, 0.05
 SEEDS = 3
 FORMS = {"whole": lambda scan: scan, "compact": condense}
 
@@ -54,8 +54,8 @@ def test_a_hundredth_of_a_millimetre_moves_no_answer(place: RecordedPlace, form:
             distance_m, angle_deg = pose_error(
                 answer, pose_of(place, FORMS[form](moved(scan, seed)), T_map_sensor)
             )
-            assert distance_m < MOST_M
-            assert angle_deg < MOST_DEG
+            assert distance_m < MAX_M
+            assert angle_deg < MAX_DEG
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -13,8 +13,8 @@ from typing import Any
 import orjson
 import zenoh
 
-from firstfix_service.localize.recent_answers import MOST_ANSWERS
-from firstfix_service.zenoh_api.answers import ANSWERS, MAX_BYTES, MOST_RECORDS
+from firstfix_service.localize.recent_answers import MAX_ANSWERS
+from firstfix_service.zenoh_api.answers import ANSWERS, MAX_BYTES, MAX_RECORDS
 from tests.service.access_world import bearer, known
 from tests.service.service_world import Service, client_session, publish, running_service, serving
 from tests.waiting import LIMIT_S, wait_until
@@ -131,7 +131,7 @@ def test_foreign_answers_displace_no_own_answers(service: Service):
         b"[" * 50_000,
         orjson.dumps([{**RECORD, "ms": "soon"}]),
         orjson.dumps([{**RECORD, "caller": "x" * 1000}]),
-        orjson.dumps([RECORD] * (MOST_RECORDS + 1)),
+        orjson.dumps([RECORD] * (MAX_RECORDS + 1)),
         b'[{"time_s": NaN}]',
         b" " * MAX_BYTES + orjson.dumps([RECORD]),
         orjson.dumps([{**RECORD, "answer": {**RECORD["answer"], "verdict": "<b>"}}]),
@@ -154,9 +154,9 @@ def test_foreign_answers_displace_no_own_answers(service: Service):
         session.put(f"{ANSWERS}/r1", orjson.dumps([RECORD]))  # in this replica's own name
 
         def flooded() -> bool:  # zenoh may drop any of them
-            for _ in range(MOST_ANSWERS // MOST_RECORDS + 5):
-                put(orjson.dumps([RECORD] * MOST_RECORDS))
-            return len(watch.answers) > before + MOST_RECORDS
+            for _ in range(MAX_ANSWERS // MAX_RECORDS + 5):
+                put(orjson.dumps([RECORD] * MAX_RECORDS))
+            return len(watch.answers) > before + MAX_RECORDS
 
         wait_until(flooded)
         assert all(one["answer"]["verdict"] in ("localized", "rejected") for one in watch.answers)

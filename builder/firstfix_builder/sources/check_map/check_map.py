@@ -22,8 +22,8 @@ from .turned_trajectory import check_turned
 from .unit import check_unit
 from .up import check_up
 
-LEAST_POINTS = 200
-LEAST_HEIGHT_M = 0.4  # of a map with walls
+MIN_POINTS = 200
+MIN_HEIGHT_M = 0.4  # of a map with walls
 
 
 def check_map(data: MapData, poses: NDArray[np.float64] | None = None) -> list[Finding]:
@@ -72,13 +72,13 @@ def refuse(findings: Iterable[Finding]) -> None:
 
 
 def _few_points(points: NDArray[np.float64]) -> Finding | None:
-    if len(points) >= LEAST_POINTS:
+    if len(points) >= MIN_POINTS:
         return None
-    return MAP_FEW_POINTS.found({"points": len(points), "needed": LEAST_POINTS})
+    return MAP_FEW_POINTS.found({"points": len(points), "needed": MIN_POINTS})
 
 
 def _flat(shape: Shape) -> Finding | None:
     """Finding of a map that has extent and no height."""
-    if shape.extent_m[2] >= LEAST_HEIGHT_M or shape.extent_m.min() < shape.extent_m[2]:
+    if shape.extent_m[2] >= MIN_HEIGHT_M or shape.extent_m.min() < shape.extent_m[2]:
         return None
     return MAP_FLAT.found(shape.numbers, **shape.words)

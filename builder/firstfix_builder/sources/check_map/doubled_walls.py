@@ -18,16 +18,16 @@ from firstfix.findings.map_kinds import MAP_DOUBLED_WALLS
 VOXEL_M = 0.1
 MAX_POINTS = 400_000
 APART_M = tuple(0.25 + 0.1 * k for k in range(5))  # thicker than a wall, nearer than the next one
-MOST_APART_M = 0.65
+MAX_APART_M = 0.65
 PLACE_M = 8.0
 DOUBLED_SHARE = 0.1  # of all walls
-LEAST_PLACES = 3
+MIN_PLACES = 3
 TOLD_PLACES = 3
 _SAMPLED_WALLS = 9_000
-_LEAST_WALLS = 200  # fewer say nothing
+_MIN_WALLS = 200  # fewer say nothing
 _UPRIGHT_COSINE, _PARALLEL_COSINE = 0.26, 0.95
-_NEIGHBOURS, _LEAST_PARALLEL, _PLANE_M = 20, 0.8, 0.04
-_LEAST_IN_PLACE, _MOST_OF_PLACE, _SAME_M, _LEAST_SAME = 20, 0.6, 0.1, 0.7
+_NEIGHBOURS, _MIN_PARALLEL, _PLANE_M = 20, 0.8, 0.04
+_MIN_IN_PLACE, _MAX_OF_PLACE, _SAME_M, _MIN_SAME = 20, 0.6, 0.1, 0.7
 _DIRECTIONS = 4
 _SEED = 34
 
@@ -35,7 +35,7 @@ _SEED = 34
 def check_doubled_walls(surface: Surface) -> Finding | None:
     """Finding of a map in which walls have parallel twins, with the places. Points are VOXEL_M apart."""
     walls = _plane_walls(surface)
-    if len(walls) < _LEAST_WALLS:
+    if len(walls) < _MIN_WALLS:
         return None
     apart_m = _twin_distances(surface, walls)
     points, normals = surface.points[walls], surface.normals[walls]
@@ -47,13 +47,13 @@ def check_doubled_walls(surface: Surface) -> Finding | None:
     for number in range(place.max() + 1):
         members = np.flatnonzero(place == number)
         paired = members[np.isfinite(apart_m[members])]
-        if len(members) < _LEAST_IN_PLACE or len(paired) < _MOST_OF_PLACE * len(members):
+        if len(members) < _MIN_IN_PLACE or len(paired) < _MAX_OF_PLACE * len(members):
             continue
         middle_m = np.median(apart_m[paired])
-        if middle_m <= MOST_APART_M and np.mean(np.abs(apart_m[paired] - middle_m) < _SAME_M) > _LEAST_SAME:
+        if middle_m <= MAX_APART_M and np.mean(np.abs(apart_m[paired] - middle_m) < _SAME_M) > _MIN_SAME:
             twins.append(paired)
     share = sum(map(len, twins)) / len(walls)
-    if len(twins) < LEAST_PLACES or share < DOUBLED_SHARE:
+    if len(twins) < MIN_PLACES or share < DOUBLED_SHARE:
         return None
     largest = sorted(twins, key=len, reverse=True)[:TOLD_PLACES]
     centres = [np.round(points[one, :2].mean(axis=0)) for one in largest]
@@ -69,7 +69,7 @@ def check_doubled_walls(surface: Surface) -> Finding | None:
 def _plane_walls(surface: Surface) -> NDArray[np.intp]:
     """Rows of points on upright planes, of a sample."""
     upright = np.flatnonzero(np.abs(surface.normals[:, 2]) < _UPRIGHT_COSINE)
-    if len(upright) < _LEAST_WALLS:
+    if len(upright) < _MIN_WALLS:
         return upright[:0]
     rng = np.random.default_rng(_SEED)
     rows = rng.choice(upright, min(_SAMPLED_WALLS, len(upright)), replace=False)
@@ -77,7 +77,7 @@ def _plane_walls(surface: Surface) -> NDArray[np.intp]:
     normal = surface.normals[rows]
     parallel = np.abs(np.einsum("ijk,ik->ij", surface.normals[around], normal)) > _PARALLEL_COSINE
     offset_m = np.abs(np.einsum("ijk,ik->ij", surface.points[around] - surface.points[rows][:, None], normal))
-    is_plane = (parallel.mean(axis=1) > _LEAST_PARALLEL) & (offset_m.mean(axis=1) < _PLANE_M)
+    is_plane = (parallel.mean(axis=1) > _MIN_PARALLEL) & (offset_m.mean(axis=1) < _PLANE_M)
     return rows[is_plane]
 
 

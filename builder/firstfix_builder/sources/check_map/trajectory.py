@@ -11,11 +11,11 @@ from firstfix.findings.finding import Finding
 from firstfix.findings.map_kinds import TRAJECTORY_ELSEWHERE, TRAJECTORY_IS_CLOUD
 
 TOUCHING_M = 0.15  # no sensor is so near to a surface all the way
-MOST_TOUCHING = 0.6
+MAX_TOUCHING = 0.6
 MARGIN_M = 20.0
-MOST_OUTSIDE = 0.5
+MAX_OUTSIDE = 0.5
 _SAMPLED_POSES = 500
-_LEAST_POSES = 10  # of fewer, chance decides
+_MIN_POSES = 10  # of fewer, chance decides
 
 
 def check_trajectory(points: NDArray[np.float64], poses: NDArray[np.float64]) -> Finding | None:
@@ -23,15 +23,15 @@ def check_trajectory(points: NDArray[np.float64], poses: NDArray[np.float64]) ->
     at = poses[rows_by_chance(len(poses), _SAMPLED_POSES), :3, 3]
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
     outside = float(((at < low) | (at > high)).any(axis=1).mean())
-    if outside > MOST_OUTSIDE:
+    if outside > MAX_OUTSIDE:
         numbers = {"poses": len(poses), "outside_share": outside, "margin_m": MARGIN_M}
         return TRAJECTORY_ELSEWHERE.found(numbers)
-    if len(at) < _LEAST_POSES or not np.array_equal(
+    if len(at) < _MIN_POSES or not np.array_equal(
         poses[:, :3, :3], np.broadcast_to(np.eye(3), (len(poses), 3, 3))
     ):
         return None  # few poses, or they are turned: points of a cloud are not
     near_m, nearest = cKDTree(at).query(points, distance_upper_bound=TOUCHING_M)
     touching = len(np.unique(nearest[np.isfinite(near_m)])) / len(at)
-    if touching <= MOST_TOUCHING:
+    if touching <= MAX_TOUCHING:
         return None
     return TRAJECTORY_IS_CLOUD.found({"poses": len(poses), "touching_share": touching})

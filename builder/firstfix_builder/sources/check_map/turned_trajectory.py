@@ -28,7 +28,7 @@ SURE_DENSER = 0.05  # better correlation of density with nearness, to be sure
 STEP_DEG = 30
 TOUCHING_M = 0.3
 OWN_POINTS = 0.4  # more poses with points so near: the map has the robot itself, and touching says nothing
-_LEAST_POSES, _SAMPLED_POSES = 5, 200
+_MIN_POSES, _SAMPLED_POSES = 5, 200
 _SAMPLED_POINTS, _COMPARED_POINTS = 300_000, 4_000
 _NEIGHBOURS = 8
 _NEAR_M = 1.0  # points nearer than this are near, however near they are
@@ -85,7 +85,7 @@ def check_turned(
         origin: (3,) of the map's file, in the frame of the points and the poses.
     """
     at = poses[rows_by_chance(len(poses), _SAMPLED_POSES), :3, 3]
-    if len(at) < _LEAST_POSES or len(points) <= _NEIGHBOURS:
+    if len(at) < _MIN_POSES or len(points) <= _NEIGHBOURS:
         return None
     samples = _Samples(points)
     given = samples.fit(at)

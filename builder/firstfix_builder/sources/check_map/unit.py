@@ -9,9 +9,9 @@ from firstfix.findings.map_kinds import MAP_TOO_COARSE, MAP_UNIT
 
 from .shape import Shape
 
-LEAST_EXTENT_M = 2.0  # no robot needs a cloud of less; a mesh may be a part of a map
-MOST_SPACING_M = 2.0  # points further apart show no surface
-MOST_HEIGHT_M = 1_000.0
+MIN_EXTENT_M = 2.0  # no robot needs a cloud of less; a mesh may be a part of a map
+MAX_SPACING_M = 2.0  # points further apart show no surface
+MAX_HEIGHT_M = 1_000.0
 # A spacing of decimetres is usual outdoors, and a height of hundreds of metres in the mountains. Both are a
 # hall in centimetres.
 WIDE_SPACING_M, TALL_M = 0.6, 200.0
@@ -28,10 +28,10 @@ _UNITS = {
 def check_unit(shape: Shape) -> Finding | None:
     """Finding of a map that cannot be in metres, with the scale that fits best."""
     extent_m, height_m, spacing_m = float(shape.extent_m.max()), float(shape.extent_m[2]), shape.spacing_m
-    too_coarse = spacing_m is not None and spacing_m > MOST_SPACING_M
-    too_tall = height_m > MOST_HEIGHT_M
+    too_coarse = spacing_m is not None and spacing_m > MAX_SPACING_M
+    too_tall = height_m > MAX_HEIGHT_M
     too_tall |= spacing_m is not None and spacing_m > WIDE_SPACING_M and height_m > TALL_M
-    too_small = spacing_m is not None and extent_m < LEAST_EXTENT_M
+    too_small = spacing_m is not None and extent_m < MIN_EXTENT_M
     if not (too_coarse or too_tall or too_small):
         return None
     scale = min(_UNITS, key=lambda one: _oddness(shape, one))

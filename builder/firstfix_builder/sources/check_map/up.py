@@ -15,7 +15,7 @@ ACROSS_DEG = 10.0
 SLAB_M = 0.5
 CLEARLY = 2.0  # times as much surface must lie across y: a corridor has more wall than floor
 WIDE_M, FLAT_SHARE = 5.0, 0.25  # extents of a way along two axes, and of the smaller of these along the third
-_LEAST_SHARE = 0.02
+_MIN_SHARE = 0.02
 
 
 def check_up(surface: Surface, poses: NDArray[np.float64] | None = None) -> Finding | None:
@@ -34,7 +34,7 @@ def check_up(surface: Surface, poses: NDArray[np.float64] | None = None) -> Find
     share = across.mean(axis=0)
     slab = np.array([_largest_slab(surface.points[across[:, k], k]) for k in range(3)]) / len(surface)
     least = 1.0 if poses is not None and _is_flat_along_y(poses) else CLEARLY
-    if slab[1] < _LEAST_SHARE or share[1] < least * share[2] or slab[1] < least * slab[2]:
+    if slab[1] < _MIN_SHARE or share[1] < least * share[2] or slab[1] < least * slab[2]:
         return None
     return MAP_NOT_LEVEL.found({"level_y_share": float(share[1]), "level_z_share": float(share[2])})
 

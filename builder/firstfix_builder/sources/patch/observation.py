@@ -18,7 +18,7 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, inverse, transform_points
 
 UPRIGHT_NZ = 0.5
-FEWEST_UPRIGHT = 100  # returns that are not on a floor: with fewer, nothing says that the pose is right
+MIN_UPRIGHT = 100  # returns that are not on a floor: with fewer, nothing says that the pose is right
 EXPLAINED, EXPLAINED_M = 0.8, 0.15  # of these, the share that lies so near to a mapped wall or thing
 # A scan that is told again, at the same pose: most of its points are there again. Those of a second scan are
 # not, by the sensor's noise.
@@ -103,7 +103,7 @@ def fits_around(index: MapIndex, returns: NDArray[np.float32], T_map_sensor: Mat
     upright = (row < 0) | (np.abs(plane[:, 2]) < UPRIGHT_NZ)
     away_m = np.abs(np.einsum("ij,ij->i", plane[:, :3], at) - plane[:, 3])
     explained = (row >= 0) & upright & (away_m <= EXPLAINED_M)
-    return bool(upright.sum() >= FEWEST_UPRIGHT and explained.sum() >= EXPLAINED * upright.sum())
+    return bool(upright.sum() >= MIN_UPRIGHT and explained.sum() >= EXPLAINED * upright.sum())
 
 
 def without_replays(observations: Sequence[Observation]) -> list[Observation]:

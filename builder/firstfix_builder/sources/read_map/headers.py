@@ -19,7 +19,7 @@ _E57_HEAD = struct.Struct(
     "<8sIIQQQQ"
 )  # signature, version, bytes of the file, place and bytes of the XML, page
 _PAGE_BYTES, _CHECKSUM_BYTES = 1024, 4
-MOST_XML_BYTES = 64 << 20  # of some ten thousand scans
+MAX_XML_BYTES = 64 << 20  # of some ten thousand scans
 
 
 def check_e57(path: Path) -> None:
@@ -38,7 +38,7 @@ def check_e57(path: Path) -> None:
             raise MalformedData(f"E57: the file is cut off: {size} of {declared} bytes")
         if page_bytes != _PAGE_BYTES:
             raise MalformedData(f"E57: pages of {page_bytes} bytes")
-        if place > size or xml_bytes > min(size - place, MOST_XML_BYTES):
+        if place > size or xml_bytes > min(size - place, MAX_XML_BYTES):
             raise MalformedData(f"E57: {xml_bytes} bytes of XML at byte {place} of {size}")
         first = place // _PAGE_BYTES * _PAGE_BYTES
         file.seek(first)
@@ -86,7 +86,7 @@ _GLB_HEAD = struct.Struct("<4sIIII")  # magic, version, length; length and kind 
 _JSON = 0x4E4F534A
 _NUMBER_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-MOST_RATIO = 200  # of Draco: its accessors have no bytes of their own
+MAX_RATIO = 200  # of Draco: its accessors have no bytes of their own
 
 
 def check_glb(path: Path) -> None:
@@ -117,7 +117,7 @@ def check_glb(path: Path) -> None:
         raise UnsupportedFormat("GLB: a part of it lies in another file")
     if declared > MAP_LIMITS.max_decoded_bytes:
         raise TooLarge(f"GLB: {declared} bytes, the limit is {MAP_LIMITS.max_decoded_bytes} bytes")
-    if declared > MOST_RATIO * size:
+    if declared > MAX_RATIO * size:
         raise MalformedData(f"GLB: {size} bytes cannot hold the {declared} bytes that it declares")
 
 

@@ -15,10 +15,10 @@ from scipy.spatial import cKDTree
 
 from firstfix.bit_exact.sample import rows_by_chance
 
-LEAST_KEYFRAMES = 20
-MOST_SHARE = 0.1  # of the keyframes
+MIN_KEYFRAMES = 20
+MAX_SHARE = 0.1  # of the keyframes
 PARTS = 20
-LEAST_LENGTH = 2  # keyframes of a part, if there are enough: a single one has its double beside it
+MIN_LENGTH = 2  # keyframes of a part, if there are enough: a single one has its double beside it
 SEED = 17
 TRIES = 50  # places that are drawn for each part
 
@@ -26,7 +26,7 @@ SEEN_M, SEEN_SHARE = 0.3, 0.9  # so many of a scan's points have one of the map 
 NEAR_M = 5.0  # from a held-out keyframe to one of the map: beyond it, the map need not have a template there
 COMPARED_POINTS = 2000
 
-FEW = f"the map has fewer than {LEAST_KEYFRAMES} keyframes"
+FEW = f"the map has fewer than {MIN_KEYFRAMES} keyframes"
 ALONE = "no other keyframe saw what they see"
 FAR = f"no other keyframe is within {NEAR_M:g} m"
 
@@ -61,10 +61,10 @@ def drawn_parts(positions: NDArray[np.float64], most: int, seed: int = SEED) -> 
         Ascending ranges of keyframes, at least one keyframe between two of them; none of too few keyframes.
     """
     count = len(positions)
-    wanted = min(most, int(MOST_SHARE * count)) if count >= LEAST_KEYFRAMES else 0
+    wanted = min(most, int(MAX_SHARE * count)) if count >= MIN_KEYFRAMES else 0
     if not wanted:
         return []
-    number = min(PARTS, -(-wanted // LEAST_LENGTH))
+    number = min(PARTS, -(-wanted // MIN_LENGTH))
     lengths = [len(part) for part in np.array_split(np.arange(wanted), number)]
     steps_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     way_m = np.append(0.0, np.cumsum(steps_m))

@@ -12,7 +12,7 @@ from .map_limits import LIMITS
 FIRST_FOLD_ROWS = 500_000
 FOLD_SHARE = 0.25  # of the rows that are joined already
 VOXEL_GROWTH = 1.25
-MOST_VOXELS = 2.0**62  # between the outermost points: their numbers are 64-bit integers
+MAX_VOXELS = 2.0**62  # between the outermost points: their numbers are 64-bit integers
 
 
 class JoinedCloud:
@@ -72,6 +72,6 @@ def _voxel_of(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.int64]:
     cell = np.floor(points / voxel_m).astype(np.int64)
     cell -= cell.min(axis=0)
     size = cell.max(axis=0) + 1
-    if np.prod(size.astype(np.float64)) > MOST_VOXELS:
+    if np.prod(size.astype(np.float64)) > MAX_VOXELS:
         raise MalformedData("the scans lie too far apart for one map: is a pose wrong?")
     return (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]

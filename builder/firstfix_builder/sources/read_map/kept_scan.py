@@ -11,8 +11,8 @@ from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.wire.content_encoding import undo_content_encoding
 
-MOST_DECODED_BYTES = 64 << 20
-MOST_POINTS = 1_000_000
+MAX_DECODED_BYTES = 64 << 20
+MAX_POINTS = 1_000_000
 
 
 def read_kept_scan(
@@ -26,13 +26,13 @@ def read_kept_scan(
     Raises:
         InputError: it is no scan, or too large.
     """
-    body = undo_content_encoding(path.read_bytes(), content_encoding, MOST_DECODED_BYTES)
+    body = undo_content_encoding(path.read_bytes(), content_encoding, MAX_DECODED_BYTES)
     scan = decode_query(body, media_type)
     if alone and isinstance(scan, ScanSequence) and len(scan) > 1:
         raise InvalidScan(f"it has {len(scan)} scans")
     last = scan.scans[-1] if isinstance(scan, ScanSequence) else scan
     if not isinstance(last, Scan | CompactScan):
         raise InvalidScan("it has a descriptor and no points")
-    if len(last.points) > MOST_POINTS:
-        raise TooLarge(f"it has {len(last.points)} points, the limit is {MOST_POINTS}")
+    if len(last.points) > MAX_POINTS:
+        raise TooLarge(f"it has {len(last.points)} points, the limit is {MAX_POINTS}")
     return last

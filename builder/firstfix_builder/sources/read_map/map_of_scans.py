@@ -19,7 +19,7 @@ from firstfix.transform import make_transform, transform_points
 
 from .glim import is_glim_dump
 from .held_out import HeldOut, HeldOutScan
-from .held_out_parts import FEW, LEAST_KEYFRAMES, HeldOutParts, OtherKeyframes, drawn_parts
+from .held_out_parts import FEW, MIN_KEYFRAMES, HeldOutParts, OtherKeyframes, drawn_parts
 from .joined_cloud import JoinedCloud
 from .map_data import ORIGIN_STEP_M, MapData
 from .map_file import READERS
@@ -79,7 +79,7 @@ def read_map_of_scans(
         if number not in drawn:
             joined.add(number, keyframes.read(number))
     asked, told = _hold_out(parts, keyframes, joined)
-    if held_out and len(keyframes) < LEAST_KEYFRAMES:
+    if held_out and len(keyframes) < MIN_KEYFRAMES:
         told = HeldOutParts(kept_out={FEW: len(keyframes)})
     if not joined.numbers:
         raise _nothing_to_join(scans)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ScanLike = Union[Scan, ArrayLike, "str | os.PathLike[str]"]
 Encoding = Literal["scan", "range_image", "compact", "descriptor"]
 MAX_COMPACT_BYTES = 10_000
-FEWEST_POINTS = 500
+MIN_POINTS = 500
 
 
 def scan_of(scan: ScanLike) -> Scan:
@@ -126,9 +126,9 @@ def _part(
 
 
 def _compact_body(scan: CompactScan) -> bytes:
-    """Returns the body. A scan with too many bytes loses points, down to FEWEST_POINTS."""
+    """Returns the body. A scan with too many bytes loses points, down to MIN_POINTS."""
     body = wire_query.encode_query(scan)
-    while len(body) >= MAX_COMPACT_BYTES and len(scan) > FEWEST_POINTS:
+    while len(body) >= MAX_COMPACT_BYTES and len(scan) > MIN_POINTS:
         kept = rows_by_chance(len(scan), len(scan) * 9 // 10)
         scan = replace(scan, points=scan.points[kept])
         body = wire_query.encode_query(scan)

@@ -22,7 +22,7 @@ from ..registration.align import MapSurface
 from .sighting import COARSE_COLUMNS, FINE_POINTS_M
 
 AGREES, CONTRADICTS, UNEXPLAINED = 0, 1, 2
-MOST_POINTS = 60_000
+MAX_POINTS = 60_000
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,8 @@ class OverlayMap:
     def _returns_of(self, scan: Scan | CompactScan) -> NDArray[np.float32]:
         limits, range_m = self.config.preprocess, np.linalg.norm(scan.points, axis=1)
         seen = np.flatnonzero((range_m > limits.min_range_m) & (range_m < limits.max_range_m))
-        if len(seen) > MOST_POINTS:
-            seen = seen[rows_by_chance(len(seen), MOST_POINTS)]
+        if len(seen) > MAX_POINTS:
+            seen = seen[rows_by_chance(len(seen), MAX_POINTS)]
         return np.ascontiguousarray(scan.points[seen], np.float32)
 
     def _is_on_surface(self, returns: NDArray[np.float32], T_level_sensor: Matrix) -> NDArray[np.bool_]:

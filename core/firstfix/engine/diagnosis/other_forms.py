@@ -21,7 +21,7 @@ from ..registered_candidate import RegisteredCandidate
 
 BETTER = 0.1  # share of the scan that lies on the map, above that of the scan as it was sent
 USUAL_SCALES = {0.3048: "feet", 1 / 1.1: "", 1.1: "", 0.95: "", 1.05: "", 0.1: "decimetres", 0.0254: "inches"}
-LEAST_SCALE, MOST_SCALE = 0.01, 100.0  # by the height above the floor
+MIN_SCALE, MAX_SCALE = 0.01, 100.0  # by the height above the floor
 _SAME_SCALE = 0.03
 _SCALE_TEXT = ", as from {}"
 _FITS_TEXT = "with them the scan fits (inliers {inlier_ratio:.2f} against {inlier_ratio_as_sent:.2f})"
@@ -76,7 +76,7 @@ def scales(height_m: float | None, usual_height_m: float) -> Iterator[tuple[floa
     near = [one for one in USUAL_SCALES.items() if abs(one[0] - by_height) < _SAME_SCALE * by_height]
     for factor, unit in [*(near or [(by_height, "")]), *USUAL_SCALES.items()]:
         is_new = all(abs(factor / other - 1) > _SAME_SCALE for other in tried)
-        if is_new and LEAST_SCALE < factor < MOST_SCALE:
+        if is_new and MIN_SCALE < factor < MAX_SCALE:
             tried.append(factor)
             yield factor, unit
 

@@ -26,7 +26,7 @@ from .coarse_templates import CoarseTemplates
 from .sought_scan import SoughtScan
 
 MAX_TEMPLATES = 14_000_000  # of all maps together. Each takes 80 bytes of memory, and its bits on the disk
-MOST_BLOCKS = 6  # of a group: a query searches all of them
+MAX_BLOCKS = 6  # of a group: a query searches all of them
 NUMBERS = 64  # that are left of a key: its principal components
 LEARNED_FROM = 10_000  # keys
 COMPARED = 400  # templates, for each spot of a scan
@@ -237,7 +237,7 @@ class CoarseIndex:
         kept.sort(key=len, reverse=True)
         count = sum(len(one.templates) for one in added)
         if added or len(kept) < len(blocks):
-            while kept and (len(kept) >= MOST_BLOCKS or len(kept[-1]) <= count):
+            while kept and (len(kept) >= MAX_BLOCKS or len(kept[-1]) <= count):
                 count += len(kept.pop())
         members = list(added)
         for block in blocks:

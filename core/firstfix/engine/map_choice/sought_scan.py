@@ -24,7 +24,7 @@ from ..preprocess import PreparedScan, deskewed, preprocess
 # therefore also described from spots around: of 16 office floors, the right one came first for 23 of 24
 # queries instead of 9.
 SHIFTS_M = tuple(product((0.0, -0.2, 0.2), repeat=2))
-MOST_POINTS = 16_384  # that are described: as many rays as a template has
+MAX_POINTS = 16_384  # that are described: as many rays as a template has
 _CONFIG: TypeAdapter[DescriptorConfig] = TypeAdapter(DescriptorConfig)
 
 
@@ -73,7 +73,7 @@ def describe_sought(
 
 def _from_around(scan: PreparedScan, descriptor: Descriptor) -> Described:
     """Descriptions of a scan, one for each spot."""
-    points = turned(at_most(scan.seen, MOST_POINTS), scan.R_level_sensor)
+    points = turned(at_most(scan.seen, MAX_POINTS), scan.R_level_sensor)
     upright, found = np.eye(3), []
     for x_m, y_m in SHIFTS_M:
         moved = points - np.array([x_m, y_m, 0.0], np.float32)

@@ -7,15 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_POINTS = 4_000_000
+MAX_POINTS = 4_000_000
 
 
 def chunked_x(points: NDArray[np.floating], voxel_m: float) -> Iterator[NDArray[np.intp] | slice]:
     """Yields the rows, ascending, of (n, 3) points in each slab, in the order of x.
 
-    A slab consists of whole voxels. It holds more than MOST_POINTS only if one layer of voxels does.
+    A slab consists of whole voxels. It holds more than MAX_POINTS only if one layer of voxels does.
     """
-    if len(points) <= MOST_POINTS:
+    if len(points) <= MAX_POINTS:
         yield slice(None)
         return
     layer = np.floor(points[:, 0].astype(np.float64) / voxel_m).astype(np.int64)
@@ -24,7 +24,7 @@ def chunked_x(points: NDArray[np.floating], voxel_m: float) -> Iterator[NDArray[
     slab_of_layer = np.zeros(len(until), np.int64)
     done = number = 0
     for at, count in enumerate(until.tolist()):
-        if count - done > MOST_POINTS and at:
+        if count - done > MAX_POINTS and at:
             number, done = number + 1, int(until[at - 1])
         slab_of_layer[at] = number
     slab = slab_of_layer[layer]

@@ -13,9 +13,9 @@ from ... import native
 
 BLOCK_BITS = 2  # blocks of 4 cells a side: half of the cells in kept blocks are near the surface
 GROUP_BITS = 2  # groups of 4 blocks a side, or more
-MOST_GROUPS = 1 << 24  # entries of the table of all groups
+MAX_GROUPS = 1 << 24  # entries of the table of all groups
 PART = 1 << 20  # points at once
-MOST_SLOTS = 1 << 22  # cells at once
+MAX_SLOTS = 1 << 22  # cells at once
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class CellsOf:
 def tables_around(cells: CellsOf) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Tables of the groups and blocks within one cell of a point."""
     bits = GROUP_BITS
-    while np.prod((cells.last >> BLOCK_BITS + bits) + 1) > MOST_GROUPS:
+    while np.prod((cells.last >> BLOCK_BITS + bits) + 1) > MAX_GROUPS:
         bits += 1
     near = np.zeros((cells.last >> BLOCK_BITS + bits) + 1, np.bool_)
     for blocks in _blocks_around(cells):
@@ -107,7 +107,7 @@ def _slabs(
 ) -> Iterator[tuple[NDArray[np.int32], int, int]]:
     """Yields for each slab the rows of points in and beside it, its first block, and the one after its last.
 
-    Slabs are at least one group thick, and as thick as MOST_SLOTS allows.
+    Slabs are at least one group thick, and as thick as MAX_SLOTS allows.
     """
     thick = block.shape[1] << BLOCK_BITS  # cells of a group
     x = [cells.of(rows)[0][:, 0].copy() for rows in cells.parts()]
@@ -118,7 +118,7 @@ def _slabs(
     ends = blocks[last_group] + 1  # for every x, the block after its last
     begin, first = 0, 1
     for gx in range(len(group)):
-        full = gx + 1 == len(group) or ends[gx + 1] - first > MOST_SLOTS >> 3 * BLOCK_BITS
+        full = gx + 1 == len(group) or ends[gx + 1] - first > MAX_SLOTS >> 3 * BLOCK_BITS
         if full:
             yield _rows_within(x, ends_of_x, begin * thick - 1, (gx + 1) * thick), first, int(ends[gx])
             begin, first = gx + 1, int(ends[gx])

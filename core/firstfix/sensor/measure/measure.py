@@ -13,7 +13,7 @@ from ..model import SensorModel
 from .nearest import nearest_presets
 from .rings import Rings, Way, rings_by_elevation, rings_by_field, rings_by_order
 
-LEAST_POINTS = 500  # in all scans together
+MIN_POINTS = 500  # in all scans together
 _ORIGIN_M = 0.02  # drivers write 0, 0, 0 where nothing returned
 _BLIND_DEG = 20.0  # a larger gap of azimuth is the end of the field of view, and no open sky
 _MAP_CELL_DEG = 1.0
@@ -85,8 +85,8 @@ def measure_sensor(
     """
     views = [_View.of(scan) for scan in scans]
     total = sum(len(view) for view in views)
-    if total < LEAST_POINTS:
-        raise InvalidScan(f"{total} points are too few to measure a sensor: it needs {LEAST_POINTS} or more")
+    if total < MIN_POINTS:
+        raise InvalidScan(f"{total} points are too few to measure a sensor: it needs {MIN_POINTS} or more")
     for view in views:
         if view.share_behind() > _MAP_SHARE or (view.is_even() and len(view) > _MAX_OF_SCAN):
             raise InvalidScan(

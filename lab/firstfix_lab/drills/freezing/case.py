@@ -18,8 +18,8 @@ from .watch import Watch
 
 BEFORE_S, WINDOW_S = 8.0, 4.0
 FACTOR, FLOOR_S = 2.0, 0.25  # of a p99: two cores, shared with whatever else runs here
-FEWEST_CALLS = 10  # of which a p99 says anything
-MOST_BYTES = 200_000_000
+MIN_CALLS = 10  # of which a p99 says anything
+MAX_BYTES = 200_000_000
 BACK_S = 10.0
 BOUND_S = 30.0  # for calls that need what is frozen
 SLACK_S = 1.0  # by which a call may begin later than it was due
@@ -190,13 +190,13 @@ def _judge(figures: Figures, effect: Effect) -> None:
         if kind in effect.codes:
             if during.worst_s > BOUND_S:
                 figures.missed_times.append(f"{kind} took {during.worst_s:.1f} s")
-        elif before is not None and during.calls >= FEWEST_CALLS:
+        elif before is not None and during.calls >= MIN_CALLS:
             told = f"p99 of {kind} {before.p99_s * 1e3:.0f} -> {during.p99_s * 1e3:.0f} ms"
             if during.p99_s > FACTOR * before.p99_s + FLOOR_S:
                 figures.missed_times.append(told)
             elif during.worst_s > before.worst_s + HELD_UP_S:
                 figures.missed_times.append(f"a call of {kind} took {during.worst_s:.1f} s")
-    if figures.grown_bytes > MOST_BYTES:
+    if figures.grown_bytes > MAX_BYTES:
         figures.missed.append(f"memory +{figures.grown_bytes / 1e6:.0f} MB")
     for what, seconds in figures.back_s.items():
         if seconds is None:

@@ -28,9 +28,9 @@ RESOLUTION_M, LEVELS, FULL_CELL_POINTS = 0.5, 6, 5
 MAX_RANGE_M = 15.0  # decides the step of the yaw
 HALF_SLICE_M = 0.2
 QUERY_VOXEL_M, MAP_VOXEL_M = 0.5, 0.1
-LEAST_POINTS = 32  # of the scan's slice
+MIN_POINTS = 32  # of the scan's slice
 BATCH = 256
-MOST_AT_ONCE = 1_000_000  # values
+MAX_AT_ONCE = 1_000_000  # values
 ICP_REACH_M = 1.5
 
 
@@ -49,7 +49,7 @@ class Bbs2d:
         points = self._given.cropped(scan)
         T_level_sensor = make_transform(levelling_rotation(-prior.gravity), np.zeros(3))
         slice_xy = at_height(voxel_means(points @ T_level_sensor[:3, :3].T, QUERY_VOXEL_M), 0.0)
-        if len(slice_xy) < LEAST_POINTS:
+        if len(slice_xy) < MIN_POINTS:
             return Answer()
         x_m, y_m, yaw_rad, share = self._grid.search(slice_xy)
         T_map_level = make_transform(rotation_z(yaw_rad), np.array([x_m, y_m, self._height_m]))
@@ -118,7 +118,7 @@ class GridPyramid:
     def _scores(self, places: NDArray[np.int64], nodes: NDArray[np.int64], level: int) -> NDArray[np.float64]:
         """(yaws, n) cells of the scan and (k, 3) nodes to (k,) sums of the values under the points."""
         offsets = nodes[:, 1] * self._width + nodes[:, 2]
-        chunk = max(1, MOST_AT_ONCE // places.shape[1])
+        chunk = max(1, MAX_AT_ONCE // places.shape[1])
         parts = []
         for begin in range(0, len(nodes), chunk):
             part = slice(begin, begin + chunk)

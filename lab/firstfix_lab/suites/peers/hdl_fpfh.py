@@ -27,8 +27,8 @@ from .prior import Prior
 from .sent import points_bytes
 
 VOXEL_M, NORMAL_RADIUS_M, FEATURE_RADIUS_M = 0.5, 2.0, 4.0
-ITERATIONS, MOST_HYPOTHESES, SIMILAR_FEATURES = 1_000_000, 10_000, 2
-EDGES_ALIKE, NEAR_M, LEAST_SHARE = 0.5, 1.0, 0.25
+ITERATIONS, MAX_HYPOTHESES, SIMILAR_FEATURES = 1_000_000, 10_000, 2
+EDGES_ALIKE, NEAR_M, MIN_SHARE = 0.5, 1.0, 0.25
 BATCH = 20_000  # iterations
 ICP_REACH_M = 1.5
 
@@ -56,7 +56,7 @@ class HdlFpfh:
         share, T_map_sensor = best_pose(points, self._points[similar], self._near)
         if T_map_sensor is None:
             return Answer()
-        return Answer(self._icp.refine(whole, T_map_sensor), share, share > LEAST_SHARE)
+        return Answer(self._icp.refine(whole, T_map_sensor), share, share > MIN_SHARE)
 
 
 def fpfh_of(points: NDArray[np.float64], seen_from: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -91,13 +91,13 @@ def best_pose(
         theirs = similar[rows, rng.integers(similar.shape[1], size=rows.shape)]  # (batch, 3, 3)
         kept = _distinct(rows) & _edges_alike(points[rows], theirs)
         rotations, shifts = rigid_transforms(points[rows[kept]], theirs[kept])
-        left = MOST_HYPOTHESES - tried
+        left = MAX_HYPOTHESES - tried
         shares = near.shares(points, rotations[:left], shifts[:left])
         if len(shares) and shares.max() > best:
             row = int(np.argmax(shares))
             best, best_pose = float(shares[row]), make_transform(rotations[row], shifts[row])
         tried += len(shares)
-        if tried >= MOST_HYPOTHESES:
+        if tried >= MAX_HYPOTHESES:
             break
     return best, best_pose
 

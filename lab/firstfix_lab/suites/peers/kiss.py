@@ -22,7 +22,7 @@ from .peer_input import PeerInput
 from .prior import POSITION_OFF_M, Prior
 from .sent import points_bytes
 
-LEAST_INLIERS = 5
+MIN_INLIERS = 5
 CROPPED_VOXEL_M = 0.5
 REACH_PERCENT = 90  # of a scan's points lie within its reach
 
@@ -46,7 +46,7 @@ class Kiss:
         coarse = make_transform(found.rotation, np.ravel(found.translation))
         if not np.isfinite(coarse).all():
             return Answer()
-        return Answer(self._icp.refine(points, coarse), float(inliers), inliers >= LEAST_INLIERS)
+        return Answer(self._icp.refine(points, coarse), float(inliers), inliers >= MIN_INLIERS)
 
     def _searched(self, points: NDArray[np.float64], prior: Prior) -> NDArray[np.float32]:
         return self._map

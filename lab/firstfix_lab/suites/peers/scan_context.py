@@ -29,7 +29,7 @@ from .sent import points_bytes
 
 RINGS, SECTORS, MAX_RANGE_M = 20, 60, 80.0
 CANDIDATES = 10
-MOST_DISTANCE = 0.15
+MAX_DISTANCE = 0.15
 
 
 class ScanContextPeer:
@@ -56,7 +56,7 @@ class ScanContextPeer:
         best = int(np.argmin(distance))
         turn = make_transform(rotation_z(yaw_rad[best]), np.zeros(3))
         T_map_sensor = self._register(scan, self._T_map_level[near[best]] @ turn @ T_level_sensor)
-        return Answer(T_map_sensor, 1 - distance[best], distance[best] <= MOST_DISTANCE)
+        return Answer(T_map_sensor, 1 - distance[best], distance[best] <= MAX_DISTANCE)
 
     def _describe(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         return scan_context(points, self._range_m, self._height_m)

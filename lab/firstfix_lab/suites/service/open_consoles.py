@@ -20,7 +20,7 @@ from typing import Any
 import httpx
 
 SHOWN_POINTS = 1_500_000  # plugins/console/page/src/map3d/levels.ts
-MOST_TOGETHER = 100_000  # plugins/console/page/src/map3d/loads.ts
+MAX_TOGETHER = 100_000  # plugins/console/page/src/map3d/loads.ts
 LOOK_S = 1.0  # between two nodes
 START_PAGE_S = 5.0  # plugins/console/page/src/maps/MapList.tsx and answerCounts.ts
 ALERTS_S = 15.0  # plugins/console/page/src/live/useMapAlerts.ts
@@ -90,7 +90,7 @@ def shown_runs(nodes: list[list[int]]) -> list[tuple[int, int]]:
         if shown > SHOWN_POINTS:
             break
         start, together = runs[-1] if runs else (0, 0)
-        if runs and start + together == first and together + count <= MOST_TOGETHER:
+        if runs and start + together == first and together + count <= MAX_TOGETHER:
             runs[-1] = start, together + count
         else:
             runs.append((first, count))

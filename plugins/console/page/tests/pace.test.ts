@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { FEWEST_POINTS, Pace } from "../src/map3d/pace.ts";
+import { MIN_POINTS, Pace } from "../src/map3d/pace.ts";
 
 const WHOLE = 1_500_000;
 
@@ -26,7 +26,7 @@ test("a slow machine draws fewer from the second frame on, until frames come fas
   const pace = new Pace(WHOLE);
   const [first, ...others] = movement(pace, 3000, 20);
   assert.equal(first, WHOLE);
-  for (const most of others) assert.ok(most / 3000 <= 67 && most > FEWEST_POINTS, String(most));
+  for (const most of others) assert.ok(most / 3000 <= 67 && most > MIN_POINTS, String(most));
   assert.ok(pace.isReduced);
 });
 
@@ -39,7 +39,7 @@ test("the next movement begins with what the last one learned, and a picture at 
 });
 
 test("however slow the machine, a movement shows the map", () => {
-  assert.equal(movement(new Pace(WHOLE), 1, 10).at(-1), FEWEST_POINTS);
+  assert.equal(movement(new Pace(WHOLE), 1, 10).at(-1), MIN_POINTS);
 });
 
 test("points come back when frames become quick again", () => {

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { againAndAgain, MOST_WAIT_S, patiently, pause, RECONNECT_MS, secondsToWait, TRIES } from "../src/api/patience.ts";
+import { againAndAgain, MAX_WAIT_S, patiently, pause, RECONNECT_MS, secondsToWait, TRIES } from "../src/api/patience.ts";
 
 function answer(status: number, retryAfter?: string): () => Response {
   return () => new Response("{}", { status, headers: retryAfter ? { "Retry-After": retryAfter } : {} });
@@ -31,7 +31,7 @@ test("it gives up after a few times, with the service's last words", async () =>
 });
 
 test("it does not wait where waiting does not help, or for too long", async () => {
-  for (const refusal of [answer(429), answer(503), answer(401, "1"), answer(500, "1"), answer(429, `${MOST_WAIT_S + 1}`)])
+  for (const refusal of [answer(429), answer(503), answer(401, "1"), answer(500, "1"), answer(429, `${MAX_WAIT_S + 1}`)])
     assert.equal((await asked(refusal, answer(200))).times, 1);
 });
 

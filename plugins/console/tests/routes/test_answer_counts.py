@@ -44,7 +44,7 @@ def test_answers_are_counted_for_an_hour_and_a_day():
 
 
 def test_the_counts_of_many_maps_take_bounded_memory(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(answer_counts, "MOST_MAPS", 3)
+    monkeypatch.setattr(answer_counts, "MAX_MAPS", 3)
     counting = Counting()
     for number in range(5):
         counting.add(f"map-{number}", True, NOW_S + number)

@@ -27,7 +27,7 @@ from .http_scan import MAX_SCAN_BYTES
 
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 KEEPALIVE_S = 20
-MOST_IN_A_ROW = 10_000  # messages, before other work has its turn
+MAX_IN_A_ROW = 10_000  # messages, before other work has its turn
 LOOK_S = 0.1  # between two looks at what else is to be done
 FIRST_WAIT_S, MAX_WAIT_S = 0.5, 30.0  # between two tries to connect; it doubles
 LEAVE_WITHIN_S = 5.0
@@ -198,7 +198,7 @@ class Broker:
         All that waits is read before the listener acts: an order to drive may be among it.
         """
         result = self._client.loop(LOOK_S)
-        for _ in range(MOST_IN_A_ROW):
+        for _ in range(MAX_IN_A_ROW):
             connection = self._client.socket()
             if result != MQTTErrorCode.MQTT_ERR_SUCCESS or connection is None:
                 break

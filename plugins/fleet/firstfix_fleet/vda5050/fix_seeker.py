@@ -29,7 +29,7 @@ from .topics import VehicleName
 
 AT_ONCE = 4  # scans in memory, and queries of this gateway
 BEHIND_AT_ONCE = 2  # of these, for URLs that gave no scan when they were asked last
-MOST_TOPICS = 32  # on which scans are waited for
+MAX_TOPICS = 32  # on which scans are waited for
 TOPIC_WAIT_S = 30.0  # for a scan on a topic
 # After so long without a scan, a vehicle gives its topic's place to one that waits, and waits behind for the
 # rest of its time: those that send none must not hold up all others.
@@ -191,7 +191,7 @@ class FixSeeker:
     def _has_place_for_topic(self, wanted: Wanted | None) -> TypeGuard[Wanted]:
         if wanted is None:
             return False
-        if len(self._on_topic) < MOST_TOPICS:
+        if len(self._on_topic) < MAX_TOPICS:
             return True
         return self._take_a_turn(wanted.is_behind)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from .messages import VehicleMap
 from .planar_fix import NoFix, PlanarFix
 
-MOST_STORED = 100  # maps of the fleet that are kept in mind of one vehicle
+MAX_STORED = 100  # maps of the fleet that are kept in mind of one vehicle
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class FleetMaps:
         """Those of a vehicle's stored maps that are the fleet's; None if it does not say."""
         if stored is None:
             return None
-        return tuple(itertools.islice((one for one in stored if one.map_id in self._map_ids), MOST_STORED))
+        return tuple(itertools.islice((one for one in stored if one.map_id in self._map_ids), MAX_STORED))
 
     def choose(self, fix: PlanarFix, stored: tuple[VehicleMap, ...] | None) -> MapOnVehicle | NoFix:
         """The map in which a fix is sent to a vehicle.

@@ -16,7 +16,7 @@ from .messages import Connection, Sender, State, read_message
 from .topics import VehicleFilter, VehicleName
 from .vehicle import Command, DropFix, Patience, Send, TakeFix, Vehicle
 
-MOST_VEHICLES = 10_000  # some kilobytes of memory each
+MAX_VEHICLES = 10_000  # some kilobytes of memory each
 FORGET_S = 600.0  # one that was silent for so long may give its place to another
 TICK_S = 0.25
 STATE, CONNECTION, ORDER, INSTANT_ACTIONS = "state", "connection", "order", "instantActions"
@@ -144,10 +144,10 @@ class Gateway:
     def _followed(self, name: VehicleName, fleet: Fleet, now_s: float) -> _Followed | None:
         one = self._vehicles.get(name)
         if one is None:
-            if len(self._vehicles) >= MOST_VEHICLES and not self._forget(now_s):
+            if len(self._vehicles) >= MAX_VEHICLES and not self._forget(now_s):
                 if not self._is_full:
                     self._is_full = True
-                    self._log.write("", f"more than {MOST_VEHICLES} vehicles: others are left alone")
+                    self._log.write("", f"more than {MAX_VEHICLES} vehicles: others are left alone")
                 return None
             one = _Followed(fleet, Vehicle(self._maps[fleet.name], self._patience), now_s)
             self._vehicles[name] = one

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-MOST_IN_A_SECOND = 50
+MAX_IN_A_SECOND = 50
 MAX_CHARS = 500
 
 
@@ -25,10 +25,10 @@ class LogLines:
         if second != self._second:
             if self._left_out:
                 self._write(
-                    "", f"{self._left_out} lines were left out: more than {MOST_IN_A_SECOND} in a second"
+                    "", f"{self._left_out} lines were left out: more than {MAX_IN_A_SECOND} in a second"
                 )
             self._second, self._written, self._left_out = second, 0, 0
-        if self._written >= MOST_IN_A_SECOND:
+        if self._written >= MAX_IN_A_SECOND:
             self._left_out += 1
             return
         self._written += 1

@@ -19,7 +19,7 @@ from firstfix_fleet.vda5050.fix_seeker import (
     AT_ONCE,
     BEHIND_AT_ONCE,
     FIRST_TURN_S,
-    MOST_TOPICS,
+    MAX_TOPICS,
     TOPIC_WAIT_S,
     TURN_S,
     FixSeeker,
@@ -112,12 +112,12 @@ def test_scans_do_not_pile_up(world: World):
 
 
 def test_a_scan_is_waited_for_so_long_and_no_longer(world: World):
-    for number in range(MOST_TOPICS):
+    for number in range(MAX_TOPICS):
         world.seek(number)
-    assert len(world.topics) == MOST_TOPICS
+    assert len(world.topics) == MAX_TOPICS
     took_s = world.seconds_until(lambda: bool(world.outcomes))
     assert took_s == TOPIC_WAIT_S + STEP_S
-    assert len(world.outcomes) == MOST_TOPICS
+    assert len(world.outcomes) == MAX_TOPICS
     for one in world.outcomes:
         assert isinstance(one.result, NoFix)
         assert "no scan came on its topic within 30 s" in one.result.reason
@@ -129,18 +129,18 @@ def test_a_first_attempt_waits_a_short_turn_of_those_before_it(world: World, cou
         world.seek(number)
     world.seek("real")
     took_s = world.seconds_until(lambda: world.waits_on("real"))
-    assert took_s <= (count // MOST_TOPICS + 1) * FIRST_TURN_S
+    assert took_s <= (count // MAX_TOPICS + 1) * FIRST_TURN_S
 
 
 def test_a_first_attempt_begins_at_once_where_others_have_failed(world: World):
     for number in range(1500):
         world.seek(number)
-    world.seconds_until(lambda: world.now_s >= 1500 / MOST_TOPICS * FIRST_TURN_S + FIRST_TURN_S)
-    assert len(world.topics) == MOST_TOPICS
-    for number in range(MOST_TOPICS):
+    world.seconds_until(lambda: world.now_s >= 1500 / MAX_TOPICS * FIRST_TURN_S + FIRST_TURN_S)
+    assert len(world.topics) == MAX_TOPICS
+    for number in range(MAX_TOPICS):
         world.seek(f"real{number}")
         assert world.waits_on(f"real{number}")
-    assert len(world.topics) == MOST_TOPICS
+    assert len(world.topics) == MAX_TOPICS
 
 
 def test_one_whose_last_attempt_brought_a_scan_does_not_wait_behind(world: World):
@@ -150,7 +150,7 @@ def test_one_whose_last_attempt_brought_a_scan_does_not_wait_behind(world: World
     assert isinstance(world.outcomes[0].result, NoFix)
     for number in range(150):
         world.seek(number)
-    world.seconds_until(lambda: world.now_s >= 150 / MOST_TOPICS * FIRST_TURN_S + FIRST_TURN_S)
+    world.seconds_until(lambda: world.now_s >= 150 / MAX_TOPICS * FIRST_TURN_S + FIRST_TURN_S)
     world.seek("real")
     assert world.waits_on("real")
 
@@ -162,7 +162,7 @@ def test_what_is_no_scan_counts_as_none(world: World, body: bytes, monkeypatch: 
     assert world.seeker.take_scan("scans/agvbad", body)
     wait_until(lambda: world.outcomes.extend(world.seeker.outcomes()) or world.outcomes)
     assert not world.outcomes[0].has_scan
-    for number in range(MOST_TOPICS):
+    for number in range(MAX_TOPICS):
         world.seek(number)
     world.seek("bad")
     assert not world.waits_on("bad")
@@ -180,7 +180,7 @@ def test_one_that_failed_has_its_turn_again(world: World):
     if world.waits_on(77):
         world.seconds_until(lambda: not world.waits_on(77))
     took_s = world.seconds_until(lambda: world.waits_on(77))
-    assert took_s <= (150 // MOST_TOPICS + 1) * (TURN_S + STEP_S)
+    assert took_s <= (150 // MAX_TOPICS + 1) * (TURN_S + STEP_S)
 
 
 def test_an_attempt_that_gave_up_its_turn_ends_after_its_whole_time(world: World):
@@ -195,7 +195,7 @@ def test_one_that_is_dropped_and_lost_again_does_not_come_first(world: World):
     world.now_s += FIRST_TURN_S
     world.seeker.drop(vehicle("odd"), 1)
     assert not world.topics
-    for number in range(MOST_TOPICS):
+    for number in range(MAX_TOPICS):
         world.seek(number)
     world.seek("odd")
     world.seek("real")
@@ -206,11 +206,11 @@ def test_one_that_is_dropped_and_lost_again_does_not_come_first(world: World):
 
 
 def test_what_is_dropped_while_it_waits_never_begins(world: World):
-    for number in range(MOST_TOPICS + 1):
+    for number in range(MAX_TOPICS + 1):
         world.seek(number)
-    world.seeker.drop(vehicle(MOST_TOPICS), 1)
+    world.seeker.drop(vehicle(MAX_TOPICS), 1)
     world.seeker.drop(vehicle(0), 1)
-    assert len(world.topics) == MOST_TOPICS - 1
+    assert len(world.topics) == MAX_TOPICS - 1
     assert not world.seeker._fleets
 
 

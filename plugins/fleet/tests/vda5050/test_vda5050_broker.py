@@ -179,7 +179,7 @@ def test_wrong_messages_are_told_and_left_alone(port: int, monkeypatch: pytest.M
 
 
 def test_memory_is_bounded_for_any_number_of_vehicles(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(gateway_module, "MOST_VEHICLES", 100)
+    monkeypatch.setattr(gateway_module, "MAX_VEHICLES", 100)
     now, lines, sent = [0.0], [], []
     gateway = Gateway(
         [Fleet("trucks", entry("mqtt:scans/{serial}"), found)],

@@ -23,7 +23,7 @@ from firstfix_fleet.vda5050.broker import BrokerAddress, Login, password_of
 from firstfix_fleet.vda5050.fleet_maps import FleetMap
 from firstfix_fleet.vda5050.fleets_file import read_fleets
 from firstfix_fleet.vda5050.http_scan import fetch_scan
-from firstfix_fleet.vda5050.log_lines import MOST_IN_A_SECOND, LogLines
+from firstfix_fleet.vda5050.log_lines import MAX_IN_A_SECOND, LogLines
 from firstfix_fleet.vda5050.messages import MAX_STATE_BYTES, Connection, Sender, State, read_message
 from firstfix_fleet.vda5050.planar_fix import NoFix, PlanarFix, planar_fix
 from firstfix_fleet.vda5050.scan_address import ScanAddress
@@ -232,11 +232,11 @@ def test_strangers_fill_no_log():
     log = LogLines(lambda name, line: lines.append((name, line)), lambda: now[0])
     for number in range(10_000):
         log.write("a\nb", f"\x1b[2J{number}" + "x" * 10_000)
-    assert len(lines) == MOST_IN_A_SECOND
+    assert len(lines) == MAX_IN_A_SECOND
     assert all(name == "a?b" and len(line) < 600 and line.isprintable() for name, line in lines)
     now[0] = 1.0
     log.write("", "again")
-    assert lines[-2][1].startswith(f"{10_000 - MOST_IN_A_SECOND} lines were left out")
+    assert lines[-2][1].startswith(f"{10_000 - MAX_IN_A_SECOND} lines were left out")
 
 
 class _Host(BaseHTTPRequestHandler):

@@ -10,7 +10,7 @@ import pytest
 from firstfix_builder.sources.read_map.held_out_parts import (
     ALONE,
     FAR,
-    LEAST_KEYFRAMES,
+    MIN_KEYFRAMES,
     NEAR_M,
     PARTS,
     OtherKeyframes,
@@ -28,8 +28,8 @@ def way(count: int, step_m: float = 2.0) -> np.ndarray:
         (1000, 40, 40, PARTS),
         (1000, 200, 100, PARTS),  # a tenth
         (213, 40, 21, 11),
-        (LEAST_KEYFRAMES, 40, 2, 1),
-        (LEAST_KEYFRAMES - 1, 40, 0, 0),
+        (MIN_KEYFRAMES, 40, 2, 1),
+        (MIN_KEYFRAMES - 1, 40, 0, 0),
         (1000, 1, 1, 1),
         (1000, 0, 0, 0),
         (0, 40, 0, 0),

@@ -10,7 +10,7 @@ from firstfix.engine.changes.cells import cells_of, cells_of_keys, keys_of, slot
 from firstfix.engine.changes.overlay import (
     AGREES,
     CONTRADICTS,
-    MOST_POINTS,
+    MAX_POINTS,
     UNEXPLAINED,
     Overlay,
     OverlayMap,
@@ -187,7 +187,7 @@ def test_a_compact_scan_agrees_with_the_map(racked: Hall):
 
 def test_a_large_scan_is_thinned(racked: Hall):
     points = np.tile(racked.scan(racked.simulator(), AT, np.random.default_rng(3)).points, (20, 1))
-    assert len(laid(racked, Scan.from_points(points)).kind) == MOST_POINTS
+    assert len(laid(racked, Scan.from_points(points)).kind) == MAX_POINTS
 
 
 def test_a_map_without_its_files_is_corrupt(tmp_path):

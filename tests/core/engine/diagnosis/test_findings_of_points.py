@@ -10,7 +10,7 @@ from firstfix.answer.scan_facts import ScanFacts
 from firstfix.engine.config import PreprocessConfig
 from firstfix.engine.diagnosis.facts import MEASURED, eigenvalue_bounds, facts_of, is_on_a_line
 from firstfix.engine.diagnosis.input_findings import input_finding
-from firstfix.engine.diagnosis.other_forms import LEAST_SCALE, MOST_SCALE, from_polar, scales
+from firstfix.engine.diagnosis.other_forms import MAX_SCALE, MIN_SCALE, from_polar, scales
 from firstfix.errors import InvalidOption, InvalidScan
 from firstfix.findings.finding import Finding, Severity
 from firstfix.findings.registry import KINDS
@@ -108,7 +108,7 @@ def test_polar_numbers_become_points():
 def test_any_heights_give_scales_that_may_be_tried(height_m, usual_height_m):
     tried = [factor for factor, _ in scales(height_m, usual_height_m)]
     assert 0.3048 in tried
-    assert all(LEAST_SCALE < factor < MOST_SCALE for factor in tried)
+    assert all(MIN_SCALE < factor < MAX_SCALE for factor in tried)
 
 
 def test_scales_begin_with_that_of_the_height():

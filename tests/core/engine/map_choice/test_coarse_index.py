@@ -13,7 +13,7 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.engine.config import OccupancyConfig
 from firstfix.engine.map_choice import coarse_index
-from firstfix.engine.map_choice.coarse_index import MOST_BLOCKS, CoarseIndex
+from firstfix.engine.map_choice.coarse_index import MAX_BLOCKS, CoarseIndex
 from firstfix.engine.map_choice.coarse_templates import CoarseTemplates, spread_order
 from firstfix.engine.map_choice.sought_scan import SHIFTS_M, SoughtScan, describe_sought
 from firstfix.errors import CorruptVersion
@@ -94,7 +94,7 @@ def test_maps_come_go_and_change(tmp_path: Path):
     index = CoarseIndex(tmp_path)
     for seed in range(40):
         index.change({f"m{seed}": templates(seed)})
-        assert len(index._state[1]) <= MOST_BLOCKS
+        assert len(index._state[1]) <= MAX_BLOCKS
     assert len(index) == 40
     index.change({"m5": templates(500)}, gone=["m6", "unknown"])
     assert "m6" not in index

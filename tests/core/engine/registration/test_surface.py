@@ -92,7 +92,7 @@ POINTS = RNG.uniform([-40, -20, 0], [35, 20, 4], (20_000, 3)).astype(np.float32)
 
 @pytest.fixture(params=[1, 700, 5000])
 def few(request, monkeypatch):
-    monkeypatch.setattr(chunked_x_module, "MOST_POINTS", request.param)
+    monkeypatch.setattr(chunked_x_module, "MAX_POINTS", request.param)
     return request.param
 
 
@@ -109,7 +109,7 @@ def test_a_surface_is_thinned_the_same(few, monkeypatch):
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     surface = Surface(POINTS, normals, RNG.random(len(POINTS)) < 0.7)
     found = surface.thinned(0.8)
-    monkeypatch.setattr(chunked_x_module, "MOST_POINTS", 1_000_000)
+    monkeypatch.setattr(chunked_x_module, "MAX_POINTS", 1_000_000)
     whole = surface.thinned(0.8)
     assert np.array_equal(found.points, whole.points)
     assert np.array_equal(found.normals, whole.normals)
@@ -118,7 +118,7 @@ def test_a_surface_is_thinned_the_same(few, monkeypatch):
 
 def test_tiles_hold_the_same_points(few, monkeypatch):
     found = PointTiles.of(POINTS, 0.4)
-    monkeypatch.setattr(chunked_x_module, "MOST_POINTS", 1_000_000)
+    monkeypatch.setattr(chunked_x_module, "MAX_POINTS", 1_000_000)
     whole = PointTiles.of(POINTS, 0.4)
     assert np.array_equal(found.begin, whole.begin)
     assert np.array_equal(*(one.points[np.lexsort(one.points.T)] for one in (found, whole)))

@@ -27,10 +27,10 @@ class Known:
 
 
 @pytest.fixture(
-    params=[surface_grid_build.MOST_GROUPS, 4], ids=["small groups", "groups grown to fit the table"]
+    params=[surface_grid_build.MAX_GROUPS, 4], ids=["small groups", "groups grown to fit the table"]
 )
 def grid(request, monkeypatch):
-    monkeypatch.setattr(surface_grid_build, "MOST_GROUPS", request.param)
+    monkeypatch.setattr(surface_grid_build, "MAX_GROUPS", request.param)
     rng = np.random.default_rng(3)
     return Known(surface_of(rng.uniform([-7, 2, -1], [5, 9, 2], (3000, 3))))
 
@@ -93,7 +93,7 @@ def test_slabs_and_parts_make_no_difference(monkeypatch):
     surface = surface_of(np.random.default_rng(10).uniform([-30, 2, -1], [25, 9, 2], (4000, 3)))
     whole = SurfaceGrid.of(surface, CELL_M)
     for slots, part in ((1, 37), (1 << 13, 1 << 20), (1 << 15, 500)):
-        monkeypatch.setattr(surface_grid_build, "MOST_SLOTS", slots)
+        monkeypatch.setattr(surface_grid_build, "MAX_SLOTS", slots)
         monkeypatch.setattr(surface_grid_build, "PART", part)
         again = SurfaceGrid.of(surface, CELL_M)
         for field in fields(SurfaceGrid):

@@ -11,7 +11,7 @@ from firstfix.engine.config import SearchConfig
 from firstfix.engine.retrieval.key_search import ENGINES, build_key_search, faiss_indexes, load_key_search
 from firstfix.engine.retrieval.key_search.faiss_indexes import FLAT_UP_TO, chosen_engine
 from firstfix.engine.retrieval.key_search.faiss_search import SHARDS_FILE
-from firstfix.engine.retrieval.key_search.tile_shards import MOST_SHARDS, TILE_M, TileShards
+from firstfix.engine.retrieval.key_search.tile_shards import MAX_SHARDS, TILE_M, TileShards
 
 every_engine = pytest.mark.parametrize("engine", ENGINES)
 SHARDED = ("faiss_sq8", "faiss_ivf_sq8")
@@ -223,7 +223,7 @@ def test_shards_hold_every_row_once_and_tiles_together(seed, count, extent_m, mo
         rows = shards.row[shards.begin[number] : shards.begin[number + 1]]
         assert (np.diff(rows) > 0).all()
         tiles = np.unique(tile[rows], axis=0)
-        assert 0 < len(rows) <= max(most, -(-count // MOST_SHARDS)) or len(tiles) == 1
+        assert 0 < len(rows) <= max(most, -(-count // MAX_SHARDS)) or len(tiles) == 1
     for here in np.unique(tile, axis=0):
         assert len(np.unique(shard_of[(tile == here).all(axis=1)])) == 1
     chosen = np.flatnonzero(np.random.default_rng(seed).random(count) < 0.3)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...array_file import check_numbers, map_arrays, save_arrays
 
 TILE_M = 64.0
-MOST_SHARDS = 64  # each takes a search call of its own
+MAX_SHARDS = 64  # each takes a search call of its own
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class TileShards:
         code = _z_order(tile - tile.min(axis=0))
         order = np.argsort(code, kind="stable")
         first = np.flatnonzero(np.r_[True, np.diff(code[order]) != 0])  # of each tile
-        begin = _filled(np.append(first, len(order)), max(most, -(-len(order) // MOST_SHARDS)))
+        begin = _filled(np.append(first, len(order)), max(most, -(-len(order) // MAX_SHARDS)))
         row = np.concatenate([np.sort(part) for part in np.split(order, begin[1:-1])]).astype(np.int32)
         place = np.empty_like(row)
         place[row] = np.arange(len(row), dtype=np.int32)

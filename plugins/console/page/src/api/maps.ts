@@ -8,10 +8,10 @@ export type CloudIndex = Awaited<ReturnType<typeof cloudIndex>>;
 export type MapChanges = Awaited<ReturnType<typeof mapChanges>>;
 export type ChangesQuery = NonNullable<operations["get_changes_maps__map_id__changes_get"]["parameters"]["query"]>;
 
-const MOST_LISTED = 1000;
+const MAX_LISTED = 1000;
 
 export function mapPage(signal?: AbortSignal) {
-  return said(api.GET("/maps", { params: { query: { limit: MOST_LISTED } }, signal }));
+  return said(api.GET("/maps", { params: { query: { limit: MAX_LISTED } }, signal }));
 }
 
 export function mapDetails(map_id: string, signal?: AbortSignal) {
@@ -27,7 +27,7 @@ export function mapChanges(map_id: string, query: ChangesQuery, signal?: AbortSi
   return said(api.GET("/maps/{map_id}/changes", { params: { path: { map_id }, query }, signal }));
 }
 
-export function versionPage(map_id: string, signal?: AbortSignal, limit = MOST_LISTED) {
+export function versionPage(map_id: string, signal?: AbortSignal, limit = MAX_LISTED) {
   return said(api.GET("/maps/{map_id}/versions", { params: { path: { map_id }, query: { limit } }, signal }));
 }
 

@@ -1,7 +1,7 @@
 // How the console meets a service that refuses for a while: when it asks again, and when it gives up.
 
 export const TRIES = 4; // of one read
-export const MOST_WAIT_S = 30; // in which somebody still waits for a view
+export const MAX_WAIT_S = 30; // in which somebody still waits for a view
 export const RECONNECT_MS = 1000; // browsers drop their waiting requests when the computer changes its network
 const SPREAD = 0.25; // so that refused requests do not come back all at once
 const AGAIN_MS = 2000; // between two tries to open a stream
@@ -49,7 +49,7 @@ export async function patiently(
       return wait(RECONNECT_MS, signal).then(ask);
     });
     const seconds = secondsToWait(response);
-    if (seconds === null || seconds > MOST_WAIT_S || tries === TRIES) return response;
+    if (seconds === null || seconds > MAX_WAIT_S || tries === TRIES) return response;
     void response.body?.cancel();
     await wait(seconds * 1000 * (1 + SPREAD * Math.random()), signal);
   }

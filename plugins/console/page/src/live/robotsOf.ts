@@ -3,8 +3,8 @@
 import type { Fix } from "./seconds";
 
 export const SILENT_S = 60; // without a question from a robot that asked before
-export const LEAST_LOCALIZED = 0.8; // share of a robot's answers
-const FEWEST_ANSWERS = 5; // before a share says something
+export const MIN_LOCALIZED = 0.8; // share of a robot's answers
+const MIN_ANSWERS = 5; // before a share says something
 
 export interface Robot {
   name: string; // of the caller
@@ -40,7 +40,7 @@ export function alertsOf(robots: readonly Robot[], now_s: number): Alert[] {
   return robots.flatMap((robot) => {
     const found: Alert[] = [];
     const share = robot.localized / robot.answers;
-    if (robot.answers >= FEWEST_ANSWERS && share < LEAST_LOCALIZED) {
+    if (robot.answers >= MIN_ANSWERS && share < MIN_LOCALIZED) {
       const text = `${robot.name}: ${robot.localized} of its last ${robot.answers} answers were localized. Look at its kept queries.`;
       found.push({ id: `localized:${robot.name}`, text });
     }

@@ -7,7 +7,7 @@ import { age, count } from "../ui/text";
 
 type Area = MapChanges["areas"][number];
 const LISTED = 8; // at first
-const LEAST_AWAY_M = 15;
+const MIN_AWAY_M = 15;
 const AWAY = 2.5; // of an area's diagonal
 const NAMES: Record<Area["kind"], string> = { gone: "gone", new: "new", unmapped: "never mapped" };
 const KINDS = Object.keys(NAMES) as Area["kind"][];
@@ -47,7 +47,7 @@ export function ChangesPanel({ found, look }: ChangesPanelProps) {
       <ul class="key spots" aria-label="Changed areas">
         {listed.map((one) => (
           <li key={`${one.kind} ${one.box.low.join()}`} class={one.kind}>
-            <button onClick={() => look(middleOf(one), Math.max(LEAST_AWAY_M, AWAY * Math.hypot(...extentOf(one))))}>
+            <button onClick={() => look(middleOf(one), Math.max(MIN_AWAY_M, AWAY * Math.hypot(...extentOf(one))))}>
               {middleOf(one).map((m) => m.toFixed(1)).join(", ")} m
             </button>{" "}
             {NAMES[one.kind]}, {extentOf(one).map((m) => m.toFixed(1)).join(" × ")} m. {seenText(one)}

@@ -31,7 +31,7 @@ import { laid, useLayerMarks } from "./useLayerMarks";
 import { useMapState } from "./useMapState";
 import { useSpotGrid } from "./useSpotGrid";
 
-const MOST_AREAS = 1000;
+const MAX_AREAS = 1000;
 
 export function MapView({ map }: { map: string }) {
   const asked = route.value.query;
@@ -50,7 +50,7 @@ export function MapView({ map }: { map: string }) {
   const spot = useSignal<SpotCell | null>(null);
   const isCompared = layers.value.includes("changes");
   const changes = useLoaded(
-    async (signal) => (version ? await mapChanges(map, { version, cells: isCompared, limit: MOST_AREAS }, signal) : null),
+    async (signal) => (version ? await mapChanges(map, { version, cells: isCompared, limit: MAX_AREAS }, signal) : null),
     [map, version, isCompared],
   );
   const isHeated = layers.value.includes("localizability");

@@ -2,12 +2,12 @@
 
 import { barOf, type Orientation } from "./orientation";
 
-const MOST_PX = 110;
+const MAX_PX = 110;
 const AXES = ["x", "y", "z"];
 const REACH = 17; // of an axis that lies in the picture, pixels
 
 export function Scale({ orientation }: { orientation: Orientation }) {
-  const { m, px } = barOf(orientation.metresPerPixel, MOST_PX);
+  const { m, px } = barOf(orientation.metresPerPixel, MAX_PX);
   return (
     <div class="scale">
       <svg class="axes" viewBox="-26 -26 52 52" role="img" aria-label="Axes of the map: x, y (north) and z (up)">

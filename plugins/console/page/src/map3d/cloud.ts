@@ -43,13 +43,13 @@ export async function openCloud(map: string, version: string, signal: AbortSigna
   return { map, version, index: { ...index, low_m: [x, y, z] }, root };
 }
 
-const MOST_AT_ONCE = 500_000; // points that the service gives in one answer
+const MAX_AT_ONCE = 500_000; // points that the service gives in one answer
 
 /** Points as they come: x, y, z as uint16 in 1/65535 of the node's edge, then two int8 of the normal. */
 export async function points(cloud: Cloud, first: number, count: number, signal?: AbortSignal): Promise<ArrayBuffer> {
   const found = new Uint8Array(count * cloud.index.point_bytes);
-  for (let read = 0; read < count; read += MOST_AT_ONCE) {
-    const part = Math.min(MOST_AT_ONCE, count - read);
+  for (let read = 0; read < count; read += MAX_AT_ONCE) {
+    const part = Math.min(MAX_AT_ONCE, count - read);
     const answer = await cloudPoints(cloud.map, cloud.version, first + read, part, signal);
     found.set(new Uint8Array(answer), read * cloud.index.point_bytes);
   }

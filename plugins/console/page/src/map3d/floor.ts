@@ -4,9 +4,9 @@ import type { Storey } from "./storeys";
 
 export const FLOOR_CELLS = 32; // along each edge of the cloud
 const LOW_SHARE = 0.1; // of a cell's points that may lie below the floor: strays and pits
-const FEWEST = 4; // points of a cell that tell a floor
+const MIN = 4; // points of a cell that tell a floor
 const HIGH_SHARE = 0.97; // of the points that are at most as high as the colours reach
-const LEAST_HIGH_M = 2;
+const MIN_HIGH_M = 2;
 const POINT_BYTES = 8;
 
 export interface Floor {
@@ -32,7 +32,7 @@ export function floorOf(root: ArrayBuffer, edge: number, storeys: Storey[]): Flo
     cells.forEach((found, cell) => found.forEach((z) => above.push(z - grid[cell]!)));
   });
   above.sort((a, b) => a - b);
-  return { heights, high: Math.max(LEAST_HIGH_M, above[Math.floor(HIGH_SHARE * above.length)] ?? 0) };
+  return { heights, high: Math.max(MIN_HIGH_M, above[Math.floor(HIGH_SHARE * above.length)] ?? 0) };
 }
 
 function cellOf(points: DataView, at: number): number {
@@ -42,7 +42,7 @@ function cellOf(points: DataView, at: number): number {
 }
 
 function lowest(heights: number[]): number {
-  if (heights.length < FEWEST) return NaN;
+  if (heights.length < MIN) return NaN;
   return heights.sort((a, b) => a - b)[Math.floor(LOW_SHARE * heights.length)]!;
 }
 

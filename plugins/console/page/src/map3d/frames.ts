@@ -1,12 +1,12 @@
 // When the picture is drawn: once a frame at most, by the pace of the machine while the camera moves, and whole at rest.
 
-import { MOST_POINTS } from "./levels";
+import { MAX_POINTS } from "./levels";
 import { Pace } from "./pace";
 
 const REST_MS = 200; // after a frame of a movement, if none follows
 
 export class Frames {
-  private readonly pace = new Pace(MOST_POINTS);
+  private readonly pace = new Pace(MAX_POINTS);
   private readonly draw: (mostPoints: number) => number;
   private frame = 0;
   private rest = 0;

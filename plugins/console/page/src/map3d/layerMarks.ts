@@ -13,7 +13,7 @@ import type { MapScene } from "./scene";
 import { aliases, squares } from "./spotMarks";
 import type { SpotGrid } from "./spots";
 
-const MOST_SAMPLES = 200;
+const MAX_SAMPLES = 200;
 const SAMPLE_PX = 9;
 
 export type MarkLayer = Exclude<LayerName, "changes">;
@@ -50,7 +50,7 @@ export function changeMarks(scene: MapScene, found: MapChanges): Object3D {
 
 /** A dot where each kept query was taken, as far as anybody knows, in the colour of its verdict. */
 async function sampleMarks(map: string, scene: MapScene, signal: AbortSignal): Promise<Object3D | null> {
-  const { samples } = await samplePage({ map_id: map, limit: MOST_SAMPLES }, signal);
+  const { samples } = await samplePage({ map_id: map, limit: MAX_SAMPLES }, signal);
   const group = new Group();
   for (const one of samples) {
     const place = placeIn(one, map);

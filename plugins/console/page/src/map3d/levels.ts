@@ -2,7 +2,7 @@
 
 import type { CloudNode } from "./cloud";
 
-export const MOST_POINTS = 1_500_000;
+export const MAX_POINTS = 1_500_000;
 const FINEST_PX = 1.2; // between the points of a node: its children would show nothing more
 
 export interface Eye {
@@ -23,7 +23,7 @@ export function gapOf(node: CloudNode, eye: Eye): number {
 }
 
 /** The nodes to draw, the most important first: a parent always before its children. */
-export function choose(root: CloudNode, eye: Eye, mostPoints = MOST_POINTS): CloudNode[] {
+export function choose(root: CloudNode, eye: Eye, mostPoints = MAX_POINTS): CloudNode[] {
   const chosen: CloudNode[] = [];
   const waiting = new Waiting();
   waiting.push({ node: root, gap: Infinity });

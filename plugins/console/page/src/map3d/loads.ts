@@ -2,7 +2,7 @@
 // Nodes that stand one after the other in the file come with one request: each request costs the service time.
 
 export const AT_ONCE = 6; // requests
-const MOST_TOGETHER = 100_000; // points of one request, unless its first node has more
+const MAX_TOGETHER = 100_000; // points of one request, unless its first node has more
 
 export interface Wanted {
   key: string;
@@ -91,7 +91,7 @@ export function runsOf<T extends Wanted>(wanted: readonly T[]): T[][] {
 function takenRun<T extends Wanted>(byFirst: Map<number, T>, from: T): T[] {
   const run: T[] = [];
   let next: T | undefined = from;
-  for (let points = 0; next && (!run.length || points + next.count <= MOST_TOGETHER); ) {
+  for (let points = 0; next && (!run.length || points + next.count <= MAX_TOGETHER); ) {
     run.push(next);
     byFirst.delete(next.first);
     points += next.count;

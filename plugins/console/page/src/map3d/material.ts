@@ -8,7 +8,7 @@ export type Colouring = "height" | "storey" | "normal" | "plain";
 const MODES: Record<Colouring, number> = { height: 0, normal: 1, plain: 2, storey: 3 };
 export const COLOURINGS = Object.keys(MODES) as Colouring[];
 const OVERLAP = 1.1; // of a point over the gap to the next
-const MOST_STOREYS = 32; // further ones have the colour of the last
+const MAX_STOREYS = 32; // further ones have the colour of the last
 
 const VERTEX = `
   in vec2 bend;
@@ -17,7 +17,7 @@ const VERTEX = `
   uniform vec2 slice;
   uniform highp sampler2D ground; // the floor's grid: one of each storey, above each other
   uniform vec3 plain;
-  uniform float floors[${MOST_STOREYS}];
+  uniform float floors[${MAX_STOREYS}];
   out vec3 tint;
 
   // Turbo, as a polynomial (Mikhailov, 2019).
@@ -36,7 +36,7 @@ const VERTEX = `
 
   float storeyOf(float z) {
     float storey = 0.0;
-    for (int i = 1; i < ${MOST_STOREYS}; i++) storey += step(floors[i], z);
+    for (int i = 1; i < ${MAX_STOREYS}; i++) storey += step(floors[i], z);
     return storey;
   }
 
@@ -104,7 +104,7 @@ export class PointMaterial extends ShaderMaterial {
         ground: { value: groundOf(new Float32Array(FLOOR_CELLS ** 2)) },
         slice: { value: new Vector2(-1e9, 1e9) },
         plain: { value: new Color(token("points-plain")) },
-        floors: { value: new Array<number>(MOST_STOREYS).fill(1e9) },
+        floors: { value: new Array<number>(MAX_STOREYS).fill(1e9) },
       },
     });
   }
@@ -127,7 +127,7 @@ export class PointMaterial extends ShaderMaterial {
 
   /** z at which each storey begins, from below. */
   set floors(z: number[]) {
-    this.uniforms.floors!.value = Array.from({ length: MOST_STOREYS }, (_, i) => z[i] ?? 1e9);
+    this.uniforms.floors!.value = Array.from({ length: MAX_STOREYS }, (_, i) => z[i] ?? 1e9);
   }
 
   /** Lowest and highest z that is drawn. */

@@ -1,6 +1,6 @@
 // How many points a frame draws: all at rest, and while the camera moves as many as the machine draws fast enough.
 
-export const FEWEST_POINTS = 40_000;
+export const MIN_POINTS = 40_000;
 const SLOW_MS = 66; // a frame that took longer: fewer points
 const QUICK_MS = 25; // one that took less: more of them
 const GROWTH = 1.3;
@@ -38,7 +38,7 @@ export class Pace {
   }
 
   private learn(took_ms: number, points: number): void {
-    if (took_ms > SLOW_MS) this.most = Math.max(FEWEST_POINTS, Math.min(this.most, (points * SLOW_MS) / took_ms));
+    if (took_ms > SLOW_MS) this.most = Math.max(MIN_POINTS, Math.min(this.most, (points * SLOW_MS) / took_ms));
     else if (took_ms < QUICK_MS) this.most = Math.min(this.whole, this.most * GROWTH);
   }
 }

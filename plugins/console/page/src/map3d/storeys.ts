@@ -1,7 +1,7 @@
 // Storeys of a map, from the heights at which its templates stand, each without its ceiling.
 
 const APART_M = 1.8; // between the templates of two storeys
-const FEWEST = 0.02; // of all templates: fewer are a stair or a ramp
+const MIN = 0.02; // of all templates: fewer are a stair or a ramp
 const BELOW_TEMPLATES_M = 2.5; // the floor, wherever the sensor is mounted
 const CLEAR_M = 0.6; // above the templates a ceiling may begin
 const CEILING_SHARE = 0.04; // of the points of a storey that look down: fewer are the undersides of things
@@ -34,7 +34,7 @@ export function storeysOf(heights: ArrayLike<number>, root: ArrayBuffer, edge: n
     groups.push(sorted.subarray(first, i));
     first = i;
   }
-  const large = groups.filter((group) => group.length >= FEWEST * sorted.length);
+  const large = groups.filter((group) => group.length >= MIN * sorted.length);
   const points = new DataView(root);
   return large.map((group, i) => {
     const low = i ? (large[i - 1]!.at(-1)! + group[0]!) / 2 : group[0]! - BELOW_TEMPLATES_M;

@@ -4,14 +4,14 @@ import { signal } from "@preact/signals";
 import type { Schemas } from "../api/client";
 
 const PLACE = "firstfix.hidden-builds";
-const MOST_HIDDEN = 200;
+const MAX_HIDDEN = 200;
 const TOLD_FROM = 0.05; // of the progress: before, the time that is left cannot be told
 
 /** Failed builds that are not shown any more, in this browser. */
 export const hidden = signal<string[]>(read());
 
 export function hide(build: string): void {
-  hidden.value = [...hidden.value, build].slice(-MOST_HIDDEN);
+  hidden.value = [...hidden.value, build].slice(-MAX_HIDDEN);
   try {
     localStorage.setItem(PLACE, JSON.stringify(hidden.value));
   } catch {

@@ -4,7 +4,7 @@ import type { Schemas } from "../api/client";
 import type { MapCounts } from "./answerCounts";
 import { judged, type Manifest } from "./manifest";
 
-const FEWEST = 5; // answers: fewer say nothing
+const MIN = 5; // answers: fewer say nothing
 const LOST = 0.5; // of the answers of an hour
 
 export interface Need {
@@ -17,7 +17,7 @@ export function needOf(map: Schemas["MapSummary"], manifest: Manifest | null, co
   const { map_id: id, active_version: version } = map;
   if (!version) return { text: "has no active version: robots that ask it are refused", path: ["maps", id, "versions"] };
   const { answered = 0, localized = 0 } = counts?.hour ?? {};
-  if (answered >= FEWEST && localized < LOST * answered) {
+  if (answered >= MIN && localized < LOST * answered) {
     const lost = answered - localized;
     return { text: `${lost} of ${answered} queries of the last hour were not localized`, path: ["samples"], query: { map: id } };
   }

@@ -2,10 +2,10 @@
 
 import { load } from "js-yaml";
 
-const MOST_BYTES = 1e6;
+const MAX_BYTES = 1e6;
 
 export async function sensorOf(file: File): Promise<Record<string, unknown>> {
-  if (file.size > MOST_BYTES) throw new Error(`${file.name} is larger than 1 MB: it does not describe a sensor.`);
+  if (file.size > MAX_BYTES) throw new Error(`${file.name} is larger than 1 MB: it does not describe a sensor.`);
   let found: unknown;
   try {
     found = load(await file.text());

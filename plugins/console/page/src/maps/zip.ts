@@ -3,8 +3,8 @@
 import { Zip, ZipPassThrough } from "fflate";
 import type { MapFile } from "./files";
 
-const MOST_BYTES = 0xffffffff; // of a zip without its 64-bit extension
-const MOST_ENTRY_BYTES = 92 + 2 * 4096; // that a file's records take, with its path in two of them
+const MAX_BYTES = 0xffffffff; // of a zip without its 64-bit extension
+const MAX_ENTRY_BYTES = 92 + 2 * 4096; // that a file's records take, with its path in two of them
 const WRITTEN = new Date(1980, 0, 1); // the earliest that a zip can say: the same files make the same zip
 
 /** Packs files under their paths. Reads all of them once, for their check sums. */
@@ -14,7 +14,7 @@ export async function zipped(
   signal?: AbortSignal,
 ): Promise<File> {
   const all = files.reduce((sum, { file }) => sum + file.size, 0);
-  if (all > MOST_BYTES - files.length * MOST_ENTRY_BYTES || files.length > 0xffff) {
+  if (all > MAX_BYTES - files.length * MAX_ENTRY_BYTES || files.length > 0xffff) {
     throw new Error("The folder is larger than 4 GB. Pack it yourself, or use the command line.");
   }
   const parts: BlobPart[] = [];

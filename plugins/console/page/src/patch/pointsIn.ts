@@ -3,7 +3,7 @@
 import { type Cloud, type CloudNode, pointsOfRun } from "../map3d/cloud";
 import { runsOf } from "../map3d/loads";
 
-const MOST_POINTS = 2_000_000; // of the nodes that touch the box: of a larger area the coarse levels alone
+const MAX_POINTS = 2_000_000; // of the nodes that touch the box: of a larger area the coarse levels alone
 const STEPS = 65535; // of a point's coordinate along the edge of its node
 const CELLS = 128; // along a node's edge, of which each has one point of that level at most
 
@@ -36,7 +36,7 @@ function nodesIn(root: CloudNode, low: number[], high: number[]): { nodes: Cloud
   for (let level = [root]; level.length; level = level.flatMap(({ children }) => children)) {
     level = level.filter((node) => node.low.every((m, axis) => m <= high[axis]! && m + node.edge >= low[axis]!));
     points += level.reduce((sum, { count }) => sum + count, 0);
-    if (nodes.length && points > MOST_POINTS) return { nodes, gap_m: nodes.at(-1)!.edge / (CELLS / 2) };
+    if (nodes.length && points > MAX_POINTS) return { nodes, gap_m: nodes.at(-1)!.edge / (CELLS / 2) };
     nodes.push(...level);
   }
   return { nodes, gap_m: 0 };

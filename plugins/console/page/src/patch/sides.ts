@@ -13,7 +13,7 @@ import { type Box, pointsIn } from "./pointsIn";
 
 const CELL_M = 0.5; // around an area, points of its things are changed as well
 const SAME_M = 0.002; // apart, besides what the clouds round
-const LEAST_AWAY_M = 6;
+const MIN_AWAY_M = 6;
 const AWAY = 2.5; // of an area's diagonal
 const DOT_PX = 4;
 
@@ -52,7 +52,7 @@ export function marked(scene: MapScene, area: PatchedArea, box: Box | null, poin
 /** Looks at an area from the south, steeply, so that few walls stand before it. */
 export function lookAt({ scene }: Side, { low_m, high_m }: PatchedArea): void {
   const [x, y, z] = low_m.map((m, axis) => (m + high_m[axis]!) / 2) as [number, number, number];
-  const away = Math.max(LEAST_AWAY_M, AWAY * Math.hypot(...low_m.map((m, axis) => high_m[axis]! - m)));
+  const away = Math.max(MIN_AWAY_M, AWAY * Math.hypot(...low_m.map((m, axis) => high_m[axis]! - m)));
   scene.view = { target: [x, y, z], eye: [x, y - 0.4 * away, z + 0.9 * away] };
 }
 

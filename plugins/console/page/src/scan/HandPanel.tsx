@@ -14,8 +14,8 @@ export interface HandPanelProps {
   begin: () => void;
 }
 
-const LEAST_RADIUS_M = 0.1;
-const LEAST_YAW_DEG = 1;
+const MIN_RADIUS_M = 0.1;
+const MIN_YAW_DEG = 1;
 
 type Angle = "roll_deg" | "pitch_deg" | "yaw_deg";
 const ANGLES: [Angle, string][] = [
@@ -76,16 +76,16 @@ export function HandPanel({ hand, isPrior, isTiltKnown, begin }: HandPanelProps)
               name="Within (m)"
               value={shown(pose.radius_m)}
               step={0.5}
-              least={LEAST_RADIUS_M}
-              set={(m) => set({ radius_m: Math.max(LEAST_RADIUS_M, m) })}
+              least={MIN_RADIUS_M}
+              set={(m) => set({ radius_m: Math.max(MIN_RADIUS_M, m) })}
             />
             <NumberField
               name="Heading ± (°)"
               value={shown(pose.yaw_range_deg)}
               step={5}
-              least={LEAST_YAW_DEG}
+              least={MIN_YAW_DEG}
               most={180}
-              set={(degrees) => set({ yaw_range_deg: Math.min(180, Math.max(LEAST_YAW_DEG, degrees)) })}
+              set={(degrees) => set({ yaw_range_deg: Math.min(180, Math.max(MIN_YAW_DEG, degrees)) })}
             />
           </div>
           <Check value={isTiltKnown}>Its roll and pitch are known, too</Check>

@@ -27,7 +27,7 @@ const READERS: Record<string, (body: ArrayBuffer) => Points> = {
 };
 const RECORDINGS = [".bag", ".mcap", ".db3"];
 const XYZ = "application/vnd.firstfix.xyz";
-const MOST_BYTES = 256e6;
+const MAX_BYTES = 256e6;
 
 /** What the file's dialog offers. */
 export const READABLE = [...SUFFIXES, ...Object.keys(READERS)];
@@ -45,7 +45,7 @@ export async function scanOf(file: File): Promise<Asked> {
     }
     return { name: file.name, type: mediaTypeOf(file.name), encoding: "", body: file, isConverted: false };
   }
-  if (file.size > MOST_BYTES) throw new Error(`${file.name} is larger than 256 MB: one scan is not.`);
+  if (file.size > MAX_BYTES) throw new Error(`${file.name} is larger than 256 MB: one scan is not.`);
   const points = readNamed(file.name, await file.arrayBuffer(), read);
   return { name: file.name, type: XYZ, encoding: "", body: new Blob([points]), isConverted: true };
 }

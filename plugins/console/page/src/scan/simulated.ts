@@ -11,8 +11,8 @@ export interface ExampleSensor {
 
 const USUAL: ExampleSensor = { max_range_m: 60, azimuth_cells: 360, elevations_deg: [-45, 45] };
 const CELL_DEG = 1;
-const LEAST_RANGE_M = 0.3;
-const MOST_POINTS = 600_000; // that are read for one scan
+const MIN_RANGE_M = 0.3;
+const MAX_POINTS = 600_000; // that are read for one scan
 const FINEST_M = 0.05;
 const XYZ = "application/vnd.firstfix.xyz";
 
@@ -56,7 +56,7 @@ async function pointsAround(cloud: Cloud, at: readonly number[], range_m: number
   while (row.length) {
     const next: CloudNode[] = [];
     for (const node of row) {
-      if (read + node.count > MOST_POINTS) return found;
+      if (read + node.count > MAX_POINTS) return found;
       read += node.count;
       found.push(unpacked(cloud, node, await points(cloud, node.first, node.count, signal)));
       if (node.edge > FINEST_M) next.push(...node.children.filter((one) => distance(cloud, one, at) < range_m));
@@ -96,7 +96,7 @@ export function nearestOfEachRay(clouds: Float64Array[], at: readonly number[], 
     for (let i = 0; i < cloud.length; i += 3) {
       const [x, y, z] = [cloud[i]! - at[0]!, cloud[i + 1]! - at[1]!, cloud[i + 2]! - at[2]!];
       const range = Math.hypot(x, y, z);
-      if (range < LEAST_RANGE_M || range > sensor.max_range_m) continue;
+      if (range < MIN_RANGE_M || range > sensor.max_range_m) continue;
       const row = Math.floor(((Math.asin(z / range) * 180) / Math.PI - lowest) / CELL_DEG);
       if (row < 0 || row >= rows) continue;
       const column = Math.floor((Math.atan2(y, x) / (2 * Math.PI) + 1) * sensor.azimuth_cells) % sensor.azimuth_cells;

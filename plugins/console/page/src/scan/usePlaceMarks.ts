@@ -13,7 +13,7 @@ import { colourOf } from "../ui/verdict";
 import { type Ellipse, ellipseOf } from "./ellipse";
 import { placesOf } from "./shares";
 
-const LEAST_SHOWN = 0.01; // less likely places are dots
+const MIN_SHOWN = 0.01; // less likely places are dots
 const CHOSEN_SIZE = 2;
 
 /** Draws them into the group that it returns. */
@@ -38,7 +38,7 @@ export function usePlaceMarks(
       // the covariance of an answer is that of its first hypothesis, and says nothing of another one
       if (place.number === 0 && answer!.covariance) group.add(ellipseMark(at, ellipseOf(answer!.covariance), tint));
       if (isChosen) group.add(poseMark(at, pose, tint, CHOSEN_SIZE));
-      else if (place.probability < LEAST_SHOWN) group.add(onTop(dotsMark(new Float32Array(at.toArray()), tint, 4)));
+      else if (place.probability < MIN_SHOWN) group.add(onTop(dotsMark(new Float32Array(at.toArray()), tint, 4)));
       else group.add(poseMark(at, pose, tint, 0.6 + 0.6 * place.probability));
     }
     const from = answer?.hypotheses[chosen]?.T_map_sensor;
