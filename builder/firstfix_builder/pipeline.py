@@ -61,7 +61,7 @@ def build_version(
     publish_provisional: Callable[[BuildResult], None] | None = None,
     options: BuildOptions = _ALONE,
 ) -> BuildResult:
-    """Runs every stage that the cache under ``work`` does not hold yet.
+    """Run every stage that the cache under ``work`` does not hold yet.
 
     Args:
         source: a map file or folder, as ``read_map`` takes it, a folder of sessions with a
@@ -159,7 +159,7 @@ def read_source(
     shared: StagesElsewhere | None = None,
     options: BuildOptions = _ALONE,
 ) -> None:
-    """Runs the first stage alone and decodes what is confirmed; raises as ``build_version`` does.
+    """Run the first stage alone and decode what is confirmed; raises as ``build_version`` does.
 
     ``build_version`` with the same arguments then finds its result and parses no file of the source.
     """
@@ -189,7 +189,7 @@ def _decoded(confirmed: Path | None, work: Path) -> Iterator[Path | None]:
 
 @contextmanager
 def _chunk_executor(options: BuildOptions, work: Path, threads: Executor) -> Iterator[ChunkExecutor]:
-    """Runs chunks by threads and processes of this machine, or by the workers of a cluster.
+    """Run chunks by threads and processes of this machine, or by the workers of a cluster.
 
     A cluster's workers must reach the store, for inputs and results.
     """

@@ -12,12 +12,12 @@ TRAJECTORY_FILE = "trajectory.npy"  # of a map that was read; chunks read it, to
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
-    """Writes values by name as a file of a version."""
+    """Write values by name as a file of a version."""
     path.write_text(json.dumps(value, sort_keys=True, indent=1) + "\n")
 
 
 def link(source: Path, target: Path) -> None:
-    """Links a file, or copies it where the file system cannot link."""
+    """Link a file, or copy it where the file system cannot link."""
     try:
         target.hardlink_to(source)
     except OSError:  # another file system

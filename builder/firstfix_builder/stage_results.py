@@ -148,7 +148,7 @@ class IndexFiles(FittedEngine):
         return _array(self.directory / MAP_FILE, mapped=True)
 
     def load(self, calibration: Calibration) -> MapIndex:
-        """Loads the index with a calibration, which it has not yet."""
+        """Load the index with a calibration, which it has not yet."""
         return MapIndex.load(self.directory, calibration)
 
 

@@ -53,7 +53,7 @@ def write_self_test(
     cancelled: Callable[[], bool],
     out: Path,
 ) -> None:
-    """Runs the self-test and writes the calibration, the report and its pictures to the stage's folder.
+    """Run the self-test and write the calibration, the report and its pictures to the stage's folder.
 
     Raises:
         BuildCancelled: cancelled() said so.

@@ -35,7 +35,7 @@ _log = logging.getLogger(__name__)
 
 
 def build_here(options: BuildOptions, sandbox: SandboxedBuild | None, job: BuildJob) -> BuildResult:
-    """Builds in this process, which can reach the store and the cluster.
+    """Build in this process, which can reach the store and the cluster.
 
     With a sandbox, this process parses no file of the source: the sandbox reads it first, and the result is
     in the stage cache.
@@ -64,7 +64,7 @@ def build_here(options: BuildOptions, sandbox: SandboxedBuild | None, job: Build
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the build that the command line names. Returns the exit code."""
+    """Run the build that the command line names. Returns the exit code."""
     options = BuildOptions.from_arguments(arguments)
     set_up_build_log(options)
     try:

@@ -18,7 +18,7 @@ class RobotWheel(BuildHookInterface):  # type: ignore[misc]
     """The hook that ``pyproject.toml`` names."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Adds the modules to the wheel."""
+        """Add the modules to the wheel."""
         roots = {
             "firstfix": HERE.parents[1] / "core" / "firstfix",
             "firstfix_client": HERE / "firstfix_client",

@@ -11,7 +11,7 @@ PACKAGES = ("firstfix", "firstfix_client")
 def import_closure(
     roots: dict[str, Path], start: str = "firstfix_client", guest: str = "firstfix_ros"
 ) -> dict[str, Path]:
-    """Returns the files of the wheel, by their path in it.
+    """The files of the wheel, by their path in it.
 
     Args:
         roots: package name to its folder.

@@ -131,7 +131,7 @@ _Read = TypeVar("_Read")
 
 
 def decode_query(body: Body, media_type: str) -> AnyScan:
-    """Returns the scan in a request body. Safe with bytes from strangers.
+    """The scan in a request body. Safe with bytes from strangers.
 
     Raises:
         UnsupportedFormat: as ``decoder_of``.
@@ -141,7 +141,7 @@ def decode_query(body: Body, media_type: str) -> AnyScan:
 
 
 def decoder_of(media_type: str) -> Callable[[Body], AnyScan]:
-    """Returns the decoder of a media type. It can be pickled.
+    """The decoder of a media type. It can be pickled.
 
     Args:
         media_type: one of MEDIA_TYPES, in any case. Parameters after a semicolon are ignored, except the
@@ -162,12 +162,12 @@ def decoder_of(media_type: str) -> Callable[[Body], AnyScan]:
 
 
 def is_point_cloud2(decoder: Callable[[Body], AnyScan]) -> bool:
-    """Returns whether a decoder of ``decoder_of`` reads PointCloud2 messages."""
+    """Whether a decoder of ``decoder_of`` reads PointCloud2 messages."""
     return decoder is _decode_cdr
 
 
 def read_scan_file(path: Path) -> Scan:
-    """Reads a scan from a local file. The ending of the name selects the format.
+    """Read a scan from a local file. The ending of the name selects the format.
 
     It reads the endings of SUFFIXES, .bin of NCLT and HeLiPR, .npy, .xyz, .txt, .pts, .csv, and, with laspy,
     .las and .laz. For local files only: LAZ decoders are not safe for untrusted input.
@@ -180,7 +180,7 @@ def read_scan_file(path: Path) -> Scan:
 
 
 def read_cloud_file(path: Path) -> PointCloud:
-    """Reads the columns of a scan's file, all that the format has: beams, too. As ``read_scan_file`` does.
+    """Read the columns of a scan's file, all that the format has: beams, too. As ``read_scan_file`` does.
 
     Raises:
         NotFound, InputError: as there.
@@ -189,7 +189,7 @@ def read_cloud_file(path: Path) -> PointCloud:
 
 
 def _named(path: Path, read: Callable[[Path], _Read]) -> _Read:
-    """Reads a file; an error names it."""
+    """Read a file; an error names it."""
     try:
         return read(path)
     except InputError as error:
@@ -222,7 +222,7 @@ def _read_cloud_file(path: Path) -> PointCloud:
 
 
 def _check_file(path: Path) -> str:
-    """Returns the ending of a scan's file."""
+    """The ending of a scan's file."""
     suffix = path.suffix.lower()
     if path.is_dir():
         raise UnsupportedFormat("this is a folder, not the file of a scan")

@@ -41,7 +41,7 @@ class Package:
     worlds: tuple[str, ...] = ()
 
     def is_installed(self) -> bool:
-        """Returns whether this interpreter has the package."""
+        """Whether this interpreter has the package."""
         try:
             distribution(self.name)
         except PackageNotFoundError:
@@ -49,7 +49,7 @@ class Package:
         return True
 
     def remedy(self, what: str) -> str:
-        """Returns the words for somebody who asked for a thing of the package."""
+        """The words for somebody who asked for a thing of the package."""
         return f"{what} is in {self.name}, which is not installed: {pip_install(self.folder)}"
 
 
@@ -79,12 +79,12 @@ PACKAGES = (
 
 
 def absent() -> tuple[Package, ...]:
-    """Returns the packages of this repository that are not installed."""
+    """The packages of this repository that are not installed."""
     return tuple(package for package in PACKAGES if not package.is_installed())
 
 
 def through(door: str) -> dict[str, Any]:
-    """Returns what installed packages bring through a door, by their entry points' names.
+    """What installed packages bring through a door, by their entry points' names.
 
     Raises:
         ImportError: a package is damaged.

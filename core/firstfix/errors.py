@@ -336,7 +336,7 @@ class DeadlineExceeded(FirstfixError):
 
 
 def all_errors() -> list[type[FirstfixError]]:
-    """Returns every class of the tree, base classes first."""
+    """Every class of the tree, base classes first."""
     found: list[type[FirstfixError]] = [FirstfixError]
     for cls in found:
         found.extend(cls.__subclasses__())
@@ -347,5 +347,5 @@ _BY_CODE = {cls.code: cls for cls in all_errors()}
 
 
 def error_class(code: str) -> type[FirstfixError]:
-    """Returns the class with the code. A code that is not known here has the base class."""
+    """The class with the code. A code that is not known here has the base class."""
     return _BY_CODE.get(code, FirstfixError)

@@ -13,7 +13,7 @@ _VERSION = re.compile(r"[0-9a-f]{64}")
 
 
 def check_map_id(map_id: str) -> str:
-    """Returns a valid map id.
+    """A valid map id.
 
     Raises:
         InvalidOption: not 1 to 63 of a-z, 0-9, ``_`` and ``-``, starting with a letter or digit.
@@ -22,7 +22,7 @@ def check_map_id(map_id: str) -> str:
 
 
 def check_build_id(build_id: str) -> str:
-    """Returns a valid build id. It has the same form as a map id.
+    """A valid build id. It has the same form as a map id.
 
     Raises:
         InvalidOption: another form.
@@ -31,12 +31,12 @@ def check_build_id(build_id: str) -> str:
 
 
 def new_build_id() -> str:
-    """Returns a new id. It begins with the time, so that builds sort by age."""
+    """A new id. It begins with the time, so that builds sort by age."""
     return f"{datetime.now(timezone.utc):%Y%m%dt%H%M%S%f}-{uuid.uuid4().hex[:8]}"
 
 
 def check_upload_id(upload_id: str) -> str:
-    """Returns a valid upload id. It has the same form as a map id.
+    """A valid upload id. It has the same form as a map id.
 
     Raises:
         InvalidOption: another form.
@@ -45,7 +45,7 @@ def check_upload_id(upload_id: str) -> str:
 
 
 def check_version(version: str) -> str:
-    """Returns a valid version: a digest.
+    """A valid version: a digest.
 
     Raises:
         InvalidOption: not 64 lower-case hex characters.
@@ -56,7 +56,7 @@ def check_version(version: str) -> str:
 
 
 def is_name(text: str) -> bool:
-    """Returns whether a text has the form of a map or build id."""
+    """Whether a text has the form of a map or build id."""
     return _NAME.fullmatch(text) is not None
 
 

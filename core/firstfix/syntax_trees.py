@@ -15,7 +15,7 @@ from typing import Any
 
 
 def make_one_at_a_time() -> None:
-    """Lets only one thread at a time into ``ast.parse``, on the versions of Python that may need it."""
+    """Let only one thread at a time into ``ast.parse``, on the versions of Python that may need it."""
     if sys.version_info >= (3, 13):
         return
     parse, lock = ast.parse, threading.RLock()

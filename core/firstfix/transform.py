@@ -73,7 +73,7 @@ def inverse(T: Matrix) -> Matrix:
 
 
 def transform_points(T: Matrix, points: ArrayLike) -> NDArray[np.float64]:
-    """Brings (n, 3) points from the right frame of T to its left frame."""
+    """Bring (n, 3) points from the right frame of T to its left frame."""
     return np.asarray(points, np.float64) @ T[:3, :3].T + T[:3, 3]
 
 
@@ -128,5 +128,5 @@ def pose_to_mapping(T: Matrix) -> dict[str, list[float]]:
 
 
 def pose_from_mapping(data: Mapping[str, Any]) -> Matrix:
-    """Reads what ``pose_to_mapping`` returned."""
+    """Read what ``pose_to_mapping`` returned."""
     return from_quaternion(data["position"], data["quaternion"])

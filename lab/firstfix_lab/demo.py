@@ -144,7 +144,7 @@ def _chosen(rows: list[PosedScan]) -> list[PosedScan]:
 
 
 def _localize(client: Client | ZenohClient, scans: list[PosedScan], version: str) -> list[Outcome]:
-    """Asks for the scans in a version: just now a provisional one may still answer others."""
+    """Ask for the scans in a version: just now a provisional one may still answer others."""
     outcomes, options = [], LocalizeOptions(version=version)
     with client:
         for row in scans:

@@ -79,7 +79,7 @@ _PROBLEM = {
 
 
 def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None = None) -> FastAPI:
-    """Returns the app for these settings.
+    """The app for these settings.
 
     Args:
         load: makes the localizer of a version's folder. With it, queries run in threads of this process.

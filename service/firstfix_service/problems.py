@@ -102,13 +102,13 @@ class Problem:
         ).encode()
 
     def response(self) -> Response:
-        """Returns the HTTP response, and notes the code in the request's log line."""
+        """The HTTP response, and notes the code in the request's log line."""
         note(code=self.code)
         return Response(self.body, self.status, self.headers, MEDIA_TYPE)
 
 
 def problem_of(error: BaseException) -> Problem:
-    """Returns the problem that a caller sees. Unexpected errors reveal no details."""
+    """The problem that a caller sees. Unexpected errors reveal no details."""
     if not isinstance(error, FirstfixError):
         return Problem(FirstfixError.code, 500, "an unexpected error, logged with the request's id")
     mapped = next(cls for cls in type(error).__mro__ if cls in STATUS)
@@ -121,7 +121,7 @@ def problem_of(error: BaseException) -> Problem:
 
 
 def add_handlers(app: FastAPI) -> None:
-    """Turns every error of a route into a problem document."""
+    """Turn every error of a route into a problem document."""
     app.add_exception_handler(FirstfixError, _on_firstfix_error)
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(HTTPException, _on_http_exception)

@@ -22,7 +22,7 @@ _WAYS_OUT = (
 
 
 def check_security(settings: Settings) -> None:
-    """Checks the settings of authentication, and logs who may use the service.
+    """Check the settings of authentication, and logs who may use the service.
 
     Raises:
         InvalidOption: strangers can reach the service, and the settings do not say how they are kept out.
@@ -49,13 +49,13 @@ def check_security(settings: Settings) -> None:
 
 
 def exposed_at(settings: Settings) -> str:
-    """Returns the addresses at which strangers can reach the service; empty if there are none."""
+    """The addresses at which strangers can reach the service; empty if there are none."""
     http = "" if is_loopback(settings.host) else f"HTTP on {settings.host}"
     return ", ".join(filter(None, (http, open_zenoh(settings))))
 
 
 def open_zenoh(settings: Settings) -> str:
-    """Returns the zenoh endpoints at which strangers may have a part in the network; empty if there are none.
+    """The zenoh endpoints at which strangers may have a part in the network; empty if there are none.
 
     Strangers have none in a session whose endpoints are all on this machine, nor in one of the operator's
     configuration file that has TLS and access rules.
@@ -84,7 +84,7 @@ def _operators_config(path: Path) -> Any:
 
 
 def _has_rules(config: Any, links: Links) -> bool:
-    """Returns whether there are access rules, or a login at routers, whose own rules are not seen here."""
+    """Whether there are access rules, or a login at routers, whose own rules are not seen here."""
     rules, users, tls = (
         json.loads(config.get_json(name)) or {}
         for name in ("access_control", "transport/auth/usrpwd", "transport/link/tls")

@@ -32,7 +32,7 @@ REST_WITHIN_S = 15.0  # for the rest of a stop: zenoh, the store, builds
 
 
 def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
-    """Returns the configuration of the HTTP server."""
+    """The configuration of the HTTP server."""
     metrics: Metrics = app.state.metrics
     limits: Limits = app.state.limits
 
@@ -79,7 +79,7 @@ class Server(uvicorn.Server):
             app.state.watch.on_stall = self._stalled
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Starts to listen, and logs where."""
+        """Start to listen, and log where."""
         await super().startup(sockets)
         if self.started:
             host, port = self.servers[0].sockets[0].getsockname()[:2]
@@ -105,7 +105,7 @@ class Server(uvicorn.Server):
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Ends the process as its stop says, after the last lines of the log are written.
+        """End the process as its stop says, after the last lines of the log are written.
 
         uvicorn raises the signal again that stopped it, which ends the process before anything else does.
         """
@@ -119,7 +119,7 @@ class Server(uvicorn.Server):
                     os._exit(self._exit_code)
 
     def _stalled(self, pulse: Pulse) -> None:
-        """Ends the process because a part stands still. Called by the thread of the watchdog."""
+        """End the process because a part stands still. Called by the thread of the watchdog."""
         if pulse.is_vital:
             end_process("ends the process: a part stands still", pulse.name)
         _log.critical("stops: a part stands still", part=pulse.name, exit_code=EXIT_STALLED)
@@ -128,7 +128,7 @@ class Server(uvicorn.Server):
         self.should_exit = True
 
     def _end_if_stuck(self) -> None:
-        """Ends the process after the time that a stop may take."""
+        """End the process after the time that a stop may take."""
         timer = threading.Timer(self._drain_s + STOP_WITHIN_S + REST_WITHIN_S, self._stuck)
         timer.daemon = True
         timer.start()
@@ -138,7 +138,7 @@ class Server(uvicorn.Server):
 
 
 def serve(settings: Settings) -> None:
-    """Runs the service until SIGINT or SIGTERM.
+    """Run the service until SIGINT or SIGTERM.
 
     Raises:
         SystemExit: the service could not start; the log says why.

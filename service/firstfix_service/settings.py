@@ -258,7 +258,7 @@ class Settings(BaseSettings):
     @model_validator(mode="before")
     @classmethod
     def _give_each_store_a_work_folder(cls, given: Any) -> Any:
-        """Names the default after the store: one process at a time runs builds in a folder."""
+        """Name the default after the store: one process at a time runs builds in a folder."""
         if isinstance(given, dict) and given.get("work_dir") is None and isinstance(given.get("store"), str):
             with suppress(InvalidOption):  # whoever opens the store tells what is wrong with its URL
                 identity = StoreUrl.parse(given["store"]).identity()

@@ -81,7 +81,7 @@ class BuildTrace:
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Sends the spans."""
+        """Send the spans."""
         _under_way.remove(self)
         self.end("interrupted", getattr(error, "code", None))
         if self._spans is not None and self._outcome is not None:
@@ -93,7 +93,7 @@ class BuildTrace:
         return self._stage
 
     def tick(self, stage: str) -> None:
-        """Notes that the stage runs, and that the former one has ended."""
+        """Note that the stage runs, and that the former one has ended."""
         with self._lock:
             if self._outcome is not None or stage == self._stage:
                 return
@@ -104,20 +104,20 @@ class BuildTrace:
             self._stage = stage
 
     def mark_cached(self, stage: str) -> None:
-        """Notes that the result of the current stage came from the cache."""
+        """Note that the result of the current stage came from the cache."""
         with self._lock:
             if stage == self._stage:  # not a stage within the provisional version
                 self._cached.add(stage)
 
     def mark_chunks(self, stage: str, count: int, reused: int) -> None:
-        """Notes that the stage has more chunks, and how many of them an earlier build had made."""
+        """Note that the stage has more chunks, and how many of them an earlier build had made."""
         with self._lock:
             if stage == self._stage:
                 before = self._chunks.get(stage, (0, 0))
                 self._chunks[stage] = before[0] + count, before[1] + reused
 
     def end(self, state: str, error_code: str | None = None) -> None:
-        """Ends the build. Only the first call has an effect."""
+        """End the build. Only the first call has an effect."""
         with self._lock:
             if self._outcome is None:
                 if self._stage:
@@ -165,14 +165,14 @@ def within_a_stage() -> Iterator[None]:
 
 
 def mark_cached(stage: str) -> None:
-    """Notes in the current build, if any, that the result of a stage came from the cache."""
+    """Note in the current build, if any, that the result of a stage came from the cache."""
     build = current_build()
     if build is not None and not _inner:
         build.mark_cached(stage)
 
 
 def mark_chunks(stage: str, count: int, reused: int) -> None:
-    """Notes in the current build, if any, the number of a stage's chunks and of the reused ones."""
+    """Note in the current build, if any, the number of a stage's chunks and of the reused ones."""
     build = current_build()
     if build is not None:
         build.mark_chunks(stage, count, reused)
@@ -243,7 +243,7 @@ _PLAIN = "%(asctime)s %(levelname)s %(name)s %(message)s"
 
 
 def set_up_build_log(options: BuildOptions) -> None:
-    """Sets up the log of this process. Called by the ``main`` of a process, never by an import."""
+    """Set up the log of this process. Called by the ``main`` of a process, never by an import."""
     handler = logging.StreamHandler()
     handler.setFormatter(
         _HidingSecrets(_JsonLines(options.build_id) if options.log_json else logging.Formatter(_PLAIN))

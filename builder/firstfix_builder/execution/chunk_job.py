@@ -40,7 +40,7 @@ class ChunkJob:
 
 
 def run_job(job: ChunkJob, folder: Path) -> None:
-    """Makes the chunk's result, unless it is in the store.
+    """Make the chunk's result, unless it is in the store.
 
     Args:
         folder: on the worker's disk, for inputs; workers of a machine may share it.
@@ -60,7 +60,7 @@ def run_job(job: ChunkJob, folder: Path) -> None:
 
 
 def check_runtime(wanted: Runtime) -> None:
-    """Checks that this process has the same software as the process that hands out the chunks.
+    """Check that this process has the same software as the process that hands out the chunks.
 
     Raises:
         BuildFailed: chunks made here might differ from those made elsewhere.

@@ -47,7 +47,7 @@ class Chunk(ABC):
 
     @abstractmethod
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns the chunk's arrays: the same bytes on every machine.
+        """The chunk's arrays: the same bytes on every machine.
 
         Args:
             inputs: folders of the finished stages that it reads, by the names that it uses.
@@ -95,30 +95,30 @@ class ChunkResults:
         self._entries = SharedStages(store)
 
     def made(self) -> set[str]:
-        """Returns the keys that have a result, or a partly removed one."""
+        """The keys that have a result, or a partly removed one."""
         return set(self._store.folders(ROOT))
 
     def has(self, key: str) -> bool:
-        """Returns whether a chunk has a result."""
+        """Whether a chunk has a result."""
         return self._store.exists(f"{ROOT}/{key}/{RECORD}")
 
     def put(self, key: str, arrays: Arrays) -> None:
-        """Stores a result, completely or not at all."""
+        """Store a result, completely or not at all."""
         with TemporaryDirectory() as folder:
             named: dict[str, Any] = dict(arrays)
             np.savez(Path(folder) / _FILE, **named)
             self._entries.put_surely(key, "chunk", Path(folder))
 
     def put_folder(self, key: str, folder: Path) -> None:
-        """Stores a result from the files of another store."""
+        """Store a result from the files of another store."""
         self._entries.put_surely(key, "chunk", folder)
 
     def fetch(self, key: str, folder: Path) -> bool:
-        """Writes the files of a result into an empty folder. Returns whether there is one, undamaged."""
+        """Write the files of a result into an empty folder. Returns whether there is one, undamaged."""
         return self._entries.fetch(key, folder)
 
     def load(self, key: str) -> Arrays | None:
-        """Returns a result, or None if there is none. A damaged result is removed."""
+        """A result, or None if there is none. A damaged result is removed."""
         with TemporaryDirectory() as folder:
             if not self.fetch(key, Path(folder)):
                 return None
@@ -130,18 +130,18 @@ class ChunkResults:
                 return None
 
     def keep(self, key: str) -> None:
-        """Renews the age of a result that was used, so that it expires later."""
+        """Renew the age of a result that was used, so that it expires later."""
         where = f"{ROOT}/{key}/{RECORD}"
         self._store.put(where, self._store.get(where))
 
     def remove(self, key: str) -> None:
-        """Removes a result."""
+        """Remove a result."""
         for name in (f"{ROOT}/{key}/{RECORD}", *self._store.list(f"{ROOT}/{key}")):
             self._store.delete(name)
 
 
 def make_chunk(store: Store, keyed: KeyedChunk, inputs: Mapping[str, Path]) -> None:
-    """Runs a chunk and stores its result."""
+    """Run a chunk and store its result."""
     ChunkResults(store).put(keyed.key, keyed.chunk.run(inputs))
 
 
@@ -177,7 +177,7 @@ class ChunkExecutor(ABC):
 
     @abstractmethod
     def run(self, batch: ChunkBatch) -> None:
-        """Runs all chunks of the batch. Their results are in the store when it returns.
+        """Run all chunks of the batch. Their results are in the store when it returns.
 
         Raises:
             BuildCancelled: the build was cancelled; no further chunk was started.
@@ -195,7 +195,7 @@ def run_chunks(
     progress: Callable[[float], None],
     cancelled: Callable[[], bool],
 ) -> Iterator[Arrays]:
-    """Runs the chunks that have no result yet, then yields the results of all in order, one at a time.
+    """Run the chunks that have no result yet, then yield the results of all in order, one at a time.
 
     Args:
         made: keys that have a result.
@@ -248,7 +248,7 @@ class ChunkCache:
         progress: Callable[[float], None],
         cancelled: Callable[[], bool],
     ) -> Iterator[Arrays]:
-        """Yields the results of all chunks in order, one at a time. Runs only the chunks without a result.
+        """Yield the results of all chunks in order, one at a time. Runs only the chunks without a result.
 
         Args:
             stage: its name.

@@ -72,7 +72,7 @@ class DaskExecutor(ChunkExecutor):
         self._close()
 
     def run(self, batch: ChunkBatch) -> None:
-        """Runs all chunks of the batch on the cluster's workers.
+        """Run all chunks of the batch on the cluster's workers.
 
         Raises:
             ClusterUnavailable: the scheduler, or every worker, stayed away.
@@ -98,7 +98,7 @@ class DaskExecutor(ChunkExecutor):
                     batch.done()
 
     def _ended(self, jobs: Sequence[ChunkJob], cancelled: Callable[[], bool]) -> Iterator[str]:
-        """Yields the key of each chunk when it ends.
+        """Yield the key of each chunk when it ends.
 
         Raises:
             _SchedulerLost: the other chunks have to be handed out again.
@@ -192,7 +192,7 @@ class _Watch:
         self._looked = self._seen = time.monotonic()
 
     def look(self) -> None:
-        """Checks the cluster, at most every few seconds.
+        """Check the cluster, at most every few seconds.
 
         Raises:
             ClusterUnavailable: the cluster has had no workers for too long.
@@ -212,7 +212,7 @@ class _Watch:
 
 @contextmanager
 def _noticing_loss(client: Any) -> Iterator[None]:
-    """Raises _SchedulerLost for each of the errors by which Dask reports a lost scheduler."""
+    """Raise _SchedulerLost for each of the errors by which Dask reports a lost scheduler."""
     try:
         yield
     except Exception as error:
@@ -231,7 +231,7 @@ def _reason(future: Any) -> BaseException:
 
 
 def _run(job: ChunkJob) -> None:
-    """Runs a job. Called on a worker."""
+    """Run a job. Called on a worker."""
     from distributed import get_worker
 
     folder = Path(os.environ.get(WORK_VARIABLE) or get_worker().local_directory) / "cluster"
@@ -239,7 +239,7 @@ def _run(job: ChunkJob) -> None:
 
 
 def _fit(wanted: Runtime, store_url: str, key: str) -> None:
-    """Checks whether a worker can take part. Called on the worker."""
+    """Check whether a worker can take part. Called on the worker."""
     check_runtime(wanted)
     if not Store.open(store_url).exists(key):
         raise BuildFailed("it sees another store than this build: all machines must share the directory")
@@ -250,7 +250,7 @@ def _brief(error: BaseException) -> str:
 
 
 def check_reachable(store_url: str) -> None:
-    """Checks that other machines can reach a store.
+    """Check that other machines can reach a store.
 
     Raises:
         InvalidOption: it is in the memory of this process.

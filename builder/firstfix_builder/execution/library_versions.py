@@ -34,7 +34,7 @@ _OF_STAGE: Mapping[str, tuple[str, ...]] = {
 
 
 def libraries_of(stage: str) -> dict[str, str]:
-    """Returns the versions of the libraries that decide the result of a stage.
+    """The versions of the libraries that decide the result of a stage.
 
     Args:
         stage: its name. One that no build has is decided by all libraries that make an index.
@@ -45,7 +45,7 @@ def libraries_of(stage: str) -> dict[str, str]:
 
 @cache
 def version_of(library: str) -> str:
-    """Returns the installed version, ``none`` without one. By its metadata: an import may take seconds."""
+    """The installed version, ``none`` without one. By its metadata: an import may take seconds."""
     for name in _DISTRIBUTIONS.get(library, (library,)):
         with suppress(PackageNotFoundError):
             return version(name)

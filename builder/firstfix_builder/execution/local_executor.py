@@ -47,11 +47,11 @@ class LocalExecutor(ChunkExecutor):
         self.prune()
 
     def prune(self) -> None:
-        """Removes results that were unused for too long, then the oldest ones beyond the size limit."""
+        """Remove results that were unused for too long, then the oldest ones beyond the size limit."""
         collect_stages(self.store, DEFAULT_MAX_AGE_S, max_bytes=self._max_bytes)
 
     def run(self, batch: ChunkBatch) -> None:
-        """Runs all chunks of the batch in threads or processes of this machine."""
+        """Run all chunks of the batch in threads or processes of this machine."""
         folders = {name: result.directory for name, result in batch.inputs.items()}
         pending = set()
         try:
@@ -85,7 +85,7 @@ def _opened(store: str) -> Store:
 
 
 def in_turn(function: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[tuple[_T, _R]]:
-    """Yields each item with the function's result, in order. There is one thread for each processor.
+    """Yield each item with the function's result, in order. There is one thread for each processor.
 
     The threads are only a few items ahead of the caller, so few results are in memory. For one item alone no
     thread is started.
@@ -108,7 +108,7 @@ def in_turn(function: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[tuple
 
 
 def die_with_parent() -> None:
-    """Ends this process when its parent ends. For ``ProcessPoolExecutor(initializer=...)``.
+    """End this process when its parent ends. For ``ProcessPoolExecutor(initializer=...)``.
 
     Without it the processes of a pool would wait for ever after a kill -9 of the parent: each holds both ends
     of the pipe through which it gets its work.

@@ -32,7 +32,7 @@ class Runtime:
     machine: str
 
     def differences(self, other: Runtime) -> str:
-        """Returns the differences of another machine as a message, empty if there are none."""
+        """The differences of another machine as a message, empty if there are none."""
         mine, theirs = asdict(self), asdict(other)
         return ", ".join(
             f"{name} {theirs[name][:12]} where {mine[name][:12]} is needed"
@@ -43,7 +43,7 @@ class Runtime:
 
 @cache
 def this_runtime() -> Runtime:
-    """Returns the software versions of this process."""
+    """The software versions of this process."""
     return Runtime(
         firstfix=firstfix.__version__,
         code=source_hash(),

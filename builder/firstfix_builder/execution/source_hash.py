@@ -14,7 +14,7 @@ from firstfix.store.sha256 import sha256_of
 
 @functools.cache
 def source_hash() -> str:
-    """Returns a hash of the source code of core and builder, the compiled core's included.
+    """A hash of the source code of core and builder, the compiled core's included.
 
     It is the same for all instruction sets, as their results are.
     """

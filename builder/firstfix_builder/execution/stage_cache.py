@@ -49,11 +49,11 @@ class StagesElsewhere(Protocol):
     """A second place for stages: ``SharedStages``, or a proxy of it."""
 
     def fetch(self, key: str, folder: Path) -> bool:
-        """Fetches a stage into an empty folder. Returns whether there is one."""
+        """Fetch a stage into an empty folder. Returns whether there is one."""
         ...
 
     def put(self, key: str, name: str, folder: Path) -> int:
-        """Puts a finished stage. Returns the bytes that were written."""
+        """Put a finished stage. Returns the bytes that were written."""
         ...
 
 
@@ -149,7 +149,7 @@ class StageCache:
         return found
 
     def key_of(self, name: str, inputs: Mapping[str, str], config: BaseModel | Mapping[str, Any]) -> str:
-        """Returns the key under which ``run`` finds a stage.
+        """The key under which ``run`` finds a stage.
 
         Args:
             name: of the stage; of a chunk with the kind of its work, after a slash.
@@ -200,7 +200,7 @@ class StageCache:
         return found
 
     def prune(self) -> None:
-        """Removes stages that were unused for too long, then the oldest ones beyond ``max_bytes``."""
+        """Remove stages that were unused for too long, then the oldest ones beyond ``max_bytes``."""
         stages = [path for path in self._folder.iterdir() if not path.name.startswith(".")]
         sizes = {path: _size_bytes(path) for path in stages}
         total = sum(sizes.values())

@@ -66,5 +66,5 @@ class StageRunner:
         return self.stage(name, digests, config, lambda out: produce(out, run))
 
     def ticks(self, stage: str, share: float = 1.0) -> Callable[[float], None]:
-        """Reports the progress of a part of a stage, 0..1."""
+        """Report the progress of a part of a stage, 0..1."""
         return lambda fraction: self.progress(stage, share * fraction)

@@ -54,7 +54,7 @@ class CarveChunk(Chunk):
     cell_m: float
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns ``brick`` (n, 3), and the bits (n, 8, 2) of cells passed ``once`` and ``twice`` or more."""
+        """``brick`` (n, 3), and the bits (n, 8, 2) of cells passed ``once`` and ``twice`` or more."""
         low = np.floor((np.array(self.tile) + 0.5) * TILE_M / SHARED_M) * SHARED_M
         simulator = local_simulator(inputs["mesh"], low, low + SHARED_M, self.sensor.max_range_m)
         cells, rays, poses = CarvedCells(self.cell_m), _rays(self.sensor), np.array(self.poses, np.float64)

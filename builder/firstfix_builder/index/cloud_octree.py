@@ -131,7 +131,7 @@ class CloudOctree:
             waiting.extend(_children(reached, octant))
 
     def save(self, directory: Path) -> None:
-        """Writes ``cloud.json``, the list of nodes, and ``cloud.bin``, their points one node after the other.
+        """Write ``cloud.json``, the list of nodes, and ``cloud.bin``, their points one node after the other.
 
         The marks follow, packed as points of the root.
         """
@@ -161,7 +161,7 @@ class CloudOctree:
         (directory / CLOUD_INDEX).write_text(json.dumps(index, separators=(",", ":")))
 
     def _first_of_cells(self, node: Node) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-        """Places in ``node.rows`` of the first point of each cell, ascending; and every point's octant."""
+        """Place in ``node.rows`` of the first point of each cell, ascending; and every point's octant."""
         count = len(node.rows)
         first = np.full(CELLS**3, count, np.int32)
         octant = np.empty(count, np.uint8)
@@ -225,7 +225,7 @@ def draw_cloud(
     registration: RegistrationConfig,
     T_map_level: Matrix,
 ) -> None:
-    """Writes an octree in the map's own frame, as ``cloud.json`` and ``cloud.bin``.
+    """Write an octree in the map's own frame, as ``cloud.json`` and ``cloud.bin``.
 
     Args:
         points: (n, 3) in the index's frame; may lie in a file.

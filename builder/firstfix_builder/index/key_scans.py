@@ -58,7 +58,7 @@ class KeyScans:
         return min(self.sensor.max_range_m, self.preprocess.max_range_m + MARGIN_M)
 
     def at(self, simulator: Simulator, places: NDArray[np.float32]) -> Arrays:
-        """Scans at (n, 3) positions of templates, fewer where nothing is free.
+        """Scan at (n, 3) positions of templates, fewer where nothing is free.
 
         Returns:
             ``position_m`` (k, 3) of the scans, and their descriptions by the descriptor's names.
@@ -95,7 +95,7 @@ class KeyScansChunk(Chunk):
     scans: KeyScans
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns the arrays of ``KeyScans.at``."""
+        """The arrays of ``KeyScans.at``."""
         low = np.floor((np.array(self.tile) + 0.5) * TILE_M / SHARED_M) * SHARED_M
         simulator = local_simulator(inputs["mesh"], low, low + SHARED_M, self._reach_m)
         return self.scans.at(simulator, np.array(self.places, np.float32))

@@ -25,7 +25,7 @@ COMPARED_TEMPLATES = 10_000  # enough for their covariance: the keys of 100k at 
 
 
 def is_worth_learning(templates: int, engine: EngineConfig, config: LearnKeysConfig) -> bool:
-    """Returns whether anything is to be gained.
+    """Whether anything is to be gained.
 
     The paper's keys have 20 numbers. A map of hardly more templates than are compared anyway needs no key.
     """

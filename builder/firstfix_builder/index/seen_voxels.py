@@ -48,7 +48,7 @@ class SeenBlocks:
         self.blocks: set[tuple[int, int]] = set()
 
     def add(self, voxels: NDArray[np.void]) -> None:
-        """Adds what is seen from some viewpoints."""
+        """Add what is seen from some viewpoints."""
         block = voxels["voxel"][:, :2] // self._side
         order = np.lexsort(block.T)
         block = block[order]

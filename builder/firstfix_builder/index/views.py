@@ -77,7 +77,7 @@ class ViewsChunk(Chunk):
     reach: Reach
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns ``voxels`` (``seen_voxels.VOXEL``)."""
+        """``voxels`` (``seen_voxels.VOXEL``)."""
         simulator = local_simulator(inputs["mesh"], *self._shared_box, self._reach_m)
         return {"voxels": views(simulator, np.array(self.viewpoints, np.float32), self.sensor, self.reach)}
 

@@ -54,7 +54,7 @@ BuildVersion: TypeAlias = Callable[[BuildJob], BuildResult]
 
 
 def error_record(error: Exception, work: Path) -> dict[str, str]:
-    """Returns code and detail of a failure. Callers read them, so they name no path of this machine."""
+    """Code and detail of a failure. Callers read them, so they name no path of this machine."""
     if isinstance(error, FirstfixError):
         return {"code": error.code, "detail": str(error).replace(str(work), "work")[:1000]}
     if isinstance(error, MemoryError):
@@ -68,7 +68,7 @@ def error_record(error: Exception, work: Path) -> dict[str, str]:
 
 @contextmanager
 def full_disk_named(work: Path) -> Iterator[None]:
-    """Turns the error of a full disk into one that names the work disk, and its free bytes.
+    """Turn the error of a full disk into one that names the work disk, and its free bytes.
 
     Raises:
         OutOfSpace: the block met a full disk.

@@ -82,12 +82,12 @@ class ConfirmedQueries:
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:
-        """Writes ``confirmed.json``."""
+        """Write ``confirmed.json``."""
         (folder / CONFIRMED_FILE).write_text(json.dumps(asdict(self), sort_keys=True))
 
     @classmethod
     def load(cls, folder: Path) -> ConfirmedQueries:
-        """Reads what ``save`` wrote."""
+        """Read what ``save`` wrote."""
         found = json.loads((folder / CONFIRMED_FILE).read_text())
         return cls(**{**found, "queries": tuple(ConfirmedQuery(**one) for one in found["queries"])})
 
@@ -111,7 +111,7 @@ class _Told:
 
 
 def collect_confirmed(samples: QuerySamples, map_id: str, most: int, folder: Path) -> Path | None:
-    """Makes the folder. Returns it; None if no kept query of the map is confirmed.
+    """Make the folder. Returns it; None if no kept query of the map is confirmed.
 
     A store of kept queries that fails stops no build: the folder then has the reason.
 

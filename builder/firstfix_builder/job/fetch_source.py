@@ -41,7 +41,7 @@ class _Broken(Exception):
 def fetch_http(
     url: str, path: Path, max_bytes: int, on_progress: Callable[[float], None] = lambda done: None
 ) -> None:
-    """Downloads a URL to a file, completely or not at all.
+    """Download a URL to a file, completely or not at all.
 
     An interrupted download resumes where it broke, if the server supports it. Redirects are not followed,
     because their targets were not checked.
@@ -82,7 +82,7 @@ def _fetch(
     etag: str,
     on_progress: Callable[[float], None],
 ) -> None:
-    """Makes one attempt. It appends to the part if the server's file still has the ETag."""
+    """Make one attempt. It appends to the part if the server's file still has the ETag."""
     have = part.stat().st_size if part.exists() else 0
     headers = {"Accept-Encoding": "identity"}
     if have and etag:
@@ -140,7 +140,7 @@ class SourceFetch:
     def of_request(
         self, request: Mapping[str, Any], on_progress: Callable[[float], None] = lambda done: None
     ) -> dict[str, Path]:
-        """Returns the local files by role: ``source``, and ``trajectory`` if the request has one.
+        """The local files by role: ``source``, and ``trajectory`` if the request has one.
 
         Args:
             on_progress: called with the share of all files that has arrived, 0..1.
@@ -163,7 +163,7 @@ class SourceFetch:
         file_name: str,
         on_progress: Callable[[float], None] = lambda done: None,
     ) -> Path:
-        """Returns a local file with the content that a request names, under a name with the same ending.
+        """A local file with the content that a request names, under a name with the same ending.
 
         Args:
             named: {"key": an upload of this map} or {"url": an object elsewhere}.
@@ -206,7 +206,7 @@ class SourceFetch:
 
 
 def json_object(request: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Returns a JSON object of the request, empty if there is none.
+    """A JSON object of the request, empty if there is none.
 
     Raises:
         InvalidOption: it is not an object.
@@ -238,7 +238,7 @@ def _download(
 
 
 def _allowed(url: str, own: StoreUrl, roots: Sequence[Path]) -> StoreUrl:
-    """Returns the URL with the settings of the worker's own store, if it is allowed.
+    """The URL with the settings of the worker's own store, if it is allowed.
 
     The worker's credentials allow more than those of the caller. So a caller must not reach another map
     through them, and they must not be sent to a server that the caller chooses.

@@ -112,7 +112,7 @@ def _some(queries: list[RobotQuery], most: int) -> list[RobotQuery]:
 
 
 def _is_near(position_m: NDArray[np.float64], areas: Sequence[Area]) -> bool:
-    """Returns whether a place is within sight of an area."""
+    """Whether a place is within sight of an area."""
     for area in areas:
         low_m, high_m = area.box_m
         beyond_m = np.maximum(np.maximum(low_m - position_m, position_m - high_m), 0)

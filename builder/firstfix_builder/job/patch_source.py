@@ -69,18 +69,18 @@ class PatchSource:
     queries: tuple[KeptQuery, ...]
 
     def save(self, folder: Path) -> None:
-        """Writes ``patch.json``."""
+        """Write ``patch.json``."""
         (folder / PATCH_SOURCE_FILE).write_text(json.dumps(asdict(self), sort_keys=True))
 
     @classmethod
     def load(cls, folder: Path) -> PatchSource:
-        """Reads what ``save`` wrote."""
+        """Read what ``save`` wrote."""
         found = json.loads((folder / PATCH_SOURCE_FILE).read_text())
         return cls(**{**found, "queries": tuple(KeptQuery(**one) for one in found["queries"])})
 
 
 def is_patch_source(source: Path) -> bool:
-    """Returns whether a source is such a folder."""
+    """Whether a source is such a folder."""
     return source.is_dir() and (source / PATCH_SOURCE_FILE).is_file()
 
 
@@ -93,7 +93,7 @@ def collect_patch_source(
     folder: Path,
     on_progress: Callable[[float], None] = lambda done: None,
 ) -> Path:
-    """Makes the folder. Returns it.
+    """Make the folder. Returns it.
 
     Args:
         base: version to patch.
@@ -147,7 +147,7 @@ def _areas_of(catalog: Catalog, map_id: str, version: str) -> list[Area]:
 
 
 def _linked(path: Path, folder: Path) -> str:
-    """Puts a file into a folder. Returns its path below that folder's parent."""
+    """Put a file into a folder. Returns its path below that folder's parent."""
     folder.mkdir()
     link(path, folder / path.name)
     return f"{folder.name}/{path.name}"

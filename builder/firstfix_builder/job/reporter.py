@@ -98,7 +98,7 @@ class BuildReporter:
         os.close(self._wake_write)
 
     def tick(self, stage: str, fraction: float) -> None:
-        """Notes the completed share of a stage, 0..1."""
+        """Note the completed share of a stage, 0..1."""
         if stage in self._stages:
             overall = (self._stages[stage] + min(max(fraction, 0.0), 1.0)) / len(self._stages)
             self._progress = max(self._progress, overall)  # progress never goes back
@@ -110,11 +110,11 @@ class BuildReporter:
         return self._stage
 
     def waiting_status(self, error: Mapping[str, str]) -> dict[str, Any]:
-        """Returns the status of the build while it waits to be run again, and why it has to."""
+        """The status of the build while it waits to be run again, and why it has to."""
         return {**self._status("queued"), "error": dict(error)}
 
     def is_cancelled(self) -> bool:
-        """Returns whether the build is cancelled."""
+        """Whether the build is cancelled."""
         return self._cancelled.is_set()
 
     def _watch(self) -> None:
@@ -171,4 +171,4 @@ class BuildReporter:
 
 
 def _heard(number: int, frame: FrameType | None) -> None:
-    """Does nothing: the thread at the wake-up pipe receives the signal. Python calls this late or never."""
+    """Do nothing: the thread at the wake-up pipe receives the signal. Python calls this late or never."""

@@ -57,7 +57,7 @@ def run_build(
     *,
     own_process: bool = False,
 ) -> ExitCode:
-    """Runs a build to its end and records the result. A build that has already ended stays as it is.
+    """Run a build to its end and records the result. A build that has already ended stays as it is.
 
     Builds that share a work folder run one after the other.
 
@@ -187,7 +187,7 @@ def run_build(
 
 @contextmanager
 def _alone_in(work: Path) -> Iterator[None]:
-    """Locks the work folder, because two builds would write their versions to the same place."""
+    """Lock the work folder, because two builds would write their versions to the same place."""
     work.mkdir(parents=True, exist_ok=True)
     handle = os.open(work / "worker.lock", os.O_RDWR | os.O_CREAT, 0o644)
     try:

@@ -41,7 +41,7 @@ def clean_cloud(points: NDArray[np.float64], config: CleanConfig) -> NDArray[np.
 
 
 def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
-    """Returns the mean of the points in every occupied voxel, (m, 3 or more), in x-y-z order of the voxels.
+    """The mean of the points in every occupied voxel, (m, 3 or more), in x-y-z order of the voxels.
 
     Columns after the coordinates are averaged too.
     """

@@ -20,7 +20,7 @@ _UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL)  # of file systems that take roo
 
 
 def mapped_array(path: Path, dtype: DTypeLike, shape: tuple[int, ...]) -> np.memmap[Any, np.dtype[Any]]:
-    """Returns the array of a new .npy file.
+    """The array of a new .npy file.
 
     Raises:
         OutOfSpace: the disk has no room for it.
@@ -32,7 +32,7 @@ def mapped_array(path: Path, dtype: DTypeLike, shape: tuple[int, ...]) -> np.mem
 
 
 def mapped_scratch(file: IO[bytes], dtype: DTypeLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Returns an array in an open, empty file, which may be without a name.
+    """An array in an open, empty file, which may be without a name.
 
     Raises:
         OutOfSpace: the disk has no room for it.

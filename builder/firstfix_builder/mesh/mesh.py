@@ -32,7 +32,7 @@ class Mesh:
 
     @classmethod
     def joined(cls, meshes: Iterable[Mesh]) -> Mesh:
-        """Joins meshes, in their order."""
+        """Join meshes, in their order."""
         parts = [mesh for mesh in meshes if len(mesh.triangles)]
         if not parts:
             return cls.empty()
@@ -49,14 +49,14 @@ class Mesh:
         return Mesh(self.vertices[used], number[triangles])
 
     def save(self, directory: Path) -> None:
-        """Writes ``vertices.npy`` and ``triangles.npy``."""
+        """Write ``vertices.npy`` and ``triangles.npy``."""
         directory.mkdir(parents=True, exist_ok=True)
         np.save(directory / "vertices.npy", self.vertices, allow_pickle=False)
         np.save(directory / "triangles.npy", self.triangles, allow_pickle=False)
 
     @classmethod
     def load(cls, directory: Path) -> Mesh:
-        """Reads the files of ``save``."""
+        """Read the files of ``save``."""
         return cls(
             np.load(directory / "vertices.npy", allow_pickle=False),
             np.load(directory / "triangles.npy", allow_pickle=False),

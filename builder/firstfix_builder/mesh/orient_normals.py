@@ -36,7 +36,7 @@ def orient_normals(
     places: NDArray[np.float64] | None,
     voxel_m: float,
 ) -> NDArray[np.float64]:
-    """Orients each of (n, 3) normals towards the nearest scanner place in sight of its point.
+    """Orient each of (n, 3) normals towards the nearest scanner place in sight of its point.
 
     Args:
         places: (m, 3) where the scanner was, or None when that is unknown.

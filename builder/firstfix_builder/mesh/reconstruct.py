@@ -48,7 +48,7 @@ class MeshChunk(Chunk):
     config: ReconstructConfig
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns the block's vertices and triangles."""
+        """The block's vertices and triangles."""
         block = Block(np.array(self.low), np.array(self.high))
         points = TiledPoints.load(inputs["map"]).near(*self._reach)
         near = points[block.holds(points, self._margin_m)]
@@ -172,7 +172,7 @@ def mesh_chunks(
 
 
 def block_meshes(parts: Iterable[Arrays]) -> Iterator[Mesh]:
-    """Yields the surface of each block, in their order."""
+    """Yield the surface of each block, in their order."""
     return (Mesh(part["vertices"], part["triangles"]) for part in parts)
 
 

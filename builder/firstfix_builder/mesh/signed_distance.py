@@ -48,7 +48,7 @@ class Sampling:
     def of(
         cls, points: NDArray[np.float64], spacings_m: NDArray[np.float64], places: NDArray[np.float64]
     ) -> Sampling:
-        """Measures in coarse steps: a change in a part of the map leaves them as they are, as a rule.
+        """Measure in coarse steps: a change in a part of the map leaves them as they are, as a rule.
 
         Args:
             points: (n, 3) metres, of which a sample is measured.

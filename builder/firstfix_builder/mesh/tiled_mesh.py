@@ -45,7 +45,7 @@ class TiledMesh:
 
     @classmethod
     def of(cls, mesh: Mesh) -> TiledMesh:
-        """Sorts a mesh of at least one triangle, and removes unused vertices."""
+        """Sort a mesh of at least one triangle, and removes unused vertices."""
         order, start = by_tiles(middle(mesh.vertices[mesh.triangles]), TILE_M)
         triangles = mesh.triangles[order]
         tile = np.repeat(np.arange(len(start) - 1), np.diff(start))
@@ -62,13 +62,13 @@ class TiledMesh:
         return cls(ordered, start, vertex_start, low, high)
 
     def save(self, directory: Path) -> None:
-        """Writes the files of ``Mesh.save`` and ``SurfaceCells.save``, tile_start.npy and tile_box.npy."""
+        """Write the files of ``Mesh.save`` and ``SurfaceCells.save``, tile_start.npy and tile_box.npy."""
         self.mesh.save(directory)
         _save_places(directory, [SurfaceCells.of(self.mesh.vertices, self.mesh.triangles)], self)
 
     @classmethod
     def load(cls, directory: Path) -> TiledMesh:
-        """Loads a mesh, memory-mapped: only the parts in use are read from the disk."""
+        """Load a mesh, memory-mapped: only the parts in use are read from the disk."""
         vertices, triangles = (
             np.load(directory / f"{n}.npy", mmap_mode="r") for n in ("vertices", "triangles")
         )
@@ -77,7 +77,7 @@ class TiledMesh:
         return cls(Mesh(vertices, triangles), start, vertex_start, low, high)
 
     def near(self, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float) -> tuple[int, ...]:
-        """Returns the tiles within reach_m of the box of (2,) corners, and always the nearest one."""
+        """The tiles within reach_m of the box of (2,) corners, and always the nearest one."""
         gap_m = np.maximum(np.maximum(self.low - high, low - self.high), 0)
         away_m = np.hypot(gap_m[:, 0], gap_m[:, 1])
         return tuple(np.flatnonzero(away_m <= max(reach_m, float(away_m.min()))).tolist())
@@ -127,7 +127,7 @@ def _batches(parts: Iterable[Mesh]) -> Iterator[Mesh]:
 
 
 def _merge(tiled: Sequence[TiledMesh], directory: Path) -> None:
-    """Writes what several tiled meshes have, tile by tile."""
+    """Write what several tiled meshes have, tile by tile."""
     holders: dict[tuple[float, ...], list[tuple[TiledMesh, int]]] = {}
     for one in tiled:
         corners = one.mesh.vertices[one.mesh.triangles[one.start[:-1]]]  # of the first triangle of each tile

@@ -48,7 +48,7 @@ class Limits:
 
 
 def confine(*, read: tuple[Path, ...], write: tuple[Path, ...], limits: Limits) -> list[str]:
-    """Confines this process and its children, permanently. Returns what the kernel cannot confine, as text.
+    """Confine this process and its children, permanently. Returns what the kernel cannot confine, as text.
 
     Args:
         read, write: folders that it may read and write, besides those of the system and of Python.

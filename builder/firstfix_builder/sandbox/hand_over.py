@@ -21,7 +21,7 @@ _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 def take_files(root: Path, folder: str, into: Path) -> None:
-    """Links the files below ``root/folder`` into a new folder, or copies them.
+    """Link the files below ``root/folder`` into a new folder, or copy them.
 
     Args:
         root: a folder that the owner cannot replace.
@@ -82,7 +82,7 @@ def _take(folder: int, into: Path, depth: int, budget: _Budget) -> None:
 
 
 def _take_file(folder: int, name: str, target: Path) -> None:
-    """Takes a file, and checks its type again afterwards: the owner may have replaced it meanwhile."""
+    """Take a file, and check its type again afterwards: the owner may have replaced it meanwhile."""
     try:
         os.link(name, target, src_dir_fd=folder, follow_symlinks=False)
     except OSError:  # another file system, or one without links

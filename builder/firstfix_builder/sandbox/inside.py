@@ -37,14 +37,14 @@ class Flows:
 
 
 def pipeline_flows() -> Flows:
-    """Imports the real flows, which takes seconds."""
+    """Import the real flows, which takes seconds."""
     from ..pipeline import build_version, read_source
 
     return Flows(build_version, read_source)
 
 
 def main(flows: Callable[[], Flows] = pipeline_flows) -> int:
-    """Confines this process, then waits for the job and runs it."""
+    """Confine this process, then wait for the job and run it."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--work", required=True, type=Path)
     parser.add_argument("--sources", required=True, type=Path, action="append")
@@ -88,7 +88,7 @@ class Outside:
         threading.Thread(target=self._listen, daemon=True, name="outside").start()
 
     def is_cancelled(self) -> bool:
-        """Returns whether the worker has cancelled the build."""
+        """Whether the worker has cancelled the build."""
         return self._cancelled.is_set()
 
     def tick(self, stage: str, fraction: float) -> None:
@@ -99,7 +99,7 @@ class Outside:
             self._writer.send(stage=stage, done=fraction)
 
     def fetch(self, key: str, folder: Path) -> bool:
-        """Fetches a stage through the worker, like ``SharedStages.fetch``."""
+        """Fetch a stage through the worker, like ``SharedStages.fetch``."""
         brought = self._ask(fetch=key)
         if not brought:
             return False
@@ -109,11 +109,11 @@ class Outside:
         return True
 
     def put(self, key: str, name: str, folder: Path) -> int:
-        """Shares a stage through the worker, like ``SharedStages.put``."""
+        """Share a stage through the worker, like ``SharedStages.put``."""
         return int(self._ask(share=[key, name, str(folder.resolve().relative_to(self._work.resolve()))]))
 
     def publish_provisional(self, built: object) -> None:
-        """Asks the worker to publish the provisional version, which it finds in the work folder."""
+        """Ask the worker to publish the provisional version, which it finds in the work folder."""
         self._ask(provisional=True)
 
     def _ask(self, **message: Any) -> Any:
@@ -141,7 +141,7 @@ class Outside:
 def run_job(
     flows: Flows, job: dict[str, Any], work: Path, writer: MessageWriter, reader: MessageReader
 ) -> int:
-    """Runs the job and reports how it ended. Returns the exit code."""
+    """Run the job and reports how it ended. Returns the exit code."""
     from firstfix.builds.config import BuildConfig
     from firstfix.builds.options import BuildOptions
 

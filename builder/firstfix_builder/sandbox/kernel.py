@@ -22,7 +22,7 @@ _CAPABILITY_VERSION_3 = 0x20080522
 
 
 def prctl(option: int, *arguments: int) -> None:
-    """Sets an attribute of this process; the manual page of the call lists them.
+    """Set an attribute of this process; the manual page of the call lists them.
 
     Raises:
         OSError: the kernel refuses.
@@ -33,7 +33,7 @@ def prctl(option: int, *arguments: int) -> None:
 
 
 def system_call(number: int, *arguments: object) -> int:
-    """Makes a system call and returns its result.
+    """Make a system call and return its result.
 
     Raises:
         OSError: the kernel refuses.
@@ -45,12 +45,12 @@ def system_call(number: int, *arguments: object) -> int:
 
 
 def gain_no_privileges() -> None:
-    """Prevents this process from gaining privileges, also by programs with a set-user bit."""
+    """Prevent this process from gaining privileges, also by programs with a set-user bit."""
     prctl(_SET_NO_NEW_PRIVS, 1)
 
 
 def end_with_parent() -> None:
-    """Lets the kernel kill this process when its parent ends, even if the parent is killed."""
+    """Let the kernel kill this process when its parent ends, even if the parent is killed."""
     parent = os.getppid()
     prctl(_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it has ended meanwhile
@@ -58,7 +58,7 @@ def end_with_parent() -> None:
 
 
 def drop_capabilities() -> None:
-    """Drops all capabilities, those of root, too."""
+    """Drop all capabilities, those of root, too."""
     number = _CAPSET.get(os.uname().machine)
     if number is None:
         return

@@ -30,7 +30,7 @@ class MessageReader:
         self._buffer = b""
 
     def next(self, timeout_s: float) -> dict[str, Any] | None:
-        """Returns the next message, or None if none arrives in time.
+        """The next message, or None if none arrives in time.
 
         Raises:
             EOFError: the other side has closed.
@@ -65,7 +65,7 @@ class MessageWriter:
         self._lock = threading.Lock()
 
     def send(self, **message: Any) -> None:
-        """Sends a message.
+        """Send a message.
 
         Raises:
             BrokenPipeError: the other side has closed.

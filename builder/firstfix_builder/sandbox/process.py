@@ -20,7 +20,7 @@ MAX_THREADS = 1024 + 16 * (os.cpu_count() or 1) ** 2
 
 
 def too_many_processes(group: int) -> str:
-    """Returns a message about the limit that the group exceeds; empty if it exceeds none."""
+    """A message about the limit that the group exceeds; empty if it exceeds none."""
     processes = threads = 0
     for count in _threads(group):
         processes += 1
@@ -33,14 +33,14 @@ def too_many_processes(group: int) -> str:
 
 
 def wait_until_ended(group: int, timeout_s: float) -> None:
-    """Waits until no process of the group runs; all of them were killed."""
+    """Wait until no process of the group runs; all of them were killed."""
     end = time.monotonic() + timeout_s
     while any(_threads(group)) and time.monotonic() < end:
         time.sleep(0.01)
 
 
 def _threads(group: int) -> Iterator[int]:
-    """Yields the number of threads of each running process of the group."""
+    """Yield the number of threads of each running process of the group."""
     for folder in Path("/proc").iterdir():
         if folder.name.isdigit():
             try:
@@ -70,7 +70,7 @@ def start_process(
     program: Sequence[str] = PROGRAM,
     reading: bool = False,
 ) -> subprocess.Popen[bytes]:
-    """Starts the inner side. It reads messages from its standard input.
+    """Start the inner side. It reads messages from its standard input.
 
     Args:
         options: of the build process; the sandbox may write to ``<work>/build``.
@@ -102,7 +102,7 @@ def start_process(
 
 
 def reserved_bytes(max_memory_bytes: int | None, *, reading: bool) -> int:
-    """Returns the memory that one process may reserve, used or not.
+    """The memory that one process may reserve, used or not.
 
     Args:
         max_memory_bytes: of all processes of the build together, which the service enforces; None: all memory
@@ -114,7 +114,7 @@ def reserved_bytes(max_memory_bytes: int | None, *, reading: bool) -> int:
 
 
 def end_process(process: subprocess.Popen[bytes]) -> None:
-    """Kills a build and all processes that it started: none of them can leave its group."""
+    """Kill a build and all processes that it started: none of them can leave its group."""
     assert process.stdin is not None
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)

@@ -71,7 +71,7 @@ class SandboxedBuild:
         self._stage = STAGES[0]
 
     def build_version(self, job: BuildJob) -> BuildResult:
-        """Builds a version as ``pipeline.build_version`` does, from files below ``<work>/sources``.
+        """Build a version as ``pipeline.build_version`` does, from files below ``<work>/sources``.
 
         Raises:
             InputError: the source cannot be read.
@@ -82,7 +82,7 @@ class SandboxedBuild:
         return self._take_version("version")
 
     def _take_version(self, name: str) -> BuildResult:
-        """Takes a version over from a folder of the build.
+        """Take a version over from a folder of the build.
 
         Raises:
             BuildFailed: there is none, or it differs from its manifest.
@@ -100,7 +100,7 @@ class SandboxedBuild:
         return BuildResult(taken, manifest)
 
     def read_source(self, job: BuildJob) -> None:
-        """Runs the first stage alone, which parses files of unknown origin.
+        """Run the first stage alone, which parses files of unknown origin.
 
         The result is in the stage cache of ``<work>/build``. Raises as ``build_version`` does.
         """
@@ -151,7 +151,7 @@ class SandboxedBuild:
     def _follow(
         self, process: subprocess.Popen[bytes], read_end: int, job: BuildJob, task: dict[str, Any]
     ) -> None:
-        """Follows the build until it is done.
+        """Follow the build until it is done.
 
         Raises:
             FirstfixError: it failed, ended without a message, or started more processes than it may.
@@ -178,7 +178,7 @@ class SandboxedBuild:
             raise _of_exit(process.wait(), self._stage) from None
 
     def _handle_message(self, message: dict[str, Any], writer: MessageWriter, job: BuildJob) -> bool:
-        """Handles one message. Returns whether it was the last."""
+        """Handle one message. Returns whether it was the last."""
         match message:
             case {"stage": str(stage), "done": float() | int() as done} if stage in (
                 *STAGES,
@@ -246,7 +246,7 @@ class SandboxedBuild:
 
 
 def _as_error(report: Any) -> FirstfixError:
-    """Returns the error that a sandboxed build reported.
+    """The error that a sandboxed build reported.
 
     A build cannot ask to be run again, but for a few times because its disk is full.
     """
@@ -260,7 +260,7 @@ def _as_error(report: Any) -> FirstfixError:
 
 
 def _of_exit(code: int, stage: str) -> BuildFailed:
-    """Returns the error of a build whose process ended without a report."""
+    """The error of a build whose process ended without a report."""
     if code < 0:
         return BuildFailed(f"the build's process was ended by {signal.Signals(-code).name} in {stage}")
     return BuildFailed(f"the build's process ended with exit code {code} in {stage}")

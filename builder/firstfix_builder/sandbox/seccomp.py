@@ -111,7 +111,7 @@ class _Program(ctypes.Structure):
 
 
 def refuse_system_calls() -> None:
-    """Refuses the system calls to this process and its children, permanently. Needs PR_SET_NO_NEW_PRIVS.
+    """Refuse the system calls to this process and its children, permanently. Needs PR_SET_NO_NEW_PRIVS.
 
     Raises:
         OSError: the kernel has no seccomp, or this module has no table for this machine.

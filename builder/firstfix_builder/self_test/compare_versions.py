@@ -79,7 +79,7 @@ def compare(
     executor: Executor,
     cancelled: Callable[[], bool],
 ) -> Compared:
-    """Asks both versions.
+    """Ask both versions.
 
     Args:
         simulator: mesh of the patched map, levelled frame.

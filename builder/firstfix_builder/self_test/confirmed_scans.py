@@ -24,7 +24,7 @@ _OF_FILE = "of.txt"  # hash of the folder that was decoded
 
 
 def decode_confirmed(folder: Path, into: Path) -> None:
-    """Decodes the folder of ``collect_confirmed``, unless it is done. ``HeldOut.load`` reads the result.
+    """Decode the folder of ``collect_confirmed``, unless it is done. ``HeldOut.load`` reads the result.
 
     Scans that cannot be read are left out with a reason.
     """

@@ -67,7 +67,7 @@ def equal_places(
     T_level_map: Matrix,
     ranking: RankingConfig,
 ) -> EqualPlaces:
-    """Looks for equals of the true place among its rivals, the closest in support first.
+    """Look for equals of the true place among its rivals, the closest in support first.
 
     None are found if the true place was not.
 

@@ -37,7 +37,7 @@ class QueriedPlace:
 
 
 def grid_of(places: Sequence[QueriedPlace]) -> list[dict[str, object]]:
-    """Returns the cells of CELL_M in which scans were taken.
+    """The cells of CELL_M in which scans were taken.
 
     Each has the number of its scans, of those that localized, of those that were wrong, of those whose place
     was found, and the cell that the unsure ones resembled most. A cell that is known and not said, as half of
@@ -88,7 +88,7 @@ def draw_localizability(
     floor: SeenFloor | None = None,
     in_part: Sequence[tuple[int, int]] = (),
 ) -> None:
-    """Draws a PNG: each scan of the self-test by its outcome, and lines from unsure ones to similar places.
+    """Draw a PNG: each scan of the self-test by its outcome, and lines from unsure ones to similar places.
 
     Floor without templates is drawn below them, and cells that were mapped ``in_part`` are hatched.
 

@@ -62,7 +62,7 @@ class Outcome:
 
     @property
     def is_in_map(self) -> bool:
-        """Returns whether the scan was taken in the map."""
+        """Whether the scan was taken in the map."""
         return self.T_level_sensor is not None
 
     @property
@@ -77,7 +77,7 @@ class Outcome:
 
     @property
     def right(self) -> bool:
-        """Returns whether the best hypothesis is right."""
+        """Whether the best hypothesis is right."""
         return self.first_error_m <= RIGHT_M
 
     @property
@@ -90,17 +90,17 @@ class Outcome:
 
     @property
     def right_among_tied(self) -> bool:
-        """Returns whether the best hypothesis is right, or one that ties with it."""
+        """Whether the best hypothesis is right, or one that ties with it."""
         found = self.evidence
         return found is not None and min(self.errors_m[: found.tied]) <= RIGHT_M
 
     def accepted_by(self, calibration: Calibration) -> bool:
-        """Returns whether the calibrated localizer would call this localized."""
+        """Whether the calibrated localizer would call this localized."""
         found = self._judged_by(calibration)
         return found is not None and calibration.accepts(found)
 
     def found_by(self, calibration: Calibration) -> bool:
-        """Returns whether the right place is the best one, or ties with it for the verdict."""
+        """Whether the right place is the best one, or ties with it for the verdict."""
         found = self._judged_by(calibration)
         return found is not None and min(self.errors_m[: found.tied]) <= RIGHT_M
 

@@ -73,7 +73,7 @@ class PriorOutcome:
     is_refused: bool = False
 
     def can_be_told(self, min_margin: float) -> bool:
-        """Returns whether the answer can be known to be wrong: its place is not as good as the true one."""
+        """Whether the answer can be known to be wrong: its place is not as good as the true one."""
         return not self.is_equal and (self.behind is None or self.behind >= min_margin)
 
 

@@ -43,7 +43,7 @@ class RealScans:
     def of(
         cls, held_out: HeldOut, map_points: NDArray[np.floating], confirmed: HeldOut | None = None
     ) -> RealScans:
-        """Selects the scans whose poses fit the map.
+        """Select the scans whose poses fit the map.
 
         Args:
             held_out: by the map's source, with poses in the level frame.

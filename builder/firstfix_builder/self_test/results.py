@@ -66,7 +66,7 @@ class SelfTest:
     with_prior: dict[str, Any] = field(default_factory=dict)
 
     def to_mapping(self) -> dict[str, Any]:
-        """Returns the results as JSON values."""
+        """The results as JSON values."""
         return asdict(self)
 
 

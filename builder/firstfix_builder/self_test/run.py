@@ -48,7 +48,7 @@ def run_self_test(
     progress: Callable[[float], None],
     cancelled: Callable[[], bool],
 ) -> tuple[SelfTest, Calibration, FalseAcceptBound, list[QueriedPlace]]:
-    """Runs the test in the index's levelled frame; the localizer's own T_map_level is undone.
+    """Run the test in the index's levelled frame; the localizer's own T_map_level is undone.
 
     Raises:
         BuildCancelled: cancelled() said so.

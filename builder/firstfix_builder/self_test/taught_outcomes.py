@@ -82,7 +82,7 @@ class TaughtOutcomes:
         return None
 
     def to_mapping(self) -> dict[str, Any]:
-        """Returns the record of the table for the manifest."""
+        """The record of the table for the manifest."""
         return {
             "version": self.version,
             "maps": len({row.map for row in self.rows}),

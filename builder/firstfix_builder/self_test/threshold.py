@@ -111,7 +111,7 @@ def choose(cases: Sequence[Judged], max_false_accept: float, ceiling: Ceiling | 
 
 
 def _refuted(cases: Sequence[Judged], threshold: float, max_false_accept: float) -> bool:
-    """Returns whether scans that were asked show, with 95 % confidence, that a threshold breaks a promise."""
+    """Whether scans that were asked show, with 95 % confidence, that a threshold breaks a promise."""
     accepted = [case.right for case in cases if case.asked and case.claimed >= threshold]
     return 1 - upper_bound(sum(accepted), len(accepted)) > max_false_accept
 

@@ -53,7 +53,7 @@ class Boxes:
         )
 
     def contain(self, points_m: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Returns whether each of (p, 3) points lies in a box."""
+        """Whether each of (p, 3) points lies in a box."""
         inside = np.zeros(len(points_m), bool)
         for centre, half, yaw in zip(self.centre_m, self.half_m, self.yaw.tolist(), strict=True):
             inside |= (np.abs((points_m - centre) @ rotation_z(yaw)) <= half).all(axis=1)

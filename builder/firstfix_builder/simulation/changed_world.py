@@ -65,7 +65,7 @@ class Sight:
         return column, ((z + 1) / 2 * (_RISES - 1)).astype(np.intp)
 
     def holes(self, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Returns which of n rays meet nothing, but pass below a surface: holes of the map, not the sky."""
+        """Which of n rays meet nothing, but pass below a surface: holes of the map, not the sky."""
         met = np.isfinite(ranges)
         column, rise = self._cells
         is_met = np.zeros((_COLUMNS, _RISES + 1), bool)
@@ -166,7 +166,7 @@ def _lookalike_ranges(
 def _sectors(
     sight: Sight, holes: NDArray[np.bool_], width: float, rng: np.random.Generator
 ) -> NDArray[np.bool_]:
-    """Returns which of n rays lie in a few sectors of azimuth around holes.
+    """Which of n rays lie in a few sectors of azimuth around holes.
 
     Args:
         width: 0..1, of all sectors together.

@@ -20,7 +20,7 @@ WHOLE_TRIANGLES = 3_000_000  # a mesh with no more is taken whole: one simulator
 def local_simulator(
     mesh: Path, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float
 ) -> Simulator:
-    """Returns a simulator for rays up to reach_m that begin over the box of (2,) corners.
+    """A simulator for rays up to reach_m that begin over the box of (2,) corners.
 
     It may hold surface that is further away. All chunks of the box share it. Threads that need the same one
     wait until it is made.
@@ -35,7 +35,7 @@ def local_simulator(
 
 
 def whole_simulator(mesh: Path) -> Simulator:
-    """Returns a simulator over the whole mesh, which all stages share.
+    """A simulator over the whole mesh, which all stages share.
 
     Args:
         mesh: folder of the finished stage.

@@ -64,7 +64,7 @@ class ScanSimulation:
     def cases(
         self, around_m: NDArray[np.floating], reach_m: float, count: int, rng: np.random.Generator
     ) -> list[ScanCase]:
-        """Chooses free spots within half of ``reach_m`` of the given places along x and y, any heading.
+        """Choose free spots within half of ``reach_m`` of the given places along x and y, any heading.
 
         Nothing stands between a spot and its place, because a place behind a wall may not be in the map.
 
@@ -91,7 +91,7 @@ class ScanSimulation:
         return found
 
     def scan(self, case: ScanCase, motion: Motion | None = None) -> Scan:
-        """Simulates the scan of a case.
+        """Simulate the scan of a case.
 
         With a motion during it, its points have times, and the world is as it was mapped.
         """
@@ -173,7 +173,7 @@ class _Panorama:
     def occlude(
         self, ranges: NDArray[np.float32], count: int, kind: _Occluder, rng: np.random.Generator
     ) -> None:
-        """Adds obstacles between the sensor and the map, which stop the rays through them."""
+        """Add obstacles between the sensor and the map, which stop the rays through them."""
         for _ in range(count):
             away, width = rng.uniform(*kind.away_m), rng.uniform(*kind.width_m)
             middle, half = rng.uniform(-np.pi, np.pi), width / away / 2

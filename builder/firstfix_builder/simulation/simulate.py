@@ -84,7 +84,7 @@ class Simulator:
         return drop
 
     def is_way_free(self, starts: NDArray[np.floating], ends: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Returns whether no surface is met between (n, 3) starts and (n, 3) ends."""
+        """Whether no surface is met between (n, 3) starts and (n, 3) ends."""
         return self._tree.free_ways(*(np.ascontiguousarray(one, np.float32) for one in (starts, ends))) != 0
 
     def distance(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -93,7 +93,7 @@ class Simulator:
         return distances
 
     def is_free(self, points: NDArray[np.floating], radius_m: float) -> NDArray[np.bool_]:
-        """Returns whether no surface is within a radius of each of (n, 3) points."""
+        """Whether no surface is within a radius of each of (n, 3) points."""
         return self._tree.near_surface(np.ascontiguousarray(points, np.float32), radius_m) == 0
 
     def ranges(

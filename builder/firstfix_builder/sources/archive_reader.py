@@ -14,7 +14,7 @@ class ArchiveReader:
     """Reads what an archive holds."""
 
     def can_read(self, path: Path) -> bool:
-        """Returns whether it is a zip file."""
+        """Whether it is a zip file."""
         return path.suffix.lower() == SUFFIX and path.is_file()
 
     def read(self, path: Path, trajectory: Path | None, reading: Reading) -> LevelMap:

@@ -32,7 +32,7 @@ class PatchReader:
     """Reads the folder of a patch (``job.patch_source``): the map with what its queries confirm."""
 
     def can_read(self, path: Path) -> bool:
-        """Returns whether a source is such a folder."""
+        """Whether a source is such a folder."""
         return is_patch_source(path)
 
     def read(self, path: Path, trajectory: Path | None, reading: Reading) -> LevelMap:
@@ -74,7 +74,7 @@ class PatchedMap(LevelMap):
 
 
 def _lay(source: Path, told: PatchSource, read: LevelMap, out: Path) -> None:
-    """Writes the map with the confirmed changes; raises as ``PatchReader.read`` does."""
+    """Write the map with the confirmed changes; raises as ``PatchReader.read`` does."""
     if read.is_mesh:
         raise BuildFailed("the map's source is a mesh, and only clouds can be patched: map the place again")
     index = MapIndex.load(source / BASE)

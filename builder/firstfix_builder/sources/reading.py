@@ -25,7 +25,7 @@ class SourceReader(Protocol):
     """
 
     def can_read(self, path: Path) -> bool:
-        """Returns whether a source is of this kind, by the names of its files alone."""
+        """Whether a source is of this kind, by the names of its files alone."""
         ...
 
     def read(self, path: Path, trajectory: Path | None, reading: Reading) -> LevelMap:

@@ -39,7 +39,7 @@ class SessionsReader:
     """Reads a folder with a ``sessions.yaml``."""
 
     def can_read(self, path: Path) -> bool:
-        """Returns whether a folder lists sessions."""
+        """Whether a folder lists sessions."""
         return path.is_dir() and description_in(path) is not None
 
     def read(self, path: Path, trajectory: Path | None, reading: Reading) -> LevelMap:
@@ -117,12 +117,12 @@ class _Steps:
         self._count, self._progress, self._done = count, progress, 0
 
     def within(self, stage: str, fraction: float) -> None:
-        """Reports the progress of the current step."""
+        """Report the progress of the current step."""
         done = self._done + (STAGES.index(stage) + fraction) / len(STAGES)
         self._progress(min(done / self._count, 1.0))
 
     def next(self) -> None:
-        """Ends the step."""
+        """End the step."""
         self._done += 1
         self._progress(min(self._done / self._count, 1.0))
 
@@ -139,7 +139,7 @@ def _result(source: Path, session: Session, lean: Reading) -> LevelMap:
 
 @contextmanager
 def _naming(session: str) -> Iterator[None]:
-    """Puts the session's name before the reason why it cannot be read or indexed."""
+    """Put the session's name before the reason why it cannot be read or indexed."""
     try:
         yield
     except (InputError, NotFound, BuildFailed) as error:

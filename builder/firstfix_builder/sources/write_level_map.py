@@ -41,7 +41,7 @@ def write_level_map(
     *,
     read: Callable[[Path], MapData] | None = None,
 ) -> None:
-    """Writes points or a mesh, the trajectory, held-out scans, findings, and T_map_level.
+    """Write points or a mesh, the trajectory, held-out scans, findings, and T_map_level.
 
     Args:
         source: a map file or folder, as ``read_map`` takes it, or whatever ``read`` reads.
@@ -92,7 +92,7 @@ def write_level_map(
 
 
 def write_findings(findings: Sequence[Finding], out: Path) -> None:
-    """Writes the findings of a map for ``LevelMap.findings``."""
+    """Write the findings of a map for ``LevelMap.findings``."""
     (out / FINDINGS_FILE).write_text(json.dumps([one.to_mapping() for one in findings]) + "\n")
 
 

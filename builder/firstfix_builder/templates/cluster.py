@@ -133,7 +133,7 @@ class ClusterChunk(Chunk):
     descriptor: DescriptorConfig
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns the pairs of the chunk's rows."""
+        """The pairs of the chunk's rows."""
         descriptor = self.descriptor.make()
         made = Templates.load(inputs["templates"], descriptor)
         rows = range(self.first, self.last)

@@ -51,7 +51,7 @@ def write_places(
     sensor: SensorModel,
     out: Path,
 ) -> None:
-    """Writes the viewpoints of one spacing, tile by tile.
+    """Write the viewpoints of one spacing, tile by tile.
 
     ``positions.npy`` and ``floor_z.npy`` as in ``Viewpoints``; ``tile.npy`` and ``tile_start.npy``: which
     tiles have some, and where they start; ``shown.npy``: the rows of those that tell how far one sees;
@@ -93,7 +93,7 @@ def fitting_viewpoints(
     sensor: SensorModel,
     out: Path,
 ) -> None:
-    """Writes the viewpoints of a map in the order in which templates are made.
+    """Write the viewpoints of a map in the order in which templates are made.
 
     ``positions.npy``, ``floor_z.npy``; ``chunk_start.npy``: where the tiles of chunks start;
     ``spacing_m.npy``: the largest spacing between them; ``view_m.npy``: how far one sees from them, the

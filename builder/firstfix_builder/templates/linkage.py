@@ -44,7 +44,7 @@ class Pairs:
 
     @classmethod
     def concatenate(cls, parts: Sequence[Pairs]) -> Pairs:
-        """Joins pairs, in their order."""
+        """Join pairs, in their order."""
         return cls(
             np.concatenate([part.a for part in parts]),
             np.concatenate([part.b for part in parts]),

@@ -79,7 +79,7 @@ class TemplatesChunk(Chunk):
     descriptor: DescriptorConfig
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns the arrays of the chunk's templates."""
+        """The arrays of the chunk's templates."""
         positions, floor_z = self._viewpoints(inputs["viewpoints"])
         height_m = positions[:, 2] - floor_z
         simulator = local_simulator(inputs["mesh"], *self._shared_box, self._reach_m)
@@ -160,7 +160,7 @@ def template_chunks(
 
 
 def write_templates(parts: Iterable[Arrays], count: int, directory: Path) -> None:
-    """Writes the files of ``Templates.save`` from parts, with one part in memory at a time."""
+    """Write the files of ``Templates.save`` from parts, with one part in memory at a time."""
     files: dict[str, NDArray[Any]] = {}
     row = 0
     for part in parts:

@@ -96,7 +96,7 @@ class ViewRays:
 
 
 def percentile_m(furthest_m: NDArray[np.float32], sensor: SensorModel) -> float:
-    """Returns how far one sees in a map, from the furthest returns in directions of some viewpoints."""
+    """How far one sees in a map, from the furthest returns in directions of some viewpoints."""
     seen = furthest_m[furthest_m > 0]
     return float(np.percentile(seen, SHARE)) if len(seen) else sensor.max_range_m
 
@@ -159,7 +159,7 @@ class LookChunk(PlacesChunk):
         return list(self.rows)
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns the furthest return in all directions of all places: of all, and of all but the ground."""
+        """The furthest return in all directions of all places: of all, and of all but the ground."""
         simulator = self.simulator(inputs["mesh"], self._reach_m)
         positions, floor_z = self._places(inputs["places"])
         rays = ViewRays.of(self.sensor)
@@ -185,7 +185,7 @@ class InformativeViewpoints(PlacesChunk):
         return slice(self.first, self.last)
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns which places to keep. What becomes of a block of OPEN_SPACING_M depends on what is seen."""
+        """Which places to keep. What becomes of a block of OPEN_SPACING_M depends on what is seen."""
         positions, floor_z = self._places(inputs["places"])
         block, standing = one_per_block(FloorPoints.alone(positions[:, :2], floor_z), OPEN_SPACING_M)
         simulator = self.simulator(inputs["mesh"], self._reach_m)

@@ -81,7 +81,7 @@ class FloorPoints:
         return cls(xy_m, z, z, z)
 
     def subset(self, keep: NDArray[np.bool_]) -> FloorPoints:
-        """Returns the chosen places."""
+        """The chosen places."""
         return FloorPoints(self.xy_m[keep], self.z[keep], self.low_z[keep], self.high_z[keep])
 
 

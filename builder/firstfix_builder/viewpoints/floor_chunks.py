@@ -44,13 +44,13 @@ class TileChunk(Chunk):
     tiling: Tiling
 
     def simulator(self, mesh: Path, reach_m: float) -> Simulator:
-        """Returns a simulator for rays up to reach_m from the tile."""
+        """A simulator for rays up to reach_m from the tile."""
         side_m = SHARED_TILES * self.tiling.side_m
         low = np.floor_divide(self.tile, SHARED_TILES) * side_m
         return local_simulator(mesh, low, low + side_m, reach_m)
 
     def surface(self, mesh: StageResult, reach_m: float) -> str:
-        """Returns a hash of the surface within reach_m of the tile."""
+        """A hash of the surface within reach_m of the tile."""
         return surface_cells_of(mesh.directory).digest_within(*self.tiling.box(self.tile), reach_m)
 
 
@@ -59,7 +59,7 @@ class DropsChunk(TileChunk):
     """Height of the trajectory's poses over the surfaces below them. Reads the input ``map``."""
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns the drop of each pose over the tile, inf where nothing is below."""
+        """The drop of each pose over the tile, inf where nothing is below."""
         return {"drop_m": self.simulator(inputs["mesh"], 0.0).drops(self._positions(inputs["map"]))}
 
     def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
@@ -82,7 +82,7 @@ class FloorsChunk(TileChunk):
     has_track: bool
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns the arrays of ``TileFloors``."""
+        """The arrays of ``TileFloors``."""
         simulator = self.simulator(inputs["mesh"], self.sampling.reach_m)
         return _arrays(tile_floors(simulator, self.sampling, self.tile, self._foot(inputs["map"])))
 
@@ -115,7 +115,7 @@ class SeenFloorChunk(TileChunk):
         return {"floor": sha256(self.floor.tobytes()).hexdigest()}
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """Returns which places were seen."""
+        """Which places were seen."""
         return {
             "seen": seen_from(self.simulator(inputs["mesh"], SIGHT_M), self.floor, self._near(inputs["map"]))
         }
@@ -174,7 +174,7 @@ def _in_tiles(
     found: Iterator[TileFloors],
     mapping: MappingRun | None,
 ) -> Iterator[tuple[tuple[int, int], Viewpoints]]:
-    """Yields viewpoints by tile. What may become viewpoints is kept on the disk."""
+    """Yield viewpoints by tile. What may become viewpoints is kept on the disk."""
     with TemporaryFile() as file:
         start = [0]
 

@@ -40,7 +40,7 @@ class Grid:
 
     @classmethod
     def over(cls, low_m: NDArray[np.float64], high_m: NDArray[np.float64], cell_m: float) -> Grid:
-        """Returns the grid that covers the (2,) or (3,) corners."""
+        """The grid that covers the (2,) or (3,) corners."""
         first = np.floor(low_m[:2] / cell_m).astype(np.int64)
         last = np.floor(high_m[:2] / cell_m).astype(np.int64)
         return cls(cell_m, first, last - first + 1)
@@ -50,7 +50,7 @@ class Grid:
         return np.floor(xy_m[:, :2] / self.cell_m).astype(np.int64) - self.low
 
     def contains(self, column: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Returns (n,) whether columns lie in the grid."""
+        """(n,) whether columns lie in the grid."""
         inside = (column >= 0) & (column < self.size)
         return inside[:, 0] & inside[:, 1]
 
@@ -84,7 +84,7 @@ class Surfaces:
         return len(self.z)
 
     def subset(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Surfaces:
-        """Returns the chosen surfaces."""
+        """The chosen surfaces."""
         return Surfaces(self.column[keep], self.z[keep], self.level[keep], self.headroom_m[keep])
 
     def order(self) -> NDArray[np.int64]:

@@ -36,7 +36,7 @@ class JoinedParts:
         self._passed: list[NDArray[np.bool_]] = []
 
     def add(self, tile: tuple[int, int], floors: TileFloors) -> None:
-        """Takes the floors of the next tile."""
+        """Take the floors of the next tile."""
         row = tile[0] // SHARED_TILES
         if row != self._row:
             self._join()
@@ -54,7 +54,7 @@ class JoinedParts:
         self._start.append(first + len(floors.area))
 
     def parts_of(self, number: int) -> slice:
-        """Returns where the parts of the tile that was added as this number stand in ``chosen``."""
+        """Where the parts of the tile that was added as this number stand in ``chosen``."""
         return slice(self._start[number], self._start[number + 1])
 
     def chosen(self, *, by_trajectory: bool) -> NDArray[np.bool_]:
@@ -90,7 +90,7 @@ class JoinedParts:
         return np.concatenate([np.zeros((0, 5), np.int64), *self._area])[:, 0]
 
     def _join(self) -> None:
-        """Joins the parts of this row of tiles, and those with the row before."""
+        """Join the parts of this row of tiles, and those with the row before."""
         border, of_border = _joined([*self._borders[0], *self._borders[1]])
         link, of_link = _joined([*self._links[0], *self._links[1]])
         order = np.argsort(border)

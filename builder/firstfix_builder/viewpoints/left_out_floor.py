@@ -27,12 +27,12 @@ class SeenFloor:
     left_out: NDArray[np.float64]
 
     def to_mapping(self) -> dict[str, float]:
-        """Returns the figures as JSON values."""
+        """The figures as JSON values."""
         return {"seen_m2": self.seen_m2, "without_template": self.without_template}
 
     @classmethod
     def load(cls, directory: Path) -> SeenFloor | None:
-        """Reads it from the folder of viewpoints; None: the map has no trajectory."""
+        """Read it from the folder of viewpoints; None: the map has no trajectory."""
         path = directory / FLOOR_FILE
         if not path.exists():
             return None

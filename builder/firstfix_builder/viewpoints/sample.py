@@ -49,7 +49,7 @@ class Viewpoints:
         return len(self.positions)
 
     def subset(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Viewpoints:
-        """Returns the chosen viewpoints."""
+        """The chosen viewpoints."""
         return Viewpoints(self.positions[keep], self.floor_z[keep], self.mount_height_m, self.left_out)
 
 
@@ -61,7 +61,7 @@ def joined_viewpoints(
     kept: Kept,
     mapping: MappingRun | None,
 ) -> Iterator[Viewpoints]:
-    """Yields the viewpoints of one tile after the other.
+    """Yield the viewpoints of one tile after the other.
 
     Args:
         tiles: in order.
@@ -157,7 +157,7 @@ def _mapping_in(simulator: Simulator, tiling: Tiling, positions: NDArray[np.floa
 def floor_sampling(
     tiling: Tiling, config: ViewpointConfig, sensor_height_m: float, drop_m: NDArray[np.float64] | None
 ) -> FloorSampling:
-    """Returns how floors are sampled.
+    """How floors are sampled.
 
     Args:
         sensor_height_m: the sensor model's.

@@ -40,7 +40,7 @@ class MappingRun:
 
 
 def is_sparse(positions: NDArray[np.float64]) -> bool:
-    """Returns whether the median distance between neighbours of (m, 3) poses is over SPARSE_M."""
+    """Whether the median distance between neighbours of (m, 3) poses is over SPARSE_M."""
     stops = one_of_each(positions, STOP_M)
     if len(stops) < 2:
         return True

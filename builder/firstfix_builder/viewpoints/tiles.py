@@ -20,7 +20,7 @@ MAX_COLUMN = 1 << 26  # from the map's zero, so that a surface has a number of 6
 
 
 def in_order(tiles: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Returns tiles in the order in which they are worked at: larger tile by larger tile."""
+    """Tiles in the order in which they are worked at: larger tile by larger tile."""
     return sorted(tiles, key=lambda tile: (tile[0] // SHARED_TILES, tile[1] // SHARED_TILES, tile))
 
 
@@ -60,17 +60,17 @@ class Tiling:
         return 2 * max(1, round(SIDE_M / (2 * self.spacing_m)))
 
     def grid(self, tile: tuple[int, int], border_cells: int) -> Grid:
-        """Returns the cells of a tile with a border."""
+        """The cells of a tile with a border."""
         low = np.array(tile, np.int64) * self.side_cells - border_cells
         return Grid(self.cell_m, low, np.full(2, self.side_cells + 2 * border_cells))
 
     def box(self, tile: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Returns the (2,) corners of a tile."""
+        """The (2,) corners of a tile."""
         low = np.array(tile, np.float64) * self.side_m
         return low, low + self.side_m
 
     def over(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> list[tuple[int, int]]:
-        """Returns the tiles that meet any of k boxes, in order.
+        """The tiles that meet any of k boxes, in order.
 
         Args:
             low, high: (k, 2) corners in metres.

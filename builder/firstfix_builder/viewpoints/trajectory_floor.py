@@ -46,7 +46,7 @@ class Track:
 
 
 def mount_height_m(drop_m: NDArray[np.float64], default_m: float) -> float:
-    """Returns how high a sensor is mounted, from the (m,) drops under its trajectory.
+    """How high a sensor is mounted, from the (m,) drops under its trajectory.
 
     Args:
         default_m: taken where no pose has a floor below it.

@@ -45,7 +45,7 @@ def has_room(
 
 
 def gap_strides(cell_m: float, bridge_gap_m: float) -> int:
-    """Returns how many cells away a floor's neighbour may be."""
+    """How many cells away a floor's neighbour may be."""
     return max(1, int(bridge_gap_m / cell_m + 1))
 
 

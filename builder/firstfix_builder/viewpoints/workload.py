@@ -43,7 +43,7 @@ class Workload:
         poses: NDArray[np.float64] | None,
         config: ViewpointConfig,
     ) -> None:
-        """Checks (n, 3) points before their surface is made.
+        """Check (n, 3) points before their surface is made.
 
         Args:
             poses: (m, 4, 4) of the trajectory, or None.
@@ -64,7 +64,7 @@ class Workload:
         config: ViewpointConfig,
         spacing_m: float,
     ) -> None:
-        """Checks a surface before floors are looked for.
+        """Check a surface before floors are looked for.
 
         Raises:
             BuildFailed: there is too much floor, or it is spread too far.
@@ -79,7 +79,7 @@ class Workload:
         self._check_extent(area_m2, poses, config, spacing_m)
 
     def check_found(self, templates: int, spacing_m: float) -> None:
-        """Checks the number of templates before they are made.
+        """Check the number of templates before they are made.
 
         Raises:
             BuildFailed: too many.
@@ -98,7 +98,7 @@ class Workload:
     def _check_extent(
         self, area_m2: float, poses: NDArray[np.float64] | None, config: ViewpointConfig, spacing_m: float
     ) -> None:
-        """Compares the area in which floors are looked for with the limit."""
+        """Compare the area in which floors are looked for with the limit."""
         area_m2 = min(area_m2, _within_m2(poses, config))
         places = area_m2 / spacing_m**2
         if self.max_templates is not None and places > PLACES_A_TEMPLATE * self.max_templates:

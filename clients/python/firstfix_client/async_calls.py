@@ -45,7 +45,7 @@ class AsyncHttpCalls:
         await self.close()
 
     async def close(self) -> None:
-        """Closes the connections."""
+        """Close the connections."""
         await self._http.close()
 
 
@@ -63,7 +63,7 @@ class AsyncFixCalls(AsyncHttpCalls):
         encoding: Encoding = "scan",
         parameters: DescriptorParameters | None = None,
     ) -> Localization:
-        """Returns the pose of a scan in a map, or why there is none."""
+        """The pose of a scan in a map, or why there is none."""
         form = BodyForm(encoding, parameters)
         return await self._http.run(
             self._http.steps.fixes.localize(scan, map_id, options_of(options, prior, gravity), form)
@@ -79,7 +79,7 @@ class AsyncFixCalls(AsyncHttpCalls):
         content_encoding: str | None = None,
         request_id: str | None = None,
     ) -> Localization:
-        """Returns the answer to an encoded query, as ``localize`` does. The bytes are sent unchanged."""
+        """The answer to an encoded query, as ``localize`` does. The bytes are sent unchanged."""
         return await self._http.run(
             self._http.steps.ask(
                 body, media_type, map_id, options or LocalizeOptions(), content_encoding, request_id
@@ -91,49 +91,49 @@ class AsyncMapCalls(AsyncHttpCalls):
     """Calls about maps, versions and georeferences."""
 
     async def maps(self) -> list[MapInfo]:
-        """Returns the maps that the service can localize in."""
+        """The maps that the service can localize in."""
         return [item async for item in self._http.items(self._http.steps.maps.maps())]
 
     async def show_map(self, map_id: str) -> MapInfo:
-        """Returns one map."""
+        """One map."""
         return await self._http.run(self._http.steps.maps.show_map(map_id))
 
     async def descriptor_parameters(self, map_id: str) -> DescriptorParameters:
-        """Returns the parameters with which a robot describes scans for the map's active version."""
+        """The parameters with which a robot describes scans for the map's active version."""
         return await self._http.run(self._http.steps.maps.descriptor_parameters(map_id))
 
     async def versions(self, map_id: str) -> list[VersionInfo]:
-        """Returns the versions of a map, newest first."""
+        """The versions of a map, newest first."""
         return [item async for item in self._http.items(self._http.steps.maps.versions(map_id))]
 
     async def report(self, map_id: str, version: str) -> Mapping[str, Any]:
-        """Returns the self-test report of a version, as the service's JSON."""
+        """The self-test report of a version, as the service's JSON."""
         return await self._http.run(self._http.steps.maps.report(map_id, version))
 
     async def changes(
         self, map_id: str, version: str | None = None, *, cells: bool = False, grid: bool = False
     ) -> Mapping[str, Any]:
-        """Returns the areas that have changed since the map was made, as the service's JSON."""
+        """The areas that have changed since the map was made, as the service's JSON."""
         return await self._http.run(self._http.steps.maps.changes(map_id, version, cells, grid))
 
     async def activate(self, map_id: str, version: str) -> None:
-        """Makes a published version the active one, which answers queries."""
+        """Make a published version the active one, which answers queries."""
         await self._http.run(self._http.steps.maps.activate(map_id, version))
 
     async def roll_back(self, map_id: str) -> str:
-        """Makes the previously active version active again, and returns it."""
+        """Make the previously active version active again, and return it."""
         return await self._http.run(self._http.steps.maps.roll_back(map_id))
 
     async def patch(self, map_id: str, mode: str | None = None) -> str:
-        """Asks for a patch of the active version by what kept queries have seen. Returns the build's id."""
+        """Ask for a patch of the active version by what kept queries have seen. Returns the build's id."""
         return await self._http.run(self._http.steps.maps.patch(map_id, mode))
 
     async def retire(self, map_id: str, version: str, *, force: bool = False) -> None:
-        """Takes a version out of service."""
+        """Take a version out of service."""
         await self._http.run(self._http.steps.maps.retire(map_id, version, force))
 
     async def collect_garbage(self, map_id: str | None = None, *, dry_run: bool = False) -> Mapping[str, Any]:
-        """Removes unreferenced objects of one map, or of the whole store. Returns counts by kind."""
+        """Remove unreferenced objects of one map, or of the whole store. Returns counts by kind."""
         return await self._http.run(self._http.steps.maps.collect_garbage(map_id, dry_run))
 
     async def set_georeference(
@@ -147,7 +147,7 @@ class AsyncMapCalls(AsyncHttpCalls):
         quaternion: Sequence[float] | None = None,
         anchor_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """Sets the map's position and orientation on the Earth (WGS84)."""
+        """Set the map's position and orientation on the Earth (WGS84)."""
         await self._http.run(
             self._http.steps.maps.set_georeference(
                 map_id, latitude_deg, longitude_deg, height_m, x_axis_deg, quaternion, anchor_m
@@ -155,11 +155,11 @@ class AsyncMapCalls(AsyncHttpCalls):
         )
 
     async def georeference(self, map_id: str) -> Mapping[str, Any]:
-        """Returns the map's georeference, as the service's JSON."""
+        """The map's georeference, as the service's JSON."""
         return await self._http.run(self._http.steps.maps.georeference(map_id))
 
     async def delete_georeference(self, map_id: str) -> None:
-        """Removes the map's georeference."""
+        """Remove the map's georeference."""
         await self._http.run(self._http.steps.maps.delete_georeference(map_id))
 
 
@@ -180,22 +180,22 @@ class AsyncBuildCalls(AsyncHttpCalls):
         upload_timeout_s: float = 3600.0,
         timeout_s: float = DAY_S,
     ) -> BuildStatus:
-        """Uploads a map file and starts its build."""
+        """Upload a map file and start its build."""
         steps = self._http.steps.builds.build_map(
             path, map_id, config, trajectory, progress, upload_timeout_s, timeout_s
         )
         return await self._http.run(steps)
 
     def builds(self, *, map_id: str | None = None, state: str | None = None) -> AsyncIterator[BuildStatus]:
-        """Yields the recorded builds, newest first. Pages are fetched as they are needed."""
+        """Yield the recorded builds, newest first. Pages are fetched as they are needed."""
         return self._http.items(self._http.steps.builds.builds(map_id, state))
 
     async def build_status(self, build_id: str) -> BuildStatus:
-        """Returns the state of a build."""
+        """The state of a build."""
         return await self._http.run(self._http.steps.builds.build_status(build_id))
 
     def build_events(self, build_id: str, *, timeout_s: float = DAY_S) -> AsyncIterator[BuildStatus]:
-        """Yields the build's status whenever it changes; the last one is final."""
+        """Yield the build's status whenever it changes; the last one is final."""
         return self._http.items(self._http.steps.builds.build_events(build_id, timeout_s))
 
     async def wait_for_build(
@@ -205,9 +205,9 @@ class AsyncBuildCalls(AsyncHttpCalls):
         progress: Callable[[BuildStatus], None] = lambda status: None,
         timeout_s: float = DAY_S,
     ) -> BuildStatus:
-        """Waits until the build has published its version; calls ``progress`` about once a second."""
+        """Wait until the build has published its version; calls ``progress`` about once a second."""
         return await self._http.run(self._http.steps.builds.wait_for_build(build_id, progress, timeout_s))
 
     async def cancel_build(self, build_id: str) -> None:
-        """Cancels a build. It stops a moment later."""
+        """Cancel a build. It stops a moment later."""
         await self._http.run(self._http.steps.builds.cancel_build(build_id))

@@ -45,7 +45,7 @@ class HttpCalls:
         self.close()
 
     def close(self) -> None:
-        """Closes the connections."""
+        """Close the connections."""
         self._http.close()
 
 
@@ -63,7 +63,7 @@ class FixCalls(HttpCalls):
         encoding: Encoding = "scan",
         parameters: DescriptorParameters | None = None,
     ) -> Localization:
-        """Returns the pose of a scan in a map, or why there is none.
+        """The pose of a scan in a map, or why there is none.
 
         "Not localized" is an answer without a pose, not an error.
 
@@ -101,7 +101,7 @@ class FixCalls(HttpCalls):
         content_encoding: str | None = None,
         request_id: str | None = None,
     ) -> Localization:
-        """Returns the answer to an encoded query, as ``localize`` does. The bytes are sent unchanged.
+        """The answer to an encoded query, as ``localize`` does. The bytes are sent unchanged.
 
         Args:
             media_type, content_encoding: format of the bytes, see clients/PROTOCOL.md.
@@ -118,11 +118,11 @@ class MapCalls(HttpCalls):
     """Calls about maps, versions and georeferences."""
 
     def maps(self) -> list[MapInfo]:
-        """Returns the maps that the service can localize in."""
+        """The maps that the service can localize in."""
         return list(self._http.items(self._http.steps.maps.maps()))
 
     def show_map(self, map_id: str) -> MapInfo:
-        """Returns one map.
+        """One map.
 
         Raises:
             NotFound: no such map.
@@ -130,7 +130,7 @@ class MapCalls(HttpCalls):
         return self._http.run(self._http.steps.maps.show_map(map_id))
 
     def descriptor_parameters(self, map_id: str) -> DescriptorParameters:
-        """Returns the parameters with which a robot describes scans for the map's active version.
+        """The parameters with which a robot describes scans for the map's active version.
 
         Raises:
             NotFound: no such map, or no version of it is active.
@@ -139,7 +139,7 @@ class MapCalls(HttpCalls):
         return self._http.run(self._http.steps.maps.descriptor_parameters(map_id))
 
     def versions(self, map_id: str) -> list[VersionInfo]:
-        """Returns the versions of a map, newest first.
+        """The versions of a map, newest first.
 
         Raises:
             NotFound: no such map.
@@ -147,7 +147,7 @@ class MapCalls(HttpCalls):
         return list(self._http.items(self._http.steps.maps.versions(map_id)))
 
     def report(self, map_id: str, version: str) -> Mapping[str, Any]:
-        """Returns the self-test report of a version, as the service's JSON.
+        """The self-test report of a version, as the service's JSON.
 
         Raises:
             NotFound: no such map or version.
@@ -157,7 +157,7 @@ class MapCalls(HttpCalls):
     def changes(
         self, map_id: str, version: str | None = None, *, cells: bool = False, grid: bool = False
     ) -> Mapping[str, Any]:
-        """Returns the areas that have changed since the map was made, as the service's JSON.
+        """The areas that have changed since the map was made, as the service's JSON.
 
         Args:
             version: default: the active version.
@@ -170,7 +170,7 @@ class MapCalls(HttpCalls):
         return self._http.run(self._http.steps.maps.changes(map_id, version, cells, grid))
 
     def activate(self, map_id: str, version: str) -> None:
-        """Makes a published version the active one, which answers queries.
+        """Make a published version the active one, which answers queries.
 
         Raises:
             NotFound: no such map or version.
@@ -178,7 +178,7 @@ class MapCalls(HttpCalls):
         self._http.run(self._http.steps.maps.activate(map_id, version))
 
     def roll_back(self, map_id: str) -> str:
-        """Makes the previously active version active again, and returns it.
+        """Make the previously active version active again, and return it.
 
         Raises:
             NotFound: no such map.
@@ -187,7 +187,7 @@ class MapCalls(HttpCalls):
         return self._http.run(self._http.steps.maps.roll_back(map_id))
 
     def patch(self, map_id: str, mode: str | None = None) -> str:
-        """Asks for a patch of the active version by what kept queries have seen. Returns the build's id.
+        """Ask for a patch of the active version by what kept queries have seen. Returns the build's id.
 
         Args:
             mode: ``propose``: the patched version waits until somebody activates it; ``activate``: it is
@@ -200,7 +200,7 @@ class MapCalls(HttpCalls):
         return self._http.run(self._http.steps.maps.patch(map_id, mode))
 
     def retire(self, map_id: str, version: str, *, force: bool = False) -> None:
-        """Takes a version out of service.
+        """Take a version out of service.
 
         Args:
             force: also if it is the active version; the previously active one then answers.
@@ -212,7 +212,7 @@ class MapCalls(HttpCalls):
         self._http.run(self._http.steps.maps.retire(map_id, version, force))
 
     def collect_garbage(self, map_id: str | None = None, *, dry_run: bool = False) -> Mapping[str, Any]:
-        """Removes unreferenced objects of one map, or of the whole store. Returns counts by kind."""
+        """Remove unreferenced objects of one map, or of the whole store. Returns counts by kind."""
         return self._http.run(self._http.steps.maps.collect_garbage(map_id, dry_run))
 
     def set_georeference(
@@ -226,7 +226,7 @@ class MapCalls(HttpCalls):
         quaternion: Sequence[float] | None = None,
         anchor_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """Sets the map's position and orientation on the Earth (WGS84).
+        """Set the map's position and orientation on the Earth (WGS84).
 
         Args:
             latitude_deg, longitude_deg, height_m: the anchor's; the height is above the ellipsoid.
@@ -245,7 +245,7 @@ class MapCalls(HttpCalls):
         )
 
     def georeference(self, map_id: str) -> Mapping[str, Any]:
-        """Returns the map's georeference, as the service's JSON.
+        """The map's georeference, as the service's JSON.
 
         Raises:
             NotFound: no such map, or it has no georeference.
@@ -253,7 +253,7 @@ class MapCalls(HttpCalls):
         return self._http.run(self._http.steps.maps.georeference(map_id))
 
     def delete_georeference(self, map_id: str) -> None:
-        """Removes the map's georeference.
+        """Remove the map's georeference.
 
         Raises:
             NotFound: no such map, or it has no georeference.
@@ -278,7 +278,7 @@ class BuildCalls(HttpCalls):
         upload_timeout_s: float = 3600.0,
         timeout_s: float = DAY_S,
     ) -> BuildStatus:
-        """Uploads a map file and starts its build.
+        """Upload a map file and start its build.
 
         One build is started, however often the connection breaks. Files of 64 MiB and more are sent in
         parts; a part that arrived is not sent again.
@@ -301,11 +301,11 @@ class BuildCalls(HttpCalls):
         return self._http.run(steps)
 
     def builds(self, *, map_id: str | None = None, state: str | None = None) -> Iterator[BuildStatus]:
-        """Yields the recorded builds, newest first. Pages are fetched as they are needed."""
+        """Yield the recorded builds, newest first. Pages are fetched as they are needed."""
         return self._http.items(self._http.steps.builds.builds(map_id, state))
 
     def build_status(self, build_id: str) -> BuildStatus:
-        """Returns the state of a build.
+        """The state of a build.
 
         Raises:
             NotFound: no such build.
@@ -313,7 +313,7 @@ class BuildCalls(HttpCalls):
         return self._http.run(self._http.steps.builds.build_status(build_id))
 
     def build_events(self, build_id: str, *, timeout_s: float = DAY_S) -> Iterator[BuildStatus]:
-        """Yields the build's status whenever it changes; the last one is final.
+        """Yield the build's status whenever it changes; the last one is final.
 
         Raises:
             NotFound: no such build.
@@ -328,7 +328,7 @@ class BuildCalls(HttpCalls):
         progress: Callable[[BuildStatus], None] = lambda status: None,
         timeout_s: float = DAY_S,
     ) -> BuildStatus:
-        """Waits until the build has published its version; calls ``progress`` about once a second.
+        """Wait until the build has published its version; calls ``progress`` about once a second.
 
         Raises:
             BuildFailed, BuildCancelled: the build ended without a version.
@@ -337,7 +337,7 @@ class BuildCalls(HttpCalls):
         return self._http.run(self._http.steps.builds.wait_for_build(build_id, progress, timeout_s))
 
     def cancel_build(self, build_id: str) -> None:
-        """Cancels a build. It stops a moment later.
+        """Cancel a build. It stops a moment later.
 
         Raises:
             NotFound: no such build.

@@ -24,7 +24,7 @@ class ServiceUnreachable(ConnectionError):
 
 
 def error_of_problem(body: bytes, status: int | None = None) -> FirstfixError | None:
-    """Returns the error for a problem document (RFC 9457), or None if the bytes are not one.
+    """The error for a problem document (RFC 9457), or None if the bytes are not one.
 
     An unknown code, from a newer service, becomes the base class.
 

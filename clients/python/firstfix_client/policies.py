@@ -24,7 +24,7 @@ class RetryPolicy:
     patience_s: float = 60.0
 
     def wait_s(self, attempt: int, retry_after_s: float | None = None) -> float:
-        """Returns the seconds to wait after round number ``attempt`` (from 1) failed.
+        """The seconds to wait after round number ``attempt`` (from 1) failed.
 
         The wait is random over the whole interval ("full jitter"): robots that lost their service at the same
         moment must not come back at the same moment. It is never shorter than the service asked for.

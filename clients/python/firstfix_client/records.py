@@ -26,7 +26,7 @@ class MapInfo:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> MapInfo:
-        """Reads the service's JSON."""
+        """Read the service's JSON."""
         active = data.get("active_version")
         return cls(str(data["map_id"]), None if active is None else str(active), dict(data))
 
@@ -49,7 +49,7 @@ class VersionInfo:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> VersionInfo:
-        """Reads the service's JSON."""
+        """Read the service's JSON."""
         return cls(
             str(data["version"]),
             bool(data["active"]),
@@ -98,7 +98,7 @@ class BuildStatus:
 
     @classmethod
     def from_mapping(cls, build_id: str, data: Mapping[str, Any]) -> BuildStatus:
-        """Reads the service's JSON."""
+        """Read the service's JSON."""
         error = data.get("error") or {}
         version, provisional = data.get("version"), data.get("provisional_version")
         return cls(
@@ -138,7 +138,7 @@ class ReplicaInfo:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> ReplicaInfo:
-        """Reads the replica's JSON."""
+        """Read the replica's JSON."""
         load, holding = data.get("load", {}), data.get("holding")
         return cls(
             str(data["replica"]),

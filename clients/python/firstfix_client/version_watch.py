@@ -69,7 +69,7 @@ class VersionWatch:
         self.close()
 
     def close(self) -> None:
-        """Ends the iteration."""
+        """End the iteration."""
         with self._condition:
             if self._closed:
                 return
@@ -116,7 +116,7 @@ class VersionWatch:
                 self._take(told)
 
     def _contradicts_again(self, told: _Told) -> bool:
-        """Returns whether the replicas know no such high number, as at the look before.
+        """Whether the replicas know no such high number, as at the look before.
 
         Once is not enough: those that answered may not have followed a change yet.
         """
@@ -145,7 +145,7 @@ class _Told:
 
 
 def _read(payload: Any) -> _Told | None:
-    """Reads a notice. Returns None for anything else, from a stranger or a later release."""
+    """Read a notice. Returns None for anything else, from a stranger or a later release."""
     if len(payload) > MAX_NOTICE_BYTES:
         return None
     try:

@@ -104,7 +104,7 @@ class ZenohClient(MapCalls, BuildCalls):
         self._ask = ZenohAsk(self._zenoh, self._session, given, self._replicas)
 
     def close(self) -> None:
-        """Closes the zenoh session and the HTTP connections."""
+        """Close the zenoh session and the HTTP connections."""
         self._session.close()
         if self._service is not None:
             self._service.close()
@@ -120,7 +120,7 @@ class ZenohClient(MapCalls, BuildCalls):
         encoding: Encoding = "scan",
         parameters: DescriptorParameters | None = None,
     ) -> Localization:
-        """Returns the pose of a scan in a map, see ``Client.localize``.
+        """The pose of a scan in a map, see ``Client.localize``.
 
         Without a URL, the encoding ``descriptor`` needs ``parameters``: replicas do not send them over zenoh.
 
@@ -134,7 +134,7 @@ class ZenohClient(MapCalls, BuildCalls):
         return blocking.run(steps, self._ask)
 
     def maps(self) -> list[MapInfo]:
-        """Returns the maps that the answering replica can localize in.
+        """The maps that the answering replica can localize in.
 
         Raises:
             ServiceUnreachable: no replica answered.
@@ -146,7 +146,7 @@ class ZenohClient(MapCalls, BuildCalls):
         return answer.parsed(lambda data: [MapInfo.from_mapping(item) for item in data["maps"]])
 
     def replicas(self) -> list[ReplicaInfo]:
-        """Returns the replicas that answer within a second. An empty list is not an error."""
+        """The replicas that answer within a second. An empty list is not an error."""
         replies = self._session.get(
             "firstfix/@replicas/*", target=self._zenoh.QueryTarget.ALL, timeout=LOOK_S
         )
@@ -159,7 +159,7 @@ class ZenohClient(MapCalls, BuildCalls):
         return sorted(found, key=lambda one: one.replica)
 
     def watch_versions(self, *, look_every_s: float = 10.0) -> VersionWatch:
-        """Returns an iterator over changes of the maps' active versions. Close it after use.
+        """An iterator over changes of the maps' active versions. Close it after use.
 
         Args:
             look_every_s: interval at which it asks for the versions, in case a notice was lost.
@@ -211,7 +211,7 @@ def _service(
 
 
 def _checked(given: str | None, settings: Any) -> str | None:
-    """Returns the credential if it may be used in such a session.
+    """The credential if it may be used in such a session.
 
     Raises:
         InvalidOption: it cannot sign, and others may read along.
@@ -228,7 +228,7 @@ def _checked(given: str | None, settings: Any) -> str | None:
 
 
 def _zenoh() -> Any:
-    """Returns the module. It is imported late because a robot that speaks HTTP does not need it."""
+    """The module. It is imported late because a robot that speaks HTTP does not need it."""
     try:
         import zenoh
     except ModuleNotFoundError as error:

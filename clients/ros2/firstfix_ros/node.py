@@ -70,7 +70,7 @@ class FirstFixNode(Node):  # type: ignore[misc]
         self.create_timer(LOOK_S, self._robot.look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
-        """Waits for the current query, closes the client, then destroys the node."""
+        """Wait for the current query, close the client, then destroy the node."""
         self._endings.close()
         super().destroy_node()
 
@@ -96,7 +96,7 @@ def _names(given: Parameters) -> Names:
 
 
 def main() -> None:
-    """Runs the node until SIGINT or SIGTERM. It exits with 0, or with 2 if it cannot start."""
+    """Run the node until SIGINT or SIGTERM. It exits with 0, or with 2 if it cannot start."""
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())

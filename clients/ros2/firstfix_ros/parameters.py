@@ -80,13 +80,13 @@ class Parameters:
 
     @classmethod
     def declarations(cls) -> tuple[Declaration, ...]:
-        """Returns what a node declares."""
+        """What a node declares."""
         defaults = asdict(cls())
         return tuple(Declaration(one.name, defaults[one.name], **one.metadata) for one in fields(cls))
 
     @classmethod
     def checked(cls, values: Mapping[str, Any]) -> Parameters:
-        """Returns the parameters after checking their values.
+        """The parameters after checking their values.
 
         Raises:
             InvalidOption: a value is not allowed.
@@ -102,7 +102,7 @@ class Parameters:
         return parameters
 
     def config(self) -> GatewayConfig:
-        """Returns the configuration of the gateway.
+        """The configuration of the gateway.
 
         Raises:
             InvalidOption: a value is not allowed.
@@ -121,7 +121,7 @@ class Parameters:
         )
 
     def client(self) -> Client | ZenohClient:
-        """Returns a client: over zenoh if ``zenoh`` is set, else over HTTP.
+        """A client: over zenoh if ``zenoh`` is set, else over HTTP.
 
         Raises:
             InvalidOption, ServiceUnreachable, ModuleNotFoundError: see the clients.
@@ -132,11 +132,11 @@ class Parameters:
         return Client(self.url, timeout_s=self.timeout_s, voxel_m=voxel_m)
 
     def answerer(self, client: Client | ZenohClient) -> Answerer:
-        """Returns the client's ``localize`` for the map."""
+        """The client's ``localize`` for the map."""
         return lambda scan, options: client.localize(scan, map_id=self.map_id, options=options)
 
 
 def _domain() -> int:
-    """Returns the ROS domain of this process."""
+    """The ROS domain of this process."""
     text = os.environ.get("ROS_DOMAIN_ID", "")
     return int(text) if text.isdecimal() else 0

@@ -37,7 +37,7 @@ PARAMETERS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Returns the node with its launch arguments."""
+    """The node with its launch arguments."""
     share = get_package_share_directory("firstfix_ros")
     arguments = [
         DeclareLaunchArgument("params", default_value=f"{share}/config/first_fix.yaml"),

@@ -52,11 +52,11 @@ class ApiKey:
     revoked: bool = False
 
     def matches(self, secret: str) -> bool:
-        """Returns whether the secret is this key's. Compares in constant time."""
+        """Whether the secret is this key's. Compares in constant time."""
         return hmac.compare_digest(self.sha256, _hash(secret))
 
     def is_expired(self, now: datetime) -> bool:
-        """Returns whether the key has expired."""
+        """Whether the key has expired."""
         return self.expires_time is not None and now >= datetime.fromisoformat(self.expires_time)
 
     def to_mapping(self) -> dict[str, Any]:

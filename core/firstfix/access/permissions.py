@@ -72,9 +72,9 @@ class Grant:
         return cls(frozenset(Scope(name) for name in named), patterns)
 
     def allows(self, scope: Scope) -> bool:
-        """Returns whether a granted scope is or includes this one."""
+        """Whether a granted scope is or includes this one."""
         return any(scope in _INCLUDED[given] for given in self.scopes)
 
     def covers(self, map_id: str) -> bool:
-        """Returns whether a pattern matches the map's id. The map need not exist."""
+        """Whether a pattern matches the map's id. The map need not exist."""
         return any(fnmatchcase(map_id, pattern) for pattern in self.maps)

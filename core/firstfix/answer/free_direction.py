@@ -44,7 +44,7 @@ class FreeDirection:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> FreeDirection:
-        """Reads what ``to_mapping`` returned. Unknown keys are ignored."""
+        """Read what ``to_mapping`` returned. Unknown keys are ignored."""
         direction = np.array(data["direction"], np.float64).reshape(3)
         return cls(Motion(data["motion"]), direction, float(data["sigma"]))
 

@@ -45,7 +45,7 @@ class Hint:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Hint:
-        """Reads what ``to_mapping`` returned. Unknown keys are ignored."""
+        """Read what ``to_mapping`` returned. Unknown keys are ignored."""
         return cls(
             pose_from_mapping(data["T_sensor_goal"]),
             float(data["distance_m"]),

@@ -116,7 +116,7 @@ class Localization:
             raise ValueError("a localized answer has a pose, and no other answer has a pose")
 
     def of_version(self, map_id: str, map_version: str, *, provisional: bool) -> Localization:
-        """Returns the answer with the version that gave it, and the id of its fix."""
+        """The answer with the version that gave it, and the id of its fix."""
         fix_id = "" if self.T_map_sensor is None else _fix_id(map_version, self.T_map_sensor)
         return replace(
             self, map_id=map_id, map_version=map_version, map_provisional=provisional, fix_id=fix_id
@@ -159,7 +159,7 @@ class Localization:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Localization:
-        """Reads what ``to_mapping`` returned. Unknown keys are ignored."""
+        """Read what ``to_mapping`` returned. Unknown keys are ignored."""
         covariance = data.get("covariance")
         return cls(
             verdict=Verdict(data["verdict"]),

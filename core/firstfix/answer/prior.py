@@ -51,13 +51,13 @@ class Prior:
         return sphere if self.yaw_range_deg >= 180 else [*sphere, self.yaw_deg, self.yaw_range_deg]
 
     def allows(self, T_map_sensor: Matrix, slack_m: float = 0.0, slack_deg: float = 0.0) -> bool:
-        """Returns whether a pose agrees with the prior, with slack for a pose that is not registered yet."""
+        """Whether a pose agrees with the prior, with slack for a pose that is not registered yet."""
         return bool(self.allows_each(T_map_sensor[None], slack_m, slack_deg)[0])
 
     def allows_each(
         self, T_map_sensor: NDArray[np.float64], slack_m: float = 0.0, slack_deg: float = 0.0
     ) -> NDArray[np.bool_]:
-        """Returns whether each of (k, 4, 4) poses agrees with the prior, as ``allows`` does."""
+        """Whether each of (k, 4, 4) poses agrees with the prior, as ``allows`` does."""
         away_m = np.linalg.norm(T_map_sensor[:, :3, 3] - self.position_m, axis=1)
         off = np.degrees(np.arctan2(T_map_sensor[:, 1, 0], T_map_sensor[:, 0, 0])) - self.yaw_deg
         turned_deg = np.abs((off + 180) % 360 - 180)

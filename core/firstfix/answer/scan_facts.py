@@ -37,5 +37,5 @@ class ScanFacts:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> ScanFacts:
-        """Reads what ``to_mapping`` returned. Unknown keys are ignored."""
+        """Read what ``to_mapping`` returned. Unknown keys are ignored."""
         return cls(**{field.name: data.get(field.name) for field in fields(cls)})  # type: ignore[arg-type]

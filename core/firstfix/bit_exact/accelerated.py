@@ -17,7 +17,7 @@ REFERENCES: dict[str, Callable[..., Any]] = {}
 
 
 def accelerated(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Returns the kernel of the same name, or the function itself where the compiled core is not installed.
+    """The kernel of the same name, or the function itself where the compiled core is not installed.
 
     ``REFERENCES`` keeps the function under its name.
     """

@@ -27,7 +27,7 @@ _BLOCK = 65_536  # points whose intermediate arrays stay in the cache
 
 
 def atan2_turns(y: NDArray[np.float32], x: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Returns (n,) angles of points (x, y) from the x axis in turns, -0.5 to 0.5.
+    """(n,) angles of points (x, y) from the x axis in turns, -0.5 to 0.5.
 
     The angle has the sign of y. The angle of the origin is 0.
     """

@@ -14,7 +14,7 @@ _TINY = 1e-300
 
 
 def smallest_eigenvectors(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the eigenvalues of symmetric matrices, and the eigenvectors of the smallest ones.
+    """The eigenvalues of symmetric matrices, and the eigenvectors of the smallest ones.
 
     Args:
         matrices: (n, 3, 3) symmetric.
@@ -36,7 +36,7 @@ def smallest_eigenvectors(matrices: NDArray[np.float64]) -> tuple[NDArray[np.flo
 
 
 def _rotate(a: NDArray[np.float64], v: NDArray[np.float64], p: int, q: int, r: int) -> None:
-    """Rotates in the plane of p and q so that a[p, q] becomes 0; r is the third axis."""
+    """Rotate in the plane of p and q so that a[p, q] becomes 0; r is the third axis."""
     off, gap = a[p, q], a[q, q] - a[p, p]
     below = np.abs(gap) + np.sqrt(gap * gap + 4 * (off * off))
     tangent = np.where(gap < 0, -2.0, 2.0) * off / np.maximum(below, _TINY)

@@ -177,7 +177,7 @@ class BuildAttempts:
         return f"its build worker sent no heartbeat for {look_s - beat_s:.0f} s"
 
     def _is_own(self, key: str) -> bool:
-        """Returns whether this claimant made the attempt. False if its record is damaged."""
+        """Whether this claimant made the attempt. False if its record is damaged."""
         try:
             return _read(self._store, key)["holder"] == self._claimant
         except UnreadableRecord:
@@ -217,7 +217,7 @@ class BuildAttempts:
 
 
 def has_open_attempt(store: Store, build_id: str) -> bool:
-    """Returns whether the last attempt at a build is open: it is running, or its claimant was killed."""
+    """Whether the last attempt at a build is open: it is running, or its claimant was killed."""
     found = _scan(store, build_id)
     return bool(found) and "end.json" not in found[max(found)]
 

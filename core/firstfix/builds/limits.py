@@ -14,12 +14,12 @@ _LIMIT_FILES = ("memory.max", "memory/memory.limit_in_bytes")  # of cgroups vers
 
 
 def default_build_memory_bytes() -> int:
-    """Returns half of the memory that this process may take: of the machine, or of its container."""
+    """Half of the memory that this process may take: of the machine, or of its container."""
     return memory_bytes() // 2
 
 
 def memory_bytes(cgroups: Path = _CGROUPS, of_this_process: Path = _OF_THIS_PROCESS) -> int:
-    """Returns the memory of the machine, or the limit of this process's cgroup where that is less."""
+    """The memory of the machine, or the limit of this process's cgroup where that is less."""
     found = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
     for folder in _folders(cgroups, of_this_process):
         for name in _LIMIT_FILES:

@@ -131,7 +131,7 @@ class BuildOptions:
     def from_arguments(
         cls, arguments: Sequence[str] | None = None, environment: Mapping[str, str] = os.environ
     ) -> BuildOptions:
-        """Reads what ``arguments`` and ``environment`` wrote. A wrong command line ends the process.
+        """Read what ``arguments`` and ``environment`` wrote. A wrong command line ends the process.
 
         Args:
             arguments: None: those of this process.

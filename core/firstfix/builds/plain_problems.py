@@ -16,7 +16,7 @@ _WORDS = {
 
 
 def plain_problems(error: ValidationError) -> str:
-    """Returns one line about all problems, each after the name of its value."""
+    """One line about all problems, each after the name of its value."""
     told = []
     for problem in error.errors():
         name = ".".join(str(part) for part in problem["loc"])

@@ -146,7 +146,7 @@ class BuildRecords:
         self.store.put_new(_key(build_id, "cancel"), b"")
 
     def is_cancel_requested(self, build_id: str) -> bool:
-        """Returns whether the build is to stop."""
+        """Whether the build is to stop."""
         return self.store.exists(_key(build_id, "cancel"))
 
 

@@ -22,7 +22,7 @@ _NEVER_ENCODED = _UNRESERVED | frozenset(b"/\\%;") | frozenset(range(0x20)) | {0
 
 
 def check_source_url(url: str, allowed: Iterable[str]) -> str:
-    """Returns the URL if it is below an allowed prefix: same scheme, same host, path within.
+    """The URL if it is below an allowed prefix: same scheme, same host, path within.
 
     Raises:
         InvalidOption: it is not, or it can be read in more than one way.

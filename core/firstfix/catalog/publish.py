@@ -95,12 +95,12 @@ def _is_wanted(
     is_too_late: Callable[[MapState], bool],
     state: MapState,
 ) -> bool:
-    """Returns whether a version is to be activated, and was not yet."""
+    """Whether a version is to be activated, and was not yet."""
     if version not in state.published or version == state.active:
         return False
     return not is_done(Event.ACTIVATED, state) and not is_too_late(state)
 
 
 def _is_over(version: str, full_is_activated: bool, state: MapState) -> bool:
-    """Returns whether a provisional version is still published, and another one active or not to be."""
+    """Whether a provisional version is still published, and another one active or not to be."""
     return version in state.published and (version != state.active or not full_is_activated)

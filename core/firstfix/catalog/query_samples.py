@@ -61,7 +61,7 @@ class QuerySample:
     robot: str = ""
 
     def is_about(self, map_id: str) -> bool:
-        """Returns whether the map is in the request or the answer."""
+        """Whether the map is in the request or the answer."""
         return map_id in self.maps
 
     @property

@@ -23,7 +23,7 @@ class Descriptor(Protocol):
     arrays: ClassVar[tuple[str, ...]]
 
     def describe(self, scans: ScanBatch) -> Described:
-        """Describes n levelled scans."""
+        """Describe n levelled scans."""
         ...
 
     def keys(self, described: Described) -> NDArray[np.float32]:
@@ -37,7 +37,7 @@ class Descriptor(Protocol):
     def match(
         self, query: Described, templates: Described, rows: NDArray[np.integer]
     ) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
-        """Compares one scan with some of the templates.
+        """Compare one scan with some of the templates.
 
         Args:
             rows: (m,) of these templates.
@@ -49,5 +49,5 @@ class Descriptor(Protocol):
 
 
 def rows_of(described: Described, rows: NDArray[np.integer] | slice) -> Described:
-    """Returns the given rows of every array."""
+    """The given rows of every array."""
     return {name: array[rows] for name, array in described.items()}

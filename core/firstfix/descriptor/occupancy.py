@@ -41,7 +41,7 @@ class LayeredOccupancy:
         return (len(self.edges_m) - 1) * self.grid.rings
 
     def describe(self, scans: ScanBatch) -> Described:
-        """Returns ``occupancy``: (n, ceil(rows * sectors / 8)) uint8, packed bits (docs/method.md 3.1)."""
+        """``occupancy``: (n, ceil(rows * sectors / 8)) uint8, packed bits (docs/method.md 3.1)."""
         grid, edges_m = self.grid, np.asarray(self.edges_m, np.float32)
         start = np.asarray(scans.start, np.int64)
         occupancy = occupied_cells(
@@ -67,7 +67,7 @@ class LayeredOccupancy:
     def match(
         self, query: Described, templates: Described, rows: NDArray[np.integer]
     ) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
-        """Finds the yaw at which each template resembles the query most (docs/method.md 3.3)."""
+        """Find the yaw at which each template resembles the query most (docs/method.md 3.3)."""
         asked, known, sectors = query["occupancy"][0], templates["occupancy"], self.grid.sectors
         shift, score = best_shifts(asked, known, np.asarray(rows, np.int64), self.rows, sectors)
         return shift * (2 * np.pi / sectors), score
@@ -134,7 +134,7 @@ def best_shifts(
     rings: int,
     sectors: int,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Compares one occupancy with m templates at every shift of the sectors.
+    """Compare one occupancy with m templates at every shift of the sectors.
 
     Args:
         query: (bytes,) packed bits.

@@ -46,7 +46,7 @@ class PcaScanContext:
     trusted_shifts: int = 1
 
     def describe(self, scans: ScanBatch) -> Described:
-        """Describes n levelled scans.
+        """Describe n levelled scans.
 
         Returns:
             angle_rad: (n,) float32, angle of the first principal axis in the scan's frame.
@@ -85,7 +85,7 @@ class PcaScanContext:
     def match(
         self, query: Described, templates: Described, rows: NDArray[np.integer]
     ) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
-        """Compares the query with the (m,) given templates by equation 6.
+        """Compare the query with the (m,) given templates by equation 6.
 
         Returns:
             (m,) yaw of the query in each template's frame, radians, and (m,) similarity.

@@ -21,7 +21,7 @@ _MAX_HEADER_BYTES = 1 << 20
 
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Writes float32, float64, int32, uint8 or bool arrays. The same arrays always give the same bytes.
+    """Write float32, float64, int32, uint8 or bool arrays. The same arrays always give the same bytes.
 
     Only arrays that are not contiguous are copied.
 
@@ -44,7 +44,7 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 def map_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Maps the arrays of a file that ``save_arrays`` wrote, read-only.
+    """Map the arrays of a file that ``save_arrays`` wrote, read-only.
 
     Raises:
         ValueError: the file has another format, is cut off or has an array that is not aligned.

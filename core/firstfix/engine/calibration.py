@@ -88,7 +88,7 @@ class Calibration:
         return 1 / (1 + exp(-min(max(log_odds, -50.0), 50.0)))
 
     def accepts(self, features: MatchFeatures, min_probability: float | None = None) -> bool:
-        """Returns whether the verdict may be ``localized``.
+        """Whether the verdict may be ``localized``.
 
         Args:
             min_probability: threshold to use instead of the calibration's own.
@@ -100,12 +100,12 @@ class Calibration:
         return explains and features.tied == 1 and self.probability(features) >= needed
 
     def ends_search(self, features: MatchFeatures) -> bool:
-        """Returns whether a pose is so surely right that nothing else is searched for."""
+        """Whether a pose is so surely right that nothing else is searched for."""
         return self.accepts(features, self.search_until)
 
     @classmethod
     def fit(cls, features: Sequence[MatchFeatures], right: ArrayLike, weight: ArrayLike) -> Calibration:
-        """Fits the most likely calibration, given the prior and self-test cases. No weight is negative.
+        """Fit the most likely calibration, given the prior and self-test cases. No weight is negative.
 
         Args:
             features: (n,) of the best pose of each case.
@@ -144,7 +144,7 @@ class Calibration:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
-        """Reads what ``to_mapping`` returned.
+        """Read what ``to_mapping`` returned.
 
         Raises:
             IncompatibleVersion: it was fitted on other features.

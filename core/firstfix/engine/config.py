@@ -221,7 +221,7 @@ class EngineConfig(Stage):
 
     @classmethod
     def load(cls, directory: Path) -> EngineConfig:
-        """Reads a version's file.
+        """Read a version's file.
 
         Raises:
             IncompatibleVersion: the version has other numbers than this release ranks by.

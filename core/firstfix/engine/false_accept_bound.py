@@ -101,7 +101,7 @@ class FalseAcceptBound:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> FalseAcceptBound:
-        """Reads what ``to_mapping`` returned.
+        """Read what ``to_mapping`` returned.
 
         Raises:
             ValueError, KeyError, TypeError: it is something else, or the rows are out of order.
@@ -119,7 +119,7 @@ class FalseAcceptBound:
 
     @classmethod
     def load(cls, directory: Path) -> FalseAcceptBound:
-        """Reads a version's file. A version without one has no rows."""
+        """Read a version's file. A version without one has no rows."""
         path = directory / FILE_NAME
         return cls.from_mapping(json.loads(path.read_text())) if path.exists() else cls()
 

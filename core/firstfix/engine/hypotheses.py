@@ -121,7 +121,7 @@ class HypothesisSearch:
         return [*best, *self._with_agreements(best_first[1:])]
 
     def leaves_out(self, best: RegisteredCandidate, aliases: NDArray[np.float64]) -> bool:
-        """Returns whether the last run left out a place that would tie with the best, as a known alias.
+        """Whether the last run left out a place that would tie with the best, as a known alias.
 
         Args:
             aliases: (k, 4, 4) known aliases of the best pose.
@@ -139,7 +139,7 @@ class HypothesisSearch:
     def _register(
         self, candidates: Candidates, twist: NDArray[np.float64] | None
     ) -> list[RegisteredCandidate]:
-        """Aligns all new candidates with few points: coarsely, then the good ones on the map's own points.
+        """Align all new candidates with few points: coarsely, then the good ones on the map's own points.
 
         Returns the best ones that may compete, of all runs: distinct poses that the prior allows, best first.
         """
@@ -251,7 +251,7 @@ class HypothesisSearch:
         return checked
 
     def _is_settled(self, checked: Sequence[RegisteredCandidate], following: RegisteredCandidate) -> bool:
-        """Returns whether no candidate from the following one on can change the answer, but known aliases.
+        """Whether no candidate from the following one on can change the answer, but known aliases.
 
         Args:
             checked: best first.
@@ -273,7 +273,7 @@ class HypothesisSearch:
         return [one for one, is_alias in zip(near, at.tolist(), strict=True) if is_alias]
 
     def _may_be_accepted(self, checked: Sequence[RegisteredCandidate]) -> bool:
-        """Returns whether fine alignment is worth its time. Always so while the calibration is the prior."""
+        """Whether fine alignment is worth its time. Always so while the calibration is the prior."""
         calibration = self._index.calibration
         return (
             not calibration.cases or calibration.probability(features_of(checked)) >= self._ranking.promising

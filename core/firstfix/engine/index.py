@@ -77,13 +77,13 @@ class MapView:
         return cls(PointTiles.of(points, NEAR_VOXEL_M), PointTiles.of(points, FAR_VOXEL_M), reach_m)
 
     def save(self, directory: Path) -> None:
-        """Writes a version's files."""
+        """Write a version's files."""
         self.near.save(directory / _NEAR_FILE)
         self.far.save(directory / _FAR_FILE)
 
     @classmethod
     def load(cls, directory: Path, reach_m: float) -> MapView:
-        """Reads a version's files, memory-mapped."""
+        """Read a version's files, memory-mapped."""
         return cls(PointTiles.load(directory / _NEAR_FILE), PointTiles.load(directory / _FAR_FILE), reach_m)
 
     def seen_through(self, surface: MapSurface, scan: RangeView, T_level_sensor: Matrix) -> FreeSpaceShares:
@@ -142,7 +142,7 @@ class MapIndex:
 
     @classmethod
     def load(cls, directory: Path, calibration: Calibration | None = None) -> MapIndex:
-        """Reads a version's files. Arrays are memory-mapped.
+        """Read a version's files. Arrays are memory-mapped.
 
         Args:
             directory: of the files.

@@ -65,7 +65,7 @@ class Localizer:
     def localize(
         self, scan: AnyScan, options: LocalizeOptions | None = None, deadline: float | None = None
     ) -> Localization:
-        """Returns the sensor's pose in the map at the last scan, or the reason why there is none.
+        """The sensor's pose in the map at the last scan, or the reason why there is none.
 
         Args:
             deadline: of ``time.monotonic``, inf: none; None: ``deadline_ms`` of the options from now.
@@ -120,7 +120,7 @@ def localize_among(
     explains: bool = True,
     likely_one: bool = False,
 ) -> Localization:
-    """Localizes a scan in several maps, whose candidates compete on equal terms.
+    """Localize a scan in several maps, whose candidates compete on equal terms.
 
     Args:
         maps: by id. The answer's ``map_id`` names the map whose frame the pose is in.
@@ -190,7 +190,7 @@ def _answer_of(
     watch: Stopwatch,
     likely_one: bool,
 ) -> Localization:
-    """Searches the maps for which the query could be prepared, and judges what was found."""
+    """Search the maps for which the query could be prepared, and judge what was found."""
     searches = [maps[map_id].search(query, options, watch, map_id) for map_id, query in prepared.items()]
     if not (likely_one and _one_explains_scan(searches)):
         _search(searches)
@@ -274,7 +274,7 @@ def _one_explains_scan(searches: Sequence[MapSearch]) -> bool:
 
 
 def _explain_scan(registered: Sequence[RegisteredCandidate]) -> bool:
-    """Returns whether the best candidate would be accepted without its rivals, with up surely right.
+    """Whether the best candidate would be accepted without its rivals, with up surely right.
 
     With a wrong up direction, up to two thirds of a scan may lie on surfaces that nothing contradicts.
     """

@@ -62,7 +62,7 @@ class MapSearch:
 
     @property
     def is_settled(self) -> bool:
-        """Returns whether the best pose is so surely right that nothing else is searched for."""
+        """Whether the best pose is so surely right that nothing else is searched for."""
         best = self.registered
         return (
             bool(best)
@@ -71,7 +71,7 @@ class MapSearch:
         )
 
     def take(self, step: Step) -> None:
-        """Searches with the effort of one step, if the caller's deadline leaves time for it."""
+        """Search with the effort of one step, if the caller's deadline leaves time for it."""
         if self._expected_s(step) > self._watch.left_s:
             return
         search = self._index.config.search
@@ -88,7 +88,7 @@ class MapSearch:
             self._by_screening(search.exhaustive if is_last else search.wide, tilted=is_last)
 
     def probe(self, count: int) -> None:
-        """Registers the best few templates by descriptor, to see whether the scan may be of this map at all.
+        """Register the best few templates by descriptor, to see whether the scan may be of this map at all.
 
         The first step then adds to them.
         """
@@ -102,7 +102,7 @@ class MapSearch:
             self.registered = self._hypotheses.run(candidates)
 
     def try_aliases(self, min_probability: float | None) -> None:
-        """Lets the known aliases of the best pose compete, if it would be accepted.
+        """Let the known aliases of the best pose compete, if it would be accepted.
 
         Those that were not registered yet are tried if there is time for it.
 
@@ -131,7 +131,7 @@ class MapSearch:
             self._register(rivals, placed.twist, aliases.T_level_sensor)
 
     def _compare_outside(self, prior: Prior) -> None:
-        """Compares the best pose with places outside the prior, if an alias there fits nearly as well."""
+        """Compare the best pose with places outside the prior, if an alias there fits nearly as well."""
         index, best, prepared = self._index, self.registered[0], self._prepared
         with self._watch.stage("aliases"):
             aliases = aliases_outside(best, prior, prepared.sparse)

@@ -53,7 +53,7 @@ class MotionAtPlaces:
     def _share_motion(
         self, rigid: Registrations, twist_start: NDArray[np.float64], rows: NDArray[np.integer]
     ) -> None:
-        """Solves the rows that may rival the best one again, beginning with its motion."""
+        """Solve the rows that may rival the best one again, beginning with its motion."""
         best = max(rows.tolist(), key=lambda row: self._score(self._solved[row]))
         found = self._solved[best]
         assert found.twist is not None
@@ -76,7 +76,7 @@ class MotionAtPlaces:
     def _keep(
         self, rows: NDArray[np.int64], T_level_sensor: NDArray[np.float64], twist: NDArray[np.float64]
     ) -> None:
-        """Solves rows from their (k, 4, 4) starts, and keeps what is better than what they have."""
+        """Solve rows from their (k, 4, 4) starts, and keep what is better than what they have."""
         for row, one in zip(
             rows.tolist(), self._surface.align_fine(self._scan, T_level_sensor, twist=twist), strict=True
         ):
@@ -95,7 +95,7 @@ def together(registrations: Iterable[Registration]) -> NDArray[np.float64] | Non
 
 
 def _is_same(one: NDArray[np.float64] | None, other: NDArray[np.float64]) -> bool:
-    """Returns whether two motions differ by one that is slow."""
+    """Whether two motions differ by one that is slow."""
     if one is None:
         return False
     off = one - other

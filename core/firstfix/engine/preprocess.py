@@ -116,7 +116,7 @@ class PreparedScan:
         return ScanBatch.single(turned(self.seen, self.R_level_sensor), self.height_m)
 
     def described_by(self, descriptor: Descriptor) -> Described:
-        """Returns the robot's own description if the descriptors agree: it had all points."""
+        """The robot's own description if the descriptors agree: it had all points."""
         if self.described is not None and self.described.agrees_with(descriptor):
             return self.described.rows
         if isinstance(descriptor, LayeredOccupancy):  # without a copy of all points
@@ -133,7 +133,7 @@ class PreparedScan:
     def with_up(
         self, up: NDArray[np.float64], default_height_m: float, height_m: float | None = None
     ) -> PreparedScan:
-        """Returns the scan levelled by another up direction, (3,) in the sensor frame.
+        """The scan levelled by another up direction, (3,) in the sensor frame.
 
         Args:
             height_m: of the sensor above the floor; None: as the scan shows it.

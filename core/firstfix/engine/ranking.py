@@ -175,7 +175,7 @@ class RankingConfig(ProbabilityConfig, CandidatesConfig, AlignmentConfig):
 
     @classmethod
     def from_stored(cls, stored: object) -> RankingConfig:
-        """Reads the numbers of a version.
+        """Read the numbers of a version.
 
         Raises:
             IncompatibleVersion: this release ranks by other numbers than the version has.

@@ -81,7 +81,7 @@ class RegisteredCandidate:
 
     @property
     def is_better_outside(self) -> bool:
-        """Returns whether the scan fits a place outside the prior clearly better: the prior is wrong then."""
+        """Whether the scan fits a place outside the prior clearly better: the prior is wrong then."""
         return self.outside_lead >= self.index.calibration.alias_margin
 
     @property

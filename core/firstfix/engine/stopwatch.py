@@ -27,7 +27,7 @@ class Stopwatch:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Adds the time of the block to a stage."""
+        """Add the time of the block to a stage."""
         start = time.monotonic()
         try:
             yield

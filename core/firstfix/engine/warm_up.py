@@ -24,7 +24,7 @@ _MAX_ROWS = 1000  # of directions from the lowest to the highest
 
 
 def own_scans(index: MapIndex, count: int = VIEWPOINTS) -> Iterator[Scan]:
-    """Yields scans at ``count`` templates (``rows_by_chance``) of the map, or at all of a smaller map."""
+    """Yield scans at ``count`` templates (``rows_by_chance``) of the map, or at all of a smaller map."""
     position_m = index.cascade.templates.position_m
     for row in rows_by_chance(len(position_m), count):
         yield seen_from(index, np.asarray(position_m[row], np.float64))

@@ -49,7 +49,7 @@ class Finding:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Finding:
-        """Reads what ``to_mapping`` returned. Unknown keys are ignored."""
+        """Read what ``to_mapping`` returned. Unknown keys are ignored."""
         return cls(
             str(data["code"]),
             Severity(data["severity"]),

@@ -16,7 +16,7 @@ _POINTS_AT_ONCE = 2_000_000
 
 
 def read_las(path: Path, limits: Limits, *, with_times: bool = False) -> PointCloud:
-    """Reads the columns x, y, z (float64, with scale and offset applied) and intensity of a file.
+    """Read the columns x, y, z (float64, with scale and offset applied) and intensity of a file.
 
     Args:
         with_times: read gps_time too, where the points have it.

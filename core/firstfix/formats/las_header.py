@@ -40,7 +40,7 @@ class LasHeader:
 
 
 def read_las_header(path: Path, limits: Limits, column_bytes: int) -> LasHeader:
-    """Reads and checks all counts of a file that a reader takes memory for.
+    """Read and check all counts of a file that a reader takes memory for.
 
     Args:
         column_bytes: of one point, as it is returned.
@@ -80,7 +80,7 @@ def read_las_header(path: Path, limits: Limits, column_bytes: int) -> LasHeader:
 
 
 def _laszip_record(file: BinaryIO, first: int, start: int, count: int) -> bytes | None:
-    """Follows the records before the points. Returns that of the compression, or None."""
+    """Follow the records before the points. Returns that of the compression, or None."""
     if count > min(_MAX_VLRS, (start - first) // _VLR_HEADER.size):
         raise MalformedData(f"LAS: {start - first} bytes cannot hold {count} variable length records")
     found = None

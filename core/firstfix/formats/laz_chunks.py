@@ -32,7 +32,7 @@ class _Packing:
 
 
 def check_las(path: Path, limits: Limits, column_bytes: int) -> None:
-    """Checks all counts in a file that laspy or lazrs believe: of records, points, chunks and layers.
+    """Check all counts in a file that laspy or lazrs believe: of records, points, chunks and layers.
 
     Args:
         column_bytes: of one point, as it is returned.
@@ -75,7 +75,7 @@ def _packing(record: bytes, point_bytes: int) -> _Packing:
 def _check_chunks(
     file: BinaryIO, start: int, size: int, points: int, point_bytes: int, packing: _Packing
 ) -> None:
-    """Compares the table of chunks, and the layers in each, with the file."""
+    """Compare the table of chunks, and the layers in each, with the file."""
     if packing.compressor == _POINTWISE:
         return
     table = _table_start(file, start, size)
@@ -113,7 +113,7 @@ def _check_chunks(
 
 
 def _check_layers(file: BinaryIO, at: int, length: int, point_bytes: int, layers: int, number: int) -> None:
-    """Checks the head of a chunk: its first point, the number of points, and the bytes of each layer."""
+    """Check the head of a chunk: its first point, the number of points, and the bytes of each layer."""
     head = point_bytes + 4 + 4 * layers
     file.seek(at + point_bytes + 4)
     if head > length or head + sum(struct.unpack(f"<{layers}I", file.read(4 * layers))) > length:

@@ -16,7 +16,7 @@ _HEAD_BYTES = 256
 
 
 def read_npy(path: Path, limits: Limits) -> PointCloud:
-    """Reads a file. The file is memory-mapped, so that a wrong size in the header takes no memory.
+    """Read a file. The file is memory-mapped, so that a wrong size in the header takes no memory.
 
     Raises:
         MalformedData: not an .npy file of points, or cut off.

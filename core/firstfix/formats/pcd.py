@@ -62,7 +62,7 @@ class _Header:
         return sum(field.count for field in self.fields)
 
     def columns(self) -> dict[str, _Column]:
-        """Returns the fields of one number, without padding. Of equal names the first one counts."""
+        """The fields of one number, without padding. Of equal names the first one counts."""
         columns: dict[str, _Column] = {}
         number = offset = 0
         for field in self.fields:
@@ -74,7 +74,7 @@ class _Header:
 
 
 def decode_pcd(body: Body, limits: Limits) -> PointCloud:
-    """Decodes the columns of a PCD file.
+    """Decode the columns of a PCD file.
 
     Fields of several numbers (COUNT > 1) and padding (``_``) are skipped. Binary columns keep their type
     and may be read-only views of the body; ascii columns are float64.
@@ -184,7 +184,7 @@ def _ascii_columns(header: _Header, body: Body, limits: Limits) -> dict[str, Col
 
 
 def _record_columns(header: _Header, body: Body) -> dict[str, Column]:
-    """Returns views of a body that is ordered point by point."""
+    """Views of a body that is ordered point by point."""
     need, have = header.points * header.record_bytes, len(body) - header.body_start
     if have < need:
         raise MalformedData(
@@ -206,7 +206,7 @@ def _record_columns(header: _Header, body: Body) -> dict[str, Column]:
 
 
 def _compressed_columns(header: _Header, body: Body) -> dict[str, Column]:
-    """Returns the columns of a body that is ordered field by field and compressed by LZF, after two sizes."""
+    """The columns of a body that is ordered field by field and compressed by LZF, after two sizes."""
     start = header.body_start + 8
     if len(body) < start:
         raise MalformedData("PCD: the file is cut off: the sizes of the compressed data are missing")

@@ -11,7 +11,7 @@ from .text_table import parse_rows
 
 
 def decode_ply(body: Body, limits: Limits) -> PointCloud:
-    """Decodes the columns of the vertices of a PLY file.
+    """Decode the columns of the vertices of a PLY file.
 
     Binary columns keep their type and may be read-only views of the body; ascii columns are float64.
 

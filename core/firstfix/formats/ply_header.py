@@ -80,12 +80,12 @@ class PlyHeader:
     body_start: int
 
     def count_of(self, element_name: str) -> int:
-        """Returns the number of rows of an element; 0 if there is no such element."""
+        """The number of rows of an element; 0 if there is no such element."""
         return sum(element.count for element in self.elements if element.name == element_name)
 
 
 def parse_ply_header(body: Body) -> PlyHeader:
-    """Parses the header.
+    """Parse the header.
 
     Raises:
         MalformedData: not a PLY header of at most 64 KiB.

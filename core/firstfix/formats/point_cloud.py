@@ -39,7 +39,7 @@ class Limits:
     max_decoded_bytes: int
 
     def check(self, format_name: str, points: int, record_bytes: int) -> None:
-        """Checks the size that a header declares.
+        """Check the size that a header declares.
 
         Raises:
             TooLarge: more points or bytes than allowed.
@@ -72,7 +72,7 @@ class PointCloud:
 
     @property
     def xyz(self) -> NDArray[np.float64]:
-        """Returns (n, 3) float64, so that UTM coordinates keep the precision of the file."""
+        """(n, 3) float64, so that UTM coordinates keep the precision of the file."""
         xyz = np.empty((len(self), 3), np.float64)
         with np.errstate(invalid="ignore"):  # signalling NaNs of damaged files and of some drivers
             for axis, name in enumerate("xyz"):
@@ -97,7 +97,7 @@ class PointCloud:
 
 
 def require_xyz(format_name: str, names: set[str]) -> None:
-    """Checks that x, y and z are among the names.
+    """Check that x, y and z are among the names.
 
     Raises:
         MalformedData: one of them is missing.

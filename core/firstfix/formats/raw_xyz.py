@@ -9,7 +9,7 @@ from .point_cloud import Body, Limits, PointCloud
 
 
 def decode_xyz(body: Body, limits: Limits) -> PointCloud:
-    """Decodes rows of 12 bytes.
+    """Decode rows of 12 bytes.
 
     Raises:
         MalformedData: empty, or not a whole number of rows.
@@ -19,7 +19,7 @@ def decode_xyz(body: Body, limits: Limits) -> PointCloud:
 
 
 def decode_xyzi(body: Body, limits: Limits) -> PointCloud:
-    """Decodes rows of 16 bytes.
+    """Decode rows of 16 bytes.
 
     Raises:
         MalformedData: empty, or not a whole number of rows.

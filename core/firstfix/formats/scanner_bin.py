@@ -19,7 +19,7 @@ _PLAUSIBLE_M = 1e5  # larger than any range; most random bytes are not in it as 
 
 
 def decode_scanner_bin(body: Body, file_name: str, limits: Limits) -> PointCloud:
-    """Decodes KITTI (float32 x y z intensity), NCLT's velodyne_sync, or HeLiPR's Avia.
+    """Decode KITTI (float32 x y z intensity), NCLT's velodyne_sync, or HeLiPR's Avia.
 
     NCLT's frame (x forward, y right, z down) is changed to REP-103.
 
@@ -60,7 +60,7 @@ def _decode_nclt(body: Body, limits: Limits) -> PointCloud:
 
 
 def _are_plausible(points: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> bool:
-    """Returns whether most of the first (n, 3) points are NaN, 0 or of plausible size, and not denormal."""
+    """Whether most of the first (n, 3) points are NaN, 0 or of plausible size, and not denormal."""
     size = np.abs(points[:_SAMPLED_ROWS])
     with np.errstate(invalid="ignore"):
         good = np.isnan(size) | (size == 0) | ((size > 1e-6) & (size < _PLAUSIBLE_M))

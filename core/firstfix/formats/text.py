@@ -23,7 +23,7 @@ class _Layout:
 
 
 def decode_text(body: Body, limits: Limits) -> PointCloud:
-    """Decodes rows of numbers, separated by commas, semicolons, tabs or spaces.
+    """Decode rows of numbers, separated by commas, semicolons, tabs or spaces.
 
     A line of names selects the columns x, y, z and intensity in any order. Without such a line, the first
     three columns are x, y, z, and the fourth of 4 or 7 (PTS) is the intensity. Lines that start with ``#`` or

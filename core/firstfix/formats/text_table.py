@@ -28,7 +28,7 @@ def parse_rows(
     comments: str | None = None,
     max_rows: int | None = None,
 ) -> NDArray[np.float64]:
-    """Parses rows of numbers. All rows have the same length. Empty lines are skipped.
+    """Parse rows of numbers. All rows have the same length. Empty lines are skipped.
 
     Args:
         columns: columns to keep, in this order; None: all.
@@ -80,7 +80,7 @@ def _wrong_line(raw: bytes, delimiter: str | None, comments: str | None) -> str:
 
 
 def is_number(word: str) -> bool:
-    """Returns whether a word is a number."""
+    """Whether a word is a number."""
     try:
         float(word)
     except ValueError:

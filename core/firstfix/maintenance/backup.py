@@ -148,7 +148,7 @@ class _Copy:
         self._report.mended.append(key)
 
     def _is_other_map(self, log: Mapping[str, bytes]) -> bool:
-        """Returns whether the target has another log under this map's name, and notes where they differ."""
+        """Whether the target has another log under this map's name, and notes where they differ."""
         conflicts = [
             key
             for key in sorted(log.keys() & self._there.keys())

@@ -58,7 +58,7 @@ def _retire_provisional(catalog: Catalog, build_id: str, map_id: str) -> bool:
 
 
 def _is_of_another(catalog: Catalog, build_id: str, version: str) -> bool:
-    """Returns whether a build that has not ended has published the same provisional version."""
+    """Whether a build that has not ended has published the same provisional version."""
     for other in catalog.builds.ids():
         if other != build_id:
             with suppress(NotFound, UnreadableRecord):

@@ -37,7 +37,7 @@ class CheckedObjects:
             self._checked = {}
 
     def is_fresh(self, item: StoredObject, max_age: timedelta) -> bool:
-        """Returns whether the object was verified within ``max_age`` and not put again since."""
+        """Whether the object was verified within ``max_age`` and not put again since."""
         put, checked = self._checked.get(item.key, ("", ""))
         if put != _put_of(item):
             return False

@@ -245,7 +245,7 @@ def _unused_sources(catalog: Catalog, found: list[StoredObject], gone: set[str])
 
 
 def _ended_without_version(catalog: Catalog, build_id: str) -> bool:
-    """Returns whether a build failed or was cancelled, and no version in service is its own."""
+    """Whether a build failed or was cancelled, and no version in service is its own."""
     status = catalog.builds.status(build_id)
     if status["state"] not in FINAL_STATES - {"succeeded"}:
         return False
@@ -264,7 +264,7 @@ def _sources_of(catalog: Catalog, build_id: str) -> list[str]:
 
 
 def _may_be_used(source: StoredObject, unread: list[StoredObject]) -> bool:
-    """Returns whether a damaged request may refer to the source: a source is put before the request."""
+    """Whether a damaged request may refer to the source: a source is put before the request."""
     requests = (item for item in unread if item.key.endswith("/request.json"))
     return any(source.last_modified <= request.last_modified for request in requests)
 

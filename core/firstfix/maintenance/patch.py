@@ -86,7 +86,7 @@ def hour_of(map_id: str) -> int:
 
 
 def is_patch_waiting(catalog: Catalog, map_id: str, version: str) -> bool:
-    """Returns whether a patch of the active version is there and not active: it waits, or was rolled back.
+    """Whether a patch of the active version is there and not active: it waits, or was rolled back.
 
     Raises:
         UnreadableRecord: the request of a build is damaged.
@@ -110,7 +110,7 @@ def _base_of(catalog: Catalog, build_id: str) -> str | None:
 
 
 def seems_changed(catalog: Catalog, map_id: str, version: str) -> bool:
-    """Returns whether the queries of a version have seen changes, on enough days for a patch.
+    """Whether the queries of a version have seen changes, on enough days for a patch.
 
     Raises:
         NotFound: no such version.

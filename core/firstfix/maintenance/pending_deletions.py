@@ -37,7 +37,7 @@ def announce_deletion(store: Store, keys: Sequence[str]) -> Iterator[None]:
 
 
 def is_deletion_pending(store: Store, key: str) -> bool:
-    """Returns whether a collection may delete the object."""
+    """Whether a collection may delete the object."""
     for announcement in store.list(FOLDER):
         try:
             if key in store.get(announcement).decode("ascii", "replace").split("\n"):

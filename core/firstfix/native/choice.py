@@ -18,7 +18,7 @@ NEEDED_FLAGS = {
 
 
 def load_kernels() -> ModuleType:
-    """Returns the compiled module.
+    """The compiled module.
 
     Raises:
         ModuleNotFoundError: it was not built, or ``FIRSTFIX_NATIVE`` is ``off``.

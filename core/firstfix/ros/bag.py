@@ -51,11 +51,11 @@ class Bag:
         return int(self._reader.start_time)
 
     def topics(self, message_type: str) -> list[str]:
-        """Returns the sorted names of the topics of one type that have messages."""
+        """The sorted names of the topics of one type that have messages."""
         return sorted({c.topic for c in self._reader.connections if c.msgtype == message_type and c.msgcount})
 
     def cloud_topic(self, wanted: str | None) -> str:
-        """Returns the topic to replay: the wanted one, or the only one with clouds.
+        """The topic to replay: the wanted one, or the only one with clouds.
 
         Raises:
             NotFound: the wanted topic, or every topic, has no clouds.
@@ -72,7 +72,7 @@ class Bag:
         return topics[0]
 
     def check_topic(self, topic: str, message_type: str) -> None:
-        """Checks that a topic has messages of a type.
+        """Check that a topic has messages of a type.
 
         Raises:
             NotFound: it has none; the error names the topics that have.
@@ -84,7 +84,7 @@ class Bag:
             )
 
     def messages(self, topics: list[str], start_ns: int | None = None) -> Iterator[RawMessage]:
-        """Yields the messages in the order of recording.
+        """Yield the messages in the order of recording.
 
         Raises:
             MalformedData: the bag is damaged.
@@ -113,7 +113,7 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Opens a bag.
+    """Open a bag.
 
     A bag whose files are compressed as a whole is unpacked into a temporary folder first.
 
@@ -152,7 +152,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
 
 def _leave_messages_packed(reader: Any) -> None:
-    """Makes rosbags give compressed messages as they are: it would unpack them without a limit."""
+    """Make rosbags give compressed messages as they are: it would unpack them without a limit."""
     reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
 
 
@@ -164,7 +164,7 @@ def _check_cdr(path: Path, reader: Any) -> None:
 
 @contextmanager
 def _damage_named(path: Path) -> Iterator[None]:
-    """Turns every exception of rosbags, which a damaged bag may raise, into MalformedData."""
+    """Turn every exception of rosbags, which a damaged bag may raise, into MalformedData."""
     try:
         yield
     except InputError as error:  # of our decompressors

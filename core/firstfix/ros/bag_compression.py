@@ -27,7 +27,7 @@ _INFORMATION = "rosbag2_bagfile_information"
 
 
 def unpack_message(body: bytes) -> bytes:
-    """Returns a message of a ROS 2 bag as it was before compression; one without compression as it is.
+    """A message of a ROS 2 bag as it was before compression; one without compression as it is.
 
     Raises:
         TooLarge: it has over MAX_MESSAGE_BYTES.
@@ -40,7 +40,7 @@ def unpack_message(body: bytes) -> bytes:
 
 @contextmanager
 def unpack_files(path: Path) -> Iterator[Path]:
-    """Gives the path to open: a temporary copy if the files of a ROS 2 bag are compressed, else the path.
+    """Give the path to open: a temporary copy if the files of a ROS 2 bag are compressed, else the path.
 
     Args:
         path: the bag's folder or its only file.
@@ -70,7 +70,7 @@ def unpack_files(path: Path) -> Iterator[Path]:
 
 
 def _described(folder: Path) -> dict[str, Any] | None:
-    """Returns what ``metadata.yaml`` says of a bag whose files are compressed; None for another bag."""
+    """What ``metadata.yaml`` says of a bag whose files are compressed; None for another bag."""
     import yaml
 
     path = folder / _METADATA
@@ -100,7 +100,7 @@ def _write_metadata(path: Path, information: dict[str, Any]) -> None:
 
 
 def _unpack(source: Path, folder: Path, max_bytes: int) -> Path:
-    """Unpacks a file into a folder. Returns its path, without the ending of the compression."""
+    """Unpack a file into a folder. Returns its path, without the ending of the compression."""
     if not source.is_file():
         raise MalformedData(f"the file {source.name} is missing")
     target = folder / source.stem
@@ -120,7 +120,7 @@ def _unpack(source: Path, folder: Path, max_bytes: int) -> Path:
 
 
 def limit_chunks() -> None:
-    """Puts decompressors with limits in the tables of rosbags, whose own ones have none."""
+    """Put decompressors with limits in the tables of rosbags, whose own ones have none."""
     from rosbags.rosbag1 import reader as ros1
     from rosbags.rosbag2 import storage_mcap as mcap
 

@@ -49,27 +49,27 @@ class MessageReader:
         return order
 
     def fail(self, why: str) -> NoReturn:
-        """Raises MalformedData with the message's name."""
+        """Raise MalformedData with the message's name."""
         raise MalformedData(f"{self.name}: {why}")
 
     def number(self, code: str) -> int:
-        """Reads one integer, given by its struct code (``B``, ``i``, ``I``)."""
+        """Read one integer, given by its struct code (``B``, ``i``, ``I``)."""
         (value,) = self._unpack(code, 1)
         return int(value)
 
     def floats(self, count: int) -> tuple[float, ...]:
-        """Reads float64 values of a fixed number."""
+        """Read float64 values of a fixed number."""
         return self._unpack("d", count)
 
     def flag(self) -> bool:
-        """Reads a boolean."""
+        """Read a boolean."""
         value = self.number("B")
         if value > 1:
             self.fail(f"a boolean must be 0 or 1, not {value}")
         return bool(value)
 
     def text(self) -> str:
-        """Reads a string of up to MAX_TEXT_BYTES."""
+        """Read a string of up to MAX_TEXT_BYTES."""
         length = self.number("I")
         if length > MAX_TEXT_BYTES:
             self.fail(f"a text of {length} bytes, the limit is {MAX_TEXT_BYTES}")
@@ -84,7 +84,7 @@ class MessageReader:
             self.fail("a text is not UTF-8")
 
     def count(self, most: int, what: str) -> int:
-        """Reads the length of a sequence.
+        """Read the length of a sequence.
 
         Args:
             most: its limit.
@@ -96,11 +96,11 @@ class MessageReader:
         return count
 
     def octets(self) -> memoryview:
-        """Reads a sequence of bytes as a view. Its length is compared with the rest of the body."""
+        """Read a sequence of bytes as a view. Its length is compared with the rest of the body."""
         return self._take(self.number("I"))
 
     def end(self) -> None:
-        """Checks that only padding follows."""
+        """Check that only padding follows."""
         left = len(self._body) - self._place
         if left > (0 if self.ros1 else _MAX_TRAILING_BYTES):
             self.fail(f"{left} bytes follow the message")
@@ -127,17 +127,17 @@ class CdrWriter:
         self._parts = bytearray(b"\x00\x01\x00\x00")
 
     def numbers(self, code: str, values: Sequence[float]) -> None:
-        """Writes values of one struct code, aligned."""
+        """Write values of one struct code, aligned."""
         size = struct.calcsize("=" + code)
         self._parts += bytes(-(len(self._parts) - _ENCAPSULATION_BYTES) % size)
         self._parts += struct.pack(f"<{len(values)}{code}", *values)
 
     def text(self, text: str) -> None:
-        """Writes a string."""
+        """Write a string."""
         raw = text.encode() + b"\0"
         self.numbers("I", [len(raw)])
         self._parts += raw
 
     def bytes(self) -> bytes:
-        """Returns the message."""
+        """The message."""
         return bytes(self._parts)

@@ -23,12 +23,12 @@ class Stamp:
 
     @classmethod
     def of_ns(cls, ns: int) -> Stamp:
-        """Makes a stamp from nanoseconds since the epoch."""
+        """Make a stamp from nanoseconds since the epoch."""
         return cls(*divmod(ns, _NS))
 
     @classmethod
     def parse(cls, text: str) -> Stamp:
-        """Parses decimal seconds since the epoch, exact to the nanosecond: ``1700000000.25``.
+        """Parse decimal seconds since the epoch, exact to the nanosecond: ``1700000000.25``.
 
         Raises:
             InvalidOption: not such a number, or beyond the range of ROS.
@@ -60,7 +60,7 @@ class Header:
 
 
 def read_header(reader: MessageReader) -> Header:
-    """Reads a header.
+    """Read a header.
 
     Raises:
         MalformedData: not a header.
@@ -69,7 +69,7 @@ def read_header(reader: MessageReader) -> Header:
 
 
 def read_stamp(reader: MessageReader) -> Stamp:
-    """Reads the first part of a header.
+    """Read the first part of a header.
 
     Raises:
         MalformedData: not a stamp.
@@ -83,14 +83,14 @@ def read_stamp(reader: MessageReader) -> Stamp:
 
 
 def write_header(writer: CdrWriter, header: Header) -> None:
-    """Writes a header."""
+    """Write a header."""
     writer.numbers("i", [header.stamp.sec])
     writer.numbers("I", [header.stamp.nanosec])
     writer.text(header.frame_id)
 
 
 def check_frame(frame_id: str) -> str:
-    """Returns the name of a frame after a check.
+    """The name of a frame after a check.
 
     Raises:
         InvalidOption: not a valid name.

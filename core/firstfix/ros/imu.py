@@ -32,7 +32,7 @@ class ImuSample:
 
 
 def decode_imu(body: bytes | memoryview, *, ros1: bool = False) -> ImuSample:
-    """Decodes an Imu message.
+    """Decode an Imu message.
 
     Raises:
         MalformedData: not an Imu message.
@@ -61,7 +61,7 @@ class GravityWindow:
         return self._samples[-1].header.frame_id if self._samples else ""
 
     def add(self, sample: ImuSample) -> None:
-        """Adds a sample and forgets old ones."""
+        """Add a sample and forgets old ones."""
         ns = sample.header.stamp.ns
         if self._newest_ns - ns > WINDOW_S * 1e9:  # more than a sample that came late
             self._samples.clear()  # the clock was set back, or a bag was restarted
@@ -73,7 +73,7 @@ class GravityWindow:
             self._samples.popleft()
 
     def down(self, at: Stamp) -> NDArray[np.float64] | None:
-        """Returns the (3,) unit direction of gravity in the IMU's frame.
+        """The (3,) unit direction of gravity in the IMU's frame.
 
         None if there are no samples near this time, or if the IMU accelerates.
         """
@@ -82,7 +82,7 @@ class GravityWindow:
 
 
 def down_of(accelerations: Iterable[NDArray[np.float64]]) -> NDArray[np.float64] | None:
-    """Returns the (3,) unit direction of gravity. None if the mean is not that of an IMU at rest."""
+    """The (3,) unit direction of gravity. None if the mean is not that of an IMU at rest."""
     values = np.array(list(accelerations))
     if not len(values) or not np.isfinite(values).all():
         return None

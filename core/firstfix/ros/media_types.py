@@ -13,7 +13,7 @@ POSE = f'{CDR}; type="{pose_message.TYPE}"'
 
 
 def check_cloud_type(media_type: str) -> None:
-    """Checks the message type in a media type. It may be absent.
+    """Check the message type in a media type. It may be absent.
 
     Raises:
         UnsupportedFormat: a message other than PointCloud2.
@@ -24,7 +24,7 @@ def check_cloud_type(media_type: str) -> None:
 
 
 def is_pose(name: str, parameters: str) -> bool:
-    """Returns whether a media range names the pose message. It may be malformed.
+    """Whether a media range names the pose message. It may be malformed.
 
     Args:
         name: in lower case.
@@ -34,7 +34,7 @@ def is_pose(name: str, parameters: str) -> bool:
 
 
 def _message_type(parameters: str) -> str | None:
-    """Returns the value of ``type=pkg/msg/Type``, quoted or not, or zenoh's schema without a name."""
+    """The value of ``type=pkg/msg/Type``, quoted or not, or zenoh's schema without a name."""
     for parameter in parameters.split(";"):
         key, equals, value = parameter.strip().partition("=")
         if equals and key.strip().lower() == "type":

@@ -37,7 +37,7 @@ class StampedCloud:
     cloud: PointCloud
 
     def scan(self) -> Scan:
-        """Makes a scan. Points that are not finite are dropped, whatever ``is_dense`` says.
+        """Make a scan. Points that are not finite are dropped, whatever ``is_dense`` says.
 
         Times of the points are those of ``point_times``.
 
@@ -62,7 +62,7 @@ class _Field:
 
 
 def decode_point_cloud2(body: Body, limits: Limits, *, ros1: bool = False) -> StampedCloud:
-    """Decodes x, y, z, intensity and times of a message in the message's number types.
+    """Decode x, y, z, intensity and times of a message in the message's number types.
 
     Fields may be in any order, with gaps. Rows may be padded (``row_step``). The numbers may be big-endian
     (``is_bigendian``), independent of the byte order of the CDR.
@@ -100,7 +100,7 @@ def _read_field(reader: MessageReader) -> _Field:
 
 
 def _record(reader: MessageReader, fields: list[_Field], point_step: int, order: str) -> np.dtype[np.void]:
-    """Returns the layout of a point. Of two fields with one name, the first one counts."""
+    """The layout of a point. Of two fields with one name, the first one counts."""
     single: dict[str, _Field] = {}
     for field in fields:
         wanted = field.name in ("x", "y", "z") or field.name.lower() in (*INTENSITY_NAMES, *TIME_NAMES)
@@ -124,6 +124,6 @@ def _record(reader: MessageReader, fields: list[_Field], point_step: int, order:
 
 
 def _column(rows: np.ndarray[tuple[int, int], np.dtype[np.void]], name: str) -> Column:
-    """Returns (n,) values: a view if the rows have no padding."""
+    """(n,) values: a view if the rows have no padding."""
     column: Column = rows[name].reshape(-1)
     return column

@@ -15,7 +15,7 @@ MAP_FRAME = "map"  # REP-105
 
 
 def to_pose_cdr(answer: Localization, stamp: Stamp, frame_id: str = MAP_FRAME) -> bytes:
-    """Encodes a localized answer as little-endian CDR.
+    """Encode a localized answer as little-endian CDR.
 
     The pose is the robot's (``T_map_base``) if the query had the mounting of the sensor, otherwise the
     sensor's. The covariance belongs to the same pose: row-major over x, y, z and rotations about the frame's
@@ -33,7 +33,7 @@ def to_pose_cdr(answer: Localization, stamp: Stamp, frame_id: str = MAP_FRAME) -
 
 
 def encode_pose(T: Matrix, covariance: NDArray[np.float64], header: Header) -> bytes:
-    """Encodes a (4, 4) pose in the header's frame, with its (6, 6) covariance, as little-endian CDR."""
+    """Encode a (4, 4) pose in the header's frame, with its (6, 6) covariance, as little-endian CDR."""
     writer = CdrWriter()
     write_header(writer, header)
     writer.numbers("d", [*T[:3, 3], *quaternion_of(T), *covariance.ravel()])
@@ -43,7 +43,7 @@ def encode_pose(T: Matrix, covariance: NDArray[np.float64], header: Header) -> b
 def covariance_of_base(
     T_map_sensor: Matrix, T_map_base: Matrix, covariance: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Returns the (6, 6) covariance of the robot's pose.
+    """The (6, 6) covariance of the robot's pose.
 
     A rotation about the sensor moves the origin of the robot.
     """

@@ -49,7 +49,7 @@ class Endpoint:
 
 
 def endpoint(domain: int, kind: str, topic: str, ros_type: str, *, humble: bool = False) -> Endpoint:
-    """Makes an endpoint of this process.
+    """Make an endpoint of this process.
 
     Args:
         topic: fully qualified, with the first slash.
@@ -59,13 +59,13 @@ def endpoint(domain: int, kind: str, topic: str, ros_type: str, *, humble: bool 
 
 
 def dds_type(ros_type: str) -> str:
-    """Returns the DDS name of ``pkg/msg/Type``."""
+    """The DDS name of ``pkg/msg/Type``."""
     package, kind, name = ros_type.split("/")
     return f"{package}::{kind}::dds_::{name}_"
 
 
 def publishers_pattern(domain: int, ros_type: str) -> str:
-    """Returns a key expression for the tokens of all publishers of a type.
+    """A key expression for the tokens of all publishers of a type.
 
     Its last part matches the QoS, and the parts that Rolling adds.
     """
@@ -73,14 +73,14 @@ def publishers_pattern(domain: int, ros_type: str) -> str:
 
 
 def subscriptions_pattern(publisher: Endpoint) -> str:
-    """Returns a key expression for the tokens of all subscriptions that hear a publisher."""
+    """A key expression for the tokens of all subscriptions that hear a publisher."""
     topic = publisher.topic.replace("/", "%")
     parts = f"{_ADMIN}/{publisher.domain}/*/*/*/{SUBSCRIPTION}/*/*/*"
     return f"{parts}/{topic}/{publisher.dds_type}/{publisher.type_hash}/**"
 
 
 def parse_token(key: str) -> Endpoint | None:
-    """Parses the token of an endpoint. Returns None for any other key."""
+    """Parse the token of an endpoint. Returns None for any other key."""
     parts = key.split("/")
     if len(parts) < 13 or parts[0] != _ADMIN or not parts[1].isdigit() or not parts[9].startswith("%"):
         return None
@@ -101,7 +101,7 @@ class Node:
         return self._token(0, NODE)
 
     def endpoint_token(self, number: int, of: Endpoint, qos: str) -> str:
-        """Returns the liveliness token of an endpoint.
+        """The liveliness token of an endpoint.
 
         Args:
             number: number of the endpoint in its session, from 1.
@@ -128,12 +128,12 @@ class Attachment:
     gid: bytes
 
     def to_bytes(self) -> bytes:
-        """Encodes the attachment."""
+        """Encode the attachment."""
         return _ATTACHMENT.pack(self.sequence, self.stamp_ns, _GID_BYTES, self.gid)
 
     @classmethod
     def from_bytes(cls, raw: bytes) -> Attachment:
-        """Decodes an attachment.
+        """Decode an attachment.
 
         Raises:
             MalformedData: another layout.

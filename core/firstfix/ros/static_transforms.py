@@ -14,7 +14,7 @@ _SAME_M = 1e-3  # and of a rotation's elements: the last digits of a transform t
 
 
 def decode_transforms(body: bytes | memoryview, *, ros1: bool = False) -> dict[str, tuple[str, Matrix]]:
-    """Decodes a TFMessage to the parent and ``T_parent_child`` of each child frame.
+    """Decode a TFMessage to the parent and ``T_parent_child`` of each child frame.
 
     Raises:
         MalformedData, UnsupportedFormat: see ``decode_tf``.
@@ -36,7 +36,7 @@ class StaticTransforms:
         self._disputed: dict[str, str] = {}
 
     def add(self, transforms: dict[str, tuple[str, Matrix]]) -> None:
-        """Adds or replaces transforms."""
+        """Add or replaces transforms."""
         for child, (parent, T) in transforms.items():
             known, T_known_child = self._parents.get(child, (parent, T))
             if known != parent or not np.allclose(T, T_known_child, rtol=0, atol=_SAME_M):
@@ -44,7 +44,7 @@ class StaticTransforms:
             self._parents[child] = parent, T
 
     def between(self, target: str, source: str) -> Matrix:
-        """Returns ``T_target_source``.
+        """``T_target_source``.
 
         Raises:
             NotFound: no chain of fixed frames connects them, or they run in a circle.
@@ -64,7 +64,7 @@ class StaticTransforms:
         )
 
     def _ancestors(self, frame: str) -> dict[str, Matrix]:
-        """Returns ``T_ancestor_frame`` of the frame and its ancestors."""
+        """``T_ancestor_frame`` of the frame and its ancestors."""
         found = {frame: np.eye(4)}
         T = np.eye(4)
         while frame in self._parents:

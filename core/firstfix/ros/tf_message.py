@@ -34,7 +34,7 @@ class StampedTransform:
 
 
 def decode_tf(body: bytes | memoryview, *, ros1: bool = False) -> list[StampedTransform]:
-    """Decodes a TFMessage.
+    """Decode a TFMessage.
 
     Raises:
         MalformedData: not a TFMessage, a number that is not finite, or a quaternion of length 0.
@@ -55,7 +55,7 @@ def decode_tf(body: bytes | memoryview, *, ros1: bool = False) -> list[StampedTr
 
 
 def encode_tf(transforms: Sequence[tuple[Header, str, Matrix]]) -> bytes:
-    """Encodes transforms as little-endian CDR.
+    """Encode transforms as little-endian CDR.
 
     Args:
         transforms: stamp and parent frame, child frame, ``T_parent_child``.
@@ -70,5 +70,5 @@ def encode_tf(transforms: Sequence[tuple[Header, str, Matrix]]) -> bytes:
 
 
 def plain(frame: str) -> str:
-    """Returns the name of a frame without the leading slash that ROS 1 had before tf2."""
+    """The name of a frame without the leading slash that ROS 1 had before tf2."""
     return frame.removeprefix("/")

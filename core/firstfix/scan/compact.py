@@ -39,7 +39,7 @@ class ScanDescriptor:
         return {"occupancy": self.occupancy[None]}
 
     def agrees_with(self, descriptor: Descriptor) -> bool:
-        """Returns whether a descriptor describes scans in the same way, with lengths as float32, as sent."""
+        """Whether a descriptor describes scans in the same way, with lengths as float32, as sent."""
         return isinstance(descriptor, LayeredOccupancy) and _form(descriptor) == _form(self.descriptor)
 
 

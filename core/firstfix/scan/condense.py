@@ -37,7 +37,7 @@ def condense(
     *,
     points: int = POINTS,
 ) -> CompactScan:
-    """Returns the compact form of a scan.
+    """The compact form of a scan.
 
     Args:
         parameters: of the map that will be asked; None: for any map, and the server describes the scan.
@@ -64,7 +64,7 @@ def condense(
 def describe(
     scan: Scan, parameters: DescriptorParameters, gravity: NDArray[np.float64] | None = None
 ) -> ScanDescriptor:
-    """Returns the descriptor of a scan alone, for candidates without registration.
+    """The descriptor of a scan alone, for candidates without registration.
 
     Raises:
         InvalidOption: the parameters have no descriptor.
@@ -104,7 +104,7 @@ def _against(gravity: NDArray[np.float64]) -> NDArray[np.float64]:
 def flat_patches(
     means: NDArray[np.float64], side_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points on flat surfaces, and their unit normals, (n, 3) each."""
+    """Point on flat surfaces, and their unit normals, (n, 3) each."""
     if not len(means):
         return means, means
     patch = np.floor(means / side_m).astype(np.int64)

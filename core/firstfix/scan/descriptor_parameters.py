@@ -32,7 +32,7 @@ class DescriptorParameters:
 
     @classmethod
     def from_engine(cls, engine: Mapping[str, Any]) -> DescriptorParameters:
-        """Reads the parameters from ``engine`` of a version's manifest (``GET /maps/{id}``).
+        """Read the parameters from ``engine`` of a version's manifest (``GET /maps/{id}``).
 
         Raises:
             UnsupportedFormat: the map has another kind of descriptor, or this is not an engine's config.

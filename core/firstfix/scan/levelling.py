@@ -96,7 +96,7 @@ def levelling_rotation(up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @accelerated
 def turned(points: NDArray[_Float], R: NDArray[np.float64]) -> NDArray[_Float]:
-    """Rotates (n, 3) points by R, in their own precision.
+    """Rotate (n, 3) points by R, in their own precision.
 
     The order of steps is fixed, which a matrix product does not guarantee.
     """

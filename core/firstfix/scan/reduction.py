@@ -27,12 +27,12 @@ _PRIMES = np.array([[19_349_663], [83_492_791], [73_856_093]], np.uint32)
 
 @accelerated
 def within_range(points: NDArray[np.float32], min_range_m: float, max_range_m: float) -> NDArray[np.float32]:
-    """Returns the points, of (n, 3), whose distance from the origin lies between two limits, in float32."""
+    """The points, of (n, 3), whose distance from the origin lies between two limits, in float32."""
     return points[is_within_range(points, min_range_m, max_range_m)]
 
 
 def is_within_range(points: NDArray[np.float32], min_range_m: float, max_range_m: float) -> NDArray[np.bool_]:
-    """Returns for each of the points whether ``within_range`` keeps it: (n,)."""
+    """For each of the points whether ``within_range`` keeps it: (n,)."""
     x, y, z = points.T
     range2 = x * x + y * y + z * z  # not einsum, whose order of steps depends on the processor
     least, most = np.float32(min_range_m * min_range_m), np.float32(max_range_m * max_range_m)
@@ -40,7 +40,7 @@ def is_within_range(points: NDArray[np.float32], min_range_m: float, max_range_m
 
 
 def at_most(points: NDArray[_Float], count: int) -> NDArray[_Float]:
-    """Returns at most ``count`` of the points, in their order (``rows_by_chance``)."""
+    """At most ``count`` of the points, in their order (``rows_by_chance``)."""
     return points if len(points) <= count else points.take(rows_by_chance(len(points), count), axis=0)
 
 
@@ -155,7 +155,7 @@ class TimedPoints:
         )
 
     def within_range(self, min_range_m: float, max_range_m: float) -> TimedPoints:
-        """Points whose distance from the sensor lies between two limits (``reduction.within_range``)."""
+        """Point whose distance from the sensor lies between two limits (``reduction.within_range``)."""
         if self.time_s is None:
             return TimedPoints(within_range(self.points, min_range_m, max_range_m), None)
         return self.at(is_within_range(self.points, min_range_m, max_range_m))

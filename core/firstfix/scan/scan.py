@@ -25,7 +25,7 @@ MAX_ABS_TIME_S = 1.0  # of a point from its scan's stamp: revolutions take 0.05 
 def usable_points(
     x: NDArray[np.floating], y: NDArray[np.floating], z: NDArray[np.floating]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Returns the (m, 3) points that are finite and not impossibly far, and for every point whether it is so.
+    """The (m, 3) points that are finite and not impossibly far, and for every point whether it is so.
 
     Args:
         x: (n,), like y and z; all three float32, or all three float64.
@@ -38,12 +38,12 @@ def usable_points(
 
 @accelerated
 def all_within(points: NDArray[np.float32], limit_m: float) -> bool:
-    """Returns whether no coordinate of the (n, 3) points is NaN or beyond the limit."""
+    """Whether no coordinate of the (n, 3) points is NaN or beyond the limit."""
     return bool(np.abs(points).max(initial=0) <= np.float64(limit_m))
 
 
 def is_transposed(shape: tuple[int, ...]) -> bool:
-    """Returns whether the shape of an array is that of points side by side, (3, n) or (4, n)."""
+    """Whether the shape of an array is that of points side by side, (3, n) or (4, n)."""
     return shape[0] in (3, 4) and shape[1] > _MAX_COLUMNS
 
 
@@ -111,7 +111,7 @@ class Scan:
         stamp_s: float | None = None,
         time_s: ArrayLike | None = None,
     ) -> Scan:
-        """Checks points from a driver and drops returns that are NaN, infinite or impossibly far.
+        """Check points from a driver and drops returns that are NaN, infinite or impossibly far.
 
         Args:
             points: (n, 3 or more) numbers; the first three columns are x, y, z in metres.
@@ -178,6 +178,6 @@ def _one_each(name: str, values: ArrayLike | None, count: int) -> NDArray[Any] |
 
 
 def _of_one_type(*columns: NDArray[Any]) -> list[NDArray[np.floating]]:
-    """Returns the columns, aligned: as float32 where all are, otherwise as float64."""
+    """The columns, aligned: as float32 where all are, otherwise as float64."""
     single = all(column.dtype == np.float32 for column in columns)
     return [np.require(column, np.float32 if single else np.float64, "A") for column in columns]

@@ -19,7 +19,7 @@ _GOOD_FOR = timedelta(minutes=1)
 
 
 def credentials_file(environment: Mapping[str, str] = os.environ) -> Callable[[], dict[str, Any]] | None:
-    """Returns a function that reads the credentials file, or None if the environment names no such file.
+    """A function that reads the credentials file, or None if the environment names no such file.
 
     It reads the profile ``AWS_PROFILE`` (``default``) of the file ``AWS_SHARED_CREDENTIALS_FILE``. Keys in
     the environment come first, as in AWS's own tools: then there is no file to read.

@@ -11,7 +11,7 @@ _MAX_KEY_CHARS = 900  # S3 allows 1024 with the prefix
 
 
 def check_key(key: str) -> str:
-    """Returns the key if it is valid.
+    """The key if it is valid.
 
     Raises:
         InvalidOption: the key is absolute, contains '..', or has characters that some store changes.
@@ -22,7 +22,7 @@ def check_key(key: str) -> str:
 
 
 def check_folder(prefix: str) -> str:
-    """Returns the folder without its last ``/``; empty for the whole store.
+    """The folder without its last ``/``; empty for the whole store.
 
     Raises:
         InvalidOption: the folder is not a valid key.

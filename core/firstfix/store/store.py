@@ -222,7 +222,7 @@ class Store:
             return int(obstore.head(self._backend, key)["size"])
 
     def exists(self, key: str) -> bool:
-        """Returns whether there is an object under the key."""
+        """Whether there is an object under the key."""
         try:
             self.size(key)
         except NotFound:
@@ -313,7 +313,7 @@ class Store:
             return False
 
     def _fails_to_create_alone(self) -> bool:
-        """Returns whether the store takes a put, and create-only puts fail before and after it."""
+        """Whether the store takes a put, and create-only puts fail before and after it."""
         key = f"probe/{uuid.uuid4().hex}"
         try:
             self.put(key, b"any")

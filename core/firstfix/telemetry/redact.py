@@ -61,7 +61,7 @@ _MIN_CHARS = 8  # a shorter value could occur anywhere
 
 
 def redact(text: str) -> str:
-    """Replaces secrets in a text.
+    """Replace secrets in a text.
 
     Secrets are API keys (their id stays), JSON Web Tokens, values of Authorization, users and passwords in
     URLs, and values whose name implies a secret. The other text stays. Redacting twice changes nothing more.
@@ -75,7 +75,7 @@ def redact(text: str) -> str:
 
 
 def redactor(environment: Mapping[str, str] | None = None, urls: Iterable[str] = ()) -> Callable[[str], str]:
-    """Returns a function that redacts a text and hides the secrets of the environment.
+    """A function that redacts a text and hides the secrets of the environment.
 
     Secrets of the environment are the values of variables whose names imply one (AWS_SECRET_ACCESS_KEY, ...),
     and the paths of OpenTelemetry's endpoints. They are hidden as they are and as JSON writes them.

@@ -27,7 +27,7 @@ class TraceContext:
 
     @classmethod
     def parse(cls, traceparent: str | None) -> TraceContext | None:
-        """Parses a ``traceparent``. Returns None if missing or malformed (W3C 3.2)."""
+        """Parse a ``traceparent``. Returns None if missing or malformed (W3C 3.2)."""
         found = _TRACEPARENT.fullmatch(traceparent.strip()) if traceparent else None
         if found is None:
             return None
@@ -38,7 +38,7 @@ class TraceContext:
 
     @classmethod
     def of(cls, span: Any) -> TraceContext:
-        """Returns the identity of an OpenTelemetry span, to hand it to other processes."""
+        """The identity of an OpenTelemetry span, to hand it to other processes."""
         named = span.get_span_context()
         return cls(f"{named.trace_id:032x}", f"{named.span_id:016x}", bool(named.trace_flags.sampled))
 
@@ -49,7 +49,7 @@ class TraceContext:
 
 
 def is_tracing_wanted(environ: Mapping[str, str]) -> bool:
-    """Returns whether OpenTelemetry's variables name a collector for spans."""
+    """Whether OpenTelemetry's variables name a collector for spans."""
     if environ.get("OTEL_SDK_DISABLED", "").strip().lower() == "true":
         return False
     if "otlp" not in (environ.get("OTEL_TRACES_EXPORTER") or "otlp"):

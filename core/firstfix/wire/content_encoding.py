@@ -18,7 +18,7 @@ _ZSTD_MAX_WINDOW_BYTES = 1 << 23  # RFC 8878 requires every decoder to support i
 
 
 def undo_content_encoding(body: bytes | memoryview, encoding: str, max_bytes: int) -> bytes | memoryview:
-    """Returns the body as it was before the encoding.
+    """The body as it was before the encoding.
 
     Args:
         encoding: value of the header: gzip, zstd, identity or empty.
@@ -33,7 +33,7 @@ def undo_content_encoding(body: bytes | memoryview, encoding: str, max_bytes: in
 
 
 def decompressor_of(encoding: str) -> Callable[[bytes | memoryview, int], bytes | memoryview]:
-    """Returns the function that undoes an encoding: of a body, up to so many bytes. It can be pickled.
+    """The function that undoes an encoding: of a body, up to so many bytes. It can be pickled.
 
     Raises:
         UnsupportedFormat: another encoding, or several.
@@ -67,7 +67,7 @@ def _unzstd(body: bytes | memoryview, max_bytes: int) -> bytes:
 
 
 def unpack_zstd(body: bytes | memoryview, max_bytes: int, max_window_bytes: int) -> bytes:
-    """Returns the content of one zstd frame.
+    """The content of one zstd frame.
 
     Args:
         max_window_bytes: limit of the memory that the frame may ask for beside its content.
@@ -86,7 +86,7 @@ def unpack_zstd(body: bytes | memoryview, max_bytes: int, max_window_bytes: int)
 def unpacked_zstd(
     slices: Iterable[bytes | memoryview], max_bytes: int, max_window_bytes: int
 ) -> Iterator[bytes]:
-    """Yields the content of one zstd frame piece by piece.
+    """Yield the content of one zstd frame piece by piece.
 
     Args:
         slices: the frame in slices of up to ZSTD_SLICE_BYTES, so that no piece is large.

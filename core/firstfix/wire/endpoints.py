@@ -27,7 +27,7 @@ class Links:
 
     @classmethod
     def of(cls, config: Any) -> Links:
-        """Reads a ``zenoh.Config``."""
+        """Read a ``zenoh.Config``."""
         mode = _read(config, "mode") or "peer"
         listens = () if mode == "client" else _endpoints(config, "listen/endpoints", mode)
         connects = _endpoints(config, "connect/endpoints", mode)
@@ -58,7 +58,7 @@ def _read(config: Any, name: str) -> Any:
 
 
 def is_loopback(host: str) -> bool:
-    """Returns whether only this machine can reach the address."""
+    """Whether only this machine can reach the address."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -66,7 +66,7 @@ def is_loopback(host: str) -> bool:
 
 
 def is_local_endpoint(endpoint: str) -> bool:
-    """Returns whether an endpoint is on this machine only."""
+    """Whether an endpoint is on this machine only."""
     protocol, _, rest = endpoint.partition("/")
     if protocol in _LOCAL_PROTOCOLS:
         return True
@@ -76,5 +76,5 @@ def is_local_endpoint(endpoint: str) -> bool:
 
 
 def is_encrypted_endpoint(endpoint: str) -> bool:
-    """Returns whether an endpoint speaks TLS, so that nobody reads along."""
+    """Whether an endpoint speaks TLS, so that nobody reads along."""
     return endpoint.partition("/")[0] in _ENCRYPTED_PROTOCOLS

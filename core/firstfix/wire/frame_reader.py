@@ -30,18 +30,18 @@ class FrameReader:
         return len(self._rest)
 
     def take(self, count: int) -> memoryview:
-        """Returns the next bytes."""
+        """The next bytes."""
         if len(self._rest) < count:
             raise MalformedData(f"the {self._name} is cut off: {len(self._rest)} of {count} bytes")
         taken, self._rest = self._rest[:count], self._rest[count:]
         return taken
 
     def header(self, form: struct.Struct) -> tuple[Any, ...]:
-        """Returns the fields of a header."""
+        """The fields of a header."""
         return form.unpack(self.take(form.size))
 
     def frame(self, length: int, least: int, most: int) -> bytes:
-        """Returns the content of a zstd frame. Its declared size must be in [least, most]."""
+        """The content of a zstd frame. Its declared size must be in [least, most]."""
         frame = self.take(length)
         try:
             declared = zstandard.get_frame_parameters(frame).content_size
@@ -57,7 +57,7 @@ class FrameReader:
         return content
 
     def check(self, fields: dict[str, bool]) -> None:
-        """Checks fields of a header.
+        """Check fields of a header.
 
         Args:
             fields: name of each field, and whether its value is allowed.
@@ -67,6 +67,6 @@ class FrameReader:
                 raise MalformedData(f"the {field} of the {self._name} header is out of range")
 
     def end(self) -> None:
-        """Checks that no bytes are left."""
+        """Check that no bytes are left."""
         if self._rest:
             raise MalformedData(f"{len(self._rest)} bytes follow the {self._name}")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def planes_of(numbers: NDArray[np.integer]) -> NDArray[np.uint8]:
-    """Returns the planes of (n,) little-endian integers.
+    """The planes of (n,) little-endian integers.
 
     Returns:
         (bytes, n): bytes of equal weight side by side, the least significant plane first.
@@ -16,7 +16,7 @@ def planes_of(numbers: NDArray[np.integer]) -> NDArray[np.uint8]:
 
 
 def joined(planes: NDArray[np.uint8], dtype: np.dtype[np.integer]) -> NDArray[np.integer]:
-    """Returns the (n,) integers of (bytes, n) planes, least significant first. Missing planes are 0."""
+    """The (n,) integers of (bytes, n) planes, least significant first. Missing planes are 0."""
     numbers = np.zeros((planes.shape[1], dtype.itemsize), np.uint8)
     numbers[:, : len(planes)] = planes.T
     return numbers.view(dtype).ravel()
@@ -28,5 +28,5 @@ def packed_halves(numbers: NDArray[np.uint8]) -> bytes:
 
 
 def halves_of(packed: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Unpacks the numbers of ``packed_halves``."""
+    """Unpack the numbers of ``packed_halves``."""
     return np.stack([packed >> 4, packed & 15], axis=1).ravel()

@@ -91,7 +91,7 @@ _ZSTD_LEVEL = 12
 
 
 def encode_query(query: CompactScan | ScanDescriptor, *, resolution_m: float = 0.02) -> bytes:
-    """Encodes a query. Decoded points are accurate to half the resolution, and sorted by cell.
+    """Encode a query. Decoded points are accurate to half the resolution, and sorted by cell.
 
     Raises:
         InvalidOption: a resolution outside 0.005..0.1 m.
@@ -114,7 +114,7 @@ def encode_query(query: CompactScan | ScanDescriptor, *, resolution_m: float = 0
 
 
 def decode_query(body: bytes | memoryview) -> CompactScan | ScanDescriptor:
-    """Decodes a query. Every size is checked before memory is allocated.
+    """Decode a query. Every size is checked before memory is allocated.
 
     Raises:
         MalformedData: not this format, or the bytes contradict their headers.
@@ -218,7 +218,7 @@ def compact_points(
     size: NDArray[np.int64],
     resolution_m: float,
 ) -> NDArray[np.float32]:
-    """Returns the (n, 3) points of a compact scan.
+    """The (n, 3) points of a compact scan.
 
     Args:
         planes: (4, n) of the differences of the cells' numbers.
@@ -245,7 +245,7 @@ def compact_points(
 def ranges_of_levels(
     content: NDArray[np.uint8], levels_m: NDArray[np.float32], directions: int
 ) -> NDArray[np.float32]:
-    """Returns the (directions,) nearest ranges, infinite where nothing returned.
+    """The (directions,) nearest ranges, infinite where nothing returned.
 
     Args:
         content: a bit for each direction, then the differences of the levels.

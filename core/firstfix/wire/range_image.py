@@ -74,7 +74,7 @@ Integers = NDArray[np.int64]
 
 
 def encode(scan: Scan, resolution_m: float) -> bytes:
-    """Encodes a scan after its first six bytes.
+    """Encode a scan after its first six bytes.
 
     Args:
         scan: its coordinates are within MAX_ABS_COORDINATE_M. With times, it begins with these.
@@ -99,7 +99,7 @@ def encode(scan: Scan, resolution_m: float) -> bytes:
 
 
 def decode(rest: memoryview, *, timed: bool = False) -> Scan:
-    """Decodes a scan after its first six bytes. Every size is checked before memory is allocated.
+    """Decode a scan after its first six bytes. Every size is checked before memory is allocated.
 
     Args:
         timed: it begins with the times of the returns.
@@ -145,7 +145,7 @@ def range_image_points(
     azimuths: NDArray[np.float64],
     elevations: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """Returns the (count, 3) points of a range image, in the directions of the middles of the cells.
+    """The (count, 3) points of a range image, in the directions of the middles of the cells.
 
     Args:
         azimuths: (2, columns) cosines and sines.
@@ -205,7 +205,7 @@ def _unpacked_gaps(data: NDArray[np.uint8], count: int) -> NDArray[np.uint32]:
 
 
 def _cells_behind(gaps: NDArray[np.uint32], cells: int) -> NDArray[np.int32]:
-    """Returns the numbers of the cells with a return."""
+    """The numbers of the cells with a return."""
     if int(gaps.sum(dtype=np.int64)) + len(gaps) > cells:
         raise MalformedData("a return of the range image is outside its grid")
     return np.cumsum(gaps + 1, dtype=np.int32) - 1
@@ -230,7 +230,7 @@ def _unpacked_ranges(data: NDArray[np.uint8], count: int) -> NDArray[np.uint16]:
 def _with_wide(
     small: NDArray[np.uint8], escape: int, rest: NDArray[np.uint8], planes: int
 ) -> NDArray[np.uint32]:
-    """Returns (n,) numbers. Each escape value is replaced by the next number of the planes."""
+    """(n,) numbers. Each escape value is replaced by the next number of the planes."""
     wide = np.flatnonzero(small == escape)
     if len(rest) != planes * len(wide):
         raise MalformedData(f"{len(wide)} wide numbers of the range image do not fit {len(rest)} bytes")

@@ -70,7 +70,7 @@ _MAX_INTENSITY = 1e30  # 65,536 steps of its range still fit float32
 
 
 def encode_points(scan: Scan, resolution_m: float) -> bytes:
-    """Encodes a scan after its first six bytes. Coordinates are accurate to half the resolution.
+    """Encode a scan after its first six bytes. Coordinates are accurate to half the resolution.
 
     Args:
         scan: its coordinates are within MAX_ABS_COORDINATE_M. With times, it begins with these.
@@ -101,7 +101,7 @@ def encode_points(scan: Scan, resolution_m: float) -> bytes:
 
 
 def decode_points(rest: memoryview, *, timed: bool = False) -> Scan:
-    """Decodes a scan after its first six bytes. Every size is checked before memory is allocated.
+    """Decode a scan after its first six bytes. Every size is checked before memory is allocated.
 
     Args:
         timed: it begins with the times of the points.
@@ -139,7 +139,7 @@ def decode_points(rest: memoryview, *, timed: bool = False) -> Scan:
 def points_of_planes(
     planes: NDArray[np.uint8], resolution_m: float, origin: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """Returns the (n, 3) points of (3 c, n) planes, c for the differences of each coordinate."""
+    """The (n, 3) points of (3 c, n) planes, c for the differences of each coordinate."""
     c, n = len(planes) // 3, planes.shape[1]
     points = np.empty((n, 3), np.float32)
     integer = np.dtype(f"<i{c}")
@@ -152,13 +152,13 @@ def points_of_planes(
 
 @accelerated
 def intensity_of_planes(planes: NDArray[np.uint8], scale: float, offset: float) -> NDArray[np.float32]:
-    """Returns the (n,) intensities of one or two planes."""
+    """The (n,) intensities of one or two planes."""
     levels = joined(planes, np.dtype(f"<u{len(planes)}"))
     return (levels * scale + offset).astype(np.float32)
 
 
 def _frame_of(points: NDArray[np.float32], resolution_m: float) -> tuple[NDArray[np.float64], int]:
-    """Returns the origin (3,) and the bytes per coordinate that hold every point."""
+    """The origin (3,) and the bytes per coordinate that hold every point."""
     reach_m = 32_767 * resolution_m
     origin = np.zeros(3)
     if float(np.abs(points).max(initial=0)) <= reach_m:
@@ -176,7 +176,7 @@ def _finite(intensity: NDArray[np.float32] | None) -> NDArray[np.float64] | None
 
 
 def _intensity_form(intensity: NDArray[np.float64] | None) -> tuple[int, float, float]:
-    """Returns bytes, scale and offset: exact for integers of 8 or 16 bits, else 65,536 steps of the range."""
+    """Bytes, scale and offset: exact for integers of 8 or 16 bits, else 65,536 steps of the range."""
     if intensity is None:
         return 0, 1.0, 0.0
     low, high = (float(intensity.min()), float(intensity.max())) if len(intensity) else (0.0, 0.0)
@@ -206,7 +206,7 @@ def encode_scan(
     resolution_m: float | None = None,
     voxel_m: float | None = None,
 ) -> bytes:
-    """Encodes a scan. The module of the form documents the accuracy of the decoded points.
+    """Encode a scan. The module of the form documents the accuracy of the decoded points.
 
     Args:
         resolution_m: step of coordinates or of ranges; None: 0.01 for points, 0.025 for a range image.
@@ -242,7 +242,7 @@ def encode_scan(
 
 
 def decode_scan(body: bytes | memoryview) -> Scan:
-    """Decodes a scan. Every size is checked before memory is allocated.
+    """Decode a scan. Every size is checked before memory is allocated.
 
     Raises:
         MalformedData: not this format, or the bytes contradict their header.

@@ -48,7 +48,7 @@ def encode_scans(
     resolution_m: float | None = None,
     voxel_m: float | None = None,
 ) -> bytes:
-    """Encodes scans in the order in which they were taken, with the sensor's poses from odometry.
+    """Encode scans in the order in which they were taken, with the sensor's poses from odometry.
 
     Raises:
         InvalidScan, TooLarge: as ``ScanSequence.along`` and the encoders of one scan.
@@ -67,7 +67,7 @@ def encode_scans(
 
 
 def decode_scans(body: bytes | memoryview) -> ScanSequence:
-    """Decodes a sequence. Every size is checked before memory is allocated.
+    """Decode a sequence. Every size is checked before memory is allocated.
 
     Raises:
         MalformedData: not this format, or the bytes contradict their headers.

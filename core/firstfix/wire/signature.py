@@ -44,7 +44,7 @@ class Asked:
 
     @classmethod
     def of(cls, key: object, parameters: Iterable[tuple[str, str]], encoding: object | None) -> Asked:
-        """Returns the parts as zenoh's own objects show them. Names with an underscore first are zenoh's."""
+        """The parts as zenoh's own objects show them. Names with an underscore first are zenoh's."""
         named = tuple(sorted(pair for pair in parameters if not pair[0].startswith("_")))
         return cls(str(key), named, "" if encoding is None else str(encoding))
 
@@ -75,7 +75,7 @@ class QuerySignature:
 
     @classmethod
     def parse(cls, attachment: bytes) -> QuerySignature | None:
-        """Returns the signature, or None if the bytes have not the form of one."""
+        """The signature, or None if the bytes have not the form of one."""
         if len(attachment) != SIGNATURE_BYTES or not attachment.startswith(_MAGIC):
             return None
         _, key_id, time_ms, nonce, payload_sha256 = _HEAD.unpack_from(attachment)
@@ -89,11 +89,11 @@ class QuerySignature:
         return _HEAD.pack(_MAGIC, self.key_id.encode(), self.time_ms, self.nonce, self.payload_sha256)
 
     def to_bytes(self) -> bytes:
-        """Returns the attachment."""
+        """The attachment."""
         return self.head + self.mac
 
     def fits(self, payload: bytes) -> bool:
-        """Returns whether this is the payload that was signed."""
+        """Whether this is the payload that was signed."""
         return hmac.compare_digest(self.payload_sha256, hashlib.sha256(payload).digest())
 
 
@@ -107,17 +107,17 @@ class SigningKey:
 
     @classmethod
     def of_api_key(cls, api_key: str) -> SigningKey | None:
-        """Returns the keys, or None for a credential of another form, such as a JSON Web Token."""
+        """The keys, or None for a credential of another form, such as a JSON Web Token."""
         match = API_KEY.fullmatch(api_key)
         return None if match is None else cls.of_hash(match[1], hashlib.sha256(match[2].encode()).digest())
 
     @classmethod
     def of_hash(cls, key_id: str, secret_sha256: bytes) -> SigningKey:
-        """Returns the keys from the hash of the API key's secret, which is all that a store has of it."""
+        """The keys from the hash of the API key's secret, which is all that a store has of it."""
         return cls(key_id, _mac(secret_sha256, _QUERY), _mac(secret_sha256, _ANSWER))
 
     def sign(self, asked: Asked, payload: bytes, time_ms: int, nonce: bytes) -> QuerySignature:
-        """Returns the signature of a query.
+        """The signature of a query.
 
         Args:
             payload: empty without one.
@@ -129,15 +129,15 @@ class SigningKey:
         )
 
     def has_signed(self, signature: QuerySignature, asked: Asked) -> bool:
-        """Returns whether the signature is right. The payload is compared apart, with ``fits``."""
+        """Whether the signature is right. The payload is compared apart, with ``fits``."""
         return hmac.compare_digest(signature.mac, self._query_mac(signature, asked))
 
     def signed_encoding(self, query: QuerySignature, is_ok: bool, encoding: str, payload: bytes) -> str:
-        """Returns the encoding of a reply with its signature: zenoh's error replies have no attachment."""
+        """The encoding of a reply with its signature: zenoh's error replies have no attachment."""
         return f"{encoding}{REPLY_MARK}{self._reply_mac(query, is_ok, encoding, payload).hex()}"
 
     def has_replied(self, query: QuerySignature, is_ok: bool, signed_encoding: str, payload: bytes) -> bool:
-        """Returns whether a reply is by the service, to this query, and unchanged."""
+        """Whether a reply is by the service, to this query, and unchanged."""
         match = _REPLY.fullmatch(signed_encoding)
         if match is None:
             return False

@@ -70,7 +70,7 @@ class Times:
         return Times(self.first_s, self.step_s, self.level[rows])
 
     def encode(self, compressor: zstandard.ZstdCompressor) -> bytes:
-        """Encodes the part."""
+        """Encode the part."""
         frame = compressor.compress(np.diff(self.level, prepend=np.uint8(0)).tobytes())
         return _HEADER.pack(self.first_s, self.step_s, len(frame)) + frame
 
@@ -85,7 +85,7 @@ class TimesPart:
 
     @classmethod
     def read(cls, reader: FrameReader) -> TimesPart:
-        """Reads the part.
+        """Read the part.
 
         Raises:
             MalformedData: it is cut off, or a field of its header is out of range.

@@ -60,7 +60,7 @@ class Authenticator:
         return self.keys is not None
 
     async def authenticate(self, credential: str | None, address: str) -> Principal:
-        """Returns the caller.
+        """The caller.
 
         Args:
             credential: an API key or a token; None if the request has none.
@@ -86,7 +86,7 @@ class Authenticator:
             raise
 
     def count_refusal(self, address: str, error: Unauthorized) -> None:
-        """Counts and logs an invalid credential.
+        """Count and log an invalid credential.
 
         Raises:
             RateLimited: too many from this address.
@@ -97,7 +97,7 @@ class Authenticator:
     async def authorize(
         self, credential: str | None, address: str, needs: Needs, map_id: str | None = None
     ) -> Principal:
-        """Returns the caller if it may make the request.
+        """The caller if it may make the request.
 
         Raises:
             Unauthorized, RateLimited, StoreUnavailable, Overloaded: see ``authenticate``.
@@ -108,7 +108,7 @@ class Authenticator:
         return caller
 
     def permit(self, caller: Principal, needs: Needs, map_id: str | None = None) -> None:
-        """Checks what a request needs, and counts it against its rate limit.
+        """Check what a request needs, and count it against its rate limit.
 
         Args:
             map_id: map in the address of the request. Requests for it are counted apart.
@@ -139,7 +139,7 @@ class Permission:
     map_id: str | None
 
     async def check(self, map_id: str | None = None) -> None:
-        """Checks that the permission is still valid.
+        """Check that the permission is still valid.
 
         Args:
             map_id: the map of the request, if it is not in the path.
@@ -155,7 +155,7 @@ class Permission:
 async def open_authenticator(
     settings: Settings, limits: Limits, store: Store, metrics: Metrics
 ) -> AsyncIterator[Authenticator]:
-    """Opens the authenticator that the settings ask for, and refreshes its keys until the block ends.
+    """Open the authenticator that the settings ask for, and refresh its keys until the block ends.
 
     Raises:
         InvalidOption: the settings cannot be used.

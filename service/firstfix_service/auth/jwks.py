@@ -59,7 +59,7 @@ class Jwks:
         self._fetching: asyncio.Task[None] | None = None
 
     async def key(self, key_id: str | None, algorithm: str) -> jwt.PyJWK:
-        """Returns the public key that a token's header names.
+        """The public key that a token's header names.
 
         An unknown key is looked up at the issuer, which may have changed its keys, at most every
         ``REFETCH_AFTER_S``.
@@ -79,7 +79,7 @@ class Jwks:
         return found
 
     async def refresh(self) -> None:
-        """Reads the keys again. If that fails, the keys in memory stay. Concurrent calls share one read."""
+        """Read the keys again. If that fails, the keys in memory stay. Concurrent calls share one read."""
         if self._fetching is None:
             self._fetching = asyncio.create_task(self._refresh(), name="jwks")
         await asyncio.shield(self._fetching)
@@ -150,7 +150,7 @@ def _check_url(url: str) -> None:
 
 
 def _parse(body: bytes) -> list[Mapping[str, Any]]:
-    """Parses a JWK set.
+    """Parse a JWK set.
 
     Raises:
         ValueError: it is not a JWK set, or has a private or symmetric key.

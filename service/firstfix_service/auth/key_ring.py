@@ -41,7 +41,7 @@ class KeyRing:
         return float("inf") if self._read_at is None else self._clock() - self._read_at
 
     def refresh(self) -> None:
-        """Reads the keys from the store. If that fails, the keys in memory stay."""
+        """Read the keys from the store. If that fails, the keys in memory stay."""
         started = self._clock()
         try:
             found, damaged = self._keys.all()
@@ -55,7 +55,7 @@ class KeyRing:
         self._read_at = started
 
     def principal(self, token: str) -> Principal:
-        """Returns the caller whose API key this is.
+        """The caller whose API key this is.
 
         Raises:
             Unauthorized: there is no such key, or it has expired.
@@ -71,7 +71,7 @@ class KeyRing:
         return principal_of(key)
 
     def signer(self, signature: QuerySignature, asked: Asked) -> tuple[Principal, SigningKey]:
-        """Returns the caller who signed a query, and the keys of its signatures.
+        """The caller who signed a query, and the keys of its signatures.
 
         Raises:
             Unauthorized: there is no such key, it has expired, or the signature is wrong.
@@ -96,7 +96,7 @@ class KeyRing:
 
 
 def principal_of(key: ApiKey) -> Principal:
-    """Returns the caller who has a key.
+    """The caller who has a key.
 
     Raises:
         Unauthorized: the key has expired.

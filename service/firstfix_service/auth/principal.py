@@ -43,7 +43,7 @@ class Principal:
     grant: Grant = EVERYTHING
 
     def check(self, scope: Scope, map_id: str | None = None) -> None:
-        """Checks the permission for a request.
+        """Check the permission for a request.
 
         Args:
             map_id: the map that the request is about, if any.
@@ -58,7 +58,7 @@ class Principal:
             self.check_map(map_id)
 
     def check_map(self, map_id: str) -> None:
-        """Checks that the map is one of the caller's.
+        """Check that the map is one of the caller's.
 
         Raises:
             Forbidden: it is not. The same whether there is such a map.
@@ -68,7 +68,7 @@ class Principal:
 
     @property
     def has_credential(self) -> bool:
-        """Returns whether more than an address tells the caller apart."""
+        """Whether more than an address tells the caller apart."""
         return not self.name.startswith("address:")
 
     @property
@@ -81,7 +81,7 @@ class Principal:
         return self.name if self.has_credential else ANONYMOUS.name
 
     def owns(self, owner: str | None) -> bool:
-        """Returns whether the caller may use an object: one of its own, or any with the scope ``admin``.
+        """Whether the caller may use an object: one of its own, or any with the scope ``admin``.
 
         Args:
             owner: the caller who made the object. None means that its record names no owner: everybody may
@@ -95,7 +95,7 @@ class Principal:
         return "*" in self.grant.maps
 
     def sees(self, map_id: str) -> bool:
-        """Returns whether the map is one of the caller's."""
+        """Whether the map is one of the caller's."""
         return self.grant.covers(map_id)
 
 

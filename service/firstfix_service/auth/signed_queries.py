@@ -52,7 +52,7 @@ class SignedQueries:
         self._of_key: Counter[str] = Counter()
 
     def check(self, attachment: bytes, asked: Asked) -> SignedQuery:
-        """Returns the query with its signer. Changes nothing, and does not read the payload.
+        """The query with its signer. Changes nothing, and does not read the payload.
 
         Raises:
             Unauthorized, StoreUnavailable: as ``KeyRing.signer``; or the attachment has another form.
@@ -64,7 +64,7 @@ class SignedQueries:
         return SignedQuery(principal, key, signature)
 
     def accept(self, query: SignedQuery) -> bool:
-        """Accepts a query once. Returns False if it was accepted before: this one may be a stranger's copy.
+        """Accept a query once. Returns False if it was accepted before: this one may be a stranger's copy.
 
         Raises:
             ClockSkew: it was made too long ago or will be made later, by the service's clock.

@@ -38,7 +38,7 @@ class TokenVerifier:
         self._settings = settings
 
     async def principal(self, token: str) -> Principal:
-        """Returns the caller that a token names.
+        """The caller that a token names.
 
         Raises:
             Unauthorized: it is not a token, has another issuer or audience, or is not valid at this time.
@@ -70,7 +70,7 @@ class TokenVerifier:
         return Principal(f"jwt:{_subject(claims['sub'])}", self._grant(claims))
 
     def _grant(self, claims: Mapping[str, Any]) -> Grant:
-        """Reads the scopes of this service. Other names are ignored: they are scopes of other services."""
+        """Read the scopes of this service. Other names are ignored: they are scopes of other services."""
         prefix = self._settings.jwt_scope_prefix
         names = [*_words(claims.get("scope")), *_words(claims.get("scp"))]
         given = [name.removeprefix(prefix) for name in names if name.startswith(prefix)]

@@ -30,7 +30,7 @@ class BuildLimits:
 
 
 def build_limits(settings: Settings) -> BuildLimits:
-    """Returns the time limits of builds: of a day, two hours without progress."""
+    """The time limits of builds: of a day, two hours without progress."""
     return BuildLimits(settings.build_timeout_s, settings.build_timeout_s / 12)
 
 
@@ -58,11 +58,11 @@ class BuildWatch:
         return (self._clock() if self._stopped is None else self._stopped) - self._started
 
     def stop(self) -> None:
-        """Stops the clock: the attempt has ended."""
+        """Stop the clock: the attempt has ended."""
         self._stopped = self._clock()
 
     def see(self, status: Mapping[str, Any] | None) -> None:
-        """Records the status of the build.
+        """Record the status of the build.
 
         Args:
             status: None if it cannot be read now. The time without progress then starts again, because an
@@ -74,7 +74,7 @@ class BuildWatch:
             self._progressed = self._clock()
 
     def overdue(self) -> BuildError | None:
-        """Returns the error if a limit is exceeded."""
+        """The error if a limit is exceeded."""
         if self._before_s + self.ran_s > self._limits.timeout_s:
             return BuildTimedOut(f"the build ran for more than {self._limits.timeout_s:g} s")
         if self._clock() - self._progressed > self._limits.stall_s:

@@ -40,7 +40,7 @@ _log = structlog.get_logger(__name__)
 
 
 def build_options(settings: Settings) -> BuildOptions:
-    """Returns the options of every build. The process does not trust the record of the build."""
+    """The options of every build. The process does not trust the record of the build."""
     return BuildOptions(
         store=settings.store,
         executor=settings.build_executor,
@@ -72,7 +72,7 @@ class BuildProcess:
 
     @classmethod
     async def start(cls, settings: Settings, options: BuildOptions) -> BuildProcess:
-        """Starts the build command of the settings, with the options of this build.
+        """Start the build command of the settings, with the options of this build.
 
         Raises:
             OSError: the command cannot be run.
@@ -94,7 +94,7 @@ class BuildProcess:
         return cls(process, log_path, options.max_memory_bytes)
 
     async def wait(self, timeout_s: float) -> int | None:
-        """Returns the exit code; None if the process still runs after that time."""
+        """The exit code; None if the process still runs after that time."""
         end = time.monotonic() + timeout_s
         while True:
             with suppress(TimeoutError):
@@ -110,7 +110,7 @@ class BuildProcess:
                 return None
 
     async def stop(self) -> int:
-        """Asks the process to end, kills it after ``STOP_GRACE_S``, and returns its exit code."""
+        """Ask the process to end, kills it after ``STOP_GRACE_S``, and return its exit code."""
         with suppress(ProcessLookupError, PermissionError):  # the leader of a group; its sandbox ends with it
             os.killpg(self._process.pid, signal.SIGTERM)
         with suppress(TimeoutError):
@@ -120,14 +120,14 @@ class BuildProcess:
         return await self._process.wait()
 
     def kill(self) -> None:
-        """Kills the process and all that it started.
+        """Kill the process and all that it started.
 
         It reads /proc, which takes milliseconds. In a thread pool it could wait for a store that hangs.
         """
         kill_processes(self._process.pid)
 
     def why(self, code: int) -> str:
-        """Returns a message about the end of a process that recorded no reason itself."""
+        """A message about the end of a process that recorded no reason itself."""
         if self.exceeded_memory:
             return (
                 f"the build took more memory than the limit of {self._max_memory_bytes} bytes "
@@ -140,12 +140,12 @@ class BuildProcess:
         return f"the build process failed with exit code {code}" + (f": {message}" if message else "")
 
     def remove_log(self) -> None:
-        """Removes the log file."""
+        """Remove the log file."""
         self._log_path.unlink(missing_ok=True)
 
 
 def last_message(log: Path) -> str | None:
-    """Returns the last line of a build's log, or its event if the line is JSON; None if there is no line."""
+    """The last line of a build's log, or its event if the line is JSON; None if there is no line."""
     try:
         line = log.read_text(errors="replace").strip().splitlines()[-1]
     except (OSError, IndexError):
@@ -162,7 +162,7 @@ def _open_log(path: Path) -> BinaryIO:
 
 
 def _remove_old_logs(work_dir: Path) -> None:
-    """Removes logs of failed builds after ``OLD_LOG_S``."""
+    """Remove logs of failed builds after ``OLD_LOG_S``."""
     for path in work_dir.glob("*.log"):
         with suppress(FileNotFoundError):
             if time.time() - path.stat().st_mtime > OLD_LOG_S:
@@ -170,7 +170,7 @@ def _remove_old_logs(work_dir: Path) -> None:
 
 
 def memory_of_processes_bytes(leader: int) -> int:
-    """Returns the anonymous and shared memory of the process and all it started, without mapped files."""
+    """The anonymous and shared memory of the process and all it started, without mapped files."""
     total = 0
     for folder, _ in _processes(leader):
         with suppress(OSError):  # it has ended
@@ -179,14 +179,14 @@ def memory_of_processes_bytes(leader: int) -> int:
 
 
 def kill_processes(leader: int) -> None:
-    """Kills the process and all that it started, by group: a group is killed at once, even while it forks."""
+    """Kill the process and all that it started, by group: a group is killed at once, even while it forks."""
     for group in {leader, *(group for _, group in _processes(leader))}:
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(group, signal.SIGKILL)
 
 
 def _processes(leader: int) -> Iterator[tuple[Path, int]]:
-    """Yields the folder in /proc and the process group of each process whose POSIX session this one leads."""
+    """Yield the folder in /proc and the process group of each process whose POSIX session this one leads."""
     for folder in Path("/proc").iterdir():
         if not folder.name.isdigit():
             continue

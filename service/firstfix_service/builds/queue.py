@@ -46,24 +46,24 @@ class BuildQueue(Protocol):
         """Why no build begins, for its caller: no names of hosts or folders. None: they begin in turn."""
 
     async def submit(self, build_id: str) -> None:
-        """Tells the queue that a new build is on record. Returns at once and raises nothing."""
+        """Tell the queue that a new build is on record. Returns at once and raise nothing."""
 
     async def run(self) -> None:
-        """Runs until cancelled. A running build is then stopped, and its next runner resumes it."""
+        """Run until cancelled. A running build is then stopped, and its next runner resumes it."""
 
 
 NOBODY_BUILDS = "this service runs no builds: one that does has to use the same store"
 
 
 def waits_for(queue: BuildQueue | None, state: str) -> str | None:
-    """Returns why a build in this state does not begin; None: it begins in its turn, or has begun."""
+    """Why a build in this state does not begin; None: it begins in its turn, or has begun."""
     if state != "queued":
         return None
     return NOBODY_BUILDS if queue is None else queue.waits_for
 
 
 def cancel_build(catalog: Catalog, build_id: str) -> dict[str, Any]:
-    """Requests the end of a build, whichever queue has it, and returns its status.
+    """Request the end of a build, whichever queue has it, and return its status.
 
     The request is an object in the store. A runner first claims a build and then looks for a request; this
     function first makes the request and then looks for a runner. So one of them always sees the other. A
@@ -112,7 +112,7 @@ class UnfinishedBuilds:
         self._known: dict[str, UnfinishedBuild] = {}
 
     def find(self) -> list[UnfinishedBuild]:
-        """Returns the unfinished builds, oldest first: build ids begin with the time."""
+        """The unfinished builds, oldest first: build ids begin with the time."""
         found = []
         on_record = self._catalog.builds.ids()
         self._ended.intersection_update(on_record)
@@ -148,7 +148,7 @@ class FairOrder:
         self._served: OrderedDict[str, None] = OrderedDict()  # owners that had a turn, the latest one last
 
     def sort(self, builds: Sequence[UnfinishedBuild]) -> list[UnfinishedBuild]:
-        """Returns the first build of each owner, then the second build of each owner, and so on.
+        """The first build of each owner, then the second build of each owner, and so on.
 
         Within such a round, owners without a turn yet come first, by the age of their builds, then the others
         by the time since their last turn.
@@ -165,7 +165,7 @@ class FairOrder:
         return [build for *_, build in sorted(ranked, key=lambda item: item[:3])]
 
     def had_turn(self, owner: str) -> None:
-        """Records that the owner had a turn now."""
+        """Record that the owner had a turn now."""
         self._served[owner] = None
         self._served.move_to_end(owner)
         while len(self._served) > MAX_OWNERS:
@@ -198,11 +198,11 @@ class EmbeddedBuildQueue:
         return None if self._runner is None else self._runner.running
 
     async def submit(self, build_id: str) -> None:
-        """Wakes the queue."""
+        """Wake the queue."""
         self._wake.set()
 
     async def run(self) -> None:
-        """Runs builds until it is cancelled."""
+        """Run builds until it is cancelled."""
         folder = await WorkFolder.wait_for(self._settings.work_dir, self._settings, self._wait_for)
         self._runner = runner = BuildRunner(self._catalog, self._metrics, folder, self._settings)
         try:
@@ -226,7 +226,7 @@ class EmbeddedBuildQueue:
         self.waits_for = why
 
     async def _run_one(self, runner: BuildRunner) -> bool:
-        """Runs the next build that nobody else runs. Returns False if there is none, or if it has to wait."""
+        """Run the next build that nobody else runs. Returns False if there is none, or if it has to wait."""
         for build in self._order.sort(await MAINTENANCE.run(self._unfinished.find)):
             if time.monotonic() < self._not_before.get(build.build_id, 0.0):
                 continue

@@ -30,7 +30,7 @@ class BuildQuota:
 
     @asynccontextmanager
     async def reserve(self, owner: str, build_id: str) -> AsyncIterator[None]:
-        """Counts a build while it is being recorded; within the block it is put on record as the owner's.
+        """Count a build while it is being recorded; within the block it is put on record as the owner's.
 
         Raises:
             QuotaExceeded: the caller has used up the builds or the minutes.

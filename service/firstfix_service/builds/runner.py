@@ -86,7 +86,7 @@ class BuildRunner:
         self._owner: str | None = None  # of the same build
 
     async def run(self, build_id: str) -> Turn:
-        """Runs one turn. If it is cancelled, the build's process is stopped and the build is queued again.
+        """Run one turn. If it is cancelled, the build's process is stopped and the build is queued again.
 
         Raises:
             NotFound: there is no such build.
@@ -131,7 +131,7 @@ class BuildRunner:
         return await self._insist(self._record_end, attempt, process, code)
 
     async def _claim_shielded(self, build_id: str) -> Attempt | Turn:
-        """Claims the build. If cancelled meanwhile, it ends the attempt, which would else count as lost."""
+        """Claim the build. If cancelled meanwhile, it ends the attempt, which would else count as lost."""
         claiming = asyncio.create_task(BUILDS.run(self._claim, build_id))
         try:
             return await asyncio.shield(claiming)
@@ -143,7 +143,7 @@ class BuildRunner:
             raise
 
     def _claim(self, build_id: str) -> Attempt | Turn:
-        """Claims the build for this runner, or returns why it is not run."""
+        """Claim the build for this runner, or return why it is not run."""
         status = self._catalog.builds.status(build_id)
         if status["state"] in FINAL_STATES:
             return Turn.ENDED
@@ -165,7 +165,7 @@ class BuildRunner:
         return Turn.ENDED
 
     async def _supervise(self, process: BuildProcess, attempt: Attempt) -> int | None:
-        """Waits for the process, and kills it if it must not continue.
+        """Wait for the process, and kill it if it must not continue.
 
         Returns its exit code; None if another runner has the build now.
         """
@@ -200,14 +200,14 @@ class BuildRunner:
             await asyncio.wait_for(BUILDS.run(self._put_back, attempt), FINAL_RECORD_S)
 
     def _put_back(self, attempt: Attempt) -> None:
-        """Queues the build again after a stop. The stop does not count as a failed attempt."""
+        """Queue the build again after a stop. The stop does not count as a failed attempt."""
         status = self._catalog.builds.status_or_queued(attempt.build_id)
         if status["state"] not in FINAL_STATES | {"queued"}:
             self._catalog.builds.set_status(attempt.build_id, {**status, "state": "queued"})
         self._end_attempt(attempt, AttemptEnd.STOPPED)
 
     def _record_end(self, attempt: Attempt, process: BuildProcess, code: int) -> Turn:
-        """Records the end of a build whose process ended, unless the process recorded it."""
+        """Record the end of a build whose process ended, unless the process recorded it."""
         status = self._catalog.builds.status_or_queued(attempt.build_id)
         if code == ExitCode.TRY_AGAIN:
             self._put_back(attempt)
@@ -227,7 +227,7 @@ class BuildRunner:
         return turn
 
     def _wait_for_space(self, attempt: Attempt, status: dict[str, Any], why: str) -> Turn:
-        """Queues a build again that met a full store or work folder; after several times it fails."""
+        """Queue a build again that met a full store or work folder; after several times it fails."""
         error = status["error"] or {"code": OutOfSpace.code, "detail": why}
         if self._attempts.times_without_space(attempt.build_id) >= len(PAUSES_S):
             return self._close(attempt, OutOfSpace(error["detail"]))
@@ -247,7 +247,7 @@ class BuildRunner:
         return Turn.PUT_BACK
 
     def _close(self, attempt: Attempt, error: FirstfixError) -> Turn:
-        """Records the end of the build, if it is not on record yet."""
+        """Record the end of the build, if it is not on record yet."""
         build_id = attempt.build_id
         status = self._catalog.builds.status_or_queued(build_id)
         if status["state"] in FINAL_STATES:
@@ -264,7 +264,7 @@ class BuildRunner:
     def _end_attempt(
         self, attempt: Attempt, how: AttemptEnd, *, status: dict[str, Any] | None = None, why: str = ""
     ) -> None:
-        """Records the end of the attempt, and charges its time to the owner of the build."""
+        """Record the end of the attempt, and charge its time to the owner of the build."""
         ran_s = self._watch.ran_s
         self._attempts.end(attempt, how, status=status, why=why, ran_s=ran_s)
         if self._owner is None:
@@ -299,7 +299,7 @@ class BuildRunner:
         _log.info("build ended", build_id=build_id, state=state)
 
     async def _insist(self, record: Callable[..., Turn], *arguments: Any) -> Turn:
-        """Tries until the store accepts the record: an end that is not on record counts as a lost attempt."""
+        """Try until the store accepts the record: an end that is not on record counts as a lost attempt."""
         while True:
             try:
                 return await BUILDS.run(record, *arguments)
@@ -309,7 +309,7 @@ class BuildRunner:
 
 
 def count_build(records: BuildRecords, metrics: Metrics, build_id: str, state: str) -> None:
-    """Counts a build that ended, and the times of its stages if its process recorded them."""
+    """Count a build that ended, and the times of its stages if its process recorded them."""
     metrics.builds.labels(state).inc()
     with suppress(FirstfixError, TypeError, ValueError, KeyError):  # missing times of one build do no harm
         for stage in records.stages(build_id):

@@ -16,14 +16,14 @@ from .queue import BuildQueue, EmbeddedBuildQueue
 
 
 def builder_is_installed() -> bool:
-    """Returns whether this installation can build maps. It finds the mesh tool without importing it."""
+    """Whether this installation can build maps. It finds the mesh tool without importing it."""
     return all(importlib.util.find_spec(name) is not None for name in ("firstfix_builder", "open3d"))
 
 
 def start_builds(
     settings: Settings, catalog: Catalog, metrics: Metrics, stack: AsyncExitStack
 ) -> BuildQueue | None:
-    """Starts the build queue, which runs until the stack is closed.
+    """Start the build queue, which runs until the stack is closed.
 
     Returns None if this process only records builds and another one runs them.
     """

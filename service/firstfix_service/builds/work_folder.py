@@ -37,14 +37,14 @@ class Holder:
 
     @classmethod
     def read(cls, lock: Path) -> Holder:
-        """Reads what the process that has the lock has written into it."""
+        """Read what the process that has the lock has written into it."""
         with suppress(OSError, ValueError, KeyError, TypeError):
             said = json.loads(lock.read_bytes())
             return cls(int(said["pid"]), str(said["store"]))
         return cls()
 
     def why_others_wait(self, store: str) -> str | None:
-        """Returns why builds of a store do not begin; None: this process runs them."""
+        """Why builds of a store do not begin; None: this process runs them."""
         if self.store == store:
             return None
         whose = "builds of another store" if self.store else "builds"
@@ -71,7 +71,7 @@ class WorkFolder:
 
     @classmethod
     def take(cls, path: Path, store: str = "") -> WorkFolder | Holder:
-        """Takes the folder; returns the process that has it, if another one has.
+        """Take the folder; returns the process that has it, if another one has.
 
         Args:
             store: identity of the store whose builds this process runs.
@@ -102,7 +102,7 @@ class WorkFolder:
     async def wait_for(
         cls, path: Path, settings: Settings, tell: Callable[[str | None], None] = lambda why: None
     ) -> WorkFolder:
-        """Takes the folder as soon as it is free. During a deployment the old process may still have it.
+        """Take the folder as soon as it is free. During a deployment the old process may still have it.
 
         Args:
             tell: called with the reason why builds wait, whenever it is looked for; None: they do not.
@@ -123,7 +123,7 @@ class WorkFolder:
         return found
 
     def release(self) -> None:
-        """Gives the folder back."""
+        """Give the folder back."""
         os.close(self._handle)
 
 

@@ -83,7 +83,7 @@ class BuildWorkerHealth:
                 _log.error("cannot listen on the health port")
 
     async def beat(self) -> None:
-        """Shows that the event loop is alive, until it is cancelled."""
+        """Show that the event loop is alive, until it is cancelled."""
         while True:
             self._last_beat = time.monotonic()
             await asyncio.sleep(PERIOD_S)
@@ -99,7 +99,7 @@ class BuildWorkerHealth:
         return JSONResponse({"status": "ready" if ready else "NATS does not answer"}, 200 if ready else 503)
 
     def metrics(self, request: Request) -> Response:
-        """Answers with the metrics."""
+        """Answer with the metrics."""
         body, media_type = self._metrics.exposition()
         return Response(body, headers={"Content-Type": media_type})
 
@@ -127,7 +127,7 @@ class BuildWorker:
         self._builds = self.queue.builds
 
     async def run(self) -> None:
-        """Runs until it is cancelled. Running builds are then stopped and go back to the queue at once."""
+        """Run until it is cancelled. Running builds are then stopped and go back to the queue at once."""
         async with AsyncExitStack() as stack:
             run_in_background(stack, self.queue.run(), "build-queue")
             if self._settings.shared_stages_bytes:
@@ -192,7 +192,7 @@ class BuildWorker:
             await message.nak(PUT_BACK_S)
 
     async def _settle(self, build_id: str, message: Any) -> None:
-        """Removes the message of a build that has ended, after the reason of a dead build is kept."""
+        """Remove the message of a build that has ended, after the reason of a dead build is kept."""
         error = (await BUILDS.run(self._catalog.builds.status_or_queued, build_id))["error"]
         if error is not None and error["code"] == BuildAttemptsExceeded.code:
             await self._builds.bury(build_id, error["detail"])
@@ -206,7 +206,7 @@ class BuildWorker:
 
     @asynccontextmanager
     async def _renewed(self, message: Any) -> AsyncIterator[None]:
-        """Keeps the message from being delivered to another build worker while the block runs."""
+        """Keep the message from being delivered to another build worker while the block runs."""
 
         async def renew() -> None:
             from nats.errors import Error
@@ -224,7 +224,7 @@ class BuildWorker:
 
 
 def run_worker(settings: Settings, *, concurrency: int, health_port: int | None) -> None:
-    """Runs a build worker until SIGTERM or SIGINT.
+    """Run a build worker until SIGTERM or SIGINT.
 
     Raises:
         InvalidOption: the settings name no NATS server, or a file that cannot be used.

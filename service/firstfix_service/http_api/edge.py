@@ -46,7 +46,7 @@ _NOSNIFF = (b"x-content-type-options", b"nosniff")
 
 
 def needs(scope: Scope, rate: Rate = "", *, has_queue: bool = False) -> Callable[[Route], Route]:
-    """Marks the function of a route with what its callers need.
+    """Mark the function of a route with what its callers need.
 
     Args:
         rate: limit that requests count against. Reads of much data count as queries do.
@@ -56,7 +56,7 @@ def needs(scope: Scope, rate: Rate = "", *, has_queue: bool = False) -> Callable
 
 
 def public(route: Route) -> Route:
-    """Marks the function of a route that everybody may call. Large answers are in memory once, for all."""
+    """Mark the function of a route that everybody may call. Large answers are in memory once, for all."""
     return _marked(route, None)
 
 
@@ -66,13 +66,13 @@ def _marked(route: Route, what: Needs | None) -> Route:
 
 
 def needs_of(scope: ASGIScope) -> Needs | None:
-    """Returns what callers of the route need; None if it is public."""
+    """What callers of the route need; None if it is public."""
     found: Needs | None = getattr(scope.get("endpoint"), "needs", Needs(Scope.ADMIN))
     return found
 
 
 def check_routes(app: FastAPI) -> None:
-    """Checks that each route says what its callers need, and that ``authorize`` sees their requests.
+    """Check that each route says what its callers need, and that ``authorize`` sees their requests.
 
     Raises:
         TypeError: names the first route that does not.
@@ -86,7 +86,7 @@ def check_routes(app: FastAPI) -> None:
 
 
 async def authorize(request: Request) -> None:
-    """Lets a request pass in its turn, or refuses it, before its body is read. A dependency of every route.
+    """Let a request pass in its turn, or refuse it, before its body is read. A dependency of every route.
 
     Stores the ``Principal`` in ``request.state.caller`` and the ``Permission``, for later checks, in
     ``request.state.permission``. Checks the map or build in the path. Routes check the maps in a body or in
@@ -122,7 +122,7 @@ async def authorize(request: Request) -> None:
 
 
 async def caller_of(request: Request) -> Principal:
-    """Returns the caller of an authorized request."""
+    """The caller of an authorized request."""
     caller: Principal = request.state.caller
     return caller
 
@@ -164,7 +164,7 @@ class DirectRoute(APIRoute):
     """
 
     async def handle(self, scope: ASGIScope, receive: Receive, send: Send) -> None:
-        """Serves one request."""
+        """Serve one request."""
         methods = self.methods or set()
         if scope["method"] not in methods:
             raise HTTPException(405, headers={"Allow": ", ".join(sorted(methods))})
@@ -175,7 +175,7 @@ class DirectRoute(APIRoute):
 
 
 async def cancel_on_disconnect(request: Request, work: Coroutine[Any, Any, T]) -> T:
-    """Returns the result of the work, or cancels the work when the connection closes.
+    """The result of the work, or cancels the work when the connection closes.
 
     Args:
         request: its body was read to the end.
@@ -229,7 +229,7 @@ class RequestLog:
         self._turns = turns
 
     async def __call__(self, scope: ASGIScope, receive: Receive, send: Send) -> None:
-        """Serves one request within its scope."""
+        """Serve one request within its scope."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return

@@ -43,7 +43,7 @@ class EventStreams:
         look_s: float,
         *watched: AbstractContextManager[None],
     ) -> StreamingResponse:
-        """Returns a stream of events, which counts as a request under way until it ends.
+        """A stream of events, which counts as a request under way until it ends.
 
         Args:
             map_id: that the permission must cover, if any.

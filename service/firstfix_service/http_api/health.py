@@ -32,19 +32,19 @@ class HealthCheck:
         metrics.catalog_age.set_function(self.catalog_age_s)
 
     def catalog_read(self) -> None:
-        """Records that the catalog was read."""
+        """Record that the catalog was read."""
         self._read_at, self._error = time.monotonic(), None
 
     def catalog_failed(self, error: BaseException) -> None:
-        """Records a failed read. Only the error's code is shown: its text may name hosts and paths."""
+        """Record a failed read. Only the error's code is shown: its text may name hosts and paths."""
         self._error = error.code if isinstance(error, FirstfixError) else FirstfixError.code
 
     def catalog_age_s(self) -> float:
-        """Returns the seconds since the catalog was read, or since the start if it never was."""
+        """The seconds since the catalog was read, or since the start if it never was."""
         return time.monotonic() - (self._started if self._read_at is None else self._read_at)
 
     def why_not_ready(self) -> str | None:
-        """Returns the reason, or None if the service is ready.
+        """The reason, or None if the service is ready.
 
         It stays ready when the store fails later: loaded maps go on answering.
         """
@@ -55,7 +55,7 @@ class HealthCheck:
         return "the maps are being loaded"
 
     def details(self) -> dict[str, Any]:
-        """Returns the details of /readyz, for people: faults that do not stop queries."""
+        """The details of /readyz, for people: faults that do not stop queries."""
         placement = self._maps.placement
         return {
             "maps": len(self._maps.served),

@@ -49,7 +49,7 @@ class MadeOnce(Generic[Made]):
         self._places: OrderedDict[Hashable, _Place[Made]] = OrderedDict()
 
     def of(self, key: Hashable, state: Hashable, make: Callable[[], Made]) -> Made:
-        """Returns what was made for this state, which is made now if it was not.
+        """What was made for this state, which is made now if it was not.
 
         Args:
             state: looked at before ``make`` reads: what it makes may be newer, but never older.
@@ -64,7 +64,7 @@ class MadeOnce(Generic[Made]):
             return place.made
 
     def _drop_old(self) -> None:
-        """Drops those not used for longest, beyond the limits."""
+        """Drop those not used for longest, beyond the limits."""
         with self._lock:
             while len(self._places) > 1 and (
                 len(self._places) > self._most

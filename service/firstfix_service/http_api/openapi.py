@@ -17,7 +17,7 @@ class DocumentedApp(FastAPI):
     """An app whose document also has the schemas that no route's signature names."""
 
     def openapi(self) -> dict[str, Any]:
-        """Returns the document."""
+        """The document."""
         if self.openapi_schema is None:
             schemas = super().openapi()["components"]["schemas"]
             schemas.update({**CONFIG_SCHEMAS, **SCHEMAS})
@@ -25,7 +25,7 @@ class DocumentedApp(FastAPI):
         return self.openapi_schema
 
     def setup(self) -> None:
-        """Adds the document's route.
+        """Add the document's route.
 
         Its bytes are made once: the route is public, and making them takes longer than a query.
         """

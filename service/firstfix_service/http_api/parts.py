@@ -95,7 +95,7 @@ class BuildParts:
 
 
 def part_of(request: Request, kind: type[Part]) -> Part:
-    """Returns a part of the service that answers a request.
+    """A part of the service that answers a request.
 
     Raises:
         FirstfixError: the service has not started yet, see ``firstfix_service.startup.retry``.
@@ -105,7 +105,7 @@ def part_of(request: Request, kind: type[Part]) -> Part:
 
 
 def part(kind: type[Part]) -> Any:
-    """Returns the dependency of a route on a part."""
+    """The dependency of a route on a part."""
 
     async def find(request: Request) -> Part:
         return part_of(request, kind)

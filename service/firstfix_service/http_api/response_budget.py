@@ -25,7 +25,7 @@ class ResponseLease:
         self._lease: Lease | None = None
 
     def take(self, size_bytes: int) -> None:
-        """Takes room for a body of this size, before it is read into memory. Short bodies need none.
+        """Take room for a body of this size, before it is read into memory. Short bodies need none.
 
         Raises:
             QuotaExceeded: the caller, or its address, has not taken in its other answers.
@@ -41,7 +41,7 @@ class ResponseLease:
             self._lease.grow(size_bytes - self._lease.size)
 
     def end(self) -> None:
-        """Gives the room back: the caller has taken the answer in, or has gone."""
+        """Give the room back: the caller has taken the answer in, or has gone."""
         if self._lease is not None:
             self._lease.end()
 
@@ -57,7 +57,7 @@ class CountedAnswers:
         self._budget = budget
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serves one request."""
+        """Serve one request."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return

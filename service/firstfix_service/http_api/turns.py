@@ -23,7 +23,7 @@ class Turn:
         self._was_counted = False
 
     async def wait_to_begin(self, caller: str = "") -> bool:
-        """Waits before the work for a request until it is within the rate of who asks.
+        """Wait before the work for a request until it is within the rate of who asks.
 
         Args:
             caller: empty: unauthenticated.
@@ -41,7 +41,7 @@ class Turn:
         return wait_s > 0.0
 
     async def wait_to_answer(self, caller: str) -> None:
-        """Waits before the answer to a request that did not wait before its work: nobody knew who asks.
+        """Wait before the answer to a request that did not wait before its work: nobody knew who asks.
 
         Args:
             caller: empty: unauthenticated.
@@ -51,7 +51,7 @@ class Turn:
             await self._delay(wait_s)
 
     def _take(self, caller: str) -> float:
-        """Counts the request, and returns how long it has to wait, seconds."""
+        """Count the request, and return how long it has to wait, seconds."""
         if self._was_counted or DELAY_ANSWER not in self._scope.get("extensions", {}):
             return 0.0
         self._was_counted = True
@@ -70,6 +70,6 @@ class Turn:
 
 
 def turn_of(request: Request) -> Turn:
-    """Returns the turn of a request."""
+    """The turn of a request."""
     turn: Turn = request.state.turn
     return turn

@@ -88,7 +88,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         )
 
     def overdue(self, now: float) -> EndReason | None:
-        """Returns the reason to end the connection now, if there is one."""
+        """The reason to end the connection now, if there is one."""
         limits = self._limits
         last_check, self._checked_at = self._checked_at, now
         if self._pace.is_paused:
@@ -116,13 +116,13 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         return EndReason.IDLE if now - self._since > limits.keep_alive_s else None
 
     def abort(self) -> None:
-        """Ends the connection at once."""
+        """End the connection at once."""
         self.transport.abort()
 
     # Called by the transport
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Asks for a place among the connections."""
+        """Ask for a place among the connections."""
         super().connection_made(transport)
         limit_kernel_buffer(transport.get_extra_info("socket"))
         self._wait_for(Reading.HEAD)
@@ -132,14 +132,14 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             self.transport.close()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Gives the place back."""
+        """Give the place back."""
         self._all.leave(self)
         super().connection_lost(exc)
         self._body_ended(ClientDisconnect())
         self._delay.end()
 
     def data_received(self, data: bytes) -> None:
-        """Parses data, or drops it while the connection lingers."""
+        """Parse data, or drop it while the connection lingers."""
         if self._is_lingering or self._is_out_of_step:
             self._linger_bytes += len(data)
             if self._linger_bytes > self._linger_limit:
@@ -151,7 +151,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             self._refuse(*_TOO_LARGE)
 
     def eof_received(self) -> bool:  # type: ignore[override]
-        """Keeps the connection open for the answers to complete requests.
+        """Keep the connection open for the answers to complete requests.
 
         A caller that has closed both directions looks the same, and its work should end. An interim response
         tells them apart: the system of a caller that is gone refuses it, and any other caller skips it. A
@@ -170,37 +170,37 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         return True
 
     def pause_writing(self) -> None:
-        """Starts to measure how fast the caller reads."""
+        """Start to measure how fast the caller reads."""
         super().pause_writing()
         self._pace.paused(self.loop.time())
 
     def resume_writing(self) -> None:
-        """Ends the measurement: the caller has read enough."""
+        """End the measurement: the caller has read enough."""
         super().resume_writing()
         self._pace.resumed(self.loop.time())
 
     # Called by the parser
 
     def on_message_begin(self) -> None:
-        """Starts the head of a request."""
+        """Start the head of a request."""
         super().on_message_begin()
         self._head_bytes = self._headers = self._body_bytes = 0
         self._wait_for(Reading.HEAD)
 
     def on_url(self, url: bytes) -> None:
-        """Counts the URL as part of the head."""
+        """Count the URL as part of the head."""
         self._count_head(len(url))
         super().on_url(url)
 
     def on_header(self, name: bytes, value: bytes) -> None:
-        """Counts a header as part of the head."""
+        """Count a header as part of the head."""
         self._headers += 1
         self._count_head(len(name) + len(value) + 4)
         if self._reading is Reading.HEAD:  # otherwise it is a trailer, which is ignored
             super().on_header(name, value)
 
     def on_headers_complete(self) -> None:
-        """Starts the request, if the connection may make it."""
+        """Start the request, if the connection may make it."""
         self._overhead_bytes = 0
         path = self.url.partition(b"?")[0]
         if self._use is ConnectionUse.HEALTH_ONLY and path not in HEALTH_PATHS:
@@ -220,13 +220,13 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._wait_for(Reading.BODY)
 
     def on_body(self, body: bytes) -> None:
-        """Counts a piece of the body."""
+        """Count a piece of the body."""
         self._overhead_bytes = 0
         self._body_bytes += len(body)
         super().on_body(body)
 
     def on_message_complete(self) -> None:
-        """Ends the request: the connection may be kept alive now."""
+        """End the request: the connection may be kept alive now."""
         self._overhead_bytes = 0
         super().on_message_complete()
         if not self.cycle.response_started:
@@ -234,13 +234,13 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._wait_for(Reading.BETWEEN)
 
     def send_400_response(self, msg: str) -> None:
-        """Answers a request that the parser refused."""
+        """Answer a request that the parser refused."""
         self._refuse(*(self._refusal or (b"400 Bad Request", msg)))
 
     # Called by the cycle of the answer and by the server
 
     def on_response_complete(self) -> None:
-        """Waits for the next request."""
+        """Wait for the next request."""
         if self._is_lingering:
             self.server_state.total_requests += 1
             return
@@ -251,12 +251,12 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             self.transport.close()
 
     def shutdown(self) -> None:
-        """Ends the connection after the current answer."""
+        """End the connection after the current answer."""
         self._keep_alive = False
         super().shutdown()
 
     def _end_after_answer(self) -> None:
-        """Closes the connection after an answer.
+        """Close the connection after an answer.
 
         If the request is still arriving, the connection lingers first: the operating system would drop the
         answer if the connection were closed with unread data.
@@ -270,7 +270,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             self.transport.close()
 
     def _body_ended(self, error: Exception | None) -> None:
-        """Ends the reception of a body into a buffer, and parses what comes next.
+        """End the reception of a body into a buffer, and parse what comes next.
 
         Args:
             error: why the body is not complete; None: it is.
@@ -291,7 +291,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             body.set_result(None)
 
     async def _receive_into(self, cycle: RequestResponseCycle, buffer: memoryview, arrived: Arrived) -> None:
-        """Receives the body of a request, see ``ReceiveInto``."""
+        """Receive the body of a request, see ``ReceiveInto``."""
         if cycle.waiting_for_100_continue and not cycle.transport.is_closing():
             cycle.transport.write(_CONTINUE)
             cycle.waiting_for_100_continue = False
@@ -316,7 +316,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._pace.begin(size_bytes, self.transport.get_write_buffer_size())
 
     def _look_for_reset(self) -> None:
-        """Ends the connection if the caller's system has refused what was sent last: the caller is gone."""
+        """End the connection if the caller's system has refused what was sent last: the caller is gone."""
         connection = self.transport.get_extra_info("socket")
         if connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
             self.abort()
@@ -359,7 +359,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         raise _Refusal
 
     def _refuse(self, status: bytes, text: str) -> None:
-        """Sends a short refusal in plain text: there is no problem document before the route is known.
+        """Send a short refusal in plain text: there is no problem document before the route is known.
 
         Nothing is sent if the caller could take it for the answer to an earlier request, or a part of it.
         """
@@ -377,7 +377,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         )
 
     def _linger(self) -> None:
-        """Closes this side for writing, and drops received data for a while."""
+        """Close this side for writing, and drops received data for a while."""
         if self._answering:  # tells the reader of the body that no more of it will arrive
             self.cycle.disconnected = True
             self.cycle.message_event.set()

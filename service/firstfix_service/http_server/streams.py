@@ -29,7 +29,7 @@ Raises ClientDisconnect if the caller goes, or the error of ``Arrived``.
 
 
 def in_pieces(app: App, begins: Callable[[int], None]) -> App:
-    """Returns an app whose long bodies go out in pieces, as the caller takes them in.
+    """An app whose long bodies go out in pieces, as the caller takes them in.
 
     One long write would keep the event loop from all other callers. Between two pieces they have their turn,
     and a piece waits until the transport has room for it.
@@ -57,12 +57,12 @@ def in_pieces(app: App, begins: Callable[[int], None]) -> App:
 
 
 def declared_bytes(headers: Iterable[tuple[bytes, bytes]]) -> int:
-    """Returns the Content-Length, or 0."""
+    """The Content-Length, or 0."""
     return next((int(value) for name, value in headers if name.lower() == b"content-length"), 0)
 
 
 def limit_kernel_buffer(connection: socket.socket | None) -> None:
-    """Bounds what the system holds of answers beyond that which is on its way to the caller.
+    """Bound what the system holds of answers beyond that which is on its way to the caller.
 
     Otherwise it takes up to 4 MB of each connection: as memory, and as if the caller had read it.
     """
@@ -86,7 +86,7 @@ class AnswerDelay:
         return self._is_under_way
 
     async def wait(self, seconds: float) -> bool:
-        """Waits for some seconds. Returns False, at once, when the connection has ended."""
+        """Wait for some seconds. Returns False, at once, when the connection has ended."""
         self._is_under_way = True
         try:
             async with asyncio.timeout(seconds):
@@ -98,7 +98,7 @@ class AnswerDelay:
         return False
 
     def end(self) -> None:
-        """Ends the wait, because the connection has ended."""
+        """End the wait, because the connection has ended."""
         self._ended.set()
 
 
@@ -123,7 +123,7 @@ class ReadingPace:
         return self._paused_at is not None
 
     def begin(self, size_bytes: int, unsent_bytes: int) -> None:
-        """Begins an answer.
+        """Begin an answer.
 
         Args:
             size_bytes: of its body; 0: not known.
@@ -138,18 +138,18 @@ class ReadingPace:
         self._written_bytes += count
 
     def paused(self, now: float) -> None:
-        """Notes that the transport takes no more, because the caller takes in too little."""
+        """Note that the transport takes no more, because the caller takes in too little."""
         if self._paused_at is None:
             self._paused_at = now
 
     def resumed(self, now: float) -> None:
-        """Notes that the transport takes more."""
+        """Note that the transport takes more."""
         if self._paused_at is not None:
             self._waited_s += now - self._paused_at
             self._paused_at = None
 
     def is_too_slow(self, now: float, unsent_bytes: int) -> bool:
-        """Returns whether the caller has taken in too little for the time that it had.
+        """Whether the caller has taken in too little for the time that it had.
 
         Args:
             unsent_bytes: that the transport still has to send.
@@ -188,7 +188,7 @@ class AnswerTransport:
         self._head_was_written = False
 
     def write(self, data: bytes | memoryview) -> None:
-        """Writes a head or a piece of a body, unless the connection drops answers."""
+        """Write a head or a piece of a body, unless the connection drops answers."""
         if self._cycle.response_started and not self._head_was_written:  # else 100 Continue, or a body
             self._head_was_written = True
             if self._cycle.scope["method"] != "HEAD":
@@ -201,11 +201,11 @@ class AnswerTransport:
             self._connection.transport.write(head + data if head else data)
 
     def is_closing(self) -> bool:
-        """Returns True if nothing more can be written."""
+        """True if nothing more can be written."""
         return self._is_dropped() or self._connection.transport.is_closing()
 
     def close(self) -> None:
-        """Ends the connection after what was written."""
+        """End the connection after what was written."""
         self._flush()
         self._end()
 
@@ -235,7 +235,7 @@ class BodyReceiver(asyncio.BufferedProtocol):
         self._ended = ended
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Returns the memory for the next bytes."""
+        """The memory for the next bytes."""
         return self._left
 
     def buffer_updated(self, nbytes: int) -> None:

@@ -15,7 +15,7 @@ UNKNOWN = "unknown"
 
 
 def client_address(peer: str | None, forwarded_for: Iterable[str], trusted: Iterable[Network]) -> str:
-    """Returns the address of the nearest caller that is not a trusted proxy; for IPv6 its /64 network.
+    """The address of the nearest caller that is not a trusted proxy; for IPv6 its /64 network.
 
     Args:
         peer: address of the connection, if known.
@@ -35,7 +35,7 @@ def client_address(peer: str | None, forwarded_for: Iterable[str], trusted: Iter
 
 
 def address_of(scope: Scope, trusted: Iterable[Network]) -> str:
-    """Returns the address of a request's caller, see ``client_address``."""
+    """The address of a request's caller, see ``client_address``."""
     peer = scope["client"][0] if scope.get("client") else None
     forwarded_for = [
         value.decode("latin-1") for name, value in scope["headers"] if name == b"x-forwarded-for"
@@ -44,7 +44,7 @@ def address_of(scope: Scope, trusted: Iterable[Network]) -> str:
 
 
 def is_within(peer: str | None, networks: Iterable[Network]) -> bool:
-    """Returns whether the address of a connection is in one of these networks."""
+    """Whether the address of a connection is in one of these networks."""
     address = _parsed(peer or "")
     return address is not None and _is_in(address, networks)
 

@@ -58,20 +58,20 @@ class ByteBudget:
 
     @classmethod
     def of_bodies(cls, max_bytes: int) -> ByteBudget:
-        """Returns the budget of the bodies of queries."""
+        """The budget of the bodies of queries."""
         return cls(max_bytes, _of_bodies, is_strict=True)
 
     @classmethod
     def of_answers(cls, max_bytes: int) -> ByteBudget:
-        """Returns the budget of large answers that wait to be read."""
+        """The budget of large answers that wait to be read."""
         return cls(max_bytes, _of_answers, kept=8)
 
     def lease(self, *owners: Owner) -> Lease:
-        """Returns a lease without bytes."""
+        """A lease without bytes."""
         return Lease(self, owners)
 
     def count(self, lease: Lease, owners: tuple[Owner, ...], more: int) -> None:
-        """Counts a lease with more bytes, for these owners. Raises the refusal: then it stays as it is."""
+        """Count a lease with more bytes, for these owners. Raises the refusal: then it stays as it is."""
         size = lease.size + more
         with self._lock:
             for owner in owners:
@@ -87,7 +87,7 @@ class ByteBudget:
             self.bytes += more
 
     def give_back(self, owners: tuple[Owner, ...], size: int) -> None:
-        """Ends the count of so many bytes of these owners."""
+        """End the count of so many bytes of these owners."""
         with self._lock:
             self._add(owners, -size)
             self.bytes -= size
@@ -114,7 +114,7 @@ class Lease:
         self.owners = owners
 
     def grow(self, count: int) -> None:
-        """Counts more bytes.
+        """Count more bytes.
 
         Raises:
             QuotaExceeded, Overloaded: an owner, or all together, would have too many. They are not counted.
@@ -123,7 +123,7 @@ class Lease:
         self.size += count
 
     def name(self, *owners: Owner) -> None:
-        """Counts all bytes for their owners.
+        """Count all bytes for their owners.
 
         Raises:
             QuotaExceeded, Overloaded: an owner would have too many. They count as before.
@@ -132,13 +132,13 @@ class Lease:
         self.owners = owners
 
     def end(self) -> None:
-        """Ends the count. A second call does nothing."""
+        """End the count. A second call does nothing."""
         self._budget.give_back(self.owners, self.size)
         self.size = 0
 
 
 def owners_of_body(caller: str) -> tuple[Owner, ...]:
-    """Returns the owner of a query's body, who has at most half of the budget; none if it is not known."""
+    """The owner of a query's body, who has at most half of the budget; none if it is not known."""
     return (Owner("caller", caller, 2),) if caller else ()
 
 

@@ -31,7 +31,7 @@ class ConcurrencyLimit:
 
     @contextmanager
     def request(self, caller: str) -> Iterator[None]:
-        """Counts one request of a caller until the block ends.
+        """Count one request of a caller until the block ends.
 
         Raises:
             QuotaExceeded: the caller has reached its limit.

@@ -49,14 +49,14 @@ class Connection(Protocol):
         """True if no work is done for the caller now, so that no work is lost if the connection ends."""
 
     def overdue(self, now: float) -> EndReason | None:
-        """Returns the reason to end the connection now, if there is one.
+        """The reason to end the connection now, if there is one.
 
         Args:
             now: time of the event loop's clock.
         """
 
     def abort(self) -> None:
-        """Ends the connection at once, without sending the rest."""
+        """End the connection at once, without sending the rest."""
 
 
 class Connections:
@@ -87,7 +87,7 @@ class Connections:
         return self._total + len(self._reserve)
 
     def admit(self, connection: Connection) -> ConnectionUse:
-        """Finds a place for a new connection.
+        """Find a place for a new connection.
 
         If there is no place, a connection that waits for its caller is ended: one of the same address if that
         has too many connections, otherwise one of the address with the most connections.
@@ -100,7 +100,7 @@ class Connections:
         return use
 
     def leave(self, connection: Connection) -> None:
-        """Removes a closed connection. A second call does nothing."""
+        """Remove a closed connection. A second call does nothing."""
         if connection in self._reserve:
             del self._reserve[connection]
             return
@@ -134,7 +134,7 @@ class Connections:
         return any(self._make_room(self._open[address]) for address in fullest)
 
     def _make_room(self, among: dict[Connection, None]) -> bool:
-        """Ends the oldest of these connections that waits for its caller. Returns False if there is none."""
+        """End the oldest of these connections that waits for its caller. Returns False if there is none."""
         oldest = next((one for one in among if one.waits_for_caller), None)
         if oldest is None:
             return False

@@ -25,7 +25,7 @@ class DiskSpace:
 
     @contextmanager
     def reserve(self, what: str, directory: Path | None) -> Iterator[Reservation]:
-        """Opens a reservation of zero bytes on the directory's disk. It is given back when the block ends.
+        """Open a reservation of zero bytes on the directory's disk. It is given back when the block ends.
 
         This does not block: the disk is only read by ``Reservation.ensure`` and ``take``.
 
@@ -89,7 +89,7 @@ class Reservation:
         return self.promised_bytes - self.written_bytes
 
     def ensure(self, size_bytes: int) -> None:
-        """Reserves so many bytes in all, if fewer are reserved.
+        """Reserve so many bytes in all, if fewer are reserved.
 
         Raises:
             OutOfSpace: there is not enough room beside the other reservations.
@@ -97,7 +97,7 @@ class Reservation:
         self._ledger.ensure(self, size_bytes, 0)
 
     def take(self, size_bytes: int) -> None:
-        """Announces a write of so many bytes. Call it after the previous write has ended.
+        """Announce a write of so many bytes. Call it after the previous write has ended.
 
         Raises:
             OutOfSpace: the bytes are not reserved and there is no room, or the disk is full.

@@ -76,13 +76,13 @@ class UsualQuery:
 
     @classmethod
     def after(cls, usual: UsualQuery | None, seconds: float, size_bytes: int) -> UsualQuery:
-        """Returns the usual query after one more; None: before the first one."""
+        """The usual query after one more; None: before the first one."""
         if usual is None:
             return cls(seconds, size_bytes)
         return cls(_mean(usual.seconds, seconds), _mean(usual.size_bytes, size_bytes))
 
     def expected_s(self, size_bytes: int) -> float:
-        """Returns the time that a query will take: as usual, and longer in proportion if it is larger."""
+        """The time that a query will take: as usual, and longer in proportion if it is larger."""
         return self.seconds * max(1.0, size_bytes / max(1.0, self.size_bytes))
 
 
@@ -168,7 +168,7 @@ class FairQueue:
         return 1.0 if self._usual is None else self._usual.seconds
 
     def add(self, job: Job) -> None:
-        """Adds a query that is being prepared."""
+        """Add a query that is being prepared."""
         caller = self._callers.setdefault(job.asker.caller, _Caller())
         of_map = caller.maps.setdefault(job.asker.map_id, _Map())
         of_map.waiting[job] = None
@@ -180,7 +180,7 @@ class FairQueue:
         self.size += 1
 
     def make_ready(self, job: Job) -> None:
-        """Lets a prepared query wait for its turn."""
+        """Let a prepared query wait for its turn."""
         caller, of_map = self._shares(job)
         job.state, job.ready_since = State.READY, self._clock()
         of_map.ready[job] = None
@@ -188,14 +188,14 @@ class FairQueue:
         of_map.used_s = max(of_map.used_s, caller.virtual_time_s)
 
     def remove(self, job: Job) -> None:
-        """Removes a query that waits."""
+        """Remove a query that waits."""
         _, of_map = self._shares(job)
         del of_map.waiting[job]
         of_map.ready.pop(job, None)
         self._leave(job)
 
     def next(self) -> Job | None:
-        """Returns the query to run now, which then counts as running; None if no query can run."""
+        """The query to run now, which then counts as running; None if no query can run."""
         if self._running >= self._workers:
             return None
         callers = [one for one in self._present.values() if one.ready]
@@ -214,7 +214,7 @@ class FairQueue:
         return None
 
     def ended(self, job: Job, seconds: float) -> None:
-        """Removes a query whose work has ended, after so many seconds."""
+        """Remove a query whose work has ended, after so many seconds."""
         caller, of_map = self._shares(job)
         self._running -= 1
         self._slow.ended(job.asker, job.is_slow)
@@ -230,12 +230,12 @@ class FairQueue:
         return any(caller.ready for caller in self._present.values())
 
     def waiting(self) -> list[Job]:
-        """Returns all queries that wait."""
+        """All queries that wait."""
         maps = [of_map for caller in self._present.values() for of_map in caller.maps.values()]
         return [job for of_map in maps for job in of_map.waiting]
 
     def crowding(self, asker: Asker) -> Job | None:
-        """Returns the query that makes room for another one; None if who asks has as many as anybody.
+        """The query that makes room for another one; None if who asks has as many as anybody.
 
         It is the newest of the caller with most queries. If the one who asks is that caller, it is the newest
         of its map with most.
@@ -263,7 +263,7 @@ class FairQueue:
         self._slow.began(job.asker, job.is_slow)
 
     def _leave(self, job: Job) -> None:
-        """Gives back the place of a query."""
+        """Give back the place of a query."""
         caller, of_map = self._shares(job)
         job.state = State.GONE
         caller.places -= 1
@@ -296,7 +296,7 @@ S = TypeVar("S", _Caller, _Map)
 
 
 def _by_turns(shares: Iterable[S]) -> list[S]:
-    """Sorts those who are ready: by the time that they have used, and by how long they wait."""
+    """Sort those who are ready: by the time that they have used, and by how long they wait."""
     return sorted(shares, key=lambda one: (one.used_s, one.ready_since))
 
 

@@ -104,7 +104,7 @@ class Limits:
 
     @classmethod
     def of(cls, settings: Settings, open_files: int | None = None) -> Limits:
-        """Returns the limits of a service with these settings.
+        """The limits of a service with these settings.
 
         Args:
             open_files: limit of this process; default: the system's.
@@ -112,7 +112,7 @@ class Limits:
         return cls().with_settings(settings, open_files)
 
     def with_settings(self, settings: Settings, open_files: int | None = None) -> Limits:
-        """Returns these limits where the settings and the machine say nothing else, see ``of``."""
+        """These limits where the settings and the machine say nothing else, see ``of``."""
         if open_files is None:
             open_files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
         connections, exposed = self._connections(open_files), bool(exposed_at(settings))

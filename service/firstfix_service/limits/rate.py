@@ -43,7 +43,7 @@ class Rate:
         return len(self._buckets)
 
     def take(self, name: str) -> float:
-        """Takes one token from the caller's bucket.
+        """Take one token from the caller's bucket.
 
         Returns:
             seconds for which the request waits: callers who do keep to the rate.
@@ -60,7 +60,7 @@ class Rate:
         return max(0.0, -tokens / self._per_s)
 
     def give_back(self, name: str) -> None:
-        """Gives one token back: what it was taken for is not done."""
+        """Give one token back: what it was taken for is not done."""
         self._keep(name, min(self._burst, self._tokens(name) + 1.0))
 
     def _tokens(self, name: str) -> float:

@@ -22,35 +22,35 @@ class SlowShare:
         self._callers, self._maps = _Names(clock), _Names(clock)
 
     def is_slow(self, expected_s: float) -> bool:
-        """Returns whether a query counts as slow, beside others that are not."""
+        """Whether a query counts as slow, beside others that are not."""
         return self._workers > 1 and expected_s > Limits.slow_query_s
 
     def may_begin(self, asker: Asker) -> bool:
-        """Returns whether another slow query of this caller and map leaves a worker to the others."""
+        """Whether another slow query of this caller and map leaves a worker to the others."""
         return all(
             names.slow[name] < self._workers - 1 or not names.has_others(name)
             for names, name in self._both(asker)
         )
 
     def entered(self, asker: Asker) -> None:
-        """Notes that a query came into the gate."""
+        """Note that a query came into the gate."""
         for names, name in self._both(asker):
             names.present[name] += 1
 
     def left(self, asker: Asker) -> None:
-        """Notes that a query left the gate."""
+        """Note that a query left the gate."""
         for names, name in self._both(asker):
             names.present -= Counter((name,))
 
     def began(self, asker: Asker, is_slow: bool) -> None:
-        """Notes that a worker has a query."""
+        """Note that a worker has a query."""
         for names, name in self._both(asker):
             names.answered_now(name)
             if is_slow:
                 names.slow[name] += 1
 
     def ended(self, asker: Asker, is_slow: bool) -> None:
-        """Notes that the worker has answered."""
+        """Note that the worker has answered."""
         for names, name in self._both(asker):
             names.answered_now(name)
             if is_slow:
@@ -75,14 +75,14 @@ class _Names:
         self.slow: Counter[str] = Counter()
 
     def answered_now(self, name: str) -> None:
-        """Notes that a query of this name runs. Names that are never answered may be invented."""
+        """Note that a query of this name runs. Names that are never answered may be invented."""
         self._answered[name] = self._clock()
         self._answered.move_to_end(name)
         if len(self._answered) > _MAX_NAMES:
             self._answered.popitem(last=False)
 
     def has_others(self, name: str) -> bool:
-        """Returns whether another name has a query in the gate, or was answered lately."""
+        """Whether another name has a query in the gate, or was answered lately."""
         if len(self.present) > (name in self.present):
             return True
         since = self._clock() - Limits.recent_s

@@ -54,7 +54,7 @@ class AnswerCounts:
         self._lock = threading.Lock()
 
     def add(self, map_id: str, is_localized: bool) -> None:
-        """Counts an answer that is given now."""
+        """Count an answer that is given now."""
         now_s = self._clock()
         step = int(now_s // STEP_S)
         with self._lock:
@@ -71,7 +71,7 @@ class AnswerCounts:
                 self._maps.popitem(last=False)
 
     def of_maps(self) -> list[MapCounts]:
-        """Returns the counts of all maps that were asked, by their ids."""
+        """The counts of all maps that were asked, by their ids."""
         now_s = self._clock()
         with self._lock:
             map_ids = sorted(self._maps)

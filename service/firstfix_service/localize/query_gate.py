@@ -40,7 +40,7 @@ class Closeable(Protocol):
     """Resources of a query while it waits and runs."""
 
     def close(self) -> None:
-        """Gives the resources back."""
+        """Give the resources back."""
         ...
 
 
@@ -70,7 +70,7 @@ class QueryGate:
         self._giving_up: asyncio.TimerHandle | None = None
 
     def add_worker(self, worker: QueryWorker) -> None:
-        """Adds a worker that is up. Thread-safe."""
+        """Add a worker that is up. Thread-safe."""
         _in(self._loop, self._worker_came, worker)
 
     @property
@@ -79,7 +79,7 @@ class QueryGate:
         return self._queue.size
 
     def check_room(self, asker: Asker) -> None:
-        """Checks that there is room for one more query now. ``run`` takes the room.
+        """Check that there is room for one more query now. ``run`` takes the room.
 
         Raises:
             Overloaded: the pool is full, or the service stops.
@@ -96,7 +96,7 @@ class QueryGate:
         deadline: float = math.inf,
         check: Callable[[], Awaitable[None]] | None = None,
     ) -> T:
-        """Returns the result of the work, once it is the query's turn and a worker is free.
+        """The result of the work, once it is the query's turn and a worker is free.
 
         A cancelled call gives up its place in the queue. Work that has begun goes on and keeps its place
         until it ends; otherwise abandoned queries would pile up behind it.
@@ -142,7 +142,7 @@ class QueryGate:
             self._leave(job)
 
     async def close(self) -> None:
-        """Refuses the queries that wait, and waits for the end of those that run."""
+        """Refuse the queries that wait, and wait for the end of those that run."""
         self._closed = True
         self._refuse_waiting(Overloaded("the service is stopping"))
         if self._running:
@@ -209,7 +209,7 @@ class QueryGate:
         return await waiting
 
     def _expect_workers(self) -> None:
-        """Gives queries up that wait, if no worker answers one and none comes up in time."""
+        """Give queries up that wait, if no worker answers one and none comes up in time."""
         is_any_up = self._free or len(self._running) > len(self._waiting_for_new_worker)
         if is_any_up or not (self._waiting_for_new_worker or self._queue.is_any_ready):
             if self._giving_up is not None:
@@ -252,7 +252,7 @@ class QueryGate:
         self._leave(job)
 
     def _leave(self, job: Job) -> None:
-        """Removes a query that has not begun."""
+        """Remove a query that has not begun."""
         if job.state in (State.PREPARING, State.READY):
             self._queue.remove(job)
             if job.prepared is not None:

@@ -55,7 +55,7 @@ class QueryRecorder:
         self._localize_seconds = cache(metrics.localize_seconds.labels)
 
     def record(self, query: Query, body: Body, answer: EncodedAnswer, queued: float) -> None:
-        """Adds the stages of an answered query to its trace, and offers it to the sampler and the webhooks.
+        """Add the stages of an answered query to its trace, and offer it to the sampler and the webhooks.
 
         Args:
             queued: ``time.monotonic`` when the gate got the query. Its timings begin there.
@@ -78,7 +78,7 @@ class QueryRecorder:
             self._webhooks.offer(event)
 
     def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
-        """Counts one query, answered or failed."""
+        """Count one query, answered or failed."""
         scope = current_request()
         if isinstance(outcome, EncodedAnswer):
             self._count_answer(transport, outcome, scope)

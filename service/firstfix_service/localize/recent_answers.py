@@ -77,7 +77,7 @@ class RecentAnswers:
         self._lock = threading.Lock()
 
     def add(self, caller: str, transport: str, seconds: float, answer: EncodedAnswer) -> None:
-        """Keeps an answer of this replica, and forgets the oldest if there are too many."""
+        """Keep an answer of this replica, and forget the oldest if there are too many."""
         now = time.time()
         with self._lock:
             number = next(self._numbers)
@@ -98,7 +98,7 @@ class RecentAnswers:
         map_id: str,
         json: bytes,
     ) -> None:
-        """Keeps an answer of another replica, and forgets the oldest of others if there are too many."""
+        """Keep an answer of another replica, and forget the oldest of others if there are too many."""
         with self._lock:
             number = next(self._numbers)
             self._heard.append(
@@ -106,13 +106,13 @@ class RecentAnswers:
             )
 
     def after(self, number: int) -> list[RecentAnswer]:
-        """Returns the kept answers of all replicas with higher numbers, in the order of their numbers."""
+        """The kept answers of all replicas with higher numbers, in the order of their numbers."""
         with self._lock:
             found = _newer(self._own, number) + _newer(self._heard, number)
         return sorted(found, key=lambda one: one.number)
 
     def own_after(self, number: int) -> list[RecentAnswer]:
-        """Returns the kept answers of this replica with higher numbers, oldest first."""
+        """The kept answers of this replica with higher numbers, oldest first."""
         with self._lock:
             return _newer(self._own, number)
 
@@ -124,7 +124,7 @@ class RecentAnswers:
 
     @contextmanager
     def watched(self) -> Iterator[None]:
-        """Counts a watcher while it lasts: other replicas are heard only for watchers."""
+        """Count a watcher while it lasts: other replicas are heard only for watchers."""
         with self._lock:
             self._watchers += 1
         try:

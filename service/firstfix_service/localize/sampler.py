@@ -59,7 +59,7 @@ class SamplePolicy:
 
     @classmethod
     def of(cls, settings: Settings) -> SamplePolicy:
-        """Returns the policy in the settings."""
+        """The policy in the settings."""
         return cls(
             share=settings.samples_share,
             share_localized=settings.samples_share_localized,
@@ -75,7 +75,7 @@ class SamplePolicy:
         return self.share > 0 or self.share_localized > 0
 
     def share_of(self, answer: EncodedAnswer) -> float:
-        """Returns the share of queries with such an answer to store."""
+        """The share of queries with such an answer to store."""
         return self.share_localized if answer.verdict is Verdict.LOCALIZED else self.share
 
 
@@ -95,16 +95,16 @@ class QuerySampler:
         self._thread = threading.Thread(target=self._run, name="query-sampler", daemon=True)
 
     def start(self) -> None:
-        """Starts the thread."""
+        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Stops the thread. Samples that wait are written for up to ``STOP_WITHIN_S``."""
+        """Stop the thread. Samples that wait are written for up to ``STOP_WITHIN_S``."""
         self._waiting.put(None)
         self._thread.join(STOP_WITHIN_S)
 
     def offer(self, query: Query, body: Body, answer: EncodedAnswer, scope: RequestScope | None) -> None:
-        """Stores the query if the policy chooses it. Never blocks and never fails."""
+        """Store the query if the policy chooses it. Never blocks and never fails."""
         if random.random() >= self._policy.share_of(answer):
             return
         if is_replay(query, scope):
@@ -189,7 +189,7 @@ class QuerySampler:
 
 
 def is_replay(query: Query, scope: RequestScope | None) -> bool:
-    """Returns whether a kept query is asked again: by a caller who may read them. It leaves no trace."""
+    """Whether a kept query is asked again: by a caller who may read them. It leaves no trace."""
     return (
         scope is not None and scope.request_id.startswith(REPLAY) and query.caller.grant.allows(Scope.BUILD)
     )

@@ -35,11 +35,11 @@ class LocalizeUseCase:
         self._recorder = recorder
 
     def served(self) -> Iterable[str]:
-        """Returns the maps that are searched if a query names none."""
+        """The maps that are searched if a query names none."""
         return self._maps.served.ids
 
     def check_room(self, query: Query) -> None:
-        """Checks that there is room for the query, before its body is read.
+        """Check that there is room for the query, before its body is read.
 
         Raises:
             Overloaded: as ``QueryGate.check_room``.
@@ -49,7 +49,7 @@ class LocalizeUseCase:
     async def localize(
         self, query: Query, body: Body, check: Callable[[], Awaitable[None]] | None = None
     ) -> EncodedAnswer:
-        """Returns the answer to a query. Where there are several maps, their places compete.
+        """The answer to a query. Where there are several maps, their places compete.
 
         Of a query without maps, a worker first describes the scan, and the maps that resemble it are chosen.
 
@@ -95,7 +95,7 @@ class LocalizeUseCase:
     async def _with_maps(
         self, query: Query, body: Body, check: Callable[[], Awaitable[None]] | None
     ) -> Query:
-        """Returns the query with the maps that resemble its scan most, of those that its caller sees."""
+        """The query with the maps that resemble its scan most, of those that its caller sees."""
         forms = self._coarse.forms
 
         async def work(ask: AskWorker, nothing: Leases, waited_s: float) -> SoughtScan:
@@ -131,5 +131,5 @@ class LocalizeUseCase:
         return some.future
 
     def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
-        """Counts the end of one query in the metrics, the log and the trace."""
+        """Count the end of one query in the metrics, the log and the trace."""
         self._recorder.count(transport, outcome)

@@ -22,7 +22,7 @@ MAX_STAGE_AGE_S = 7 * 86400.0  # a build that is tried again, or a map that is b
 
 
 def abandoned_objects_removal(catalog: Catalog) -> PeriodicTask:
-    """Returns the task that removes expired uploads and idempotency keys."""
+    """The task that removes expired uploads and idempotency keys."""
 
     async def remove() -> None:
         removed = await MAINTENANCE.run(remove_abandoned, catalog)
@@ -33,7 +33,7 @@ def abandoned_objects_removal(catalog: Catalog) -> PeriodicTask:
 
 
 def shared_stages_removal(settings: Settings, store: Store) -> PeriodicTask:
-    """Returns the task that keeps the shared stages of builds within their age and size limits."""
+    """The task that keeps the shared stages of builds within their age and size limits."""
 
     async def remove() -> None:
         collected = await MAINTENANCE.run(

@@ -49,6 +49,6 @@ class ClockComparison:
 
 
 def clock_comparison(store: Store, metrics: Metrics) -> PeriodicTask:
-    """Returns the task that compares the clocks. It writes to the store."""
+    """The task that compares the clocks. It writes to the store."""
     compare = MAINTENANCE.route(ClockComparison(store, metrics).compare)
     return PeriodicTask("compare the clocks", compare, INTERVAL_S)

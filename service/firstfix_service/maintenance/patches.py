@@ -17,7 +17,7 @@ INTERVAL_S = 1200.0  # a map has its hour, and several replicas record one build
 
 
 def map_patches(catalog: Catalog, submit: Callable[[str], Awaitable[None]] | None) -> PeriodicTask:
-    """Returns the task that records the patches that are due.
+    """The task that records the patches that are due.
 
     Args:
         submit: tells the build queue of a build on record; None: it finds them itself.

@@ -25,7 +25,7 @@ CALL_BYTES = 64 << 10  # each call to the store counts as so many bytes at least
 
 
 def store_verification(settings: Settings, store: Store, metrics: Metrics) -> PeriodicTask:
-    """Returns the task that verifies the store.
+    """The task that verifies the store.
 
     Replicas may run it at the same time: a file that one of them found good is skipped by all for
     ``VERIFY_DAYS``.
@@ -36,7 +36,7 @@ def store_verification(settings: Settings, store: Store, metrics: Metrics) -> Pe
 
 
 async def verify_once(settings: Settings, store: Store, metrics: Metrics) -> None:
-    """Reads the whole store once, at ``verify_bytes_per_s`` or slower.
+    """Read the whole store once, at ``verify_bytes_per_s`` or slower.
 
     Raises:
         StoreUnavailable, StoreError: the store failed.
@@ -67,7 +67,7 @@ class _Progress:
         self._objects = self._bytes = self._damaged = 0
 
     def update(self, report: VerifyReport) -> int:
-        """Records what is new in the report. Returns the number of new bytes."""
+        """Record what is new in the report. Returns the number of new bytes."""
         for finding in report.findings[self._damaged :]:
             _log.error("damaged object in the store", key=finding.key, problem=finding.problem)
         objects, damaged = report.objects - self._objects, len(report.findings) - self._damaged

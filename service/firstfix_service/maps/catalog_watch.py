@@ -41,7 +41,7 @@ class CatalogWatch:
         self._sweep: deque[str] = deque()
 
     def poll(self) -> tuple[list[str], frozenset[str] | None]:
-        """Returns the maps to read now and, if the maps were listed again, the names of all maps.
+        """The maps to read now and, if the maps were listed again, the names of all maps.
 
         Raises:
             StoreUnavailable, StoreError: the store failed. The next poll catches up.
@@ -62,12 +62,12 @@ class CatalogWatch:
         return list(dict.fromkeys(named)), listed
 
     def reset(self) -> None:
-        """Makes the next poll return all maps."""
+        """Make the next poll return all maps."""
         self._position = None
         self._sweep.clear()
 
     def _begin_sweep(self) -> list[str]:
-        """Lists the maps and returns the new ones."""
+        """List the maps and return the new ones."""
         assert self._position is not None
         # Old notices may have been collected.
         self._position = self._catalog.changes.go_on_from(self._position)
@@ -79,7 +79,7 @@ class CatalogWatch:
 
 
 def read_states(catalog: Catalog, map_ids: Sequence[str], *, strict: bool) -> dict[str, MapState]:
-    """Returns the states of maps by their ids.
+    """The states of maps by their ids.
 
     Args:
         strict: raise the error of a map that cannot be read, and always read in parallel. Otherwise such a

@@ -63,18 +63,18 @@ class CoarseMaps:
         self._thread = threading.Thread(target=self._run, name="coarse-maps", daemon=True)
 
     def start(self) -> None:
-        """Starts the thread."""
+        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Stops the thread and waits until it has ended."""
+        """Stop the thread and waits until it has ended."""
         with self._changed:
             self._stopped = True
             self._changed.notify_all()
         self._thread.join()
 
     def follow(self, active: Mapping[str, str | None]) -> None:
-        """Takes over what a poll has read: active versions of some maps; None: the map has none."""
+        """Take over what a poll has read: active versions of some maps; None: the map has none."""
         with self._changed:
             before = dict(self._active)
             for map_id, version in active.items():
@@ -91,7 +91,7 @@ class CoarseMaps:
         return () if self._index is None else self._index.forms
 
     def choose(self, scan: SoughtScan, visible: Iterable[str]) -> tuple[str, ...]:
-        """Returns the maps to search: those that resemble the scan most, and a few that are not read yet.
+        """The maps to search: those that resemble the scan most, and a few that are not read yet.
 
         Blocks for some milliseconds.
 
@@ -135,7 +135,7 @@ class CoarseMaps:
                     self._changed.wait(STORE_AGAIN_S)
 
     def _due(self) -> tuple[dict[str, str], list[str]]:
-        """Maps to read, with their versions, and maps that have gone. Under the lock."""
+        """Map to read, with their versions, and maps that have gone. Under the lock."""
         now = time.monotonic()
         if len(self._active) <= MAX_MAPS:  # all of them are searched
             self._refused.clear()

@@ -59,7 +59,7 @@ class EvictionOrder:
         return len(self._protected)
 
     def add(self, key: Key, item: LoadedVersion) -> None:
-        """Adds a version at the end of its class."""
+        """Add a version at the end of its class."""
         self.bytes += item.bytes
         if self._is_protected(key):
             self._protected[key] = item
@@ -68,7 +68,7 @@ class EvictionOrder:
             self._unprotected[key] = item
 
     def use(self, key: Key) -> LoadedVersion | None:
-        """Returns a version and moves it to the end of its class; None if it is not here."""
+        """A version and moves it to the end of its class; None if it is not here."""
         for versions in (self._unprotected, self._protected):
             if key in versions:
                 versions.move_to_end(key)
@@ -76,7 +76,7 @@ class EvictionOrder:
         return None
 
     def pop(self, key: Key) -> LoadedVersion:
-        """Removes a version and returns it."""
+        """Remove a version and return it."""
         if key in self._unprotected:
             item = self._unprotected.pop(key)
         else:
@@ -86,7 +86,7 @@ class EvictionOrder:
         return item
 
     def reclassify(self) -> None:
-        """Asks again which versions are protected.
+        """Ask again which versions are protected.
 
         Within its class each version keeps its place. A version that is no longer protected goes to the end
         of the unprotected ones.

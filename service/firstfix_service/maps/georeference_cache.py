@@ -34,7 +34,7 @@ class GeoreferenceCache:
         self._lock = threading.Lock()
 
     def of(self, map_id: str) -> Georeference:
-        """Returns the georeference of a map.
+        """The georeference of a map.
 
         Raises:
             NotAcceptable: the map has none, so its poses have no geographic form.
@@ -61,6 +61,6 @@ class GeoreferenceCache:
         return entry.georeference
 
     def forget(self, map_id: str) -> None:
-        """Removes the entry of a map whose georeference this process changed."""
+        """Remove the entry of a map whose georeference this process changed."""
         with self._lock:
             self._entries.pop(map_id, None)

@@ -71,7 +71,7 @@ class LoadedVersions:
         self._unloader = ThreadPoolExecutor(1, thread_name_prefix="map-unloader")
 
     def has_room(self, versions: int, size_bytes: int, *, protected: bool) -> bool:
-        """Returns whether so many more versions fit without an eviction.
+        """Whether so many more versions fit without an eviction.
 
         Args:
             size_bytes: of these versions together.
@@ -93,7 +93,7 @@ class LoadedVersions:
             return self._loaded.protected
 
     def reclassify(self) -> None:
-        """Asks again which versions are protected."""
+        """Ask again which versions are protected."""
         with self._changed:
             self._loaded.reclassify()
 
@@ -102,13 +102,13 @@ class LoadedVersions:
             return key in self._loaded
 
     def lease(self, key: Key) -> Lease | None:
-        """Returns a lease of a version; None if it is not in memory."""
+        """A lease of a version; None if it is not in memory."""
         with self._changed:
             version = self._loaded.use(key)
             return None if version is None else self._lease(version)
 
     def load(self, files: VersionFiles) -> Lease:
-        """Loads a version that is not in memory. A version is loaded by one thread only.
+        """Load a version that is not in memory. A version is loaded by one thread only.
 
         Raises:
             VersionError: see ``QueryWorkers.load``.
@@ -145,14 +145,14 @@ class LoadedVersions:
             self._update_metrics()
 
     def evict(self, key: Key) -> None:
-        """Evicts a version if it is in memory: it is damaged."""
+        """Evict a version if it is in memory: it is damaged."""
         with self._changed:
             if key in self._loaded:
                 self._evict(key)
                 self._update_metrics()
 
     def begin_overcommit(self) -> None:
-        """Allows loads above the limits while a query gathers several versions.
+        """Allow loads above the limits while a query gathers several versions.
 
         Without this the query could wait for itself: it may lease the version that would have to be evicted.
         """
@@ -161,12 +161,12 @@ class LoadedVersions:
             self._changed.notify_all()
 
     def end_overcommit(self) -> None:
-        """Ends what ``begin_overcommit`` began."""
+        """End what ``begin_overcommit`` began."""
         with self._changed:
             self._overcommits -= 1
 
     def close(self) -> None:
-        """Waits until the evicted versions are unloaded."""
+        """Wait until the evicted versions are unloaded."""
         self._unloader.shutdown()
 
     def _lease(self, version: LoadedVersion) -> Lease:
@@ -184,7 +184,7 @@ class LoadedVersions:
                 self._unloader.submit(self._unload, version)
 
     def _wait_for_room(self, key: Key, need_bytes: int) -> None:
-        """Waits until a version fits, in the order of the calls; returns if nothing is left to wait for.
+        """Wait until a version fits, in the order of the calls; returns if nothing is left to wait for.
 
         Under the lock.
         """
@@ -207,7 +207,7 @@ class LoadedVersions:
             self._changed.notify_all()
 
     def _evict_for(self, key: Key, need_bytes: int | None = None) -> None:
-        """Evicts versions until the others are within the limits, together with one more of ``need_bytes``.
+        """Evict versions until the others are within the limits, together with one more of ``need_bytes``.
 
         Under the lock. An evicted version is unloaded as soon as no query uses it.
         """
@@ -223,7 +223,7 @@ class LoadedVersions:
             self._evict(candidate)
 
     def _evict(self, key: Key) -> None:
-        """Evicts a version. Under the lock."""
+        """Evict a version. Under the lock."""
         version = self._loaded.pop(key)
         self._on_evict(key)
         version.is_leaving = True

@@ -100,7 +100,7 @@ class MapCache:
         return self._loaded.protected
 
     def is_offered(self, map_id: str) -> bool:
-        """Returns whether clients that choose a replica should choose this one for the map.
+        """Whether clients that choose a replica should choose this one for the map.
 
         Without a placement a replica offers every map that it serves. With one, the first holder of a map
         offers it always, and the other holders offer it while it is in memory.
@@ -112,7 +112,7 @@ class MapCache:
         return map_id in self.placement and self._is_loaded(map_id)
 
     def check_files(self, versions: Iterable[ServedVersion]) -> None:
-        """Reads the files of versions again, on which a query failed. Blocks.
+        """Read the files of versions again, on which a query failed. Blocks.
 
         Raises:
             CorruptVersion: a file is damaged. The map's next query gets another version, or the reason.
@@ -121,7 +121,7 @@ class MapCache:
             self._loader.check_files(served)
 
     def refresh(self, map_id: str) -> ServedVersion:
-        """Reads the map's log and serves its active version, or the one before if that is refused.
+        """Read the map's log and serve its active version, or the one before if that is refused.
 
         It is warmed up before: until then the version before it answers.
 
@@ -133,7 +133,7 @@ class MapCache:
         return lease.served
 
     def poll(self) -> None:
-        """Looks for new maps and activations. Maps whose logs cannot be read stay as they are.
+        """Look for new maps and activations. Maps whose logs cannot be read stay as they are.
 
         Raises:
             StoreError: the store failed. At the first poll, also if one map's log cannot be read.
@@ -172,7 +172,7 @@ class MapCache:
         on_offer_changed: Callable[[], None] = lambda: None,
         is_superseded: Callable[[], bool] = _never,
     ) -> None:
-        """Places the maps on these replicas. Blocks while it loads the maps that came to this replica.
+        """Place the maps on these replicas. Blocks while it loads the maps that came to this replica.
 
         Args:
             on_offer_changed: called when ``is_offered`` has changed: at first, and when all is loaded.
@@ -189,11 +189,11 @@ class MapCache:
             on_offer_changed()
 
     def stop_prefetch(self) -> None:
-        """Begins no more loads that no query asked for."""
+        """Begin no more loads that no query asked for."""
         self._prefetcher.stop()
 
     def close(self) -> None:
-        """Waits for the loads that have begun; the others are cancelled."""
+        """Wait for the loads that have begun; the others are cancelled."""
         self.stop_prefetch()
         self._loads.close()
         self._loaded.close()
@@ -204,7 +204,7 @@ class MapCache:
         return self._follow(map_id, self._catalog.state(map_id), warms_up=False)  # a query waits for it
 
     def _follow(self, map_id: str, state: MapState, *, warms_up: bool) -> Lease:
-        """Loads and serves the active version, or the last one before it that is not refused."""
+        """Load and serve the active version, or the last one before it that is not refused."""
         if not state.activated:
             self._forget(map_id)
             message = f"map {map_id} has no active version" if state.published else f"no map {map_id}"
@@ -233,7 +233,7 @@ class MapCache:
     def _follow_and_prefetch(
         self, states: Mapping[str, MapState], is_superseded: Callable[[], bool] = _never
     ) -> None:
-        """Follows the maps whose active version has changed, and prefetches maps while there is room."""
+        """Follow the maps whose active version has changed, and prefetches maps while there is room."""
         warm_ups = threading.Semaphore(MAX_WARM_UPS)
 
         def follow(map_id: str, this_round: PrefetchRound) -> bool:
@@ -258,7 +258,7 @@ class MapCache:
         self._follow_and_prefetch(states, is_superseded)
 
     def _is_due(self, map_id: str, state: MapState, this_round: PrefetchRound) -> bool:
-        """Decides whether to load a map: its active version has changed, or there is room to prefetch it.
+        """Decide whether to load a map: its active version has changed, or there is room to prefetch it.
 
         A map that was evicted comes back with its next query.
         """
@@ -279,19 +279,19 @@ class MapCache:
             _log.info("serving", map_id=map_id, version=version, is_active=is_active)
 
     def _forget(self, map_id: str) -> None:
-        """Removes a map that has no active version any more."""
+        """Remove a map that has no active version any more."""
         self.served.forget(map_id)
         self._prefetcher.unsettle([map_id])
         if self.placement is not None:
             self.placement.remove_map(map_id)
 
     def _is_loaded(self, map_id: str) -> bool:
-        """Returns whether the serving version is in memory."""
+        """Whether the serving version is in memory."""
         version = self.served.version(map_id)
         return version is not None and (map_id, version) in self._loaded
 
     def _must_stay(self, candidate: Key, coming: Key) -> bool:
-        """Returns whether a version serves a pinned map, or the map whose next version is coming."""
+        """Whether a version serves a pinned map, or the map whose next version is coming."""
         map_id, version = candidate
         serves = self.served.version(map_id) == version
         return serves and (map_id in self._pinned or map_id == coming[0])

@@ -37,11 +37,11 @@ class MapPoller:
         self._thread = threading.Thread(target=self._run, name="map-poller", daemon=True)
 
     def start(self) -> None:
-        """Starts the thread."""
+        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Stops the thread and waits until it has ended."""
+        """Stop the thread and waits until it has ended."""
         self._stop.set()
         self._maps.stop_prefetch()
         self._thread.join()

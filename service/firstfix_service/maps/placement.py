@@ -64,16 +64,16 @@ class Placement:
         return map_id in self._ranks
 
     def is_first_holder(self, map_id: str) -> bool:
-        """Returns whether this replica is the map's first holder."""
+        """Whether this replica is the map's first holder."""
         return self._ranks.get(map_id) == 0
 
     def sorted_by_rank(self, map_ids: Iterable[str]) -> list[str]:
-        """Returns the maps sorted by this replica's rank among their holders; unheld maps come last."""
+        """The maps sorted by this replica's rank among their holders; unheld maps come last."""
         ranks = self._ranks
         return sorted(map_ids, key=lambda map_id: (ranks.get(map_id, self.copies), map_id))
 
     def summary(self, loaded: int) -> dict[str, Any]:
-        """Returns the placement as /readyz shows it.
+        """The placement as /readyz shows it.
 
         Args:
             loaded: number of held maps that are in memory.
@@ -81,7 +81,7 @@ class Placement:
         return {"copies": self.copies, "replicas": len(self.replicas), "maps": len(self), "loaded": loaded}
 
     def set_replicas(self, replicas: Iterable[str]) -> PlacementChange:
-        """Places all maps anew on these replicas and this one."""
+        """Place all maps anew on these replicas and this one."""
         with self._changing:
             self._replicas = frozenset(replicas) | {self._replica}
             before, self._ranks = self._ranks, self._held_ranks(self._all_maps)
@@ -98,7 +98,7 @@ class Placement:
                 self._ranks = self._ranks | held
 
     def remove_map(self, map_id: str) -> None:
-        """Removes a map from the placement."""
+        """Remove a map from the placement."""
         with self._changing:
             self._all_maps.discard(map_id)
             if map_id in self._ranks:
@@ -110,7 +110,7 @@ class Placement:
 
 
 def open_placement(settings: Settings, replica: str) -> Placement | None:
-    """Returns the placement that the settings ask for; None if replicas do not share the maps.
+    """The placement that the settings ask for; None if replicas do not share the maps.
 
     Raises:
         InvalidOption: the settings do not say who the replicas are, or which of them this is.

@@ -33,21 +33,21 @@ class Prefetcher:
         self._stop = threading.Event()
 
     def is_settled(self, map_id: str) -> bool:
-        """Returns whether the map needs no prefetch any more."""
+        """Whether the map needs no prefetch any more."""
         return map_id in self._settled
 
     def unsettle(self, map_ids: Iterable[str]) -> None:
-        """Makes these maps candidates for prefetch again."""
+        """Make these maps candidates for prefetch again."""
         with self._lock:
             self._settled.difference_update(map_ids)
 
     def unsettled_held_maps(self) -> list[str]:
-        """Returns the held maps that are not settled; none if replicas share nothing."""
+        """The held maps that are not settled; none if replicas share nothing."""
         held = () if self._placement is None else self._placement.maps
         return [map_id for map_id in held if map_id not in self._settled]
 
     def stop(self) -> None:
-        """Ends the rounds: loads that have begun go on, no other load begins."""
+        """End the rounds: loads that have begun go on, no other load begins."""
         self._stop.set()
 
     def run_round(
@@ -56,7 +56,7 @@ class Prefetcher:
         follow: Callable[[str, PrefetchRound], bool],
         is_superseded: Callable[[], bool],
     ) -> None:
-        """Runs one round; many maps are loaded by several threads, the maps with the best rank first.
+        """Run one round; many maps are loaded by several threads, the maps with the best rank first.
 
         Args:
             follow: loads a map if it is due. Returns False if the map should be tried again in another round.
@@ -108,7 +108,7 @@ class PrefetchRound:
         self._changed = threading.Condition()
 
     def take_room(self, map_id: str, version: str) -> bool:
-        """Reserves room for a map if it fits without an eviction; unheld maps may be evicted for held ones.
+        """Reserve room for a map if it fits without an eviction; unheld maps may be evicted for held ones.
 
         Raises:
             NotFound, VersionError, StoreError: see ``Catalog.manifest``.
@@ -137,7 +137,7 @@ class PrefetchRound:
         return False
 
     def decided(self, map_id: str) -> None:
-        """Records that it is known whether the map will be loaded: the next map may take room."""
+        """Record that it is known whether the map will be loaded: the next map may take room."""
         with self._changed:
             self._decided.add(map_id)
             while self._turn < len(self._order) and self._order[self._turn] in self._decided:
@@ -145,7 +145,7 @@ class PrefetchRound:
             self._changed.notify_all()
 
     def load_ended(self, map_id: str) -> None:
-        """Gives back the reservation of the map, if it has one."""
+        """Give back the reservation of the map, if it has one."""
         with self._changed:
             self._reserved.pop(map_id, None)
         self.decided(map_id)

@@ -39,7 +39,7 @@ class ServedMaps:
             return len(self._published)
 
     def __contains__(self, map_id: object) -> bool:
-        """Returns whether a map is published, that is, has a version."""
+        """Whether a map is published, that is, has a version."""
         with self._lock:
             return map_id in self._published
 
@@ -56,12 +56,12 @@ class ServedMaps:
             return dict(self._serving)
 
     def version(self, map_id: str) -> str | None:
-        """Returns the serving version of a map, if there is one."""
+        """The serving version of a map, if there is one."""
         with self._lock:
             return self._serving.get(map_id)
 
     def lease(self, map_ids: Sequence[str], version: str | None = None) -> Future[Leases]:
-        """Returns the versions that answer a query about one map or several.
+        """The versions that answer a query about one map or several.
 
         The future is done at once if the versions are in memory. Otherwise a load runs in another thread, one
         load for all queries that need it.
@@ -81,7 +81,7 @@ class ServedMaps:
         return gathered
 
     def lease_some(self, map_ids: Sequence[str]) -> SomeLeases:
-        """Returns the active versions of those of the maps that can be served.
+        """The active versions of those of the maps that can be served.
 
         The future raises the first error if no map can be served.
         """
@@ -100,18 +100,18 @@ class ServedMaps:
         return future
 
     def is_behind(self, map_id: str) -> bool:
-        """Returns whether an older version answers because the active one was refused."""
+        """Whether an older version answers because the active one was refused."""
         with self._lock:
             return map_id in self._behind
 
     def add(self, map_ids: Set[str]) -> None:
-        """Adds published maps."""
+        """Add published maps."""
         with self._lock:
             self._published |= map_ids
             self._touched |= map_ids
 
     def serve(self, map_id: str, version: str, *, is_active: bool) -> str | None:
-        """Sets the serving version of a map and returns the one before."""
+        """Set the serving version of a map and return the one before."""
         with self._lock:
             before = self._serving.get(map_id)
             self._serving[map_id] = version
@@ -122,7 +122,7 @@ class ServedMaps:
         return before
 
     def forget(self, map_id: str) -> None:
-        """Removes a map that has no active version any more."""
+        """Remove a map that has no active version any more."""
         with self._lock:
             self._published.discard(map_id)
             self._serving.pop(map_id, None)
@@ -136,7 +136,7 @@ class ServedMaps:
             self._touched.update(map_ids)
 
     def take_touched(self) -> set[str]:
-        """Returns the maps whose public state may have changed since the last call."""
+        """The maps whose public state may have changed since the last call."""
         with self._lock:
             touched, self._touched = self._touched, set()
             return touched
@@ -150,7 +150,7 @@ class Leases:
         self.served = tuple(lease.served for lease in leases)
 
     def close(self) -> None:
-        """Closes all leases."""
+        """Close all leases."""
         for lease in self._leases:
             lease.close()
 
@@ -199,7 +199,7 @@ class SomeLeases:
 
 
 def _gathered(futures: Sequence[Future[Lease]]) -> Future[Leases]:
-    """Returns a future of all the leases. If one fails, it raises the first error after all have ended."""
+    """A future of all the leases. If one fails, it raises the first error after all have ended."""
     gathered: Future[Leases] = Future()
     left = len(futures)
     lock = threading.Lock()

@@ -71,7 +71,7 @@ class VersionLoader:
         self._pruned_at = -PRUNE_EVERY_S
 
     def load(self, map_id: str, version: str) -> Lease:
-        """Returns a lease of a version, which is loaded if it is not in memory.
+        """A lease of a version, which is loaded if it is not in memory.
 
         Raises:
             NotFound: there is no such version.
@@ -106,7 +106,7 @@ class VersionLoader:
                     del self._under_way[key]
 
     def check_files(self, served: ServedVersion) -> None:
-        """Reads the files of a loaded version again, because a query failed on them.
+        """Read the files of a loaded version again, because a query failed on them.
 
         They may be large, so this is done once in ``CHECK_EVERY_S``. A damaged version is evicted. One in a
         file store is then refused, another one is fetched again.
@@ -211,7 +211,7 @@ class SharedLoads:
         self._pool = ThreadPool("map-loader", LOADERS)
 
     def request(self, map_id: str, version: str | None) -> Future[Lease]:
-        """Returns a future of a lease. The first caller whose turn comes begins the load."""
+        """A future of a lease. The first caller whose turn comes begins the load."""
         future: Future[Lease] = Future()
         wanted, caller = (map_id, version), current_caller()
         with self._lock:
@@ -224,7 +224,7 @@ class SharedLoads:
         return future
 
     def close(self) -> None:
-        """Waits for the loads that have begun; the others are cancelled."""
+        """Wait for the loads that have begun; the others are cancelled."""
         self._pool.close()
 
     def _run(self, wanted: Wanted, shared: _SharedLoad) -> None:

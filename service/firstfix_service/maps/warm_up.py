@@ -14,7 +14,7 @@ _log = structlog.get_logger(__name__)
 
 
 def warm_up(workers: QueryWorkers, served: ServedVersion, metrics: Metrics) -> None:
-    """Asks a loaded version about scans of its own map, in all workers. Blocks, and never fails.
+    """Ask a loaded version about scans of its own map, in all workers. Blocks, and never fails.
 
     A version that cannot be warmed up is served all the same: its queries say what is wrong.
     """

@@ -46,7 +46,7 @@ class AnswerForm:
 
     @classmethod
     def of(cls, accept: str, options: dict[str, str], *, may_be_geographic: bool = False) -> AnswerForm:
-        """Returns the form that a query asks for.
+        """The form that a query asks for.
 
         Args:
             accept: value of an Accept header (RFC 9110).

@@ -31,7 +31,7 @@ class QueryWorker(Protocol):
         """False if it takes no more queries."""
 
     async def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
-        """Returns the answer to a query, whose versions are loaded if they are not, or its description.
+        """The answer to a query, whose versions are loaded if they are not, or its description.
 
         Raises:
             QueryWorkerDied: it ended before it answered.
@@ -48,7 +48,7 @@ class QueryWorkers(Protocol):
     """
 
     def load(self, version: ServedVersion) -> int:
-        """Loads a version in every worker. Blocks.
+        """Load a version in every worker. Blocks.
 
         Returns:
             Bytes of memory of all workers together, without the mapped files.
@@ -59,7 +59,7 @@ class QueryWorkers(Protocol):
         ...
 
     def warm_up(self, version: ServedVersion) -> int:
-        """Asks a loaded version about scans of its own map, once in every worker. Blocks.
+        """Ask a loaded version about scans of its own map, once in every worker. Blocks.
 
         Returns:
             The number of these queries.
@@ -70,15 +70,15 @@ class QueryWorkers(Protocol):
         ...
 
     def drop(self, version: ServedVersion) -> None:
-        """Unloads a version that no query uses. Blocks."""
+        """Unload a version that no query uses. Blocks."""
         ...
 
     def take_sightings(self) -> list[Sighted]:
-        """Returns the sightings that were counted since the last call. Blocks."""
+        """The sightings that were counted since the last call. Blocks."""
         ...
 
     def close(self) -> None:
-        """Ends the workers. Blocks. Call it when no query runs."""
+        """End the workers. Blocks. Call it when no query runs."""
         ...
 
 
@@ -116,19 +116,19 @@ class QueryWorkerThreads:
         return self._localizers.loaded
 
     def load(self, version: ServedVersion) -> int:
-        """Loads a version; returns its bytes in memory."""
+        """Load a version; returns its bytes in memory."""
         return self._localizers.load(version)
 
     def warm_up(self, version: ServedVersion) -> int:
-        """Asks a version about scans of its own map; returns their number."""
+        """Ask a version about scans of its own map; returns their number."""
         return self._localizers.warm_up(version)
 
     def drop(self, version: ServedVersion) -> None:
-        """Unloads a version."""
+        """Unload a version."""
         self._localizers.drop(version)
 
     async def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
-        """Returns the answer to a query."""
+        """The answer to a query."""
         context = contextvars.copy_context()  # for what is logged on the way
         loop = asyncio.get_running_loop()
         answer = await loop.run_in_executor(self._threads, context.run, self._localizers.answer, query)
@@ -137,11 +137,11 @@ class QueryWorkerThreads:
         return answer
 
     def take_sightings(self) -> list[Sighted]:
-        """Returns the sightings that were counted since the last call."""
+        """The sightings that were counted since the last call."""
         return [] if self._sightings is None else [self._sightings.take()]
 
     def close(self) -> None:
-        """Unloads all versions."""
+        """Unload all versions."""
         self._threads.shutdown()
         if self._sightings is not None:
             self._sightings.close()

@@ -26,7 +26,7 @@ Offer = Callable[[ServedVersion, Localizer, object, Localization], None]
 
 
 def describe_query(query: Query, max_decoded_bytes: int) -> SoughtScan:
-    """Returns the description by which the maps of a query are chosen.
+    """The description by which the maps of a query are chosen.
 
     Raises:
         InputError: the body or an option cannot be used.
@@ -38,7 +38,7 @@ def describe_query(query: Query, max_decoded_bytes: int) -> SoughtScan:
 def answer_query(
     query: Query, localizers: Sequence[Localizer], max_decoded_bytes: int, offer: Offer | None = None
 ) -> EncodedAnswer:
-    """Returns the answer with its map version, the waits, and the time of decoding.
+    """The answer with its map version, the waits, and the time of decoding.
 
     Args:
         localizers: one for each of ``query.versions``.
@@ -89,7 +89,7 @@ def _pose_message(
 def encoded_answer(
     answer: Localization, pose_message: bytes | None = None, *, geographic: bool = False
 ) -> EncodedAnswer:
-    """Returns the encoded form of an answer."""
+    """The encoded form of an answer."""
     T_map_body = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
     return EncodedAnswer(
         answer.verdict,
@@ -105,7 +105,7 @@ def encoded_answer(
 
 
 def to_json(answer: Localization) -> bytes:
-    """Returns the JSON form of an answer, the same on both transports.
+    """The JSON form of an answer, the same on both transports.
 
     Raises:
         ValueError: a number is not finite.
@@ -116,7 +116,7 @@ def to_json(answer: Localization) -> bytes:
 
 
 def _is_finite(answer: Localization) -> bool:
-    """Returns whether JSON can hold every number: orjson would write null for the others."""
+    """Whether JSON can hold every number: orjson would write null for the others."""
     poses = [answer.T_map_sensor, answer.T_map_base, *(one.T_map_sensor for one in answer.hypotheses)]
     numbers = [answer.probability, *(one.probability for one in answer.hypotheses)]
     for finding in answer.findings:

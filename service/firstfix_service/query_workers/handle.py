@@ -46,7 +46,7 @@ class QueryWorkerHandle:
     """
 
     def __init__(self, query_timeout_s: float, max_body_bytes: int, *, counts_sightings: bool) -> None:
-        """Starts the process. It takes a second until it is up."""
+        """Start the process. It takes a second until it is up."""
         self.is_alive = True
         self._query_timeout_s = query_timeout_s
         self._bodies = BodyMemory(max_body_bytes)
@@ -76,7 +76,7 @@ class QueryWorkerHandle:
         return self._process.pid
 
     def wait_until_up(self) -> None:
-        """Blocks until the process can answer.
+        """Block until the process can answer.
 
         Raises:
             QueryWorkerDied: it ended, or did not start in time.
@@ -84,7 +84,7 @@ class QueryWorkerHandle:
         self._request(HELLO, None)
 
     async def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
-        """Returns the process's answer to a query, or its description.
+        """The process's answer to a query, or its description.
 
         Raises:
             QueryWorkerDied: the process ended before it answered.
@@ -112,7 +112,7 @@ class QueryWorkerHandle:
         return answer
 
     def load(self, version: ServedVersion) -> int:
-        """Loads a version; returns its bytes in memory, without mapped files.
+        """Load a version; returns its bytes in memory, without mapped files.
 
         Raises:
             QueryWorkerDied: the process ended over it, or it took too long.
@@ -121,7 +121,7 @@ class QueryWorkerHandle:
         return int(self._request(LOAD, version))
 
     def warm_up(self, version: ServedVersion) -> int:
-        """Asks a version about scans of its own map, unless the process did so before.
+        """Ask a version about scans of its own map, unless the process did so before.
 
         Returns:
             The number of these queries.
@@ -133,12 +133,12 @@ class QueryWorkerHandle:
         return int(self._request(WARM, version))
 
     def drop(self, version: ServedVersion) -> None:
-        """Unloads a version. Does nothing if the process has ended."""
+        """Unload a version. Does nothing if the process has ended."""
         with suppress(QueryWorkerDied):
             self._request(DROP, version)
 
     def take_sightings(self) -> Sighted:
-        """Returns what the process has counted. Nothing, if it has ended or loads a version now."""
+        """What the process has counted. Nothing, if it has ended or loads a version now."""
         if not self._control_lock.acquire(timeout=FREE_WITHIN_S):
             return Sighted()
         try:
@@ -150,18 +150,18 @@ class QueryWorkerHandle:
         return taken
 
     def wait(self) -> int:
-        """Blocks until the process ends; returns its exit status, the negative number of a signal."""
+        """Block until the process ends; returns its exit status, the negative number of a signal."""
         status = self._process.wait()
         self.is_alive = False
         return status
 
     def kill(self) -> None:
-        """Ends the process at once."""
+        """End the process at once."""
         self.is_alive = False
         self._process.kill()
 
     def close(self) -> None:
-        """Closes the sockets and the memory of a process that has ended."""
+        """Close the sockets and the memory of a process that has ended."""
         with self._query_lock:
             self._queries.close()
             self._bodies.close()
@@ -169,7 +169,7 @@ class QueryWorkerHandle:
             self._control.close()
 
     def _send(self, query: Query) -> None:
-        """Sends a query. The process waits for it, so there is room for the whole message in its socket.
+        """Send a query. The process waits for it, so there is room for the whole message in its socket.
 
         Raises:
             OSError: the process has ended, or does not read.

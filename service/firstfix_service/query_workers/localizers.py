@@ -52,14 +52,14 @@ class Localizers:
             return tuple(self._localizers)
 
     def load(self, version: ServedVersion) -> int:
-        """Loads a version; returns its bytes in memory, without the mapped files."""
+        """Load a version; returns its bytes in memory, without the mapped files."""
         localizer = self._localizer(version)
         # FAISS reads its file into memory, which ``_private_bytes`` cannot see.
         held_by_faiss = sum(path.stat().st_size for path in version.directory.glob("*.faiss"))
         return _private_bytes(localizer) + held_by_faiss
 
     def warm_up(self, version: ServedVersion) -> int:
-        """Asks a version about scans of its own map, once if it is loaded; returns their number.
+        """Ask a version about scans of its own map, once if it is loaded; returns their number.
 
         Raises:
             Exception: a query failed.
@@ -81,7 +81,7 @@ class Localizers:
         return count
 
     def drop(self, version: ServedVersion) -> None:
-        """Unloads a version."""
+        """Unload a version."""
         self._warm.discard(version)
         with self._lock:
             self._localizers.pop(version, None)
@@ -90,7 +90,7 @@ class Localizers:
             self._sightings.unload(version)
 
     def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
-        """Returns the answer to a query, or its description. Loads its versions if they are not loaded."""
+        """The answer to a query, or its description. Loads its versions if they are not loaded."""
         if query.forms:
             return describe_query(query, self._max_decoded_bytes)
         offer = None if self._sightings is None else self._sightings.offer
@@ -98,7 +98,7 @@ class Localizers:
         return answer_query(query, localizers, self._max_decoded_bytes, offer)
 
     def clear(self) -> None:
-        """Unloads all versions."""
+        """Unload all versions."""
         with self._lock:
             self._localizers.clear()
 
@@ -123,7 +123,7 @@ class Localizers:
 
 
 def _private_bytes(root: object) -> int:
-    """Returns the bytes of all NumPy arrays reachable from an object, except arrays mapped from files.
+    """The bytes of all NumPy arrays reachable from an object, except arrays mapped from files.
 
     The pages of a mapped file are shared, and the kernel can drop them at any time.
     """

@@ -75,7 +75,7 @@ class QueryWorkerProcesses:
             return [worker.pid for worker in self._living]
 
     def load(self, version: ServedVersion) -> int:
-        """Loads a version in one process first: if it kills that one, the others never see it."""
+        """Load a version in one process first: if it kills that one, the others never see it."""
         first, private = self._load_in_one(version)
         with self._lock:
             self._versions[version] = None  # processes that start from now on load it too
@@ -108,7 +108,7 @@ class QueryWorkerProcesses:
         raise VersionError(f"worker processes died while they loaded version {version.version}")
 
     def drop(self, version: ServedVersion) -> None:
-        """Unloads a version in every process."""
+        """Unload a version in every process."""
         with self._lock:
             self._versions.pop(version, None)
             living = list(self._living)
@@ -116,13 +116,13 @@ class QueryWorkerProcesses:
             worker.drop(version)
 
     def take_sightings(self) -> list[Sighted]:
-        """Returns what the living processes have counted. What a dead one had not given is lost."""
+        """What the living processes have counted. What a dead one had not given is lost."""
         with self._lock:
             living = list(self._living)
         return [worker.take_sightings() for worker in living] if self._counts_sightings else []
 
     def close(self) -> None:
-        """Ends the processes. Call it when no query runs."""
+        """End the processes. Call it when no query runs."""
         with self._lock:
             self._closing.set()
             self._born.notify_all()
@@ -134,7 +134,7 @@ class QueryWorkerProcesses:
         self._loaders.shutdown()
 
     def _keep_one(self) -> None:
-        """Keeps one process running: starts another one when it dies."""
+        """Keep one process running: starts another one when it dies."""
         while not self._closing.is_set():
             try:
                 worker = self._start()
@@ -179,7 +179,7 @@ class QueryWorkerProcesses:
 
 
 def _load_if_alive(version: ServedVersion, worker: QueryWorkerHandle) -> int:
-    """Loads a version that another process could load. The next query reports an error of this one."""
+    """Load a version that another process could load. The next query reports an error of this one."""
     try:
         return worker.load(version)
     except (QueryWorkerDied, FirstfixError, QueryWorkerDefect) as error:

@@ -40,7 +40,7 @@ _ROOM_BYTES = 128 << 10
 
 
 def message_of(query: Query) -> list[Body]:
-    """Returns the parts of a query's message. A body over INLINE_BYTES is only announced."""
+    """The parts of a query's message. A body over INLINE_BYTES is only announced."""
     size = len(query.body)
     pickled = pickle.dumps(query.without_body(), pickle.HIGHEST_PROTOCOL)
     if size > INLINE_BYTES:
@@ -49,7 +49,7 @@ def message_of(query: Query) -> list[Body]:
 
 
 def reply_of(good: bool, value: object) -> list[Body]:
-    """Returns the parts of a reply's message.
+    """The parts of a reply's message.
 
     Args:
         good: the value is the result; otherwise it is the error.
@@ -59,7 +59,7 @@ def reply_of(good: bool, value: object) -> list[Body]:
 
 
 def send_all(stream: socket.socket, parts: Sequence[Body]) -> None:
-    """Sends a message through a blocking socket."""
+    """Send a message through a blocking socket."""
     sent, size = stream.sendmsg(parts), sum(map(len, parts))
     if sent < size:
         stream.sendall(b"".join(parts)[sent:])
@@ -73,7 +73,7 @@ class MessageReader:
         self._have = 0
 
     def receive(self, stream: socket.socket) -> tuple[Any, memoryview, int] | None:
-        """Reads once.
+        """Read once.
 
         Returns:
             The object, its body, which the next call overwrites, and the length of its body in the worker's
@@ -102,7 +102,7 @@ class MessageReader:
         return pickle.loads(message[:pickled]), message[pickled:], shared
 
     def forget(self) -> None:
-        """Gives back the room of a long message, once it has been used."""
+        """Give back the room of a long message, once it has been used."""
         if len(self._room) > _ROOM_BYTES:
             self._room = bytearray(_ROOM_BYTES)
 
@@ -120,7 +120,7 @@ class BodyMemory:
         self._map = mmap.mmap(self.descriptor, capacity_bytes)
 
     def write(self, body: Body) -> None:
-        """Copies a body to the beginning.
+        """Copy a body to the beginning.
 
         Raises:
             TooLarge: it is larger than the capacity.
@@ -130,18 +130,18 @@ class BodyMemory:
         self._map[: len(body)] = body
 
     def trim(self, used_bytes: int) -> None:
-        """Gives back the memory of a large body, once its query has ended."""
+        """Give back the memory of a large body, once its query has ended."""
         if used_bytes > KEPT_BYTES and sys.platform == "linux":
             self._map.madvise(mmap.MADV_REMOVE, KEPT_BYTES, self._capacity_bytes - KEPT_BYTES)
 
     def close(self) -> None:
-        """Gives the memory back, apart from the worker's own mapping."""
+        """Give the memory back, apart from the worker's own mapping."""
         self._map.close()
         os.close(self.descriptor)
 
 
 def mapped_bodies(descriptor: int, capacity_bytes: int) -> memoryview:
-    """Returns the worker's view of the memory, read-only."""
+    """The worker's view of the memory, read-only."""
     return memoryview(mmap.mmap(descriptor, capacity_bytes, access=mmap.ACCESS_READ))
 
 

@@ -61,7 +61,7 @@ class BodyFormat(NamedTuple):
 
     @classmethod
     def of(cls, media_type: str, content_encoding: str | None) -> BodyFormat:
-        """Returns the format that the headers name.
+        """The format that the headers name.
 
         Raises:
             UnsupportedFormat: unknown media type or content encoding.
@@ -153,7 +153,7 @@ class Query:
         served: Callable[[], Iterable[str]],
         arrived: float,
     ) -> Query:
-        """Checks the head of a query.
+        """Check the head of a query.
 
         Args:
             caller: has the scope ``localize``, and its rate limit allows the query: the transport checked
@@ -194,12 +194,12 @@ class Query:
         return Asker(self.caller.name, self.map_ids[0] if len(self.map_ids) == 1 else SEVERAL_MAPS)
 
     def without_body(self) -> Query:
-        """Returns the part of the query that a worker process needs beside the body."""
+        """The part of the query that a worker process needs beside the body."""
         return replace(self, body=b"", caller=_NOBODY, given=_NOTHING)
 
 
 def single_values(pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
-    """Returns query parameters by name.
+    """Query parameters by name.
 
     Raises:
         InvalidOption: one is given more than once: to take either would ignore the other.
@@ -211,5 +211,5 @@ def single_values(pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
 
 
 def split_map_ids(maps: str) -> tuple[str, ...]:
-    """Returns the ids in a ``map`` parameter: one, several separated by commas, or none."""
+    """The ids in a ``map`` parameter: one, several separated by commas, or none."""
     return tuple(maps.split(",")) if maps else ()

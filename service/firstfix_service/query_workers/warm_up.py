@@ -25,7 +25,7 @@ NICENESS = 5
 
 
 def own_queries(version: ServedVersion, index: MapIndex) -> Iterator[Query]:
-    """Yields queries with scans of the version's own map, until ``WITHIN_S`` have passed."""
+    """Yield queries with scans of the version's own map, until ``WITHIN_S`` have passed."""
     end = time.monotonic() + WITHIN_S
     for scan in own_scans(index):
         if time.monotonic() > end:
@@ -41,7 +41,7 @@ def own_queries(version: ServedVersion, index: MapIndex) -> Iterator[Query]:
 
 
 def at_low_priority(work: Callable[[], T]) -> T:
-    """Returns the result of work in a thread that gives way to other threads. Blocks."""
+    """The result of work in a thread that gives way to other threads. Blocks."""
     result: Future[T] = Future()
 
     def run() -> None:

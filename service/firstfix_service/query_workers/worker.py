@@ -36,7 +36,7 @@ SWITCH_S = 0.0005  # for which a query waits at most while the thread that count
 
 
 def load_localizer(directory: Path) -> Localizer:
-    """Returns the localizer of a version's folder."""
+    """The localizer of a version's folder."""
     return Localizer(MapIndex.load(directory))
 
 
@@ -92,7 +92,7 @@ def _serve_control(control: Connection, localizers: Localizers, sightings: Sight
 
 
 def _outcome(work: Callable[[], object]) -> tuple[bool, object]:
-    """Returns (True, result), (False, our error), or (False, traceback of a defect)."""
+    """(True, result), (False, our error), or (False, traceback of a defect)."""
     try:
         return True, work()
     except FirstfixError as error:

@@ -86,7 +86,7 @@ async def compose(
     draining: asyncio.Event,
     stack: AsyncExitStack,
 ) -> Parts:
-    """Starts all parts in order; the stack stops them in reverse. After an error it can be tried again.
+    """Start all parts in order; the stack stops them in reverse. After an error it can be tried again.
 
     Args:
         turns: of all who ask.
@@ -293,7 +293,7 @@ async def _start_zenoh(
     draining: asyncio.Event,
     stack: AsyncExitStack,
 ) -> Callable[[], None]:
-    """Starts to answer over zenoh. Returns a callback for each poll: it lets a thread update the tokens."""
+    """Start to answer over zenoh. Returns a callback for each poll: it lets a thread update the tokens."""
     from ..zenoh_api.answers import ZenohAnswers
     from ..zenoh_api.catalog import ZenohCatalog
     from ..zenoh_api.config import client_config
@@ -376,7 +376,7 @@ async def _start_zenoh(
 
 
 def _remove_abandoned_uploads(directory: Path) -> None:
-    """Removes old uploads of a killed service. Young ones may belong to another service on this machine."""
+    """Remove old uploads of a killed service. Young ones may belong to another service on this machine."""
     if not directory.is_dir():
         return
     for folder in directory.iterdir():

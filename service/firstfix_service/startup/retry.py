@@ -52,7 +52,7 @@ class RetryingStart:
         return self._parts
 
     async def __aenter__(self) -> RetryingStart:
-        """Starts the service.
+        """Start the service.
 
         Raises:
             FirstfixError: the service cannot start, and a retry would not help.
@@ -107,7 +107,7 @@ class PlainStartError:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serves a request, or the lifespan."""
+        """Serve a request, or the lifespan."""
         if scope["type"] != "lifespan":
             await self._app(scope, receive, send)
             return

@@ -15,7 +15,7 @@ _SECRET_WORDS = ("secret", "password", "token", "credential", "private", "api_ke
 
 
 def settings_summary(settings: Settings) -> dict[str, Any]:
-    """Returns the values by name, ready for JSON.
+    """The values by name, ready for JSON.
 
     Values that are secret by their type or name are hidden, and so are users, passwords and unknown
     parameters in URLs.
@@ -52,7 +52,7 @@ _HARMLESS = {
 
 
 def without_secrets(url: str) -> str:
-    """Returns the URL without user and password, and with the values of unknown parameters hidden."""
+    """The URL without user and password, and with the values of unknown parameters hidden."""
     parts = urlsplit(url)
     host = parts.netloc.rpartition("@")[2]
     query = [

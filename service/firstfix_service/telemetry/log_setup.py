@@ -18,7 +18,7 @@ __all__ = ["LAST_LINES_WITHIN_S", "drain_log", "set_up_logging"]
 
 
 def set_up_logging(settings: Settings) -> None:
-    """Sets up the logs of this process. Called by ``serve``, never by an import."""
+    """Set up the logs of this process. Called by ``serve``, never by an import."""
     level, as_json = settings.log_level, settings.log_json
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
@@ -57,7 +57,7 @@ def set_up_logging(settings: Settings) -> None:
 
 
 def drain_log(within_s: float) -> None:
-    """Waits until the lines of the log are written, or for ``within_s``: before the process ends at once."""
+    """Wait until the lines of the log are written, or for ``within_s``: before the process ends at once."""
     for handler in logging.getLogger().handlers:
         if isinstance(handler, logging.StreamHandler) and isinstance(handler.stream, LogStream):
             handler.stream.drain(within_s)

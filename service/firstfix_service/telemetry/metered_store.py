@@ -21,7 +21,7 @@ OPERATIONS = (
 
 
 def metered(store: Store, metrics: Metrics) -> Store:
-    """Makes a store report its operations and damaged records to the metrics, and returns the same store.
+    """Make a store report its operations and damaged records to the metrics, and return the same store.
 
     An operation that uses other operations counts once, under its own name.
     """

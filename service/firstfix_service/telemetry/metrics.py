@@ -187,7 +187,7 @@ class Metrics:
         self._begin_at_zero()
 
     def _begin_at_zero(self) -> None:
-        """Makes the series that alerts count: an increase is only seen if a series begins at zero."""
+        """Make the series that alerts count: an increase is only seen if a series begins at zero."""
         for transport in TRANSPORTS:
             for verdict in Verdict:
                 self.verdicts.labels(transport, verdict.value)
@@ -207,7 +207,7 @@ class Metrics:
             self.verified_objects.labels(result)
 
     def exposition(self, accept: str = "") -> tuple[bytes, str]:
-        """Returns the body of /metrics and its media type.
+        """The body of /metrics and its media type.
 
         Args:
             accept: the Accept header. It selects Prometheus text or OpenMetrics, which has exemplars.

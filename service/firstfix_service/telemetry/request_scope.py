@@ -71,25 +71,25 @@ _current: ContextVar[RequestScope | None] = ContextVar("firstfix_request", defau
 
 
 def current_request() -> RequestScope | None:
-    """Returns the request that is being served, if any."""
+    """The request that is being served, if any."""
     return _current.get()
 
 
 def current_caller() -> str:
-    """Returns the name of the caller of the request that is being served; empty if there is none."""
+    """The name of the caller of the request that is being served; empty if there is none."""
     scope = _current.get()
     return "" if scope is None else str(scope.fields.get("caller", ""))
 
 
 def note(**fields: Any) -> None:
-    """Adds fields to the log line and the span of the request that is being served, if any."""
+    """Add fields to the log line and the span of the request that is being served, if any."""
     scope = _current.get()
     if scope is not None:
         scope.fields.update(fields)
 
 
 def with_traceparent(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the record with the current trace context, so that later work on it continues the trace."""
+    """The record with the current trace context, so that later work on it continues the trace."""
     scope = _current.get()
     if scope is None or scope.trace is None:
         return dict(record)
@@ -110,7 +110,7 @@ class Requests:
     def scope(
         self, transport: str, name: str | None, *, request_id: str, traceparent: str | None, started: float
     ) -> Iterator[RequestScope]:
-        """Opens the scope of a request.
+        """Open the scope of a request.
 
         Args:
             name: of the span; None: the request gets no span.
@@ -163,7 +163,7 @@ class LogLines:
         self._handler = handler
 
     def info(self, line: str) -> None:
-        """Writes a line, at any level."""
+        """Write a line, at any level."""
         assert self._handler.lock is not None
         with self._handler.lock, suppress(OSError, ValueError):  # a full disk, or a closed stream
             self._handler.stream.write(line + "\n")
@@ -173,7 +173,7 @@ class LogLines:
 
 
 def hiding_secrets(urls: Iterable[str]) -> structlog.typing.Processor:
-    """Returns the last log processor, which hides keys, tokens and passwords in the finished line.
+    """The last log processor, which hides keys, tokens and passwords in the finished line.
 
     Args:
         urls: whose paths and queries are secrets.
@@ -216,10 +216,10 @@ class LogStream:
         return len(text)
 
     def flush(self) -> None:
-        """Does nothing: the thread writes as fast as the reader takes it."""
+        """Do nothing: the thread writes as fast as the reader takes it."""
 
     def drain(self, within_s: float) -> None:
-        """Waits until all lines are written, or for ``within_s``."""
+        """Wait until all lines are written, or for ``within_s``."""
         with self._changed:
             self._changed.wait_for(lambda: not self._waiting_bytes, within_s)
 
@@ -235,7 +235,7 @@ class LogStream:
                 self._changed.notify_all()
 
     def _take(self) -> tuple[bytes, int]:
-        """Returns the next lines, with a line about lost ones, and the bytes that were counted for them."""
+        """The next lines, with a line about lost ones, and the bytes that were counted for them."""
         with self._changed:
             lines = [self._waiting.popleft()]
             size = len(lines[0])

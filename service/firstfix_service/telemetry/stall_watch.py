@@ -64,7 +64,7 @@ class Pulse:
 
     @contextmanager
     def call(self) -> Iterator[None]:
-        """Marks a call that must come back."""
+        """Mark a call that must come back."""
         self.begin()
         try:
             yield
@@ -77,12 +77,12 @@ class Pulse:
         return self._is_under_way
 
     def begin(self) -> None:
-        """Marks the begin of a call."""
+        """Mark the begin of a call."""
         with self._lock:
             self._is_under_way, self.stalled_s, self._is_logged = True, 0.0, False
 
     def end(self) -> None:
-        """Marks the end of the call."""
+        """Mark the end of the call."""
         with self._lock:
             self._is_under_way = False
             if self._is_logged:
@@ -101,7 +101,7 @@ class Pulse:
             return True
 
     def why_unwell(self) -> str | None:
-        """Returns what is wrong with the part, or None."""
+        """What is wrong with the part, or None."""
         with self._lock:
             if self._is_under_way and self.stalled_s >= UNWELL_AFTER_S:
                 return f"{self.name} has not come back for {self.stalled_s:.0f} s"
@@ -133,22 +133,22 @@ class StallWatch:
         self._thread: threading.Thread | None = None
 
     def add(self, name: str) -> Pulse:
-        """Returns the pulse of one more part."""
+        """The pulse of one more part."""
         pulse = Pulse(name)
         self._pulses.append(pulse)
         return pulse
 
     def why_unwell(self) -> str | None:
-        """Returns what stands still, or stood still for long a moment ago; None: nothing."""
+        """What stands still, or stood still for long a moment ago; None: nothing."""
         return next((why for pulse in self._pulses if (why := pulse.why_unwell()) is not None), None)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begins to watch. Call it when the service has started: a start may take its time."""
+        """Begin to watch. Call it when the service has started: a start may take its time."""
         self._thread = threading.Thread(target=self._run, args=(loop,), name="stall-watch", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Ends the watch."""
+        """End the watch."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -189,7 +189,7 @@ class StallWatch:
 
 
 def stacks_of_all_threads() -> str:
-    """Returns the stacks without variables, which could contain secrets, innermost frame last.
+    """The stacks without variables, which could contain secrets, innermost frame last.
 
     Threads that stand at the same place share one stack.
     """
@@ -204,7 +204,7 @@ def stacks_of_all_threads() -> str:
 
 
 def _text(frame: FrameType) -> str:
-    """Reads no source file: its disk may be what hangs."""
+    """Read no source file: its disk may be what hangs."""
     inner = itertools.islice(traceback.walk_stack(frame), MAX_FRAMES)
     lines = [f"  {one.f_code.co_filename}:{line} {one.f_code.co_name}" for one, line in inner]
     return "\n".join(reversed(lines))

@@ -23,7 +23,7 @@ SERVICE_NAME = "firstfix"
 
 
 def start_tracing(replica: str, environ: Mapping[str, str] = os.environ) -> Tracing | None:
-    """Starts tracing; returns None if no collector is named."""
+    """Start tracing; returns None if no collector is named."""
     if not is_tracing_wanted(environ):
         return None
     from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
@@ -53,7 +53,7 @@ class Tracing:
 
     @contextmanager
     def request(self, name: str, parent: TraceContext | None, start_ns: int) -> Iterator[Span]:
-        """Opens the span of a request, as a child of the caller's span if there is one.
+        """Open the span of a request, as a child of the caller's span if there is one.
 
         Args:
             start_ns: nanoseconds since 1970.
@@ -68,7 +68,7 @@ class Tracing:
             span.end()
 
     def stages(self, span: Span, start_ns: int, timings_ms: Mapping[str, float]) -> None:
-        """Adds a child span for each stage of a query, one after the other.
+        """Add a child span for each stage of a query, one after the other.
 
         A stage that ran twice has one span with the sum of both times, as in the timings of the answer.
         """
@@ -81,16 +81,16 @@ class Tracing:
             start_ns = end_ns
 
     def fail(self, span: Span, code: str, error: BaseException | None = None) -> None:
-        """Marks the span as failed."""
+        """Mark the span as failed."""
         if error is not None:
             span.record_exception(error)
         span.set_status(self._trace.Status(self._trace.StatusCode.ERROR, code))
 
     def close(self) -> None:
-        """Sends the remaining spans, within the timeouts of OpenTelemetry."""
+        """Send the remaining spans, within the timeouts of OpenTelemetry."""
         self._provider.shutdown()
 
 
 def started_ns(started: float) -> int:
-    """Converts a reading of ``time.monotonic`` to nanoseconds since 1970."""
+    """Convert a reading of ``time.monotonic`` to nanoseconds since 1970."""
     return time.time_ns() - int((time.monotonic() - started) * 1e9)

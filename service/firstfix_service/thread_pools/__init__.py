@@ -52,7 +52,7 @@ _AGAIN_S = 0.5  # a request may go on to other work
 
 
 async def give_up_requests(after_s: float, why: str) -> None:
-    """Ends what requests of this event loop wait for after some time, and from then on, until cancelled."""
+    """End what requests of this event loop wait for after some time, and from then on, until cancelled."""
     await asyncio.sleep(after_s)
     while True:
         for pool in _OF_REQUESTS:

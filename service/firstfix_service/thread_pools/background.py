@@ -34,7 +34,7 @@ class PeriodicTask:
     first_after_s: float = 0.0
 
     async def run(self) -> None:
-        """Runs the task until it is cancelled."""
+        """Run the task until it is cancelled."""
         await asyncio.sleep(self.first_after_s)
         while True:
             try:
@@ -46,12 +46,12 @@ class PeriodicTask:
             await asyncio.sleep(self.interval_s)
 
     def start(self, stack: AsyncExitStack) -> None:
-        """Runs the task until the stack is closed."""
+        """Run the task until the stack is closed."""
         run_in_background(stack, self.run(), self.name)
 
 
 def run_in_background(stack: AsyncExitStack, work: Coroutine[Any, Any, None], name: str) -> None:
-    """Runs a coroutine as a task until the stack is closed. Closing cancels it and waits for its end."""
+    """Run a coroutine as a task until the stack is closed. Closing cancels it and wait for its end."""
     task = asyncio.create_task(work, name=name)
 
     async def stop() -> None:
@@ -69,7 +69,7 @@ def close_within(
     name: str,
     run: Callable[[Callable[[], None]], Awaitable[None]] = START.run,
 ) -> None:
-    """Lets the stack call what blocks, and go on without its end after a time: the store or zenoh may hang.
+    """Let the stack call what blocks, and go on without its end after a time: the store or zenoh may hang.
 
     Args:
         run: runs the call in a thread.
@@ -85,7 +85,7 @@ def close_within(
 
 
 def end_if_cancelled() -> None:
-    """Ends the current task if it was cancelled and went on. Loops around calls of other libraries need it.
+    """End the current task if it was cancelled and went on. Loops around calls of other libraries need it.
 
     Before Python 3.12, ``asyncio.wait_for`` drops a cancellation that comes together with its result.
 

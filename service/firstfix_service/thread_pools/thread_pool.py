@@ -55,7 +55,7 @@ class ThreadPool:
         self._running: Counter[str] = Counter()
 
     async def run(self, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
-        """Runs work in a thread and returns its result. Work that has begun is not cancelled.
+        """Run work in a thread and return its result. Work that has begun is not cancelled.
 
         Raises:
             Overloaded: a request asked, and its turn did not come in time, or ``give_up_requests``.
@@ -65,7 +65,7 @@ class ThreadPool:
         return await (result if current_request() is None else self._asked_by_request(job, result))
 
     def submit(self, caller: str, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Runs work in a thread, when it is the caller's turn.
+        """Run work in a thread, when it is the caller's turn.
 
         Args:
             caller: empty: the service itself.
@@ -73,7 +73,7 @@ class ThreadPool:
         return self._add(caller, work, *args, **kwargs).result
 
     def close(self) -> None:
-        """Waits for the work that has begun; the other work is cancelled."""
+        """Wait for the work that has begun; the other work is cancelled."""
         with self._lock:
             waiting, self._waiting = self._waiting, {}
         for jobs in waiting.values():
@@ -82,7 +82,7 @@ class ThreadPool:
         self._executor.shutdown()
 
     def give_up_requests(self, why: str) -> None:
-        """Ends the waits of all requests of this event loop. Their work goes on where it has begun."""
+        """End the waits of all requests of this event loop. Their work goes on where it has begun."""
         loop = asyncio.get_running_loop()
         for result, job in list(self._asked.items()):
             if result.get_loop() is loop and not result.done():
@@ -121,7 +121,7 @@ class ThreadPool:
             job.result.cancel()  # unless it begins this moment
 
     def route(self, work: Callable[P, T]) -> Callable[P, Awaitable[T]]:
-        """Makes a coroutine function for a route from a function that blocks."""
+        """Make a coroutine function for a route from a function that blocks."""
 
         @wraps(work)
         async def in_pool(*args: P.args, **kwargs: P.kwargs) -> T:

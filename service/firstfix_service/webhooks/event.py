@@ -45,7 +45,7 @@ class AnswerEvent:
     time: datetime = field(default_factory=lambda: datetime.now(timezone.utc))
 
     def body(self) -> bytes:
-        """Returns the event in JSON; its data has the whole answer as the caller got it."""
+        """The event in JSON; its data has the whole answer as the caller got it."""
         return orjson.dumps(
             {
                 "specversion": "1.0",
@@ -67,7 +67,7 @@ class AnswerEvent:
 
 
 def signed_headers(event_id: str, body: bytes, secrets: Sequence[bytes], now_s: int) -> dict[str, str]:
-    """Returns the headers of one attempt: HMAC-SHA256 over id, time and body, by each of the secrets.
+    """The headers of one attempt: HMAC-SHA256 over id, time and body, by each of the secrets.
 
     Args:
         now_s: seconds since the epoch. A receiver refuses an old one, so nobody can send it again later.
@@ -83,7 +83,7 @@ def signed_headers(event_id: str, body: bytes, secrets: Sequence[bytes], now_s: 
 
 
 def read_secrets(file: Path) -> tuple[bytes, ...]:
-    """Returns the secrets of a file, one a line: ``whsec_`` and 24 to 64 bytes in base64.
+    """The secrets of a file, one a line: ``whsec_`` and 24 to 64 bytes in base64.
 
     Two of them while a receiver changes from one to the other.
 

@@ -49,7 +49,7 @@ class WebhookPolicy:
 
     @classmethod
     def of(cls, settings: Settings) -> WebhookPolicy | None:
-        """Returns the policy in the settings; None: no webhooks.
+        """The policy in the settings; None: no webhooks.
 
         Raises:
             InvalidOption: a URL or the secrets cannot be used.
@@ -67,7 +67,7 @@ class WebhookPolicy:
 
 
 def _check_url(url: str, number: int) -> None:
-    """Checks a URL. A message does not show it: its path may be a secret."""
+    """Check a URL. A message does not show it: its path may be a secret."""
     try:
         parts = urlsplit(url)
         valid = parts.scheme in ("http", "https") and bool(parts.hostname) and "@" not in parts.netloc
@@ -105,11 +105,11 @@ class WebhookSender:
         metrics.webhook_waiting.set_function(lambda: sum(one.waiting for one in self._receivers))
 
     def start(self) -> None:
-        """Starts the thread."""
+        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Ends the thread. Requests under way have ``STOP_WITHIN_S``; what waits is dropped and counted."""
+        """End the thread. Requests under way have ``STOP_WITHIN_S``; what waits is dropped and counted."""
         with self._lock:
             if self._closed:
                 return
@@ -118,7 +118,7 @@ class WebhookSender:
         self._thread.join(2 * STOP_WITHIN_S)
 
     def offer(self, event: AnswerEvent) -> None:
-        """Sends an event if its verdict is wanted and there is room. Never blocks and never fails."""
+        """Send an event if its verdict is wanted and there is room. Never blocks and never fails."""
         if event.answer.verdict.value not in self._policy.verdicts:
             return
         body = event.body()
@@ -183,7 +183,7 @@ class WebhookSender:
                 receiver.waiting_bytes -= len(body)
 
     async def _attempts(self, receiver: _Receiver, event_id: str, body: bytes) -> str:
-        """Returns the result: a label of the metric."""
+        """The result: a label of the metric."""
         began = time.monotonic()
         for number in range(MAX_ATTEMPTS):
             if number:
@@ -204,7 +204,7 @@ class WebhookSender:
         return "failed"
 
     async def _post(self, receiver: _Receiver, event_id: str, body: bytes) -> str:
-        """Makes one attempt. Returns what went wrong; empty: nothing."""
+        """Make one attempt. Returns what went wrong; empty: nothing."""
         assert self._client is not None
         headers = signed_headers(event_id, body, self._policy.secrets, int(time.time()))
         try:

@@ -88,7 +88,7 @@ class ZenohAnswers:
         self._thread.start()
 
     def close(self) -> None:
-        """Stops to publish and to subscribe."""
+        """Stop to publish and to subscribe."""
         self._stop.set()
         self._thread.join()
         self._unsubscribe()
@@ -152,7 +152,7 @@ class ZenohAnswers:
             )
 
     def _has_room(self) -> bool:
-        """Counts a message. zenoh calls the subscriber once at a time."""
+        """Count a message. zenoh calls the subscriber once at a time."""
         second = int(time.monotonic())
         if second != self._second:
             self._second, self._messages = second, 0

@@ -42,7 +42,7 @@ class ZenohCaller:
     is_repeated: bool = False
 
     def encoding(self, is_ok: bool, encoding: str, payload: bytes) -> str:
-        """Returns the encoding of a reply: signed, if the query is.
+        """The encoding of a reply: signed, if the query is.
 
         The refusal of a repeated query is not signed: the first one may still get its answer, and a client
         takes a signed refusal to be final.
@@ -52,7 +52,7 @@ class ZenohCaller:
         return self.signed.key.signed_encoding(self.signed.signature, is_ok, encoding, payload)
 
     async def check_body(self, body: bytes) -> None:
-        """Checks that a signed query has the payload that was signed.
+        """Check that a signed query has the payload that was signed.
 
         Raises:
             Unauthorized: it has another one.
@@ -74,7 +74,7 @@ class ZenohCallers:
         self._is_open = authenticator.is_on and bool(open_zenoh(settings))
 
     def look(self, query: Any) -> ZenohCaller:
-        """Returns the caller, after a look at its signature. Changes nothing. Thread-safe, and quick."""
+        """The caller, after a look at its signature. Changes nothing. Thread-safe, and quick."""
         attachment, signatures = query.attachment, self._signatures
         if signatures is None or attachment is None or len(attachment) > MAX_CREDENTIAL_BYTES:
             return ZenohCaller()
@@ -88,7 +88,7 @@ class ZenohCallers:
             return ZenohCaller(refused=error)
 
     async def admit(self, caller: ZenohCaller, query: Any) -> Principal:
-        """Returns the principal, with the scope ``localize`` and within its rate limit. Admits a query once.
+        """The principal, with the scope ``localize`` and within its rate limit. Admits a query once.
 
         Raises:
             ClockSkew, RateLimited: as ``SignedQueries.accept``.
@@ -118,7 +118,7 @@ class ZenohCallers:
 
 
 def credential_of(query: Any) -> str | None:
-    """Returns the API key or token in a query's attachment; None without an attachment.
+    """The API key or token in a query's attachment; None without an attachment.
 
     Raises:
         Unauthorized: the attachment is too long.

@@ -56,7 +56,7 @@ class MapVersions:
         return f"firstfix/{self.map_id}/version"
 
     def to_json(self, replica: str) -> bytes:
-        """Returns the payload that this replica sends."""
+        """The payload that this replica sends."""
         return _json({**asdict(self), "replica": replica})
 
 
@@ -88,7 +88,7 @@ class ZenohCatalog:
         self._queryables: list[Any] = []
 
     def update(self, touched: Iterable[str], before_each: Callable[[], None]) -> None:
-        """Publishes changes of these maps since the last update. Call it after every poll.
+        """Publish changes of these maps since the last update. Call it after every poll.
 
         The first update publishes nothing, because the start of a replica changes no map.
 
@@ -119,7 +119,7 @@ class ZenohCatalog:
             self._session.put(versions.key, versions.to_json(self._replica), encoding=JSON)
 
     def close(self) -> None:
-        """Takes the keys back."""
+        """Take the keys back."""
         for queryable in self._queryables:
             queryable.undeclare()
         self.replies.close()

@@ -15,7 +15,7 @@ CLIENT_CONNECT_MS = 2000
 
 
 def session_config(settings: Settings) -> Any:
-    """Returns the operator's file as it is; without a file, a peer on the given endpoints without scouting.
+    """The operator's file as it is; without a file, a peer on the given endpoints without scouting.
 
     Raises:
         InvalidOption: the file cannot be read.
@@ -36,7 +36,7 @@ def session_config(settings: Settings) -> Any:
 
 
 def max_message_bytes(settings: Settings) -> int:
-    """Returns the maximum size of a zenoh message: one that is longer is dropped without an answer.
+    """The maximum size of a zenoh message: one that is longer is dropped without an answer.
 
     A body that is somewhat too large still arrives, so that its sender learns why it is refused.
     """
@@ -44,7 +44,7 @@ def max_message_bytes(settings: Settings) -> int:
 
 
 def client_config(settings: Settings) -> Any | None:
-    """Returns the config of a second session: a client of the endpoints that ``session_config`` connects to.
+    """The config of a second session: a client of the endpoints that ``session_config`` connects to.
 
     Returns:
         None if that config connects to no endpoint.

@@ -65,7 +65,7 @@ class ZenohEndpoint:
         requests: Requests,
         pulse: Pulse,
     ) -> None:
-        """Blocks until the session is open.
+        """Block until the session is open.
 
         Args:
             bodies: those in memory, of HTTP too.
@@ -133,7 +133,7 @@ class ZenohEndpoint:
         return max(len(self._tokens) - 1, 0)  # one token is for any map
 
     def close(self) -> None:
-        """Takes back the tokens and keys, answers the queries under way, then closes the session.
+        """Take back the tokens and keys, answers the queries under way, then close the session.
 
         A query that comes meanwhile gets an error.
         """
@@ -150,7 +150,7 @@ class ZenohEndpoint:
         self.session.close()
 
     def _on_query(self, query: Any) -> None:
-        """Hands the query to the event loop. zenoh calls this once at a time, so it must be quick."""
+        """Hand the query to the event loop. zenoh calls this once at a time, so it must be quick."""
         arrived = time.monotonic()
         size = 0 if query.payload is None else len(query.payload)
         body = self._bodies.lease()
@@ -173,7 +173,7 @@ class ZenohEndpoint:
         future.add_done_callback(partial(self._ended, query))
 
     def _check_room(self, size: int) -> None:
-        """Checks the limits of zenoh queries, before it is known who asks: the gate checks all others.
+        """Check the limits of zenoh queries, before it is known who asks: the gate checks all others.
 
         Raises:
             TooLarge: over the limit of one body.

@@ -33,7 +33,7 @@ UNSIGNED = ZenohCaller()
 
 @contextmanager
 def logged_query(requests: Requests, query: Any, arrived: float) -> Iterator[None]:
-    """Opens the scope of one query, and logs the query when it ends.
+    """Open the scope of one query, and log the query when it ends.
 
     Args:
         arrived: ``time.monotonic`` when it came.
@@ -58,7 +58,7 @@ def logged_query(requests: Requests, query: Any, arrived: float) -> Iterator[Non
 def read_query(
     query: Any, caller: Principal, served: Callable[[], Iterable[str]], arrived: float
 ) -> tuple[str, Query]:
-    """Reads all of a query except its payload.
+    """Read all of a query except its payload.
 
     Returns:
         The key that all replicas share, and the query.
@@ -80,16 +80,16 @@ def read_query(
 
 
 def key_of(map_id: str) -> str:
-    """Returns the key on which a map's queries are asked."""
+    """The key on which a map's queries are asked."""
     return f"firstfix/{map_id}/localize"
 
 
 def reply_ok(query: Any, caller: ZenohCaller, key: str, content: bytes, media_type: str) -> None:
-    """Answers a query, with a signature if the query has one."""
+    """Answer a query, with a signature if the query has one."""
     query.reply(key, content, encoding=caller.encoding(True, media_type, content))
 
 
 def reply_error(query: Any, error: BaseException, caller: ZenohCaller = UNSIGNED) -> None:
-    """Answers a query with the problem document of an error, with a signature if the query has one."""
+    """Answer a query with the problem document of an error, with a signature if the query has one."""
     content = problem_of(error).body
     query.reply_err(content, encoding=caller.encoding(False, problems.MEDIA_TYPE, content))

@@ -30,7 +30,7 @@ class Refusals:
         self._waiting: Counter[str] = Counter()
 
     async def wait(self, caller: str, body: Lease) -> None:
-        """Counts a refusal, and waits until it is within the rate of who asks.
+        """Count a refusal, and waits until it is within the rate of who asks.
 
         Args:
             caller: empty: unauthenticated.

@@ -71,7 +71,7 @@ class ZenohReplicas:
             return frozenset(key.rpartition("/")[2] for key in self._keys)
 
     def start(self) -> frozenset[str]:
-        """Starts to watch, and returns the names seen so far. Blocks for a few seconds at most.
+        """Start to watch, and return the names seen so far. Blocks for a few seconds at most.
 
         If nothing can be reached yet, it tries again later.
         """
@@ -81,13 +81,13 @@ class ZenohReplicas:
         return names
 
     def join(self) -> None:
-        """Declares this replica's token, once. Load its maps before: the others rely on it then."""
+        """Declare this replica's token, once. Load its maps before: the others rely on it then."""
         if self._token is None and not self._stop.is_set():
             self._token = self._session.liveliness().declare_token(self._own)
             _log.info("holding maps among replicas", replicas=sorted(self.names))
 
     def leave(self) -> None:
-        """Takes the token back for good. Others load this replica's maps while it goes on answering."""
+        """Take the token back for good. Others load this replica's maps while it goes on answering."""
         self._stop.set()
         self._event.set()
         token, self._token = self._token, None
@@ -95,7 +95,7 @@ class ZenohReplicas:
             token.undeclare()
 
     def close(self) -> None:
-        """Leaves and stops watching. May be called again."""
+        """Leave and stops watching. May be called again."""
         self.leave()
         if self._thread.ident is not None:
             self._thread.join()

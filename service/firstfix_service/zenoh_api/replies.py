@@ -59,12 +59,12 @@ class ReplyThreads:
         return len(self) >= Limits.max_replies
 
     def is_full_for(self, caller: str) -> bool:
-        """Returns whether so many replies of the caller are unsent that it gets no more."""
+        """Whether so many replies of the caller are unsent that it gets no more."""
         with self._lock:
             return self._held[caller] >= Limits.max_replies_per_caller
 
     def send(self, query: Any, send: Callable[[], None], caller: str = "") -> Future[None]:
-        """Sends a reply and ends its query, in a thread.
+        """Send a reply and end its query, in a thread.
 
         It blocks only where ``Limits.max_waiting_replies`` replies wait for a thread: then the reply is sent
         here.
@@ -87,11 +87,11 @@ class ReplyThreads:
         return reply.sent
 
     def end(self, query: Any) -> None:
-        """Ends a query without a reply. A query that has ended already is left alone."""
+        """End a query without a reply. A query that has ended already is left alone."""
         self.send(query, lambda: None)
 
     def close(self) -> None:
-        """Ends the threads once they have sent what waits."""
+        """End the threads once they have sent what waits."""
         with self._lock:
             self._is_closed = True
             self._has_work.notify_all()

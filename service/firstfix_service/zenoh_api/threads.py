@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 
 def connected_with(session: Any) -> set[str]:
-    """Returns the zenoh ids of the routers, peers and clients connected with a session.
+    """The zenoh ids of the routers, peers and clients connected with a session.
 
     It may wait for a lock that a frozen peer keeps taken, but without the interpreter's lock. The call
     ``info.transports()`` waits with it: then no thread of the process goes on, not even the watchdog.
@@ -34,7 +34,7 @@ def connected_with(session: Any) -> set[str]:
 
 
 async def in_zenoh_thread(work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
-    """Runs work in a thread of its own and returns its result. Work that has begun is not cancelled."""
+    """Run work in a thread of its own and return its result. Work that has begun is not cancelled."""
     done: Future[T] = Future()
 
     def run() -> None:
@@ -69,7 +69,7 @@ class SessionWatch:
         self._thread.start()
 
     def close(self) -> None:
-        """Ends the watch. Does not wait for it."""
+        """End the watch. Does not wait for it."""
         self._stop.set()
         self.connections = 0
 
@@ -105,11 +105,11 @@ class ZenohUpdates:
         threading.Thread(target=self._run, name="zenoh-updates", daemon=True).start()
 
     def wake(self) -> None:
-        """Lets the thread run ``update`` soon. Never blocks."""
+        """Let the thread run ``update`` soon. Never blocks."""
         self._woken.set()
 
     def close(self) -> None:
-        """Begins no more updates. Does not wait for one that runs."""
+        """Begin no more updates. Does not wait for one that runs."""
         self._is_closed = True
         self._woken.set()
 

@@ -26,7 +26,7 @@ VIEW_STEPS = 6  # of an octave: 12 %
 
 
 def stepped(value: float, per_octave: int) -> float:
-    """Returns the nearest power of 2 ** (1 / per_octave) to a positive value."""
+    """The nearest power of 2 ** (1 / per_octave) to a positive value."""
     return float(2 ** (round(np.log2(value) * per_octave) / per_octave))
 
 

@@ -63,17 +63,17 @@ class SurfaceCells:
         return cls(*(getattr(joined, field.name)[order] for field in fields(cls)))
 
     def save(self, directory: Path) -> None:
-        """Writes the file of this name."""
+        """Write the file of this name."""
         np.savez(directory / FILE, cell=self.cell, sha256=self.sha256, low=self.low, high=self.high)
 
     @classmethod
     def load(cls, path: Path) -> SurfaceCells:
-        """Reads a file of ``save``."""
+        """Read a file of ``save``."""
         with np.load(path) as cells:
             return cls(**dict(cells))
 
     def digest_within(self, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float) -> str:
-        """Returns a hash of the surface within reach_m of the box of (2,) corners in x and y."""
+        """A hash of the surface within reach_m of the box of (2,) corners in x and y."""
         start, group_low, group_high = self._groups
         groups = np.flatnonzero(_is_near(group_low, group_high, low, high, reach_m))
         none = np.zeros(0, np.int64)
@@ -94,7 +94,7 @@ class SurfaceCells:
 
 @lru_cache(2)
 def surface_cells_of(mesh: Path) -> SurfaceCells:
-    """Returns the cells of a finished mesh stage, read once for all chunks."""
+    """The cells of a finished mesh stage, read once for all chunks."""
     return SurfaceCells.load(mesh / FILE)
 
 

@@ -44,23 +44,23 @@ class TiledPoints:
         return cls(ordered, number[first], start, np.frombuffer(b"".join(found), np.uint8).reshape(-1, 32))
 
     def save(self, directory: Path) -> None:
-        """Writes ``points.npy`` and ``point_tiles.npz``."""
+        """Write ``points.npy`` and ``point_tiles.npz``."""
         np.save(directory / _POINTS, self.points)
         np.savez(directory / _TILES, tile=self.tile, start=self.start, sha256=self.sha256)
 
     @classmethod
     def load(cls, directory: Path) -> TiledPoints:
-        """Loads a cloud, memory-mapped: only the parts in use are read from the disk."""
+        """Load a cloud, memory-mapped: only the parts in use are read from the disk."""
         with np.load(directory / _TILES) as tiles:
             return cls(np.load(directory / _POINTS, mmap_mode="r"), **dict(tiles))
 
     def near(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the points of the tiles that meet the box of (2,) corners, tile by tile."""
+        """The points of the tiles that meet the box of (2,) corners, tile by tile."""
         parts = [self.points[self.start[i] : self.start[i + 1]] for i in self._tiles(low, high)]
         return np.concatenate(parts) if parts else np.zeros((0, 3))
 
     def digest_near(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> str:
-        """Returns a hash of what ``near`` returns."""
+        """A hash of what ``near`` returns."""
         tiles = self._tiles(low, high)
         return hashlib.sha256(self.tile[tiles].tobytes() + self.sha256[tiles].tobytes()).hexdigest()
 

@@ -61,7 +61,7 @@ def _checks(data: MapData, poses: NDArray[np.float64] | None) -> Iterator[Callab
 
 
 def refuse(findings: Iterable[Finding]) -> None:
-    """Refuses a map with an error among its findings.
+    """Refuse a map with an error among its findings.
 
     Raises:
         UnfitMap: with the text and the remedy of each.

@@ -30,7 +30,7 @@ class Shape:
 
     @classmethod
     def of(cls, data: MapData) -> Shape:
-        """Measures a sample. Points on surfaces are sqrt(n / k) times as far apart in a sample of k of n."""
+        """Measure a sample. Points on surfaces are sqrt(n / k) times as far apart in a sample of k of n."""
         sample = data.coordinates[rows_by_chance(len(data.coordinates), _SAMPLED_POINTS)]
         if data.points is None:
             return cls(np.ptp(sample, axis=0), None)

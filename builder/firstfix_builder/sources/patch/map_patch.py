@@ -49,12 +49,12 @@ class MapPatch:
         return MapPatch(np.concatenate([kept, later.added]), np.concatenate([self.removed, later.removed]))
 
     def save(self, path: Path) -> None:
-        """Writes it to a file."""
+        """Write it to a file."""
         np.savez(path, added=self.added, removed=self.removed)
 
     @classmethod
     def load(cls, path: Path) -> MapPatch:
-        """Reads what ``save`` wrote.
+        """Read what ``save`` wrote.
 
         Raises:
             CorruptVersion: the file has another form.

@@ -88,7 +88,7 @@ def seen_by(index: MapIndex, observations: Sequence[Observation]) -> tuple[list[
 
 
 def fits_around(index: MapIndex, returns: NDArray[np.float32], T_map_sensor: Matrix) -> bool:
-    """Returns whether the unchanged map explains most of a scan: then its pose is right.
+    """Whether the unchanged map explains most of a scan: then its pose is right.
 
     Floors and ceilings do not count. They fit at every wrong pose, too.
 
@@ -130,7 +130,7 @@ def without_replays(observations: Sequence[Observation]) -> list[Observation]:
 
 
 def _has_most_of(tree: cKDTree, points: NDArray[np.float32]) -> bool:
-    """Returns whether most of (n, 3) points are among those of a tree."""
+    """Whether most of (n, 3) points are among those of a tree."""
     if not len(points) or not tree.n:
         return False
     some = points[rows_by_chance(len(points), _COMPARED)]

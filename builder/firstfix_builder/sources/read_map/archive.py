@@ -31,7 +31,7 @@ _PACKED_BY = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2)
 
 
 def unpack(archive: Path, folder: Path) -> Path:
-    """Writes an archive's files below a new folder.
+    """Write an archive's files below a new folder.
 
     Returns:
         The folder of the map: where the archive holds nothing but one folder, that one, unless it is that of
@@ -63,7 +63,7 @@ def unpack(archive: Path, folder: Path) -> Path:
 
 @contextmanager
 def _damage_named(archive: Path) -> Iterator[None]:
-    """Turns what zipfile raises about a damaged archive into MalformedData."""
+    """Turn what zipfile raises about a damaged archive into MalformedData."""
     try:
         yield
     except FirstfixError:
@@ -84,7 +84,7 @@ def _damage_named(archive: Path) -> Iterator[None]:
 
 
 def _check_directory(archive: Path) -> None:
-    """Checks the size of the list of files, before an object is made of each."""
+    """Check the size of the list of files, before an object is made of each."""
     size = archive.stat().st_size
     with archive.open("rb") as file:
         file.seek(max(0, size - _END_BYTES - _MAX_COMMENT - _LOCATOR_BYTES - _END_64_BYTES))
@@ -105,7 +105,7 @@ def _check_directory(archive: Path) -> None:
 
 
 def _check(archive: Path, entries: list[zipfile.ZipInfo], folder: Path) -> None:
-    """Checks what the archive declares, before the first file is written."""
+    """Check what the archive declares, before the first file is written."""
     if len(entries) > MAX_FILES:
         raise TooLarge(f"{archive.name}: {len(entries)} files, the limit is {MAX_FILES}")
     others = [entry for entry in entries if entry.compress_type not in _PACKED_BY]
@@ -132,7 +132,7 @@ def _parts(archive: Path, entry: zipfile.ZipInfo) -> tuple[str, ...]:
 
 
 def _write(opened: zipfile.ZipFile, entry: zipfile.ZipInfo, target: Path, left: int) -> int:
-    """Unpacks one file. Counts what comes, whatever the archive says; returns the bytes that are left."""
+    """Unpack one file. Counts what comes, whatever the archive says; returns the bytes that are left."""
     if target.is_dir():
         raise FileExistsError(target)
     with opened.open(entry) as packed, target.open("xb") as file:

@@ -11,7 +11,7 @@ from firstfix.errors import FirstfixError, InputError, MalformedData, NotFound, 
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Puts the file's name before the reason of an InputError; no such file becomes NotFound.
+    """Put the file's name before the reason of an InputError; no such file becomes NotFound.
 
     The name without its folders: they are the machine's business, not the uploader's.
     """

@@ -27,12 +27,12 @@ _POSE_KEY = "T_world_origin:"
 
 
 def is_glim_dump(path: Path) -> bool:
-    """Returns whether a folder is a dump of GLIM."""
+    """Whether a folder is a dump of GLIM."""
     return any((submap / "data.txt").is_file() for submap in _submaps(path))
 
 
 def read_glim_dump(path: Path) -> MapData:
-    """Reads all submaps in the world frame.
+    """Read all submaps in the world frame.
 
     The trajectory is GLIM's optimised one (``traj_lidar.txt``) if there is one, else the submaps' origins.
 

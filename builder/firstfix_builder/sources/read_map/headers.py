@@ -23,7 +23,7 @@ MAX_XML_BYTES = 64 << 20  # of some ten thousand scans
 
 
 def check_e57(path: Path) -> None:
-    """Checks the places that a file declares, and that its XML is nothing that grows.
+    """Check the places that a file declares, and that its XML is nothing that grows.
 
     Raises:
         MalformedData: it is no E57, or cut off, or declares entities.
@@ -51,7 +51,7 @@ def check_e57(path: Path) -> None:
 
 
 def check_points(path: Path, points: int) -> None:
-    """Checks the number of points of all scans. Each takes a bit at least: x, y and z of all are not equal.
+    """Check the number of points of all scans. Each takes a bit at least: x, y and z of all are not equal.
 
     Raises:
         MalformedData: more than the file has bits.
@@ -62,7 +62,7 @@ def check_points(path: Path, points: int) -> None:
 
 
 def check_ply(header: PlyHeader, file_bytes: int) -> None:
-    """Compares the counts with the bytes of the whole file.
+    """Compare the counts with the bytes of the whole file.
 
     Raises:
         MalformedData: the file is too small, however short its lists and numbers are.
@@ -90,7 +90,7 @@ MAX_RATIO = 200  # of Draco: its accessors have no bytes of their own
 
 
 def check_glb(path: Path) -> None:
-    """Checks the sizes that a file declares.
+    """Check the sizes that a file declares.
 
     Raises:
         MalformedData: it is no GLB, or larger inside than its bytes allow.

@@ -93,7 +93,7 @@ class HeldOut:
         )
 
     def save(self, directory: Path) -> None:
-        """Writes a stage's files. Times of points that are not known are NaN; a whole scan has no ranges."""
+        """Write a stage's files. Times of points that are not known are NaN; a whole scan has no ranges."""
         scans = [one.scan for one in self.scans]
         times = [np.full(len(s.points), np.nan, np.float32) if s.time_s is None else s.time_s for s in scans]
         ranges = [s.nearest_m if isinstance(s, CompactScan) else np.empty(0, np.float32) for s in scans]
@@ -114,7 +114,7 @@ class HeldOut:
 
     @classmethod
     def load(cls, directory: Path) -> HeldOut:
-        """Reads what ``save`` wrote; nothing if it wrote nothing."""
+        """Read what ``save`` wrote; nothing if it wrote nothing."""
         if not (directory / _SCANS_FILE).exists():
             return cls()
         record = json.loads((directory / _RECORD_FILE).read_text())
@@ -151,7 +151,7 @@ def _scan_of(
 
 
 def read_held_out(source: Path, axis: str, scale: float = 1.0) -> HeldOut | None:
-    """Reads the held-out scans of a map's folder; None if it has none. It raises nothing for bad ones.
+    """Read the held-out scans of a map's folder; None if it has none. It raises nothing for bad ones.
 
     Args:
         axis, scale: of the map. Poses in a frame that is turned, or in another unit, are not read.

@@ -46,12 +46,12 @@ class HeldOutParts:
     kept_out: Mapping[str, int] = field(default_factory=dict)
 
     def to_mapping(self) -> dict[str, object]:
-        """Returns the numbers as JSON values."""
+        """The numbers as JSON values."""
         return asdict(self)
 
 
 def drawn_parts(positions: NDArray[np.float64], most: int, seed: int = SEED) -> list[range]:
-    """Draws parts of a drive: places by chance along the way, so that a stop counts as one place.
+    """Draw parts of a drive: places by chance along the way, so that a stop counts as one place.
 
     Args:
         positions: (n, 3) metres, of the keyframes in the order of the drive.

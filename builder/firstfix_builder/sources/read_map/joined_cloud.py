@@ -29,7 +29,7 @@ class JoinedCloud:
         self._fresh: list[NDArray[np.float64]] = []
 
     def add(self, points: NDArray[np.float64]) -> None:
-        """Joins (n, 3) points, metres.
+        """Join (n, 3) points, metres.
 
         Raises:
             MalformedData: the scans lie thousands of kilometres apart.
@@ -40,7 +40,7 @@ class JoinedCloud:
             self._fold()
 
     def points(self) -> NDArray[np.float64]:
-        """Returns (m, 3) the cloud so far, in x-y-z order of the voxels; raises as ``add`` does."""
+        """(m, 3) the cloud so far, in x-y-z order of the voxels; raises as ``add`` does."""
         self._fold()
         return self._rows[:, :3]
 

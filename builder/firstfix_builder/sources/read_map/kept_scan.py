@@ -18,7 +18,7 @@ MAX_POINTS = 1_000_000
 def read_kept_scan(
     path: Path, media_type: str, content_encoding: str, *, alone: bool = False
 ) -> Scan | CompactScan:
-    """Reads the body of a kept query. Of several scans it is the last, whose pose the answer has.
+    """Read the body of a kept query. Of several scans it is the last, whose pose the answer has.
 
     Args:
         alone: refuse a query of several scans.

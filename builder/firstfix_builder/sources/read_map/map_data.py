@@ -109,7 +109,7 @@ def local_origin(data: MapData) -> NDArray[np.float64]:
 
 
 def subtract_origin(data: MapData, origin: NDArray[np.float64]) -> MapData:
-    """Moves a map to a local origin."""
+    """Move a map to a local origin."""
     if not origin.any():
         return data
     trajectory = data.trajectory

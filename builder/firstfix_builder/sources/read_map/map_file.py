@@ -67,7 +67,7 @@ def read_map_file(path: Path) -> MapData:
 
 
 def _check_begin(path: Path) -> None:
-    """Checks that a file begins as files of its ending do; PCD and PLY are checked by their readers."""
+    """Check that a file begins as files of its ending do; PCD and PLY are checked by their readers."""
     ending = path.suffix.lower()
     with path.open("rb") as file:
         head = file.read(SNIFFED_BYTES)
@@ -76,7 +76,7 @@ def _check_begin(path: Path) -> None:
 
 
 def is_mesh_file(path: Path) -> bool:
-    """Returns whether a map file is a mesh, from its ending or its header."""
+    """Whether a map file is a mesh, from its ending or its header."""
     ending = path.suffix.lower()
     if ending != ".ply" or not path.stat().st_size:
         return READERS.get(ending) is read_mesh

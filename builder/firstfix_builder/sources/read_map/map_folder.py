@@ -78,7 +78,7 @@ def trajectory_in(path: Path) -> NDArray[np.float64] | None:
 
 
 def mesh_files(path: Path) -> list[Path]:
-    """Returns the files, by name, of a folder whose maps are several meshes; nothing of any other folder."""
+    """The files, by name, of a folder whose maps are several meshes; nothing of any other folder."""
     files = sorted(file for file in path.iterdir() if file.suffix.lower() in READERS)
     files = [file for file in files if file.is_file() and file.name not in TRAJECTORIES]
     return files if len(files) > 1 and all(is_mesh_file(file) for file in files) else []

@@ -20,7 +20,7 @@ class MapLimits(Limits):
     """Limits that also compare what a cloud needs with the memory there is, before any of it is taken."""
 
     def check(self, format_name: str, points: int, record_bytes: int) -> None:
-        """Checks the size that a header declares.
+        """Check the size that a header declares.
 
         Raises:
             TooLarge: more points or bytes than allowed.

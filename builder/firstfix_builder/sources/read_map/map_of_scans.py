@@ -49,7 +49,7 @@ class MapOfScans:
 
 
 def is_map_of_scans(source: Path) -> bool:
-    """Returns whether a source is a folder with mapping scans and without a map file."""
+    """Whether a source is a folder with mapping scans and without a map file."""
     if not (source / FOLDER).is_dir() or is_glim_dump(source):
         return False
     files = [path for path in source.iterdir() if path.is_file() and path.name not in TRAJECTORIES]
@@ -59,7 +59,7 @@ def is_map_of_scans(source: Path) -> bool:
 def read_map_of_scans(
     source: Path, axis: str, scale: float, *, held_out: int = 0, max_points: int = MAX_POINTS
 ) -> MapOfScans:
-    """Joins the scans of a folder. One part is in memory at a time, besides what is held out.
+    """Join the scans of a folder. One part is in memory at a time, besides what is held out.
 
     Args:
         axis, scale: of the source; it must be z-up and in metres.
@@ -93,7 +93,7 @@ def read_map_of_scans(
 def _hold_out(
     parts: list[range], keyframes: _Keyframes, joined: _Joined
 ) -> tuple[tuple[HeldOutScan, ...], HeldOutParts]:
-    """Holds out the parts that the map can do without, and joins the others after all."""
+    """Hold out the parts that the map can do without, and join the others after all."""
     if not parts:
         return (), HeldOutParts()
     others = OtherKeyframes(joined.cloud.points(), keyframes.near_origin(joined.numbers))
@@ -168,7 +168,7 @@ class _Joined:
         self.numbers: list[int] = []
 
     def add(self, number: int, scan: Scan | None) -> None:
-        """Joins a scan that could be read."""
+        """Join a scan that could be read."""
         if scan is not None:
             self.cloud.add(self._keyframes.placed(number, scan))
             self.numbers.append(number)

@@ -67,7 +67,7 @@ class MappingScans:
         return list(first.values())
 
     def posed(self) -> Iterator[tuple[str, Matrix]]:
-        """Yields the name and T_map_sensor of each scan that has a pose."""
+        """Yield the name and T_map_sensor of each scan that has a pose."""
         for name, words in self._rows:
             try:
                 yield name, pose_of(words)
@@ -80,7 +80,7 @@ class MappingScans:
         return None if scan is None else scan.points
 
     def read_scan(self, name: str) -> Scan | None:
-        """Reads a whole scan; None: it cannot be read."""
+        """Read a whole scan; None: it cannot be read."""
         try:
             return read_posed_scan(self._folder, name)
         except ValueError as error:

@@ -36,7 +36,7 @@ class Sightings:
         return cls(points, np.zeros(len(points), np.int32), np.zeros(len(points), np.int32))
 
     def look(self, scan: NDArray[np.floating], T_map_sensor: Matrix) -> None:
-        """Counts what a scan of (k, 3) points in the sensor frame says of each point within its sight.
+        """Count what a scan of (k, 3) points in the sensor frame says of each point within its sight.
 
         A point was seen through if every return in and around its direction lies behind it. A ray along a
         floor has nearer returns of the floor beside it, and one past a pole has those of the pole.

@@ -63,7 +63,7 @@ def pose_of(words: Sequence[str]) -> Matrix:
 
 
 def read_posed_scan(folder: Path, name: str) -> Scan:
-    """Reads a scan that ``poses.csv`` names.
+    """Read a scan that ``poses.csv`` names.
 
     Raises:
         ValueError: it is not in the folder, or cannot be read. The text names no folder of this machine.

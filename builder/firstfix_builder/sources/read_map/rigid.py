@@ -12,7 +12,7 @@ _TOLERANCE = 0.02  # files round to as little as 4 digits
 
 
 def are_unit(quaternions: NDArray[np.float64]) -> bool:
-    """Returns whether all rows of (m, 4) have length 1."""
+    """Whether all rows of (m, 4) have length 1."""
     return bool((np.abs(np.linalg.norm(quaternions, axis=1) - 1) < _TOLERANCE).all())
 
 

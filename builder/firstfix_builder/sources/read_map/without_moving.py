@@ -37,7 +37,7 @@ class Moving:
     not_used: dict[str, str]
 
     def to_mapping(self) -> dict[str, object]:
-        """Returns the figures as JSON values."""
+        """The figures as JSON values."""
         return asdict(self)
 
 

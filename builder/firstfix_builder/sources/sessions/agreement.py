@@ -39,7 +39,7 @@ class Agreement:
 
     @classmethod
     def of(cls, votes: Sequence[AskedPlace], placed: Sequence[PlacedSession], T: Matrix) -> Agreement:
-        """Compares the places' hypotheses with a transform to the first session.
+        """Compare the places' hypotheses with a transform to the first session.
 
         Args:
             votes: one for each place and placed session that was asked about it.
@@ -123,7 +123,7 @@ def consensus_of(places: Sequence[AskedPlace]) -> Consensus | None:
 def agrees(
     T_one: NDArray[np.float64], T_other: Matrix, position_m: NDArray[np.float64], from_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Returns for each of (n, 4, 4) transforms whether the other one moves the (n, 3) position equally.
+    """For each of (n, 4, 4) transforms whether the other one moves the (n, 3) position equally.
 
     Args:
         from_m: (3,) position at which the other one was measured: errors of its heading grow with the
@@ -153,7 +153,7 @@ def _ballot(
 
 
 def _same(T_one: Matrix, T_other: Matrix, position_m: NDArray[np.float64]) -> bool:
-    """Returns whether two transforms differ by no more than the errors of two places may."""
+    """Whether two transforms differ by no more than the errors of two places may."""
     away_m = np.linalg.norm((T_one - T_other)[:3] @ [*position_m, 1.0])
     cosine = (np.sum(T_one[:3, :3] * T_other[:3, :3]) - 1) / 2
     return bool(away_m <= 4 * NEAR_M) and bool(cosine >= np.cos(np.radians(2 * NEAR_DEG)))

@@ -60,7 +60,7 @@ def ask_places(
     *,
     count: int = PLACES,
 ) -> list[AskedPlace]:
-    """Simulates scans at places all over one session, and localizes them in the other session's index.
+    """Simulate scans at places all over one session, and localize them in the other session's index.
 
     Raises:
         BuildCancelled: cancelled() said so.
@@ -90,7 +90,7 @@ def ask_places(
 
 
 def moved(T: Matrix, point_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns a (3,) point or (n, 3) points, transformed by T from its right frame to its left one."""
+    """A (3,) point or (n, 3) points, transformed by T from its right frame to its left one."""
     found: NDArray[np.float64] = point_m @ T[:3, :3].T + T[:3, 3]
     return found
 

@@ -52,7 +52,7 @@ class SharedPlace:
 def shared_places(
     placed: SessionMap, grids: MapSurface, known: SessionMap, T_known_placed: Matrix
 ) -> list[SharedPlace]:
-    """Compares the simulated views of two sessions from places that are in both.
+    """Compare the simulated views of two sessions from places that are in both.
 
     Args:
         grids: surface of the known session.

@@ -118,7 +118,7 @@ def read_description(path: Path) -> tuple[Session, ...]:
 
 
 def _check(folder: Path, named: str) -> None:
-    """Checks the target of a path, because a link could lead out of the folder."""
+    """Check the target of a path, because a link could lead out of the folder."""
     target = (folder / named).resolve()
     if not target.is_relative_to(folder.resolve()):
         raise MalformedData(f"{named}: it leads out of the folder")

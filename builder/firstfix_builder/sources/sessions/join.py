@@ -50,7 +50,7 @@ class PlacedSurface:
         self.grids = MapSurface.of(surface, RegistrationConfig())
 
     def join(self, surface: Surface, T_first_session: Matrix) -> Matrix:
-        """Registers the surface of a session, with the whole overlap at once.
+        """Register the surface of a session, with the whole overlap at once.
 
         Args:
             T_first_session: (4, 4) with errors below a metre in the overlap.
@@ -81,7 +81,7 @@ class PlacedSurface:
         return T_first_session
 
     def overlap(self, surface: Surface, T_first_session: Matrix, within_m: float = PAIR_M) -> Overlap:
-        """Returns the part of a session's surface that lies on the placed one, and the distance there."""
+        """The part of a session's surface that lies on the placed one, and the distance there."""
         some = _even(surface)
         grid = self.grids.fine
         points = (moved(T_first_session, some.points.astype(np.float64)) - grid.corner).astype(np.float32)

@@ -31,7 +31,7 @@ _AT_ONCE = 200_000
 def seen_through(
     points: NDArray[np.float64], simulator: Simulator, trajectory: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Returns for each of (n, 3) earlier points whether the later session saw through it.
+    """For each of (n, 3) earlier points whether the later session saw through it.
 
     Only the sensor positions of the later run count: nothing is known about the view from other places.
 
@@ -113,7 +113,7 @@ def merge(
     placed_one: Callable[[], None],
     cancelled: Callable[[], bool],
 ) -> MergedSessions:
-    """Merges two or more sessions.
+    """Merge two or more sessions.
 
     A session without a given transform is aligned with the placed ones. A session that cannot be placed is
     tried again after the others.

@@ -35,7 +35,7 @@ BENT_WITHIN_M = 6.0  # smaller errors of a localized place show a bent map, larg
 
 
 def no_consensus(votes: Sequence[AskedPlace], found: Consensus | None) -> str | None:
-    """Refuses a transform with which too few places agree, and one with a strong rival."""
+    """Refuse a transform with which too few places agree, and one with a strong rival."""
     asked = len({tuple(place.position_m) for place in votes})
     if not asked:
         return "no place of it shows enough surface to be localized"
@@ -54,7 +54,7 @@ def no_consensus(votes: Sequence[AskedPlace], found: Consensus | None) -> str | 
 
 
 def not_one_place(asked: Agreement, overlap: Overlap, shared: Sequence[SharedPlace]) -> str | None:
-    """Refuses sessions with too little in common, and sessions of two places that look alike."""
+    """Refuse sessions with too little in common, and sessions of two places that look alike."""
     if overlap.share < MIN_OVERLAP or len(shared) < MIN_AGREEING:
         return (
             f"too little overlap: {overlap.share:.0%} of its surface lies on the others', and {len(shared)} "
@@ -90,7 +90,7 @@ def movable_shares(shared: Sequence[SharedPlace]) -> tuple[float, float]:
 
 
 def bent(asked: Agreement, shared: Sequence[SharedPlace]) -> str | None:
-    """Refuses a session that no rigid transform aligns with the others."""
+    """Refuse a session that no rigid transform aligns with the others."""
     off = [(*place.offset, place.position_m) for place in shared if place.offset is not None]
     astray = asked.astray_m < BENT_WITHIN_M
     off += [(float(m), 0.0, p) for m, p in zip(asked.astray_m[astray], asked.position_m[astray], strict=True)]
@@ -131,7 +131,7 @@ def place_session(
     executor: Executor,
     cancelled: Callable[[], bool],
 ) -> Placement | NotPlaced:
-    """Localizes scans of the session in the placed ones, registers the clouds, and checks the result.
+    """Localize scans of the session in the placed ones, registers the clouds, and check the result.
 
     Raises:
         BuildCancelled: cancelled() said so.

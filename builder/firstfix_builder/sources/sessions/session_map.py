@@ -44,7 +44,7 @@ class MovableObjects:
         self._tall = around
 
     def among(self, points: NDArray[np.float64], floor_z: float) -> NDArray[np.bool_]:
-        """Returns for each of (n, 3) points of the surface whether it belongs to a movable object.
+        """For each of (n, 3) points of the surface whether it belongs to a movable object.
 
         Args:
             floor_z: height of the floor at the place from which the points are seen, metres.
@@ -92,7 +92,7 @@ class SessionMap:
         points: NDArray[np.float32],
         found: Localizer,
     ) -> SessionMap:
-        """Takes the parts of an index that the alignment needs.
+        """Take the parts of an index that the alignment needs.
 
         Args:
             points: (n, 3) of the index's surface.

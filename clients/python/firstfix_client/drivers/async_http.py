@@ -32,18 +32,18 @@ class AsyncService:
         self._http = httpx.AsyncClient(headers=headers, transport=transport, follow_redirects=False)
 
     async def close(self) -> None:
-        """Closes the connections."""
+        """Close the connections."""
         await self._http.aclose()
 
     async def run(self, steps: Steps[T]) -> T:
-        """Performs a call and returns its result."""
+        """Perform a call and return its result."""
         result: list[T] = []
         async for _ in self._perform(steps, result):
             pass
         return result[0]
 
     async def items(self, steps: Steps[None]) -> AsyncGenerator[Any, None]:
-        """Performs a call and yields its items."""
+        """Perform a call and yield its items."""
         async for item in self._perform(steps, []):
             yield item
 
@@ -83,7 +83,7 @@ class AsyncService:
         return replace(outcome, took_s=time.monotonic() - begun), None
 
     async def _race(self, step: Try, rival: str, after_s: float, until: float) -> Outcome:
-        """Asks the rival too after a while, see ``race.race``."""
+        """Ask the rival too after a while, see ``race.race``."""
 
         async def attempt(target: str) -> Outcome:
             left_s = max(until - time.monotonic(), 0.001)

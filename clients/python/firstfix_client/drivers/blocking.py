@@ -18,7 +18,7 @@ Ask = Callable[[Try, ExitStack], Asked]
 
 
 def run(steps: Steps[T], ask: Ask) -> T:
-    """Performs a call and returns its result.
+    """Perform a call and return its result.
 
     Args:
         ask: performs a Try. It registers open resources with the stack.
@@ -32,7 +32,7 @@ def run(steps: Steps[T], ask: Ask) -> T:
 
 
 def iterate(steps: Steps[T], ask: Ask) -> Generator[Any, None, T]:
-    """Performs a call: yields its items, then returns its result."""
+    """Perform a call: yields its items, then return its result."""
     reply: Any = None
     error: Exception | None = None
     lines: Iterator[str] = iter(())
@@ -64,7 +64,7 @@ class Attempt(Protocol):
     """One attempt; it runs in its own thread."""
 
     def run(self) -> Outcome:
-        """Blocks until there is an outcome. Never raises."""
+        """Block until there is an outcome. Never raises."""
         ...
 
     def abort(self) -> None:
@@ -73,7 +73,7 @@ class Attempt(Protocol):
 
 
 def race(first: Attempt, second: Attempt, after_s: float, late: Outcome, timeout_s: float) -> Outcome:
-    """Runs the first attempt, and after ``after_s`` the second one too. Returns the first outcome.
+    """Run the first attempt, and after ``after_s`` the second one too. Returns the first outcome.
 
     If the first outcome is a failure that another replica may not have, the other attempt decides.
 

@@ -40,7 +40,7 @@ class AbortableConnection:
         self._aborted = False
 
     def send(self, request: httpx.Request, *, stream: bool = False) -> httpx.Response:
-        """Sends a request and returns the response.
+        """Send a request and return the response.
 
         Raises:
             httpx.TransportError: no answer, or ``abort`` was called.
@@ -49,7 +49,7 @@ class AbortableConnection:
         return self._http.send(request, stream=stream)
 
     def abort(self) -> None:
-        """Ends the request under way. The connection cannot be used again."""
+        """End the request under way. The connection cannot be used again."""
         with self._lock:
             self._aborted = True
             if self._socket is not None:
@@ -57,7 +57,7 @@ class AbortableConnection:
                     self._socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Closes the connection."""
+        """Close the connection."""
         self._http.close()
 
     def _on_trace(self, event: str, info: Mapping[str, Any]) -> None:
@@ -88,7 +88,7 @@ class BlockingHttp:
         self._closed = False
 
     def close(self) -> None:
-        """Closes the connections."""
+        """Close the connections."""
         with self._lock:
             self._closed = True
             idle, self._idle = self._idle, []
@@ -97,7 +97,7 @@ class BlockingHttp:
         self._http.close()
 
     def ask(self, step: Try, opened: ExitStack) -> Asked:
-        """Performs a try, as a race if it has a rival."""
+        """Perform a try, as a race if it has a rival."""
         begun = time.monotonic()
         if step.rival is None:
             return self._ask(self._http, step, step.target, opened)
@@ -108,19 +108,19 @@ class BlockingHttp:
         return replace(outcome, took_s=time.monotonic() - begun), iter(())
 
     def ask_by(self, connection: AbortableConnection, step: Try, target: str) -> Outcome:
-        """Performs a try on one replica over this connection."""
+        """Perform a try on one replica over this connection."""
         with ExitStack() as opened:
             return self._ask(connection, step, target, opened)[0]
 
     def borrow(self) -> AbortableConnection:
-        """Returns a connection for one query."""
+        """A connection for one query."""
         with self._lock:
             if self._idle:
                 return self._idle.pop()
         return AbortableConnection(self._client(_kept(self._transport), httpx.Limits(max_connections=1)))
 
     def give_back(self, connection: AbortableConnection) -> None:
-        """Takes back a connection that was not aborted."""
+        """Take back a connection that was not aborted."""
         with self._lock:
             if not self._closed:
                 self._idle.append(connection)
@@ -207,7 +207,7 @@ def _kept(transport: httpx.BaseTransport | None) -> httpx.BaseTransport | None:
 
 
 def _body(response: httpx.Response, until: float) -> bytes:
-    """Returns the whole body. The limit is needed: httpx limits each read, not their sum."""
+    """The whole body. The limit is needed: httpx limits each read, not their sum."""
     pieces = []
     for piece in response.iter_bytes():
         pieces.append(piece)
@@ -233,13 +233,13 @@ class BlockingService:
         self._http = BlockingHttp(headers, transport)
 
     def run(self, steps: Steps[T]) -> T:
-        """Performs a call and returns its result."""
+        """Perform a call and return its result."""
         return blocking.run(steps, self._http.ask)
 
     def items(self, steps: Steps[None]) -> Iterator[Any]:
-        """Performs a call and yields its items."""
+        """Perform a call and yield its items."""
         return blocking.iterate(steps, self._http.ask)
 
     def close(self) -> None:
-        """Closes the connections."""
+        """Close the connections."""
         self._http.close()

@@ -27,7 +27,7 @@ class LiveReplicas:
         self._changing = threading.Lock()  # taken by zenoh's callbacks, so never held over such calls
 
     def of(self, shared: str) -> list[str]:
-        """Returns the keys ``{shared}/{replica}`` of live replicas, sorted."""
+        """The keys ``{shared}/{replica}`` of live replicas, sorted."""
         with self._watching:
             if shared not in self._keys:
                 self._keys[shared] = self._watch(f"{shared}/*")
@@ -35,13 +35,13 @@ class LiveReplicas:
             return sorted(self._keys[shared])
 
     def prove(self, key: str) -> None:
-        """Records that the replica with this key has the secret that replies are signed with."""
+        """Record that the replica with this key has the secret that replies are signed with."""
         with self._changing:
             if any(key in keys for keys in self._keys.values()):
                 self._proved.add(key)
 
     def is_proved(self, key: str) -> bool:
-        """Returns whether the replica has given a signed reply since it is live."""
+        """Whether the replica has given a signed reply since it is live."""
         return key in self._proved
 
     def _watch(self, pattern: str) -> set[str]:
@@ -81,19 +81,19 @@ class ReplicaRoute:
         self._replicas = replicas
 
     def order(self) -> list[str]:
-        """Returns the replicas' keys in random order, then the shared key."""
+        """The replicas' keys in random order, then the shared key."""
         return [*self._live(), self._shared]
 
     def rival(self, target: str, others: list[str]) -> str | None:
-        """Returns another live replica, never the shared key: the same replica might get the query."""
+        """Another live replica, never the shared key: the same replica might get the query."""
         return others[0] if len(others) > 1 else None
 
     def last_resort(self, target: str, others: list[str]) -> str | None:
-        """Returns the shared key: zenoh may not report a query lost when the only replica restarts."""
+        """The shared key: zenoh may not report a query lost when the only replica restarts."""
         return self._shared
 
     def answered(self, target: str) -> None:
-        """Does nothing: the next query goes to another replica, so the load is spread."""
+        """Do nothing: the next query goes to another replica, so the load is spread."""
 
     def _live(self) -> list[str]:
         live = [] if self._replicas is None else self._replicas.of(self._shared)
@@ -113,7 +113,7 @@ class SignedRoute(ReplicaRoute):
         self._known = replicas
 
     def order(self) -> list[str]:
-        """Returns proved replicas, now and then with an unproved one before them; the shared key last."""
+        """Proved replicas, now and then with an unproved one before them; the shared key last."""
         live = self._live()
         proved = [key for key in live if self._known.is_proved(key)]
         unproved = [key for key in live if key not in proved]
@@ -123,7 +123,7 @@ class SignedRoute(ReplicaRoute):
         return [*explored, *proved, self._shared]
 
     def rival(self, target: str, others: list[str]) -> str | None:
-        """Returns another proved replica; for an unproved one the shared key, if there is no proved one."""
+        """Another proved replica; for an unproved one the shared key, if there is no proved one."""
         proved = [key for key in others if self._known.is_proved(key)]
         if proved:
             return proved[0]

@@ -32,7 +32,7 @@ class ServiceClock:
         return max(0, int(now_s * 1000))
 
     def follow(self, time_ms: int) -> None:
-        """Takes over the service's time that has just arrived. It is never ahead: at most late by its way."""
+        """Take over the service's time that has just arrived. It is never ahead: at most late by its way."""
         self._ahead_s = time_ms / 1000 - time.monotonic()
 
 
@@ -91,7 +91,7 @@ class ZenohAsk:
         return self._key is not None
 
     def __call__(self, step: Try, opened: ExitStack) -> Performed:
-        """Performs a try, as a race if it has a rival."""
+        """Perform a try, as a race if it has a rival."""
         begun = time.monotonic()
         until = begun + step.timeout_s
         first = _Get(self, step, step.target, until)
@@ -104,11 +104,11 @@ class ZenohAsk:
         return replace(outcome, took_s=time.monotonic() - begun), iter(())
 
     def token(self) -> Any:
-        """Returns a new cancellation token."""
+        """A new cancellation token."""
         return self._zenoh.CancellationToken()
 
     def outcome_of(self, step: Try, target: str, until: float, token: Any) -> Outcome:
-        """Asks one replica, or with the shared key any, and returns the outcome."""
+        """Ask one replica, or with the shared key any, and return the outcome."""
         query: ZenohQuery = step.make(_left_s(until))
         if self._key is None or not query.needs_credential:
             return self._first_outcome(query, target, until, token)

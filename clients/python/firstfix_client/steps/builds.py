@@ -24,7 +24,7 @@ _PART = {"Content-Type": "application/offset+octet-stream", "Tus-Resumable": "1.
 
 
 def upload_in_parts(http: HttpSender, path: Path, deadline: Deadline) -> Steps[str]:
-    """Sends the file and returns the upload's id. Each part has its own retries.
+    """Send the file and return the upload's id. Each part has its own retries.
 
     Raises:
         FirstfixError: from the service: no room, too large, too many uploads.
@@ -54,7 +54,7 @@ def upload_in_parts(http: HttpSender, path: Path, deadline: Deadline) -> Steps[s
 
 
 def remove_upload(http: HttpSender, upload_id: str, deadline: Deadline) -> Steps[None]:
-    """Removes an upload that is no longer needed."""
+    """Remove an upload that is no longer needed."""
     request = HttpRequest("DELETE", ("uploads", upload_id))
     yield from http.send_same(request, deadline, repeatable=False)
 
@@ -105,7 +105,7 @@ class BuildSteps:
         upload_timeout_s: float,
         timeout_s: float,
     ) -> Steps[BuildStatus]:
-        """Uploads a map file and starts its build."""
+        """Upload a map file and start its build."""
         paths = {"source": Path(path)} | ({} if trajectory is None else {"trajectory": Path(trajectory)})
         for wanted in paths.values():
             if not wanted.is_file():
@@ -122,18 +122,18 @@ class BuildSteps:
         return (yield from self.build_status(answer.last_of_location))
 
     def builds(self, map_id: str | None, state: str | None) -> Steps[None]:
-        """Emits the recorded builds."""
+        """Emit the recorded builds."""
         given = {"map_id": map_id, "state": state}
         params = {name: value for name, value in given.items() if value is not None}
         return self._http.pages("builds", _status_of, "builds", params=params)
 
     def build_status(self, build_id: str) -> Steps[BuildStatus]:
-        """Gets the state of a build."""
+        """Get the state of a build."""
         answer = yield from self._http.call("GET", "builds", build_id)
         return answer.parsed(lambda data: BuildStatus.from_mapping(build_id, data))
 
     def build_events(self, build_id: str, timeout_s: float) -> Steps[None]:
-        """Emits every new status. Reconnects as often as needed."""
+        """Emit every new status. Reconnects as often as needed."""
         deadline = Deadline(timeout_s)
         request = HttpRequest("GET", ("builds", build_id, "events"))
         last: BuildStatus | None = None
@@ -156,7 +156,7 @@ class BuildSteps:
     def wait_for_build(
         self, build_id: str, progress: Callable[[BuildStatus], None], timeout_s: float
     ) -> Steps[BuildStatus]:
-        """Waits until the build has published its version."""
+        """Wait until the build has published its version."""
         deadline = Deadline(timeout_s)
         while True:
             status = yield from self.build_status(build_id)
@@ -170,7 +170,7 @@ class BuildSteps:
             yield Sleep(min(POLL_S, deadline.remaining_s()))
 
     def cancel_build(self, build_id: str) -> Steps[None]:
-        """Cancels a build."""
+        """Cancel a build."""
         yield from self._http.call("DELETE", "builds", build_id, repeatable=False)
 
     def _post_form(
@@ -197,7 +197,7 @@ class BuildSteps:
 
 
 def _once() -> dict[str, str]:
-    """Returns headers that make a repeated request count once."""
+    """Headers that make a repeated request count once."""
     return {"Idempotency-Key": uuid.uuid4().hex}
 
 

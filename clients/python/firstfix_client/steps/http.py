@@ -19,7 +19,7 @@ VARIABLE = "FIRSTFIX_API_KEY"
 
 
 def credential(given: str | None) -> str | None:
-    """Returns the given API key or token, else that of the environment, else None.
+    """The given API key or token, else that of the environment, else None.
 
     Raises:
         InvalidOption: the key is not valid in a header. The message does not contain it.
@@ -60,7 +60,7 @@ class HttpSteps:
 
 
 def sent_headers(api_key: str | None, headers: Mapping[str, str] | None) -> dict[str, str]:
-    """Returns the headers of every request.
+    """The headers of every request.
 
     Raises:
         InvalidOption: the key is not valid in a header.

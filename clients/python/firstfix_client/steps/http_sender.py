@@ -52,7 +52,7 @@ class HttpRequest:
     def build(
         self, http: httpx.Client | httpx.AsyncClient, base_url: str, timeout_s: float, opened: ExitStack
     ) -> httpx.Request:
-        """Returns the request for httpx. Its files are closed with ``opened``."""
+        """The request for httpx. Its files are closed with ``opened``."""
         import httpx
 
         files = {
@@ -90,7 +90,7 @@ class HttpAnswer(Answer):
 def outcome_of_response(
     target: str, response: httpx.Response, body: bytes, *, repeatable: bool, took_s: float
 ) -> Outcome:
-    """Returns what a response means for the call.
+    """What a response means for the call.
 
     Args:
         body: empty for a successful stream.
@@ -110,7 +110,7 @@ def outcome_of_response(
 
 
 def outcome_of_error(target: str, error: httpx.RequestError, timeout_s: float, repeatable: bool) -> Outcome:
-    """Returns what a missing response means for the call."""
+    """What a missing response means for the call."""
     import httpx
 
     why = str(error) or type(error).__name__
@@ -124,7 +124,7 @@ def outcome_of_error(target: str, error: httpx.RequestError, timeout_s: float, r
 
 
 def service_urls(given: str | Sequence[str]) -> list[str]:
-    """Returns the URLs of the replicas, without a trailing slash.
+    """The URLs of the replicas, without a trailing slash.
 
     Args:
         given: a list, or a string with commas.
@@ -150,7 +150,7 @@ def service_urls(given: str | Sequence[str]) -> list[str]:
 
 
 def retry_after_s(header: str | None) -> float | None:
-    """Returns the seconds of a Retry-After header; None if missing, a date, or invalid."""
+    """The seconds of a Retry-After header; None if missing, a date, or invalid."""
     try:
         seconds = float(header or "")
     except ValueError:
@@ -167,22 +167,22 @@ class HttpRoute:
         self._lock = threading.Lock()
 
     def order(self) -> list[str]:
-        """Returns all URLs, the one that answered last first."""
+        """All URLs, the one that answered last first."""
         with self._lock:
             return list(self._urls)
 
     def rival(self, target: str, others: list[str]) -> str | None:
-        """Returns the next URL; or the only one, since many replicas may stand behind it."""
+        """The next URL; or the only one, since many replicas may stand behind it."""
         if others:
             return others[0]
         return target if len(self._urls) == 1 else None
 
     def last_resort(self, target: str, others: list[str]) -> str | None:
-        """Returns None: a broken connection is noticed."""
+        """None: a broken connection is noticed."""
         return None
 
     def answered(self, target: str) -> None:
-        """Puts this URL first."""
+        """Put this URL first."""
         with self._lock:
             place = self._urls.index(target)
             self._urls = self._urls[place:] + self._urls[:place]
@@ -221,7 +221,7 @@ class HttpSender:
         stream: bool = False,
         hedged: bool = False,
     ) -> Steps[HttpAnswer]:
-        """Sends a request to the service, see ``send.send``."""
+        """Send a request to the service, see ``send.send``."""
         return send(
             make,
             self._route,
@@ -235,7 +235,7 @@ class HttpSender:
     def send_same(
         self, request: HttpRequest, deadline: Deadline | None = None, **how: bool
     ) -> Steps[HttpAnswer]:
-        """Sends a request that does not depend on the time left."""
+        """Send a request that does not depend on the time left."""
         return self.send(lambda left_s: request, deadline, **how)
 
     def call(
@@ -246,14 +246,14 @@ class HttpSender:
         json: Any = None,
         repeatable: bool = True,
     ) -> Steps[HttpAnswer]:
-        """Sends a request without a body, or with a short JSON body."""
+        """Send a request without a body, or with a short JSON body."""
         request = HttpRequest(method, path, params=params or {}, json=json)
         return self.send_same(request, repeatable=repeatable)
 
     def pages(
         self, name: str, read: Callable[[Any], Item], *path: str, params: Mapping[str, str] | None = None
     ) -> Steps[None]:
-        """Emits the items of a paged list. Each page has the whole timeout."""
+        """Emit the items of a paged list. Each page has the whole timeout."""
         after: str | None = None
         while True:
             asked = {**(params or {}), **({} if after is None else {"after": after})}

@@ -32,7 +32,7 @@ ParametersOf = Callable[[str], "Steps[DescriptorParameters]"]
 def options_of(
     options: LocalizeOptions | None, prior: Prior | None, gravity: ArrayLike | None
 ) -> LocalizeOptions:
-    """Returns the options with prior and gravity replaced, where given."""
+    """The options with prior and gravity replaced, where given."""
     chosen = options or LocalizeOptions()
     if prior is not None:
         chosen = replace(chosen, prior=prior)
@@ -62,7 +62,7 @@ class LocalizeSteps:
         options: LocalizeOptions,
         form: BodyForm,
     ) -> Steps[Localization]:
-        """Encodes a scan and asks for its pose.
+        """Encode a scan and ask for its pose.
 
         Args:
             form: encoding and parameters of this query; the client's resolutions are used.
@@ -109,7 +109,7 @@ def ask_over_http(
     content_encoding: str | None = None,
     request_id: str | None = None,
 ) -> Steps[Localization]:
-    """Sends an encoded query."""
+    """Send an encoded query."""
     params = {"map": map_id, **options.to_strings()}
     headers = {"Content-Type": media_type}
     if content_encoding:

@@ -22,16 +22,16 @@ class MapSteps:
         self._http = http
 
     def maps(self) -> Steps[None]:
-        """Emits the maps."""
+        """Emit the maps."""
         return self._http.pages("maps", MapInfo.from_mapping, "maps")
 
     def show_map(self, map_id: str) -> Steps[MapInfo]:
-        """Gets one map."""
+        """Get one map."""
         answer = yield from self._http.call("GET", "maps", map_id)
         return answer.parsed(MapInfo.from_mapping)
 
     def descriptor_parameters(self, map_id: str) -> Steps[DescriptorParameters]:
-        """Gets the parameters with which scans for the active version are described."""
+        """Get the parameters with which scans for the active version are described."""
         from firstfix.scan.descriptor_parameters import DescriptorParameters
 
         manifest = (yield from self.show_map(map_id)).details.get("manifest")
@@ -40,16 +40,16 @@ class MapSteps:
         return DescriptorParameters.from_engine(manifest.get("engine", {}))
 
     def versions(self, map_id: str) -> Steps[None]:
-        """Emits the versions of a map."""
+        """Emit the versions of a map."""
         return self._http.pages("versions", VersionInfo.from_mapping, "maps", map_id, "versions")
 
     def report(self, map_id: str, version: str) -> Steps[Mapping[str, Any]]:
-        """Gets the self-test report of a version, as the service's JSON."""
+        """Get the self-test report of a version, as the service's JSON."""
         answer = yield from self._http.call("GET", "maps", map_id, "versions", version, "report")
         return answer.parsed(dict)
 
     def changes(self, map_id: str, version: str | None, cells: bool, grid: bool) -> Steps[Mapping[str, Any]]:
-        """Gets the areas that have changed since a map was made, as the service's JSON."""
+        """Get the areas that have changed since a map was made, as the service's JSON."""
         params = {"limit": "1000", "cells": str(cells).lower(), "grid": str(grid).lower()}
         if version is not None:
             params["version"] = version
@@ -57,30 +57,30 @@ class MapSteps:
         return answer.parsed(dict)
 
     def activate(self, map_id: str, version: str) -> Steps[None]:
-        """Makes a published version the active one."""
+        """Make a published version the active one."""
         yield from self._http.call("POST", "maps", map_id, "versions", version, "activate")
 
     def roll_back(self, map_id: str) -> Steps[str]:
-        """Makes the previously active version active again, and returns it."""
+        """Make the previously active version active again, and return it."""
         # A second roll-back would undo the first: it is not repeated when a connection breaks.
         answer = yield from self._http.call("POST", "maps", map_id, "rollback", repeatable=False)
         return answer.parsed(lambda data: str(data["active_version"]))
 
     def patch(self, map_id: str, mode: str | None) -> Steps[str]:
-        """Asks for a patch of the active version. Returns the build's id."""
+        """Ask for a patch of the active version. Returns the build's id."""
         params = {} if mode is None else {"mode": mode}
         answer = yield from self._http.call("POST", "maps", map_id, "patch", params=params, repeatable=False)
         return answer.parsed(lambda data: str(data["build_id"]))
 
     def retire(self, map_id: str, version: str, force: bool) -> Steps[None]:
-        """Takes a version out of service."""
+        """Take a version out of service."""
         params = {"force": "true"} if force else {}
         yield from self._http.call(
             "DELETE", "maps", map_id, "versions", version, params=params, repeatable=False
         )
 
     def collect_garbage(self, map_id: str | None, dry_run: bool) -> Steps[Mapping[str, Any]]:
-        """Removes unreferenced objects. Returns counts by kind."""
+        """Remove unreferenced objects. Returns counts by kind."""
         path = ("collect-garbage",) if map_id is None else ("maps", map_id, "collect-garbage")
         answer = yield from self._http.call("POST", *path, params={"dry_run": str(dry_run).lower()})
         return answer.parsed(dict)
@@ -95,7 +95,7 @@ class MapSteps:
         quaternion: Sequence[float] | None,
         anchor_m: Sequence[float],
     ) -> Steps[None]:
-        """Sets the map's position and orientation on the Earth (WGS84)."""
+        """Set the map's position and orientation on the Earth (WGS84)."""
         body: dict[str, Any] = {
             "latitude_deg": latitude_deg,
             "longitude_deg": longitude_deg,
@@ -109,10 +109,10 @@ class MapSteps:
         yield from self._http.call("PUT", "maps", map_id, "georeference", json=body)
 
     def georeference(self, map_id: str) -> Steps[Mapping[str, Any]]:
-        """Gets the map's georeference, as the service's JSON."""
+        """Get the map's georeference, as the service's JSON."""
         answer = yield from self._http.call("GET", "maps", map_id, "georeference")
         return answer.parsed(dict)
 
     def delete_georeference(self, map_id: str) -> Steps[None]:
-        """Removes the map's georeference."""
+        """Remove the map's georeference."""
         yield from self._http.call("DELETE", "maps", map_id, "georeference", repeatable=False)

@@ -31,7 +31,7 @@ MIN_POINTS = 500
 
 
 def scan_of(scan: ScanLike) -> Scan:
-    """Returns the scan, made from points or read from a file if needed.
+    """The scan, made from points or read from a file if needed.
 
     Args:
         scan: a Scan, (n, >=3) points in metres in the sensor frame, or the path of a scan file.
@@ -69,7 +69,7 @@ class BodyForm:
 def encoded(
     scan: ScanLike | ScanSequence, form: BodyForm, gravity: NDArray[np.float64] | None = None
 ) -> tuple[str, bytes]:
-    """Returns media type and body. The intensity is left out: localization does not use it.
+    """Media type and body. The intensity is left out: localization does not use it.
 
     Raises:
         InvalidOption: unknown encoding; a descriptor without parameters, or for several scans.
@@ -107,7 +107,7 @@ def encoded(
 
 
 def _of_whole_scans(form: BodyForm) -> dict[str, Any]:
-    """Returns the arguments for ``wire.encode_scan``."""
+    """The arguments for ``wire.encode_scan``."""
     chosen = "range_image" if form.encoding == "range_image" else "points"
     return {"form": chosen, "resolution_m": form.resolution_m, "voxel_m": form.voxel_m}
 
@@ -115,7 +115,7 @@ def _of_whole_scans(form: BodyForm) -> dict[str, Any]:
 def _part(
     scan: Scan | CompactScan, form: BodyForm, gravity: NDArray[np.float64] | None
 ) -> Scan | CompactScan:
-    """Returns one of several scans in the form to send. Gravity is in this scan's own frame."""
+    """One of several scans in the form to send. Gravity is in this scan's own frame."""
     if isinstance(scan, CompactScan):
         return scan
     if form.encoding != "compact":
@@ -126,7 +126,7 @@ def _part(
 
 
 def _compact_body(scan: CompactScan) -> bytes:
-    """Returns the body. A scan with too many bytes loses points, down to MIN_POINTS."""
+    """The body. A scan with too many bytes loses points, down to MIN_POINTS."""
     body = wire_query.encode_query(scan)
     while len(body) >= MAX_COMPACT_BYTES and len(scan) > MIN_POINTS:
         kept = rows_by_chance(len(scan), len(scan) * 9 // 10)

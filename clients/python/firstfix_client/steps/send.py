@@ -22,7 +22,7 @@ class Deadline:
         self._timeout_s = timeout_s
 
     def remaining_s(self) -> float:
-        """Returns the seconds that are left.
+        """The seconds that are left.
 
         Raises:
             DeadlineExceeded: no time is left.
@@ -33,11 +33,11 @@ class Deadline:
         return left
 
     def allows(self, wait_s: float) -> bool:
-        """Returns whether time is left after such a wait."""
+        """Whether time is left after such a wait."""
         return time.monotonic() + wait_s < self._end_s
 
     def exceeded(self) -> DeadlineExceeded:
-        """Returns the error that says so."""
+        """The error that says so."""
         return DeadlineExceeded(f"no answer within {self._timeout_s:g} s")
 
 
@@ -54,12 +54,12 @@ class Hedging:
         self._lock = threading.Lock()
 
     def saw(self, took_s: float) -> None:
-        """Records how long an answer took."""
+        """Record how long an answer took."""
         with self._lock:
             self._took_s.append(took_s)
 
     def after_s(self) -> float:
-        """Returns the seconds after which the second replica is asked."""
+        """The seconds after which the second replica is asked."""
         if self._policy.after_s is not None:
             return self._policy.after_s
         with self._lock:
@@ -72,19 +72,19 @@ class Route(Protocol):
     """Known replicas, and the order in which they are asked. Thread-safe."""
 
     def order(self) -> list[str]:
-        """Returns the replicas in the order in which to ask them; never empty."""
+        """The replicas in the order in which to ask them; never empty."""
         ...
 
     def rival(self, target: str, others: list[str]) -> str | None:
-        """Returns a second replica to ask, one of ``others`` or the target itself; None: no one."""
+        """A second replica to ask, one of ``others`` or the target itself; None: no one."""
         ...
 
     def last_resort(self, target: str, others: list[str]) -> str | None:
-        """Returns whom to ask at half of the time if there is no rival: a message may be lost."""
+        """Whom to ask at half of the time if there is no rival: a message may be lost."""
         ...
 
     def answered(self, target: str) -> None:
-        """Records that the target has answered."""
+        """Record that the target has answered."""
         ...
 
 
@@ -98,7 +98,7 @@ def send(
     stream: bool = False,
     hedging: Hedging | None = None,
 ) -> Steps[Any]:
-    """Sends a request until a replica answers.
+    """Send a request until a replica answers.
 
     Replicas are asked one after the other without a wait. A wait comes before each new round.
 

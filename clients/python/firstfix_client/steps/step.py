@@ -69,12 +69,12 @@ class Emit:
 
 
 def work(function: Callable[[], T]) -> Steps[T]:
-    """Returns the function's result, or raises its exception."""
+    """The function's result, or raises its exception."""
     return (yield Work(function))
 
 
 def advance(steps: Steps[T], reply: Any, error: Exception | None) -> Any:
-    """Returns the next step.
+    """The next step.
 
     Raises:
         StopIteration: the call has ended; it carries the result.
@@ -95,7 +95,7 @@ class Answer:
     body: bytes
 
     def parsed(self, parse: Callable[[Any], T]) -> T:
-        """Returns the answer's JSON, read by ``parse``.
+        """The answer's JSON, read by ``parse``.
 
         Raises:
             FirstfixError: it does not follow the protocol: another service, or a proxy's page.
@@ -138,25 +138,25 @@ class Outcome:
 
 
 def not_reached(target: str, why: object) -> Outcome:
-    """Returns the outcome when no replica got the request."""
+    """The outcome when no replica got the request."""
     failure = ServiceUnreachable(f"no answer from {target}: {why}")
     return Outcome(target, failure=failure, again=True, elsewhere=True)
 
 
 def lost(target: str, failure: Exception, *, repeatable: bool) -> Outcome:
-    """Returns the outcome when a replica may have acted but its answer was lost."""
+    """The outcome when a replica may have acted but its answer was lost."""
     return Outcome(target, failure=failure, again=repeatable, elsewhere=repeatable)
 
 
 def too_late(target: str, timeout_s: float, *, repeatable: bool) -> Outcome:
-    """Returns the outcome when the time of the try is over."""
+    """The outcome when the time of the try is over."""
     return lost(target, DeadlineExceeded(f"no answer within {timeout_s:.3g} s"), repeatable=repeatable)
 
 
 def refused(
     target: str, problem: FirstfixError, *, repeatable: bool, asked_wait_s: float | None = None
 ) -> Outcome:
-    """Returns the outcome for a problem document."""
+    """The outcome for a problem document."""
     transient = isinstance(problem, TRANSIENT)
     # A rate limit holds on every replica. A try gets only a part of the time if other replicas remain, so a
     # replica may report that its deadline is over while the call has time left.

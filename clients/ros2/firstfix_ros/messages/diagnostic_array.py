@@ -24,7 +24,7 @@ class Diagnosis:
 
 
 def encode_diagnostic_array(header: Header, diagnoses: list[Diagnosis]) -> bytes:
-    """Encodes diagnoses as little-endian CDR."""
+    """Encode diagnoses as little-endian CDR."""
     writer = CdrWriter()
     write_header(writer, header)
     writer.numbers("I", [len(diagnoses)])

@@ -20,7 +20,7 @@ class OwnPose:
 
 
 def decode_own_pose(body: bytes | memoryview) -> OwnPose:
-    """Decodes the header and the pose. The covariance is not used.
+    """Decode the header and the pose. The covariance is not used.
 
     Raises:
         MalformedData: not such a message, or not a pose.

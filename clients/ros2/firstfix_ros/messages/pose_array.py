@@ -12,7 +12,7 @@ TYPE = "geometry_msgs/msg/PoseArray"
 
 
 def encode_pose_array(header: Header, poses: Sequence[Matrix]) -> bytes:
-    """Encodes (4, 4) poses in the header's frame as little-endian CDR."""
+    """Encode (4, 4) poses in the header's frame as little-endian CDR."""
     writer = CdrWriter()
     write_header(writer, header)
     writer.numbers("I", [len(poses)])

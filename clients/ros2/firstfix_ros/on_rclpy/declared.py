@@ -17,7 +17,7 @@ _TYPES = {bool: "bool", float: "double", str: "string"}  # as ROS 2 calls them
 
 
 def declare(node: Node) -> Parameters:
-    """Declares all parameters, and returns their values. Those that cannot change are read-only.
+    """Declare all parameters, and return their values. Those that cannot change are read-only.
 
     Raises:
         InvalidOption: a value is not of the parameter's type, or not allowed.

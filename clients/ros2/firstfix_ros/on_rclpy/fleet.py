@@ -63,7 +63,7 @@ class RclpyFleet:
         self._executor.add_node(self._node)
 
     def run(self, stop: threading.Event) -> None:
-        """Blocks until ``stop`` is set, then removes all robots and the node."""
+        """Block until ``stop`` is set, then remove all robots and the node."""
         look_s = follow_s = time.monotonic()
         try:
             while not stop.is_set():
@@ -87,7 +87,7 @@ class RclpyFleet:
             self._context.try_shutdown()
 
     def _follow(self) -> None:
-        """Compares the robots with the publishers of clouds in the ROS graph."""
+        """Compare the robots with the publishers of clouds in the ROS graph."""
         found = self._namespaces()
         for namespace in self.robots.keys() - found:
             robot = self.robots.pop(namespace)
@@ -102,7 +102,7 @@ class RclpyFleet:
                 self.robots[namespace] = self._robot(namespace)
 
     def _namespaces(self) -> set[str]:
-        """Returns the namespaces of the robots: of those with a publisher of clouds."""
+        """The namespaces of the robots: of those with a publisher of clouds."""
         found = set()
         for topic, types in self._node.get_topic_names_and_types():
             namespace = self._topics.namespace_of(topic)

@@ -31,7 +31,7 @@ class Publishers:
         self.are_reliable, self.rivals = False, ""
 
     def look(self) -> None:
-        """Looks at the graph, twice a second."""
+        """Look at the graph, twice a second."""
         if time.monotonic() < self._next_s:
             return
         self._next_s = time.monotonic() + LOOK_S

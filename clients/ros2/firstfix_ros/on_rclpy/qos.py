@@ -11,7 +11,7 @@ _LATCHED_DEPTH = 1000  # of the last messages of all publishers of /tf_static to
 
 
 def input_qos(kind: Input, *, reliable: bool = False) -> QoSProfile:
-    """Returns the quality of service of a subscription. Best effort hears every publisher.
+    """The quality of service of a subscription. Best effort hears every publisher.
 
     Args:
         reliable: what is lost is sent again; a best-effort publisher is not heard.
@@ -23,5 +23,5 @@ def input_qos(kind: Input, *, reliable: bool = False) -> QoSProfile:
 
 
 def output_qos() -> QoSProfile:
-    """Returns the quality of service of a publisher: reliable and volatile, ROS 2's default."""
+    """The quality of service of a publisher: reliable and volatile, ROS 2's default."""
     return QoSProfile(depth=10)

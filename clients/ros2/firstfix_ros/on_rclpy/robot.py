@@ -93,7 +93,7 @@ class RclpyRobot:
         self._thread.start()
 
     def look(self) -> None:
-        """Subscribes to the topics that are of use now, and publishes what is periodic."""
+        """Subscribe to the topics that are of use now, and publish what is periodic."""
         self._clouds.look()
         needs = self.gateway.needs
         if self._clouds.rivals:  # a cloud of one robot would move the other one, too
@@ -109,12 +109,12 @@ class RclpyRobot:
         self.gateway.tick()
 
     def subscribers(self, output: Output) -> int:
-        """Returns how many subscriptions hear an output."""
+        """How many subscriptions hear an output."""
         count: int = self._publishers[output].get_subscription_count()
         return count
 
     def close(self) -> None:
-        """Removes the robot's endpoints, and ends the search after the current query."""
+        """Remove the robot's endpoints, and end the search after the current query."""
         self.gateway.close()
         for _, subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
@@ -128,7 +128,7 @@ class RclpyRobot:
         return self._thread.is_alive()
 
     def join(self) -> None:
-        """Waits for the current query, and removes the publishers."""
+        """Wait for the current query, and remove the publishers."""
         self._thread.join()
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)

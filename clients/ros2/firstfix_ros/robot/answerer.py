@@ -13,7 +13,7 @@ class Answerer(Protocol):
     """Localizes one scan. It blocks until the answer is there, and is called by one thread of each robot."""
 
     def __call__(self, scan: Scan, options: LocalizeOptions, /) -> Localization:
-        """Returns the answer.
+        """The answer.
 
         Args:
             options: with gravity, prior and ``T_base_sensor`` where the robot knows them.

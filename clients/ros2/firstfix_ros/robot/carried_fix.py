@@ -53,7 +53,7 @@ class CarriedFix:
         return self.fix.T_odom_frame is not None
 
     def now(self) -> Fix | None:
-        """Returns the fix at the time of the last odometry. Call it ten times a second or so.
+        """The fix at the time of the last odometry. Call it ten times a second or so.
 
         Returns:
             with the drift of the odometry added to its covariance; None if the robot's motion since the fix
@@ -71,7 +71,7 @@ class CarriedFix:
         return Fix(self.fix.frame, self._stamp, T_map_frame, covariance, self._T_odom_frame)
 
     def _follow(self) -> None:
-        """Moves on along all samples that have come since the last call."""
+        """Move on along all samples that have come since the last call."""
         stamps = self._senses.odometry_stamps(self._stamp)
         newest = self._senses.odometry_stamp()
         was_set_back = newest is None or self._stamp.ns - newest.ns > MAX_GAP_S * 1e9

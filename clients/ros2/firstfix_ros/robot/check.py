@@ -82,7 +82,7 @@ class Checker:
         return Prior(T[:3, 3].copy(), self._config.prior_radius_m)
 
     def _expected(self, query: Query, last_fix: Fix | None) -> Matrix | None:
-        """Returns the pose (4, 4) of the query's frame as it is known without a fix."""
+        """The pose (4, 4) of the query's frame as it is known without a fix."""
         by_odometry = None
         if last_fix is not None and last_fix.frame == query.frame and last_fix.T_odom_frame is not None:
             T_odom_frame = self._senses.odometry(query.frame, query.header.stamp)
@@ -98,7 +98,7 @@ class Checker:
 
 
 def _poses_that_fit(answers: list[Localization], T_frame_sensor: Matrix | None) -> list[Matrix]:
-    """Returns the poses of the frame that fit the scan nearly as well as the best one."""
+    """The poses of the frame that fit the scan nearly as well as the best one."""
     scored = [
         (h.quality.alignment_score, h.T_map_sensor)
         for answer in answers

@@ -27,6 +27,6 @@ class Epoch:
 
 
 def next_number(last: int | None, now_ns: int) -> int:
-    """Returns the number of a new epoch, after the last one and at a time since 1970."""
+    """The number of a new epoch, after the last one and at a time since 1970."""
     now_s = now_ns // 10**9
     return now_s if last is None else max(last + 1, now_s)

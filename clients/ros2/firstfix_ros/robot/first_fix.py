@@ -69,7 +69,7 @@ class FirstFix:
         return self._handover.listens
 
     def give(self, fix: Fix, answer: Localization, *, asked: bool) -> None:
-        """Publishes a fix for the localizer. One that confirms the fix before is only handed over if need be.
+        """Publish a fix for the localizer. One that confirms the fix before is only handed over if need be.
 
         Args:
             asked: somebody called for a new search. Otherwise a fix that agrees with the one before, in the
@@ -90,15 +90,15 @@ class FirstFix:
         self._handover.begin(fix, localizers, published=published)
 
     def complete(self, fix: Fix) -> None:
-        """Takes the last given fix again, now with its odometry."""
+        """Take the last given fix again, now with its odometry."""
         self._handover.complete(fix)
 
     def forget(self) -> None:
-        """Ends the handover: a new fix is searched for."""
+        """End the handover: a new fix is searched for."""
         self._handover.end()
 
     def tick(self) -> bool:
-        """Publishes the pose again if it is due. Returns whether a new search is needed."""
+        """Publish the pose again if it is due. Returns whether a new search is needed."""
         if self._handover.stage is None:
             return False
         due = self._handover.look(self._subscribers(Output.INITIAL_POSE))
@@ -107,12 +107,12 @@ class FirstFix:
         return due.search
 
     def _is_followed(self, fix: Fix) -> bool:
-        """Returns whether the robot's own localization is heard, and agrees."""
+        """Whether the robot's own localization is heard, and agrees."""
         own = self._senses.own_localization(fix.frame, fix.stamp)
         return own is not None and is_near(own.T_map_frame, fix.T_map_frame, self._config, planar=own.planar)
 
     def _continues(self, before: GivenFix, fix: Fix, answer: Localization) -> bool:
-        """Returns whether a fix confirms the one before, by the robot's localization or its odometry."""
+        """Whether a fix confirms the one before, by the robot's localization or its odometry."""
         if before.map_id != answer.map_id or before.fix.frame != fix.frame:
             return False
         expected = before.carried_to(fix.T_odom_frame)

@@ -15,7 +15,7 @@ _MAX_NAME_CHARACTERS = 200  # of a file
 
 
 def user_memory(domain: int) -> Path | None:
-    """Returns the folder of a ROS domain among the states of this user; None: the user has no folder."""
+    """The folder of a ROS domain among the states of this user; None: the user has no folder."""
     root = os.environ.get("XDG_STATE_HOME")
     if not root:
         try:
@@ -46,7 +46,7 @@ class FixMemory:
         return self._last
 
     def keep(self, given: GivenFix) -> None:
-        """Keeps a fix in the place of the one before. A crash leaves one of the two."""
+        """Keep a fix in the place of the one before. A crash leaves one of the two."""
         self._last = given
         if self._path is None:
             return

@@ -114,12 +114,12 @@ class RobotGateway:
         return frozenset(needs)
 
     def relocalize(self) -> str:
-        """Starts a search (again), with a cloud that comes after this call. Returns a line for the caller."""
+        """Start a search (again), with a cloud that comes after this call. Returns a line for the caller."""
         self._search(asked=True)
         return "searching for a fix; its pose is published when it is found"
 
     def _search(self, *, asked: bool) -> None:
-        """Starts a search.
+        """Start a search.
 
         Args:
             asked: somebody called for it, so that its fix is a new one in any case.
@@ -134,7 +134,7 @@ class RobotGateway:
             self._changed.notify_all()
 
     def set_times(self, retry_s: float, watch_s: float) -> None:
-        """Sets the times between two tries and between two checks, as in ``GatewayConfig``."""
+        """Set the times between two tries and between two checks, as in ``GatewayConfig``."""
         with self._changed:
             config = self._config = replace(self._config, retry_s=retry_s, watch_s=watch_s)
             self._next_check_s = self._clock()
@@ -147,13 +147,13 @@ class RobotGateway:
             self._changed.notify_all()
 
     def tell(self, error: str) -> None:
-        """Tells why no cloud can be used now. The next one that comes is asked with, as ever."""
+        """Tell why no cloud can be used now. The next one that comes is asked with, as ever."""
         with self._changed:
             if self._wanted and self._status.state is not State.ASKING:
                 self._status = replace(self._status, state=State.FAILED, error=error)
 
     def take(self, kind: Input, body: bytes | memoryview) -> None:
-        """Takes a message, returns at once. A message that cannot be used is told once in a row, and dropped.
+        """Take a message, returns at once. A message that cannot be used is told once in a row, and dropped.
 
         A cloud replaces the one before, so a slow answer lets no queue grow.
         """
@@ -173,7 +173,7 @@ class RobotGateway:
                 self._log_line(self._bad_message)
 
     def tick(self) -> None:
-        """Publishes map -> odom, and the status once a second. Call it about 10 times a second.
+        """Publish map -> odom, and the status once a second. Call it about 10 times a second.
 
         The pose for the robot's localizer is published again until it follows.
         """
@@ -199,7 +199,7 @@ class RobotGateway:
             self._search(asked=False)
 
     def _report(self) -> None:
-        """Tells and publishes the status when it has changed, and publishes it once a second."""
+        """Tell and publish the status when it has changed, and publish it once a second."""
         with self._changed:
             status, now_s = self.status, self._clock()
             line = self._last_line if status.state is State.ASKING else status.line
@@ -217,7 +217,7 @@ class RobotGateway:
             self._publish(Output.STATUS, body)
 
     def run(self) -> None:
-        """Asks whenever a query is due and a cloud is there, until ``close`` is called."""
+        """Ask whenever a query is due and a cloud is there, until ``close`` is called."""
         while True:
             with self._changed:
                 while not self._closed and not self._is_ready():
@@ -237,7 +237,7 @@ class RobotGateway:
             self._changed.notify_all()
 
     def step(self) -> bool:
-        """Asks with the newest cloud, if a query is due. Returns whether it was."""
+        """Ask with the newest cloud, if a query is due. Returns whether it was."""
         with self._changed:
             if not self._is_ready():
                 return False
@@ -274,7 +274,7 @@ class RobotGateway:
         return self._cloud is not None and self._clock() >= self._due_s()
 
     def _tried(self, cloud: bytes, status: Status, *, searching: bool) -> Status:
-        """Returns the status after a try."""
+        """The status after a try."""
         try:
             query = Query(decode_point_cloud2(cloud, SCAN_LIMITS), self._senses, self._config)
             checker = self._checker
@@ -294,12 +294,12 @@ class RobotGateway:
         return replace(status, state=State.FAILED, error=text)
 
     def _is_awaited(self, status: Status) -> bool:
-        """Returns whether nobody asked anew since the search with this status began."""
+        """Whether nobody asked anew since the search with this status began."""
         with self._changed:
             return self._status is status
 
     def _publish_answer(self, query: Query, answer: Localization, fix: Fix | None, *, wanted: bool) -> None:
-        """Publishes a pose, or hypotheses. Only a wanted fix moves the robot."""
+        """Publish a pose, or hypotheses. Only a wanted fix moves the robot."""
         header = Header(query.header.stamp, self._config.map_frame)
         if fix is not None:
             self._last_fix = fix

@@ -30,7 +30,7 @@ class GivenFix:
     fix: Fix
 
     def carried_to(self, T_odom_frame: Matrix | None) -> Matrix | None:
-        """Returns the pose (4, 4) of the frame after the motion of the odometry since; None if not known.
+        """The pose (4, 4) of the frame after the motion of the odometry since; None if not known.
 
         Args:
             T_odom_frame: (4, 4) pose of the same frame by the same odometry, now.
@@ -57,7 +57,7 @@ class GivenFix:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> GivenFix:
-        """Reads what ``to_mapping`` returned.
+        """Read what ``to_mapping`` returned.
 
         Raises:
             KeyError, TypeError, ValueError: not such a mapping.

@@ -89,7 +89,7 @@ class Handover:
             return self._stage is not Stage.FOLLOWED or self._listens_until_s is not None
 
     def begin(self, fix: Fix, localizers: int | None, *, published: bool) -> None:
-        """Takes a fix.
+        """Take a fix.
 
         Args:
             localizers: subscribers of the pose now; None if not known.
@@ -108,18 +108,18 @@ class Handover:
             self._listens_until_s = None
 
     def complete(self, fix: Fix) -> None:
-        """Takes the odometry of the fix that is handed over."""
+        """Take the odometry of the fix that is handed over."""
         with self._lock:
             if self._carried is not None and self._carried.fix.stamp == fix.stamp:
                 self._carried = CarriedFix(fix, self._senses, self._clock)
 
     def end(self) -> None:
-        """Forgets the fix: a new one is searched for."""
+        """Forget the fix: a new one is searched for."""
         with self._lock:
             self._carried = None
 
     def look(self, localizers: int | None) -> Due:
-        """Returns what is due. Call it about ten times a second.
+        """What is due. Call it about ten times a second.
 
         Args:
             localizers: subscribers of the pose now; None if not known.
@@ -138,7 +138,7 @@ class Handover:
             return self._look_on(self._carried, localizers, came)
 
     def _look_on(self, carried: CarriedFix, localizers: int | None, came: bool) -> Due:
-        """Looks on until the localizer follows."""
+        """Look on until the localizer follows."""
         now_s = self._clock()
         fix = carried.now()
         own = self._own(carried.fix.frame)
@@ -185,6 +185,6 @@ class Handover:
         return NOTHING
 
     def _own(self, frame: str) -> OwnLocalization | None:
-        """Returns the robot's own localization by its newest messages; None if it is silent."""
+        """The robot's own localization by its newest messages; None if it is silent."""
         newest = self._senses.newest_stamp()
         return None if newest is None else self._senses.own_localization(frame, newest)

@@ -46,7 +46,7 @@ class LateOdometry:
             return self._waiting() is not None
 
     def begin(self, fix: Fix) -> None:
-        """Takes a new fix. It waits if its odometry is not known."""
+        """Take a new fix. It waits if its odometry is not known."""
         with self._lock:
             self._fix = None
             if fix.T_odom_frame is None:
@@ -55,12 +55,12 @@ class LateOdometry:
                 self._has_searched = False
 
     def end(self) -> None:
-        """Forgets the fix: a new one is searched for."""
+        """Forget the fix: a new one is searched for."""
         with self._lock:
             self._fix = None
 
     def look(self) -> Late:
-        """Returns what has become of the fix that waits; each result is returned once."""
+        """What has become of the fix that waits; each result is returned once."""
         with self._lock:
             fix = self._waiting()
             if fix is None:

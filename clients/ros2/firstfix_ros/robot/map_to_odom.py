@@ -37,7 +37,7 @@ class MapToOdom:
             return self._T_map_odom is not None
 
     def set(self, fix: Fix) -> None:
-        """Takes a new fix."""
+        """Take a new fix."""
         with self._lock:
             is_missing = self._config.publishes_tf and fix.T_odom_frame is None
             self._missing = f"{self._config.odom_frame} -> {fix.frame}" if is_missing else ""
@@ -47,7 +47,7 @@ class MapToOdom:
                 self._T_map_odom = fix.T_map_frame @ inverse(fix.T_odom_frame)
 
     def message(self) -> bytes | None:
-        """Returns a TFMessage stamped shortly after the last odometry; None if nothing is to be published."""
+        """A TFMessage stamped shortly after the last odometry; None if nothing is to be published."""
         stamp = self._senses.odometry_stamp()
         with self._lock:
             if self._senses.others_publish_map:

@@ -86,7 +86,7 @@ class Query:
         return answerer(self._scan, options if prior is None else replace(options, prior=prior))
 
     def fix(self, answer: Localization) -> Fix | None:
-        """Returns the fix of an answer; None if it is not localized."""
+        """The fix of an answer; None if it is not localized."""
         if answer.T_map_sensor is None or answer.covariance is None:
             return None
         T, covariance = answer.T_map_sensor, answer.covariance

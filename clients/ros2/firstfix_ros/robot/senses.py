@@ -50,7 +50,7 @@ class Senses:
         self.others_publish_map = False  # somebody else publishes a transform from the map's frame
 
     def take(self, kind: Input, body: bytes | memoryview) -> None:
-        """Takes a message.
+        """Take a message.
 
         Raises:
             MalformedData, UnsupportedFormat: the bytes are not such a message.
@@ -75,32 +75,32 @@ class Senses:
                 self._own_pose = pose
 
     def remember_published(self, transform: StampedTransform) -> None:
-        """Notes a transform that the gateway publishes, so that it is not taken for another's."""
+        """Note a transform that the gateway publishes, so that it is not taken for another's."""
         with self._lock:
             self._published.append((transform.stamp.ns, transform.numbers))
 
     def between(self, target: str, source: str, at: Stamp) -> Matrix | None:
-        """Returns ``T_target_source`` at a time; None if it is not known."""
+        """``T_target_source`` at a time; None if it is not known."""
         with self._lock:
             return self._tree.between(target, source, at)
 
     def odometry(self, frame: str, at: Stamp) -> Matrix | None:
-        """Returns the pose (4, 4) of a frame of the robot in the odometry's frame."""
+        """The pose (4, 4) of a frame of the robot in the odometry's frame."""
         return self.between(self._odom, frame, at)
 
     def odometry_stamp(self) -> Stamp | None:
-        """Returns the time of the last odometry."""
+        """The time of the last odometry."""
         with self._lock:
             newest = self._tree.newest_below(self._odom)
         return None if newest is None else newest.stamp
 
     def odometry_stamps(self, after: Stamp) -> list[Stamp]:
-        """Returns the times of the odometry after a time, oldest first, as far as they are kept."""
+        """The times of the odometry after a time, oldest first, as far as they are kept."""
         with self._lock:
             return self._tree.stamps_below(self._odom, after)
 
     def newest_stamp(self) -> Stamp | None:
-        """Returns the time of the last odometry; without odometry of the robot's own localization."""
+        """The time of the last odometry; without odometry of the robot's own localization."""
         with self._lock:
             link = self._tree.newest_below(self._odom) or self._tree.newest_below(self._map)
             pose = self._own_pose
@@ -109,7 +109,7 @@ class Senses:
         return None if pose is None else pose.header.stamp
 
     def gravity(self, header: Header) -> NDArray[np.float64] | None:
-        """Returns the (3,) direction of gravity in the frame of a cloud; None if not known."""
+        """The (3,) direction of gravity in the frame of a cloud; None if not known."""
         with self._lock:
             down, frame = self._window.down(header.stamp), self._window.frame_id
         if down is None or frame == header.frame_id:
@@ -118,7 +118,7 @@ class Senses:
         return None if T_sensor_imu is None else T_sensor_imu[:3, :3] @ down
 
     def own_localization(self, frame: str, at: Stamp) -> OwnLocalization | None:
-        """Returns the pose of a frame of the robot, by the robot's own localization, at a time."""
+        """The pose of a frame of the robot, by the robot's own localization, at a time."""
         with self._lock:
             pose, link = self._own_pose, self._tree.newest_below(self._map)
         if pose is not None and plain(pose.header.frame_id) == self._map:
@@ -132,7 +132,7 @@ class Senses:
         return None if T is None else OwnLocalization(T, _is_planar(link.T_parent_child))
 
     def _carried(self, pose: OwnPose, frame: str, at: Stamp) -> OwnLocalization | None:
-        """Brings a pose of the base to another time and frame."""
+        """Bring a pose of the base to another time and frame."""
         base = self._base or frame
         T_base_frame = self.between(base, frame, at)
         if T_base_frame is None:
@@ -150,5 +150,5 @@ class Senses:
 
 
 def _is_planar(T: Matrix) -> bool:
-    """Returns whether a pose has neither height nor tilt, as those of a localization in the plane."""
+    """Whether a pose has neither height nor tilt, as those of a localization in the plane."""
     return abs(T[2, 3]) < 1e-9 and T[2, 2] > 1 - 1e-12

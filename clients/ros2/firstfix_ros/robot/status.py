@@ -83,7 +83,7 @@ def _in_words(free: FreeDirection) -> str:
 
 
 def diagnosis_of(status: Status, hardware_id: str = "", missing_tf: str = "") -> Diagnosis:
-    """Returns the diagnosis for a status, named as diagnostic_updater does: node, then task.
+    """The diagnosis for a status, named as diagnostic_updater does: node, then task.
 
     Args:
         hardware_id: the robot's namespace.

@@ -70,7 +70,7 @@ class Topics:
     own_pose: str | None = None
 
     def input(self, kind: Input, namespace: str) -> str | None:
-        """Returns the full name of an input's topic; None if it is not used."""
+        """The full name of an input's topic; None if it is not used."""
         names = {
             Input.CLOUD: self.points,
             Input.IMU: self.imu,
@@ -82,7 +82,7 @@ class Topics:
         return None if name is None else full_name(namespace, name)
 
     def output(self, kind: Output, namespace: str) -> str:
-        """Returns the full name of an output's topic."""
+        """The full name of an output's topic."""
         if kind is Output.INITIAL_POSE:
             return full_name(namespace, self.pose)
         if kind is Output.TF:
@@ -90,11 +90,11 @@ class Topics:
         return full_name(namespace, f"{NODE_NAME}/{kind.value[0]}")
 
     def namespace_of(self, cloud_topic: str) -> str | None:
-        """Returns the namespace of the robot that publishes a topic; None if it has another name."""
+        """The namespace of the robot that publishes a topic; None if it has another name."""
         suffix = "/" + self.points.strip("/")
         return cloud_topic.removesuffix(suffix) if cloud_topic.endswith(suffix) else None
 
 
 def full_name(namespace: str, topic: str) -> str:
-    """Returns the full name of a topic in a robot's namespace."""
+    """The full name of a topic in a robot's namespace."""
     return topic if topic.startswith("/") else f"{namespace}/{topic}"

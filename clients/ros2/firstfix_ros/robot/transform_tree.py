@@ -26,13 +26,13 @@ class TransformTree:
         self._moving: dict[str, deque[StampedTransform]] = {}
 
     def add_fixed(self, transforms: Iterable[StampedTransform]) -> None:
-        """Adds or replaces transforms of /tf_static."""
+        """Add or replaces transforms of /tf_static."""
         for one in transforms:
             if one.child in self._fixed or len(self._fixed) < MAX_FRAMES:
                 self._fixed[one.child] = one
 
     def add_moving(self, transforms: Iterable[StampedTransform]) -> None:
-        """Adds transforms of /tf and forgets old ones."""
+        """Add transforms of /tf and forgets old ones."""
         for one in transforms:
             samples = self._moving.get(one.child)
             if samples is None:
@@ -47,13 +47,13 @@ class TransformTree:
                 samples.popleft()
 
     def newest_below(self, parent: str) -> StampedTransform | None:
-        """Returns the last sample of the frames that move in a frame; None if there is none."""
+        """The last sample of the frames that move in a frame; None if there is none."""
         name = plain(parent)
         last = [samples[-1] for samples in self._moving.values() if samples and samples[-1].parent == name]
         return max(last, key=lambda one: one.stamp, default=None)
 
     def stamps_below(self, parent: str, after: Stamp) -> list[Stamp]:
-        """Returns the times after a time of the frame that moved last in a frame, oldest first."""
+        """The times after a time of the frame that moved last in a frame, oldest first."""
         newest = self.newest_below(parent)
         if newest is None:
             return []
@@ -61,7 +61,7 @@ class TransformTree:
         return [one.stamp for one in later][::-1]
 
     def between(self, target: str, source: str, at: Stamp) -> Matrix | None:
-        """Returns ``T_target_source`` at a time; None if it is not known.
+        """``T_target_source`` at a time; None if it is not known.
 
         Args:
             at: zero stands for the last known time.
@@ -74,7 +74,7 @@ class TransformTree:
         return None
 
     def _ancestors(self, frame: str, at: Stamp) -> dict[str, Matrix]:
-        """Returns ``T_ancestor_frame`` of the frame and of its ancestors."""
+        """``T_ancestor_frame`` of the frame and of its ancestors."""
         found = {frame: np.eye(4)}
         T = np.eye(4)
         while (link := self._link(frame, at)) is not None:
@@ -86,7 +86,7 @@ class TransformTree:
         return found
 
     def _link(self, child: str, at: Stamp) -> tuple[str, Matrix] | None:
-        """Returns the parent of a frame and ``T_parent_child``."""
+        """The parent of a frame and ``T_parent_child``."""
         if child in self._fixed:
             return self._fixed[child].parent, self._fixed[child].T_parent_child
         samples = self._moving.get(child)
@@ -97,7 +97,7 @@ class TransformTree:
 
 
 def _is_restart(last: StampedTransform, new: StampedTransform) -> bool:
-    """Returns whether the clock was set back, or a bag was started again."""
+    """Whether the clock was set back, or a bag was started again."""
     return last.stamp.ns - new.stamp.ns > HISTORY_S * 1e9
 
 
@@ -114,7 +114,7 @@ def _at(samples: deque[StampedTransform], at: Stamp) -> Matrix | None:
 
 
 def _between(before: StampedTransform, after: StampedTransform | None, at: Stamp) -> Matrix | None:
-    """Returns the transform at a time between two samples, by linear interpolation."""
+    """The transform at a time between two samples, by linear interpolation."""
     if after is None:
         return before.T_parent_child if at.ns - before.stamp.ns <= HOLD_S * 1e9 else None
     share = (at.ns - before.stamp.ns) / (after.stamp.ns - before.stamp.ns)

@@ -44,7 +44,7 @@ class Offset:
 
 
 def offset_of(T_map_a: Matrix, T_map_b: Matrix, *, planar: bool) -> Offset:
-    """Returns the offset from pose a to pose b.
+    """The offset from pose a to pose b.
 
     Args:
         planar: compare x, y and heading alone, because one of the poses knows no height and no tilt.
@@ -57,7 +57,7 @@ def offset_of(T_map_a: Matrix, T_map_b: Matrix, *, planar: bool) -> Offset:
 
 
 def is_near(T_map_a: Matrix, T_map_b: Matrix, config: GatewayConfig, *, planar: bool) -> bool:
-    """Returns whether two poses differ by no more than the limits of a robot astray.
+    """Whether two poses differ by no more than the limits of a robot astray.
 
     Args:
         planar: one of them knows no height and no tilt.
@@ -103,11 +103,11 @@ class Watch:
         self._pending: Comparison | None = None
 
     def reset(self) -> None:
-        """Forgets what was seen: the robot was given a new pose, or its own localization is silent."""
+        """Forget what was seen: the robot was given a new pose, or its own localization is silent."""
         self.health, self.offset, self._pending = Health.UNKNOWN, None, None
 
     def see(self, comparison: Comparison) -> Health:
-        """Takes a fix and returns the health after it."""
+        """Take a fix and return the health after it."""
         offset = offset_of(comparison.T_map_own, comparison.T_map_fix, planar=comparison.planar)
         self.offset = offset
         distance_m, angle_deg = _surely(offset, comparison.covariance)
@@ -125,7 +125,7 @@ class Watch:
 
 
 def _surely(offset: Offset, covariance: NDArray[np.float64]) -> tuple[float, float]:
-    """Returns the distance and the angle less ``SIGMAS`` standard deviations of the fix."""
+    """The distance and the angle less ``SIGMAS`` standard deviations of the fix."""
     distance_m = offset.distance_m
     if distance_m > 0:
         direction = offset.vector_m / distance_m

@@ -69,7 +69,7 @@ class ChangeLog:
         return low
 
     def since(self, number: int) -> tuple[list[str], int]:
-        """Maps with notices after a number, each once, in order; and the last number read.
+        """Map with notices after a number, each once, in order; and the last number read.
 
         One call to the store if there is nothing new.
         """

@@ -173,7 +173,7 @@ class MapLog:
         return there is not None and there.writer == entry.writer
 
     def _is_part(self, entry: LogEntry, snapshots: Sequence[int]) -> bool:
-        """Returns whether the entry is part of the log.
+        """Whether the entry is part of the log.
 
         It is if no snapshot has its number or a higher one, or if the next readable one contains it.
         """

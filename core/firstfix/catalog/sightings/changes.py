@@ -76,7 +76,7 @@ def _times(area: Area, record: SightingsRecord) -> dict[str, str]:
 
 
 def _grid(tally: Tally) -> dict[str, Any]:
-    """Counts by cell, those with most sightings against the map first."""
+    """Count by cell, those with most sightings against the map first."""
     cell, row = np.unique(tally.cell, return_inverse=True)
     counts: NDArray[np.int64] = np.stack(
         [np.bincount(row, tally.counts[:, k], len(cell)) for k in range(len(KINDS))], axis=1

@@ -61,5 +61,5 @@ def parts_in_order(found: Iterable[StoredObject], upload_id: str, size_bytes: in
 
 
 def can_be_part(size_bytes: int, left_bytes: int) -> bool:
-    """Returns whether a part of this size is valid when ``left_bytes`` of the upload are missing."""
+    """Whether a part of this size is valid when ``left_bytes`` of the upload are missing."""
     return 0 < size_bytes <= min(PART_BYTES, left_bytes)

@@ -89,7 +89,7 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
 
 
 def cached_version(manifest: Manifest, directory: Path) -> Path | None:
-    """Returns the folder of a version that was fetched before, without asking a store.
+    """The folder of a version that was fetched before, without asking a store.
 
     Args:
         directory: directory of the cache.
@@ -147,7 +147,7 @@ def _folder_in_place(store: Store, folder: str, manifest: Manifest) -> Path | No
 
 
 def _is_right(marker: Path, manifest: Manifest, target: Path) -> bool:
-    """Returns whether a fetched folder has the version's files. They are read if they were not since boot."""
+    """Whether a fetched folder has the version's files. They are read if they were not since boot."""
     if not target.is_dir():
         return False
     if not _is_verified(marker, manifest, target):
@@ -161,7 +161,7 @@ def _is_right(marker: Path, manifest: Manifest, target: Path) -> bool:
 
 
 def _verify(manifest: Manifest, folder: Path) -> None:
-    """Reads the files that queries need.
+    """Read the files that queries need.
 
     Raises:
         CorruptVersion: one is missing, or differs from the manifest.

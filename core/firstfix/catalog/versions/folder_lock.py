@@ -58,7 +58,7 @@ class FolderLock:
 
 
 def _is_at(handle: int, path: Path) -> bool:
-    """Returns whether an open file is still the one at its path."""
+    """Whether an open file is still the one at its path."""
     try:
         return os.path.samestat(os.fstat(handle), path.stat())
     except FileNotFoundError:

@@ -31,7 +31,7 @@ class LastServed:
         self._path = directory / of_store / f"{check_map_id(map_id)}.json"
 
     def read(self) -> Manifest | None:
-        """Returns the manifest of the last version. None without one that can be read."""
+        """The manifest of the last version. None without one that can be read."""
         try:
             if self._path.stat().st_size > MAX_BYTES:
                 return None
@@ -40,7 +40,7 @@ class LastServed:
             return None
 
     def write(self, manifest: Manifest) -> None:
-        """Replaces the record. A power cut leaves the old one or the new one.
+        """Replace the record. A power cut leaves the old one or the new one.
 
         Raises:
             OSError: it cannot be written.
@@ -57,5 +57,5 @@ class LastServed:
             part.unlink(missing_ok=True)
 
     def forget(self) -> None:
-        """Removes the record."""
+        """Remove the record."""
         self._path.unlink(missing_ok=True)

@@ -67,7 +67,7 @@ class VersionObjects:
         self._lock = threading.Lock()
 
     def exists(self, folder: VersionFolder) -> bool:
-        """Returns whether the version has a manifest."""
+        """Whether the version has a manifest."""
         return self._store.exists(folder.manifest_key)
 
     def manifest(self, folder: VersionFolder) -> Manifest:
@@ -172,7 +172,7 @@ class VersionObjects:
         raise StoreUnavailable(f"{folder.key}: another process removes the files that are put")
 
     def _is_whole(self, folder: VersionFolder, manifest: Manifest) -> bool:
-        """Returns whether every file is there with its size. One listing."""
+        """Whether every file is there with its size. One listing."""
         sizes = {item.key: item.size_bytes for item in self._store.scan(folder.key)}
         files = {f"{folder.key}/{name}": entry.bytes for name, entry in manifest.files.items()}
         return folder.manifest_key in sizes and files.items() <= sizes.items()

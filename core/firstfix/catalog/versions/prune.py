@@ -84,7 +84,7 @@ def _remove_leftovers(directory: Path, version: str, removed: list[str]) -> None
 
 
 def _stands_elsewhere(marker: Path) -> bool:
-    """Returns whether a version that was verified in a file store still has a file there."""
+    """Whether a version that was verified in a file store still has a file there."""
     try:
         marked = json.loads(marker.read_bytes())
         return any((Path(marked["folder"]) / name).exists() for name in marked["files"])

@@ -41,7 +41,7 @@ class CellVotes:
 
     @classmethod
     def of(cls, tally: Tally, kind: str) -> CellVotes:
-        """Votes in a tally."""
+        """Vote in a tally."""
         counts = tally.counts[:, list(KINDS[kind])].astype(np.int64)
         told = counts.any(axis=1)
         cell, row = np.unique(tally.cell[told], return_inverse=True)
@@ -52,11 +52,11 @@ class CellVotes:
         return cls(cell, spots, share / np.maximum(spots, 1), sightings)
 
     def changed(self, min_share: float = MIN_SHARE) -> NDArray[np.bool_]:
-        """Returns for each cell whether, with CONFIDENCE, over ``min_share`` of the spots say so."""
+        """For each cell whether, with CONFIDENCE, over ``min_share`` of the spots say so."""
         return (self.spots >= MIN_SPOTS) & (self._least_share(CONFIDENCE) > min_share)
 
     def changed_beside(self, changed: NDArray[np.bool_], min_share: float = MIN_SHARE) -> NDArray[np.bool_]:
-        """Returns which further cells, that touch one of these, have changed with CONFIDENCE_BESIDE.
+        """Which further cells, that touch one of these, have changed with CONFIDENCE_BESIDE.
 
         What moves is larger than a cell. There are fewer votes about its edges, which few rays meet, and
         beside which other things stand.

@@ -36,7 +36,7 @@ class Collector:
         return sum(map(len, self._parts)) >= MAX_ROWS
 
     def knows(self, spot: Spot, now_s: float) -> bool:
-        """Returns whether a sighting from this spot was counted lately."""
+        """Whether a sighting from this spot was counted lately."""
         return spot in self._spots and now_s < self._spots[spot] + AGAIN_S
 
     def add(self, sighting: Sighting, now_s: float = 0.0) -> None:

@@ -49,7 +49,7 @@ class OverlayMap:
 
     @classmethod
     def load(cls, directory: Path) -> OverlayMap:
-        """Reads a version's files, memory-mapped.
+        """Read a version's files, memory-mapped.
 
         Raises:
             CorruptVersion: a file is missing or damaged.
@@ -62,7 +62,7 @@ class OverlayMap:
             raise CorruptVersion(f"{directory.name}: {error}") from error
 
     def overlay(self, scan: AnyScan, T_map_sensor: Matrix) -> Overlay:
-        """Returns the scan at a pose. Of a sequence its last scan, of a large scan a part by chance.
+        """The scan at a pose. Of a sequence its last scan, of a large scan a part by chance.
 
         Args:
             T_map_sensor: (4, 4) in the map's own frame.
@@ -98,7 +98,7 @@ class OverlayMap:
         return near
 
     def _passes_through(self, returns: NDArray[np.float32], T_level_sensor: Matrix) -> NDArray[np.bool_]:
-        """Returns whether each return lies beyond a mapped point that all rays around it pass through."""
+        """Whether each return lies beyond a mapped point that all rays around it pass through."""
         reach_m = self.view.reach_m
         mapped, gone, _ = native.compare_points(
             self.view.near.tables,

@@ -86,7 +86,7 @@ class Comparison:
         T_map_sensor: Matrix,
         twist: NDArray[np.float64] | None = None,
     ) -> Comparison:
-        """Compares a scan that was localized. The arguments are those of ``sighting_of``."""
+        """Compare a scan that was localized. The arguments are those of ``sighting_of``."""
         timed = scan if twist is None or scan.time_s is None else _at_stamp(scan, twist)
         returns, columns = _returns_of(timed, index)
         T_level_sensor = np.ascontiguousarray(inverse(index.T_map_level) @ T_map_sensor, np.float64)

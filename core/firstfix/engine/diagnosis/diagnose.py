@@ -60,7 +60,7 @@ class AskedQuery:
 
     @property
     def dropped(self) -> Dropped:
-        """Points that the scan does not have, because the robot or the decoder left them out."""
+        """Point that the scan does not have, because the robot or the decoder left them out."""
         dropped = self.scan.dropped if isinstance(self.scan, Scan) else Dropped()
         return self.options.dropped or dropped
 
@@ -110,7 +110,7 @@ def _why_not_localized(
 
 
 def _fits_as_sent(answer: Localization) -> bool:
-    """Returns whether a scan fits several places so well that no other form of it need be tried."""
+    """Whether a scan fits several places so well that no other form of it need be tried."""
     quality = answer.hypotheses[0].quality if answer.hypotheses else None
     return answer.verdict is Verdict.AMBIGUOUS and quality is not None and quality.inlier_ratio >= _FITS_FROM
 

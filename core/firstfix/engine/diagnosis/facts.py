@@ -90,7 +90,7 @@ def plane_ratio_of(points: NDArray[np.float32]) -> float:
 
 
 def is_on_a_line(part: NDArray[np.float32]) -> bool:
-    """Returns whether (m, 3) points lie on the line x = y = z: by their distances from it over their ranges.
+    """Whether (m, 3) points lie on the line x = y = z: by their distances from it over their ranges.
 
     Correlated coordinates alone do not show it: those of a part of the turn at 45 degrees are.
     """
@@ -103,7 +103,7 @@ def is_on_a_line(part: NDArray[np.float32]) -> bool:
 
 
 def is_intensity_first(part: NDArray[np.float32]) -> bool:
-    """Returns whether x of (m, 3) points is an intensity or a ring: whole numbers, none below 0.
+    """Whether x of (m, 3) points is an intensity or a ring: whole numbers, none below 0.
 
     A right scan whose x is never negative, because it looks forward only, has few whole numbers among them.
     """
@@ -115,7 +115,7 @@ def is_intensity_first(part: NDArray[np.float32]) -> bool:
 
 
 def _has_whole_metres_only(values_m: NDArray[np.float32]) -> bool:
-    """Returns whether nearly all of (m,) coordinates are whole numbers, of several values.
+    """Whether nearly all of (m,) coordinates are whole numbers, of several values.
 
     Each decimetre counts once: a wall at a whole distance has many points, and says nothing.
     """

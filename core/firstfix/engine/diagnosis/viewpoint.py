@@ -73,7 +73,7 @@ class Viewpoint:
 
 
 def is_suspect(part: NDArray[np.float32]) -> bool:
-    """Returns whether some hundred (n, 3) points lie in more directions seen from elsewhere.
+    """Whether some hundred (n, 3) points lie in more directions seen from elsewhere.
 
     It is a quick probe, for every scan.
     """
@@ -106,7 +106,7 @@ def best_viewpoint(points: NDArray[np.float32]) -> Viewpoint:
 
 
 def is_elsewhere(viewpoint: Viewpoint, T_map_sensor: Matrix | None) -> bool:
-    """Returns whether the viewpoint shows that a scan was not taken from its origin.
+    """Whether the viewpoint shows that a scan was not taken from its origin.
 
     A pose has evidence of its own: only more of it turns the pose away. The pose of the map's own origin has
     none, because a scan in the map's frame lies there best.
@@ -122,14 +122,14 @@ def is_elsewhere(viewpoint: Viewpoint, T_map_sensor: Matrix | None) -> bool:
 
 
 def is_map_origin(T_map_sensor: Matrix) -> bool:
-    """Returns whether a (4, 4) pose is that of the map's own frame."""
+    """Whether a (4, 4) pose is that of the map's own frame."""
     if max(map(abs, T_map_sensor[:3, 3].tolist())) > SAME_M:
         return False
     return bool((np.trace(T_map_sensor[:3, :3]) - 1) / 2 > math.cos(math.radians(SAME_DEG)))
 
 
 def is_even(points: NDArray[np.float32]) -> bool:
-    """Returns whether (n, 3) points are as dense far from the origin as near it: those of a map."""
+    """Whether (n, 3) points are as dense far from the origin as near it: those of a map."""
     if len(points) < MAP_POINTS:
         return False
     range_m = np.linalg.norm(points, axis=1)

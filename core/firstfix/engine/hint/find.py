@@ -58,7 +58,7 @@ class _Ground:
         return cls(T_level_sensor, foot, floor if floor.carries(spot[None])[0] else None)
 
     def carries(self, goals: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Returns whether the whole way to each of (g, 3) goals in the sensor frame has a floor."""
+        """Whether the whole way to each of (g, 3) goals in the sensor frame has a floor."""
         if self.floor is None or not len(goals):
             return np.ones(len(goals), np.bool_)
         shares = np.linspace(0, 1, math.ceil(float(np.linalg.norm(goals[0]))) + 1)[1:]
@@ -104,7 +104,7 @@ def find_hint(
 def _moves_by_length(
     prepared: PreparedQuery, compared: Sequence[RegisteredCandidate], seen: FieldOfView
 ) -> Iterator[list[_Move]]:
-    """Moves that are free under every hypothesis: turns on the spot, ever longer ways, then the short one."""
+    """Move that are free under every hypothesis: turns on the spot, ever longer ways, then the short one."""
     last = prepared.scans[-1]
     up = compared[0].registration.T_level_sensor[2, :3]
     R_level_sensor = levelling_rotation(up)

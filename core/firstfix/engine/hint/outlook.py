@@ -43,7 +43,7 @@ class FieldOfView:
         return cls((rows[:, None] & columns).ravel())
 
     def is_all_round(self, up: NDArray[np.float64]) -> bool:
-        """Returns whether turning about the vertical, (3,) in the sensor frame, shows nothing new."""
+        """Whether turning about the vertical, (3,) in the sensor frame, shows nothing new."""
         along = directions()[self.cells]
         level = along[np.abs(along @ up) < _LEVEL_SIN]
         if not len(level):

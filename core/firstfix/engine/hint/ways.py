@@ -93,7 +93,7 @@ class Floor:
         return cls(spots, spacing_m)
 
     def carries(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Returns whether a robot can stand at each of (p, 3) points of the floor."""
+        """Whether a robot can stand at each of (p, 3) points of the floor."""
         if not len(self.spots):
             return np.zeros(len(points), np.bool_)
         off = points[:, None] - self.spots

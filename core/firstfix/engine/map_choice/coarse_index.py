@@ -78,7 +78,7 @@ class _Block:
         return int(self._begin[-1])
 
     def templates_of(self, number: int) -> CoarseTemplates:
-        """Returns the templates of a map, by its place among the members. They stay in the file."""
+        """The templates of a map, by its place among the members. They stay in the file."""
         return CoarseTemplates(
             self.form, rows_of(self._described, slice(self._begin[number], self._begin[number + 1]))
         )
@@ -179,7 +179,7 @@ class CoarseIndex:
         return sum(map(len, self._state[1]))
 
     def change(self, new: Mapping[str, CoarseTemplates], gone: Iterable[str] = (), expected: int = 0) -> None:
-        """Adds maps, in place of their templates so far, and removes others. Takes seconds for many.
+        """Add maps, in place of their templates so far, and removes others. Takes seconds for many.
 
         Args:
             expected: number of maps that there will be, if it is known to be more.
@@ -200,7 +200,7 @@ class CoarseIndex:
             self._state = tokens, tuple(changed)
 
     def best(self, scan: SoughtScan, sees: Callable[[str], bool], count: int) -> list[str]:
-        """Returns at most ``count`` maps, the one with the most similar templates first.
+        """At most ``count`` maps, the one with the most similar templates first.
 
         Args:
             sees: whether a map may be chosen. The others change nothing.

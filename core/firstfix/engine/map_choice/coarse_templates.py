@@ -37,7 +37,7 @@ class CoarseTemplates:
         return len(next(iter(self.described.values())))
 
     def first(self, count: int) -> CoarseTemplates:
-        """Returns the first templates."""
+        """The first templates."""
         return CoarseTemplates(self.form, rows_of(self.described, slice(count)))
 
     @classmethod
@@ -55,7 +55,7 @@ class CoarseTemplates:
 
     @classmethod
     def read(cls, read: Callable[[str], bytes]) -> CoarseTemplates:
-        """Reads what is needed of a version's files, and no others.
+        """Read what is needed of a version's files, and no others.
 
         Args:
             read: returns the content of a file by its name.

@@ -42,7 +42,7 @@ class SoughtScan:
 def describe_sought(
     scan: AnyScan | ScanDescriptor, options: LocalizeOptions, forms: Sequence[str]
 ) -> SoughtScan:
-    """Describes a query in the given forms.
+    """Describe a query in the given forms.
 
     A descriptor alone has the forms that agree with it. A scan with too few points has none.
 

@@ -52,7 +52,7 @@ class Registration:
 
     @property
     def is_in_motion(self) -> bool:
-        """Returns whether a motion was solved that moves points by more than a few centimetres."""
+        """Whether a motion was solved that moves points by more than a few centimetres."""
         if self.twist is None:
             return False
         fast = np.linalg.norm(self.twist[:3]) > SLOW_M_S or np.linalg.norm(self.twist[3:]) > SLOW_RAD_S
@@ -147,7 +147,7 @@ class MapSurface:
         return cls(config, fine, SurfaceGrid.of(coarse, config.coarse_voxel_m))
 
     def save(self, directory: Path) -> None:
-        """Writes the grids to a version's files."""
+        """Write the grids to a version's files."""
         self.fine.save(directory / _FINE_FILE)
         self.coarse.save(directory / _COARSE_FILE)
 
@@ -155,7 +155,7 @@ class MapSurface:
     def load(
         cls, directory: Path, config: RegistrationConfig, ranking: RankingConfig = RANKING
     ) -> MapSurface:
-        """Reads a version's files, memory-mapped."""
+        """Read a version's files, memory-mapped."""
         fine, coarse = SurfaceGrid.load(directory / _FINE_FILE), SurfaceGrid.load(directory / _COARSE_FILE)
         return cls(config, fine, coarse, ranking)
 
@@ -177,7 +177,7 @@ class MapSurface:
     def align_coarse(
         self, scan: Surface, T_level_sensor: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Aligns on the coarse grid: (k, 4, 4) starts within about a metre end within a few decimetres.
+        """Align on the coarse grid: (k, 4, 4) starts within about a metre end within a few decimetres.
 
         Returns:
             See ``screen``.
@@ -187,12 +187,12 @@ class MapSurface:
         )
 
     def align(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
-        """Aligns on the map's own points, from (k, 4, 4) starts within a few decimetres."""
+        """Align on the map's own points, from (k, 4, 4) starts within a few decimetres."""
         reach_m, iterations = self.config.fine_distance_m, self.config.align_iterations
         return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, self.ranking.align_angle)
 
     def align_smoothly(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
-        """Aligns on the map's own points with little regard to normals, from (k, 4, 4) aligned poses.
+        """Align on the map's own points with little regard to normals, from (k, 4, 4) aligned poses.
 
         Starts within two decimetres end near one pose. From there ``align_fine`` goes to one of its minima.
         """
@@ -214,7 +214,7 @@ class MapSurface:
         *,
         twist: NDArray[np.float64] | None = None,
     ) -> Registrations:
-        """Aligns on the map's own points until nothing moves, from (k, 4, 4) aligned poses.
+        """Align on the map's own points until nothing moves, from (k, 4, 4) aligned poses.
 
         Where the times of the scan's points are known, the motion during the scan is solved too.
 

@@ -11,7 +11,7 @@ MAX_POINTS = 4_000_000
 
 
 def chunked_x(points: NDArray[np.floating], voxel_m: float) -> Iterator[NDArray[np.intp] | slice]:
-    """Yields the rows, ascending, of (n, 3) points in each slab, in the order of x.
+    """Yield the rows, ascending, of (n, 3) points in each slab, in the order of x.
 
     A slab consists of whole voxels. It holds more than MAX_POINTS only if one layer of voxels does.
     """

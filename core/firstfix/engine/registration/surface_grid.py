@@ -91,12 +91,12 @@ class SurfaceGrid:
         return self.tables.nearest(points)
 
     def save(self, path: Path) -> None:
-        """Writes the grid to a file."""
+        """Write the grid to a file."""
         save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
     def load(cls, path: Path) -> SurfaceGrid:
-        """Reads a file that ``save`` wrote, memory-mapped.
+        """Read a file that ``save`` wrote, memory-mapped.
 
         Raises:
             ValueError, TypeError, OSError: the file has another format or cannot be read.

@@ -105,7 +105,7 @@ def nearest_points(cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.i
 def _slabs(
     cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.int32]
 ) -> Iterator[tuple[NDArray[np.int32], int, int]]:
-    """Yields for each slab the rows of points in and beside it, its first block, and the one after its last.
+    """Yield for each slab the rows of points in and beside it, its first block, and the one after its last.
 
     Slabs are at least one group thick, and as thick as MAX_SLOTS allows.
     """

@@ -66,12 +66,12 @@ class AliasTable:
         return templates[own], row[own, number], yaw_rad, score[own, number] / _SCORES
 
     def save(self, directory: Path) -> None:
-        """Writes a version's file."""
+        """Write a version's file."""
         save_arrays(directory / FILE, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
     def load(cls, directory: Path, templates: int) -> AliasTable | None:
-        """Reads a version's file, memory-mapped; None: the version has none.
+        """Read a version's file, memory-mapped; None: the version has none.
 
         Args:
             directory: of the version's files.

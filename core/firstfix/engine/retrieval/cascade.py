@@ -47,13 +47,13 @@ class Templates:
         return rows_of(self.described, rows)
 
     def save(self, directory: Path) -> None:
-        """Writes a version's files."""
+        """Write a version's files."""
         for name, array in self._arrays().items():
             np.save(directory / f"{PREFIX}{name}.npy", array)
 
     @classmethod
     def load(cls, directory: Path, descriptor: Descriptor) -> Templates:
-        """Reads a version's files, memory-mapped: replicas on one machine share the pages.
+        """Read a version's files, memory-mapped: replicas on one machine share the pages.
 
         Raises:
             ValueError, OSError: a file is missing or damaged, or does not fit the others.
@@ -132,13 +132,13 @@ class Clusters:
         return self.member[np.repeat(begin - before, size) + np.arange(size.sum())]
 
     def save(self, directory: Path) -> None:
-        """Writes a version's files."""
+        """Write a version's files."""
         for field in fields(self):
             np.save(directory / f"cluster_{field.name}.npy", getattr(self, field.name))
 
     @classmethod
     def load(cls, directory: Path) -> Clusters:
-        """Reads a version's files, memory-mapped.
+        """Read a version's files, memory-mapped.
 
         Raises:
             ValueError, OSError: a file is missing or damaged, or does not fit the others.
@@ -194,7 +194,7 @@ class Cascade:
     projection: NDArray[np.float32] | None = None
 
     def search(self, described: Described, clusters: int) -> Matches:
-        """Compares one described scan with all templates of the ``clusters`` nearest by key."""
+        """Compare one described scan with all templates of the ``clusters`` nearest by key."""
         if clusters >= len(self.clusters):
             return self.compare(described, np.arange(len(self.templates)))
         return self.match(described, self.nearest(described, clusters))
@@ -204,13 +204,13 @@ class Cascade:
         return self.keys.search(self.key_of(described), clusters)
 
     def match(self, described: Described, clusters: NDArray[np.int64]) -> Matches:
-        """Compares one described scan with all templates of the given clusters."""
+        """Compare one described scan with all templates of the given clusters."""
         return self.compare(described, np.sort(self.clusters.members(clusters)))
 
     def search_near(
         self, described: Described, centre: NDArray[np.float64], radius_m: float, clusters: int
     ) -> Matches:
-        """Compares one described scan with templates inside a sphere only.
+        """Compare one described scan with templates inside a sphere only.
 
         All templates inside are compared if they are few, else those of the clusters nearest by key.
 
@@ -233,7 +233,7 @@ class Cascade:
         return np.flatnonzero(np.isin(self.clusters.representative, rows))
 
     def compare(self, described: Described, rows: NDArray[np.integer]) -> Matches:
-        """Compares one described scan with the given templates, in ascending order as on the disk."""
+        """Compare one described scan with the given templates, in ascending order as on the disk."""
         if not len(rows):
             return Matches(rows, np.empty(0), np.empty(0))
         yaw, score = self.descriptor.match(described, self.templates.described, rows)
@@ -247,7 +247,7 @@ class Cascade:
 
     @classmethod
     def load(cls, directory: Path, config: EngineConfig) -> Cascade:
-        """Reads a version's files. Arrays are memory-mapped.
+        """Read a version's files. Arrays are memory-mapped.
 
         Raises:
             ValueError, TypeError, RuntimeError, OSError: a file is missing or damaged, or does not fit
@@ -266,7 +266,7 @@ class Cascade:
 
 
 def save_projection(projection: NDArray[np.float32], directory: Path) -> None:
-    """Writes a learned projection of the keys."""
+    """Write a learned projection of the keys."""
     np.save(directory / PROJECTION_FILE, projection)
 
 

@@ -50,12 +50,12 @@ class TemplateTiles:
         return near
 
     def save(self, directory: Path) -> None:
-        """Writes a version's file."""
+        """Write a version's file."""
         save_arrays(directory / FILE, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
     def load(cls, directory: Path, position_m: NDArray[np.floating]) -> TemplateTiles:
-        """Reads a version's file, memory-mapped.
+        """Read a version's file, memory-mapped.
 
         Args:
             directory: of the version's files.

@@ -55,12 +55,12 @@ class PointTiles:
         return np.concatenate([self.points[:0], *(self.points[run] for run in runs)])
 
     def save(self, path: Path) -> None:
-        """Writes the tiles to a file."""
+        """Write the tiles to a file."""
         save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
     def load(cls, path: Path) -> PointTiles:
-        """Reads a file that ``save`` wrote, memory-mapped.
+        """Read a file that ``save`` wrote, memory-mapped.
 
         Raises:
             ValueError, TypeError, OSError: the file has another format or cannot be read.

@@ -81,14 +81,14 @@ class SeenFree:
         return self.tables.holds(points, T_level_sensor)
 
     def save(self, directory: Path) -> None:
-        """Writes a version's file."""
+        """Write a version's file."""
         save_arrays(
             directory / SEEN_FREE_FILE, {field.name: getattr(self, field.name) for field in fields(self)}
         )
 
     @classmethod
     def load(cls, directory: Path) -> SeenFree | None:
-        """Reads a version's file, memory-mapped; None: the version has none, and nothing is known.
+        """Read a version's file, memory-mapped; None: the version has none, and nothing is known.
 
         Raises:
             ValueError, TypeError, OSError: the file has another format or cannot be read.

@@ -75,7 +75,7 @@ class MeasuredSensor:
 def measure_sensor(
     scans: Sequence[MeasuredScan], name: str = "measured", default_height_m: float = 1.0
 ) -> MeasuredSensor:
-    """Measures a sensor from scans of it, none of them moved or merged.
+    """Measure a sensor from scans of it, none of them moved or merged.
 
     Args:
         default_height_m: where no scan shows the floor.
@@ -231,7 +231,7 @@ class _View:
 
 
 def _check_one_sensor(views: Sequence[_View]) -> None:
-    """Refuses scans whose numbers of rings are too different for one sensor.
+    """Refuse scans whose numbers of rings are too different for one sensor.
 
     Raises:
         InvalidScan: as said.

@@ -36,14 +36,14 @@ class MeasuringRunner(StageRunner):
 
     @classmethod
     def below(cls, work: Path, threads: ThreadPoolExecutor) -> MeasuringRunner:
-        """Returns the runner of a world's stages."""
+        """The runner of a world's stages."""
         (work / "costs").mkdir(parents=True, exist_ok=True)
         cache = StageCache(work, max_bytes=MAX_BYTES)
         executor = LocalExecutor(work, threads, threads, max_bytes=MAX_BYTES)
         return cls(cache, ChunkCache(cache, executor), lambda stage, fraction: None, lambda: False, work=work)
 
     def build(self, config: BuildConfig, threads: ThreadPoolExecutor) -> BuildStages:
-        """Returns the stages of a world, which may be as large as one asks for."""
+        """The stages of a world, which may be as large as one asks for."""
         return BuildStages(self, config, threads, workload=Workload(None))
 
     def stage(

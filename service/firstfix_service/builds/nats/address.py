@@ -37,7 +37,7 @@ class NatsAddress:
 
     @classmethod
     def of(cls, settings: Settings) -> NatsAddress:
-        """Returns the address in the settings.
+        """The address in the settings.
 
         Raises:
             InvalidOption: the URL does not have the form tls://host:4222/name.
@@ -62,7 +62,7 @@ class NatsAddress:
         )
 
     def options(self) -> dict[str, Any]:
-        """Returns the options for ``nats.connect``.
+        """The options for ``nats.connect``.
 
         Raises:
             InvalidOption: a file is missing or malformed.

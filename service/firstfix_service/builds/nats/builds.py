@@ -100,7 +100,7 @@ class NatsBuilds:
         self._jetstream = client.jetstream(timeout=API_TIMEOUT_S)
 
     async def close(self) -> None:
-        """Closes the connection, after a short try to send pending messages."""
+        """Close the connection, after a short try to send pending messages."""
         if self._client is None:
             return
         with suppress(Exception):
@@ -109,7 +109,7 @@ class NatsBuilds:
             await self._client.close()
 
     async def make_streams(self) -> None:
-        """Makes the streams and the consumer that do not exist.
+        """Make the streams and the consumer that do not exist.
 
         Raises:
             nats.errors.Error: the server does not answer, or refuses the request.
@@ -165,7 +165,7 @@ class NatsBuilds:
             await self._jetstream.update_stream(config)
 
     async def room(self) -> int:
-        """Returns how many builds should be submitted now.
+        """How many builds should be submitted now.
 
         One for each build worker that waits, and ``MAX_AHEAD`` so that the next one need not wait.
 
@@ -176,7 +176,7 @@ class NatsBuilds:
         return MAX_AHEAD + (info.num_waiting or 0) - (info.num_pending or 0)
 
     async def submit(self, build_id: str) -> bool:
-        """Puts a build into the stream. Returns False if it is there already, waiting or running.
+        """Put a build into the stream. Returns False if it is there already, waiting or running.
 
         Raises:
             nats.errors.Error: the server does not answer, or refuses the request.
@@ -196,7 +196,7 @@ class NatsBuilds:
         return not ack.duplicate
 
     async def bury(self, build_id: str, reason: str) -> None:
-        """Keeps the id of a build that used up its attempts, with the reason, for operators.
+        """Keep the id of a build that used up its attempts, with the reason, for operators.
 
         Raises:
             nats.errors.Error: the server does not answer, or refuses the request.
@@ -205,7 +205,7 @@ class NatsBuilds:
         await self._jetstream.publish(f"{self._prefix}.dead.{check_build_id(build_id)}", body)
 
     async def waiting(self) -> Any:
-        """Returns a pull subscription to the waiting builds.
+        """A pull subscription to the waiting builds.
 
         Raises:
             nats.errors.Error: the server does not answer, or refuses the request.

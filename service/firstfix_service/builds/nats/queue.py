@@ -56,11 +56,11 @@ class NatsBuildQueue:
         return None if self.builds.connected else "NATS does not answer"
 
     async def submit(self, build_id: str) -> None:
-        """Wakes the queue."""
+        """Wake the queue."""
         self._wake.set()
 
     async def run(self) -> None:
-        """Submits builds until it is cancelled."""
+        """Submit builds until it is cancelled."""
         from nats.errors import Error
 
         try:
@@ -92,7 +92,7 @@ class NatsBuildQueue:
             await self.builds.close()
 
     async def _submit_waiting(self, room: int) -> bool:
-        """Submits up to ``room`` builds that are not in the stream. Returns whether others have to wait."""
+        """Submit up to ``room`` builds that are not in the stream. Returns whether others have to wait."""
         for build in self._order.sort(await MAINTENANCE.run(self._unfinished.find)):
             if room <= 0:
                 return True

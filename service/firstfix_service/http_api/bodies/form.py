@@ -62,7 +62,7 @@ class FormDirectory:
     in_store: Reservation
 
     def take(self, size_bytes: int) -> None:
-        """Announces a write of so many bytes to the directory.
+        """Announce a write of so many bytes to the directory.
 
         Raises:
             OutOfSpace: there is no room here or in the store.
@@ -73,7 +73,7 @@ class FormDirectory:
 
 @asynccontextmanager
 async def form_directory(parts: UploadParts, declared_bytes: int) -> AsyncIterator[FormDirectory]:
-    """Makes a directory for one form and reserves space for it, until the block ends.
+    """Make a directory for one form and reserves space for it, until the block ends.
 
     Args:
         declared_bytes: size of the form; 0: not declared.
@@ -107,7 +107,7 @@ async def receive_form(
     text_fields: set[str],
     file_fields: set[str],
 ) -> Form:
-    """Returns the form in a request's body.
+    """The form in a request's body.
 
     Raises:
         OutOfSpace: see ``FormDirectory.take``.
@@ -163,7 +163,7 @@ class _FormWriter:
         self._file: BinaryIO | None = None
 
     def callbacks(self) -> MultipartCallbacks:
-        """Returns the handlers of the parser's events."""
+        """The handlers of the parser's events."""
         return {
             "on_part_begin": self._begin,
             "on_header_field": self._header_field,
@@ -176,7 +176,7 @@ class _FormWriter:
         }
 
     def close(self) -> None:
-        """Closes the file that is being written, if any."""
+        """Close the file that is being written, if any."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -232,6 +232,6 @@ class _FormWriter:
 
 
 def harmless_name(name: str) -> str:
-    """Returns the last part of a path, with letters, digits, ``.``, ``_`` and ``-`` only, no dot in front."""
+    """The last part of a path, with letters, digits, ``.``, ``_`` and ``-`` only, no dot in front."""
     last = re.split(r"[/\\]", name)[-1]
     return re.sub(r"[^A-Za-z0-9._-]", "_", last).lstrip(".")[-100:] or "map"

@@ -19,7 +19,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 async def read_object(request: Request) -> dict[str, Any]:
-    """Returns the JSON object in a request's body.
+    """The JSON object in a request's body.
 
     Raises:
         TooLarge: over ``Limits.max_json_bytes``.
@@ -32,7 +32,7 @@ async def read_object(request: Request) -> dict[str, Any]:
 
 
 async def read_model(request: Request, model: type[Model]) -> Model:
-    """Returns the body as a model.
+    """The body as a model.
 
     Raises:
         InvalidOption: names each wrong field and the reason.
@@ -50,7 +50,7 @@ async def read_model(request: Request, model: type[Model]) -> Model:
 
 
 def parse_object(data: bytes, what: str) -> dict[str, Any]:
-    """Returns a JSON object.
+    """A JSON object.
 
     Args:
         what: name of the data, for error messages.

@@ -34,7 +34,7 @@ class BodyReader:
         self._timeout_s = timeout_s
 
     async def read(self, request: Request, caller: str = "") -> Body:
-        """Returns the body. Call ``release`` when it is no longer needed.
+        """The body. Call ``release`` when it is no longer needed.
 
         Raises:
             TooLarge: over the limit, by the declared length or by the bytes that arrive.
@@ -60,7 +60,7 @@ class BodyReader:
             raise
 
     def release(self, body: Body, caller: str = "") -> None:
-        """Takes a body out of the count of all bodies."""
+        """Take a body out of the count of all bodies."""
         self._budget.give_back(owners_of_body(caller), len(body))
 
 
@@ -83,7 +83,7 @@ async def _joined(request: Request, arrived: Arrived) -> bytes:
 
 
 def checked_length(request: Request, max_bytes: int) -> int:
-    """Returns Content-Length, or 0 without that header. The server has checked that it is a number.
+    """Content-Length, or 0 without that header. The server has checked that it is a number.
 
     Raises:
         TooLarge: over the limit.
@@ -101,7 +101,7 @@ class WhilePermitted:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serves a request."""
+        """Serve a request."""
         checked_at = time.monotonic()
 
         async def check() -> None:
@@ -149,7 +149,7 @@ class Pace:
 
 
 async def paced_pieces(request: Request, pace: Pace) -> AsyncIterator[bytes]:
-    """Yields the pieces of a request's body as they arrive.
+    """Yield the pieces of a request's body as they arrive.
 
     Raises:
         DeadlineExceeded: the body is too slow.

@@ -70,12 +70,12 @@ class Submission:
         return any(isinstance(source, NamedUpload) for source in (self.source, self.trajectory))
 
     def fingerprint(self) -> str:
-        """Returns a digest that is equal for equal submissions. Of a form's files, the content counts."""
+        """A digest that is equal for equal submissions. Of a form's files, the content counts."""
         described = [self.map_id, _identity(self.source), _identity(self.trajectory), self.config]
         return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
 
     def keep(self, parts: UploadParts, *, build_id: str = "") -> dict[str, Any]:
-        """Puts the files into the store and returns the build's record.
+        """Put the files into the store and return the build's record.
 
         It may be repeated, and then restores files that a garbage collection has removed meanwhile.
 
@@ -119,7 +119,7 @@ class Submission:
 def keep_for_good(
     parts: UploadParts, build_id: str, record: Mapping[str, Any], submission: Submission
 ) -> None:
-    """Makes sure that a recorded build has its files.
+    """Make sure that a recorded build has its files.
 
     A garbage collection that began before the record was written may have removed a file, or may still do so.
     Then the build gets a copy of its own.
@@ -138,7 +138,7 @@ def keep_for_good(
 async def from_form(
     request: Request, parts: UploadParts, caller: Principal, directory: FormDirectory
 ) -> Submission:
-    """Returns the submission in a multipart form. Its files are in the directory.
+    """The submission in a multipart form. Its files are in the directory.
 
     Raises:
         InvalidOption, MalformedData, TooLarge: the form cannot be used.
@@ -159,7 +159,7 @@ async def from_form(
 
 
 async def from_json(request: Request, parts: UploadParts, caller: Principal) -> Submission:
-    """Returns the submission in a JSON body, which names URLs or uploads.
+    """The submission in a JSON body, which names URLs or uploads.
 
     Raises:
         InvalidOption, MalformedData, TooLarge: the body cannot be used, or the operator forbids a URL.

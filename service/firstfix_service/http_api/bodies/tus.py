@@ -21,7 +21,7 @@ _NUMBER = re.compile(r"[0-9]{1,18}")
 
 
 def check_version(given: str | None) -> None:
-    """Checks the caller's tus version. None is accepted, because clients like curl do not send it.
+    """Check the caller's tus version. None is accepted, because clients like curl do not send it.
 
     Raises:
         PreconditionFailed: another version.
@@ -31,7 +31,7 @@ def check_version(given: str | None) -> None:
 
 
 def number(name: str, text: str) -> int:
-    """Returns the number in a header.
+    """The number in a header.
 
     Args:
         name: of the header.
@@ -45,7 +45,7 @@ def number(name: str, text: str) -> int:
 
 
 def metadata(text: str) -> dict[str, str]:
-    """Returns the names and decoded values of an Upload-Metadata header.
+    """The names and decoded values of an Upload-Metadata header.
 
     Raises:
         InvalidOption: the header is malformed.
@@ -82,7 +82,7 @@ class Checksum:
             raise InvalidOption(f"Upload-Checksum: not a {name} digest")
 
     def check(self, data: bytes) -> None:
-        """Checks the digest of a body.
+        """Check the digest of a body.
 
         Raises:
             ChecksumMismatch: the data have another digest.
@@ -92,7 +92,7 @@ class Checksum:
 
 
 def headers_of(upload: Upload) -> dict[str, str]:
-    """Returns the headers with the upload's offset, length and expiry."""
+    """The headers with the upload's offset, length and expiry."""
     until = upload.last_modified + timedelta(seconds=DAY_S)
     return {
         "Tus-Resumable": VERSION,

@@ -39,7 +39,7 @@ class UploadQuota:
     def begin(
         self, owner: str, upload_id: str, *, size_bytes: int, file_name: str, sha256: str | None
     ) -> None:
-        """Creates an upload within the quotas.
+        """Create an upload within the quotas.
 
         Raises:
             QuotaExceeded: the caller has reached its quota.
@@ -74,7 +74,7 @@ class UploadQuota:
 
 
 def own_upload(uploads: Uploads, caller: Principal, upload_id: str) -> Upload:
-    """Returns an upload of this caller.
+    """An upload of this caller.
 
     Raises:
         NotFound: no such upload, or another caller's: the caller cannot tell which.
@@ -94,7 +94,7 @@ async def append_body(
     pace: Pace,
     room: Reservation,
 ) -> Upload:
-    """Appends a request's body to an upload, and returns the upload.
+    """Append a request's body to an upload, and return the upload.
 
     One part of the body is in memory at a time. If the connection breaks or is too slow, the bytes that have
     arrived are stored; those of a body with a checksum are not.

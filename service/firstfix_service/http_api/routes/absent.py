@@ -11,7 +11,7 @@ from ..edge import public
 
 
 def absent_routes(package: Package) -> APIRouter:
-    """Returns the routes of a package that is not installed."""
+    """The routes of a package that is not installed."""
 
     @public
     async def absent() -> None:

@@ -105,7 +105,7 @@ def get_build(build_id: BuildId, builds: BuildPartsDep, response: Response) -> B
 @needs(Scope.BUILD)
 @CHANGES.route
 def cancel_build(build_id: BuildId, builds: BuildPartsDep) -> Build:
-    """Asks the build to stop.
+    """Ask the build to stop.
 
     A waiting build is cancelled at once, a running one within seconds. Its status says when.
     """

@@ -30,7 +30,7 @@ OlderThanH = Annotated[
 def collect_garbage_of_map(
     map_id: MapId, catalog: CatalogDep, dry_run: DryRun = False, older_than_h: OlderThanH = 24.0
 ) -> GarbageReport:
-    """Removes files of retired versions, of unfinished publishes, and sources that no build names."""
+    """Remove files of retired versions, of unfinished publishes, and sources that no build names."""
     ages = Ages(things_s=older_than_h * 3600)
     return _report(collect_garbage(catalog, map_id=map_id, ages=ages, dry_run=dry_run), dry_run)
 

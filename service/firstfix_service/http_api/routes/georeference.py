@@ -22,7 +22,7 @@ router = APIRouter(prefix="/maps/{map_id}/georeference", tags=["georeference"])
 @router.put("", openapi_extra=json_body(GeoreferenceBody))
 @needs(Scope.BUILD, "change")
 async def put_georeference(map_id: MapId, request: Request, parts: MapPartsDep) -> GeoreferenceRecord:
-    """Sets where the map lies on the Earth, for all its versions.
+    """Set where the map lies on the Earth, for all its versions.
 
     This replica uses it at once, other replicas within seconds.
     """
@@ -47,7 +47,7 @@ def get_georeference(map_id: MapId, parts: MapPartsDep) -> GeoreferenceRecord:
 @needs(Scope.BUILD, "change")
 @CHANGES.route
 def delete_georeference(map_id: MapId, parts: MapPartsDep) -> None:
-    """Removes the georeference."""
+    """Remove the georeference."""
     if parts.georeferences.get(map_id) is None:
         raise NotFound(f"map {map_id} has no georeference")
     _set(parts, map_id, None)

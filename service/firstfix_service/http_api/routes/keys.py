@@ -22,7 +22,7 @@ from ..schema.parameters import KeyId
 
 
 async def _sees_every_map(caller: CallerDep) -> None:
-    """Refuses an administrator of some maps: a key that it makes could open the others.
+    """Refuse an administrator of some maps: a key that it makes could open the others.
 
     Raises:
         Forbidden: a map is hidden from the caller.
@@ -84,7 +84,7 @@ def get_keys(catalog: CatalogDep) -> KeyList:
 @router.post("", status_code=201, openapi_extra=json_body(NewKeyBody))
 @needs(Scope.ADMIN, "change")
 async def post_key(request: Request, catalog: CatalogDep) -> NewKey:
-    """Makes a key. Its token is in this answer alone: nobody can read it again."""
+    """Make a key. Its token is in this answer alone: nobody can read it again."""
     body = await read_model(request, NewKeyBody)
     return await CHANGES.run(_create, catalog.store, body)
 

@@ -89,7 +89,7 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
 
 
 def add_route(app: FastAPI) -> None:
-    """Adds the route to the app itself: the framework finds routes of a router in more steps."""
+    """Add the route to the app itself: the framework finds routes of a router in more steps."""
     app.router.add_api_route(
         "/localize",
         localize,
@@ -152,5 +152,5 @@ async def _localize(
 
 
 def server_timing(answer: EncodedAnswer) -> str:
-    """Returns the stages as a Server-Timing header, which browsers and proxies show."""
+    """The stages as a Server-Timing header, which browsers and proxies show."""
     return ", ".join(f"{stage};dur={ms:.3f}" for stage, ms in answer.timings_ms.items())

@@ -52,7 +52,7 @@ async def post_map(
         Header(min_length=1, max_length=255, pattern="^[\\x21-\\x7e]+$", description=IDEMPOTENCY_KEY_TEXT),
     ] = None,
 ) -> Response:
-    """Submits a map. It is built into a new version, which then becomes the active one.
+    """Submit a map. It is built into a new version, which then becomes the active one.
 
     429 `quota_exceeded`: too many builds of the caller wait or run, or its build time of today is used up.
     """
@@ -115,7 +115,7 @@ def get_map(map_id: MapId, catalog: CatalogDep) -> dict[str, Any]:
 @needs(Scope.ADMIN, "change")
 @CHANGES.route
 def delete_map(map_id: MapId, catalog: CatalogDep) -> MapRemoval:
-    """Takes all versions of a map out of service, so that the map is no longer listed.
+    """Take all versions of a map out of service, so that the map is no longer listed.
 
     Replicas stop answering within their poll interval. The next garbage collection removes the files. A build
     of the map that ends later publishes the map again: cancel it first.
@@ -127,7 +127,7 @@ def delete_map(map_id: MapId, catalog: CatalogDep) -> MapRemoval:
 async def _within_quota(
     builds: BuildParts, caller: Principal, build_id: str, key: CallersKey | None
 ) -> AsyncIterator[None]:
-    """Counts the build against the caller's quota, before anything of a form is read.
+    """Count the build against the caller's quota, before anything of a form is read.
 
     A repeated request, whose build is recorded already, does not count.
     """
@@ -158,7 +158,7 @@ async def _received(request: Request, parts: UploadParts, caller: Principal) -> 
 def _record(
     uploads: UploadParts, builds: BuildParts, build_id: str, submission: Submission, repeated: bool
 ) -> None:
-    """Stores the files, then the build's record. A repeated request may find the record there."""
+    """Store the files, then the build's record. A repeated request may find the record there."""
     record = _on_record(builds.catalog, build_id) if repeated else None
     if record is None:
         record = submission.keep(uploads)

@@ -63,7 +63,7 @@ def _json(answer: BaseModel) -> Response:
 
 
 def _check_well(request: Request) -> None:
-    """Checks that no part of the process stands still.
+    """Check that no part of the process stands still.
 
     Raises:
         Overloaded: one does, or did so a moment ago.

@@ -47,7 +47,7 @@ async def post_patch(
         ),
     ] = None,
 ) -> JSONResponse:
-    """Patches the active version: what several robots have seen for days is added to the map, or removed.
+    """Patch the active version: what several robots have seen for days is added to the map, or removed.
 
     Kept queries are the evidence. `POST /maps/{map_id}/rollback` takes an activated patch back.
 

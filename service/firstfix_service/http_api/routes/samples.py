@@ -75,7 +75,7 @@ class Sample(BaseModel):
 
     @classmethod
     def of(cls, sample: QuerySample) -> Sample:
-        """Returns the model of a sample."""
+        """The model of a sample."""
         return cls.model_validate({**asdict(sample), "truth": sample.truth or None})
 
 
@@ -162,7 +162,7 @@ def get_sample_body(
 @router.put("/{sample_id}/truth", openapi_extra=json_body(Truth))
 @needs(Scope.BUILD)
 async def put_truth(sample_id: SampleId, request: Request, samples: SamplesDep, caller: CallerDep) -> Sample:
-    """Notes where the scan was taken. The self-test of the map's next build asks the scan.
+    """Note where the scan was taken. The self-test of the map's next build asks the scan.
 
     `firstfix samples confirm` says so of queries whose answers were right.
     """
@@ -182,7 +182,7 @@ async def put_truth(sample_id: SampleId, request: Request, samples: SamplesDep, 
 @needs(Scope.BUILD)
 @CHANGES.route
 def delete_truth(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) -> Sample:
-    """Forgets where the scan was taken."""
+    """Forget where the scan was taken."""
     return _set_truth(samples, caller, sample_id, {})
 
 
@@ -190,7 +190,7 @@ def delete_truth(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) ->
 @needs(Scope.ADMIN)
 @CHANGES.route
 def delete_sample(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) -> None:
-    """Removes a kept query for good."""
+    """Remove a kept query for good."""
     _shown(samples, caller, sample_id)
     samples.delete(sample_id)
 
@@ -219,7 +219,7 @@ def _shown(samples: QuerySamples, caller: Principal, sample_id: str) -> QuerySam
 
 
 def _sees(caller: Principal, sample: QuerySample) -> bool:
-    """Returns whether the caller sees every map that the query is about."""
+    """Whether the caller sees every map that the query is about."""
     if caller.sees_every_map:
         return True
     return bool(sample.map_id) and all(caller.sees(map_id) for map_id in sample.maps)

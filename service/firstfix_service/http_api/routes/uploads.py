@@ -79,7 +79,7 @@ def begin_upload(
     ],
     tus_resumable: TusResumable = None,
 ) -> UploadStatus:
-    """Creates an upload. Send its bytes by PATCH to the Location.
+    """Create an upload. Send its bytes by PATCH to the Location.
 
     An upload without new bytes for a day is removed. Only its caller, and callers with the scope `admin`, see
     it. 429 `quota_exceeded`: the caller has too many open uploads or bytes.
@@ -148,7 +148,7 @@ async def append_to_upload(
     ] = None,
     tus_resumable: TusResumable = None,
 ) -> Response:
-    """Appends the body to an upload.
+    """Append the body to an upload.
 
     409: the upload continues at another offset, ask HEAD. 460: a checksum does not match. The body is then
     discarded; if the whole file does not match, the upload is removed.
@@ -177,7 +177,7 @@ async def append_to_upload(
 def delete_upload(
     upload_id: UploadId, parts: UploadPartsDep, caller: CallerDep, tus_resumable: TusResumable = None
 ) -> Response:
-    """Removes an upload, complete or not. A map that was built from it keeps its own copy."""
+    """Remove an upload, complete or not. A map that was built from it keeps its own copy."""
     tus.check_version(tus_resumable)
     own_upload(parts.uploads, caller, upload_id)
     parts.uploads.remove(upload_id)

@@ -127,7 +127,7 @@ def get_picture(
 @needs(Scope.BUILD, "change")
 @CHANGES.route
 def activate(map_id: MapId, version: Version, parts: MapPartsDep) -> Activation:
-    """Makes a published version, older or newer, the active one.
+    """Make a published version, older or newer, the active one.
 
     This replica serves it before it answers the request, other replicas within their poll interval.
     """
@@ -140,7 +140,7 @@ def activate(map_id: MapId, version: Version, parts: MapPartsDep) -> Activation:
 @needs(Scope.BUILD, "change")
 @CHANGES.route
 def roll_back(map_id: MapId, parts: MapPartsDep) -> Activation:
-    """Makes the previously active version the active one. A second call undoes the first.
+    """Make the previously active version the active one. A second call undoes the first.
 
     409: no version was active before.
     """
@@ -160,7 +160,7 @@ def retire(
         bool, Query(description="also retire the active version: the one before it becomes active")
     ] = False,
 ) -> Retirement:
-    """Takes a version out of service. The next garbage collection removes its files.
+    """Take a version out of service. The next garbage collection removes its files.
 
     409: it is the active version, and `force` is not set.
     """

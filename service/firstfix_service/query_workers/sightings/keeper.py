@@ -114,7 +114,7 @@ class SightingsKeeper:
 
 
 def sightings_maintenance(keeper: SightingsKeeper) -> PeriodicTask:
-    """Returns the task that puts the sightings of this replica into the store."""
+    """The task that puts the sightings of this replica into the store."""
     return PeriodicTask(
         "store sightings", MAINTENANCE.route(keeper.flush), FLUSH_INTERVAL_S, FLUSH_INTERVAL_S
     )

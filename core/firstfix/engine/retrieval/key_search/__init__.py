@@ -29,7 +29,7 @@ __all__ = ["ENGINES", "FaissSearch", "KeySearch", "build_key_search", "load_key_
 def build_key_search(
     keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
 ) -> KeySearch:
-    """Builds the engine that the config names.
+    """Build the engine that the config names.
 
     Args:
         keys: (n, d).
@@ -40,7 +40,7 @@ def build_key_search(
 
 
 def load_key_search(directory: Path, config: SearchConfig) -> KeySearch:
-    """Loads the engine that the config names from a version's files.
+    """Load the engine that the config names from a version's files.
 
     Raises:
         ValueError, RuntimeError, OSError: a file is missing or damaged, or belongs to another search.

@@ -18,7 +18,7 @@ class KeySearch(Protocol):
     def build(
         cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
     ) -> KeySearch:
-        """Builds the search over (n, d) keys, one or more, at (n, 3) positions."""
+        """Build the search over (n, d) keys, one or more, at (n, 3) positions."""
         ...
 
     def __len__(self) -> int:
@@ -36,10 +36,10 @@ class KeySearch(Protocol):
         ...
 
     def save(self, directory: Path) -> None:
-        """Writes files whose names begin with ``keys``."""
+        """Write files whose names begin with ``keys``."""
         ...
 
     @classmethod
     def load(cls, directory: Path, config: SearchConfig) -> KeySearch:
-        """Reads what ``save`` wrote."""
+        """Read what ``save`` wrote."""
         ...

@@ -22,7 +22,7 @@ class Exhaustive:
     def build(
         cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
     ) -> Exhaustive:
-        """Builds the search over (n, d) keys."""
+        """Build the search over (n, d) keys."""
         return cls(keys)
 
     def __len__(self) -> int:
@@ -40,12 +40,12 @@ class Exhaustive:
         return rows[nearest].astype(np.int64)
 
     def save(self, directory: Path) -> None:
-        """Writes the keys."""
+        """Write the keys."""
         save_keys(self._keys, directory)
 
     @classmethod
     def load(cls, directory: Path, config: SearchConfig) -> Exhaustive:
-        """Reads the keys, memory-mapped."""
+        """Read the keys, memory-mapped."""
         return cls(load_keys(directory))
 
 

@@ -22,7 +22,7 @@ MIN_TRAINED_KEYS = 10_000
 
 
 def empty_index(engine: str, keys: NDArray[np.float32]) -> faiss.Index:
-    """Returns an empty index, trained for (n, d) keys."""
+    """An empty index, trained for (n, d) keys."""
     faiss.omp_set_num_threads(1)  # with several, a learned centre would depend on their timing
     index = _INDEXES[chosen_engine(engine, len(keys))](*keys.shape)
     if not index.is_trained:

@@ -43,7 +43,7 @@ class FaissSearch:
     def build(
         cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
     ) -> FaissSearch:
-        """Builds the indexes over (n, d) keys at (n, 3) positions."""
+        """Build the indexes over (n, d) keys at (n, 3) positions."""
         empty = empty_index(config.engine, keys)
         shards = None
         if position_m is not None and len(keys) > config.shard_keys:
@@ -99,7 +99,7 @@ class FaissSearch:
         return _merged(parts, count)
 
     def save(self, directory: Path) -> None:
-        """Writes the indexes, and the table of shards if there are several."""
+        """Write the indexes, and the table of shards if there are several."""
         if self._shards is None:
             faiss.write_index(self._indexes[0], str(directory / FILE))
             return
@@ -109,7 +109,7 @@ class FaissSearch:
 
     @classmethod
     def load(cls, directory: Path, config: SearchConfig) -> FaissSearch:
-        """Reads the indexes, memory-mapped: processes that load them share their pages.
+        """Read the indexes, memory-mapped: processes that load them share their pages.
 
         Raises:
             RuntimeError, ValueError, OSError: a file is missing or damaged, or belongs to another search.
@@ -160,7 +160,7 @@ def _in_lists(
 
 
 def _among(index: faiss.Index, key: NDArray[np.float32], rows: NDArray[np.integer], count: int) -> _Found:
-    """Searches the given rows only, in all inverted lists. Returns the nearest first."""
+    """Search the given rows only, in all inverted lists. Returns the nearest first."""
     chosen = np.zeros(index.ntotal, np.bool_)
     chosen[rows] = True
     selector = faiss.IDSelectorBitmap(np.packbits(chosen, bitorder="little"))

@@ -23,7 +23,7 @@ class KdTree:
     def build(
         cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
     ) -> KdTree:
-        """Builds the tree over (n, d) keys."""
+        """Build the tree over (n, d) keys."""
         return cls(keys)
 
     def __len__(self) -> int:
@@ -41,10 +41,10 @@ class KdTree:
         return nearest_of(self._tree.data, key, rows, count)
 
     def save(self, directory: Path) -> None:
-        """Writes the keys, without the tree."""
+        """Write the keys, without the tree."""
         save_keys(self._tree.data.astype(np.float32), directory)
 
     @classmethod
     def load(cls, directory: Path, config: SearchConfig) -> KdTree:
-        """Builds the tree again from the keys: 0.1 s for 100k keys, the same tree every time."""
+        """Build the tree again from the keys: 0.1 s for 100k keys, the same tree every time."""
         return cls(load_keys(directory))

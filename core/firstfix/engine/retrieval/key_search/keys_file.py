@@ -11,7 +11,7 @@ FILE = "keys.npy"
 
 
 def save_keys(keys: NDArray[np.float32], directory: Path) -> None:
-    """Writes (n, d) keys."""
+    """Write (n, d) keys."""
     np.save(directory / FILE, keys)
 
 

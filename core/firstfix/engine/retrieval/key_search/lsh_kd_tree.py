@@ -31,7 +31,7 @@ class LshKdTree:
     def build(
         cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
     ) -> LshKdTree:
-        """Builds the tables over (n, d) keys."""
+        """Build the tables over (n, d) keys."""
         return cls(keys, config.lsh)
 
     def __len__(self) -> int:
@@ -68,12 +68,12 @@ class LshKdTree:
         return rows[np.argsort(distance[first], kind="stable")[:count]]
 
     def save(self, directory: Path) -> None:
-        """Writes the keys, without the tables."""
+        """Write the keys, without the tables."""
         save_keys(self._keys, directory)
 
     @classmethod
     def load(cls, directory: Path, config: SearchConfig) -> LshKdTree:
-        """Builds the tables again from the keys: the same tables every time."""
+        """Build the tables again from the keys: the same tables every time."""
         return cls(load_keys(directory), config.lsh)
 
 
@@ -102,7 +102,7 @@ class _Table:
         self._buckets = {int(h): _Bucket(keys, rows) for h, rows in zip(found, groups, strict=True)}
 
     def buckets(self, key: NDArray[np.float32], probes: int) -> Iterator[_Bucket]:
-        """Yields the bucket of a (d,) key and those nearest to it: at most ``probes``, without empty ones."""
+        """Yield the bucket of a (d,) key and those nearest to it: at most ``probes``, without empty ones."""
         projection = self._directions @ key
         own = int(_pack(projection[None] > 0)[0])
         for flipped in _nearest_flips(projection**2, probes):
@@ -130,7 +130,7 @@ def _nearest_flips(cost: NDArray[np.float32], count: int) -> list[int]:
 
 
 def _directions(centred: NDArray[np.float32], config: LshConfig) -> Iterator[NDArray[np.float32]]:
-    """Yields orthonormal directions (b, d) for every table: principal components first, then random ones."""
+    """Yield orthonormal directions (b, d) for every table: principal components first, then random ones."""
     dimensions = centred.shape[1]
     bits = min(config.bits, dimensions)
     covariance = centred.T.astype(np.float64) @ centred

@@ -58,12 +58,12 @@ class TileShards:
         ]
 
     def save(self, path: Path) -> None:
-        """Writes the shards to a file."""
+        """Write the shards to a file."""
         save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
     def load(cls, path: Path) -> TileShards:
-        """Reads a file that ``save`` wrote, memory-mapped.
+        """Read a file that ``save`` wrote, memory-mapped.
 
         Raises:
             ValueError, TypeError, OSError: the file has another format or cannot be read.
