@@ -33,7 +33,7 @@ def lines_of(found: Mapping[str, Any]) -> list[str]:
     left_out = found["areas_found"] - len(found["areas"])
     if left_out:
         lines.append(f"and {left_out:,} more")
-    if not found["told_apart"] and any(area["kind"] == "new" for area in found["areas"]):
+    if not found["coverage_known"] and any(area["kind"] == "new" for area in found["areas"]):
         lines.append(_NOT_TOLD_APART)
     return lines
 

@@ -83,7 +83,7 @@ def test_a_thing_that_has_come_is_new_and_no_part_that_was_never_mapped(version,
         seen = np.isfinite(ranges)
         scan = Scan.from_points(rays.directions[seen] * ranges[seen, None])
         told = sighting_of(index, scan, T_map_sensor)
-        assert told.is_told_apart
+        assert told.knows_coverage
         for_it = [cells_of_keys(keys) * CELL_M for keys in (told.unexplained, told.unmapped)]
         here = [((at > low - 0.6) & (at < high + 0.1)).all(axis=1).sum() for at in for_it]
         on_it, unmapped = on_it + here[0], unmapped + here[1]
@@ -98,7 +98,7 @@ def test_a_version_without_a_trajectory_has_no_seen_free_space(coarse_version, s
     assert found
     assert {one.quality.seen_free for one in found if one.quality} == {None}
     told = sighting_of(index, *small_scans[0])
-    assert (told.is_told_apart, len(told.unmapped)) == (False, 0)
+    assert (told.knows_coverage, len(told.unmapped)) == (False, 0)
 
 
 @pytest.mark.parametrize(

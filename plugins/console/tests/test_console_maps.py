@@ -270,7 +270,7 @@ def test_what_was_never_mapped_is_told_from_what_is_new(page, world, small_versi
     if not is_known:
         counts = seen.counts.copy()
         counts[:, UNMAPPED] = 0
-        seen = replace(seen, counts=counts, told_apart=0)
+        seen = replace(seen, counts=counts, coverage_known=0)
     Sightings(catalog.store).put(catalog.folder_of(map_id, version), seen, datetime.now(timezone.utc))
     page.open(f"#/maps/{map_id}?colour=plain&layers=")
     kinds = "[aria-label='Kinds of changes'] li"

@@ -98,7 +98,7 @@ def test_unmapped_places_are_told_from_changed_ones(catalog: Catalog, folder: Ve
     found = changes_of(Sightings(catalog.store).read(folder), with_grid=True)
     assert [area["kind"] for area in found["areas"]] == ["unmapped"]
     assert found["areas"][0]["first_seen"] == NOW.isoformat()
-    assert (found["sightings"], found["told_apart"]) == (9, 9)
+    assert (found["sightings"], found["coverage_known"]) == (9, 9)
     assert found["grid"]["unmapped"] == found["grid"]["unexplained"] == [9] * 4
 
 
@@ -171,10 +171,10 @@ def test_a_damaged_part_costs_itself_alone(catalog: Catalog, folder: VersionFold
     "damage",
     [
         *({"rows": rows} for rows in (0, 7, 9, 10**9, -1, 2.0, None)),
-        {"told_apart": -1},
-        {"told_apart": 3},
-        {"told_apart": None},
-        {"told_apart": 1.0},
+        {"coverage_known": -1},
+        {"coverage_known": 3},
+        {"coverage_known": None},
+        {"coverage_known": 1.0},
         {"columns": base64.b64encode(zlib.compress(bytes(7))).decode()},
     ],
 )

@@ -111,7 +111,7 @@ def test_counts_of_two_replicas_add_up(replicas: Callable[..., Service]):
         "version": version,
         "cell_m": 0.5,
         "sightings": 0,
-        "told_apart": 0,
+        "coverage_known": 0,
         "seen_cells": 0,
         "first_time": None,
         "last_time": None,
@@ -255,10 +255,10 @@ def test_sightings_beyond_the_queue_are_dropped():
     counter.close()
 
 
-@pytest.mark.parametrize("told_apart", [0, 1])
-def test_the_command_line_says_where_new_and_unmapped_parts_are_not_told_apart(told_apart: int):
+@pytest.mark.parametrize("coverage_known", [0, 1])
+def test_the_command_line_says_where_new_and_unmapped_parts_are_not_told_apart(coverage_known: int):
     box = {"low": [0, 0, 0], "high": [1, 1, 1]}
     area = {"kind": "new", "box": box, "cells": 1, "share": 1.0, "spots": 3, "last_seen": "2026-01-01T00:00"}
     found = {"map_id": "hall", "version": "0" * 64, "sightings": 3, "last_time": None, "areas": [area]}
-    said = "\n".join(lines_of({**found, "areas_found": 1, "told_apart": told_apart}))
-    assert ("not told apart" in said) == (not told_apart)
+    said = "\n".join(lines_of({**found, "areas_found": 1, "coverage_known": coverage_known}))
+    assert ("not told apart" in said) == (not coverage_known)

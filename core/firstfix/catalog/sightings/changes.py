@@ -32,7 +32,7 @@ def changes_of(
     found: dict[str, Any] = {
         "cell_m": CELL_M,
         "sightings": sum(day.tally.sightings for day in days),
-        "told_apart": sum(day.tally.told_apart for day in days),
+        "coverage_known": sum(day.tally.coverage_known for day in days),
         "seen_cells": len(np.unique(tally.cell)),
         "first_time": min((day.first_time for day in days), default=None),
         "last_time": max((day.last_time for day in days), default=None),

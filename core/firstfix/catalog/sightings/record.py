@@ -88,7 +88,7 @@ class SightingsRecord:
                 "sightings": day.tally.sightings,
                 "rows": len(day.tally),
                 "columns": _packed(day.tally),
-                "told_apart": day.tally.told_apart,
+                "coverage_known": day.tally.coverage_known,
             }
             for name, day in self.days.items()
         }
@@ -148,8 +148,8 @@ def _tally_of(day: Mapping[str, Any]) -> Tally:
     cell = np.cumsum(np.frombuffer(data, "<i8", rows))
     slot = np.frombuffer(data, np.uint8, rows, 8 * rows)
     counts = np.frombuffer(data, "<u4", len(KINDS) * rows, 9 * rows).reshape(len(KINDS), rows).T.copy()
-    sightings, told_apart = whole_number_of(day, "sightings"), whole_number_of(day, "told_apart")
-    tally = Tally(sightings, cell, slot.copy(), counts, told_apart)
+    sightings, coverage_known = whole_number_of(day, "sightings"), whole_number_of(day, "coverage_known")
+    tally = Tally(sightings, cell, slot.copy(), counts, coverage_known)
     tally.check()
     return tally
 

@@ -44,7 +44,7 @@ class Sighting:
         unexplained: (c,) cells with returns that the map does not explain.
         free: (d,) cells that it saw through, without such returns.
         unmapped: (e,) of the unexplained cells, those that the mapping run never saw.
-        is_told_apart: whether the map knows which space was seen; if not, no cell is unmapped.
+        knows_coverage: whether the map knows which space was seen; if not, no cell is unmapped.
     """
 
     spot: Spot
@@ -53,7 +53,7 @@ class Sighting:
     unexplained: NDArray[np.int64]
     free: NDArray[np.int64]
     unmapped: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    is_told_apart: bool = False
+    knows_coverage: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Comparison:
         new: (n,) those that the map does not explain.
         unmapped: (k, 3) of the new returns, those where the mapping run never saw. The others are in space
             that it saw free: near a surface of the map no return is new.
-        is_told_apart: whether the map knows which space was seen; if not, no return is unmapped.
+        knows_coverage: whether the map knows which space was seen; if not, no return is unmapped.
     """
 
     mapped: NDArray[np.float32]
@@ -76,7 +76,7 @@ class Comparison:
     returns: NDArray[np.float32]
     new: NDArray[np.bool_]
     unmapped: NDArray[np.float32]
-    is_told_apart: bool
+    knows_coverage: bool
 
     @classmethod
     def of(
@@ -161,7 +161,7 @@ def sighting_in(compared: Comparison, T_map_sensor: Matrix) -> Sighting:
         unexplained,
         keys[(passing >= MIN_AGREEING) & (ends == 0)],
         unexplained[unseen > (1 - FREE_SHARE) * ends[is_unexplained]],
-        compared.is_told_apart,
+        compared.knows_coverage,
     )
 
 

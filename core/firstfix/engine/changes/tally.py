@@ -27,7 +27,7 @@ class Tally:
         cell: (n,) int64 keys of cells, ascending, and for each cell the slots ascending.
         slot: (n,) uint8.
         counts: (n, 5) uint32 sightings of each of KINDS; no row is all zero.
-        told_apart: number of the sightings whose map knew what its mapping run saw: only these tell what was
+        coverage_known: number of the sightings whose map knew what its mapping run saw: only these tell what was
             never mapped from what is new.
     """
 
@@ -35,7 +35,7 @@ class Tally:
     cell: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     slot: NDArray[np.uint8] = field(default_factory=lambda: np.empty(0, np.uint8))
     counts: NDArray[np.uint32] = field(default_factory=lambda: np.empty((0, len(KINDS)), np.uint32))
-    told_apart: int = 0
+    coverage_known: int = 0
 
     def __len__(self) -> int:
         return len(self.cell)
@@ -48,7 +48,7 @@ class Tally:
         kind = np.repeat(np.arange(len(KINDS)), [len(part) for part in parts])
         counts = (kind[:, None] == np.arange(len(KINDS))).astype(np.uint32)
         rows = _summed(cell, np.full(len(cell), slot_of(sighting.spot), np.uint8), counts)
-        return cls(1, *rows, told_apart=int(sighting.is_told_apart))
+        return cls(1, *rows, coverage_known=int(sighting.knows_coverage))
 
     @classmethod
     def sum(cls, parts: Iterable[Tally]) -> Tally:
@@ -57,8 +57,8 @@ class Tally:
         if len(all_parts) < 2:
             return all_parts[0] if all_parts else cls()
         rows = (np.concatenate([getattr(part, name) for part in all_parts]) for name in _ARRAYS)
-        told_apart = sum(part.told_apart for part in all_parts)
-        return cls(sum(part.sightings for part in all_parts), *_summed(*rows), told_apart=told_apart)
+        coverage_known = sum(part.coverage_known for part in all_parts)
+        return cls(sum(part.sightings for part in all_parts), *_summed(*rows), coverage_known=coverage_known)
 
     def at(self, rows: NDArray[np.bool_]) -> Tally:
         """The chosen rows, with the number of all sightings."""
@@ -73,7 +73,7 @@ class Tally:
         n = len(self.cell)
         if self.slot.shape != (n,) or self.counts.shape != (n, len(KINDS)) or self.sightings < 0:
             raise ValueError("the columns of a tally differ in length")
-        if not 0 <= self.told_apart <= self.sightings:
+        if not 0 <= self.coverage_known <= self.sightings:
             raise ValueError("a tally tells more sightings apart than it has")
         if n and (int(self.slot.max()) >= SLOTS or not self.counts.any(axis=1).all()):
             raise ValueError("a row of a tally has a slot that does not exist, or no counts")

@@ -23,7 +23,7 @@ class ChangedArea(BaseModel):
     kind: Literal["gone", "new", "unmapped"] = Field(
         description="gone: mapped surfaces have left; new: there is something that the map has not, and the "
         "mapping run saw the place free; unmapped: there is something, and it never saw the place. "
-        "Where nobody knows what it saw (see `told_apart`), all that the map has not is new"
+        "Where nobody knows what it saw (see `coverage_known`), all that the map has not is new"
     )
     box: Box
     cells: int = Field(description="number of cells")
@@ -59,7 +59,7 @@ class MapChanges(BaseModel):
     version: str
     cell_m: float = Field(description="edge of a cell, metres")
     sightings: int = Field(description="number of queries that were counted")
-    told_apart: int = Field(
+    coverage_known: int = Field(
         description="of these, those that tell unmapped areas from new ones; 0: nobody knows where the "
         "mapping run saw, because the version has no trajectory"
     )

@@ -59,7 +59,7 @@ def counted(told: list[Sighting]) -> list[Area]:
 
 def test_unmapped_cells_were_never_seen(mapped: MapIndex):
     told = sightings(mapped)
-    assert all(one.is_told_apart for one in told)
+    assert all(one.knows_coverage for one in told)
     unexplained = np.concatenate([one.unexplained for one in told])
     unmapped = np.concatenate([one.unmapped for one in told])
     for one in told:
@@ -92,7 +92,7 @@ def test_telling_unmapped_from_new_loses_nothing(mapped: MapIndex, without_traje
     """All cells of areas, and all that a sighting says besides, are those of a map that does not know."""
     known, unknown = sightings(mapped), sightings(without_trajectory)
     for one, other in zip(known, unknown, strict=True):
-        assert (len(other.unmapped), other.is_told_apart) == (0, False)
+        assert (len(other.unmapped), other.knows_coverage) == (0, False)
         for name in ("confirmed", "contradicted", "unexplained", "free"):
             assert np.array_equal(getattr(one, name), getattr(other, name))
     cells = []
@@ -119,7 +119,7 @@ def test_each_spot_has_one_vote_about_unmapped_cells():
     (area,) = find_areas(Tally.sum([parked, others]))
     assert (area.kind, len(area.cells)) == ("unmapped", 8)
     both = Tally.sum([parked, others])
-    assert (both.sightings, both.told_apart) == (107, 107)
+    assert (both.sightings, both.coverage_known) == (107, 107)
     both.check()
 
 
@@ -129,10 +129,10 @@ def test_sightings_without_seen_free_space_speak_for_new():
         [Tally.of(Sighting((7 * n, 0, 1), NOTHING, NOTHING, keys, NOTHING)) for n in range(20)]
     )
     assert [area.kind for area in find_areas(before)] == ["new"]
-    assert before.told_apart == 0
+    assert before.coverage_known == 0
     since = Tally.sum([told(n, ROW, unmapped=True) for n in range(20, 30)])
     total = Tally.sum([before, since])
-    assert (total.sightings, total.told_apart) == (30, 10)
+    assert (total.sightings, total.coverage_known) == (30, 10)
     assert [area.kind for area in find_areas(total)] == ["new"]
     total = Tally.sum([before, Tally.sum([told(n, ROW, unmapped=True) for n in range(60)])])
     assert [area.kind for area in find_areas(total)] == ["unmapped"]
@@ -169,6 +169,11 @@ def test_a_tally_that_calls_more_cells_unmapped_than_unexplained_is_refused():
     values = {field.name: getattr(good, field.name) for field in fields(good)}
     counts = good.counts.copy()
     counts[3, 4] = 2
-    for changed in ({"counts": counts}, {"told_apart": 2}, {"told_apart": -1}, {"counts": counts[:, :4]}):
+    for changed in (
+        {"counts": counts},
+        {"coverage_known": 2},
+        {"coverage_known": -1},
+        {"counts": counts[:, :4]},
+    ):
         with pytest.raises(ValueError, match=r"tally|sightings"):
             Tally(**{**values, **changed}).check()

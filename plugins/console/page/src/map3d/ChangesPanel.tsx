@@ -20,7 +20,7 @@ export interface ChangesPanelProps {
 
 export function ChangesPanel({ found, look }: ChangesPanelProps) {
   const isWhole = useSignal(false);
-  const { areas, areas_found, sightings, told_apart } = found;
+  const { areas, areas_found, sightings, coverage_known } = found;
   const listed = isWhole.value ? areas : areas.slice(0, LISTED);
   return (
     <section aria-label="Changes">
@@ -36,12 +36,12 @@ export function ChangesPanel({ found, look }: ChangesPanelProps) {
         <ul class="key" aria-label="Kinds of changes">
           {KINDS.map((kind) => (
             <li key={kind} class={kind}>
-              {NAMES[kind]}: {kind === "unmapped" && !told_apart ? "not known" : count(numberOf(areas, kind))}
+              {NAMES[kind]}: {kind === "unmapped" && !coverage_known ? "not known" : count(numberOf(areas, kind))}
             </li>
           ))}
         </ul>
       ) : null}
-      {!told_apart && numberOf(areas, "new") ? (
+      {!coverage_known && numberOf(areas, "new") ? (
         <p class="hint">Parts that were never mapped are among the new ones: no query knew where the mapping run saw.</p>
       ) : null}
       <ul class="key spots" aria-label="Changed areas">
