@@ -27,8 +27,8 @@ class Tally:
         cell: (n,) int64 keys of cells, ascending, and for each cell the slots ascending.
         slot: (n,) uint8.
         counts: (n, 5) uint32 sightings of each of KINDS; no row is all zero.
-        coverage_known: number of the sightings whose map knew what its mapping run saw: only these tell what was
-            never mapped from what is new.
+        coverage_known: number of the sightings whose map knew what its mapping run saw: only these tell what
+            was never mapped from what is new.
     """
 
     sightings: int = 0
