@@ -182,7 +182,7 @@ def test_scopes_and_maps_of_the_key_hold(service: Service):
 
 
 def test_a_client_with_an_unknown_key_gets_unauthorized(service: Service, robot: Robot):
-    # The file's other tests may have used up what callers without a valid key may ask: then it is asked again.
+    # Other tests may have used up what callers without a valid key may ask: then it is asked again.
     unknown = f"ffx_{'0' * 12}_{'0' * 64}"
     with (
         client(service, unknown, retry=RetryPolicy(attempts=6)) as connected,
