@@ -105,7 +105,7 @@ def cell_width_m(registration: RegistrationConfig) -> float:
 
 
 def poses_needed(trajectory: NDArray[np.float64]) -> int:
-    """Number of poses that must have seen a cell free: two, or one where stations are sparse."""
+    """Number of (m, 4, 4) poses that must have seen a cell free: two, or one where stations are sparse."""
     places = thinned(trajectory[:, :3, 3])
     apart_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
     return 2 if len(apart_m) and np.median(apart_m) <= SPARSE_M else 1

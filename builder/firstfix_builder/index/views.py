@@ -115,7 +115,7 @@ def view_chunks(
 
 
 def views_in(simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel) -> Iterator[Arrays]:
-    """The results of ``view_chunks``, in a map that is one simulator's mesh."""
+    """The results of ``view_chunks`` at (n, 3) positions, in a map that is one simulator's mesh."""
     for chunk in view_chunks(positions, sensor):
         yield {"voxels": views(simulator, np.array(chunk.viewpoints, np.float32), sensor, chunk.reach)}
 

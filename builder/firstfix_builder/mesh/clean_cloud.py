@@ -52,7 +52,7 @@ def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float
 
 
 def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours: int) -> NDArray[np.float64]:
-    """The points with at least so many others within the radius."""
+    """Those of (n, 3) points with at least so many others within the radius."""
     # the k-th neighbour's distance, not a count: its cost does not grow with the density
     distance, _ = _quick_tree(points).query(
         points, k=[min_neighbours + 1], distance_upper_bound=radius_m, workers=-1
@@ -61,7 +61,7 @@ def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours:
 
 
 def point_spacing_m(points: NDArray[np.float64]) -> float:
-    """Median distance from a point to its nearest neighbour, from a sample of the points."""
+    """Median distance from a point to its nearest neighbour, from a sample of (n, 3) points."""
     if len(points) < 2:
         raise BuildFailed("a map of less than two points")
     some = points[rows_by_chance(len(points), SPACING_SAMPLES)]
@@ -73,7 +73,7 @@ def point_spacing_m(points: NDArray[np.float64]) -> float:
 
 
 def surface_spacings_m(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Edges of the squares of surface that points of a sample stand for.
+    """Edges (k,) of the squares of surface that k points of a sample of (n, 3) points stand for.
 
     From the distance to the eighth neighbour: on a raster it is the spacing of the raster, and unlike
     the nearest neighbour's it does not shrink where points fall at random.

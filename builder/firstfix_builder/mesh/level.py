@@ -19,7 +19,7 @@ STEP = 0.002  # of the up vector, a tenth of a degree: a change of a part must n
 
 
 def level_frame(points: NDArray[np.float64]) -> Matrix:
-    """T_map_level: the level frame has the map's origin, and its z axis is the up of the map's surfaces.
+    """T_map_level of (n, 3) points: it has the map's origin, and its z axis is the up of the map's surfaces.
 
     Raises:
         BuildFailed: the points are too far apart.

@@ -55,7 +55,9 @@ def by_tiles(points: NDArray[np.floating], side_m: float) -> tuple[NDArray[np.in
 def by_nested_tiles(
     points: NDArray[np.floating], side_m: float, inner_m: float
 ) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """Sorts like ``by_tiles``, and within each tile by smaller tiles. Returns the start of the smaller ones.
+    """Sort (n, 3) points like ``by_tiles``, and within each tile by smaller tiles.
+
+    Returns (n,) rows in this order, and (tiles + 1,) starts of the smaller tiles in them.
 
     Args:
         inner_m: edge of the smaller tiles: ``side_m`` divided by an integer.

@@ -138,7 +138,7 @@ def poisson_surface(
 
 
 def trim_mesh(mesh: Mesh, points: NDArray[np.float64], trim_m: float) -> Mesh:
-    """Keep the triangles whose corners all have a point of the map within trim_m."""
+    """Keep the triangles whose corners all have one of the map's (n, 3) points within trim_m."""
     distance, _ = cKDTree(points).query(mesh.vertices, distance_upper_bound=trim_m)
     supported = np.isfinite(distance)
     return mesh.with_triangles(supported[mesh.triangles].all(axis=1))

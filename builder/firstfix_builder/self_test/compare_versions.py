@@ -137,7 +137,7 @@ def changed_share(
     keys: NDArray[np.int64],
     T_map_level: Matrix,
 ) -> float:
-    """0..1, share of a scan's rays that pass through or end in cells of the map with these keys."""
+    """0..1, share of a scan's rays that pass through or end in cells of the map with these (n,) keys."""
     rays = Rays.of_sensor(sensor)
     ranges = next(simulator.ranges(case.T_level_sensor[None], sensor, rays))[0]
     chosen = rows_by_chance(len(ranges), _RAYS)

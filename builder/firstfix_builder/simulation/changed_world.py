@@ -65,7 +65,7 @@ class Sight:
         return column, ((z + 1) / 2 * (_RISES - 1)).astype(np.intp)
 
     def holes(self, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Which of n rays meet nothing, but pass below a surface: holes of the map, not the sky."""
+        """(n,) which of n rays meet nothing, but pass below a surface: holes of the map, not the sky."""
         met = np.isfinite(ranges)
         column, rise = self._cells
         is_met = np.zeros((_COLUMNS, _RISES + 1), bool)

@@ -193,7 +193,7 @@ def _panorama(sensor: SensorModel, moment: int) -> _Panorama:
 
 
 def elsewhere(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices and triangles of a place outside all maps: a yard with random boxes."""
+    """Vertices (n, 3) and triangles (m, 3) of a place outside all maps: a yard with random boxes."""
     sizes, centres, yaws = [np.array([80.0, 80.0, 0.2])], [np.array([0.0, 0.0, -0.1])], [0.0]
     for _ in range(40):
         centre = rng.uniform(-30, 30, 2)

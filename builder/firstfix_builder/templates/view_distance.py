@@ -96,7 +96,7 @@ class ViewRays:
 
 
 def percentile_m(furthest_m: NDArray[np.float32], sensor: SensorModel) -> float:
-    """How far one sees in a map, from the furthest returns in directions of some viewpoints."""
+    """How far one sees in a map, from the (n,) furthest returns in directions of some viewpoints."""
     seen = furthest_m[furthest_m > 0]
     return float(np.percentile(seen, SHARE)) if len(seen) else sensor.max_range_m
 

@@ -37,7 +37,7 @@ def rows_by_place(
 
 
 def rows_by_hash(points: NDArray[np.floating], at_most: int, cell_m: float) -> NDArray[np.int64]:
-    """Rows, ascending, as ``rows_by_place`` chooses them, but by a hash of each point's place.
+    """Ascending rows of (n, 3) points, as ``rows_by_place`` has them, but by a hash of each point's place.
 
     So a change elsewhere makes few others of them. To choose from parts of a map, and from what was chosen
     again, is to choose from all, where no cube is in two parts.

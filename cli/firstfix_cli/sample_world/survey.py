@@ -68,7 +68,7 @@ def measure(
 
 
 def drifted(T_world_sensor: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-    """The poses with an error that wanders slowly along the way, at most DRIFT_M on each axis."""
+    """The (m, 4, 4) poses with an error that wanders slowly along the way, at most DRIFT_M on each axis."""
     steps = np.linalg.norm(np.diff(T_world_sensor[:, :3, 3], axis=0), axis=1)
     phase = 2 * np.pi * np.concatenate([[0.0], np.cumsum(steps)]) / DRIFT_PERIOD_M
     # two incommensurable waves an axis, so that a place met again is met with another error

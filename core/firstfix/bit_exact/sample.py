@@ -33,7 +33,7 @@ def rows_by_chance(count: int, at_most: int) -> NDArray[np.int64]:
 
 
 def hashed(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Hashes of 32 bits, in place: the last steps of MurmurHash3."""
+    """Hashes of 32 bits of (n,) numbers, in place: the last steps of MurmurHash3."""
     x ^= x >> np.uint32(16)
     x *= _MIX_1
     x ^= x >> np.uint32(13)

@@ -67,7 +67,7 @@ class LayeredOccupancy:
     def match(
         self, query: Described, templates: Described, rows: NDArray[np.integer]
     ) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
-        """Find the yaw at which each template resembles the query most (docs/method.md 3.3)."""
+        """Find the yaw at which each of (k,) templates resembles the query most (docs/method.md 3.3)."""
         asked, known, sectors = query["occupancy"][0], templates["occupancy"], self.grid.sectors
         shift, score = best_shifts(asked, known, np.asarray(rows, np.int64), self.rows, sectors)
         return shift * (2 * np.pi / sectors), score

@@ -65,7 +65,7 @@ def ground_normal(scan: Surface, expected_up: NDArray[np.float64]) -> NDArray[np
 
 
 def tilts(up: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Unit vectors around an up direction, TILT_DEG from it."""
+    """Unit vectors (3,) around an up direction (3,), TILT_DEG from it."""
     R_level_sensor, slope = levelling_rotation(up), np.radians(TILT_DEG)
     azimuths = np.arange(TILTS) * 2 * np.pi / TILTS
     return [

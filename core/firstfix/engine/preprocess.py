@@ -105,7 +105,7 @@ class PreparedScan:
     returns: TimedPoints | None = None
 
     def view_deskewed(self, twist: NDArray[np.float64] | None) -> RangeView:
-        """Ranges by direction as they would have been seen at the stamp, for a motion during the scan."""
+        """Ranges by direction as they would have been seen at the stamp, for a (6,) twist during the scan."""
         if twist is None or self.returns is None or self.returns.time_s is None:
             return self.view
         return RangeView.of(deskew(self.returns.points, self.returns.time_s, twist))

@@ -40,7 +40,7 @@ def is_within_range(points: NDArray[np.float32], min_range_m: float, max_range_m
 
 
 def at_most(points: NDArray[_Float], count: int) -> NDArray[_Float]:
-    """At most ``count`` of the points, in their order (``rows_by_chance``)."""
+    """At most ``count`` of (n, d) points, in their order (``rows_by_chance``)."""
     return points if len(points) <= count else points.take(rows_by_chance(len(points), count), axis=0)
 
 
@@ -221,7 +221,10 @@ class RangeView:
 
 
 def filled_around(image: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Number of filled cells among each filled cell and its eight neighbours, else 0; columns wrap around."""
+    """Number of filled cells among each filled cell of (rows, columns) and its eight neighbours, else 0.
+
+    Columns wrap around.
+    """
     one = image.view(np.uint8)
     across = one.copy()
     across[:, 1:] += one[:, :-1]
@@ -270,7 +273,7 @@ def directions() -> NDArray[np.float32]:
 
 @accelerated
 def least_of_neighbours(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Minimum of each cell and its eight neighbours; columns wrap around."""
+    """Minimum of each cell of (rows, columns) and its eight neighbours; columns wrap around."""
     across = np.minimum(np.minimum(np.roll(image, 1, axis=1), np.roll(image, -1, axis=1)), image)
     least = across.copy()
     np.minimum(least[1:], across[:-1], out=least[1:])

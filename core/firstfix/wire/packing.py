@@ -28,5 +28,5 @@ def packed_halves(numbers: NDArray[np.uint8]) -> bytes:
 
 
 def halves_of(packed: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Unpack the numbers of ``packed_halves``."""
+    """Unpack the (2 n,) numbers of the (n,) bytes of ``packed_halves``."""
     return np.stack([packed >> 4, packed & 15], axis=1).ravel()

@@ -52,11 +52,11 @@ class CellVotes:
         return cls(cell, spots, share / np.maximum(spots, 1), sightings)
 
     def changed(self, min_share: float = MIN_SHARE) -> NDArray[np.bool_]:
-        """For each cell whether, with CONFIDENCE, over ``min_share`` of the spots say so."""
+        """(n,) for each cell whether, with CONFIDENCE, over ``min_share`` of the spots say so."""
         return (self.spots >= MIN_SPOTS) & (self._least_share(CONFIDENCE) > min_share)
 
     def changed_beside(self, changed: NDArray[np.bool_], min_share: float = MIN_SHARE) -> NDArray[np.bool_]:
-        """Which further cells, that touch one of these, have changed with CONFIDENCE_BESIDE.
+        """(n,) which further cells, that touch one of (n,) these, have changed with CONFIDENCE_BESIDE.
 
         What moves is larger than a cell. There are fewer votes about its edges, which few rays meet, and
         beside which other things stand.

@@ -46,6 +46,6 @@ class Block:
         return (self.T_map_sensor[:3, 3] / CELL_M - self.low).astype(np.float32)
 
     def keys(self, numbers: NDArray[np.int32]) -> NDArray[np.int64]:
-        """Keys of cells by their numbers in the block. Both ascend."""
+        """Keys (n,) of cells by their (n,) numbers in the block. Both ascend."""
         inside = np.unravel_index(numbers, (SIZE,) * 3)
         return keys_of(np.stack(inside, axis=1) + self.low)

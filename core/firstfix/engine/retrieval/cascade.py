@@ -43,7 +43,7 @@ class Templates:
         return float(np.median(self.height_m))
 
     def described_at(self, rows: NDArray[np.integer]) -> Described:
-        """Descriptions of the given templates."""
+        """Descriptions of (k,) templates."""
         return rows_of(self.described, rows)
 
     def save(self, directory: Path) -> None:
@@ -123,7 +123,7 @@ class Clusters:
         return len(self.representative)
 
     def members(self, clusters: NDArray[np.integer]) -> NDArray[np.int32]:
-        """Templates of the given clusters, in the order of the clusters."""
+        """Templates (m,) of (k,) clusters, in the order of the clusters."""
         if len(self) == len(self.member):  # one in each, as where templates are not clustered
             return self.member[clusters]
         begin, end = self.start[clusters], self.start[np.asarray(clusters) + 1]
@@ -200,11 +200,11 @@ class Cascade:
         return self.match(described, self.nearest(described, clusters))
 
     def nearest(self, described: Described, clusters: int) -> NDArray[np.int64]:
-        """Rows of at most so many clusters, nearest by key first."""
+        """Rows (k,) of at most so many clusters, nearest by key first."""
         return self.keys.search(self.key_of(described), clusters)
 
     def match(self, described: Described, clusters: NDArray[np.int64]) -> Matches:
-        """Compare one described scan with all templates of the given clusters."""
+        """Compare one described scan with all templates of (k,) clusters."""
         return self.compare(described, np.sort(self.clusters.members(clusters)))
 
     def search_near(
@@ -233,7 +233,7 @@ class Cascade:
         return np.flatnonzero(np.isin(self.clusters.representative, rows))
 
     def compare(self, described: Described, rows: NDArray[np.integer]) -> Matches:
-        """Compare one described scan with the given templates, in ascending order as on the disk."""
+        """Compare one described scan with (k,) templates, in ascending order as on the disk."""
         if not len(rows):
             return Matches(rows, np.empty(0), np.empty(0))
         yaw, score = self.descriptor.match(described, self.templates.described, rows)
