@@ -15,7 +15,6 @@ import resource
 import select
 import shutil
 import signal
-import sys
 import tempfile
 import time
 import traceback
@@ -216,7 +215,3 @@ def main(arguments: Sequence[str]) -> int:
         bad |= bool(counts.defects)
         print(json.dumps({"format": name, "count": chosen.count, **counts.to_mapping()}), flush=True)
     return 1 if bad else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

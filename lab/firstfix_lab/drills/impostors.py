@@ -14,7 +14,6 @@ import argparse
 import json
 import os
 import subprocess
-import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -121,7 +120,3 @@ def main(arguments: Sequence[str]) -> int:
         rows = {f"{world}, {motion}": dict(counts) for (world, motion), counts in table.rows.items()}
         chosen.json.write_text(json.dumps(rows) + "\n")
     return 1 if table.total("false") else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -18,7 +18,6 @@ import os
 import random
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -314,7 +313,3 @@ def main(arguments: Sequence[str]) -> int:
     if chosen.json:
         chosen.json.write_text(json.dumps({row: dict(counts) for row, counts in table.rows.items()}) + "\n")
     return 1 if table.failures else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

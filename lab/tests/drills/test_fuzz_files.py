@@ -20,7 +20,7 @@ def test_damaged_files_are_read_or_refused():
     command = [
         sys.executable,
         "-m",
-        "firstfix_lab.drills",
+        "firstfix_lab",
         "fuzz_files",
         "--count",
         str(COUNT),
