@@ -129,7 +129,7 @@ class FittedEngine(StageResult):
 
     @property
     def engine(self) -> EngineConfig:
-        """What the version is made with and asked with."""
+        """Parameters that the version is made with and asked with."""
         return EngineConfig.load(self.directory)
 
 
@@ -154,11 +154,11 @@ class IndexFiles(FittedEngine):
 
 @dataclass(frozen=True)
 class SelfTested(StageResult):
-    """What the self-test adds to a version."""
+    """Result of the self-test, which a version takes in."""
 
     @property
     def calibration(self) -> Calibration:
-        """What it measured."""
+        """Its measured figures."""
         return Calibration.from_mapping(_json(self.directory / CALIBRATION_FILE))
 
 

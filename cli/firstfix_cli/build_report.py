@@ -104,7 +104,7 @@ def _not_said_lines(grid: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _threshold_lines(threshold: Mapping[str, Any]) -> list[str]:
-    """What the version promises of its answers, and what other promises would cost."""
+    """Promise of the version's answers, and what other promises would cost."""
     promises = [threshold, *threshold["others"]]
     asked, *others = (f"1 in {1 / one['max_false_accept']:,.0f}" for one in promises)
     shown = f"at most {threshold['bound']:.2%}"
@@ -138,7 +138,7 @@ def _days(told: Mapping[str, Any]) -> str:
 
 
 def _real_lines(real: Mapping[str, Any]) -> list[str]:
-    """What the real scans of the source showed, and which of them were left out."""
+    """Results of the source's real scans, and which of them were left out."""
     lines = []
     if real.get("asked"):
         success = ", ".join(f"{share:.0%} within {limit}" for limit, share in real["success"].items())

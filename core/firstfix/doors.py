@@ -84,7 +84,7 @@ def absent() -> tuple[Package, ...]:
 
 
 def through(door: str) -> dict[str, Any]:
-    """What installed packages bring through a door, by their entry points' names.
+    """Things that installed packages bring through a door, by their entry points' names.
 
     Raises:
         ImportError: a package is damaged.

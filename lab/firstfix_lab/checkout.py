@@ -1,4 +1,4 @@
-"""Where the checkout is that the lab measures: it runs from there, and is of no use elsewhere."""
+"""Checkout that the lab measures: it runs from there, and is of no use elsewhere."""
 
 from __future__ import annotations
 

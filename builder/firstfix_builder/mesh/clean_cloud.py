@@ -52,7 +52,7 @@ def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float
 
 
 def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours: int) -> NDArray[np.float64]:
-    """Those of (n, 3) points with at least so many others within the radius."""
+    """Keep those of (n, 3) points that have at least so many others within the radius."""
     # the k-th neighbour's distance, not a count: its cost does not grow with the density
     distance, _ = _quick_tree(points).query(
         points, k=[min_neighbours + 1], distance_upper_bound=radius_m, workers=-1

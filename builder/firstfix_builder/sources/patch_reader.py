@@ -68,7 +68,7 @@ class PatchedMap(LevelMap):
 
     @property
     def record(self) -> dict[str, Any]:
-        """What was laid into the map, for the version's manifest."""
+        """Summary of what was laid into the map, for the version's manifest."""
         record: dict[str, Any] = json.loads((self.directory / RECORD_FILE).read_text())
         return record
 

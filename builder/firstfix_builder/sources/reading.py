@@ -58,7 +58,7 @@ StagesFor: TypeAlias = Callable[[BuildConfig, Progress], MapStages]
 
 @dataclass(frozen=True)
 class Reading:
-    """What a reader is given besides the source.
+    """Means that a reader is given besides the source.
 
     Attributes:
         runner: runs a stage unless its result is cached.

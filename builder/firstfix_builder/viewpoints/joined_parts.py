@@ -54,7 +54,7 @@ class JoinedParts:
         self._start.append(first + len(floors.area))
 
     def parts_of(self, number: int) -> slice:
-        """Where the parts of the tile that was added as this number stand in ``chosen``."""
+        """Places in ``chosen`` of the parts of the tile that was added as this number."""
         return slice(self._start[number], self._start[number + 1])
 
     def chosen(self, *, by_trajectory: bool) -> NDArray[np.bool_]:

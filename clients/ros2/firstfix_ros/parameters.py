@@ -80,7 +80,7 @@ class Parameters:
 
     @classmethod
     def declarations(cls) -> tuple[Declaration, ...]:
-        """What a node declares."""
+        """Parameters that a node declares."""
         defaults = asdict(cls())
         return tuple(Declaration(one.name, defaults[one.name], **one.metadata) for one in fields(cls))
 

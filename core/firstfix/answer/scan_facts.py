@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class ScanFacts:
-    """What a scan consists of; of a query with several scans, the last one.
+    """Facts of a scan; of a query with several scans, the last one.
 
     Attributes:
         points: points that came, with those that are no returns.

@@ -1,4 +1,4 @@
-"""What is wrong with a config or with settings, in the words of firstfix and not in those of pydantic."""
+"""Faults of a config or of settings, in the words of firstfix and not in those of pydantic."""
 
 from __future__ import annotations
 

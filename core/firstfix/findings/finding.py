@@ -18,7 +18,7 @@ class Severity(str, Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """What is wrong or noteworthy with a scan or a map.
+    """Fault of a scan or a map, or something noteworthy about it.
 
     Attributes:
         code: stable name, which programs compare.

@@ -17,7 +17,7 @@ SNIFFED_BYTES = 512
 
 
 def kind_of(body: Body) -> str:
-    """What a file is in truth, in words."""
+    """True kind of a file, in words."""
     head = bytes(body[:SNIFFED_BYTES])
     known = next((kind for magic, kind in _KINDS.items() if head.startswith(magic)), None)
     if known is not None:

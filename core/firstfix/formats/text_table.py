@@ -64,7 +64,7 @@ def parse_rows(
 
 
 def _wrong_line(raw: bytes, delimiter: str | None, comments: str | None) -> str:
-    """What is wrong with the first row that is not as the first one."""
+    """Fault of the first row that is not as the first one."""
     wanted = 0
     for number, line in enumerate(islice(io.BytesIO(raw), _SEARCHED_ROWS), 1):
         content = (

@@ -70,7 +70,7 @@ def unpack_files(path: Path) -> Iterator[Path]:
 
 
 def _described(folder: Path) -> dict[str, Any] | None:
-    """What ``metadata.yaml`` says of a bag whose files are compressed; None for another bag."""
+    """Compression of a bag's files as ``metadata.yaml`` says it; None for another bag."""
     import yaml
 
     path = folder / _METADATA

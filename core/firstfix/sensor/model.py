@@ -192,7 +192,7 @@ def preset(name: str) -> SensorModel:
 
 
 def _meant(name: str) -> str:
-    """What to give in place of an unknown preset: those with a similar name, or all."""
+    """Presets to give in place of an unknown one: those with a similar name, or all."""
     plain = {preset.replace("-", ""): preset for preset in presets()}
     near = get_close_matches(name.lower().replace("-", "").replace("_", ""), plain, 3, cutoff=0.7)
     if near:

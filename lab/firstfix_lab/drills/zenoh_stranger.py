@@ -340,7 +340,7 @@ def session_at(endpoint: str) -> Iterator[Any]:
 
 
 def harm_in(table: dict[str, Any], queries: int) -> list[str]:
-    """What a stranger must not be able to do, and did."""
+    """Harm that a stranger must not be able to do, and did."""
     harm = [f"{way}: a false answer was accepted" for way in WAYS if table[way]["false answers accepted"]]
     harm += [f"{way}: answers lacked" for way in WAYS if table[way]["answered rightly"] < queries]
     again = table["sent again"]

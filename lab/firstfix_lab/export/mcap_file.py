@@ -177,7 +177,7 @@ class McapFile:
 
 
 def facts_of(query: KeptQuery) -> list[tuple[str, str]]:
-    """What is known of an answer, as names and values."""
+    """Facts of an answer, as names and values."""
     answer, sample = query.answer, query.sample
     options = [(f"option {name}", value) for name, value in sorted(sample.options.items())]
     return [

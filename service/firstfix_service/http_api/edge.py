@@ -66,7 +66,7 @@ def _marked(route: Route, what: Needs | None) -> Route:
 
 
 def needs_of(scope: ASGIScope) -> Needs | None:
-    """What callers of the route need; None if it is public."""
+    """Needs of the route's callers; None if it is public."""
     found: Needs | None = getattr(scope.get("endpoint"), "needs", Needs(Scope.ADMIN))
     return found
 

@@ -49,7 +49,7 @@ class MadeOnce(Generic[Made]):
         self._places: OrderedDict[Hashable, _Place[Made]] = OrderedDict()
 
     def of(self, key: Hashable, state: Hashable, make: Callable[[], Made]) -> Made:
-        """What was made for this state, which is made now if it was not.
+        """Value made for this state; it is made now if it was not.
 
         Args:
             state: looked at before ``make`` reads: what it makes may be newer, but never older.

@@ -1,4 +1,4 @@
-"""Those whose queries take turns."""
+"""Callers and maps whose queries take turns."""
 
 from __future__ import annotations
 

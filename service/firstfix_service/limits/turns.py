@@ -33,7 +33,7 @@ class Turns:
         )
 
     def rate_of(self, caller: str, *, is_probe: bool = False) -> Rate:
-        """Where a request counts.
+        """Key under which a request counts.
 
         Args:
             caller: empty: unauthenticated.

@@ -138,7 +138,7 @@ class QueryWorkerHandle:
             self._request(DROP, version)
 
     def take_sightings(self) -> Sighted:
-        """What the process has counted. Nothing, if it has ended or loads a version now."""
+        """Counts of the process; none if it has ended or loads a version now."""
         if not self._control_lock.acquire(timeout=FREE_WITHIN_S):
             return Sighted()
         try:

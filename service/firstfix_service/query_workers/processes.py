@@ -116,7 +116,7 @@ class QueryWorkerProcesses:
             worker.drop(version)
 
     def take_sightings(self) -> list[Sighted]:
-        """What the living processes have counted. What a dead one had not given is lost."""
+        """Counts of the living processes. Those that a dead one had not given are lost."""
         with self._lock:
             living = list(self._living)
         return [worker.take_sightings() for worker in living] if self._counts_sightings else []

@@ -101,7 +101,7 @@ class Pulse:
             return True
 
     def why_unwell(self) -> str | None:
-        """What is wrong with the part, or None."""
+        """Fault of the part, or None."""
         with self._lock:
             if self._is_under_way and self.stalled_s >= UNWELL_AFTER_S:
                 return f"{self.name} has not come back for {self.stalled_s:.0f} s"
@@ -139,7 +139,7 @@ class StallWatch:
         return pulse
 
     def why_unwell(self) -> str | None:
-        """What stands still, or stood still for long a moment ago; None: nothing."""
+        """Part that stands still, or stood still for long a moment ago; None: none."""
         return next((why for pulse in self._pulses if (why := pulse.why_unwell()) is not None), None)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:

@@ -36,7 +36,7 @@ _FINAL = ("redirect", "gone")  # redirects are not followed: they could lead any
 
 @dataclass(frozen=True)
 class WebhookPolicy:
-    """Who gets which events.
+    """Receivers, and the events that each gets.
 
     Attributes:
         secrets: that sign them.

@@ -35,7 +35,7 @@ _SCANS_FILE, _RECORD_FILE = "held_out.npz", "held_out.json"
 
 @dataclass(frozen=True)
 class Confirmation:
-    """Who has said where a scan was taken, and what it was asked with.
+    """Origin of a scan's true pose, and what it was asked with.
 
     Attributes:
         robot: pseudonym of the credential that asked; empty if it had none.

@@ -90,7 +90,7 @@ class HttpAnswer(Answer):
 def outcome_of_response(
     target: str, response: httpx.Response, body: bytes, *, repeatable: bool, took_s: float
 ) -> Outcome:
-    """What a response means for the call.
+    """Outcome of a call by its response.
 
     Args:
         body: empty for a successful stream.
@@ -110,7 +110,7 @@ def outcome_of_response(
 
 
 def outcome_of_error(target: str, error: httpx.RequestError, timeout_s: float, repeatable: bool) -> Outcome:
-    """What a missing response means for the call."""
+    """Outcome of a call without a response."""
     import httpx
 
     why = str(error) or type(error).__name__

@@ -1,4 +1,4 @@
-"""Who publishes a robot's clouds, as the ROS graph tells."""
+"""Publishers of a robot's clouds, as the ROS graph tells them."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ class Handover:
             self._carried = None
 
     def look(self, localizers: int | None) -> Due:
-        """What is due. Call it about ten times a second.
+        """Messages that are due. Call it about ten times a second.
 
         Args:
             localizers: subscribers of the pose now; None if not known.

@@ -60,7 +60,7 @@ class LateOdometry:
             self._fix = None
 
     def look(self) -> Late:
-        """What has become of the fix that waits; each result is returned once."""
+        """Outcome of the fix that waits; each is returned once."""
         with self._lock:
             fix = self._waiting()
             if fix is None:

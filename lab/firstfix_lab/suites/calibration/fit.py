@@ -63,7 +63,7 @@ def fit(judged: Sequence[Judged]) -> Calibration:
 
 
 def figures(judged: Sequence[Judged], calibration: Calibration) -> dict[str, Any]:
-    """What a calibration makes of cases that it was not fitted to.
+    """Judgement of a calibration by cases that it was not fitted to.
 
     ``right_first`` and ``localized`` are numbers of the scans ``inside``; ``ambiguous`` of those whose best
     places tie, ``with_truth`` the part that has the right one among them. ``false_accepts`` are of the scans

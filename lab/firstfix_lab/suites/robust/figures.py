@@ -59,7 +59,7 @@ def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def bars_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """What the suite is judged by. A share of nothing is None.
+    """Figures by which the suite is judged. A share of nothing is None.
 
     first: of the ``distinct`` scans of the map, the best hypothesis is the place (1 m, 10 degrees).
     within_0.2m_2deg: it is so near. localized: it is the place, and the answer is ``localized``.

@@ -46,7 +46,7 @@ class Course:
 def replicas_suite(
     queried: QueriedVersion, bodies: list[Body], directory: Path, course: Course
 ) -> dict[str, Any]:
-    """What the clients saw in each part. They speak plain HTTP and repeat no query."""
+    """Answers that the clients saw in each part. They speak plain HTTP and repeat no query."""
     reason = missing("versitygw", "toxiproxy-server", "haproxy")
     if reason is not None:
         return {"skipped": reason}

@@ -144,7 +144,7 @@ class FixSeeker:
         return True
 
     def outcomes(self) -> list[Outcome]:
-        """What has ended since the last call."""
+        """Attempts that have ended since the last call."""
         now_s = self._clock()
         for topic, one in list(self._on_topic.items()):
             if now_s > one.until_s:

@@ -62,7 +62,7 @@ class FleetMaps:
         self._map_ids = frozenset(one.map_id for one in maps.values())
 
     def known(self, stored: Iterable[VehicleMap] | None) -> tuple[VehicleMap, ...] | None:
-        """Those of a vehicle's stored maps that are the fleet's; None if it does not say."""
+        """Stored maps of a vehicle that are the fleet's; None if it does not say."""
         if stored is None:
             return None
         return tuple(itertools.islice((one for one in stored if one.map_id in self._map_ids), MAX_STORED))

@@ -147,7 +147,7 @@ class Connection(_Header):
 
 @dataclass(frozen=True)
 class Sender:
-    """Who a topic says that a message comes from."""
+    """Sender of a message, as its topic says."""
 
     manufacturer: str
     serial: str

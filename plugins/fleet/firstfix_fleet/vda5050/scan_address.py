@@ -1,4 +1,4 @@
-"""Where a vehicle's scan comes from: an address with the names of the vehicle in it."""
+"""Address of a vehicle's scan, with the names of the vehicle in it."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class Hint(BaseModel):
 
 
 class Finding(BaseModel):
-    """What is wrong or noteworthy with a scan or a map, and what helps."""
+    """Fault of a scan or a map, or something noteworthy about it, and what helps."""
 
     code: str = Field(description="stable name; the page that ``doc`` names lists them")
     severity: Severity
@@ -88,7 +88,7 @@ class Finding(BaseModel):
 
 
 class ScanFacts(BaseModel):
-    """What the scan consists of as it came; of several scans, the last one."""
+    """Facts of the scan as it came; of several scans, the last one."""
 
     points: int = Field(description="points that came, with those that are no returns")
     valid: int = Field(description="of these, the finite ones within 1,000 m")

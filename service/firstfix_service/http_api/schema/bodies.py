@@ -12,17 +12,17 @@ SCHEMAS: dict[str, Any] = {}  # of the models of such bodies
 
 
 def json_body(model: type[BaseModel]) -> dict[str, Any]:
-    """What describes an operation whose body is this model, in JSON."""
+    """Description of an operation whose body is this model, in JSON."""
     return _body({"application/json": {"schema": {"$ref": add_schema(model)}}})
 
 
 def binary_body(media_types: Iterable[str]) -> dict[str, Any]:
-    """What describes an operation whose body is bytes of one of these types."""
+    """Description of an operation whose body is bytes of one of these types."""
     return _body(dict.fromkeys(media_types, BINARY))
 
 
 def binary_answer(media_type: str) -> dict[int | str, dict[str, Any]]:
-    """What describes an answer of bytes."""
+    """Description of an answer of bytes."""
     return {200: {"content": {media_type: BINARY}}}
 
 

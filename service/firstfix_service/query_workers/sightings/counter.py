@@ -106,7 +106,7 @@ class SightingCounter:
             self._lock.wait_for(lambda: self._counting != version)
 
     def take(self) -> Sighted:
-        """What was counted since the last call."""
+        """Counts since the last call."""
         with self._lock:
             taken = {version: collector.take() for version, collector in self._collectors.items()}
             results, self._results = dict(+self._results), Counter()
