@@ -32,7 +32,7 @@ class Peer(Protocol):
 
     @staticmethod
     def sent_bytes(given: PeerInput, scan: Scan) -> int:
-        """Bytes that a robot sends of a scan."""
+        """Number of bytes that a robot sends of a scan."""
         ...
 
 
