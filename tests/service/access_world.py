@@ -10,13 +10,17 @@ import zenoh
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
+from firstfix.doors import absent
 from firstfix.errors import Unauthorized
 from firstfix_service.auth.authenticate import Authenticator
 from tests.service.service_world import SCAN_BODY, XYZ, Reply, Service
 from tests.waiting import LIMIT_S, wait_until
 
 HEADERS = {"Content-Type": XYZ}
-CONSOLE = {"/", "/console", "/console/{path:path}"}  # the public routes of its plugin
+# Public routes of the console, and those that name a package that is left out.
+CONSOLE = {"/", "/console", "/console/{path:path}"} | {
+    path for package in absent() for path in package.routes
+}
 KEYED: dict[str, Any] = {
     "auth": "on",
     "keys_refresh_s": 0.1,

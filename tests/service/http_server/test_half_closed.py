@@ -6,7 +6,6 @@ import socket
 
 import pytest
 
-from firstfix_service.http_api.event_stream import EventStreams
 from firstfix_service.limits import connections
 from tests.service.raw_connection import all_of, connect
 from tests.service.service_world import SCAN_BODY, XYZ, Service, serving
@@ -57,14 +56,6 @@ def test_an_answer_under_way_is_completed(service: Service):
         found = begin + all_of(connection)
     head, _, body = found.partition(b"\r\n\r\n")
     assert f"content-length: {len(body)}".encode() in head.lower()
-
-
-def test_a_stream_ends_with_its_caller(service: Service):
-    with connect(service) as connection:
-        connection.sendall(b"GET /answers/events HTTP/1.1\r\nHost: x\r\n\r\n")
-        assert b"watching" in connection.recv(1 << 16)
-        connection.shutdown(socket.SHUT_WR)
-        wait_until(lambda: service.app.state.start.parts[EventStreams].limit.taken == 0)
 
 
 @pytest.fixture(autouse=True)

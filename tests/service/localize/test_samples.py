@@ -19,7 +19,6 @@ import pytest
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
-from firstfix.engine.index import MapIndex
 from firstfix.errors import InvalidOption, NotFound, StoreUnavailable
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
@@ -31,7 +30,7 @@ from firstfix_service.query_workers.query import AsGiven, Query
 from firstfix_service.telemetry.metrics import Metrics
 from tests.commands import firstfix
 from tests.service.access_world import KEYED, bearer, known
-from tests.service.service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, publish, served
+from tests.service.service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, served
 from tests.waiting import wait_until
 
 LOCALIZED_POINTS = 200  # a scan of so many is localized, every other one rejected
@@ -288,46 +287,6 @@ def test_recorded_queries_are_listed_shown_fetched_and_removed(service, sample_i
     firstfix("samples", "show", sample_id, *where, code=2)
 
 
-def replayed(service: Service, *more: object, map_id: str = "hall") -> str:
-    store = service.settings.store
-    return firstfix("evaluate", "--samples", store, "--map", map_id, "--url", service.url, *more).out
-
-
-def test_recorded_queries_are_replayed(service, sample_id, tmp_path):
-    def better(localizer: FakeLocalizer, scan: Scan, *_: object) -> Localization:
-        assert len(scan) == 100, "the same bytes"
-        T = np.eye(4)
-        T[:3, 3] = localizer.label + 3, 4, 0
-        return Localization(Verdict.LOCALIZED, (), T, None, np.eye(6), 0.99)
-
-    service.behaviour.answers = better
-    report = tmp_path / "report.json"
-    out = replayed(service, "--json", report)
-    assert "rejected -> localized: 1" in out
-    assert "moved 5.00 m, 0.0 deg" in out
-    found = json.loads(report.read_text())
-    assert found["n"] == 1
-    assert found["changes"] == [{"then": "rejected", "now": "localized", "n": 1}]
-    (one,) = found["samples"]
-    assert (one["sample"], one["moved_m"]) == (sample_id, 5.0)
-    assert (one["then"]["probability"], one["now"]["probability"]) == (0.4, 0.99)
-    assert one["now"]["map_version"] == service.catalog.active_version("hall")
-    service.behaviour.answers = judged
-    service.ask("http")  # recorded after the replay would have been
-    wait_until(lambda: len(kept_by(service).ids()) > 1)
-    assert len(kept_by(service).ids()) == 2, "the replay is not recorded"
-
-
-def test_another_version_can_be_replayed(service, sample_id):
-    first = service.catalog.active_version("hall")
-    publish(service.catalog, "hall", "2", service.scratch)
-    assert "moved 0.00 m" in replayed(service, "--version", first)
-    assert "rejected -> error: 1" in replayed(service, "--version", "0" * 64)
-    assert "0 kept queries sent again" in replayed(service, map_id="yard")
-    wait_until(lambda: service.ask("http").json["hypotheses"][0]["T_map_sensor"]["position"][0] == 2)
-    assert "moved 1.00 m" in replayed(service)
-
-
 def test_only_callers_that_may_read_recorded_queries_replay_without_a_trace(tmp_path: Path):
     with judging(tmp_path, zenoh=False, samples_share=1.0, **KEYED) as service:
         for key in (known(service, "build"), known(service, "localize")):
@@ -338,29 +297,3 @@ def test_only_callers_that_may_read_recorded_queries_replay_without_a_trace(tmp_
     kept = kept_by(service)
     assert [kept.get(one).request_id for one in kept.ids()] == ["replay-me"], "the robot's, and no other"
     assert [len(kept.get(one).robot) for one in kept.ids()] == [16], "it has a key of its own"
-
-
-def test_the_engine_in_this_process_can_be_asked(service, sample_id, monkeypatch):
-    monkeypatch.setattr(MapIndex, "load", lambda directory: float((directory / "label.txt").read_text()))
-    monkeypatch.setattr(
-        "firstfix.engine.localizer.Localizer", lambda label: FakeLocalizer(label, service.behaviour)
-    )
-    publish(service.catalog, "hall", "4", service.scratch)
-    store = service.settings.store
-    out = firstfix("evaluate", "--samples", store, "--map", "hall", "--store", store).out
-    assert "rejected -> rejected: 1" in out
-    assert "moved 3.00 m" in out
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        (),
-        ("poses.csv", "--samples", "there"),
-        ("--samples", "there", "--plot", "x.png"),
-        ("--samples", "there", "--url", "http://127.0.0.1:1", "--store", "here"),
-    ],
-)
-def test_options_that_exclude_each_other_are_refused(tmp_path: Path, arguments: tuple[str, ...], monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    firstfix("evaluate", "--map", "hall", *arguments, code=2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,11 +16,13 @@ import pytest
 
 from firstfix.answer.localization import Verdict
 from firstfix_console import answer_events
+from firstfix_service.http_api.event_stream import EventStreams
 from firstfix_service.auth.principal import Principal
 from firstfix_service.localize import recent_answers
 from firstfix_service.localize.recent_answers import RecentAnswers
 from firstfix_service.query_workers.query import EncodedAnswer
 from tests.service.access_world import give
+from tests.service.raw_connection import connect
 from tests.service.service_world import SCAN_BODY, XYZ, Service, publish, running_service
 from tests.waiting import LIMIT_S, wait_until
 
@@ -127,3 +130,11 @@ def test_an_event_is_made_once_for_all_watchers(monkeypatch: pytest.MonkeyPatch)
     looks = [asyncio.run(first_look(recent)) for _ in range(10)]
     assert made == [1, 2, 3]
     assert all(look == looks[0] for look in looks)
+
+
+def test_a_stream_ends_with_its_caller(service: Service):
+    with connect(service) as connection:
+        connection.sendall(b"GET /answers/events HTTP/1.1\r\nHost: x\r\n\r\n")
+        assert b"watching" in connection.recv(1 << 16)
+        connection.shutdown(socket.SHUT_WR)
+        wait_until(lambda: service.app.state.start.parts[EventStreams].limit.taken == 0)
