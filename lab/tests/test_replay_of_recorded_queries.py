@@ -19,7 +19,6 @@ from tests.waiting import wait_until
 __all__ = ["sample_id", "service"]
 
 
-
 def replayed(service: Service, *more: object, map_id: str = "hall") -> str:
     store = service.settings.store
     return firstfix("evaluate", "--samples", store, "--map", map_id, "--url", service.url, *more).out

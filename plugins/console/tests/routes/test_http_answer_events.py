@@ -16,8 +16,8 @@ import pytest
 
 from firstfix.answer.localization import Verdict
 from firstfix_console import answer_events
-from firstfix_service.http_api.event_stream import EventStreams
 from firstfix_service.auth.principal import Principal
+from firstfix_service.http_api.event_stream import EventStreams
 from firstfix_service.localize import recent_answers
 from firstfix_service.localize.recent_answers import RecentAnswers
 from firstfix_service.query_workers.query import EncodedAnswer
