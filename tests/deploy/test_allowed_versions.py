@@ -27,6 +27,7 @@ from tests.waiting import wait_until
 pytestmark = pytest.mark.slow
 
 REPO = Path(__file__).resolve().parents[2]
+PACKAGES = ("plugins/console", "plugins/fleet")
 EXTRAS = ("builder", "dds", "vda5050")  # the others add to them what tests of their own look at
 OF_LOWEST = ("3.11", "3.12")  # newer ones have no wheels of the lowest NumPy, SciPy and others
 OTHERS = {"3.11", "3.12", "3.13"} - {"{}.{}".format(*sys.version_info)}
@@ -52,7 +53,8 @@ def names(package):
         yield found.name
         if found.ispkg:
             yield from names(found.name)
-packages = ["firstfix" + part for part in ("", "_builder", "_cli", "_client", "_ros", "_service", "_worlds")]
+parts = ("", "_builder", "_cli", "_client", "_console", "_fleet", "_ros", "_service")
+packages = ["firstfix" + part for part in parts]
 imported = [importlib.import_module(name) for package in packages for name in names(package)]
 print(len(imported))
 """
@@ -97,7 +99,9 @@ def must(done: subprocess.CompletedProcess[str]) -> None:
 
 def compile_versions(versions: Path, python: str, resolution: str, *extras: str) -> None:
     wanted = [word for extra in extras for word in ("--extra", extra)]
-    command = ("pip", "compile", "pyproject.toml", "--resolution", resolution, "--no-emit-index-url")
+    projects = ("pyproject.toml", *(f"{package}/pyproject.toml" for package in PACKAGES))
+    command = ("pip", "compile", *projects, "--resolution", resolution, "--no-emit-index-url")
+    command += ("--no-emit-package", "firstfix")
     must(uv(*command, *wanted, "--python-version", version_of(python), "-o", versions))
 
 
@@ -136,7 +140,17 @@ def allowed_versions(request, interpreter, wheel, tmp_path_factory) -> Iterator[
     compile_versions(versions, interpreter, request.param, *EXTRAS)
     must(uv("venv", "--python", interpreter, environment))
     must(uv("pip", "install", "--python", python, "-r", versions))
-    must(uv("pip", "install", "--python", python, "--no-deps", wheel))
+    must(
+        uv(
+            "pip",
+            "install",
+            "--python",
+            python,
+            "--no-deps",
+            wheel,
+            *(REPO / package for package in PACKAGES),
+        )
+    )
     must(uv("pip", "check", "--python", python))
     own = {name: str(folder / name) for name in ("XDG_CACHE_HOME", "XDG_STATE_HOME")}
     inherited = {
@@ -213,14 +227,14 @@ def test_allowed_versions_build_serve_and_localize(
 
 
 def test_python_3_10_gets_every_part_but_the_service(tmp_path: Path):
-    def compiled(*extras: str) -> subprocess.CompletedProcess[str]:
+    def compiled(*extras: str, project: str = "pyproject.toml") -> subprocess.CompletedProcess[str]:
         wanted = [word for extra in extras for word in ("--extra", extra)]
-        return uv(
-            "pip", "compile", "pyproject.toml", "--python-version", "3.10", *wanted, "-o", tmp_path / "o"
-        )
+        return uv("pip", "compile", project, "--python-version", "3.10", *wanted, "-o", tmp_path / "o")
 
-    for light in ((), ("zenoh",), ("gateway",), ("dds",), ("vda5050",)):
+    for light in ((), ("zenoh",), ("gateway",)):
         must(compiled(*light))
+    for light in ((), ("dds",), ("vda5050",)):
+        must(compiled(*light, project="plugins/fleet/pyproject.toml"))
     refused = compiled("service")
     assert refused.returncode != 0
     assert "Python>=3.11" in refused.stderr
