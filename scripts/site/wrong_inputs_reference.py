@@ -1,4 +1,4 @@
-"""What common mistakes give, from the tables that the tests of wrong inputs compare."""
+"""Answers to common mistakes, from the tables that the tests of wrong inputs compare."""
 
 from __future__ import annotations
 

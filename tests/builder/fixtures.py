@@ -1,4 +1,4 @@
-"""What tests of builds share: a build that is queued, and queries of robots that are kept."""
+"""Fixtures of the tests of builds: a build that is queued, and queries of robots that are kept."""
 
 from __future__ import annotations
 

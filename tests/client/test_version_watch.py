@@ -32,7 +32,7 @@ class Teller:
         self.looks.release()
 
     def know(self, seq: int, version: str) -> None:
-        """What it answers from now on, of the map hall alone."""
+        """Set its answer from now on, of the map hall alone."""
         self.known = {"hall": {"map_id": "hall", "seq": seq, "version": version}}
 
     def tell(self, map_id: str, seq: int, version: str | None) -> None:

@@ -1,4 +1,4 @@
-"""What tests of several packages of the core share: stores, versions of maps, races, and limits of memory."""
+"""Fixtures of several packages of the core: stores, versions of maps, races, and limits of memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What many end-to-end tests start from: the localizer of the small world's version."""
+"""Start of many end-to-end tests: the localizer of the small world's version."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What comes through the doors, and what is said of a package that is not installed."""
+"""Things that come through the doors, and what is said of a package that is not installed."""
 
 from __future__ import annotations
 

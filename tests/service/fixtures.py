@@ -1,4 +1,4 @@
-"""What many tests of the service start from."""
+"""Fixtures of the service's tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What tests of chunks share: a stage of numbers that chunks read, and a folder that counts their runs."""
+"""Fixtures of the tests of chunks: a stage of numbers that they read, and a folder that counts their runs."""
 
 from __future__ import annotations
 

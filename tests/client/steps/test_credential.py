@@ -14,7 +14,7 @@ MAPS = ok(b'{"maps": []}')
 
 
 def keys_of(server: AnswerServer) -> list[str | None]:
-    """What stood in the Authorization of each request."""
+    """Authorization header of each request."""
     return [headers.get("authorization") for *_, headers, _ in server.requests]
 
 

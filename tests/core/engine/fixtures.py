@@ -1,4 +1,4 @@
-"""What tests of several parts of the engine share: recorded places, and halls whose rack has come or gone."""
+"""Fixtures of several parts of the engine: recorded places, and halls whose rack has come or gone."""
 
 import numpy as np
 import pytest
