@@ -38,8 +38,8 @@ from ..limits.disk_space import DiskSpace
 from ..limits.limits import Limits
 from ..limits.turns import Turns
 from ..localize.answer_counts import AnswerCounts
+from ..localize.answer_reporter import AnswerReporter
 from ..localize.query_gate import QueryGate
-from ..localize.query_recorder import QueryRecorder
 from ..localize.recent_answers import RecentAnswers
 from ..localize.sampler import QuerySampler, SamplePolicy
 from ..localize.use_case import LocalizeUseCase
@@ -139,8 +139,8 @@ async def compose(
     sampler = _start_sampler(settings, samples, metrics, stack)
     recent = RecentAnswers(replica)
     counts, webhooks = AnswerCounts(), await _start_webhooks(settings, metrics, stack)
-    recorder = QueryRecorder(metrics, requests, recent, counts, sampler, webhooks)
-    use_case = LocalizeUseCase(maps, coarse, gate, recorder)
+    reporter = AnswerReporter(metrics, requests, recent, counts, sampler, webhooks)
+    use_case = LocalizeUseCase(maps, coarse, gate, reporter)
     builds = start_builds(settings, catalog, metrics, stack)
     health = HealthCheck(maps, gate, metrics, builds)
     if not settings.read_only:

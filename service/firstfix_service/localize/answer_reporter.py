@@ -1,4 +1,4 @@
-"""Every answer and failure is counted, logged, sampled and shown to those who watch, in one place."""
+"""Every answer and failure is counted, logged, recorded and shown to those who watch, in one place."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from .sampler import QuerySampler, is_replay
 _OK = 200
 
 
-class QueryRecorder:
-    """Records the queries of one app. It runs before each answer is sent, so it must be cheap.
+class AnswerReporter:
+    """Reports the answers of one app. It runs before each answer is sent, so it must be cheap.
 
     Args:
         recent: keeps the last answers.
@@ -54,7 +54,7 @@ class QueryRecorder:
         self._stage_seconds = cache(metrics.stage_seconds.labels)
         self._localize_seconds = cache(metrics.localize_seconds.labels)
 
-    def record(self, query: Query, body: Body, answer: EncodedAnswer, queued: float) -> None:
+    def report(self, query: Query, body: Body, answer: EncodedAnswer, queued: float) -> None:
         """Add the stages of an answered query to its trace, and offer it to the sampler and the webhooks.
 
         Args:
