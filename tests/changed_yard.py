@@ -67,7 +67,7 @@ class ChangedYard:
         self, world: SmallWorld, folder: Path, url: str, map_id: str, start: datetime = MONDAY
     ) -> None:
         from firstfix.catalog.catalog import Catalog
-        from firstfix.catalog.query_samples import QuerySamples
+        from firstfix.catalog.recorded_queries import QuerySamples
         from firstfix.catalog.sources import put_source
         from firstfix.store.store import Store
         from firstfix_builder.simulation.simulate import Simulator
@@ -135,7 +135,7 @@ class ChangedYard:
         return errors_m
 
     def keep(self, caller: str, time: datetime, answer: Localization, body: bytes, version: str) -> None:
-        from firstfix.catalog.query_samples import QuerySample, new_sample_id, robot_of
+        from firstfix.catalog.recorded_queries import QuerySample, new_sample_id, robot_of
 
         told = {**answer.to_mapping(), "map_id": self.map_id, "map_version": version}
         sample_id = new_sample_id(f"{self._rng.integers(2**32):08x}", time)

@@ -11,7 +11,7 @@ from firstfix.builds.config import BuildConfig
 from firstfix.builds.options import PUBLISH, BuildOptions
 from firstfix.builds.shared_stages import collect_stages
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import QuerySamples
 from firstfix.catalog.version_findings import findings_of
 from firstfix.store.store import Store
 

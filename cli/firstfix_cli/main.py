@@ -19,7 +19,7 @@ from firstfix.errors import (
 from firstfix.telemetry.redact import redact
 
 from .arguments import examples
-from .commands import build, check, copy_store, keys, localize, maps, samples, sensor, serve, worker, world
+from .commands import build, check, copy_store, keys, localize, maps, recorded, sensor, serve, worker, world
 from .help_pages import help_line
 from .missing_package import missing_package
 
@@ -61,7 +61,7 @@ app.command(epilog=localize.EXAMPLES)(localize.localize)
 app.command(epilog=sensor.EXAMPLES)(sensor.sensor)
 app.command("copy-store", epilog=copy_store.EXAMPLES)(copy_store.copy_store)
 app.add_typer(maps.app, name="maps")
-app.add_typer(samples.app, name="samples")
+app.add_typer(recorded.app, name="samples")
 app.add_typer(keys.app, name="keys")
 for add_commands in through(COMMANDS).values():
     add_commands(app)

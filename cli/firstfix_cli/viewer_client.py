@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from firstfix.catalog.query_samples import QuerySample
+from firstfix.catalog.recorded_queries import QuerySample
 from firstfix.errors import FirstfixError
 from firstfix_client import Client, RetryPolicy
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples
 from firstfix.store.store import Store
 from firstfix.transform import make_transform, pose_to_mapping, rotation_z
 from firstfix_builder.index.cloud_octree import CloudOctree

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import QuerySamples
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion
 from lab.tests.exported_world import GUESSES, POSE, T0_NS, TRUTH, ExportedWorld, make_exported_world

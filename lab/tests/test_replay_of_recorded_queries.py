@@ -12,7 +12,7 @@ from firstfix.answer.localization import Localization, Verdict
 from firstfix.engine.index import MapIndex
 from firstfix.scan.scan import Scan
 from tests.commands import firstfix
-from tests.service.localize.test_samples import judged, kept_by, sample_id, service
+from tests.service.localize.test_query_recorder import judged, kept_by, sample_id, service
 from tests.service.service_world import FakeLocalizer, Service, publish
 from tests.waiting import wait_until
 

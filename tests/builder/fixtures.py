@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples, new_sample_id
 from firstfix.catalog.sources import put_source
 
 XYZ = "application/vnd.firstfix.xyz"

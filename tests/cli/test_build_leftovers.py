@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples, new_sample_id
 from firstfix.errors import BuildFailed
 from firstfix.store.store import Store
 from firstfix_builder.job.confirmed_queries import CONFIRMED_FILE

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.catalog.query_samples import TOLD_AT, TOLD_BY, QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import TOLD_AT, TOLD_BY, QuerySample, QuerySamples
 from firstfix.engine.changes.cells import Spot, spot_of
 from firstfix.errors import NotFound, StoreError, UnreadableRecord
 from firstfix.store.json_record import read_each

@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import Any
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import QuerySamples
 from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.engine.changes.areas import Area, find_areas
 from firstfix.errors import NotFound, NothingToPatch, UnreadableRecord
 
 from ..stage_files import link
-from .kept_queries import chosen_queries
+from .recorded_queries import chosen_queries
 
 _log = logging.getLogger(__name__)
 PATCH_SOURCE_FILE, BASE = "patch.json", "base"

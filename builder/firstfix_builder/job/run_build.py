@@ -23,7 +23,7 @@ from firstfix.builds.options import (
 )
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import QuerySamples
 from firstfix.catalog.version_findings import findings_of
 from firstfix.errors import (
     BuildCancelled,

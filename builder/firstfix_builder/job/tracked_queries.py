@@ -17,7 +17,7 @@ import numpy as np
 
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
-from firstfix.catalog.query_samples import TOLD_AT, TOLD_BY, QuerySample
+from firstfix.catalog.recorded_queries import TOLD_AT, TOLD_BY, QuerySample
 from firstfix.errors import InvalidOption
 from firstfix.transform import Matrix, inverse, pose_error, pose_from_mapping, pose_to_mapping
 

@@ -17,8 +17,8 @@ from firstfix.transform import pose_from_mapping
 
 from ..job.confirmed_queries import ConfirmedQueries, ConfirmedQuery
 from ..sources.read_map.held_out import Confirmation, HeldOut, HeldOutScan
-from ..sources.read_map.kept_scan import read_kept_scan
 from ..sources.read_map.read_map import content_hash
+from ..sources.read_map.recorded_scan import read_kept_scan
 
 _OF_FILE = "of.txt"  # hash of the folder that was decoded
 

@@ -18,9 +18,9 @@ from ..mesh.places.tiled_points import TiledPoints
 from ..stage_files import link
 from ..stage_results import LevelMap
 from .patch.confirm import Change, PatchRule, confirmed_changes
-from .patch.kept_scans import read_observations
 from .patch.map_patch import MapPatch, patch_of
 from .patch.observation import LeftOut, Seen, seen_by
+from .patch.recorded_scans import read_observations
 from .reading import Reading
 
 PATCH_FILE = "patch.npz"  # of a version, too: the next patch is laid over it

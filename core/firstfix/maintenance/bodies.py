@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
-from ..catalog.query_samples import FOLDER as SAMPLES
-from ..catalog.query_samples import QuerySamples
+from ..catalog.recorded_queries import FOLDER as SAMPLES
+from ..catalog.recorded_queries import QuerySamples
 from ..catalog.uploads.parts import part_key, upload_folder
 from ..catalog.uploads.record import parse_whole
 from ..catalog.uploads.uploads import Uploads

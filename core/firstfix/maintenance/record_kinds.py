@@ -15,7 +15,7 @@ from ..builds.shared_stages import parse_stage
 from ..catalog.georeferences import parse_georeference
 from ..catalog.log.change_log import parse_notice
 from ..catalog.log.map_state import LogEntry, MapState
-from ..catalog.query_samples import parse_sample
+from ..catalog.recorded_queries import parse_sample
 from ..catalog.sightings.record import SightingsRecord
 from ..catalog.uploads.record import UploadRecord, parse_whole
 from ..store.json_record import RecordKind, max_bytes, parse_record

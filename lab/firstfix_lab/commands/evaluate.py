@@ -176,7 +176,7 @@ def _replay(
     timeout_s: float,
     json_file: Path | None,
 ) -> None:
-    from firstfix.catalog.query_samples import QuerySamples
+    from firstfix.catalog.recorded_queries import QuerySamples
     from firstfix.errors import InvalidOption
     from firstfix.store.store import Store
 

@@ -26,7 +26,7 @@ from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.log import map_log
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples
 from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.catalog.sources import put_source
 from firstfix.catalog.uploads.parts import part_key

@@ -12,7 +12,7 @@ import numpy as np
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
-from firstfix.catalog.query_samples import REPLAY, QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import REPLAY, QuerySample, QuerySamples
 from firstfix.errors import FirstfixError
 from firstfix.transform import Matrix, pose_error
 from firstfix_cli.answerer import fetch_active_version, is_provisional

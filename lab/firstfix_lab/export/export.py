@@ -11,7 +11,7 @@ from typing import Protocol
 
 from firstfix.errors import InvalidOption
 
-from .kept_query import KeptQuery, kept_queries
+from .exported_query import KeptQuery, kept_queries
 from .map_cloud import MapCloud, read_map_cloud
 from .new_file import new_file
 from .source import ExportSource

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from firstfix.answer.localization import Verdict
 from firstfix.transform import Matrix, quaternion_of
 
-from .kept_query import MAP_FRAME, KeptQuery
+from .exported_query import MAP_FRAME, KeptQuery
 from .map_cloud import MapCloud
 
 _DEBUG, _INFO, _WARN = 10, 20, 30  # rcl_interfaces/Log

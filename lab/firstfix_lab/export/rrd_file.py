@@ -13,7 +13,7 @@ from firstfix.answer.localization import Verdict
 from firstfix.errors import pip_install
 from firstfix.transform import Matrix, quaternion_of
 
-from .kept_query import GUESS_FRAME, MAP_FRAME, SENSOR_FRAME, UNPLACED_FRAME, KeptQuery
+from .exported_query import GUESS_FRAME, MAP_FRAME, SENSOR_FRAME, UNPLACED_FRAME, KeptQuery
 from .map_cloud import MapCloud
 
 TIMELINE = "time"

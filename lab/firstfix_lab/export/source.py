@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples
 from firstfix.errors import InvalidOption, NotFound
 from firstfix_builder.index.cloud_octree import POINT
 

@@ -99,7 +99,7 @@ def take(page: Page, http: httpx.Client, map_id: str, scans: list[Path], images:
     page.open("#/samples")
     page.choose("Map", map_id)
     page.wait("td .verdict")
-    keep(page, images / "console-samples.png")
+    keep(page, images / "console-recorded-queries.png")
 
 
 def ask(http: httpx.Client, map_id: str, scan: Path) -> str:

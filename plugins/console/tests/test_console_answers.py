@@ -15,7 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from firstfix.catalog.query_samples import QuerySamples, new_sample_id
+from firstfix.catalog.recorded_queries import QuerySamples, new_sample_id
 from firstfix.scan.scan import Scan
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.main import app

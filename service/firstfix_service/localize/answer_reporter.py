@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 from firstfix.answer.localization import Verdict
-from firstfix.catalog.query_samples import REPLAY
+from firstfix.catalog.recorded_queries import REPLAY
 from firstfix.formats.point_cloud import Body
 
 from ..problems import problem_of
@@ -16,8 +16,8 @@ from ..telemetry.tracing import started_ns
 from ..webhooks.event import AnswerEvent
 from ..webhooks.sender import WebhookSender
 from .answer_counts import AnswerCounts
+from .query_recorder import QuerySampler, is_replay
 from .recent_answers import RecentAnswers
-from .sampler import QuerySampler, is_replay
 
 _OK = 200
 

@@ -18,7 +18,7 @@ from firstfix import native
 from firstfix.builds.callers import CallerUsage
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import QuerySamples
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import InvalidOption, StoreUnavailable
@@ -40,8 +40,8 @@ from ..limits.turns import Turns
 from ..localize.answer_counts import AnswerCounts
 from ..localize.answer_reporter import AnswerReporter
 from ..localize.query_gate import QueryGate
+from ..localize.query_recorder import QuerySampler, SamplePolicy
 from ..localize.recent_answers import RecentAnswers
-from ..localize.sampler import QuerySampler, SamplePolicy
 from ..localize.use_case import LocalizeUseCase
 from ..maintenance.cleanup import abandoned_objects_removal
 from ..maintenance.clock import clock_comparison

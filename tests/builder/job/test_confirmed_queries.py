@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import QuerySamples
 from firstfix.errors import StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_builder.job.confirmed_queries import ConfirmedQueries, collect_confirmed

@@ -11,14 +11,14 @@ import pytest
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import QuerySamples
 from firstfix.engine.changes.areas import Area
 from firstfix.errors import BuildFailed
 from firstfix.store.store import Store
-from firstfix_builder.job import kept_queries
-from firstfix_builder.job.kept_queries import chosen_queries
+from firstfix_builder.job import recorded_queries
 from firstfix_builder.job.patch_source import PatchSource, collect_patch_source, is_patch_source
-from firstfix_builder.sources.patch.kept_scans import read_observations
+from firstfix_builder.job.recorded_queries import chosen_queries
+from firstfix_builder.sources.patch.recorded_scans import read_observations
 from tests.builder.fixtures import keep_query
 
 DAY_S = 86400.0
@@ -90,7 +90,7 @@ def test_other_queries_are_not_collected(kept: Kept, robot: str, answer: dict[st
 
 
 def test_a_robot_cannot_crowd_out_the_others(kept: Kept, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(kept_queries, "MAX_QUERIES", 6)
+    monkeypatch.setattr(recorded_queries, "MAX_QUERIES", 6)
     kept.keep("bob", 0.0)
     for number in range(8):
         kept.keep("ann", 100.0 + number, x=0.1 * number)  # in one place of 1 m, and in one hour
@@ -100,7 +100,7 @@ def test_a_robot_cannot_crowd_out_the_others(kept: Kept, monkeypatch: pytest.Mon
 
 
 def test_all_days_have_equal_parts(kept: Kept, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(kept_queries, "MAX_QUERIES", 12)
+    monkeypatch.setattr(recorded_queries, "MAX_QUERIES", 12)
     for number in range(40):
         kept.keep("ann", 5 * DAY_S + number, x=10.0 * number)
     for day in range(5):
@@ -110,7 +110,7 @@ def test_all_days_have_equal_parts(kept: Kept, monkeypatch: pytest.MonkeyPatch):
 
 
 def test_queries_near_what_seems_changed_come_first(kept: Kept, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(kept_queries, "MAX_QUERIES", 6)
+    monkeypatch.setattr(recorded_queries, "MAX_QUERIES", 6)
     for number in range(20):
         kept.keep("ann", 60.0 * number, x=10.0 * number)
     cells = np.array([[200, 0, 2], [201, 0, 2], [202, 0, 2]])  # at x = 100 to 101.5 m

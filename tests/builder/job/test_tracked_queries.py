@@ -11,7 +11,7 @@ import pytest
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
-from firstfix.catalog.query_samples import QuerySample, new_sample_id
+from firstfix.catalog.recorded_queries import QuerySample, new_sample_id
 from firstfix.transform import Matrix, inverse, make_transform, pose_error, pose_from_mapping, rotation_z
 from firstfix_builder.job.tracked_queries import TRACKING, tracked_queries
 

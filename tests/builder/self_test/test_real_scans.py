@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from firstfix.builds.config import BuildConfig, PerturbConfig
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import QuerySamples
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix.transform import make_transform, pose_to_mapping

@@ -21,7 +21,7 @@ from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples
 from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.catalog.versions.objects import VersionFolder

@@ -14,7 +14,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples
 from firstfix.catalog.sources import put_source
 from firstfix.catalog.uploads import parts
 from firstfix.catalog.uploads.uploads import Uploads

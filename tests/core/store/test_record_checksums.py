@@ -11,7 +11,7 @@ import pytest
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import parse_georeference
 from firstfix.catalog.log.map_state import Event, LogEntry
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, parse_sample
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples, parse_sample
 from firstfix.store.json_record import CHECKSUM, RecordKind, parse_record, record_json
 from firstfix.store.store import Store
 

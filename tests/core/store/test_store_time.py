@@ -17,7 +17,7 @@ import firstfix
 from firstfix.builds.callers import CallersKey, claim_build
 from firstfix.builds.shared_stages import SharedStages, collect_stages
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySamples, new_sample_id
+from firstfix.catalog.recorded_queries import QuerySamples, new_sample_id
 from firstfix.catalog.sources import source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.maintenance.garbage import collect_garbage, remove_abandoned
@@ -25,7 +25,7 @@ from firstfix.store.store import Store
 from tests.core.fixtures import publish
 
 ROOMS = ("builds", "catalog", "store", "maintenance")
-WRITES_TIMES_FOR_PEOPLE = ("builds/attempts.py", "catalog/log/map_log.py", "catalog/query_samples.py")
+WRITES_TIMES_FOR_PEOPLE = ("builds/attempts.py", "catalog/log/map_log.py", "catalog/recorded_queries.py")
 HOURS_WRONG = [25, -25]
 
 
@@ -53,7 +53,7 @@ def uses_datetime(module: ModuleType) -> bool:
 def wrong_clock(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(WrongClock, "hours", request.param)
     modules = [module for room in ROOMS for module in modules_of(f"firstfix.{room}") if uses_datetime(module)]
-    assert importlib.import_module("firstfix.catalog.query_samples") in modules
+    assert importlib.import_module("firstfix.catalog.recorded_queries") in modules
     for module in modules:
         monkeypatch.setattr(module, "datetime", WrongClock)
 

@@ -22,7 +22,7 @@ from schemathesis.specs.openapi.checks import (
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples, new_sample_id
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.decode import MEDIA_TYPES
 from firstfix_service.app import create_app

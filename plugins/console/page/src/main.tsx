@@ -14,7 +14,7 @@ const EarthView = later(async () => (await import("./earth/EarthView")).EarthVie
 const LiveView = later(async () => (await import("./live/LiveView")).LiveView);
 const MapView = later(async () => (await import("./map3d/MapView")).MapView);
 const PatchView = later(async () => (await import("./patch/PatchView")).PatchView);
-const SamplesView = later(async () => (await import("./samples/SamplesView")).SamplesView);
+const SamplesView = later(async () => (await import("./recorded/RecordedView")).SamplesView);
 const TryView = later(async () => (await import("./scan/TryView")).TryView);
 const VersionsView = later(async () => (await import("./versions/VersionsView")).VersionsView);
 

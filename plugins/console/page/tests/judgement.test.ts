@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { judgementOf } from "../src/samples/judgement.ts";
-import type { Sample } from "../src/samples/place.ts";
+import { judgementOf } from "../src/recorded/judgement.ts";
+import type { Sample } from "../src/recorded/place.ts";
 
 const LEVEL = [0, 0, 0, 1];
 const TURNED = [0, 0, Math.SQRT1_2, Math.SQRT1_2]; // by 90 degrees

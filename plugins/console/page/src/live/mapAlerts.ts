@@ -4,8 +4,8 @@ import type { Schemas } from "../api/client";
 import { begunAt, hasFailed, isHeldBack, patchOf } from "../maps/buildRecords";
 import { patchAddress } from "../patch/PatchLink";
 import { link } from "../router";
-import { judgementOf } from "../samples/judgement";
-import { answerOf, type Sample } from "../samples/place";
+import { judgementOf } from "../recorded/judgement";
+import { answerOf, type Sample } from "../recorded/place";
 import { age } from "../ui/text";
 import type { Alert } from "./robotsOf";
 

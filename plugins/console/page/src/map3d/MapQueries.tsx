@@ -1,6 +1,6 @@
 import { samplePage } from "../api/scans";
 import { link } from "../router";
-import { answerOf } from "../samples/place";
+import { answerOf } from "../recorded/place";
 import { ErrorText } from "../ui/ErrorText";
 import { age } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";

@@ -3,7 +3,7 @@
 import { Group, type Object3D } from "three";
 import type { MapChanges } from "../api/maps";
 import { samplePage } from "../api/scans";
-import { answerOf, placeIn } from "../samples/place";
+import { answerOf, placeIn } from "../recorded/place";
 import { token } from "../ui/token";
 import { colourOf } from "../ui/verdict";
 import { type Cloud, mark } from "./cloud";

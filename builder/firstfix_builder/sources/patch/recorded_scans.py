@@ -11,7 +11,7 @@ from firstfix.errors import InputError
 from firstfix.transform import pose_from_mapping
 
 from ...job.patch_source import PatchSource
-from ..read_map.kept_scan import read_kept_scan
+from ..read_map.recorded_scan import read_kept_scan
 from .observation import Observation
 
 

@@ -13,7 +13,7 @@ import typer
 from ..arguments import AsJson, Url, examples
 
 if TYPE_CHECKING:
-    from firstfix.catalog.query_samples import QuerySample, QuerySamples
+    from firstfix.catalog.recorded_queries import QuerySample, QuerySamples
 
 app = typer.Typer(
     help="List, show, fetch, confirm and remove kept queries. FIRSTFIX_SAMPLES_SHARE keeps some.",
@@ -167,7 +167,7 @@ def _pose(text: str) -> dict[str, Any]:
 
 
 def _samples(store: str) -> QuerySamples:
-    from firstfix.catalog.query_samples import QuerySamples
+    from firstfix.catalog.recorded_queries import QuerySamples
     from firstfix.store.store import Store
 
     return QuerySamples(Store.open(store))

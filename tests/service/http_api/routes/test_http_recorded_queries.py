@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples
 from tests.service.access_world import bearer, known
 from tests.service.service_world import SCAN_BODY, XYZ, Service
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from firstfix.answer.localization import Localization, Verdict
-from firstfix.catalog.query_samples import QuerySample
+from firstfix.catalog.recorded_queries import QuerySample
 from firstfix.errors import CorruptVersion, InputError
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
@@ -18,7 +18,7 @@ from firstfix.transform import make_transform, rotation_z
 from firstfix.wire.scan import encode_scan
 from firstfix.wire.sequence import encode_scans
 from firstfix_builder.index.cloud_octree import CloudOctree
-from firstfix_lab.export.kept_query import UNPLACED_FRAME, kept_queries, points_of
+from firstfix_lab.export.exported_query import UNPLACED_FRAME, kept_queries, points_of
 from firstfix_lab.export.map_cloud import read_map_cloud
 
 ANSWERED_S = 1_767_225_600.0  # 2026-01-01

@@ -20,7 +20,7 @@ import structlog
 import firstfix
 from firstfix.access.permissions import Scope
 from firstfix.answer.localization import Verdict
-from firstfix.catalog.query_samples import REPLAY, QuerySample, QuerySamples, new_sample_id, robot_of
+from firstfix.catalog.recorded_queries import REPLAY, QuerySample, QuerySamples, new_sample_id, robot_of
 from firstfix.errors import FirstfixError
 from firstfix.formats.point_cloud import Body
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.bit_exact.sample import rows_by_chance
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples
 from firstfix.engine.changes.areas import Area
 from firstfix.engine.changes.cells import spot_of
 from firstfix.store.json_record import read_each

@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, robot_of
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples, robot_of
 from firstfix.errors import NotFound, UnreadableRecord
 from firstfix.store.store import Store
 from tests.interleavings import Step, run_every_order, run_interleaved

@@ -18,12 +18,12 @@ import pytest
 
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.quality import AlignmentQuality
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples, new_sample_id
 from firstfix.errors import InvalidOption, NotFound, StoreUnavailable
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix_service.auth.principal import Principal
-from firstfix_service.localize.sampler import MAX_WAITING, QuerySampler, SamplePolicy
+from firstfix_service.localize.query_recorder import MAX_WAITING, QuerySampler, SamplePolicy
 from firstfix_service.query_workers.answer_form import AnswerForm
 from firstfix_service.query_workers.encoded_answer import encoded_answer
 from firstfix_service.query_workers.query import AsGiven, Query

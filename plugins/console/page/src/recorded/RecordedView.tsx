@@ -12,10 +12,10 @@ import { age, percent } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 import { exported } from "./exported";
 import { filterOf, Filters } from "./Filters";
-import { NotKept } from "./NotKept";
+import { NotKept } from "./NotRecorded";
 import { answerOf, type Sample } from "./place";
-import { SamplePins } from "./SamplePins";
-import { SampleTable } from "./SampleTable";
+import { SamplePins } from "./QueryPins";
+import { SampleTable } from "./QueryTable";
 
 export function SamplesView() {
   const filter = filterOf(route.value.query);

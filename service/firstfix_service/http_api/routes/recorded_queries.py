@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from firstfix.access.permissions import Scope
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import MAX_NUMBER
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import QuerySample, QuerySamples
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.ids import check_map_id
 from firstfix.transform import from_quaternion

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.answer.localization import Localization
-from firstfix.catalog.query_samples import QuerySample
+from firstfix.catalog.recorded_queries import QuerySample
 from firstfix.decode import decode_query
 from firstfix.errors import InputError, NotFound
 from firstfix.scan.compact import CompactScan, ScanDescriptor
