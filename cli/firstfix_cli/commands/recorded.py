@@ -1,4 +1,4 @@
-"""``firstfix samples``: look at queries that a service has kept."""
+"""``firstfix recorded``: look at queries that a service has recorded."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ import typer
 from ..arguments import AsJson, Url, examples
 
 if TYPE_CHECKING:
-    from firstfix.catalog.recorded_queries import QuerySample, QuerySamples
+    from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
 
 app = typer.Typer(
-    help="List, show, fetch, confirm and remove kept queries. FIRSTFIX_SAMPLES_SHARE keeps some.",
+    help="List, show, fetch, confirm and remove recorded queries. FIRSTFIX_RECORDED_SHARE records some.",
     epilog=examples(
-        "firstfix samples ls --url http://localhost:8080 --map hall",
-        "firstfix samples confirm 20260302t090000000000-0000000a --url http://localhost:8080",
-        "firstfix samples fetch --store s3://maps/firstfix -o samples",
+        "firstfix recorded ls --url http://localhost:8080 --map hall",
+        "firstfix recorded confirm 20260302t090000000000-0000000a --url http://localhost:8080",
+        "firstfix recorded fetch --store s3://maps/firstfix -o recorded",
     ),
     no_args_is_help=True,
 )
 
-SamplesStore = Annotated[
+RecordedStore = Annotated[
     str, typer.Option("--store", help="Store that holds them: the service's object store, or a directory.")
 ]
-SampleArgument = Annotated[str, typer.Argument(metavar="SAMPLE", help="Id of the kept query.")]
+QueryArgument = Annotated[str, typer.Argument(metavar="QUERY", help="Id of the recorded query.")]
 
 
 @app.command("ls")
-def list_samples(
+def list_recorded(
     store: Annotated[
         str | None,
         typer.Option("--store", help="Read them from the object store, without a service."),
@@ -41,7 +41,7 @@ def list_samples(
     map_id: Annotated[str | None, typer.Option("--map", help="Only queries about this map.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the kept queries, oldest first.
+    """List the recorded queries, oldest first.
 
     Those of the service at --url, or with --store those of its object store.
     """
@@ -54,47 +54,47 @@ def list_samples(
 
         client = ViewerClient.at(url)
         with client:
-            found = list(client.samples(map_id))[::-1]
+            found = list(client.recorded_queries(map_id))[::-1]
     else:
-        found = [one for one in _samples(store).each() if map_id is None or one.is_about(map_id)]
+        found = [one for one in _recorded_queries(store).each() if map_id is None or one.is_about(map_id)]
     if as_json:
-        typer.echo(json.dumps({"samples": [asdict(sample) for sample in found]}))
+        typer.echo(json.dumps({"queries": [asdict(recorded) for recorded in found]}))
         return
-    for sample in found:
-        typer.echo(_line(sample))
+    for recorded in found:
+        typer.echo(_line(recorded))
 
 
 @app.command()
-def show(sample_id: SampleArgument, store: SamplesStore) -> None:
+def show(query_id: QueryArgument, store: RecordedStore) -> None:
     """Show a query and its answer, as JSON."""
-    typer.echo(json.dumps(asdict(_samples(store).get(sample_id)), indent=1))
+    typer.echo(json.dumps(asdict(_recorded_queries(store).get(query_id)), indent=1))
 
 
 @app.command()
 def fetch(
-    store: SamplesStore,
-    sample_id: Annotated[
-        str | None, typer.Argument(metavar="SAMPLE", help="Id of one kept query [default: all].")
+    store: RecordedStore,
+    query_id: Annotated[
+        str | None, typer.Argument(metavar="QUERY", help="Id of one recorded query [default: all].")
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path(),
 ) -> None:
-    """Write kept queries as files.
+    """Write recorded queries as files.
 
-    Each becomes SAMPLE.json and its scan, which 'firstfix localize' can read.
+    Each becomes QUERY.json and its scan, which 'firstfix localize' can read.
     """
-    kept = _samples(store)
+    stored = _recorded_queries(store)
     out.mkdir(parents=True, exist_ok=True)
-    for sample in kept.each() if sample_id is None else [kept.get(sample_id)]:
-        body = _plain_body(kept, sample)
-        path = out / f"{sample.sample_id}{_suffix(sample.media_type)}"
+    for recorded in stored.each() if query_id is None else [stored.get(query_id)]:
+        body = _plain_body(stored, recorded)
+        path = out / f"{recorded.query_id}{_suffix(recorded.media_type)}"
         path.write_bytes(body)
-        (out / f"{sample.sample_id}.json").write_text(json.dumps(asdict(sample), indent=1) + "\n")
+        (out / f"{recorded.query_id}.json").write_text(json.dumps(asdict(recorded), indent=1) + "\n")
         typer.echo(path)
 
 
 @app.command()
 def confirm(
-    sample_ids: Annotated[list[str], typer.Argument(metavar="SAMPLE...", help="Ids of kept queries.")],
+    query_ids: Annotated[list[str], typer.Argument(metavar="QUERY...", help="Ids of recorded queries.")],
     url: Url = None,
     pose: Annotated[
         str | None,
@@ -113,44 +113,44 @@ def confirm(
 
     from ..viewer_client import ViewerClient
 
-    if pose is not None and (undo or len(sample_ids) > 1):
-        raise InvalidOption("--pose is of one kept query, and not for --undo")
+    if pose is not None and (undo or len(query_ids) > 1):
+        raise InvalidOption("--pose is of one recorded query, and not for --undo")
     told = None if pose is None else _pose(pose)
     client = ViewerClient.at(url)
     with client:
-        for sample_id in sample_ids:
-            client.set_truth(sample_id, {} if undo else _truth_of(client.sample(sample_id), told))
-            typer.echo(f"{sample_id}  {'forgotten' if undo else 'confirmed'}")
+        for query_id in query_ids:
+            client.set_truth(query_id, {} if undo else _truth_of(client.recorded_query(query_id), told))
+            typer.echo(f"{query_id}  {'forgotten' if undo else 'confirmed'}")
 
 
 @app.command("rm")
 def remove(
-    store: SamplesStore,
-    sample_ids: Annotated[
-        list[str] | None, typer.Argument(metavar="SAMPLE...", help="Ids of kept queries.")
+    store: RecordedStore,
+    query_ids: Annotated[
+        list[str] | None, typer.Argument(metavar="QUERY...", help="Ids of recorded queries.")
     ] = None,
-    everything: Annotated[bool, typer.Option("--all", help="Remove all kept queries.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Remove all recorded queries.")] = False,
 ) -> None:
-    """Remove kept queries for good."""
+    """Remove recorded queries for good."""
     from firstfix.errors import InvalidOption
 
-    if everything == bool(sample_ids):
-        raise InvalidOption("give ids of kept queries, or --all")
-    kept = _samples(store)
-    doomed = kept.ids() if everything else [kept.get(one).sample_id for one in sample_ids or ()]
+    if everything == bool(query_ids):
+        raise InvalidOption("give ids of recorded queries, or --all")
+    stored = _recorded_queries(store)
+    doomed = stored.ids() if everything else [stored.get(one).query_id for one in query_ids or ()]
     for one in doomed:
-        kept.delete(one)
+        stored.delete(one)
     typer.echo(f"{len(doomed)} removed")
 
 
-def _truth_of(sample: QuerySample, pose: dict[str, Any] | None) -> dict[str, Any]:
+def _truth_of(recorded: RecordedQuery, pose: dict[str, Any] | None) -> dict[str, Any]:
     """The truth of a query: the pose in its map, by default that of its answer."""
     from firstfix.errors import InvalidOption
 
-    map_id = sample.answer.get("map_id") or sample.map_id
-    at = pose or sample.answer.get("T_map_sensor")
+    map_id = recorded.answer.get("map_id") or recorded.map_id
+    at = pose or recorded.answer.get("T_map_sensor")
     if at is None:
-        raise InvalidOption(f"{sample.sample_id} was answered without a pose: give --pose")
+        raise InvalidOption(f"{recorded.query_id} was answered without a pose: give --pose")
     return {"map_id": map_id, "T_map_sensor": at}
 
 
@@ -166,20 +166,20 @@ def _pose(text: str) -> dict[str, Any]:
     return {"position": numbers[:3], "quaternion": numbers[3:]}
 
 
-def _samples(store: str) -> QuerySamples:
-    from firstfix.catalog.recorded_queries import QuerySamples
+def _recorded_queries(store: str) -> RecordedQueries:
+    from firstfix.catalog.recorded_queries import RecordedQueries
     from firstfix.store.store import Store
 
-    return QuerySamples(Store.open(store))
+    return RecordedQueries(Store.open(store))
 
 
-def _plain_body(kept: QuerySamples, sample: QuerySample) -> bytes:
+def _plain_body(stored: RecordedQueries, recorded: RecordedQuery) -> bytes:
     from firstfix.wire.content_encoding import undo_content_encoding
 
     from ..viewer_client import MAX_DECODED_BYTES
 
-    body = kept.body(sample.sample_id)
-    return bytes(undo_content_encoding(body, sample.content_encoding, MAX_DECODED_BYTES))
+    body = stored.body(recorded.query_id)
+    return bytes(undo_content_encoding(body, recorded.content_encoding, MAX_DECODED_BYTES))
 
 
 def _suffix(media_type: str) -> str:
@@ -190,10 +190,10 @@ def _suffix(media_type: str) -> str:
     return next((suffix for suffix, known in SUFFIXES.items() if known == name), ".body")
 
 
-def _line(sample: QuerySample) -> str:
-    answer = sample.answer
+def _line(recorded: RecordedQuery) -> str:
+    answer = recorded.answer
     why = ",".join(answer["reasons"])
     return (
-        f"{sample.sample_id}  {sample.map_id or '(any map)':20}  {answer['verdict']:9} "
-        f"{answer['probability']:.3f}  {sample.body_bytes / 1e3:9.1f} kB  {why}"
+        f"{recorded.query_id}  {recorded.map_id or '(any map)':20}  {answer['verdict']:9} "
+        f"{answer['probability']:.3f}  {recorded.body_bytes / 1e3:9.1f} kB  {why}"
     ).rstrip()

@@ -38,10 +38,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         shutil.copytree(chosen.store, folder / "store")
-        shutil.rmtree(folder / "store/samples", ignore_errors=True)
+        shutil.rmtree(folder / "store/recorded-queries", ignore_errors=True)
         with (
             running_service(
-                folder, load=None, zenoh=False, samples_share=1.0, samples_share_localized=1.0
+                folder, load=None, zenoh=False, recorded_share=1.0, recorded_share_localized=1.0
             ) as service,
             running_browser(folder / "browser") as browser,
         ):
@@ -96,7 +96,7 @@ def take(page: Page, http: httpx.Client, map_id: str, scans: list[Path], images:
     page.map_picture()
     keep(page, images / "console-live.png")
 
-    page.open("#/samples")
+    page.open("#/recorded-queries")
     page.choose("Map", map_id)
     page.wait("td .verdict")
     keep(page, images / "console-recorded-queries.png")

@@ -125,7 +125,7 @@ def test_versions_and_kept_queries_of_a_map_are_on_its_page(page, world):
     older = world.versions[0][:12]
     page.open("#/maps/yard")
     page.map_picture()
-    page.wait("[aria-label='Kept queries of the map'] li")
+    page.wait("[aria-label='Recorded queries of the map'] li")
     page.press("t")
     page.until("location.hash.includes('view=')")
     view = page.js("new URLSearchParams(location.hash.split('?')[1]).get('view')")
@@ -135,10 +135,10 @@ def test_versions_and_kept_queries_of_a_map_are_on_its_page(page, world):
     page.map_picture()
     assert page.js("new URLSearchParams(location.hash.split('?')[1]).get('view')") == view, "as from before"
     before = page.map_picture()
-    page.click("label.check", "Kept queries, by verdict")
+    page.click("label.check", "Recorded queries, by verdict")
     wait_until(lambda: difference(before, page.map_picture()) > 0.0001)
-    page.click("[aria-label='Kept queries of the map'] a", "Look")
-    page.until("location.hash.includes('/try?sample=')")
+    page.click("[aria-label='Recorded queries of the map'] a", "Look")
+    page.until("location.hash.includes('/try?recorded=')")
 
 
 def test_the_keys_of_the_picture_are_listed_and_work_from_the_page(page):

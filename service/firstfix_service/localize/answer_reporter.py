@@ -16,7 +16,7 @@ from ..telemetry.tracing import started_ns
 from ..webhooks.event import AnswerEvent
 from ..webhooks.sender import WebhookSender
 from .answer_counts import AnswerCounts
-from .query_recorder import QuerySampler, is_replay
+from .query_recorder import QueryRecorder, is_replay
 from .recent_answers import RecentAnswers
 
 _OK = 200
@@ -28,7 +28,7 @@ class AnswerReporter:
     Args:
         recent: keeps the last answers.
         counts: counts the answers of each map.
-        sampler: None: no query is stored.
+        recorder: None: no query is recorded.
         webhooks: None: nobody is told of answers.
     """
 
@@ -38,14 +38,14 @@ class AnswerReporter:
         requests: Requests,
         recent: RecentAnswers,
         counts: AnswerCounts,
-        sampler: QuerySampler | None = None,
+        recorder: QueryRecorder | None = None,
         webhooks: WebhookSender | None = None,
     ) -> None:
         self._metrics = metrics
         self._requests = requests
         self._recent = recent
         self._counts = counts
-        self._sampler = sampler
+        self._recorder = recorder
         self._webhooks = webhooks
         # Finding a series by its labels takes longer than counting in it. There are few series.
         self._verdicts = cache(metrics.verdicts.labels)
@@ -55,7 +55,7 @@ class AnswerReporter:
         self._localize_seconds = cache(metrics.localize_seconds.labels)
 
     def report(self, query: Query, body: Body, answer: EncodedAnswer, queued: float) -> None:
-        """Add the stages of an answered query to its trace, and offer it to the sampler and the webhooks.
+        """Add the stages of an answered query to its trace, and offer it to the recorder and the webhooks.
 
         Args:
             queued: ``time.monotonic`` when the gate got the query. Its timings begin there.
@@ -64,8 +64,8 @@ class AnswerReporter:
         if scope is not None and scope.span is not None and self._requests.tracing is not None:
             self._requests.tracing.stages(scope.span, started_ns(queued), answer.timings_ms)
         note(body_bytes=len(body))
-        if self._sampler is not None:
-            self._sampler.offer(query, body, answer, scope)
+        if self._recorder is not None:
+            self._recorder.offer(query, body, answer, scope)
         if self._webhooks is not None and scope is not None and not is_replay(query, scope):
             event = AnswerEvent(
                 answer,

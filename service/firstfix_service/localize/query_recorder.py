@@ -1,6 +1,6 @@
-"""Samples of queries that were not localized, stored with their bodies.
+"""Recorder of queries: those that the settings choose are stored with their bodies.
 
-A bounded queue feeds one thread that writes. No query waits for it or fails because of it. A sample for which
+A bounded queue feeds one thread that writes. No query waits for it or fails because of it. One for which
 there is no room is dropped and counted.
 """
 
@@ -20,7 +20,7 @@ import structlog
 import firstfix
 from firstfix.access.permissions import Scope
 from firstfix.answer.localization import Verdict
-from firstfix.catalog.recorded_queries import REPLAY, QuerySample, QuerySamples, new_sample_id, robot_of
+from firstfix.catalog.recorded_queries import REPLAY, RecordedQueries, RecordedQuery, new_query_id, robot_of
 from firstfix.errors import FirstfixError
 from firstfix.formats.point_cloud import Body
 
@@ -33,21 +33,21 @@ _log = structlog.get_logger(__name__)
 MAX_WAITING, MAX_WAITING_BYTES = 64, 64 << 20  # held in memory until they are written
 PRUNE_PERIOD_S = 600.0
 PER_MINUTE = 10  # of this process: enough to see why scans fail, and no load for a store
-MAX_BODY_BYTES = 8 << 20  # of a kept query: the scan of 300,000 points has 4
+MAX_BODY_BYTES = 8 << 20  # of a recorded query: the scan of 300,000 points has 4
 STOP_WITHIN_S = 5.0  # for what waits, when the service stops
 _MINUTE_S = 60.0
 
 
 @dataclass(frozen=True)
-class SamplePolicy:
-    """Rules for storing queries.
+class RecordingPolicy:
+    """Rules for recording queries.
 
     Attributes:
         share: 0..1 of the answers that are not localized.
         share_localized: 0..1 of the localized answers.
-        per_minute: limit of samples of this process.
-        max_body_bytes: queries with a larger body are not stored.
-        max_bytes, max_age_s: limits of all samples in the store. The oldest are removed first.
+        per_minute: queries that this process records.
+        max_body_bytes: queries with a larger body are not recorded.
+        max_bytes, max_age_s: limits of all recorded queries in the store. The oldest are removed first.
     """
 
     share: float
@@ -58,64 +58,64 @@ class SamplePolicy:
     max_age_s: float
 
     @classmethod
-    def of(cls, settings: Settings) -> SamplePolicy:
+    def of(cls, settings: Settings) -> RecordingPolicy:
         """The policy in the settings."""
         return cls(
-            share=settings.samples_share,
-            share_localized=settings.samples_share_localized,
+            share=settings.recorded_share,
+            share_localized=settings.recorded_share_localized,
             per_minute=PER_MINUTE,
             max_body_bytes=MAX_BODY_BYTES,
-            max_bytes=settings.samples_max_bytes,
-            max_age_s=settings.samples_days * 86400,
+            max_bytes=settings.recorded_max_bytes,
+            max_age_s=settings.recorded_days * 86400,
         )
 
     @property
     def is_on(self) -> bool:
-        """True if any query can be stored."""
+        """True if any query can be recorded."""
         return self.share > 0 or self.share_localized > 0
 
     def share_of(self, answer: EncodedAnswer) -> float:
-        """The share of queries with such an answer to store."""
+        """The share of queries with such an answer to record."""
         return self.share_localized if answer.verdict is Verdict.LOCALIZED else self.share
 
 
-class QuerySampler:
-    """Writes samples in a thread of its own. Thread-safe."""
+class QueryRecorder:
+    """Writes recorded queries in a thread of its own. Thread-safe."""
 
-    def __init__(self, samples: QuerySamples, policy: SamplePolicy, metrics: Metrics) -> None:
-        self._samples = samples
+    def __init__(self, recorded_queries: RecordedQueries, policy: RecordingPolicy, metrics: Metrics) -> None:
+        self._recorded_queries = recorded_queries
         self._policy = policy
         self._metrics = metrics
         self._lock = threading.Lock()
-        self._taken: deque[float] = deque()  # time.monotonic of the last minute's samples
-        self._waiting: queue.Queue[tuple[QuerySample, bytes] | None] = queue.Queue()
+        self._taken: deque[float] = deque()  # time.monotonic of the last minute's recorded queries
+        self._waiting: queue.Queue[tuple[RecordedQuery, bytes] | None] = queue.Queue()
         self._waiting_bytes = 0
-        self._kept_bytes = 0
+        self._stored_bytes = 0
         self._next_prune = 0.0
-        self._thread = threading.Thread(target=self._run, name="query-sampler", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="query-recorder", daemon=True)
 
     def start(self) -> None:
         """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Stop the thread. Samples that wait are written for up to ``STOP_WITHIN_S``."""
+        """Stop the thread. Recorded queries that wait are written for up to ``STOP_WITHIN_S``."""
         self._waiting.put(None)
         self._thread.join(STOP_WITHIN_S)
 
     def offer(self, query: Query, body: Body, answer: EncodedAnswer, scope: RequestScope | None) -> None:
-        """Store the query if the policy chooses it. Never blocks and never fails."""
+        """Record the query if the policy chooses it. Never blocks and never fails."""
         if random.random() >= self._policy.share_of(answer):
             return
         if is_replay(query, scope):
             return
         result = self._take(len(body))
         if result != "taken":
-            self._metrics.samples.labels(result).inc()
+            self._metrics.recorded_queries.labels(result).inc()
             return
         now = datetime.now(timezone.utc)
-        sample = QuerySample(
-            sample_id=new_sample_id(f"{random.getrandbits(32):08x}", now),
+        recorded = RecordedQuery(
+            query_id=new_query_id(f"{random.getrandbits(32):08x}", now),
             time=now.isoformat(),
             transport="" if scope is None else scope.transport,
             request_id="" if scope is None else scope.request_id,
@@ -129,7 +129,7 @@ class QuerySampler:
             service_version=firstfix.__version__,
             robot=robot_of(query.caller.name),
         )
-        self._waiting.put((sample, bytes(body)))
+        self._waiting.put((recorded, bytes(body)))
 
     def _take(self, size: int) -> str:
         """The word "taken", or the reason against it: a label of the metric."""
@@ -158,38 +158,38 @@ class QuerySampler:
                 return
             self._write(*waiting)
 
-    def _write(self, sample: QuerySample, body: bytes) -> None:
+    def _write(self, recorded: RecordedQuery, body: bytes) -> None:
         try:
-            self._samples.put(sample, body)
-            self._kept_bytes += len(body)
-            self._metrics.samples.labels("kept").inc()
+            self._recorded_queries.put(recorded, body)
+            self._stored_bytes += len(body)
+            self._metrics.recorded_queries.labels("recorded").inc()
         except FirstfixError as error:
-            self._metrics.samples.labels("failed").inc()
-            _log.warning("a sample could not be kept", code=error.code, error=str(error))
+            self._metrics.recorded_queries.labels("failed").inc()
+            _log.warning("a recorded query could not be recorded", code=error.code, error=str(error))
         except Exception:  # a defect must not end the thread
-            self._metrics.samples.labels("failed").inc()
-            _log.exception("a sample could not be kept")
+            self._metrics.recorded_queries.labels("failed").inc()
+            _log.exception("a recorded query could not be recorded")
         finally:
             with self._lock:
                 self._waiting_bytes -= len(body)
 
     def _prune_if_due(self) -> None:
-        if time.monotonic() < self._next_prune and self._kept_bytes <= self._policy.max_bytes:
+        if time.monotonic() < self._next_prune and self._stored_bytes <= self._policy.max_bytes:
             return
         self._next_prune = time.monotonic() + PRUNE_PERIOD_S
         try:
-            self._kept_bytes = self._samples.prune(
+            self._stored_bytes = self._recorded_queries.prune(
                 older_than_s=self._policy.max_age_s, max_bytes=self._policy.max_bytes
             )
         except FirstfixError as error:
-            _log.warning("old samples could not be removed", code=error.code, error=str(error))
+            _log.warning("old recorded queries could not be removed", code=error.code, error=str(error))
         except Exception:
-            _log.exception("old samples could not be removed")
-        self._metrics.sample_bytes.set(self._kept_bytes)
+            _log.exception("old recorded queries could not be removed")
+        self._metrics.recorded_bytes.set(self._stored_bytes)
 
 
 def is_replay(query: Query, scope: RequestScope | None) -> bool:
-    """Whether a kept query is asked again: by a caller who may read them. It leaves no trace."""
+    """Whether a recorded query is asked again: by a caller who may read them. It leaves no trace."""
     return (
         scope is not None and scope.request_id.startswith(REPLAY) and query.caller.grant.allows(Scope.BUILD)
     )

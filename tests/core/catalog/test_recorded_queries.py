@@ -1,4 +1,4 @@
-"""Kept queries: their robots (pseudonyms of credentials), their truths, and their removal."""
+"""Recorded queries: their robots (pseudonyms of credentials), their truths, and their removal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from firstfix.catalog.recorded_queries import QuerySample, QuerySamples, robot_of
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery, robot_of
 from firstfix.errors import NotFound, UnreadableRecord
 from firstfix.store.store import Store
 from tests.interleavings import Step, run_every_order, run_interleaved
@@ -15,10 +15,10 @@ ANSWER = {"verdict": "localized", "reasons": [], "probability": 0.99}
 ID = "20260101t000000000000-0000000a"
 
 
-def kept(store: Store, robot: str = "") -> QuerySamples:
-    sample = QuerySample(ID, "2026-01-01", "http", "r", "", "hall", "x/y", "", {}, ANSWER, 4, robot=robot)
-    QuerySamples(store).put(sample, b"body")
-    return QuerySamples(store)
+def stored(store: Store, robot: str = "") -> RecordedQueries:
+    recorded = RecordedQuery(ID, "2026-01-01", "http", "r", "", "hall", "x/y", "", {}, ANSWER, 4, robot=robot)
+    RecordedQueries(store).put(recorded, b"body")
+    return RecordedQueries(store)
 
 
 def test_a_robot_is_the_pseudonym_of_a_credential():
@@ -30,54 +30,54 @@ def test_a_robot_is_the_pseudonym_of_a_credential():
 
 
 def test_the_robot_of_a_query_is_kept_and_no_part_of_its_answer(store: Store):
-    samples = kept(store, robot_of("key:k1"))
-    sample = samples.get(ID)
-    assert sample.robot == robot_of("key:k1")
-    assert sample.answer == ANSWER
-    samples.set_truth(ID, {"map_id": "hall"})
-    assert samples.get(ID).robot == robot_of("key:k1")
+    recorded_queries = stored(store, robot_of("key:k1"))
+    recorded = recorded_queries.get(ID)
+    assert recorded.robot == robot_of("key:k1")
+    assert recorded.answer == ANSWER
+    recorded_queries.set_truth(ID, {"map_id": "hall"})
+    assert recorded_queries.get(ID).robot == robot_of("key:k1")
 
 
 def test_the_teller_of_a_truth_is_kept_with_it_alone(store: Store):
-    samples = kept(store)
-    samples.set_truth(ID, {"map_id": "hall"}, "key:k1")
-    sample = samples.get(ID)
-    assert (sample.truth["map_id"], sample.truth["told_by"]) == ("hall", "key:k1")
-    assert sample.answer == ANSWER
-    samples.set_truth(ID, {})
-    assert samples.get(ID).truth == {}
+    recorded_queries = stored(store)
+    recorded_queries.set_truth(ID, {"map_id": "hall"}, "key:k1")
+    recorded = recorded_queries.get(ID)
+    assert (recorded.truth["map_id"], recorded.truth["told_by"]) == ("hall", "key:k1")
+    assert recorded.answer == ANSWER
+    recorded_queries.set_truth(ID, {})
+    assert recorded_queries.get(ID).truth == {}
 
 
 def test_a_damaged_body_is_unreadable(store: Store):
-    samples = kept(store)
-    assert samples.body(ID) == b"body"
-    store.put(f"samples/{ID}.body", b"bodx")
+    recorded_queries = stored(store)
+    assert recorded_queries.body(ID) == b"body"
+    store.put(f"recorded-queries/{ID}.body", b"bodx")
     with pytest.raises(UnreadableRecord, match="damaged"):
-        samples.body(ID)
+        recorded_queries.body(ID)
 
 
 def test_a_removed_sample_does_not_come_back_with_its_truth(monkeypatch: pytest.MonkeyPatch):
     def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
-        samples = kept(store)
+        recorded_queries = stored(store)
 
         def tell() -> None:
             with suppress(NotFound):
-                samples.set_truth(ID, {"map_id": "hall"})
+                recorded_queries.set_truth(ID, {"map_id": "hall"})
 
-        works = [tell, lambda: QuerySamples(store).delete(ID)]
+        works = [tell, lambda: RecordedQueries(store).delete(ID)]
         steps = run_interleaved(works, switches, monkeypatch=monkeypatch)
-        assert store.list("samples") == []
+        assert store.list("recorded-queries") == []
         return steps
 
     run_every_order(run)
 
 
 def test_a_truth_that_comes_after_the_removal_is_refused(store: Store, monkeypatch: pytest.MonkeyPatch):
-    samples = kept(store)
-    read = samples.get(ID)
-    samples.delete(ID)
-    monkeypatch.setattr(samples, "get", lambda sample_id: read)
+    recorded_queries = stored(store)
+    read = recorded_queries.get(ID)
+    recorded_queries.delete(ID)
+    monkeypatch.setattr(recorded_queries, "get", lambda query_id: read)
     with pytest.raises(NotFound, match=ID):
-        samples.set_truth(ID, {"map_id": "hall"})
-    assert store.list("samples") == []
+        recorded_queries.set_truth(ID, {"map_id": "hall"})
+    assert store.list("recorded-queries") == []
