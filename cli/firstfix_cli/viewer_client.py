@@ -46,7 +46,7 @@ class ViewerClient(Client):
         """
         params = {} if map_id is None else {"map_id": map_id}
         for record in self._http.items(
-            self._http.steps.sender.pages("recorded-queries", dict, "queries", params=params)
+            self._http.steps.sender.pages("queries", dict, "recorded-queries", params=params)
         ):
             yield _query_of(record)
 
