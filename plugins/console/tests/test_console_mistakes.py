@@ -345,7 +345,7 @@ def test_a_service_that_is_open_to_everyone_says_so(browser, tmp_path):
             page.wait(".empty", "No key yet")
             assert not violations(page)
             page.open("#/recorded-queries")
-            page.wait(".empty", "Keeping is off")
+            page.wait(".empty", "Recording is off")
             assert not page.problems
 
 
