@@ -186,7 +186,7 @@ def _laid_points(page) -> list[int]:
     return [int(number) for number in re.findall(r"\d+", page.text(".key"))]
 
 
-def test_a_link_to_a_kept_query_restores_the_place_that_was_chosen(page, world):
+def test_a_link_to_a_recorded_query_restores_the_place_that_was_chosen(page, world):
     file, _ = _sure_of_one_of_many(world)
     several: list[str] = []
     wait_until(
@@ -392,7 +392,7 @@ def test_a_file_that_is_no_scan_is_refused_in_words(page, tmp_path):
 # Recorded queries
 
 
-def test_a_kept_query_is_looked_at_judged_and_exported(page, world, tmp_path):
+def test_a_recorded_query_is_looked_at_judged_and_exported(page, world, tmp_path):
     file, _, _ = localized_scan(world)
     world.ask(file)
     rng = np.random.default_rng(1)

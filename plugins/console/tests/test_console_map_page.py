@@ -120,7 +120,7 @@ def test_places_that_are_known_and_not_said_are_told_with_what_helps(page, world
     assert world.service.http.delete("/maps/silent", headers=world.headers("admin")).is_success
 
 
-def test_versions_and_kept_queries_of_a_map_are_on_its_page(page, world):
+def test_versions_and_recorded_queries_of_a_map_are_on_its_page(page, world):
     world.ask(world.scans[0][0])
     older = world.versions[0][:12]
     page.open("#/maps/yard")

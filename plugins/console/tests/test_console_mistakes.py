@@ -159,7 +159,7 @@ def test_scans_of_other_programs_are_read_in_the_page(page, points_m, tmp_path):
         assert not page.has(".verdict")
 
 
-def test_a_kept_query_is_there_to_try(page, world):
+def test_a_recorded_query_is_there_to_try(page, world):
     world.ask(localized_scan(world)[0])
     wait_until(lambda: world.get("/recorded-queries", map_id="yard")["queries"])
     page.open("#/maps/yard/try")
@@ -302,7 +302,7 @@ def test_the_number_of_points_is_read_on_the_dark_picture(page):
 # What nobody may do by one click: versions, builds and keys are in the tests of their views.
 
 
-def test_a_kept_query_is_removed_only_after_a_question(page, world):
+def test_a_recorded_query_is_removed_only_after_a_question(page, world):
     """Queries are recorded after their answers: the row that goes may be one that was not there before.
 
     So the page's own request says which one went.

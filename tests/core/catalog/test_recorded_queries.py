@@ -56,7 +56,7 @@ def test_a_damaged_body_is_unreadable(store: Store):
         recorded_queries.body(ID)
 
 
-def test_a_removed_sample_does_not_come_back_with_its_truth(monkeypatch: pytest.MonkeyPatch):
+def test_a_removed_query_does_not_come_back_with_its_truth(monkeypatch: pytest.MonkeyPatch):
     def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         recorded_queries = stored(store)

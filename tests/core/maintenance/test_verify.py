@@ -261,7 +261,7 @@ def test_sound_bodies_are_read_and_counted(store: Store):
 
 
 @pytest.mark.parametrize(("data", "why"), [(b"bodx", "sha256"), (b"bod", "3 bytes"), (None, "missing")])
-def test_a_damaged_body_of_a_kept_query_is_found(store: Store, data: bytes | None, why: str):
+def test_a_damaged_body_of_a_recorded_query_is_found(store: Store, data: bytes | None, why: str):
     store.delete(BODY) if data is None else store.put(BODY, data)
     found = findings(store)
     assert found.keys() == {BODY}

@@ -95,7 +95,7 @@ def test_nothing_is_recorded_by_default(tmp_path: Path):
     assert not (tmp_path / "store" / "recorded-queries").exists()
 
 
-def test_samples_may_have_a_store_of_their_own(tmp_path: Path):
+def test_recorded_queries_may_have_a_store_of_their_own(tmp_path: Path):
     elsewhere = tmp_path / "elsewhere"
     with judging(tmp_path, zenoh=False, recorded_share=1.0, recorded_store=str(elsewhere)) as service:
         assert service.ask("http").ok
@@ -171,7 +171,7 @@ def test_the_rate_and_the_size_are_limited(tmp_path: Path):
     assert (queries.count("recorded"), queries.count("rate_limited"), queries.count("too_large")) == (3, 2, 1)
 
 
-def test_samples_beyond_the_queue_are_dropped(tmp_path: Path):
+def test_queries_beyond_the_waiting_ones_are_dropped(tmp_path: Path):
     queries = Recorded(tmp_path, per_minute=6000)
     for _ in range(MAX_WAITING + 5):  # nobody writes yet
         queries.recorder.offer(QUERY, bytes(100), REJECTED, None)
@@ -180,7 +180,7 @@ def test_samples_beyond_the_queue_are_dropped(tmp_path: Path):
     assert queries.count("recorded") == MAX_WAITING
 
 
-def test_a_failing_store_loses_only_samples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_failing_store_loses_only_recorded_queries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     queries = Recorded(tmp_path)
 
     def fails(self: Store, key: str, data: bytes) -> None:
@@ -222,7 +222,7 @@ def aged(recorded_queries: RecordedQueries, directory: Path, days: float, number
     return query_id
 
 
-def test_old_samples_are_pruned(tmp_path: Path):
+def test_old_queries_are_pruned(tmp_path: Path):
     queries = Recorded(tmp_path, max_age_s=5 * 86400.0)
     old, young = (
         aged(queries.recorded_queries, tmp_path, 6, 1),
@@ -243,7 +243,7 @@ def test_the_oldest_are_pruned_over_the_size_limit(tmp_path: Path):
     assert queries.recorded_queries.ids() == ids[-1:], "each is 1 kB of body and a record"
 
 
-def test_the_limit_holds_while_samples_come(tmp_path: Path):
+def test_the_limit_holds_while_queries_come(tmp_path: Path):
     queries = Recorded(tmp_path, max_bytes=20_000, per_minute=6000)
     for _ in range(MAX_WAITING):
         queries.recorder.offer(QUERY, bytes(2000), REJECTED, None)
@@ -253,7 +253,7 @@ def test_the_limit_holds_while_samples_come(tmp_path: Path):
     assert queries.recorded_queries.ids()
 
 
-def test_an_incomplete_sample_is_pruned_and_not_listed(tmp_path: Path):
+def test_an_incomplete_query_is_pruned_and_not_listed(tmp_path: Path):
     recorded_queries = RecordedQueries(Store.open(str(tmp_path)))
     query_id = new_query_id("0" * 8, datetime.now(timezone.utc) - timedelta(days=2))
     Store.open(str(tmp_path)).put(f"recorded-queries/{query_id}.body", b"1234")
