@@ -16,6 +16,7 @@ from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.version_prefix import check_prefix
 from firstfix.catalog.versions.cache import cached_version
 from firstfix.catalog.versions.folder_lock import FolderLock
 from firstfix.catalog.versions.last_served import LastServed
@@ -124,7 +125,7 @@ class EmbeddedLocalizer:
             if self._was_removed:
                 raise NotFound(f"map {self._map_id} has no active version")
             raise StoreUnavailable(f"no version of map {self._map_id} was fetched yet")
-        if options.version not in (None, answering.version):
+        if not answering.version.startswith(check_prefix(options.version or answering.version)):
             raise InvalidOption(f"only the active version answers here, {answering.version}")
         found = answering.localizer.localize(scan, options)
         provisional = answering.manifest.provisional

@@ -37,7 +37,7 @@ class LocalizeOptions:
             confidence, accepts at most this share of scans whose place is not in the map or not found.
         deadline_ms: time after which the caller no longer needs the answer; None: no deadline. A further
             search for a hard scan that would end later does not begin.
-        version: digest of the map version to use; None: the active version.
+        version: digest of the map version to use, or its first characters; None: the active version.
         twist: (6,) motion of the sensor during the scan, which the caller knows from elsewhere: m/s then
             rad/s, in the sensor frame at the scan's stamp. The scan is deskewed by it, so the times of its
             points must be known. None: the motion is solved with the pose, where the times are known.

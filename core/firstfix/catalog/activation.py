@@ -14,7 +14,7 @@ def check_published(map_id: str, version: str, state: MapState) -> None:
         NotFound: the map has no such version, or it was retired.
     """
     if version not in state.published:
-        raise NotFound(f"map {map_id} has no version {version}")
+        raise NotFound(f"map {map_id} has no version {version}" if state.exists else f"no map {map_id}")
 
 
 def activate(map_id: str, log: MapLog, version: str) -> bool:

@@ -17,11 +17,12 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 from ..builds.config import ActivateConfig, PatchMode
 from ..builds.records import BuildRecords
@@ -35,7 +36,9 @@ from .log.change_log import ChangeLog
 from .log.map_log import MapLog
 from .log.map_state import Event, LogEntry, MapState
 from .manifest import Manifest
+from .provenance import UNKNOWN, Provenance
 from .publish import publish_and_activate
+from .version_prefix import full_version
 from .versions.garbage import collect_versions
 from .versions.objects import VersionFolder, VersionObjects
 
@@ -49,12 +52,16 @@ class VersionInfo:
     Attributes:
         published_time: UTC, ISO 8601.
         provisional: coarse and untested, until the full version takes its place.
+        provenance: what it was made of, and by whom.
+        summary: its numbers, as ``summary_of`` gives them; empty: they were not recorded.
     """
 
     version: str
     active: bool
     published_time: str
     provisional: bool = False
+    provenance: Provenance = UNKNOWN
+    summary: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
 
 class Catalog:
@@ -116,12 +123,24 @@ class Catalog:
         state = self.state(map_id)
         if not state.exists:
             raise NotFound(f"no map {map_id}")
-        times = {e.version: e.time for e in state.entries if e.event is Event.PUBLISHED}
-        return [
-            VersionInfo(version, version == state.active, times[version], version in state.provisional)
-            for version in reversed(state.published)
-            if self._objects.exists(_folder(map_id, version, state))
-        ]
+        infos = (version_info(state, version) for version in reversed(state.published))
+        return [one for one in infos if self._objects.exists(_folder(map_id, one.version, state))]
+
+    def full_version(self, map_id: str, given: str) -> str:
+        """The version of a map that begins with the given characters. A whole version is not looked up.
+
+        Raises:
+            InvalidOption: not 4 to 64 hex characters, or several versions of the map begin so.
+            NotFound: no such map, or no version of it begins so.
+        """
+        return full_version(given, self._published(map_id))
+
+    def _published(self, map_id: str) -> Iterator[str]:
+        """Yield the versions that can be served; the store is asked as the first one is wanted."""
+        state = self.state(map_id)
+        if not state.exists:
+            raise NotFound(f"no map {map_id}")
+        yield from state.published
 
     def manifest(self, map_id: str, version: str) -> Manifest:
         """Read the manifest of a version.
@@ -227,6 +246,7 @@ class Catalog:
         *,
         activate: bool = True,
         build_id: str = "",
+        provenance: Provenance = UNKNOWN,
         on_progress: Callable[[float], None] = lambda done: None,
     ) -> str:
         """Put a version's files and its manifest, record the publication in the log, and activate it.
@@ -239,6 +259,7 @@ class Catalog:
 
         Args:
             activate: False: publish it only (``reason_to_hold``).
+            provenance: is recorded where the version is new.
             on_progress: called as the files are put with the share that is done, 0..1.
 
         Returns:
@@ -256,6 +277,7 @@ class Catalog:
             manifest,
             activate=activate,
             build_id=build_id,
+            provenance=provenance,
             on_progress=on_progress,
         ):
             self._note_change(map_id)
@@ -355,6 +377,21 @@ class Catalog:
             self.changes.note(map_id)
         except StoreError as error:
             _log.warning("no notice of the change of map %s: %s", map_id, error)
+
+
+def version_info(state: MapState, version: str) -> VersionInfo:
+    """What the log of a map tells of one of its published versions.
+
+    Raises:
+        NotFound: the version is not published.
+    """
+    published = (e for e in reversed(state.entries) if (e.event, e.version) == (Event.PUBLISHED, version))
+    entry = next(published, None)
+    if entry is None or version not in state.published:
+        raise NotFound(f"no version {version}")
+    provenance = Provenance.from_mapping(entry.provenance)
+    is_active, is_provisional = version == state.active, version in state.provisional
+    return VersionInfo(version, is_active, entry.time, is_provisional, provenance, entry.summary)
 
 
 def log_folder(map_id: str) -> str:

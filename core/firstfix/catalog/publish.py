@@ -16,6 +16,7 @@ from ..errors import StoreUnavailable
 from .log.map_log import MapLog
 from .log.map_state import Event, MapState
 from .manifest import Manifest
+from .provenance import Provenance, summary_of
 from .versions.objects import VersionFolder, VersionObjects
 
 _MAX_COLLECTIONS = 5  # that interrupt one publication
@@ -34,6 +35,7 @@ def publish_and_activate(
     *,
     activate: bool,
     build_id: str,
+    provenance: Provenance,
     on_progress: Callable[[float], None],
 ) -> bool:
     """Publish a version and, if it is to be, activate it. Returns whether the log has a new entry.
@@ -73,6 +75,8 @@ def publish_and_activate(
                 build_id=build_id,
                 generation=generation,
                 provisional=manifest.provisional,
+                provenance=provenance.to_mapping(),
+                summary=summary_of(manifest),
                 needed=is_needed,
             )
             break

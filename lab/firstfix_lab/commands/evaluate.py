@@ -105,7 +105,7 @@ def evaluate(
         Path | None, typer.Option(help="Draw the map, true poses and answers to this PNG file.")
     ] = None,
     version: Annotated[
-        str | None, typer.Option(help="Map version, 64 characters [default: the active one].")
+        str | None, typer.Option(help="Map version, or its first characters [default: the active one].")
     ] = None,
     encoding: SentAs = "scan",
     timeout_s: TimeoutS = 30.0,

@@ -32,7 +32,9 @@ def export(
     ] = None,
     version: Annotated[
         str | None,
-        typer.Option(help="Version whose cloud is written, 64 characters [default: the active one]."),
+        typer.Option(
+            help="Version whose cloud is written, or its first characters [default: the active one]."
+        ),
     ] = None,
     points: Annotated[
         int, typer.Option(help="Limit on the points of the map.", min=1, max=MAX_POINTS)

@@ -75,7 +75,7 @@ def export(
     if path.suffix not in ENDINGS:
         raise InvalidOption(f"{path}: the file's name must end with {' or '.join(ENDINGS)}")
     with new_file(path, force=force) as folder:
-        found = Exported(version or source.active_version())
+        found = Exported(source.full_version(version) if version else source.active_version())
         cloud = _cloud_of(source, found, most_points)
         with _viewer_file(folder, path.suffix, map_id) as file:
             first_ns = None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
+from firstfix.catalog.version_prefix import full_version
 from firstfix.errors import InvalidOption, NotFound
 from firstfix_builder.index.cloud_octree import POINT
 
@@ -27,6 +28,13 @@ class ExportSource(Protocol):
 
         Raises:
             NotFound: no such map, or no version of it is active.
+        """
+
+    def full_version(self, given: str) -> str:
+        """The only version of the map that begins with the given characters.
+
+        Raises:
+            NotFound, InvalidOption: none or several do.
         """
 
     def cloud(self, version: str) -> dict[str, Any] | None:
@@ -92,6 +100,9 @@ class _ServiceMap:
             raise NotFound(f"map {self._map_id} has no active version")
         return version
 
+    def full_version(self, given: str) -> str:
+        return full_version(given, (entry.version for entry in self._client.versions(self._map_id)))
+
     def cloud(self, version: str) -> dict[str, Any] | None:
         try:
             return dict(self._client.cloud(self._map_id, version))
@@ -121,6 +132,9 @@ class _StoredMap:
         if version is None:
             raise NotFound(f"the store has no map {self._map_id}, or it has no active version")
         return version
+
+    def full_version(self, given: str) -> str:
+        return self._catalog.full_version(self._map_id, given)
 
     def cloud(self, version: str) -> dict[str, Any] | None:
         if CLOUD_INDEX not in self._catalog.manifest(self._map_id, version).files:

@@ -12,7 +12,7 @@ from firstfix.errors import NotFound
 from firstfix_service.http_api.edge import needs
 from firstfix_service.http_api.parts import CatalogDep
 from firstfix_service.http_api.response_budget import ResponseLeaseDep
-from firstfix_service.http_api.routes.versions import FOREVER
+from firstfix_service.http_api.routes.versions import kept_for
 from firstfix_service.http_api.schema.api_models import CloudIndex
 from firstfix_service.http_api.schema.bodies import binary_answer
 from firstfix_service.http_api.schema.parameters import MapId, Version
@@ -39,12 +39,13 @@ def get_cloud(map_id: MapId, version: Version, catalog: CatalogDep, lease: Respo
     `low_m + (x, y, z) * edge`. `marks`: `[first, count]` of the templates and of the mapping run, packed as
     points of the root. 404: the version is provisional.
     """
+    given, version = version, catalog.full_version(map_id, version)
     entry = catalog.manifest(map_id, version).files.get(CLOUD_INDEX)
     if entry is None:
         raise NotFound(f"version {version} of map {map_id} has no cloud for viewers")
     lease.take(min(entry.bytes, MAX_INDEX_BYTES))
     data = catalog.read_file(map_id, version, CLOUD_INDEX, max_bytes=MAX_INDEX_BYTES)
-    return Response(data, media_type="application/json", headers={"Cache-Control": FOREVER})
+    return Response(data, media_type="application/json", headers={"Cache-Control": kept_for(given, version)})
 
 
 @router.get(
@@ -67,6 +68,9 @@ def get_cloud_points(
     Little-endian. The normal is two int8: the octahedral map of a unit vector to -127..127, or twice -128
     where it is not known.
     """
+    given, version = version, catalog.full_version(map_id, version)
     lease.take(count * POINT_BYTES)
     data = catalog.read_part(map_id, version, CLOUD_POINTS, first * POINT_BYTES, count * POINT_BYTES)
-    return Response(data, media_type="application/octet-stream", headers={"Cache-Control": FOREVER})
+    return Response(
+        data, media_type="application/octet-stream", headers={"Cache-Control": kept_for(given, version)}
+    )

@@ -11,11 +11,12 @@ from fastapi import APIRouter, Query, Request, Response
 
 from firstfix.access.permissions import Scope
 from firstfix.answer.options import LocalizeOptions
+from firstfix.catalog.version_prefix import check_prefix
 from firstfix.decode import MEDIA_TYPES
 from firstfix.engine.changes.overlay import OverlayMap
 from firstfix.errors import InvalidOption
 from firstfix.formats.point_cloud import Body
-from firstfix.ids import check_map_id, check_version
+from firstfix.ids import check_map_id
 from firstfix.transform import Matrix
 from firstfix_service.http_api.edge import CallerDep, needs
 from firstfix_service.http_api.parts import LocalizePartsDep
@@ -49,7 +50,7 @@ async def post_overlay(
     ray passes through one. 2: nothing in the map explains it. Of a large scan a part, by chance.
     """
     check_map_id(map_id)
-    check_version(version)
+    check_prefix(version)
     pose = LocalizeOptions.from_strings({"T_base_sensor": T_map_sensor}).T_base_sensor
     if pose is None:
         raise InvalidOption("T_map_sensor is 7 numbers separated by commas")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from firstfix.access.permissions import Grant, Scope
+from firstfix.catalog.provenance import Provenance
 from firstfix.errors import Forbidden
 
 EVERYTHING = Grant(frozenset({Scope.ADMIN}))
@@ -88,6 +89,10 @@ class Principal:
                 use it.
         """
         return owner in (None, self.name) or self.grant.allows(Scope.ADMIN)
+
+    def sees_who(self, provenance: Provenance) -> bool:
+        """Whether the caller may see who made a version, and where: its own, or any with ``admin``."""
+        return provenance.caller == self.name or self.grant.allows(Scope.ADMIN)
 
     @property
     def sees_every_map(self) -> bool:

@@ -200,7 +200,7 @@ class MapCache:
 
     def _load(self, map_id: str, version: str | None) -> Lease:
         if version is not None:
-            return self._loader.load(map_id, version)
+            return self._loader.load(map_id, self._catalog.full_version(map_id, version))
         return self._follow(map_id, self._catalog.state(map_id), warms_up=False)  # a query waits for it
 
     def _follow(self, map_id: str, state: MapState, *, warms_up: bool) -> Lease:

@@ -68,9 +68,10 @@ class ServedMaps:
 
         Args:
             map_ids: well-formed (``firstfix.ids``), and so is the version.
-            version: None means the active version of each map.
+            version: or its first characters; None means the active version of each map.
 
-        The future raises NotFound if there is no such map or version, VersionError if neither it nor an
+        The future raises NotFound if there is no such map or version, InvalidOption if several versions begin
+        so, VersionError if neither it nor an
         earlier active version can be served, and StoreError.
         """
         if len(map_ids) == 1:

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from firstfix.answer.localization import Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
+from firstfix.catalog.version_prefix import check_prefix
 from firstfix.decode import decoder_of, is_point_cloud2
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.formats.point_cloud import Body
-from firstfix.ids import check_map_id, check_version
+from firstfix.ids import check_map_id
 from firstfix.ros.media_types import POSE
 from firstfix.scan.sequence import AnyScan
 from firstfix.wire.content_encoding import decompressor_of
@@ -173,7 +174,7 @@ class Query:
             caller.check_map(check_map_id(map_id))
         options = LocalizeOptions.from_strings(given.options)
         if options.version is not None:
-            check_version(options.version)
+            check_prefix(options.version)
         body_format = BodyFormat.of(given.media_type, given.content_encoding)
         map_ids = tuple(dict.fromkeys(given.map_ids)) or tuple(filter(caller.sees, served()))
         if not map_ids:

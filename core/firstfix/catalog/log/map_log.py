@@ -28,7 +28,7 @@ import random
 import threading
 import time
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -47,6 +47,7 @@ _log = logging.getLogger(__name__)
 ENTRIES_PER_SNAPSHOT = 50
 _MAX_RACES = 200
 _MAX_LOOKS = 5  # of one reader, while entries that it is about to read are collected
+NOT_TOLD: Mapping[str, Any] = {}
 
 
 @dataclass(frozen=True)
@@ -121,6 +122,8 @@ class MapLog:
         build_id: str = "",
         generation: int = 0,
         provisional: bool = False,
+        provenance: Mapping[str, Any] = NOT_TOLD,
+        summary: Mapping[str, Any] = NOT_TOLD,
         needed: Callable[[MapState], bool],
     ) -> LogEntry | None:
         """Append an entry if it is needed in the state before it.
@@ -139,9 +142,8 @@ class MapLog:
                 return None
             seq = seen.state.last_seq + 1
             now = datetime.now(timezone.utc).isoformat(timespec="seconds")
-            entry = LogEntry(
-                seq, event, check_version(version), now, build_id, writer, generation, provisional
-            )
+            known = (check_version(version), now, build_id, writer, generation, provisional)
+            entry = LogEntry(seq, event, *known, provenance, summary)
             if self._create(entry):
                 newer = scan_after(self._store, self._snapshots, max(0, seq - ENTRIES_PER_SNAPSHOT))
                 if self._is_part(entry, list(newer)):

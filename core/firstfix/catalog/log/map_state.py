@@ -38,6 +38,7 @@ class LogEntry:
         writer: unique to one append, so that a writer whose reply was lost recognises its own entry.
         generation: generation of the version's files, for ``published``.
         provisional: the version is provisional, for ``published``.
+        provenance, summary: of the version, for ``published`` (``firstfix.catalog.provenance``).
     """
 
     seq: int
@@ -48,10 +49,20 @@ class LogEntry:
     writer: str = ""
     generation: int = 0
     provisional: bool = False
+    provenance: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    summary: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """JSON-ready form."""
+        values = {**asdict(self), "event": self.event.value}
+        for name in ("provenance", "summary"):
+            if not values[name]:
+                del values[name]
+        return values
 
     def to_json(self) -> bytes:
         """Content of the entry's object."""
-        values = {**asdict(self), "event": self.event.value}
+        values = self.to_mapping()
         del values["seq"]  # it is the object's name
         return record_json(values)
 
@@ -74,7 +85,10 @@ class LogEntry:
         provisional = record["provisional"]
         if type(provisional) is not bool:
             raise TypeError("provisional is no boolean")
-        return cls(seq, known[event], version, time, build_id, writer, generation, provisional)
+        told = [record.get(name, {}) for name in ("provenance", "summary")]
+        if not all(isinstance(values, dict) for values in told):
+            raise TypeError("provenance or summary is no object")
+        return cls(seq, known[event], version, time, build_id, writer, generation, provisional, *told)
 
 
 @dataclass(frozen=True)
@@ -176,8 +190,7 @@ class MapState:
     def to_json(self) -> bytes:
         """Content of a snapshot."""
         values = {**asdict(self), "format": SNAPSHOT_FORMAT}
-        for entry in values["entries"]:
-            entry["event"] = entry["event"].value
+        values["entries"] = [entry.to_mapping() for entry in self.entries]
         return record_json(values)
 
     @classmethod

@@ -27,7 +27,10 @@ def get_changes(
     parts: MapPartsDep,
     version: Annotated[
         str | None,
-        Query(description="default: the active version", json_schema_extra={"pattern": "^[0-9a-f]{64}$"}),
+        Query(
+            description="or its first characters, 4 or more; default: the active version",
+            json_schema_extra={"pattern": "^[0-9a-f]{4,64}$"},
+        ),
     ] = None,
     limit: Limit = DEFAULT_LIMIT,
     cells: Annotated[bool, Query(description="with the cells of each area")] = False,
@@ -39,7 +42,8 @@ def get_changes(
     in front of its surfaces. `unmapped`: so they do, but the mapping run never saw the place: the map lacks a
     part, and nobody knows of a change. The largest areas come first, the unmapped ones after the others.
     """
-    wanted = version or parts.catalog.active_version(map_id)
+    catalog = parts.catalog
+    wanted = catalog.full_version(map_id, version) if version else catalog.active_version(map_id)
     if wanted is None:
         raise NotFound(f"map {map_id} has no active version")
 

@@ -37,7 +37,8 @@ _OPTION_TEXT = {
     "at most this share is answered `localized`, with 95 % confidence; `invalid_option` if the map cannot "
     "promise it",
     "deadline_ms": "milliseconds after which an answer is of no use: the request then fails",
-    "version": "digest of the map version to use instead of the active version",
+    "version": "digest of the map version to use instead of the active version, or its first characters, 4 "
+    "or more",
     "dropped": "points that the caller left out of the scan, for the findings: "
     "`not_finite,too_far,far_m,spread_m`",
     "T_odom_base": "pose of the robot's base at the scan's stamp in its odometry's frame, "

@@ -7,11 +7,12 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request, Response
 
 from firstfix.access.permissions import Scope
+from firstfix.catalog.described import version_details, version_summary
 from firstfix.catalog.version_findings import findings_of
 from firstfix.errors import NotFound
 
 from ...thread_pools import CHANGES, LISTS, READS
-from ..edge import needs
+from ..edge import CallerDep, needs
 from ..parts import CatalogDep, MapPartsDep
 from ..response_budget import ResponseLeaseDep
 from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
@@ -36,24 +37,23 @@ _PICTURE: dict[int | str, dict[str, Any]] = {
 @needs(Scope.LOCALIZE)
 @READS.route
 def get_versions(
-    map_id: MapId, catalog: CatalogDep, limit: Limit = DEFAULT_LIMIT, after: After = None
+    map_id: MapId,
+    catalog: CatalogDep,
+    caller: CallerDep,
+    limit: Limit = DEFAULT_LIMIT,
+    after: After = None,
 ) -> VersionPage:
-    """Published versions of the map, newest first."""
+    """Published versions of the map, newest first, with what they were made of.
+
+    Who made a version, where and by which command is for callers with the scope `admin`, and for who made it.
+    """
     infos = catalog.versions(map_id)
     if after is not None:
         names = [info.version for info in infos]
         if after not in names:
             raise NotFound(f"map {map_id} has no version {after[:64]} (after)")
         infos = infos[names.index(after) + 1 :]
-    page = [
-        {
-            "version": info.version,
-            "active": info.active,
-            "published_time": info.published_time,
-            "provisional": info.provisional,
-        }
-        for info in infos[:limit]
-    ]
+    page = [version_summary(info, caller.sees_who) for info in infos[:limit]]
     following = page[-1]["version"] if len(infos) > limit else None
     return VersionPage.model_validate({"map_id": map_id, "versions": page, "next": following})
 
@@ -61,15 +61,9 @@ def get_versions(
 @router.get("/versions/{version}", response_model=VersionDetails)
 @needs(Scope.LOCALIZE)
 @READS.route
-def get_version(map_id: MapId, version: Version, catalog: CatalogDep) -> dict[str, Any]:
+def get_version(map_id: MapId, version: Version, catalog: CatalogDep, caller: CallerDep) -> dict[str, Any]:
     """One version, with its manifest."""
-    manifest = catalog.manifest(map_id, version)
-    return {
-        "map_id": map_id,
-        "version": version,
-        "active": catalog.active_version(map_id) == version,
-        "manifest": manifest.to_mapping(),
-    }
+    return version_details(catalog, map_id, catalog.full_version(map_id, version), caller.sees_who)
 
 
 @router.get("/versions/{version}/report", response_model=VersionReport)
@@ -80,6 +74,7 @@ def get_report(map_id: MapId, version: Version, catalog: CatalogDep) -> dict[str
 
     Success rate, reliability of the probabilities, and localizability: where a robot can find itself.
     """
+    version = catalog.full_version(map_id, version)
     manifest = catalog.manifest(map_id, version)
     return {
         "map_id": map_id,
@@ -111,11 +106,12 @@ def get_picture(
     `preview`: the map from above with its templates. `reliability`: predicted and measured probabilities.
     `localizability`: where a robot can find itself.
     """
+    given, version = version, catalog.full_version(map_id, version)
     name = f"{request.url.path.rsplit('/', 1)[-1]}.png"
     entry = catalog.manifest(map_id, version).files.get(name)
     if entry is None:
         raise NotFound(f"version {version} of map {map_id} has no {name}")
-    headers = {"ETag": f'"{entry.sha256}"', "Cache-Control": FOREVER}
+    headers = {"ETag": f'"{entry.sha256}"', "Cache-Control": kept_for(given, version)}
     if if_none_match is not None and _names(if_none_match, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     lease.take(min(entry.bytes, MAX_PICTURE_BYTES))
@@ -131,6 +127,7 @@ def activate(map_id: MapId, version: Version, parts: MapPartsDep) -> Activation:
 
     This replica serves it before it answers the request, other replicas within their poll interval.
     """
+    version = parts.catalog.full_version(map_id, version)
     parts.catalog.activate(map_id, version)
     serving = parts.maps.refresh(map_id).version
     return Activation(map_id=map_id, active_version=version, serving_version=serving)
@@ -164,8 +161,14 @@ def retire(
 
     409: it is the active version, and `force` is not set.
     """
+    version = catalog.full_version(map_id, version)
     catalog.retire(map_id, version, force=force)
     return Retirement(map_id=map_id, version=version, active_version=catalog.active_version(map_id))
+
+
+def kept_for(given: str, version: str) -> str:
+    """Cache-Control of what a version holds. First characters may name another version tomorrow."""
+    return FOREVER if given == version else "private, no-cache"
 
 
 def _names(if_none_match: str, etag: str) -> bool:

@@ -23,7 +23,11 @@ QueryId = Annotated[
     ),
 ]
 Version = Annotated[
-    str, Path(description="digest of the version", json_schema_extra={"pattern": "^[0-9a-f]{64}$"})
+    str,
+    Path(
+        description="digest of the version, or its first characters, 4 or more: 400 where several begin so",
+        json_schema_extra={"pattern": "^[0-9a-f]{4,64}$"},
+    ),
 ]
 
 DEFAULT_LIMIT = 100  # entries of one page
