@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import itertools
 import re
 import select
+import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +19,7 @@ from typing import Any
 
 import pytest
 
+import firstfix
 from firstfix.builds.options import BuildOptions
 from firstfix.builds.records import BuildRecords, new_status
 from firstfix.catalog.catalog import Catalog
@@ -95,6 +98,14 @@ def test_a_build_is_published_and_its_end_recorded(place: Place) -> None:
     version = place.catalog.active_version("hall")
     assert status == new_status("succeeded", map_id="hall", stage="publish", progress=1.0, version=version)
     assert place.catalog.log("hall")[0].build_id == "b1"
+    (info,) = place.catalog.versions("hall")
+    made = info.provenance
+    assert (made.file_name, made.size_bytes, made.sha256) == (
+        "hall.ply",
+        7,
+        hashlib.sha256(b"a cloud").hexdigest(),
+    )
+    assert (made.release, made.host) == (firstfix.__version__, socket.gethostname())
     assert pipeline.calls == [{"source": "hall.ply", "trajectory": None, "config": {"x": 1}}]
     folder = place.catalog.fetch_version("hall", str(version), place.work / "cache")
     assert (folder / "index.bin").read_bytes() == b"a cloud"

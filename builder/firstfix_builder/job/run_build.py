@@ -40,6 +40,7 @@ from .build_job import BuildJob, BuildResult, BuildVersion, error_record, full_d
 from .confirmed_queries import collect_confirmed
 from .fetch_source import SourceFetch, json_object
 from .patch_source import collect_patch_source
+from .provenance import provenance_of_request
 from .reporter import BuildReporter
 
 _EXIT_OF_STATE = {
@@ -97,7 +98,9 @@ def run_build(
                     raise BuildCancelled("cancelled before the provisional version was published")
                 if catalog.reason_to_hold(map_id, built.manifest, ActivateConfig()) is not None:
                     return  # the full version's status will say why
-                version = catalog.publish(map_id, built.directory, built.manifest, build_id=build_id)
+                version = catalog.publish(
+                    map_id, built.directory, built.manifest, build_id=build_id, provenance=provenance
+                )
                 if version in catalog.state(map_id).provisional:
                     reporter.provisional_version = version
                     _log.info("build %s has published the provisional version %s", build_id, version)
@@ -108,6 +111,7 @@ def run_build(
                     catalog.store.probe()
                     fetch = SourceFetch(options, catalog.store, map_id)
                     sources = fetch.of_request(request, partial(tick, FETCH_SOURCE))
+                    provenance = provenance_of_request(request, sources["source"])
                     recorded_queries = RecordedQueries(Store.open(options.recorded_store or options.store))
                     patch = json_object(request, "patch")
                     if patch:
@@ -150,6 +154,7 @@ def run_build(
                         built.manifest,
                         activate=held is None,
                         build_id=build_id,
+                        provenance=provenance,
                         on_progress=partial(tick, PUBLISH),
                     )
                 status = new_status(

@@ -176,13 +176,14 @@ class AsyncBuildCalls(AsyncHttpCalls):
         *,
         config: Mapping[str, Any] | None = None,
         trajectory: Path | str | None = None,
+        note: str = "",
         progress: Callable[[BuildStatus], None] | None = None,
         upload_timeout_s: float = 3600.0,
         timeout_s: float = DAY_S,
     ) -> BuildStatus:
         """Upload a map file and start its build."""
         steps = self._http.steps.builds.build_map(
-            path, map_id, config, trajectory, progress, upload_timeout_s, timeout_s
+            path, map_id, config, trajectory, note, progress, upload_timeout_s, timeout_s
         )
         return await self._http.run(steps)
 

@@ -274,6 +274,7 @@ class BuildCalls(HttpCalls):
         *,
         config: Mapping[str, Any] | None = None,
         trajectory: Path | str | None = None,
+        note: str = "",
         progress: Callable[[BuildStatus], None] | None = None,
         upload_timeout_s: float = 3600.0,
         timeout_s: float = DAY_S,
@@ -286,6 +287,7 @@ class BuildCalls(HttpCalls):
         Args:
             config: build config, with the keys of its YAML file; None: the service's defaults.
             trajectory: file with the poses of the mapping run.
+            note: for people, shown with the version.
             progress: called about once a second until the build ends. None: do not wait for the build;
                 follow it with ``wait_for_build`` or ``build_events``.
             timeout_s: limit for the build itself, if it is waited for.
@@ -296,7 +298,7 @@ class BuildCalls(HttpCalls):
             BuildFailed, BuildCancelled: the build ended without a version.
         """
         steps = self._http.steps.builds.build_map(
-            path, map_id, config, trajectory, progress, upload_timeout_s, timeout_s
+            path, map_id, config, trajectory, note, progress, upload_timeout_s, timeout_s
         )
         return self._http.run(steps)
 

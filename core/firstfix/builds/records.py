@@ -4,6 +4,7 @@
     builds/<build_id>/status.json    replaced by the process that runs the build
     builds/<build_id>/cancel         if it exists, the build is to stop
     builds/<build_id>/stages.json    duration of each stage of the last run, once that has ended
+    builds/<build_id>/log.txt        end of the log of its processes, replaced whenever an attempt has ended
     builds/<build_id>/attempts/...   see ``firstfix.builds.attempts``
 
 One process at a time runs a build (see ``firstfix.builds.attempts``), so the status needs no precondition:
@@ -16,6 +17,7 @@ All other builds go on. ``firstfix.maintenance.repair`` repairs it or moves it a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from ..errors import Conflict, NotFound, UnreadableRecord
@@ -27,6 +29,7 @@ from ..telemetry.redact import redact
 
 STATES = ("queued", "running", "succeeded", "failed", "cancelled")
 FINAL_STATES = frozenset({"succeeded", "failed", "cancelled"})
+MAX_LOG_BYTES = 64 << 10
 UNREADABLE = "unreadable"  # shown instead of a state, never recorded
 
 
@@ -132,6 +135,42 @@ class BuildRecords:
         record = record_json({"stages": [dict(stage) for stage in stages]})
         self.store.put(_key(build_id, "stages.json"), record)
 
+    def log(self, build_id: str) -> str:
+        """The end of the log of a build's processes, for people.
+
+        Raises:
+            NotFound: no such build, or no attempt at it has ended yet.
+        """
+        self.status(build_id)
+        try:
+            return self.store.get(_key(build_id, "log.txt"), max_bytes=MAX_LOG_BYTES).decode(errors="replace")
+        except NotFound:
+            raise NotFound(f"build {build_id} has no log: it is kept as an attempt ends") from None
+
+    def set_log(self, build_id: str, text: str) -> None:
+        """Keep the end of a log, without secrets."""
+        kept = redact(text).encode()[-MAX_LOG_BYTES:]
+        self.store.put(_key(build_id, "log.txt"), kept)
+
+    def details(self, build_id: str) -> dict[str, Any]:
+        """Status of a build for display, with its stages, and what it was asked for.
+
+        Returns:
+            As ``shown_status``, with ``stages``, ``file_name``, ``note`` and ``caller``; an unknown text is
+            empty.
+
+        Raises:
+            NotFound: no such build.
+        """
+        shown: dict[str, Any] = {**self.shown_status(build_id), "stages": []}
+        request: dict[str, Any] = {}
+        with suppress(UnreadableRecord):  # for people: the build's state does not depend on it
+            request = self.request(build_id)
+        with suppress(UnreadableRecord):
+            shown["stages"] = self.stages(build_id) if shown["state"] in FINAL_STATES else []
+        asked = {"file_name": "file_name", "note": "note", "caller": "owner"}
+        return shown | {name: str(request.get(stored) or "") for name, stored in asked.items()}
+
     def request_cancel(self, build_id: str) -> None:
         """Ask a build to stop. The build worker checks for this once a second.
 
@@ -208,7 +247,7 @@ def parse_request(record: dict[str, Any]) -> dict[str, Any]:
             raise ValueError("mode of the patch is neither propose nor activate")
     if not isinstance(record.get("config") or {}, dict):
         raise TypeError("config is not an object")
-    for name in ("file_name", "owner"):
+    for name in ("file_name", "owner", "note", "command"):
         if record.get(name) is not None:
             text_of(record, name)
     return record

@@ -38,7 +38,7 @@ from .record_copies import Copies, compare_copies
 from .record_kinds import why_unreadable
 
 _AT_ONCE = 4
-_REPLACED = ("/status.json", "/stages.json")  # of a build; all other objects are created once
+_REPLACED = ("/status.json", "/stages.json", "/log.txt")  # of a build; all other objects are created once
 _FOLDERS = ("maps", "builds", "keys")
 CHECKED_FOR = timedelta(days=30)
 

@@ -37,7 +37,7 @@ def patch_request(catalog: Catalog, map_id: str, mode: PatchMode | None = None) 
             f"patches of map {map_id} are off: name a mode, propose or activate, or build the map with "
             "patch: propose in its config"
         )
-    return {**request, "patch": {"base": base, "mode": mode}}
+    return {**request, "command": f"patch of version {base}", "patch": {"base": base, "mode": mode}}
 
 
 def request_patch(catalog: Catalog, map_id: str, mode: PatchMode | None = None) -> str:

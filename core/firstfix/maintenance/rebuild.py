@@ -28,9 +28,9 @@ def rebuild(catalog: Catalog, map_id: str) -> str:
         InvalidOption: the map id is invalid.
         StoreError: the store failed.
     """
-    _, request = active_request(catalog, map_id)
+    version, request = active_request(catalog, map_id)
     request.pop("patch", None)
-    return record_again(catalog, map_id, request)
+    return record_again(catalog, map_id, {**request, "command": f"rebuild of version {version}"})
 
 
 def active_request(catalog: Catalog, map_id: str) -> tuple[str, dict[str, Any]]:

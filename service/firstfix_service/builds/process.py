@@ -25,6 +25,7 @@ from typing import BinaryIO
 import structlog
 
 from firstfix.builds.options import BuildOptions
+from firstfix.builds.records import MAX_LOG_BYTES
 from firstfix.errors import BuildError
 
 from ..settings import Settings
@@ -138,6 +139,15 @@ class BuildProcess:
             return f"the build process was killed by {signal.Signals(-code).name}{hint}"
         message = last_message(self._log_path)
         return f"the build process failed with exit code {code}" + (f": {message}" if message else "")
+
+    def end_of_log(self) -> str:
+        """The last lines of the log file; empty if there is none."""
+        try:
+            with self._log_path.open("rb") as file:
+                file.seek(max(0, self._log_path.stat().st_size - MAX_LOG_BYTES))
+                return file.read(MAX_LOG_BYTES).decode(errors="replace")
+        except OSError:
+            return ""
 
     def remove_log(self) -> None:
         """Remove the log file."""

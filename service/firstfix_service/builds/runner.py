@@ -208,6 +208,8 @@ class BuildRunner:
 
     def _record_end(self, attempt: Attempt, process: BuildProcess, code: int) -> Turn:
         """Record the end of a build whose process ended, unless the process recorded it."""
+        with suppress(StoreError):  # for people: the end of the build is more important
+            self._catalog.builds.set_log(attempt.build_id, process.end_of_log())
         status = self._catalog.builds.status_or_queued(attempt.build_id)
         if code == ExitCode.TRY_AGAIN:
             self._put_back(attempt)

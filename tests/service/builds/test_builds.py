@@ -73,6 +73,10 @@ def test_a_worker_that_dies_fails_its_build_and_no_other(tmp_path: Path, do: str
         assert ended["error"]["code"] == code
         assert detail in ended["error"]["detail"]
         assert ended["stage"] == "describe", "as far as it came"
+        if do == "die":
+            log = service.http.get(f"{died.headers['location']}/log")
+            assert log.text.splitlines() == ["something to say", "the reason it died"]
+            assert log.headers["content-type"].startswith("text/plain")
         assert wait_until_ended(service, after)["state"] == "succeeded"
 
 

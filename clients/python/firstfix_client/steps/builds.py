@@ -101,6 +101,7 @@ class BuildSteps:
         map_id: str,
         config: Mapping[str, Any] | None,
         trajectory: Path | str | None,
+        note: str,
         progress: Callable[[BuildStatus], None] | None,
         upload_timeout_s: float,
         timeout_s: float,
@@ -110,11 +111,10 @@ class BuildSteps:
         for wanted in paths.values():
             if not wanted.is_file():
                 raise NotFound(f"{wanted}: no such file")
+        asked = {"map_id": map_id, "config": dict(config or {}), "note": note}
         deadline = Deadline(upload_timeout_s)
-        if sum(wanted.stat().st_size for wanted in paths.values()) < IN_PARTS_FROM_BYTES:
-            answer = yield from self._post_form(paths, map_id, config, deadline)
-        else:
-            answer = yield from self._post_uploads(paths, map_id, config, deadline)
+        in_parts = sum(wanted.stat().st_size for wanted in paths.values()) >= IN_PARTS_FROM_BYTES
+        answer = yield from (self._post_uploads if in_parts else self._post_form)(paths, asked, deadline)
         if not answer.last_of_location:
             raise FirstfixError("the service accepted the map but returned no build id")
         if progress is not None:
@@ -174,20 +174,19 @@ class BuildSteps:
         yield from self._http.call("DELETE", "builds", build_id, repeatable=False)
 
     def _post_form(
-        self, paths: Mapping[str, Path], map_id: str, config: Mapping[str, Any] | None, deadline: Deadline
+        self, paths: Mapping[str, Path], asked: Mapping[str, Any], deadline: Deadline
     ) -> Steps[HttpAnswer]:
-        fields = {"map_id": map_id} | ({} if config is None else {"config": json.dumps(config)})
+        fields = {**asked, "config": json.dumps(asked["config"])}
         request = HttpRequest("POST", ("maps",), headers=_once(), form=fields, files=paths)
         return self._http.send_same(request, deadline)
 
     def _post_uploads(
-        self, paths: Mapping[str, Path], map_id: str, config: Mapping[str, Any] | None, deadline: Deadline
+        self, paths: Mapping[str, Path], asked: Mapping[str, Any], deadline: Deadline
     ) -> Steps[HttpAnswer]:
         uploads: dict[str, str] = {}
         for name, file in paths.items():
             uploads[name] = yield from upload_in_parts(self._http, file, deadline)
-        body: dict[str, Any] = {"map_id": map_id, "config": dict(config or {})}
-        body |= {name: {"upload": upload_id} for name, upload_id in uploads.items()}
+        body = {**asked, **{name: {"upload": upload_id} for name, upload_id in uploads.items()}}
         request = HttpRequest("POST", ("maps",), headers=_once(), json=body)
         answer = yield from self._http.send_same(request, deadline)
         with suppress(FirstfixError, ConnectionError):  # the service removes it in a day

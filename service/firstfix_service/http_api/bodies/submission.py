@@ -13,6 +13,7 @@ from fastapi import Request
 from firstfix.access.permissions import Scope
 from firstfix.builds.config import BuildConfig
 from firstfix.builds.source_policy import check_source_url
+from firstfix.catalog.provenance import check_note
 from firstfix.catalog.sources import put_source, source_key
 from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id, check_upload_id
@@ -25,7 +26,7 @@ from .form import FormDirectory, FormFile, harmless_name, receive_form
 from .json_body import parse_object, read_object
 from .uploads import own_upload
 
-_TEXTS, _FILES = {"map_id", "config"}, {"source", "trajectory"}
+_TEXTS, _FILES = {"map_id", "config", "note"}, {"source", "trajectory"}
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class Submission:
 
     Attributes:
         config: of the build, as given; it was checked.
+        note: of the caller, for people.
     """
 
     caller: Principal
@@ -63,6 +65,7 @@ class Submission:
     source: Source
     trajectory: Source | None
     config: Mapping[str, Any]
+    note: str = ""
 
     @property
     def copies_uploads(self) -> bool:
@@ -72,6 +75,7 @@ class Submission:
     def fingerprint(self) -> str:
         """A digest that is equal for equal submissions. Of a form's files, the content counts."""
         described = [self.map_id, _identity(self.source), _identity(self.trajectory), self.config]
+        described += [self.note] if self.note else []
         return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
 
     def keep(self, parts: UploadParts, *, build_id: str = "") -> dict[str, Any]:
@@ -100,6 +104,7 @@ class Submission:
             "trajectory": trajectory,
             "config": self.config,
             "owner": self.caller.name,
+            "note": self.note,
         }
 
     def _kept(self, parts: UploadParts, source: Source, build_id: str) -> tuple[dict[str, str], str]:
@@ -155,6 +160,7 @@ async def from_form(
         form.files["source"],
         form.files.get("trajectory"),
         _checked_config(parse_object((form.texts.get("config") or "{}").encode(), "config")),
+        check_note(form.texts.get("note", "")),
     )
 
 
@@ -166,7 +172,7 @@ async def from_json(request: Request, parts: UploadParts, caller: Principal) -> 
         Forbidden: the caller may not build this map.
     """
     body = await read_object(request)
-    unknown = set(body) - {"map_id", "source", "trajectory", "config"}
+    unknown = set(body) - {"map_id", "source", "trajectory", "config", "note"}
     if unknown:
         raise InvalidOption(f"no field {', '.join(sorted(unknown))[:200]}")
     config = body.get("config") or {}
@@ -179,6 +185,7 @@ async def from_json(request: Request, parts: UploadParts, caller: Principal) -> 
         _named(parts, body.get("source"), "source"),
         None if trajectory is None else _named(parts, trajectory, "trajectory"),
         _checked_config(config),
+        check_note(body.get("note") or ""),
     )
 
 

@@ -8,12 +8,12 @@ from typing import Annotated, Any, Literal
 
 import structlog
 from fastapi import APIRouter, Query, Response
-from fastapi.responses import StreamingResponse
+from fastapi.responses import PlainTextResponse, StreamingResponse
 
 from firstfix.access.permissions import Scope
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.catalog import Catalog
-from firstfix.errors import FirstfixError, NotFound, StoreUnavailable, UnreadableRecord
+from firstfix.errors import FirstfixError, NotFound, StoreUnavailable
 from firstfix.ids import check_map_id
 
 from ...builds.queue import BuildQueue, waits_for
@@ -86,19 +86,30 @@ def get_builds(
 @router.get("/{build_id}")
 @needs(Scope.BUILD)
 @READS.route
-def get_build(build_id: BuildId, builds: BuildPartsDep, response: Response) -> Build:
+def get_build(build_id: BuildId, builds: BuildPartsDep, caller: CallerDep, response: Response) -> Build:
     """State, stage, progress, error, and the version of a build that has succeeded.
 
     Of a build that has ended also its stages, with what each has taken over from earlier builds.
 
     State `unreadable`: the build's record in the store is damaged.
     """
-    status = builds.catalog.builds.shown_status(build_id)
-    shown = _shown(builds.queue, build_id, status)
-    if status["state"] not in FINAL_STATES:
+    details = builds.catalog.builds.details(build_id)
+    if details["caller"] != caller.name and not caller.grant.allows(Scope.ADMIN):
+        del details["caller"]
+    if details["state"] not in FINAL_STATES:
         response.headers["Retry-After"] = str(RETRY_AFTER_S)
-        return Build.model_validate(shown)
-    return Build.model_validate({**shown, "stages": _stages(builds.catalog, build_id)})
+    return Build.model_validate(_shown(builds.queue, build_id, details))
+
+
+@router.get("/{build_id}/log", response_class=PlainTextResponse)
+@needs(Scope.ADMIN)
+@READS.route
+def get_build_log(build_id: BuildId, builds: BuildPartsDep) -> PlainTextResponse:
+    """The end of the log of the build's processes, up to 64 KiB, for admins: it names files of the machine.
+
+    It is kept whenever an attempt at the build has ended.
+    """
+    return PlainTextResponse(builds.catalog.builds.log(build_id))
 
 
 @router.delete("/{build_id}", status_code=202)
@@ -155,10 +166,3 @@ def _shown(queue: BuildQueue | None, build_id: str, status: dict[str, Any]) -> d
 def _event(name: str, shown: dict[str, Any]) -> bytes:
     data = json.dumps(shown, separators=(",", ":"))
     return f"event: {name}\ndata: {data}\n\n".encode()
-
-
-def _stages(catalog: Catalog, build_id: str) -> list[dict[str, Any]]:
-    try:
-        return catalog.builds.stages(build_id)
-    except UnreadableRecord:  # they are for people: the build's state does not depend on them
-        return []

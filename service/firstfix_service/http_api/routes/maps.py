@@ -12,6 +12,7 @@ from fastapi.responses import JSONResponse
 from firstfix.access.permissions import Scope
 from firstfix.builds.callers import CallersKey, claim_build, claimed_build
 from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.described import map_details, map_summary
 from firstfix.errors import Conflict, NotFound, UnsupportedFormat
 from firstfix.ids import is_name, new_build_id
 
@@ -89,26 +90,16 @@ def get_maps(
         if state.published:
             if len(found) == limit:
                 return MapPage.model_validate({"maps": found, "next": found[-1]["map_id"]})
-            found.append({"map_id": map_id, "active_version": state.active})
+            found.append(map_summary(map_id, state))
     return MapPage.model_validate({"maps": found, "next": None})
 
 
 @router.get("/{map_id}", response_model=MapDetails, response_model_exclude_unset=True)
 @needs(Scope.LOCALIZE)
 @READS.route
-def get_map(map_id: MapId, catalog: CatalogDep) -> dict[str, Any]:
+def get_map(map_id: MapId, catalog: CatalogDep, caller: CallerDep) -> dict[str, Any]:
     """One map, with the manifest of its active version."""
-    state = catalog.state(map_id)
-    if not state.exists:
-        raise NotFound(f"no map {map_id}")
-    described: dict[str, Any] = {
-        "map_id": map_id,
-        "active_version": state.active,
-        "versions": len(state.published),
-    }
-    if state.active is not None:
-        described["manifest"] = catalog.manifest(map_id, state.active).to_mapping()
-    return described
+    return map_details(catalog, map_id, caller.sees_who)
 
 
 @router.delete("/{map_id}")

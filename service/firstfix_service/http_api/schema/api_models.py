@@ -16,12 +16,55 @@ def _example(**values: Any) -> ConfigDict:
     return ConfigDict(json_schema_extra={"examples": [values]})
 
 
+class Threshold(BaseModel):
+    """Promise of a version's answers."""
+
+    min_probability: float = Field(description="an answer is `localized` from here on")
+    max_false_accept: float = Field(description="share of wrong answers that the config allows")
+    bound: float | None = Field(None, description="share that was shown, with 95 % confidence")
+    kept_by: str | None = Field(None, description="`rate`, `many maps` or `each answer`")
+
+
+class VersionNumbers(BaseModel):
+    """Numbers by which versions are told apart. Empty for a version that did not record them."""
+
+    sensor: str | None = Field(None, description="name of the sensor model of its templates")
+    size_m: list[float] | None = Field(None, description="extent along x, y and z, metres")
+    templates: int | None = None
+    found: float | None = Field(None, description="share of the self-test's scans whose place was found")
+    localized: float | None = Field(None, description="share of the self-test's scans that were localized")
+    threshold: Threshold | None = None
+
+
+class Provenance(BaseModel):
+    """What a version was made of, and by whom. A text is empty where it is not known."""
+
+    file_name: str = ""
+    size_bytes: int = Field(0, description="of the source; 0: not known")
+    sha256: str = Field("", description="of the source's file; empty for a folder")
+    trajectory: str = Field("", description="file name of the poses of the mapping run")
+    note: str = Field("", description="as its maker wrote it")
+    release: str = Field("", description="of firstfix, which built it")
+    caller: str | None = Field(
+        None, description="who asked for the build; for `admin`, and for the caller itself"
+    )
+    host: str | None = Field(None, description="machine that built it; as `caller`")
+    command: str | None = Field(None, description="command line or request; as `caller`")
+
+
 class MapSummary(BaseModel):
     """A map that was published at least once."""
 
-    model_config = _example(map_id="hall", active_version=_VERSION)
+    model_config = _example(
+        map_id="hall",
+        active_version=_VERSION,
+        published_time="2025-03-01T12:00:00+00:00",
+        summary={"sensor": "os0-64", "size_m": [35.4, 62.2, 11.5], "localized": 0.95},
+    )
     map_id: str
     active_version: str | None = Field(description="version that answers; null: every version is retired")
+    published_time: str | None = Field(None, description="of the active version: UTC, ISO 8601")
+    summary: VersionNumbers = Field(VersionNumbers(), description="of the active version")
 
 
 class MapPage(BaseModel):
@@ -35,6 +78,7 @@ class MapDetails(MapSummary):
     """A map with its active manifest."""
 
     versions: int = Field(description="number of published versions")
+    provenance: Provenance = Field(Provenance(), description="of the active version; missing without one")
     manifest: dict[str, Any] = Field({}, description="manifest of the active version; missing without one")
 
 
@@ -58,6 +102,8 @@ class VersionSummary(BaseModel):
     provisional: bool = Field(
         False, description="coarse and untested: served until the build's full version takes its place"
     )
+    provenance: Provenance = Provenance()
+    summary: VersionNumbers = VersionNumbers()
 
 
 class VersionPage(BaseModel):
@@ -68,12 +114,10 @@ class VersionPage(BaseModel):
     next: str | None = Field(description="`after` of the next page; null: this is the last page")
 
 
-class VersionDetails(BaseModel):
+class VersionDetails(VersionSummary):
     """A version with its manifest."""
 
     map_id: str
-    version: str
-    active: bool
     manifest: dict[str, Any] = Field(
         description="files and parameters of the version; its digest is the version's name"
     )
@@ -202,6 +246,12 @@ class Build(BaseModel):
     )
     stages: list[BuildStage] = Field(
         [], description="stages of a build that has ended, in `GET /builds/{build_id}`; else empty"
+    )
+    file_name: str = Field("", description="of the source, in `GET /builds/{build_id}`")
+    note: str = Field("", description="of the caller, in `GET /builds/{build_id}`")
+    caller: str | None = Field(
+        None,
+        description="who asked for it, in `GET /builds/{build_id}`; for `admin`, and for the caller itself",
     )
 
 

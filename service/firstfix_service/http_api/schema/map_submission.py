@@ -26,6 +26,7 @@ _NAMED = {
         )
     ]
 }
+_NOTE = {"type": "string", "maxLength": 500, "description": "for people: shown with the version"}
 _MAP_ID = {"type": "string", "pattern": "^[a-z0-9][a-z0-9_-]{0,62}$"}
 BODY: dict[str, Any] = {
     "requestBody": {
@@ -45,6 +46,7 @@ BODY: dict[str, Any] = {
                             "contentMediaType": "application/json",
                             "description": "a `BuildConfig`",
                         },
+                        "note": _NOTE,
                     },
                 }
             },
@@ -58,6 +60,7 @@ BODY: dict[str, Any] = {
                         "source": _NAMED,
                         "trajectory": {"anyOf": [_NAMED, {"type": "null"}]},
                         "config": {"$ref": "#/components/schemas/BuildConfig"},
+                        "note": _NOTE,
                     },
                 },
                 "examples": {
