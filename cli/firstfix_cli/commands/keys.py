@@ -31,6 +31,7 @@ Store = Annotated[
     str,
     typer.Option(
         envvar="FIRSTFIX_STORE",
+        metavar="STORE",
         help="Object store of the service: a directory, s3://..., gs://... or az://...",
     ),
 ]
@@ -81,7 +82,10 @@ def create(
         typer.echo(json.dumps({**key.to_mapping(), "key": token}))
         return
     typer.echo(token)
-    typer.echo(f"{_line(key)}\nKeep the key: the store has only its hash.", err=True)
+    typer.echo(
+        f"{_line(key)}\nKeep the key: the store has only its hash. Services take it at once, or within 5 s.",
+        err=True,
+    )
 
 
 @app.command("ls")
@@ -109,9 +113,10 @@ def revoke(
 
 def _keys(store: str) -> ApiKeys:
     from firstfix.access.api_keys import ApiKeys
-    from firstfix.store.store import Store
 
-    return ApiKeys(Store.open(store))
+    from ..stores import existing_store
+
+    return ApiKeys(existing_store(store))
 
 
 def _line(key: ApiKey) -> str:

@@ -126,6 +126,14 @@ class ApiKeys:
             raise NotFound(f"no key {key_id}")
         self._store.put_new(_key(key_id, _REVOKED), b"")
 
+    def find(self, key_id: str) -> ApiKey | None:
+        """One key that is not revoked; None if there is none, or its record is damaged."""
+        key = self._read.get(key_id) or self._record(key_id)
+        if key is None or self._store.exists(_key(key_id, _REVOKED)):
+            return None
+        self._read[key_id] = key
+        return key
+
     def all(self) -> tuple[list[ApiKey], list[str]]:
         """All keys, oldest first, and the ids of keys with damaged records.
 

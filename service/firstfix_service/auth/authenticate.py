@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import structlog
 
-from firstfix.access.api_keys import ApiKeys
+from firstfix.access.api_keys import ApiKeys, parse_token
 from firstfix.access.permissions import Scope
 from firstfix.errors import Unauthorized
 from firstfix.store.store import Store
@@ -22,6 +23,7 @@ from ..telemetry.request_scope import note
 from ..thread_pools import KEYS
 from ..thread_pools.background import PeriodicTask
 from .key_ring import KeyRing
+from .new_keys import NewKeys
 from .principal import Needs, Principal
 
 if TYPE_CHECKING:
@@ -46,6 +48,7 @@ class Authenticator:
 
     def __init__(self, limits: Limits, keys: KeyRing | None, tokens: TokenVerifier | None) -> None:
         self.keys, self._tokens = keys, tokens
+        self._new_keys = None if keys is None else NewKeys(keys, limits, time.monotonic)
         self._rates: dict[str, Rate | None] = {
             "localize": _rate("queries", limits.localize_per_s, limits.localize_burst_s),
             "build": _rate("builds", limits.builds_per_hour / 3600, 3600),
@@ -78,12 +81,19 @@ class Authenticator:
             if not credential:
                 raise Unauthorized("this service needs an API key or a token")
             if credential.startswith(_API_KEY) or self._tokens is None:
+                if (parsed := parse_token(credential)) is not None:
+                    await self.look_up(parsed[0], address)
                 return self.keys.principal(credential)
             return await self._tokens.principal(credential)
         except Unauthorized as error:
             if credential:
                 self.count_refusal(address, error)
             raise
+
+    async def look_up(self, key_id: str, address: str) -> None:
+        """Learn a key that was made since the keys were listed, within limits."""
+        if self._new_keys is not None:
+            await self._new_keys.look_up(key_id, address)
 
     def count_refusal(self, address: str, error: Unauthorized) -> None:
         """Count and log an invalid credential.

@@ -25,6 +25,9 @@ class KeyRing:
         max_age_s: the keys are not accepted if no refresh has succeeded for so long, because one of them may
             have been revoked.
         clock: monotonic time in seconds.
+
+    Attributes:
+        listing: number of refreshes that succeeded.
     """
 
     def __init__(self, keys: ApiKeys, max_age_s: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -34,6 +37,7 @@ class KeyRing:
         self._known: dict[str, ApiKey] = {}
         self._read_at: float | None = None
         self._damaged: set[str] = set()
+        self.listing = 0
 
     @property
     def age_s(self) -> float:
@@ -53,6 +57,21 @@ class KeyRing:
         self._damaged = set(damaged)
         self._known = {key.key_id: key for key in found if not key.revoked}
         self._read_at = started
+        self.listing += 1
+
+    def knows(self, key_id: str) -> bool:
+        """Whether a key is known; it may have expired."""
+        return key_id in self._known
+
+    def learn(self, key_id: str) -> None:
+        """Read one key from the store. If that fails, it stays unknown."""
+        try:
+            key = self._keys.find(key_id)
+        except StoreError as error:
+            _log.warning("cannot look up an API key", code=error.code, error=str(error))
+            return
+        if key is not None:
+            self._known = {**self._known, key_id: key}
 
     def principal(self, token: str) -> Principal:
         """The caller whose API key this is.

@@ -60,6 +60,10 @@ class Limits:
     localize_burst_s: float = 5.0
     builds_per_hour: float = 60.0  # or more, if a caller may have so many minutes that each build takes one
     changes_per_min: float = 60.0  # of each map: each change stays in its log for ever
+    new_keys_per_s: float = 0.2  # of an address: keys that the last listing did not have are looked up
+    new_keys_burst: float = 5.0
+    all_new_keys_per_s: float = 5.0  # of all addresses together: each is two requests to the store
+    all_new_keys_burst: float = 20.0
     auth_failures_per_min: float = 60.0  # of an address: nobody guesses 256 bits, but a guess is a log line
     max_names: int = 10_000  # whose requests are counted: the one seen longest ago is forgotten first
 

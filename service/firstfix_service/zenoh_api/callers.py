@@ -11,7 +11,7 @@ from typing import Any
 
 from firstfix.access.permissions import Scope
 from firstfix.errors import FirstfixError, Unauthorized
-from firstfix.wire.signature import Asked
+from firstfix.wire.signature import Asked, QuerySignature
 
 from ..auth.authenticate import Authenticator
 from ..auth.principal import Needs, Principal
@@ -86,6 +86,19 @@ class ZenohCallers:
             return ZenohCaller(signatures.check(content, asked))
         except FirstfixError as error:
             return ZenohCaller(refused=error)
+
+    async def identify(self, query: Any) -> ZenohCaller:
+        """The caller, as ``look``; a key that was made since the keys were listed is looked up first."""
+        attachment = query.attachment
+        if (
+            self._signatures is not None
+            and attachment is not None
+            and len(attachment) <= MAX_CREDENTIAL_BYTES
+        ):
+            signature = QuerySignature.parse(attachment.to_bytes())
+            if signature is not None:
+                await self._authenticator.look_up(signature.key_id, "zenoh")
+        return self.look(query)
 
     async def admit(self, caller: ZenohCaller, query: Any) -> Principal:
         """The principal, with the scope ``localize`` and within its rate limit. Admits a query once.

@@ -28,6 +28,7 @@ import structlog
 import zenoh
 
 from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
+from firstfix.wire.endpoints import said_by_zenoh
 
 from ..auth.authenticate import Authenticator
 from ..limits.byte_budget import ByteBudget, Lease, owners_of_body
@@ -39,7 +40,7 @@ from ..telemetry.request_scope import Requests, current_caller, note
 from ..telemetry.stall_watch import Pulse
 from .callers import ZenohCallers
 from .config import session_config
-from .query import ANY_MAP, TRANSPORT, key_of, logged_query, read_query, reply_error, reply_ok
+from .query import ANY_MAP, TRANSPORT, UNSIGNED, key_of, logged_query, read_query, reply_error, reply_ok
 from .refusals import Refusals
 from .replies import ReplyThreads
 from .threads import SessionWatch
@@ -94,7 +95,7 @@ class ZenohEndpoint:
         try:
             self.session = zenoh.open(session_config(settings))
         except zenoh.ZError as error:
-            raise InvalidOption(f"zenoh: {error}") from None
+            raise InvalidOption(f"zenoh: {said_by_zenoh(error)}") from None
         self._watch = SessionWatch(self.session, pulse)
 
     def show_maps(self, offered: Mapping[str, bool], before_each: Callable[[], None]) -> None:
@@ -200,8 +201,9 @@ class ZenohEndpoint:
     async def _answer(self, query: Any, held: Lease, arrived: float) -> None:
         with logged_query(self._requests, query, arrived), ExitStack() as stack:
             stack.callback(held.end)
-            caller = self._callers.look(query)
+            caller = UNSIGNED
             try:
+                caller = await self._callers.identify(query)
                 principal = await self._callers.admit(caller, query)
                 note(caller=principal.name)
                 if self.replies.is_full_for(principal.name):
