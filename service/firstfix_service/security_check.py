@@ -9,7 +9,7 @@ from typing import Any
 import structlog
 
 from firstfix.errors import InvalidOption
-from firstfix.wire.endpoints import Links, is_local_endpoint, is_loopback
+from firstfix.wire.endpoints import Links, is_local_endpoint, is_loopback, said_by_zenoh
 
 from .settings import Settings
 
@@ -80,7 +80,7 @@ def _operators_config(path: Path) -> Any:
     try:
         return zenoh.Config.from_file(str(path))
     except zenoh.ZError as error:
-        raise InvalidOption(f"zenoh config: {error}") from None
+        raise InvalidOption(f"zenoh config: {said_by_zenoh(error)}") from None
 
 
 def _has_rules(config: Any, links: Links) -> bool:

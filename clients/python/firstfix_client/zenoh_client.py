@@ -16,7 +16,7 @@ from firstfix.answer.prior import Prior
 from firstfix.errors import FirstfixError, InvalidOption, pip_install
 from firstfix.ids import check_map_id
 from firstfix.scan.sequence import ScanSequence
-from firstfix.wire.endpoints import Links
+from firstfix.wire.endpoints import ENDPOINT_FORM, Links, said_by_zenoh
 from firstfix.wire.signature import SigningKey
 
 from .calls import BuildCalls, MapCalls
@@ -98,7 +98,7 @@ class ZenohClient(MapCalls, BuildCalls):
             self._session = self._zenoh.open(settings)
         except self._zenoh.ZError as error:
             raise ServiceUnreachable(
-                f"no zenoh peer at {endpoint or config or 'scouting'}: {error}"
+                f"no zenoh peer at {endpoint or config or 'scouting'}: {said_by_zenoh(error)}"
             ) from None
         self._replicas = LiveReplicas(self._session)
         self._ask = ZenohAsk(self._zenoh, self._session, given, self._replicas)
@@ -198,7 +198,8 @@ class ZenohClient(MapCalls, BuildCalls):
                 settings.insert_json5("connect/timeout_ms", str(int(self._timeout_s * 1000)))
                 settings.insert_json5("scouting/multicast/enabled", "false")
         except self._zenoh.ZError as error:
-            raise InvalidOption(f"zenoh config {config or endpoint}: {error}") from None
+            form = "" if endpoint is None else f"; {ENDPOINT_FORM}"
+            raise InvalidOption(f"zenoh config {config or endpoint}: {said_by_zenoh(error)}{form}") from None
         return settings
 
 

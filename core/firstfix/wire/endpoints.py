@@ -1,4 +1,4 @@
-"""zenoh endpoints, ``protocol/address?metadata#config``: whether strangers can reach them, or read along."""
+"""zenoh endpoints, ``protocol/address?metadata#config``: who can reach them, and what zenoh says of them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,14 @@ SCOUTING = "multicast scouting"
 _HOST = re.compile(r"\[?([^\]/]*?)\]?(:\d+)?")
 _LOCAL_PROTOCOLS = {"unixsock-stream", "unixpipe"}
 _ENCRYPTED_PROTOCOLS = {"tls", "quic"}
+ENDPOINT_FORM = "an endpoint is like tcp/HOST:7447"
+# Names of types around a message, and places in zenoh's sources on the machine of its builder.
+_OF_ZENOH = re.compile(r'\s*\bat \S+\.rs:\d+\.?|(\w+\()?Message \{ msg: "|", location: .*')
+
+
+def said_by_zenoh(error: Exception) -> str:
+    """Message of an error of zenoh."""
+    return _OF_ZENOH.sub("", str(error))
 
 
 @dataclass(frozen=True)

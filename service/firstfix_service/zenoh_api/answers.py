@@ -20,6 +20,7 @@ import zenoh
 from pydantic import BaseModel, Field, FiniteFloat, TypeAdapter, ValidationError
 
 from firstfix.answer.localization import Reason, Verdict
+from firstfix.wire.endpoints import said_by_zenoh
 
 from ..localize.recent_answers import RecentAnswer, RecentAnswers
 
@@ -100,7 +101,7 @@ class ZenohAnswers:
                 self._publish_new()
                 self._follow_watchers()
             except zenoh.ZError as error:
-                _log.warning("answers of other replicas cannot be watched now", error=str(error))
+                _log.warning("answers of other replicas cannot be watched now", error=said_by_zenoh(error))
                 self._next_try = time.monotonic() + RETRY_S
             except Exception:  # a defect must not end the thread
                 _log.exception("answers were not passed on")

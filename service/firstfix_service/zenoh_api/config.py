@@ -8,6 +8,7 @@ from typing import Any
 import zenoh
 
 from firstfix.errors import InvalidOption
+from firstfix.wire.endpoints import said_by_zenoh
 
 from ..settings import Settings
 
@@ -31,7 +32,7 @@ def session_config(settings: Settings) -> Any:
             config.insert_json5("scouting/multicast/enabled", "false")
         config.insert_json5("transport/link/rx/max_message_size", str(max_message_bytes(settings)))
     except zenoh.ZError as error:
-        raise InvalidOption(f"zenoh config: {error}") from None
+        raise InvalidOption(f"zenoh config: {said_by_zenoh(error)}") from None
     return config
 
 

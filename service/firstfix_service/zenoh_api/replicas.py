@@ -17,6 +17,7 @@ import structlog
 import zenoh
 
 from firstfix.ids import is_name
+from firstfix.wire.endpoints import said_by_zenoh
 
 from .threads import connected_with
 
@@ -115,7 +116,7 @@ class ZenohReplicas:
             # history: also reports changes between the look and now
             self._subscriber = watching.liveliness().declare_subscriber(pattern, self._on_token, history=True)
         except zenoh.ZError as error:
-            _log.warning("other replicas are not seen yet", error=str(error))
+            _log.warning("other replicas are not seen yet", error=said_by_zenoh(error))
             return
         self._watching = watching
 

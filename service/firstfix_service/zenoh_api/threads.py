@@ -15,6 +15,8 @@ from typing import Any, ParamSpec, TypeVar
 import structlog
 import zenoh
 
+from firstfix.wire.endpoints import said_by_zenoh
+
 from ..telemetry.stall_watch import Pulse
 
 _log = structlog.get_logger(__name__)
@@ -79,7 +81,7 @@ class SessionWatch:
                 with self._pulse.call():
                     connections = len(connected_with(self._session))
             except zenoh.ZError as error:
-                _log.warning("zenoh does not say who is connected", error=str(error))
+                _log.warning("zenoh does not say who is connected", error=said_by_zenoh(error))
             else:
                 if not self._stop.is_set():
                     self.connections = connections

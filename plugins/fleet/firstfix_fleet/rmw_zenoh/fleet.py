@@ -18,6 +18,7 @@ import zenoh
 from firstfix.errors import InvalidOption
 from firstfix.ros import point_cloud2
 from firstfix.ros.rmw_zenoh import Endpoint, parse_token, publishers_pattern
+from firstfix.wire.endpoints import ENDPOINT_FORM, said_by_zenoh
 from firstfix_client.errors import ServiceUnreachable
 from firstfix_ros.robot.answerer import Answerer
 from firstfix_ros.robot.config import GatewayConfig
@@ -114,8 +115,10 @@ def open_session(endpoint_address: str) -> Any:
         config.insert_json5("connect/endpoints", json.dumps([endpoint_address]))
         config.insert_json5("scouting/multicast/enabled", "false")
     except zenoh.ZError as error:
-        raise InvalidOption(f"not a zenoh endpoint: {endpoint_address!r}: {error}") from None
+        raise InvalidOption(
+            f"not a zenoh endpoint: {endpoint_address!r}: {said_by_zenoh(error)}; {ENDPOINT_FORM}"
+        ) from None
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise ServiceUnreachable(f"no zenoh peer at {endpoint_address}: {error}") from None
+        raise ServiceUnreachable(f"no zenoh peer at {endpoint_address}: {said_by_zenoh(error)}") from None
