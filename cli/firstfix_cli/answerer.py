@@ -68,22 +68,28 @@ def answerer(
 def is_provisional(store: str, map_id: str, version: str) -> bool:
     """Whether a version is coarse and untested, until a full one takes its place."""
     from firstfix.catalog.catalog import Catalog
-    from firstfix.store.store import Store
 
-    return version in Catalog(Store.open(store)).state(map_id).provisional
+    from .stores import existing_store
+
+    return version in Catalog(existing_store(store)).state(map_id).provisional
 
 
 def fetch_active_version(store: str, map_id: str, version: str | None = None) -> tuple[str, Path]:
     """Digest and local folder of a map's version, by default the active one.
 
+    Args:
+        version: or its first characters.
+
     Raises:
         NotFound: no such map or version.
+        InvalidOption: several versions begin so.
     """
     from firstfix.catalog.catalog import Catalog
-    from firstfix.store.store import Store
 
-    catalog = Catalog(Store.open(store))
-    chosen = version or catalog.active_version(map_id)
+    from .stores import existing_store
+
+    catalog = Catalog(existing_store(store))
+    chosen = catalog.full_version(map_id, version) if version else catalog.active_version(map_id)
     if chosen is None:
         raise NotFound(f"the store has no map {map_id}, or it has no active version")
     return chosen, catalog.fetch_version(map_id, chosen, cache_directory("versions"))

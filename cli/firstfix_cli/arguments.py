@@ -17,8 +17,9 @@ PATIENCE_S = 5.0  # a person wants to know soon that there is no service
 Url = Annotated[
     str | None,
     typer.Option(
+        metavar="URL",
         help="URL of the service, or of several replicas, separated by commas "
-        f"[default: the environment variable FIRSTFIX_URL, else {DEFAULT_URL}]."
+        f"[default: the environment variable FIRSTFIX_URL, else {DEFAULT_URL}].",
     ),
 ]
 Zenoh = Annotated[
@@ -26,16 +27,20 @@ Zenoh = Annotated[
 ]
 Store = Annotated[
     str | None,
-    typer.Option(help="Use this object store without a service: a directory, s3://..., gs://... or az://..."),
+    typer.Option(
+        metavar="STORE",
+        help="Use this object store without a service: a directory, s3://..., gs://... or az://...",
+    ),
 ]
 ServiceStore = Annotated[
     str | None,
     typer.Option(
+        metavar="STORE",
         help="Object store of the service: a directory, s3://..., gs://... or az://... "
-        "[default: the environment variable FIRSTFIX_STORE]."
+        "[default: the environment variable FIRSTFIX_STORE].",
     ),
 ]
-MapId = Annotated[str, typer.Option("--map", help="Id of the map.")]
+MapId = Annotated[str, typer.Option("--map", metavar="MAP", help="Id of the map.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 SentAs = Annotated[
     Literal["scan", "range_image", "compact", "descriptor"],

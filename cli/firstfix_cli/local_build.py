@@ -2,23 +2,61 @@
 
 from __future__ import annotations
 
+import getpass
+import os
+import shlex
 import shutil
+import socket
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import firstfix
 from firstfix.builds.config import BuildConfig
 from firstfix.builds.options import PUBLISH, BuildOptions
 from firstfix.builds.shared_stages import collect_stages
 from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.provenance import Provenance
 from firstfix.catalog.recorded_queries import RecordedQueries
 from firstfix.catalog.version_findings import findings_of
+from firstfix.errors import NotFound
+from firstfix.store.sha256 import sha256_of
 from firstfix.store.store import Store
 
 from .read_confined import read_confined
 from .stage_bars import Progress
 
 CLUSTER_STAGES_S = 7 * 86400.0  # how long the inputs of a cluster's workers stay in the store
+
+
+def made_of(source: Path, trajectory: Path | None, note: str) -> Provenance:
+    """Provenance of what this process makes of a file or folder.
+
+    Raises:
+        NotFound: it is not there.
+    """
+    if not source.exists():
+        raise NotFound(f"{source}: no such file")
+    files = [path for path in source.rglob("*") if path.is_file()] if source.is_dir() else [source]
+    return Provenance(
+        file_name=source.absolute().name,
+        size_bytes=sum(path.stat().st_size for path in files),
+        sha256="" if source.is_dir() else sha256_of(source),
+        trajectory="" if trajectory is None else trajectory.name,
+        note=note,
+        release=firstfix.__version__,
+        caller=f"user:{_user()}",
+        host=socket.gethostname(),
+        command=shlex.join(["firstfix", *sys.argv[1:]]),
+    )
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a container's user may have a number alone
+        return str(os.getuid())
 
 
 def local_build(
@@ -28,6 +66,7 @@ def local_build(
     trajectory: Path | None,
     options: BuildOptions,
     progress: Progress,
+    provenance: Provenance,
 ) -> dict[str, Any]:
     """Build a map and publish the version. Returns facts about it, as ``remote_build`` does.
 
@@ -76,7 +115,9 @@ def local_build(
         tell(PUBLISH, 0.0)
         catalog, manifest = Catalog(store), built.manifest
         held = catalog.reason_to_hold(map_id, manifest, settings.activate)
-        version = catalog.publish(map_id, built.directory, manifest, activate=held is None)
+        version = catalog.publish(
+            map_id, built.directory, manifest, activate=held is None, provenance=provenance
+        )
         tell(PUBLISH, 1.0)
         trace.end("succeeded")
     if options.scheduler is not None:  # there is no service that does it

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+from typing import Annotated
 
 import typer
 
+import firstfix
 from firstfix.doors import COMMANDS, absent, through
 from firstfix.errors import (
     DeadlineExceeded,
@@ -19,8 +21,22 @@ from firstfix.errors import (
 from firstfix.telemetry.redact import redact
 
 from .arguments import examples
-from .commands import build, check, copy_store, keys, localize, maps, recorded, sensor, serve, worker, world
+from .commands import (
+    build,
+    builds,
+    check,
+    copy_store,
+    keys,
+    localize,
+    maps,
+    recorded,
+    sensor,
+    serve,
+    worker,
+    world,
+)
 from .help_pages import help_line
+from .help_words import Commands
 from .missing_package import missing_package
 
 NO_ANSWER_EXIT_CODE = 1
@@ -36,6 +52,7 @@ Exit codes:
   3  localize: ambiguous
   4  localize: rejected
   5  copy-store: a map has another history in the target; all else is copied
+  6  serve, worker: cannot start, because a port is in use, for example
 """
 FIRST_STEPS = examples(
     "firstfix world office -o world",
@@ -46,12 +63,32 @@ FIRST_STEPS = examples(
 
 app = typer.Typer(
     name="firstfix",
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"]},
     help="Localize LiDAR robots: send one scan, get the robot's pose in the map.",
     epilog=f"{FIRST_STEPS}\n\n{EXIT_CODES}",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"firstfix {firstfix.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _every_command(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the release, and end."),
+    ] = False,
+) -> None:
+    pass
+
+
 app.command(epilog=world.EXAMPLES)(world.world)
 app.command(epilog=build.EXAMPLES)(build.build)
 app.command(epilog=check.EXAMPLES)(check.check)
@@ -61,6 +98,7 @@ app.command(epilog=localize.EXAMPLES)(localize.localize)
 app.command(epilog=sensor.EXAMPLES)(sensor.sensor)
 app.command("copy-store", epilog=copy_store.EXAMPLES)(copy_store.copy_store)
 app.add_typer(maps.app, name="maps")
+app.add_typer(builds.app, name="builds")
 app.add_typer(recorded.app, name="recorded")
 app.add_typer(keys.app, name="keys")
 for add_commands in through(COMMANDS).values():

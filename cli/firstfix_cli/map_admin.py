@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Protocol
 
+from firstfix.catalog.version_prefix import full_version
 from firstfix.errors import InvalidOption, NotFound
-
-from .arguments import client_of
 
 if TYPE_CHECKING:
     from firstfix.builds.config import PatchMode
     from firstfix.catalog.catalog import Catalog
-    from firstfix_client import Client
+
+    from .operator_client import OperatorClient
 
 Record = dict[str, Any]
 
@@ -23,10 +22,13 @@ class MapAdmin(Protocol):
     """Operations of ``firstfix maps``. Both implementations return the same JSON-ready records."""
 
     def maps(self) -> list[Record]:
-        """All maps."""
+        """All maps, with what their active versions are."""
 
-    def show(self, map_id: str) -> Record:
-        """One map with the manifest of its active version."""
+    def full_version(self, map_id: str, given: str) -> str:
+        """The only version of a map that begins with the given characters."""
+
+    def show(self, map_id: str, version: str | None = None) -> Record:
+        """One map with the manifest of its active version, or of another one."""
 
     def versions(self, map_id: str) -> list[Record]:
         """The versions of a map, newest first."""
@@ -42,6 +44,9 @@ class MapAdmin(Protocol):
 
     def retire(self, map_id: str, version: str, *, force: bool) -> None:
         """Take a version out of service."""
+
+    def remove(self, map_id: str) -> list[str]:
+        """Take all versions of a map out of service, and return them."""
 
     def changes(self, map_id: str, version: str | None, *, with_cells: bool) -> Record:
         """The areas that have changed since the map was made."""
@@ -60,24 +65,32 @@ def map_admin(url: str | None, store: str | None) -> Iterator[MapAdmin]:
     if url is not None and store is not None:
         raise InvalidOption("give only one of --url and --store")
     if store is None:
-        with client_of(url) as client:
+        from .operator_client import OperatorClient
+
+        client = OperatorClient.at(url)
+        with client:
             yield _ServiceMaps(client)
         return
     from firstfix.catalog.catalog import Catalog
-    from firstfix.store.store import Store
 
-    yield _StoreMaps(Catalog(Store.open(store)))
+    from .stores import existing_store
+
+    yield _StoreMaps(Catalog(existing_store(store)))
 
 
 class _ServiceMaps:
-    def __init__(self, client: Client) -> None:
+    def __init__(self, client: OperatorClient) -> None:
         self._client = client
 
     def maps(self) -> list[Record]:
         return [dict(entry.details) for entry in self._client.maps()]
 
-    def show(self, map_id: str) -> Record:
-        return dict(self._client.show_map(map_id).details)
+    def full_version(self, map_id: str, given: str) -> str:
+        return full_version(given, (entry.version for entry in self._client.versions(map_id)))
+
+    def show(self, map_id: str, version: str | None = None) -> Record:
+        shown = dict(self._client.show_map(map_id).details)
+        return shown if version is None else {**shown, **self._client.version_details(map_id, version)}
 
     def versions(self, map_id: str) -> list[Record]:
         return [dict(entry.details) for entry in self._client.versions(map_id)]
@@ -94,6 +107,9 @@ class _ServiceMaps:
     def retire(self, map_id: str, version: str, *, force: bool) -> None:
         self._client.retire(map_id, version, force=force)
 
+    def remove(self, map_id: str) -> list[str]:
+        return self._client.delete_map(map_id)
+
     def changes(self, map_id: str, version: str | None, *, with_cells: bool) -> Record:
         return dict(self._client.changes(map_id, version, cells=with_cells, grid=with_cells))
 
@@ -106,20 +122,23 @@ class _StoreMaps:
         self._catalog = catalog
 
     def maps(self) -> list[Record]:
-        return [self._record(map_id) for map_id in self._catalog.map_ids()]
+        from firstfix.catalog.described import map_summary
 
-    def show(self, map_id: str) -> Record:
-        if not self._catalog.state(map_id).exists:
-            raise NotFound(f"no map {map_id}")
-        record = self._record(map_id)
-        record["versions"] = len(self._catalog.state(map_id).published)
-        if record["active_version"] is not None:
-            manifest = self._catalog.manifest(map_id, record["active_version"])
-            record["manifest"] = manifest.to_mapping()
-        return record
+        return [map_summary(map_id, self._catalog.state(map_id)) for map_id in self._catalog.map_ids()]
+
+    def full_version(self, map_id: str, given: str) -> str:
+        return self._catalog.full_version(map_id, given)
+
+    def show(self, map_id: str, version: str | None = None) -> Record:
+        from firstfix.catalog.described import map_details, version_details
+
+        details = map_details(self._catalog, map_id)
+        return details if version is None else {**details, **version_details(self._catalog, map_id, version)}
 
     def versions(self, map_id: str) -> list[Record]:
-        return [asdict(entry) for entry in self._catalog.versions(map_id)]
+        from firstfix.catalog.described import version_summary
+
+        return [version_summary(entry) for entry in self._catalog.versions(map_id)]
 
     def activate(self, map_id: str, version: str) -> None:
         self._catalog.activate(map_id, version)
@@ -134,6 +153,9 @@ class _StoreMaps:
 
     def retire(self, map_id: str, version: str, *, force: bool) -> None:
         self._catalog.retire(map_id, version, force=force)
+
+    def remove(self, map_id: str) -> list[str]:
+        return self._catalog.remove_map(map_id)
 
     def changes(self, map_id: str, version: str | None, *, with_cells: bool) -> Record:
         from firstfix.catalog.sightings.changes import changes_of
@@ -151,6 +173,3 @@ class _StoreMaps:
 
         found = collect_garbage(self._catalog, map_id=map_id, dry_run=dry_run)
         return {"objects": {kind: len(keys) for kind, keys in found.keys.items()}}
-
-    def _record(self, map_id: str) -> Record:
-        return {"map_id": map_id, "active_version": self._catalog.active_version(map_id)}

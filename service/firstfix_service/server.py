@@ -20,6 +20,7 @@ from .http_server.protocol import LimitedHttpProtocol
 from .limits.connections import Connections, EndReason
 from .limits.limits import Limits
 from .settings import Settings
+from .startup.free_address import EXIT_NOT_STARTED, check_port
 from .telemetry.log_setup import LAST_LINES_WITHIN_S, drain_log, set_up_logging
 from .telemetry.metrics import Metrics
 from .telemetry.stall_watch import EXIT_STALLED, Pulse, end_process
@@ -80,7 +81,10 @@ class Server(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start to listen, and log where."""
-        await super().startup(sockets)
+        try:
+            await super().startup(sockets)
+        except SystemExit:  # uvicorn's; the log says why
+            raise SystemExit(EXIT_NOT_STARTED) from None
         if self.started:
             host, port = self.servers[0].sockets[0].getsockname()[:2]
             address = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
@@ -141,7 +145,9 @@ def serve(settings: Settings) -> None:
     """Run the service until SIGINT or SIGTERM.
 
     Raises:
+        StartFailed: the port is in use, or there is no such address.
         SystemExit: the service could not start; the log says why.
     """
+    check_port(settings.host, settings.port)
     set_up_logging(settings)
     Server(create_app(settings), settings, owns_process=True).run()

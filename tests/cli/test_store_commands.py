@@ -59,11 +59,14 @@ def versions(tmp_path, monkeypatch) -> list[str]:
 def test_maps_of_a_store(versions, tmp_path, capsys):
     store = ["--store", tmp_path / "store"]
     assert ended(["maps", "ls", *store]) == 0
-    assert capsys.readouterr().out.split() == ["hall", versions[1]]
+    header, line = capsys.readouterr().out.splitlines()
+    assert header.split() == ["MAP", "VERSION", "PUBLISHED", "SIZE", "(m)", "SENSOR", "LOCALIZED"]
+    assert line.split()[:2] == ["hall", versions[1][:12]]
+    assert line.split()[-2:] == ["vlp-16", "100%"]
     assert ended(["maps", "ls", *store, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == {
-        "maps": [{"map_id": "hall", "active_version": versions[1]}]
-    }
+    (told,) = json.loads(capsys.readouterr().out)["maps"]
+    assert (told["map_id"], told["active_version"]) == ("hall", versions[1])
+    assert told["summary"]["sensor"] == "vlp-16"
     assert ended(["maps", "show", "hall", *store, "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert shown["active_version"] == versions[1]
@@ -76,8 +79,8 @@ def test_maps_of_a_store(versions, tmp_path, capsys):
     assert "median error 0.020 m" in out
     assert ended(["maps", "versions", "hall", *store]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line[0] for line in lines] == ["*", " "]
-    assert [line.split()[-2] for line in lines] == versions[::-1]
+    assert [line[0] for line in lines[1:]] == ["*", " "]
+    assert [line[1:].split()[0] for line in lines[1:]] == [version[:12] for version in versions[::-1]]
 
 
 def test_a_provisional_version_is_marked(tmp_path, capsys):
@@ -88,9 +91,9 @@ def test_a_provisional_version_is_marked(tmp_path, capsys):
     version = Catalog(Store.open(str(tmp_path / "store"))).publish("hall", tmp_path / "early", manifest)
     store = ["--store", tmp_path / "store"]
     assert ended(["maps", "versions", "hall", *store]) == 0
-    (line,) = capsys.readouterr().out.splitlines()
-    assert line.split()[:2] == ["*", version]
-    assert line.split()[-1] == "provisional"
+    _, line = capsys.readouterr().out.splitlines()
+    assert line.split()[:2] == ["*", version[:12]]
+    assert "provisional" in line
     assert ended(["maps", "versions", "hall", *store, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["versions"][0]["provisional"] is True
     assert ended(["maps", "show", "hall", *store]) == 0

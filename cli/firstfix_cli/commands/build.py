@@ -18,7 +18,7 @@ from firstfix.findings.finding import Finding
 from ..arguments import AsJson, Url, cache_directory, examples
 from ..build_report import reused_lines, self_test_lines
 from ..finding_lines import finding_lines
-from ..stage_bars import stage_bars
+from ..stage_bars import stage_progress
 
 EXAMPLES = examples(
     "firstfix build hall.ply --map-id hall --store store",
@@ -42,20 +42,22 @@ def build(
             metavar="MAP", help="Point cloud, mesh, folder of SLAM or of scans, or zip archive of one."
         ),
     ],
-    map_id: Annotated[str, typer.Option(help="Id of the map: a-z, 0-9, _ and -.")],
+    map_id: Annotated[str, typer.Option(metavar="MAP", help="Id of the map: a-z, 0-9, _ and -.")],
     store: Annotated[
         str | None,
         typer.Option(
+            metavar="STORE",
             help="Build on this machine and publish to this object store: a directory, s3://..., gs://... or "
-            "az://... Without it, a service builds the map."
+            "az://... Without it, a service builds the map.",
         ),
     ] = None,
     url: Url = None,
     sensor: Annotated[
-        str | None, typer.Option(help="LiDAR model, or the path of a sensor YAML [default: os1-64].")
+        str | None,
+        typer.Option(metavar="MODEL", help="LiDAR model, or the path of a sensor YAML [default: os1-64]."),
     ] = None,
     trajectory: Annotated[
-        Path | None, typer.Option(help="Poses of the mapping run: TUM, KITTI or CSV file.")
+        Path | None, typer.Option(metavar="FILE", help="Poses of the mapping run: TUM, KITTI or CSV file.")
     ] = None,
     merge: Annotated[
         list[str] | None,
@@ -64,7 +66,7 @@ def build(
             help="A later session of the same place, which is aligned with MAP and merged. May be repeated.",
         ),
     ] = None,
-    config: Annotated[Path | None, typer.Option(help="Build config, YAML or JSON.")] = None,
+    config: Annotated[Path | None, typer.Option(metavar="FILE", help="Build config, YAML or JSON.")] = None,
     axis: Annotated[Axis | None, typer.Option(help="Axis of the map file that points up.")] = None,
     scale: Annotated[
         float | None,
@@ -99,8 +101,14 @@ def build(
             min=0,
         ),
     ] = DEFAULT_MAX_TEMPLATES,
+    note: Annotated[
+        str, typer.Option(metavar="TEXT", help="A note for people, which is shown with the version.")
+    ] = "",
     no_wait: Annotated[
-        bool, typer.Option("--no-wait", help="Do not wait for the service's build; print its id.")
+        bool,
+        typer.Option(
+            "--no-wait", help="Do not wait for the service's build; print its id, for firstfix builds."
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -113,10 +121,12 @@ def build(
     sessions that the file lists.
     """
     from firstfix.builds.config import MIN_LOCALIZED_IS_GONE
+    from firstfix.catalog.provenance import check_note
     from firstfix.errors import InvalidOption
     from firstfix.ids import check_map_id
 
     check_map_id(map_id)
+    check_note(note)
     if min_localized is not None:
         raise InvalidOption(MIN_LOCALIZED_IS_GONE.format(old="--min-localized", new="--min-found"))
     if store is None:
@@ -128,11 +138,11 @@ def build(
 
         given = _given(config, sensor, axis, scale, min_found)
         with _source(source, trajectory, merge) as (whole, poses):
-            said = remote_build(whole, map_id, given, poses, url, stage_bars, wait=not no_wait)
+            said = remote_build(whole, map_id, given, poses, url, stage_progress, note=note, wait=not no_wait)
     else:
         if url is not None or no_wait:
             raise InvalidOption("--url and --no-wait cannot be used with --store")
-        from ..local_build import local_build
+        from ..local_build import local_build, made_of
         from ..read_confined import build_memory_bytes
 
         options = BuildOptions(
@@ -145,7 +155,9 @@ def build(
         )
         given = _given(config, sensor, axis, scale, min_found)
         with _source(source, trajectory, merge) as (whole, poses):
-            said = local_build(whole, map_id, given, poses, options, stage_bars)
+            said = local_build(
+                whole, map_id, given, poses, options, stage_progress, made_of(source, trajectory, note)
+            )
     typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
 
 

@@ -34,7 +34,9 @@ def copy_store(source: From, target: To, as_json: AsJson = False) -> None:
     from firstfix.store.store import Store
     from firstfix.telemetry.redact import redact
 
-    report = copy(Store.open(source, read_only=True), Store.open(target))
+    from ..stores import existing_store
+
+    report = copy(existing_store(source, read_only=True), Store.open(target))
     if as_json:
         typer.echo(json.dumps(asdict(report)))
     else:

@@ -68,7 +68,10 @@ def localize(
         ),
     ] = None,
     version: Annotated[
-        str | None, typer.Option(help="Map version, 64 characters [default: the active one].")
+        str | None,
+        typer.Option(
+            metavar="VERSION", help="Map version, or its first characters [default: the active one]."
+        ),
     ] = None,
     twist: Annotated[
         str | None,

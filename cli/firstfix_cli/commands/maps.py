@@ -12,14 +12,16 @@ import typer
 
 from ..arguments import AsJson, Store, Url, examples
 from ..build_report import self_test_lines
+from ..version_lines import map_lines, provenance_lines, version_lines
 
 app = typer.Typer(
-    help="List, inspect and switch maps.",
+    help="List, inspect, switch and remove maps.",
     epilog=examples(
         "firstfix maps ls",
         "firstfix maps show hall --url http://localhost:8080",
         "firstfix maps changes hall --picture changes.png",
         "firstfix maps activate hall 3f2a91c0 --store s3://maps/firstfix",
+        "firstfix maps rm old-hall --url http://localhost:8080",
         "firstfix maps patch hall --mode propose",
         "firstfix maps verify --store s3://maps/firstfix",
     ),
@@ -27,12 +29,24 @@ app = typer.Typer(
 )
 
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Id of the map.")]
-VersionArgument = Annotated[str, typer.Argument(help="Version, or its first 8 or more characters.")]
+VersionArgument = Annotated[
+    str, typer.Argument(metavar="VERSION", help="Version, or its first characters, 4 or more.")
+]
+ServicesStore = Annotated[
+    str, typer.Option(envvar="FIRSTFIX_STORE", metavar="STORE", help="The service's object store.")
+]
+OtherVersion = Annotated[
+    str | None,
+    typer.Option(metavar="VERSION", help="Version, or its first characters [default: the active one]."),
+]
 
 
 @app.command("ls")
 def list_maps(url: Url = None, store: Store = None, as_json: AsJson = False) -> None:
-    """List the maps and their active versions."""
+    """List the maps with their active versions.
+
+    PUBLISHED is in UTC. LOCALIZED is the share of the build's own test scans that were localized.
+    """
     from ..map_admin import map_admin
 
     with map_admin(url, store) as admin:
@@ -40,17 +54,22 @@ def list_maps(url: Url = None, store: Store = None, as_json: AsJson = False) -> 
     if as_json:
         typer.echo(json.dumps({"maps": maps}))
         return
-    for entry in maps:
-        typer.echo(f"{entry['map_id']:24} {entry['active_version'] or 'no active version'}")
+    typer.echo("\n".join(map_lines(maps)))
 
 
 @app.command()
-def show(map_id: MapArgument, url: Url = None, store: Store = None, as_json: AsJson = False) -> None:
-    """Show a map: its active version, sizes and self-test."""
+def show(
+    map_id: MapArgument,
+    version: OtherVersion = None,
+    url: Url = None,
+    store: Store = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show a map: its active version, origin, sizes and self-test."""
     from ..map_admin import map_admin
 
     with map_admin(url, store) as admin:
-        details = admin.show(map_id)
+        details = admin.show(map_id, None if version is None else admin.full_version(map_id, version))
     if as_json:
         typer.echo(json.dumps(details))
     else:
@@ -59,7 +78,10 @@ def show(map_id: MapArgument, url: Url = None, store: Store = None, as_json: AsJ
 
 @app.command()
 def versions(map_id: MapArgument, url: Url = None, store: Store = None, as_json: AsJson = False) -> None:
-    """List a map's versions, newest first. The active one is marked, and so are provisional ones."""
+    """List a map's versions, newest first, and their origin.
+
+    The active one is marked by a star. FROM is the threshold: a scan is localized from this probability on.
+    """
     from ..map_admin import map_admin
 
     with map_admin(url, store) as admin:
@@ -67,18 +89,13 @@ def versions(map_id: MapArgument, url: Url = None, store: Store = None, as_json:
     if as_json:
         typer.echo(json.dumps({"versions": found}))
         return
-    for entry in found:
-        mark = "*" if entry["active"] else " "
-        note = "  provisional" if entry.get("provisional") else ""
-        typer.echo(f"{mark} {entry['version']}  {entry['published_time']}{note}")
+    typer.echo("\n".join(version_lines(found)))
 
 
 @app.command()
 def changes(
     map_id: MapArgument,
-    version: Annotated[
-        str | None, typer.Option(help="Version, or its first 8 or more characters [default: active].")
-    ] = None,
+    version: OtherVersion = None,
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the areas from above.")
     ] = None,
@@ -92,11 +109,10 @@ def changes(
     """
     from ..changes import draw_changes, lines_of
     from ..map_admin import map_admin
-    from ..versions import full_version
 
     with map_admin(url, store) as admin:
         if version is not None:
-            version = full_version(version, (entry["version"] for entry in admin.versions(map_id)))
+            version = admin.full_version(map_id, version)
         found = admin.changes(map_id, version, with_cells=picture is not None)
     if picture is not None:
         draw_changes(found, picture)
@@ -113,10 +129,9 @@ def activate(
 ) -> None:
     """Make a version the active one, older or newer."""
     from ..map_admin import map_admin
-    from ..versions import full_version
 
     with map_admin(url, store) as admin:
-        chosen = full_version(version, (entry["version"] for entry in admin.versions(map_id)))
+        chosen = admin.full_version(map_id, version)
         admin.activate(map_id, chosen)
     _print_state(map_id, chosen, "active", as_json)
 
@@ -175,18 +190,41 @@ def retire(
     After a day, gc removes its files.
     """
     from ..map_admin import map_admin
-    from ..versions import full_version
 
     with map_admin(url, store) as admin:
-        chosen = full_version(version, (entry["version"] for entry in admin.versions(map_id)))
+        chosen = admin.full_version(map_id, version)
         admin.retire(map_id, chosen, force=force)
     _print_state(map_id, chosen, "retired", as_json)
+
+
+@app.command("rm")
+def remove(
+    map_id: MapArgument,
+    force: Annotated[bool, typer.Option("--force", help="Do not ask.")] = False,
+    url: Url = None,
+    store: Store = None,
+    as_json: AsJson = False,
+) -> None:
+    """Remove a map: take all its versions out of service.
+
+    It asks first; without a terminal it needs --force. After a day, gc removes the files. A build of the map
+    that still runs publishes it again: cancel it first.
+    """
+    from ..confirm import confirm
+    from ..map_admin import map_admin
+
+    with map_admin(url, store) as admin:
+        count = len(admin.versions(map_id))
+        confirm(f"remove map {map_id} with {count} versions", force=force)
+        retired = admin.remove(map_id)
+    said = {"map_id": map_id, "retired": retired}
+    typer.echo(json.dumps(said) if as_json else f"{map_id}: removed, with {len(retired)} versions")
 
 
 @app.command()
 def rebuild(
     map_ids: Annotated[list[str], typer.Argument(metavar="MAP...", help="Ids of the maps.")],
-    store: Annotated[str, typer.Option(envvar="FIRSTFIX_STORE", help="The service's object store.")],
+    store: ServicesStore,
 ) -> None:
     """Build maps again from their sources.
 
@@ -194,9 +232,10 @@ def rebuild(
     """
     from firstfix.catalog.catalog import Catalog
     from firstfix.maintenance.rebuild import rebuild as request_rebuild
-    from firstfix.store.store import Store as ObjectStore
 
-    catalog = Catalog(ObjectStore.open(store))
+    from ..stores import existing_store
+
+    catalog = Catalog(existing_store(store))
     for map_id in map_ids:
         typer.echo(f"{map_id}: build {request_rebuild(catalog, map_id)} is queued")
 
@@ -228,7 +267,7 @@ def collect_garbage(
 
 @app.command()
 def verify(
-    store: Annotated[str, typer.Option(envvar="FIRSTFIX_STORE", help="The service's object store.")],
+    store: ServicesStore,
     repair: Annotated[
         bool,
         typer.Option("--repair", help="Repair what can be repaired, and set unreadable records aside."),
@@ -246,9 +285,10 @@ def verify(
     """
     from firstfix.maintenance.repair import Repair
     from firstfix.maintenance.verify import Verification
-    from firstfix.store.store import Store as ObjectStore
 
-    opened = ObjectStore.open(store, read_only=not repair)
+    from ..stores import existing_store
+
+    opened = existing_store(store, read_only=not repair)
     report = Verification(opened, repair=Repair(opened, cache) if repair else None).run()
     if as_json:
         typer.echo(json.dumps(asdict(report)))
@@ -272,10 +312,14 @@ def _print_state(map_id: str, version: str, state: str, as_json: bool) -> None:
 
 def _lines(details: dict[str, Any]) -> list[str]:
     """A summary of a map as text; ``--json`` has all details."""
+    version = details.get("version") or details["active_version"]
     lines = [f"{details['map_id']}: {details['versions']} versions, active {details['active_version']}"]
     manifest = details.get("manifest")
     if manifest is None:
         return lines
+    if version != details["active_version"]:
+        lines.append(f"version {version}, which is not active:")
+    lines += [f"  {line}" for line in provenance_lines(details)]
     counts = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in manifest["counts"].items())
     megabytes = sum(entry["bytes"] for entry in manifest["files"].values()) / 1e6
     if manifest.get("provisional"):

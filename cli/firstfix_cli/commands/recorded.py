@@ -168,9 +168,10 @@ def _pose(text: str) -> dict[str, Any]:
 
 def _recorded_queries(store: str) -> RecordedQueries:
     from firstfix.catalog.recorded_queries import RecordedQueries
-    from firstfix.store.store import Store
 
-    return RecordedQueries(Store.open(store))
+    from ..stores import existing_store
+
+    return RecordedQueries(existing_store(store))
 
 
 def _plain_body(stored: RecordedQueries, recorded: RecordedQuery) -> bytes:

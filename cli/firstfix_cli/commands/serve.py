@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -45,7 +46,18 @@ def serve(
     new = new_store(settings.store)
     if new is not None:
         typer.echo(f"firstfix: {new}", err=True)
-    run_service(settings)
+    started(lambda: run_service(settings))
+
+
+def started(run: Callable[[], None]) -> None:
+    """Run a service, or say why it cannot start."""
+    from firstfix_service.startup.free_address import EXIT_NOT_STARTED, StartFailed
+
+    try:
+        run()
+    except StartFailed as error:
+        typer.echo(f"firstfix: {error}", err=True)
+        raise typer.Exit(EXIT_NOT_STARTED) from None
 
 
 def new_store(url: str) -> str | None:

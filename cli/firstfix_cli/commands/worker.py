@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..arguments import ServiceStore, examples
-from .serve import settings_of
+from .serve import settings_of, started
 
 EXAMPLES = examples(
     "firstfix worker --store s3://maps/firstfix --nats nats://queue:4222",
@@ -40,6 +40,13 @@ def worker(
     environment variables: FIRSTFIX_STORE, FIRSTFIX_BUILD_QUEUE and so on.
     """
     from firstfix_service.builds.worker import run_worker
+    from firstfix_service.startup.free_address import check_port
 
     settings = settings_of(store=store, work=work, build_queue=nats, share_stages=share_stages)
-    run_worker(settings, concurrency=concurrency, health_port=health_port)
+
+    def run() -> None:
+        if health_port is not None:
+            check_port(settings.host, health_port, "--health-port")
+        run_worker(settings, concurrency=concurrency, health_port=health_port)
+
+    started(run)

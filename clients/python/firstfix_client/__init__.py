@@ -15,6 +15,8 @@ first use, so unused names cost no start-up time.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from firstfix import __version__
+
 if TYPE_CHECKING:
     from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
     from firstfix.answer.options import LocalizeOptions
@@ -55,6 +57,7 @@ __all__ = [
     "VersionInfo",
     "VersionWatch",
     "ZenohClient",
+    "__version__",
 ]
 
 _HOME = {
