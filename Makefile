@@ -1,5 +1,5 @@
 # firstfix. `make demo` shows it, `make test` proves it; both set up what they need.
-.PHONY: setup native console demo test test-slow test-all lint docs lab paper scoreboard bench faults lock test-servers all-test-servers clean
+.PHONY: setup native console release demo test test-slow test-all lint docs lab paper scoreboard bench faults lock test-servers all-test-servers clean
 .DEFAULT_GOAL := help
 bin := .venv/bin
 # Four files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
@@ -71,6 +71,9 @@ docs: setup  ## the documentation site, in build/site
 
 lock: setup  ## resolve deploy/locks anew (LOCK_ARGS=--upgrade for newer releases)
 	@scripts/lock.sh $(LOCK_ARGS)
+
+release:  ## the wheels of a release in dist/, tried in clean environments (PYTHONS="3.11 3.12")
+	@scripts/release.sh
 
 clean:  ## remove what the targets above made
 	rm -rf .venv build dist demo .*_cache core/firstfix/native/_*.so plugins/console/page/node_modules plugins/console/firstfix_console/files

@@ -1,0 +1,102 @@
+#!/usr/bin/env bash
+# Installs the wheels of dist/ into clean virtual environments, one for each interpreter that they are for, and uses them: a build, a
+# service and a fix with the house, a fix with the robot's side alone. `make release` calls it.
+#
+#   scripts/check-release.sh                  # all wheels of dist/
+#   PYTHONS=3.12 scripts/check-release.sh     # for this interpreter alone
+set -euo pipefail
+cd "$(dirname "$0")/.."
+dist=$PWD/dist
+scratch=$(mktemp -d)
+service=
+trap '[ -z "$service" ] || kill "$service" 2>/dev/null || true; rm -rf "$scratch"' EXIT
+# Nothing of the checkout: not its modules, not the user's cache of versions.
+cd "$scratch"
+unset PYTHONPATH
+export XDG_CACHE_HOME=$scratch/cache PIP_DISABLE_PIP_VERSION_CHECK=1
+version=$(basename "$(compgen -G "$dist/firstfix_client-*.whl")" | cut -d- -f2)
+say() { printf 'check-release: %s\n' "$*"; }
+
+python_of() {
+  command -v "python$1" || compgen -G "${PYENV_ROOT:-$HOME/.pyenv}/versions/$1.*/bin/python3" | sort -V | tail -n 1
+}
+
+# An environment with the requirements, in which nothing is compiled.
+environment() {
+  local folder=$1 python=$2
+  shift 2
+  "$python" -m venv "$folder"
+  "$folder/bin/pip" install --quiet --only-binary :all: "$@"
+}
+
+until_ready() {
+  for _ in $(seq 300); do
+    if "$1" -c "import urllib.request as u; u.urlopen('$2/readyz', timeout=2)" 2>/dev/null; then return; fi
+    kill -0 "$service" 2>/dev/null || break
+    sleep 1
+  done
+  cat service.log >&2
+  say "the service did not start"
+  exit 1
+}
+
+robot() {
+  "$1" -c '
+import csv, sys
+from firstfix_client import Client, __version__
+url, version = sys.argv[1:]
+assert __version__ == version, __version__
+row = next(csv.DictReader(open("world/poses.csv")))
+with Client(url) as client:
+    fix = client.localize(f"world/{row[\"scan\"]}", map_id="factory")
+error_m = sum((float(row[axis]) - at) ** 2 for axis, at in zip(("tx", "ty", "tz"), fix.T_map_sensor[:3, 3])) ** 0.5
+assert error_m < 0.2, error_m
+print(f"check-release:   a fix of {__version__}, {error_m:.3f} m off")
+' "$2" "$version"
+}
+
+name=firstfix
+checked=0
+for wheel in "$dist"/firstfix-"$version"-cp*-linux_"$(uname -m)".whl; do
+  tag=$(basename "$wheel" | cut -d- -f3)
+  release=3.${tag#cp3}
+  case " ${PYTHONS:-$release} " in *" $release "*) ;; *) continue ;; esac
+  python=$(python_of "$release") || true
+  [ -n "$python" ] || { say "no Python $release: $(basename "$wheel") was not tried"; continue; }
+  say "the house on Python $release"
+  environment house "$python" "$name[service,builder] @ file://$wheel" \
+    "$dist"/firstfix_{console,fleet}-"$version"-*.whl
+  house=$scratch/house/bin
+  [ "$("$house/firstfix" --version)" = "firstfix $version" ]
+  if [ ! -d world ]; then # one build for all: the map of a wheel is read by the others
+    "$house/firstfix" world factory -o world >/dev/null
+    "$house/firstfix" build world/map.ply --map-id factory --store store --sensor world/sensor.yaml --note "a release"
+  fi
+  port=$("$house/python" -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
+  url=http://127.0.0.1:$port
+  "$house/firstfix" serve --store store --port "$port" --work work >service.log 2>&1 &
+  service=$!
+  until_ready "$house/python" "$url"
+  robot "$house/python" "$url"
+  "$house/firstfix" maps ls --url "$url"
+  for client in 3.10 "$release"; do
+    python=$(python_of "$client") || true
+    [ -n "$python" ] || { say "no Python $client: the robot's side was not tried there"; continue; }
+    say "the robot's side on Python $client"
+    rm -rf robot
+    environment robot "$python" "$dist"/firstfix_client-"$version"-py3-none-any.whl
+    robot robot/bin/python "$url"
+  done
+  kill "$service"
+  wait "$service" || true
+  service=
+  rm -rf house
+  checked=$((checked + 1))
+done
+[ "$checked" -gt 0 ] || { say "no wheel could be tried"; exit 1; } >&2
+
+# A wheel for ARM cannot be installed here: its module is loaded by an emulator, where there is one with an ARM Python.
+for wheel in "$dist"/firstfix-"$version"-cp*-linux_aarch64.whl; do
+  [ "$(uname -m)" = aarch64 ] || [ ! -f "$wheel" ] || say "$(basename "$wheel") was built, and not run: this machine has no ARM Python"
+done
+say "$checked wheels of the house, and the robot's side, were installed and gave a fix"
