@@ -64,7 +64,7 @@ class MapSummary(BaseModel):
     map_id: str
     active_version: str | None = Field(description="version that answers; null: every version is retired")
     published_time: str | None = Field(None, description="of the active version: UTC, ISO 8601")
-    summary: VersionNumbers = Field(VersionNumbers(), description="of the active version")
+    summary: VersionNumbers = Field(default_factory=VersionNumbers, description="of the active version")
 
 
 class MapPage(BaseModel):
@@ -78,7 +78,9 @@ class MapDetails(MapSummary):
     """A map with its active manifest."""
 
     versions: int = Field(description="number of published versions")
-    provenance: Provenance = Field(Provenance(), description="of the active version; missing without one")
+    provenance: Provenance = Field(
+        default_factory=Provenance, description="of the active version; missing without one"
+    )
     manifest: dict[str, Any] = Field({}, description="manifest of the active version; missing without one")
 
 
@@ -102,8 +104,8 @@ class VersionSummary(BaseModel):
     provisional: bool = Field(
         False, description="coarse and untested: served until the build's full version takes its place"
     )
-    provenance: Provenance = Provenance()
-    summary: VersionNumbers = VersionNumbers()
+    provenance: Provenance = Field(default_factory=Provenance)
+    summary: VersionNumbers = Field(default_factory=VersionNumbers)
 
 
 class VersionPage(BaseModel):
