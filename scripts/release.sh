@@ -70,8 +70,8 @@ PYTHON=$tools/python plugins/console/build.sh
 [ -f plugins/console/firstfix_console/files/index.html ] || { say "the console's page could not be built"; exit 1; } >&2
 wheel "$tools" ./clients/python ./plugins/console ./plugins/fleet ./lab
 
-# The notes of this release are its section of the changelog.
-awk -v wanted="## $version" 'index($0, "## ") == 1 { on = index($0, wanted) == 1 } on' CHANGELOG.md >dist/NOTES.md
+# The notes of this release are the beginning of its section of the changelog, before what was added and changed.
+awk -v wanted="## $version" 'index($0, "##") == 1 { on = index($0, wanted) == 1 } on' CHANGELOG.md >dist/NOTES.md
 [ -s dist/NOTES.md ] || { say "CHANGELOG.md has no section $version"; exit 1; } >&2
 (cd dist && sha256sum -- *.whl NOTES.md >SHA256SUMS)
 [ "${CHECK:-yes}" = no ] || scripts/check-release.sh
