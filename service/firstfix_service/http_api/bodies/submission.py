@@ -104,7 +104,7 @@ class Submission:
             "trajectory": trajectory,
             "config": self.config,
             "owner": self.caller.name,
-            "note": self.note,
+            **({"note": self.note} if self.note else {}),
         }
 
     def _kept(self, parts: UploadParts, source: Source, build_id: str) -> tuple[dict[str, str], str]:
