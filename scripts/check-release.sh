@@ -4,6 +4,7 @@
 #
 #   scripts/check-release.sh                  # all wheels of dist/
 #   PYTHONS=3.12 scripts/check-release.sh     # for this interpreter alone
+#   BUILT=DIR scripts/check-release.sh        # with DIR/world and DIR/store, so that no map is built
 set -euo pipefail
 cd "$(dirname "$0")/.."
 dist=$PWD/dist
@@ -13,12 +14,21 @@ trap '[ -z "$service" ] || kill "$service" 2>/dev/null || true; rm -rf "$scratch
 # Nothing of the checkout: not its modules, not the user's cache of versions.
 cd "$scratch"
 unset PYTHONPATH
+[ -z "${BUILT:-}" ] || cp -r "$BUILT/world" "$BUILT/store" .
 export XDG_CACHE_HOME=$scratch/cache PIP_DISABLE_PIP_VERSION_CHECK=1
 version=$(basename "$(compgen -G "$dist/firstfix_client-*.whl")" | cut -d- -f2)
 say() { printf 'check-release: %s\n' "$*"; }
 
+# A shim of pyenv is there for each interpreter, and runs those that are chosen alone.
 python_of() {
-  command -v "python$1" || compgen -G "${PYENV_ROOT:-$HOME/.pyenv}/versions/$1.*/bin/python3" | sort -V | tail -n 1
+  local found
+  for found in "$(command -v "python$1")" $(compgen -G "${PYENV_ROOT:-$HOME/.pyenv}/versions/$1.*/bin/python3" | sort -rV); do
+    if [ -n "$found" ] && "$found" -c "" 2>/dev/null; then
+      echo "$found"
+      return
+    fi
+  done
+  return 1
 }
 
 # An environment with the requirements, in which nothing is compiled.
