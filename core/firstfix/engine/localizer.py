@@ -24,7 +24,7 @@ from .preprocess import PreparedQuery, deskewed, preprocess
 from .ranking import RankingConfig
 from .registered_candidate import RegisteredCandidate, features_of
 from .stopwatch import Stopwatch
-from .verdict import judge, threshold_of
+from .verdict import judge, threshold_at, threshold_of
 from .with_prior import judging
 
 
@@ -196,7 +196,7 @@ def _answer_of(
         _search(searches)
     for search in searches:
         if search.registered:
-            search.try_aliases(threshold_of(search.registered[0].index, options))
+            search.try_aliases(threshold_at(search.registered[0], options))
     with watch.stage("verify"):
         together = [candidate for search in searches for candidate in search.registered]
         together.sort(key=lambda candidate: -candidate.support)

@@ -16,6 +16,10 @@ from .ranking import MatchFeatures
 from .registered_candidate import RegisteredCandidate, features_of
 from .registration.covariance import pose_covariance
 
+# In simulated offices no moving scan of another office reached it (lab/docs/experiments.md, "Robots in motion
+# among look-alikes").
+_ENOUGH_IN_MOTION = 0.997
+
 
 def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:
     """Answer of one map or several, each candidate judged by the calibration of its own map.
@@ -32,7 +36,7 @@ def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Lo
         Hypothesis(candidate.T_map_sensor, candidate.quality, share, candidate.template, candidate.map_id)
         for candidate, share in zip(ranked, _shares(ranked, features.tied, probability), strict=True)
     )
-    reason = _why_not_localized(features, calibration, threshold_of(best.index, options))
+    reason = _why_not_localized(features, calibration, threshold_at(best, options))
     if reason in (None, Reason.SEVERAL_PLACES) and best.is_better_outside:
         reason = Reason.LOW_PROBABILITY  # a better place is known, and the prior excludes it
     if reason is None and not best.registration.rests:
@@ -66,6 +70,21 @@ def threshold_of(index: MapIndex, options: LocalizeOptions, map_id: str = "") ->
     if options.min_probability is not None:
         raise InvalidOption("min_probability and max_false_accept both set the threshold: give one")
     return index.false_accept_bound.min_probability(options.max_false_accept, map_id)
+
+
+def threshold_at(best: RegisteredCandidate, options: LocalizeOptions) -> float | None:
+    """The threshold for a candidate; None: its map's own.
+
+    What many maps have taught, they taught of scans at rest. One in motion fits wrong places better: it needs
+    more, unless the map's own cases ask for less.
+
+    Raises:
+        InvalidOption: as ``threshold_of``.
+    """
+    asked, calibration = threshold_of(best.index, options), best.index.calibration
+    if asked is None and best.registration.is_in_motion:
+        return max(calibration.min_probability, min(calibration.search_until, _ENOUGH_IN_MOTION))
+    return asked
 
 
 def _why_not_localized(
