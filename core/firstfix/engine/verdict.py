@@ -18,7 +18,7 @@ from .registration.covariance import pose_covariance
 
 # In simulated offices no moving scan of another office reached it (lab/docs/experiments.md, "Robots in motion
 # among look-alikes").
-_ENOUGH_IN_MOTION = 0.997
+_ENOUGH_IN_MOTION = 0.999
 
 
 def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:
