@@ -14,7 +14,8 @@ from .errors import InputError, MalformedData, NotFound, TooLarge, UnsupportedFo
 from .formats.npy import read_npy
 from .formats.pcd import decode_pcd
 from .formats.ply import decode_ply
-from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud, point_times
+from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
+from .formats.point_times import point_times
 from .formats.raw_xyz import decode_xyz, decode_xyzi
 from .formats.scanner_bin import decode_scanner_bin
 from .formats.text import decode_text
@@ -71,9 +72,7 @@ def _scan_of(cloud: PointCloud) -> Scan:
     with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
         x, y, z = (cloud.columns[axis] for axis in "xyz")
         times = point_times(cloud.columns, None)
-        if times is None:
-            return Scan.from_columns(x, y, z, cloud.intensity)
-        return Scan.from_columns(x, y, z, cloud.intensity, times.stamp_s, times.time_s)
+        return Scan.from_columns(x, y, z, cloud.intensity, times.stamp_s, times.time_s, times.field)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import MalformedData, UnsupportedFormat
 from .file_kind import kind_of
-from .point_cloud import Body, Column, Limits, PointCloud, require_xyz
+from .point_cloud import Body, Column, Limits, PointCloud, axes_of, with_axes
 from .text_table import parse_rows
 
 _MAX_HEADER_BYTES = 65_536
@@ -93,7 +93,7 @@ def decode_pcd(body: Body, limits: Limits) -> PointCloud:
         columns = _record_columns(header, body)
     else:
         columns = _compressed_columns(header, body)
-    return PointCloud(columns)
+    return PointCloud(with_axes("PCD", columns))
 
 
 def _parse_header(body: Body) -> _Header:
@@ -116,7 +116,7 @@ def _parse_header(body: Body) -> _Header:
     if encoding not in ("ascii", "binary", "binary_compressed"):
         raise MalformedData(f"PCD: DATA {encoding[:40]!r} is not ascii, binary or binary_compressed")
     fields = _parse_fields(entries)
-    require_xyz("PCD", {field.name for field in fields if field.count == 1})
+    axes_of("PCD", [field.name for field in fields if field.count == 1])
     return _Header(fields, _parse_points(entries), encoding, start)
 
 

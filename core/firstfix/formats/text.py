@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import MalformedData, TooLarge
-from .point_cloud import Body, Limits, PointCloud, require_xyz
+from .point_cloud import Body, Limits, PointCloud, axes_of
 from .text_table import is_number, parse_rows
 
 _SNIFFED_BYTES = 65_536
@@ -82,7 +82,7 @@ def _sniff(raw: bytes) -> _Layout:
             raise MalformedData(f"text: {line[:60]!r} is not a row of numbers{why}")
         else:
             names = words
-            require_xyz(f"text: {line[:60]!r}, the line of names", set(names))
+            axes_of(f"text: {line[:60]!r}, the line of names", names)
         start = end + 1
     raise MalformedData("text: the start of the file has no row of numbers")
 
