@@ -33,6 +33,7 @@ __all__ = [
     "is_point_cloud2",
     "read_cloud_file",
     "read_scan_file",
+    "scan_of_cloud",
 ]
 
 MAX_SCAN_FILE_BYTES = 1_000_000_000
@@ -61,14 +62,19 @@ def _decode_cdr(body: Body) -> Scan:
 
 
 def _decode_cloud(decode: Callable[[Body, Limits], PointCloud], body: Body) -> Scan:
-    return _scan_of(decode(body, SCAN_LIMITS))
+    return scan_of_cloud(decode(body, SCAN_LIMITS))
 
 
 def _by(decode: Callable[[Body, Limits], PointCloud]) -> Callable[[Body], Scan]:
     return partial(_decode_cloud, decode)
 
 
-def _scan_of(cloud: PointCloud) -> Scan:
+def scan_of_cloud(cloud: PointCloud) -> Scan:
+    """Make a scan of a file's columns, with the times of its points.
+
+    Raises:
+        InvalidScan, TooLarge: as ``Scan.from_columns``.
+    """
     with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
         x, y, z = (cloud.columns[axis] for axis in "xyz")
         times = point_times(cloud.columns, None)
@@ -201,7 +207,7 @@ def _read_scan_file(path: Path) -> Scan:
     if path.suffix.lower() == ".ffscan":
         _check_file(path)
         return _decode_wire(path.read_bytes())
-    return _scan_of(_read_cloud_file(path))
+    return scan_of_cloud(_read_cloud_file(path))
 
 
 def _read_cloud_file(path: Path) -> PointCloud:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import TextIO
 
@@ -72,7 +73,7 @@ def replay(
     """Localize the clouds one after the other, with one in memory; of several LiDARs, those of a second.
 
     Args:
-        log_line: called with a line about clouds that were left out.
+        log_line: called with a line about clouds, and times of points, that were left out.
 
     Raises:
         InvalidOption: gravity or the mounting is given by both the bag and the options; several topics
@@ -90,7 +91,8 @@ def replay(
             bag.check_topic(wanted.tf_static, tf_message.TYPE)
         sets = CloudSets(topics, ros1=bag.ros1)
         number = -1
-        for number, replayed in enumerate(_answers(bag, topics, sets, wanted, ask, options)):  # noqa: B007
+        answers = _answers(bag, topics, sets, wanted, ask, options, cache(log_line))  # a line once
+        for number, replayed in enumerate(answers):  # noqa: B007
             yield replayed
         if sets.left_out:
             left_out = (
@@ -124,6 +126,7 @@ def _answers(
     wanted: Replay,
     ask: Answerer,
     options: LocalizeOptions,
+    say: Callable[[str], None],
 ) -> Iterator[Replayed]:
     frames = _static_transforms(bag, wanted.tf_static) if wanted.needs_frames else StaticTransforms()
     window = GravityWindow()
@@ -134,7 +137,7 @@ def _answers(
         header = clouds[0].header
         asked = _with_gravity_and_mounting(options, header, window, frames, wanted.base_frame)
         with _named(bag, messages[0]):
-            scan = merged_scan(clouds, frames)
+            scan = merged_scan(clouds, frames, say)
         yield Replayed(header, ask(scan, asked))
         if wanted.count is not None and number // wanted.every + 1 >= wanted.count:
             return

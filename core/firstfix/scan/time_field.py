@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+_SHOWN = 60  # characters of a name: those of strangers may be long
+
 
 @dataclass(frozen=True)
 class TimeField:
@@ -36,4 +38,4 @@ class TimeField:
     def described(self) -> str:
         """The field in words: its name, type, range and unit."""
         range_ = f"{self.first:.15g} to {self.last:.15g}"
-        return f"{self.name} ({self.type}, {range_}{f' {self.unit}' if self.unit else ''})"
+        return f"{self.name[:_SHOWN]} ({self.type}, {range_}{f' {self.unit}' if self.unit else ''})"
