@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
@@ -27,26 +27,29 @@ BY_LIBRARY = (".las", ".laz")
 _Read = TypeVar("_Read")
 
 
-def read_scan(path: Path) -> Scan:
+def read_scan(path: Path, columns: tuple[str, ...] | None = None) -> Scan:
     """Read a scan as ``read_scan_file`` does. Files that a library parses are read in another process.
 
     Our own decoders, which also read the queries of strangers, stay in this one.
+
+    Args:
+        columns: of a .bin, as there.
 
     Raises:
         NotFound: no such file.
         InputError: a subclass; the message names the file.
         MalformedData: the library crashed, or did not end.
     """
-    return _limited(path, read_scan_file)
+    return _limited(path, partial(read_scan_file, columns=columns))
 
 
-def read_cloud(path: Path) -> PointCloud:
+def read_cloud(path: Path, columns: tuple[str, ...] | None = None) -> PointCloud:
     """Read the columns of a scan's file, as ``read_cloud_file`` and ``read_scan`` do.
 
     Raises:
         NotFound, InputError: as ``read_scan``.
     """
-    return _limited(path, read_cloud_file)
+    return _limited(path, partial(read_cloud_file, columns=columns))
 
 
 def _limited(path: Path, read: Callable[[Path], _Read]) -> _Read:

@@ -17,13 +17,16 @@ from firstfix.sensor.measure import MeasuredScan
 from .limited_reader import read_cloud
 
 
-def sensor_scan(path: Path) -> MeasuredScan:
+def sensor_scan(path: Path, columns: tuple[str, ...] | None = None) -> MeasuredScan:
     """Read a scan to measure its sensor.
+
+    Args:
+        columns: of a .bin, as ``read_scan_file``.
 
     Raises:
         NotFound, InputError: as ``read_scan``.
     """
-    cloud = read_cloud(path)
+    cloud = read_cloud(path, columns)
     xyz, ring = cloud.xyz, cloud.ring
     with np.errstate(invalid="ignore"):  # NaN compares false
         usable = (np.abs(xyz) <= MAX_ABS_COORDINATE_M).all(axis=1)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..arguments import AsJson, examples
+from ..arguments import AsJson, Columns, columns_of, examples
 
 if TYPE_CHECKING:
     from firstfix.sensor.measure import MeasuredSensor
@@ -36,6 +36,7 @@ def sensor(
         Path | None, typer.Option("--output", "-o", help="File to write [default: standard output].")
     ] = None,
     name: Annotated[str, typer.Option(help="Name of the sensor.")] = "measured",
+    columns: Columns = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -52,7 +53,7 @@ def sensor(
 
     if output is not None and output.exists() and not force:
         raise InvalidOption(f"{output} is there: --force replaces it")
-    found = measure_sensor([sensor_scan(path) for path in scans], name)
+    found = measure_sensor([sensor_scan(path, columns_of(columns)) for path in scans], name)
     notes = notes_of(found)
     text = _yaml(found, notes)
     if output is not None:
