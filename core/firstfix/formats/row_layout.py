@@ -27,7 +27,7 @@ LAYOUTS: dict[int, tuple[tuple[str, ...], ...]] = {
 }
 BY_COLUMN = KITTI  # Oxford's: all x, then all y, z and intensities
 _FEWEST = 120  # numbers: fewer tell nothing
-_QUICK, _THOROUGH = (6, 320), (24, 4096)  # chunks that are compared, and numbers in one
+_QUICK, _THOROUGH = (4, 240), (24, 4096)  # chunks that are compared, and numbers in one
 _CLEAR, _JUST_CLEAR = (
     0.9,
     0.97,

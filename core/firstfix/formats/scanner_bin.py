@@ -67,7 +67,7 @@ def decode_scanner_bin(
 
 def _may_be_kitti(numbers: NDArray[np.float32]) -> bool:
     """Whether rows of four are the only ones that fit, or the file is too small to tell."""
-    if len(numbers) % 4 or not _are_plausible(numbers.reshape(-1, 4)[:, :3]):
+    if len(numbers) % 4 or not _are_plausible(numbers.reshape(-1, 4)[:_SAMPLED_ROWS, :3].T):
         return False
     return is_too_small(numbers) or (len(numbers) % 3 != 0 and row_length(numbers) in (None, 4))
 
@@ -98,12 +98,13 @@ def _decode_nclt(body: Body, limits: Limits) -> PointCloud:
 
 
 def _first_points(cloud: PointCloud) -> NDArray[np.float32]:
-    return np.stack([cloud.columns[axis][:_SAMPLED_ROWS] for axis in "xyz"], axis=1)
+    """The first points, (3, n)."""
+    return np.stack([cloud.columns[axis][:_SAMPLED_ROWS] for axis in "xyz"])
 
 
 def _are_plausible(points: NDArray[np.float32]) -> bool:
-    """Whether most of the first (n, 3) points are NaN, 0 or of plausible size, and not denormal."""
-    size = np.abs(points[:_SAMPLED_ROWS])
+    """Whether most of (3, n) points are NaN, 0 or of plausible size, and not denormal."""
+    size = np.abs(points)
     with np.errstate(invalid="ignore"):
         good = np.isnan(size) | (size == 0) | ((size > 1e-6) & (size < _PLAUSIBLE_M))
-    return bool(good.all(axis=1).mean() > 0.95)
+    return np.count_nonzero(good[0] & good[1] & good[2]) > 0.95 * points.shape[1]
