@@ -49,12 +49,16 @@ def sensor(
     from firstfix.errors import InvalidOption
     from firstfix.sensor.measure import measure_sensor
 
+    from ..limited_reader import read_cloud
+    from ..scan_report import report_of_cloud
     from ..sensor_scan import sensor_scan
 
     if output is not None and output.exists() and not force:
         raise InvalidOption(f"{output} is there: --force replaces it")
-    found = measure_sensor([sensor_scan(path, columns_of(columns)) for path in scans], name)
-    notes = notes_of(found)
+    clouds = [(str(path), read_cloud(path, columns_of(columns))) for path in scans]
+    found = measure_sensor([sensor_scan(*one) for one in clouds], name)
+    understood = report_of_cloud(clouds[0][1]).understood
+    notes = [*notes_of(found), *(f"{subject}: {understood[subject]}" for subject in ("fields", "times"))]
     text = _yaml(found, notes)
     if output is not None:
         output.parent.mkdir(parents=True, exist_ok=True)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bit_exact.sample import rows_by_chance
 from ..scan.scan import MAX_ABS_TIME_S
 from ..scan.time_field import TimeField
 from .point_cloud import Column
@@ -211,6 +212,6 @@ def _unit_of(name: str, taken: Column, first: float, last: float) -> tuple[str |
 
 def _is_spread(taken: Column, span: float) -> bool:
     """Whether the numbers fill their span, as those of a turn do."""
-    some = taken[:: max(1, len(taken) // _SAMPLED)]
+    some = taken[rows_by_chance(len(taken), _SAMPLED)]
     low, high = np.quantile(some.astype(np.float64), (0.05, 0.95))
     return bool(high - low >= _FILLED * span and len(np.unique(some)) >= _MIN_LEVELS)
