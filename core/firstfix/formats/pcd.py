@@ -88,7 +88,7 @@ def decode_pcd(body: Body, limits: Limits) -> PointCloud:
     body = memoryview(body)  # its slices are views
     header = _parse_header(body)
     limits.check("PCD", header.points, header.record_bytes)
-    if header.encoding != "ascii" and body[header.body_start - 2 : header.body_start] == b"\r\n":
+    if header.encoding != "ascii" and bytes(body[header.body_start - 2 : header.body_start]) == b"\r\n":
         body = _with_plain_body(header, body)
     if header.encoding == "ascii":
         columns = _ascii_columns(header, body, limits)

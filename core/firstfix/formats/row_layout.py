@@ -76,8 +76,8 @@ def row_layout(numbers: Numbers) -> RowLayout | None:
                 return found
         if count % 4 == 0 and _is_by_column(numbers):
             return RowLayout(BY_COLUMN, by_column=True)
-        row = row_length(numbers)
-        return None if row is None else _named(numbers, row)
+        length = row_length(numbers)
+        return None if length is None else _named(numbers, length)
 
 
 def _is_kitti(numbers: Numbers) -> bool:
