@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ...answer.localization import Localization, Reason
 from ...answer.scan_facts import ScanFacts
 from ...findings import scan_kinds
@@ -23,6 +25,15 @@ def time_field_finding(scan: Scan | CompactScan) -> Finding | None:
         return None
     numbers = {"first": field.first, "last": field.last}
     return scan_kinds.TIME_FIELD_UNKNOWN.found(numbers, field=field.described, why=field.why)
+
+
+def with_time_field(answer: Localization, scan: Scan | CompactScan) -> Localization:
+    """The answer to a scan that was sent without its field, with the finding about this field."""
+    found = time_field_finding(scan)
+    if found is None or any(one.code == found.code for one in answer.findings):
+        return answer
+    others = tuple(one for one in answer.findings if one.code != scan_kinds.NO_TIMES.code)
+    return replace(answer, findings=(*others, found))
 
 
 def no_times_finding(answer: Localization, facts: ScanFacts) -> Finding | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,8 +15,9 @@ from firstfix.engine.config import PreprocessConfig
 from firstfix.engine.diagnosis.facts import MEASURED, eigenvalue_bounds, facts_of, is_on_a_line
 from firstfix.engine.diagnosis.input_findings import input_finding
 from firstfix.engine.diagnosis.other_forms import MAX_SCALE, MIN_SCALE, from_polar, scales
-from firstfix.engine.diagnosis.time_findings import no_times_finding, time_field_finding
+from firstfix.engine.diagnosis.time_findings import no_times_finding, time_field_finding, with_time_field
 from firstfix.errors import InvalidOption, InvalidScan
+from firstfix.findings import scan_kinds
 from firstfix.findings.finding import Finding, Severity
 from firstfix.findings.registry import KINDS
 from firstfix.formats.point_cloud import PointCloud
@@ -162,6 +165,14 @@ def test_a_field_that_looks_like_times_is_named():
         "The field ts (float64, 0 to 5000000000) was not understood as times of the points: "
     )
     assert told.numbers == {"first": 0, "last": 5e9}
+    sent = Localization(
+        Verdict.REJECTED, findings=(scan_kinds.UNSURE.found({"inlier_ratio": 0.9, "probability": 0.5}),)
+    )
+    sent = replace(
+        sent, findings=(*sent.findings, scan_kinds.NO_TIMES.found())
+    )  # by a service that has no fields
+    assert [one.code for one in with_time_field(sent, strange).findings] == ["unsure", "time_field_unknown"]
+    assert with_time_field(with_time_field(sent, strange), strange) == with_time_field(sent, strange)
     for times in (np.linspace(0, 0.1, len(points)), np.zeros(len(points))):  # understood, and filled in
         assert time_field_finding(scan_of_cloud(PointCloud({**given, "ts": times}))) is None
     assert time_field_finding(scan_of_cloud(PointCloud(given))) is None
