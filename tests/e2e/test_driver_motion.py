@@ -12,7 +12,8 @@ import pytest
 
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.builds.config import PerturbConfig
-from firstfix.decode import decode_query
+from firstfix.decode import decode_query, scan_of_cloud
+from firstfix.formats.point_cloud import PointCloud
 from firstfix.ros.media_types import POINT_CLOUD2
 from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform, pose_error
@@ -74,3 +75,31 @@ def test_times_of_another_unit_sign_or_order_would_not_pass(localizer, turning):
     wrong = {"none": None, "ms": right / 1000, "before": right - PERIOD_S, "sign": -right, "order": shuffled}
     for name, times in wrong.items():
         assert why_wrong(localizer.localize(replace(scan, time_s=times)), T_map_begin), name
+
+
+IMPLAUSIBLE = {
+    "a few at 3.6 s": lambda t: np.where(np.arange(len(t)) % 50 == 7, 3.6, t),
+    "off by a ring": lambda t: t + (np.arange(len(t)) % 16) * 5e-3,
+    "microseconds": lambda t: t * 1e6,
+    "epoch in float32": lambda t: (1.73e9 + t).astype(np.float32),
+    "epoch in float64": lambda t: 1.73e9 + t,
+    "one number": lambda t: np.full(len(t), 0.5),
+}
+
+
+@every_case("case", IMPLAUSIBLE)
+def test_a_robot_at_rest_is_localized_with_implausible_times(localizer, small_world, case):
+    simulator = Simulator(small_world.vertices, small_world.triangles)
+    still = PerturbConfig(occluders=0, unmapped=0, vanished=0)
+    simulation = ScanSimulation(simulator, SensorModel.from_mapping(SENSOR), still)
+    at = localizer.index.cascade.templates.position_m
+    where = simulation.cases(at, 1.0, 3, np.random.default_rng(21))[2]
+    points = simulation.scan(where, Motion((0.0,) * 6, Sweep(PERIOD_S, stamp=0.0))).points
+    since_begin_s = Sweep(PERIOD_S, stamp=0.0).times(points).astype(np.float64)
+    columns = dict(zip("xyz", points.T, strict=True))
+    scan = scan_of_cloud(PointCloud({**columns, "time": IMPLAUSIBLE[case](since_begin_s)}))
+    answer = localizer.localize(scan)
+    assert answer.verdict is Verdict.LOCALIZED
+    off_m, off_deg = pose_error(where.T_level_sensor, answer.T_map_sensor)
+    assert off_m < MAX_M
+    assert off_deg < MAX_DEG
