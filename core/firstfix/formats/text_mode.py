@@ -11,11 +11,11 @@ from ..errors import MalformedData
 _FEWEST = 8  # bytes LF: fewer may have a CR before them by chance
 
 
-def undo_text_mode(format_name: str, data: memoryview, need: int) -> memoryview:
+def undo_text_mode(format_name: str, data: memoryview, need: int | None) -> memoryview:
     """The data as it was; itself, if it went through no such transfer.
 
     Args:
-        need: bytes that the data must have.
+        need: bytes that the data must have; None: not known before it is mended.
 
     Raises:
         MalformedData: it went through one, and has another size when it is mended.
@@ -26,9 +26,9 @@ def undo_text_mode(format_name: str, data: memoryview, need: int) -> memoryview:
     ends = raw.count(b"\n")
     if raw.count(b"\r\n") < ends:
         return data
-    if len(raw) - ends == need:
+    if len(raw) - ends == need or (need is None and ends >= _FEWEST):
         return memoryview(raw.replace(b"\r\n", b"\n"))
-    if ends >= _FEWEST:
+    if need is not None and ends >= _FEWEST:
         raise MalformedData(
             f"{format_name}: the file is damaged by a text-mode transfer, which put a CR before each LF: "
             "copy it again as binary"

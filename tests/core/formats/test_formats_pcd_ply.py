@@ -256,6 +256,20 @@ def test_a_pcd_that_went_through_a_text_mode_transfer_is_mended(points, encoding
     np.testing.assert_array_equal(read.columns["z"], cloud["z"])
 
 
+def test_a_ply_that_went_through_a_text_mode_transfer_is_mended():
+    cloud = random_cloud(500)
+    whole = ply(cloud, "binary_little_endian").replace(b"\n", b"\r\n")
+    read = decode_ply(whole, SCAN_LIMITS)
+    for name in cloud.dtype.names:
+        np.testing.assert_array_equal(read.columns[name], cloud[name])
+    no_faces = ply(cloud, "binary_little_endian").replace(b"element face 1", b"element face 0")
+    plain = no_faces.replace(b"element face 0\nproperty list uchar int vertex_indices\n", b"")[:-13]
+    read = decode_ply(plain.replace(b"\n", b"\r\n"), SCAN_LIMITS)
+    np.testing.assert_array_equal(read.columns["ring"], cloud["ring"])
+    with pytest.raises(MalformedData, match="damaged by a text-mode transfer"):
+        decode_ply(plain.replace(b"\n", b"\r\n")[:-30], SCAN_LIMITS)
+
+
 @every_case("encoding", ["binary", "binary_compressed"])
 def test_a_pcd_that_a_transfer_damaged_and_cut_is_named(encoding):
     whole = pcd(random_cloud(5000), encoding).replace(b"\n", b"\r\n")
