@@ -10,6 +10,7 @@ from ..errors import MalformedData
 from ..scan.scan import is_transposed
 from .file_kind import kind_of
 from .point_cloud import Limits, PointCloud, with_axes
+from .row_layout import KITTI, names_of
 
 MAGIC = b"\x93NUMPY"
 _HEAD_BYTES = 256
@@ -40,7 +41,9 @@ def read_npy(path: Path, limits: Limits) -> PointCloud:
     elif array.ndim == 2 and is_transposed(array.shape):
         raise MalformedData(f"NPY: the array has the shape {array.shape}; scans are (n, 3): transpose it")
     elif array.ndim == 2 and array.shape[1] >= 3 and array.dtype.kind in "fiu":
-        names = ("x", "y", "z", "intensity") if array.shape[1] >= 4 else ("x", "y", "z")
+        names = KITTI if array.shape[1] >= 4 else KITTI[:3]
+        if array.dtype.kind == "f" and len(array):  # velodyne-decoder's rows of eight have times, and others
+            names = names_of(array) or names
         columns = {name: array[:, column] for column, name in enumerate(names)}
     else:
         raise MalformedData(f"NPY: {array.dtype} {array.shape} is not an (n, 3) array of numbers")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Numbers = NDArray[np.float32]
 _ALIKE_M = 5.0  # numbers that differ by more are as unlike as any
 
-KITTI = ("x", "y", "z", "intensity")
+KITTI: tuple[str, ...] = ("x", "y", "z", "intensity")
 # By the length of a row: KITTI and most converters; nuScenes; those that keep times; Boreas;
 # velodyne-decoder.
 LAYOUTS: dict[int, tuple[tuple[str, ...], ...]] = {
@@ -131,12 +131,15 @@ def _clear_lengths(apart: dict[int, float]) -> list[tuple[float, int]]:
 
 def _named(numbers: Numbers, row: int, *needed: str) -> RowLayout | None:
     """The first known layout of rows of this length whose columns are what their names say."""
-    if row not in LAYOUTS or len(numbers) % row:
-        return None
-    rows = numbers.reshape(-1, row)
-    fitting = (names for names in LAYOUTS[row] if set(needed) <= set(names) and _fits(rows, names))
-    found = next(fitting, None)
+    found = names_of(numbers.reshape(-1, row), *needed) if len(numbers) % row == 0 else None
     return None if found is None else RowLayout(found)
+
+
+def names_of(rows: NDArray[np.floating], *needed: str) -> tuple[str, ...] | None:
+    """The names of the columns of (n, m) rows, these among them, where they are those of a known layout."""
+    known = (names for names in LAYOUTS.get(rows.shape[1], ()) if set(needed) <= set(names))
+    with np.errstate(invalid="ignore", over="ignore"):
+        return next((names for names in known if _fits(rows, names)), None)
 
 
 def _chunks(numbers: Numbers, count: int, length: int) -> Numbers:
@@ -151,14 +154,14 @@ def _difference(chunks: Numbers, lag: int, alike: float) -> float:
     return float(np.fmin(np.abs(chunks[:, lag:] - chunks[:, :-lag]), np.float32(alike)).mean())
 
 
-def _fits(rows: Numbers, names: tuple[str, ...]) -> bool:
+def _fits(rows: NDArray[np.floating], names: tuple[str, ...]) -> bool:
     """Whether the columns behind x, y and z are what their names say, where x is a number."""
     there = np.isfinite(rows[:, 0])
     columns = zip(names, rows.T, strict=True)
     return all(_CHECKS[name](column[there]) for name, column in columns if name in _CHECKS)
 
 
-def _is_ring(column: Numbers) -> bool:
+def _is_ring(column: NDArray[np.floating]) -> bool:
     return bool(
         len(column)
         and column.min() >= 0
@@ -167,17 +170,17 @@ def _is_ring(column: Numbers) -> bool:
     )
 
 
-def _is_whole(column: Numbers) -> bool:
+def _is_whole(column: NDArray[np.floating]) -> bool:
     return bool(len(column) and (column == np.rint(column)).all())
 
 
-def _is_time(column: Numbers) -> bool:
+def _is_time(column: NDArray[np.floating]) -> bool:
     if not len(column) or not np.isfinite(column).all():
         return False
     return bool(0 < np.ptp(column) <= _MAX_TURN_S and max(-column.min(), column.max()) <= _MAX_TIME_S)
 
 
-def _is_intensity(column: Numbers) -> bool:
+def _is_intensity(column: NDArray[np.floating]) -> bool:
     return bool(len(column) and column.min() >= 0 and column.max() <= _MAX_INTENSITY)
 
 

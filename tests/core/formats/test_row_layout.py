@@ -131,6 +131,19 @@ def test_no_layout_of_a_real_scan_is_told_wrong(every: int):
     assert right >= SHARE_TOLD * tried
 
 
+def test_the_columns_of_an_array_are_told_where_they_are_known(tmp_path: Path):
+    points = room()[:3200]
+    for name, rows in rows_of(points, np.random.default_rng(2)):
+        if name == "oxford":
+            continue
+        np.save(tmp_path / "a.npy", rows)
+        cloud = read_cloud_file(tmp_path / "a.npy")
+        assert np.array_equal(cloud.xyz, rows[:, :3])
+        assert tuple(cloud.columns) == NAMES.get(name, ("x", "y", "z", "intensity"))
+        has_times = "time" in NAMES.get(name, ())
+        assert (read_scan_file(tmp_path / "a.npy").time_s is not None) == has_times
+
+
 @with_recorded("formats/original")
 def test_a_real_file_of_kitti_is_the_same_to_the_bit():
     path = next((RECORDED / "formats" / "original").glob("kitti00_*.bin"))
