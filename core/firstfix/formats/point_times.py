@@ -51,7 +51,7 @@ class PointTimes:
     """Times of a cloud's points, and the field that has them.
 
     Attributes:
-        time_s: (n,) float32 seconds from the stamp; those of the first return for points that are no returns.
+        time_s: (n,) float32 seconds from the stamp; points that are no returns may have the first return's.
             None: not known.
         stamp_s: the cloud's own stamp; else the time of the first point, if it counts from the epoch; else
             None.
@@ -86,11 +86,13 @@ def point_times(columns: Mapping[str, Column], stamp_s: float | None) -> PointTi
     usable: NDArray[np.bool_] | None = None
     failed: TimeField | None = None
     for name, column in _candidates(columns):
-        if usable is None:
-            usable = _returns(columns)
+        found = _read(name, column, None, stamp_s)
+        # most drivers give right times of all points; those by another clock count from the first return
+        if found.time_s is None or (found.field is not None and found.field.clock == "own"):
+            usable = _returns(columns) if usable is None else usable
             if not usable.any():
                 break
-        found = _read(name, column, usable, stamp_s)
+            found = _read(name, column, usable, stamp_s)
         if found.time_s is not None:
             return found
         if failed is None or (failed.is_filling and found.field is not None):
@@ -131,16 +133,23 @@ def _returns(columns: Mapping[str, Column]) -> NDArray[np.bool_]:
     return found
 
 
-def _read(name: str, column: Column, usable: NDArray[np.bool_], stamp_s: float | None) -> PointTimes:
-    """The times by one field, or why they are none."""
-    all_usable = bool(usable.all())
+def _read(name: str, column: Column, usable: NDArray[np.bool_] | None, stamp_s: float | None) -> PointTimes:
+    """The times by one field, or why they are none.
+
+    Args:
+        usable: of each point, whether it is a return; None: all count.
+    """
+    if not len(column):
+        return PointTimes(None, stamp_s)
+    if usable is None or usable.all():
+        usable = None
     with np.errstate(invalid="ignore", over="ignore"):
-        taken = column if all_usable else column[usable]
+        taken = column if usable is None else column[usable]
         first, last = taken.min(), taken.max()
         without = 0.0
         if column.dtype.kind == "f" and not (np.isfinite(first) and np.isfinite(last)):
-            column, without = _filled(column, usable)
-            taken = column[usable]
+            column, without = _filled(column, np.ones(len(column), bool) if usable is None else usable)
+            taken = column if usable is None else column[usable]
             first, last = taken.min(), taken.max()
     field = TimeField(name, column.dtype.name, float(first), float(last))
     unit, why = _unit_of(name, taken, first.item(), last.item())
@@ -162,7 +171,7 @@ def _read(name: str, column: Column, usable: NDArray[np.bool_], stamp_s: float |
     exact = column if column.dtype.kind in "iu" else column.astype(np.float64)
     with np.errstate(invalid="ignore", over="ignore"):
         time_s = (exact - first.astype(exact.dtype)) * scale
-    if not all_usable:
+    if usable is not None:
         time_s = np.where(usable, time_s, 0.0)
     time_s += begin_s
     return PointTimes(time_s.astype(np.float32), stamp_s, replace(field, unit=unit, clock=clock))

@@ -162,7 +162,8 @@ def test_points_that_are_no_returns_do_not_vote():
     found = point_times({**origin, "timestamp": np.where(lost, 0, STAMP_S - 0.1 + SWEEP_S)}, STAMP_S)
     np.testing.assert_allclose(found.time_s[~lost], SWEEP_S[~lost] - 0.1, atol=1e-6)
     assert (found.time_s[lost] == found.time_s[~lost].min()).all()
-    assert point_times({**dict.fromkeys("xyz", np.zeros(N)), "t": SWEEP_S}, None).time_s is None
+    none = {**dict.fromkeys("xyz", np.zeros(N)), "timestamp": np.where(lost, 0, STAMP_S)}
+    assert point_times(none, STAMP_S).time_s is None
 
 
 @every_case("bad", [np.nan, np.inf, -np.inf])

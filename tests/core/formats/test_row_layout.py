@@ -118,7 +118,7 @@ def _real_scans() -> Iterator[np.ndarray]:
 
 
 @with_recorded("kitti_drive0027_street")
-@pytest.mark.parametrize("every", [12, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", [12, pytest.param(1, marks=[pytest.mark.slow, pytest.mark.timeout(1200)])])
 def test_no_layout_of_a_real_scan_is_told_wrong(every: int):
     rng = np.random.default_rng(3)
     right = tried = 0
