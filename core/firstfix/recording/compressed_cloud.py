@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -82,6 +83,23 @@ def _unzlib(packed: memoryview, size: int) -> bytes:
     return data
 
 
+_DRACO_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 9: "f4", 10: "f8"}
+
+
+def _values(attribute: Any) -> Column | None:
+    """The values of a Draco attribute in its own type; None: a colour, or of an unknown type.
+
+    DracoPy 2.2 gives them as float32 and uint32. So of a float64 the last digits are lost: times since the
+    epoch come out as one time, and so count as none.
+    """
+    values, form = np.asarray(attribute["data"]), _DRACO_TYPES.get(attribute["data_type"])
+    if form is None or values.size != len(values) or values.dtype.kind not in "iuf":
+        return None
+    with np.errstate(invalid="ignore"):
+        column: Column = values.reshape(-1).astype(form)
+    return column
+
+
 _UNPACK: dict[str, Callable[[memoryview, int], bytes]] = {"zstd": _unzstd, "zlib": _unzlib}
 
 
@@ -101,14 +119,14 @@ def _of_draco(header: Header, names: list[str], packed: memoryview, limits: Limi
         ) from error
     try:
         decoded = DracoPy.decode(bytes(packed))
-        attributes = {int(one["unique_id"]): np.asarray(one["data"]) for one in decoded.attributes}
+        attributes = {int(one["unique_id"]): _values(one) for one in decoded.attributes}
     except Exception as error:  # its own, and those of NumPy, on damaged data
         raise MalformedData(f"draco: {error or type(error).__name__}") from error
     columns: dict[str, Column] = {}
     for number, name in enumerate(names):
         values = attributes.get(number)
-        if values is not None and values.dtype.kind in "iuf" and values.size == len(values):
-            columns.setdefault(name, values.reshape(-1))
+        if values is not None:
+            columns.setdefault(name, values)
     require_xyz(_NAME, set(columns))
     limits.check(_NAME, len(columns["x"]), 8 * len(columns))
     if len({len(values) for values in columns.values()}) > 1:

@@ -79,10 +79,11 @@ def unpack_chunk(name: str, data: bytes, size: int) -> bytes:
 
 
 def limit_ros1_chunks() -> None:
-    """Put decompressors with limits in the table of rosbags, whose own ones have none."""
+    """Put decompressors with limits in the place of those of rosbags, which have none."""
     from rosbags.rosbag1 import reader
 
-    reader.decompressors.update(bz2=_ros1_bz2, lz4=_ros1_lz4)
+    reader.bz2_decompress, reader.lz4_decompress = _ros1_bz2, _ros1_lz4  # 0.9 makes its table of these names
+    getattr(reader, "decompressors", {}).update(bz2=_ros1_bz2, lz4=_ros1_lz4)
 
 
 def _ros1_bz2(data: bytes) -> bytes:
