@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -111,9 +110,11 @@ def clouds_of_file(path: Path, sensor: int) -> Iterator[StampedCloud]:
         ModuleNotFoundError: ouster-sdk is not installed.
     """
     with _of_sdk(path.name):
-        for frames in _opened(path):
+        source = _opened(path)
+        cloud_of = frame_decoder(source.sensor_info[sensor])
+        for frames in source:
             frame = frames[sensor]
-            cloud = None if frame is None else frame_decoder(frame.sensor_info)(frame)
+            cloud = None if frame is None else cloud_of(frame)
             if cloud is not None:
                 yield cloud
 
@@ -144,11 +145,9 @@ def _opened(path: Path) -> Any:
         ) from error
 
 
-@cache
-def _frame_decoder(metadata: str) -> Callable[[Any], StampedCloud | None]:
-    sdk = _sdk()
-    info = sdk.SensorInfo(metadata)
-    place = sdk.XYZLut(info, use_extrinsics=False)
+def frame_decoder(info: Any) -> Callable[[Any], StampedCloud | None]:
+    """Make the function that turns a sensor's LidarFrame into a cloud; None: it has no point."""
+    place = _sdk().XYZLut(info, use_extrinsics=False)
     rings = np.arange(info.format.pixels_per_column, dtype=np.uint16)
 
     def cloud(frame: Any) -> StampedCloud | None:
@@ -170,11 +169,6 @@ def _frame_decoder(metadata: str) -> Callable[[Any], StampedCloud | None]:
         return StampedCloud(Header(Stamp.of_ns(first_ns), FRAME), PointCloud(columns))
 
     return cloud
-
-
-def frame_decoder(info: Any) -> Callable[[Any], StampedCloud | None]:
-    """Make the function that turns a sensor's LidarFrame into a cloud; None: it has no point."""
-    return _frame_decoder(info.to_json_string())
 
 
 @contextmanager
