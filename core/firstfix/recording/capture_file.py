@@ -19,7 +19,7 @@ ENDINGS = (".pcap", ".osf")
 TYPE, ENCODING = "firstfix.CapturedTurn", "capture"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class CapturedTurn(RawMessage):
     """A turn that a library has decoded.
 

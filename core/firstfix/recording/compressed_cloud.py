@@ -57,7 +57,7 @@ def decode_compressed_cloud(message: RawMessage, limits: Limits) -> StampedCloud
         raise UnsupportedFormat(f"{_NAME}: no reader for its format {form[:40]!r}: {_remedy(form)}")
     data = unpack(packed, height * row_step)
     # A PointCloud2 is the same message up to the data. Its length is aligned already.
-    begin = message.body[:place] + bytes(-place % 4 if not message.ros1 else 0)
+    begin = bytes(message.body[:place]) + bytes(-place % 4 if not message.ros1 else 0)
     plain = begin + struct.pack(reader.byte_order + "I", len(data)) + data + bytes([is_dense])
     return decode_point_cloud2(plain, limits, ros1=message.ros1)
 

@@ -18,7 +18,7 @@ _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # no message begins with it: CDR begins with 
 _PIECE_BYTES = 1 << 20
 
 
-def unpack_message(body: bytes) -> bytes:
+def unpack_message(body: bytes | memoryview) -> bytes | memoryview:
     """A message of a ROS 2 bag as it was before compression; one without compression as it is.
 
     Raises:

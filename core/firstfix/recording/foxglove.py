@@ -50,7 +50,7 @@ def foxglove_decoder(schema: bytes) -> Callable[[RawMessage, Limits], StampedClo
 
     def decode(message: RawMessage, limits: Limits) -> StampedCloud:
         try:
-            return _cloud(kind.FromString(message.body), limits)
+            return _cloud(kind.FromString(bytes(message.body)), limits)
         except FirstfixError:
             raise
         except Exception as error:

@@ -56,7 +56,7 @@ class McapFile:
         parts.append(Part(self._index.start_ns, lambda: self._loose(frozenset(channels), start_ns)))
         for time_ns, (number, body) in in_time_order(part for part in parts if part is not None):
             channel = channels[number]
-            yield RawMessage(channel.topic, time_ns, bytes(body), ros2_type(channel.type), channel.encoding)
+            yield RawMessage(channel.topic, time_ns, body, ros2_type(channel.type), channel.encoding)
 
     def _part(
         self, chunk: Chunk, channels: frozenset[int], start_ns: int
@@ -70,7 +70,10 @@ class McapFile:
     ) -> Iterator[tuple[int, tuple[int, bytes | memoryview]]]:
         body = chunk_body(self._file, chunk.place)
         for time_ns, channel, begin, end in chunk_messages(body, channels, start_ns):
-            yield time_ns, (channel, body[begin:end])
+            message = body[
+                begin:end
+            ]  # a copy costs more than the reading, but a small one would keep the chunk
+            yield time_ns, (channel, message if 2 * len(message) > len(body) else bytes(message))
 
     def _loose(
         self, channels: frozenset[int], start_ns: int

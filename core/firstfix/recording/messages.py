@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 from ..formats.point_cloud import SCAN_LIMITS
 
@@ -29,7 +30,7 @@ class Topic:
     count: int | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class RawMessage:
     """A serialised message of a recording.
 
@@ -40,7 +41,7 @@ class RawMessage:
 
     topic: str
     time_ns: int
-    body: bytes
+    body: bytes | memoryview
     type: str
     encoding: str
 
@@ -50,6 +51,7 @@ class RawMessage:
         return self.encoding == ROS1
 
 
+@lru_cache(1024)  # it is asked for every message
 def ros2_type(name: str) -> str:
     """The name of a message type as ROS 2 writes it: ``pkg/Type`` of ROS 1 becomes ``pkg/msg/Type``."""
     package, _, message = name.partition("/")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from . import lidar_types
 from .bag_files import bag_files
 from .capture_file import ENDINGS as CAPTURES
 from .capture_file import CaptureFile
-from .clouds import CloudReader, RecordedCloud, where
+from .clouds import CloudReader, RecordedCloud
 from .compression import unpack_message
 from .mcap_file import McapFile
 from .messages import CDR, RawMessage, Topic
@@ -131,24 +132,9 @@ class Recording:
             for storage in self._storages
             if any(topic.name in wanted for topic in storage.topics)
         ]
-        messages = in_time_order(parts)
-        while True:
-            with _damage_named(self.path):
-                found = next(messages, None)
-            if found is None:
-                return
-            yield self._unpacked(found[1])
-
-    def _unpacked(self, message: RawMessage) -> RawMessage:
-        if message.encoding != CDR:
-            return message
-        try:
-            body = unpack_message(message.body)
-        except InputError as error:
-            raise type(error)(f"{where(str(self.path), message.topic, message.time_ns)}: {error}") from error
-        if body is message.body:
-            return message
-        return RawMessage(message.topic, message.time_ns, body, message.type, message.encoding)
+        with _damage_named(self.path):  # what a caller raises between two messages does not come here
+            for _, message in in_time_order(parts):
+                yield _unpacked(message) if message.encoding == CDR else message
 
     def cloud_reader(self, topic: Topic) -> CloudReader:
         """Make what turns the messages of a topic into clouds.
@@ -170,6 +156,17 @@ class Recording:
             if (message.type, message.encoding) == (topic.type, topic.encoding):
                 yield from reader.add(message)
         yield from reader.end()
+
+
+def _unpacked(message: RawMessage) -> RawMessage:
+    try:
+        body = unpack_message(message.body)
+    except InputError as error:
+        at = f"the message of {message.topic} recorded at {message.time_ns} ns"
+        raise type(error)(f"{at}: {error}") from error
+    if body is message.body:
+        return message
+    return replace(message, body=body)
 
 
 def _timed(

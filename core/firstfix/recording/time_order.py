@@ -30,6 +30,9 @@ def in_time_order(parts: Iterable[Part[_Item]]) -> Iterator[tuple[int, _Item]]:
     together.
     """
     waiting = sorted(enumerate(parts), key=lambda one: (one[1].start_ns, one[0]), reverse=True)
+    if len(waiting) == 1:
+        yield from waiting[0][1].items()
+        return
     heap: list[tuple[int, int, _Item, Iterator[tuple[int, _Item]]]] = []
     while waiting or heap:
         while waiting and (not heap or waiting[-1][1].start_ns <= heap[0][0]):
