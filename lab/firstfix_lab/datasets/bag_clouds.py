@@ -18,11 +18,21 @@ from .recording import RecordedScan, Recording
 
 
 class BagClouds(Recording):
-    """Reads the clouds of a topic, at the stamps of their headers. The bags are read once for the stamps."""
+    """Reads the clouds of a topic, at the stamps of their headers. The bags are read once for the stamps.
 
-    def __init__(self, bags: Sequence[Path], topic: str, truth: GroundTruth, T_body_sensor: Matrix) -> None:
+    Args:
+        topic: None: the only one with clouds.
+    """
+
+    def __init__(
+        self, bags: Sequence[Path], topic: str | None, truth: GroundTruth, T_body_sensor: Matrix
+    ) -> None:
         self._bags = bags
         self._topic = topic
+        self.notes = []
+        for path in bags:
+            with open_recording(path) as recording:
+                self.notes += [f"{path}: {note}" for note in recording.notes]
         super().__init__([stamp for stamp, _, _ in self._clouds()], truth, T_body_sensor)
 
     def read(self, chosen: NDArray[np.intp]) -> Iterator[RecordedScan]:
@@ -33,7 +43,7 @@ class BagClouds(Recording):
             if k is None:
                 continue
             scan = recorded.cloud().scan()
-            yield RecordedScan(f"{path}: {self._topic} at {stamp_ns} ns", scan, self.T_map_sensor[k])
+            yield RecordedScan(f"{path}: {recorded.topic} at {stamp_ns} ns", scan, self.T_map_sensor[k])
             if not wanted:
                 return
 
