@@ -13,7 +13,7 @@ from firstfix_cli.bags.replay import Replay, Replayed, replay
 from tests import ros_samples
 from tests.captures import vlp16_packets, write_pcap
 from tests.lidar_messages import STAMP_NS, livox
-from tests.ros_samples import cloud_of_points, write_bag
+from tests.ros_samples import cloud, write_bag
 
 MS = 10**6
 
@@ -47,10 +47,10 @@ def of_livox(number: int) -> object:
 def test_a_livox_is_replayed_beside_another_lidar(tmp_path: Path):
     fixed = [("livox_frame", "top", np.eye(4))]
     messages = [("/tf_static", STAMP_NS - 1, ros_samples.transforms(fixed))]
+    records = np.zeros(9, [*((axis, "<f4") for axis in "xyz"), ("t", "<u4")])
     for number in range(4):
-        top = cloud_of_points(
-            np.full((9, 3), 100.0 + number), stamp_ns=STAMP_NS + (number * 100 + 30) * MS, frame_id="top"
-        )
+        records["x"], records["y"], records["t"] = 100 + number, np.arange(9), np.arange(9) * 12 * MS
+        top = cloud(records, stamp_ns=STAMP_NS + (number * 100 + 30) * MS, frame_id="top")
         at = STAMP_NS + (number * 100 + 100) * MS
         messages += [("/livox/lidar", at, of_livox(number)), ("/top", at + 1, top)]
     path = write_bag(tmp_path, "mcap", messages)
@@ -61,7 +61,7 @@ def test_a_livox_is_replayed_beside_another_lidar(tmp_path: Path):
         assert len(scan) == 59
         assert (scan.points[:50, 0] == number + 1).all()
         assert scan.time_s is not None
-        np.testing.assert_allclose(scan.time_s[[0, 49, 50]], [0.0, 0.098, 0.03], atol=1e-6)
+        np.testing.assert_allclose(scan.time_s[[0, 49, 50, 58]], [0.0, 0.098, 0.03, 0.126], atol=1e-6)
     assert len(replayed(path, ("/livox/lidar",), every=2, start_s=0.05)[0]) == 2
 
 

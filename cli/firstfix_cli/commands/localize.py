@@ -92,8 +92,8 @@ def localize(
     bag: Annotated[
         Path | None,
         typer.Option(
-            help="Instead of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, also with .zstd, the folder of a ROS 2 "
-            "bag, or a .pcap or .osf of a LiDAR."
+            help="Instead of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, also with .zstd, the folder of a "
+            "ROS 2 bag, a LiDAR's .pcap or .osf."
         ),
     ] = None,
     topics: Annotated[

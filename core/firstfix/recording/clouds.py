@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
-from ..errors import InputError, NotFound
+from ..errors import InputError, MalformedData, NotFound
 from ..formats.point_cloud import SCAN_LIMITS, Limits
 from ..ros.cdr import MessageReader
 from ..ros.header import Header, read_header
@@ -135,6 +135,17 @@ class OneByOne:
     def end(self) -> list[RecordedCloud]:
         """None: no message waits for another."""
         return []
+
+
+def check_axes(format_name: str, names: Iterable[str]) -> None:
+    """Check that x, y and z are among the names of a cloud's fields.
+
+    Raises:
+        MalformedData: one of them is missing.
+    """
+    missing = sorted({"x", "y", "z"} - set(names))
+    if missing:
+        raise MalformedData(f"{format_name}: no field {', '.join(missing)}")
 
 
 def where(bag: str, topic: str, time_ns: int) -> str:

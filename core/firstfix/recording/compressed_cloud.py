@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from ..errors import MalformedData, UnsupportedFormat, pip_install
-from ..formats.point_cloud import Column, Limits, PointCloud, require_xyz
+from ..formats.point_cloud import Column, Limits, PointCloud
 from ..ros.cdr import MessageReader
 from ..ros.header import Header, read_header
 from ..ros.point_cloud2 import StampedCloud, decode_point_cloud2
 from ..wire.content_encoding import unpack_zstd
+from .clouds import check_axes
 from .messages import RawMessage
 
 TYPE = "point_cloud_interfaces/msg/CompressedPointCloud2"
@@ -127,7 +128,7 @@ def _of_draco(header: Header, names: list[str], packed: memoryview, limits: Limi
         values = attributes.get(number)
         if values is not None:
             columns.setdefault(name, values)
-    require_xyz(_NAME, set(columns))
+    check_axes(_NAME, columns)
     limits.check(_NAME, len(columns["x"]), 8 * len(columns))
     if len({len(values) for values in columns.values()}) > 1:
         raise MalformedData("draco: its attributes have different numbers of values")

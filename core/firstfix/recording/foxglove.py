@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import FirstfixError, MalformedData, UnsupportedFormat, pip_install
-from ..formats.point_cloud import SCAN_LIMITS, Limits, PointCloud, require_xyz
+from ..formats.point_cloud import SCAN_LIMITS, Limits, PointCloud
 from ..ros.header import Header, Stamp
 from ..ros.point_cloud2 import StampedCloud
 from ..transform import Matrix, from_quaternion, transform_points
+from .clouds import check_axes
 from .messages import RawMessage
 
 TYPE = "foxglove.PointCloud"
@@ -70,7 +71,7 @@ def _cloud(message: Any, limits: Limits) -> StampedCloud:
         raise MalformedData(f"{TYPE}: {len(data)} bytes of data are no points of {stride} bytes")
     limits.check(TYPE, len(data) // stride, stride)
     fields = {one.name: one for one in reversed(message.fields) if one.type in _CODES}
-    require_xyz(TYPE, set(fields))
+    check_axes(TYPE, fields)
     for name, field in fields.items():
         if field.offset + np.dtype(_CODES[field.type]).itemsize > stride:
             raise MalformedData(f"{TYPE}: the field {name[:40]!r} is outside the {stride} bytes of a point")

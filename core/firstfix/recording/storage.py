@@ -17,9 +17,12 @@ class Storage(Protocol):
         notes: what a user should know of the way it was read: a sentence each.
     """
 
-    topics: Sequence[Topic]
-    start_ns: int
-    notes: Sequence[str]
+    @property
+    def topics(self) -> Sequence[Topic]: ...  # noqa: D102
+    @property
+    def start_ns(self) -> int: ...  # noqa: D102
+    @property
+    def notes(self) -> Sequence[str]: ...  # noqa: D102
 
     def messages(self, topics: Set[str], start_ns: int | None) -> Iterator[RawMessage]:
         """Yield the messages of these topics in the order of recording, from a time on."""
