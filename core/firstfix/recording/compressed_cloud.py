@@ -15,12 +15,12 @@ import numpy as np
 
 from ..errors import MalformedData, UnsupportedFormat, pip_install
 from ..formats.point_cloud import Column, Limits, PointCloud
-from ..ros.cdr import MessageReader
 from ..ros.header import Header, read_header
 from ..ros.point_cloud2 import StampedCloud, decode_point_cloud2
 from ..wire.content_encoding import unpack_zstd
 from .clouds import check_axes
 from .messages import RawMessage
+from .struct_reader import StructReader
 
 TYPE = "point_cloud_interfaces/msg/CompressedPointCloud2"
 _NAME = "CompressedPointCloud2"
@@ -38,7 +38,7 @@ def decode_compressed_cloud(message: RawMessage, limits: Limits) -> StampedCloud
         UnsupportedFormat: another format; the error names what unpacks it.
         ModuleNotFoundError: DracoPy is not installed.
     """
-    reader = MessageReader(_NAME, message.body, ros1=message.ros1)
+    reader = StructReader(_NAME, message.body, ros1=message.ros1)
     header = read_header(reader)
     height, width = reader.number("I"), reader.number("I")
     names = [_field_name(reader) for _ in range(reader.count(_MAX_FIELDS, "fields"))]
@@ -63,7 +63,7 @@ def decode_compressed_cloud(message: RawMessage, limits: Limits) -> StampedCloud
     return decode_point_cloud2(plain, limits, ros1=message.ros1)
 
 
-def _field_name(reader: MessageReader) -> str:
+def _field_name(reader: StructReader) -> str:
     name = reader.text()
     reader.number("I"), reader.number("B"), reader.number("I")
     return name

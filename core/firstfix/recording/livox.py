@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..formats.point_cloud import Limits, PointCloud
-from ..ros.cdr import MessageReader
 from ..ros.header import read_header
 from ..ros.point_cloud2 import StampedCloud
 from .messages import RawMessage
+from .struct_reader import StructReader
 
 TYPES = (
     "livox_ros_driver/msg/CustomMsg",
@@ -37,7 +37,7 @@ def decode_livox(message: RawMessage, limits: Limits) -> StampedCloud:
         MalformedData: cut off, or not such a message.
         TooLarge: over the limits.
     """
-    reader = MessageReader("CustomMsg", message.body, ros1=message.ros1)
+    reader = StructReader("CustomMsg", message.body, ros1=message.ros1)
     header = read_header(reader)
     reader.number("Q")  # timebase: the stamp, in ns
     reader.number("I")  # number of points, which stands before them again

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..formats.point_cloud import Limits, PointCloud
-from ..ros.cdr import MessageReader
 from ..ros.header import read_header
 from ..ros.point_cloud2 import StampedCloud
 from .messages import RawMessage
+from .struct_reader import StructReader
 
 TYPE = "sensor_msgs/msg/PointCloud"
 _MAX_CHANNELS = 64
@@ -22,7 +22,7 @@ def decode_point_cloud1(message: RawMessage, limits: Limits) -> StampedCloud:
         MalformedData: cut off, not such a message, or a channel has not one value for each point.
         TooLarge: over the limits.
     """
-    reader = MessageReader("PointCloud", message.body, ros1=message.ros1)
+    reader = StructReader("PointCloud", message.body, ros1=message.ros1)
     header = read_header(reader)
     count = reader.number("I")
     limits.check("PointCloud", count, _POINT.itemsize)

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from ..errors import MalformedData, UnsupportedFormat, pip_install
 from ..formats.point_cloud import SCAN_LIMITS, Limits, PointCloud
-from ..ros.cdr import MessageReader
 from ..ros.header import Header, Stamp, read_header
 from ..ros.point_cloud2 import StampedCloud
 from .clouds import Decode
 from .messages import RawMessage
+from .struct_reader import StructReader
 
 TYPE = "velodyne_msgs/msg/VelodyneScan"
 FRAME = "velodyne"  # of a capture, which names none
@@ -33,7 +33,7 @@ def velodyne_decoder() -> Decode:
     decoder = library.ScanDecoder(library.Config())
 
     def decode(message: RawMessage, limits: Limits) -> StampedCloud:
-        reader = MessageReader("VelodyneScan", message.body, ros1=message.ros1)
+        reader = StructReader("VelodyneScan", message.body, ros1=message.ros1)
         header = read_header(reader)
         packet = np.dtype([("sec", "u4"), ("nanosec", "u4"), ("data", f"V{library.PACKET_SIZE}")])
         packets = reader.structs(packet, reader.count(_MAX_PACKETS, "packets"))

@@ -7,18 +7,12 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import Any, Literal, NoReturn
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NoReturn
 
 from ..errors import MalformedData, UnsupportedFormat
 
 _ENCAPSULATION_BYTES = 4
-_BYTE_ORDERS: dict[bytes, Literal["<", ">"]] = {
-    b"\x00\x00": ">",
-    b"\x00\x01": "<",
-}  # plain CDR: ROS 2 sends nothing else
+_BYTE_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}  # plain CDR: ROS 2 sends nothing else
 _MAX_TRAILING_BYTES = 3  # some middlewares pad the message to a multiple of four
 MAX_TEXT_BYTES = 1024  # of a frame or field name
 
@@ -42,14 +36,9 @@ class MessageReader:
         self._body = memoryview(body)
         self._start = 0 if ros1 else _ENCAPSULATION_BYTES
         self._place = self._start
-        self.byte_order: Literal["<", ">"] = "<" if ros1 else self._byte_order()
+        self._order = "<" if ros1 else self._byte_order()
 
-    @property
-    def place(self) -> int:
-        """Index of the next byte in the body."""
-        return self._place
-
-    def _byte_order(self) -> Literal["<", ">"]:
+    def _byte_order(self) -> str:
         if len(self._body) < _ENCAPSULATION_BYTES:
             self.fail(f"{len(self._body)} bytes are too few for a message")
         order = _BYTE_ORDERS.get(bytes(self._body[:2]))
@@ -110,21 +99,6 @@ class MessageReader:
         """Read a sequence of bytes as a view. Its length is compared with the rest of the body."""
         return self._take(self.number("I"))
 
-    def structs(self, layout: np.dtype[Any], count: int) -> NDArray[Any]:
-        """Read structs of a fixed size as a view.
-
-        Args:
-            layout: packed; no member is aligned to over four bytes in CDR, and the first one to four.
-            count: (n,) of the result, which the caller has limited.
-        """
-        stride = layout.itemsize if self.ros1 else layout.itemsize + -layout.itemsize % 4
-        if count and not self.ros1:
-            self._place += -(self._place - self._start) % 4
-        data = self._take(
-            stride * (count - 1) + layout.itemsize if count else 0
-        )  # no padding follows the last
-        return np.ndarray((count,), layout.newbyteorder(self.byte_order), data, strides=(stride,))
-
     def end(self) -> None:
         """Check that only padding follows."""
         left = len(self._body) - self._place
@@ -135,7 +109,7 @@ class MessageReader:
         size = struct.calcsize("=" + code)
         if not self.ros1:
             self._place += -(self._place - self._start) % size
-        return struct.unpack(f"{self.byte_order}{count}{code}", self._take(size * count))
+        return struct.unpack(f"{self._order}{count}{code}", self._take(size * count))
 
     def _take(self, size: int) -> memoryview:
         end = self._place + size
