@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
+from firstfix.errors import UnsupportedFormat
 from firstfix.scan.scan import Scan
 from firstfix_cli.bags.replay import Replay, Replayed, replay
+from firstfix_cli.limited_reader import read_scan
+from firstfix_cli.main import run
 from tests import ros_samples
 from tests.captures import vlp16_packets, write_pcap
 from tests.lidar_messages import STAMP_NS, livox
@@ -79,3 +84,14 @@ def test_a_recording_that_was_cut_off_says_so(tmp_path: Path):
     asked, _, (said,) = replayed(path)
     assert 100 < len(asked) < 2000
     assert said.startswith(f"{path}: {path.name} was cut off")
+
+
+def test_a_recording_is_measured_by_its_first_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = write_pcap(tmp_path / "drive.pcap", vlp16_packets(1.5))
+    with pytest.raises(SystemExit) as ended:
+        run(["sensor", str(path), "--json"])
+    assert not ended.value.code
+    measured = json.loads(capsys.readouterr().out)
+    assert "vlp-16" in json.dumps(measured)
+    with pytest.raises(UnsupportedFormat, match=r"`firstfix localize --bag drive\.pcap` takes recordings"):
+        read_scan(path)

@@ -41,7 +41,7 @@ def dataset(
     ] = 60.0,
     seed: Annotated[int, typer.Option(help="Seed of the choice.", min=0)] = 0,
 ) -> None:
-    """Make a map's scans of a public data set's recording, or of any recording with poses.
+    """Make a map's scans of a recording with poses.
 
     Writes scans and their true poses (mapping_scans/) to a folder that ``firstfix build`` makes a map of. It
     holds some of them out, and its self-test asks them. The map is in the frame of the data set's ground
