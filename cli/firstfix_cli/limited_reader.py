@@ -16,10 +16,13 @@ from typing import TypeVar
 
 from firstfix.builds.limits import default_build_memory_bytes
 from firstfix.decode import read_cloud_file, read_scan_file
-from firstfix.errors import InputError, MalformedData, TooLarge
+from firstfix.errors import InputError, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.point_cloud import SCAN_LIMITS, PointCloud
+from firstfix.recording.recording import is_recording
 from firstfix.scan.scan import Scan
+
+from .bags.first_cloud import first_cloud
 
 MAX_MEMORY_BYTES = 4 << 30  # a file may have 1 GB
 MAX_PROCESSOR_S = 60
@@ -38,17 +41,23 @@ def read_scan(path: Path, columns: tuple[str, ...] | None = None) -> Scan:
     Raises:
         NotFound: no such file.
         InputError: a subclass; the message names the file.
+        UnsupportedFormat: a recording: ``localize --bag`` takes it.
         MalformedData: the library crashed, or did not end.
     """
+    if is_recording(path):
+        raise UnsupportedFormat(f"{path}: no scan: `firstfix localize --bag {path.name}` takes recordings")
     return _limited(path, partial(read_scan_file, columns=columns))
 
 
 def read_cloud(path: Path, columns: tuple[str, ...] | None = None) -> PointCloud:
-    """Read the columns of a scan's file, as ``read_cloud_file`` and ``read_scan`` do.
+    """Read the columns of a scan's file, as ``read_cloud_file`` does; of a recording its first cloud.
 
     Raises:
         NotFound, InputError: as ``read_scan``.
     """
+    if is_recording(path):
+        with limited_memory():
+            return first_cloud(path)
     return _limited(path, partial(read_cloud_file, columns=columns))
 
 

@@ -105,15 +105,15 @@ def localize(
     bag: Annotated[
         Path | None,
         typer.Option(
-            help="Instead of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, also with .zstd, or the folder of a "
-            "ROS 2 bag."
+            help="Instead of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, also with .zstd, the folder of a "
+            "ROS 2 bag, a LiDAR's .pcap or .osf."
         ),
     ] = None,
     topics: Annotated[
         list[str] | None,
         typer.Option(
             "--topic",
-            help="With --bag: topic of the PointCloud2 messages [default: the only one]. Several: LiDARs of "
+            help="With --bag: topic of the clouds [default: the only one]. Several: LiDARs of "
             "one robot, whose clouds are merged to one scan in the first one's frame.",
         ),
     ] = None,
