@@ -10,7 +10,9 @@ import pytest
 
 from firstfix.sensor import preset
 from firstfix_cli.main import run
+from tests import ros_samples
 from tests.core.formats.cloud_files import pcd
+from tests.driver_clouds import LAYOUTS
 from tests.measured_room import room_scan
 
 POINTS = room_scan(preset("vlp-16"), 1)[0]
@@ -71,3 +73,16 @@ def test_the_columns_of_rows_can_be_told(tmp_path: Path, capsys):
     with pytest.raises(SystemExit):
         run(["sensor", str(tmp_path / "a.bin"), "--columns", "time,x,y,z"])
     assert "# times: time (float32, " in capsys.readouterr().out
+
+
+def test_a_recording_alone_says_what_its_topics_have(tmp_path: Path, capsys):
+    messages = []
+    for topic, driver in (("/front", "ouster"), ("/rear", "velodyne")):
+        raw = LAYOUTS[driver].message(POINTS.astype(np.float64), SWEEP_S)
+        messages.append((topic, 1, ros_samples.ROS2.deserialize_cdr(raw, ros_samples.CLOUD)))
+    path = ros_samples.write_bag(tmp_path, "mcap file", messages)
+    code, said = checked(capsys, str(path))
+    assert code == 0
+    assert [one["file"] for one in said] == [f"{path} /front", f"{path} /rear"]
+    assert [one["understood"]["frame"] for one in said] == ["lidar", "lidar"]
+    assert [one["understood"]["times"].split(" (")[0] for one in said] == ["t", "time"]

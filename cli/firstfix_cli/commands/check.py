@@ -20,7 +20,7 @@ EXAMPLES = examples(
     "firstfix check hall.ply",
     "firstfix check hall.ply scan.pcd --trajectory poses.txt",
     "firstfix check hall.laz --scale 0.001",
-    "firstfix check --scans scan.pcd",
+    "firstfix check --scans scan.pcd drive.mcap",
 )
 UNFIT_EXIT_CODE = 2
 
@@ -43,7 +43,7 @@ def check(
         float, typer.Option(help="Metres in one unit of the map file and its poses: 0.001 for millimetres.")
     ] = 1.0,
     only_scans: Annotated[
-        bool, typer.Option("--scans", help="All files are scans: there is no map.")
+        bool, typer.Option("--scans", help="All files are scans or recordings: there is no map.")
     ] = False,
     columns: Columns = None,
     as_json: AsJson = False,
@@ -58,7 +58,8 @@ def check(
     """
     paths = [source, *(scans or ())] if only_scans else scans or ()
     said = [] if only_scans else [_of_map(source, trajectory, axis, scale)]
-    said += [_of_scan(path, columns) for path in paths]
+    for path in paths:
+        said += _of_scans(path, columns)
     if as_json:
         typer.echo(json.dumps({"files": said}))
     else:
@@ -87,6 +88,24 @@ def _of_map(source: Path, trajectory: Path | None, axis: Axis, scale: float) -> 
     return _record(
         source, f"{len(data.coordinates):,} {kind}, {shape.words['extent']}{shape.words['spacing']}", findings
     )
+
+
+def _of_scans(path: Path, columns: str | None) -> list[dict[str, Any]]:
+    """One of a scan; of a recording, one of the first cloud of each topic."""
+    from firstfix.recording.recording import is_recording
+
+    if not (path.exists() and is_recording(path)):
+        return [_of_scan(path, columns)]
+    from ..bags.first_clouds import first_clouds
+    from ..scan_report import report_of_cloud
+
+    return [
+        {
+            "file": f"{path} {topic}",
+            **report_of_cloud(stamped.cloud, stamped.scan(), stamped.header.frame_id).to_mapping(),
+        }
+        for topic, stamped in first_clouds(path)
+    ]
 
 
 def _of_scan(path: Path, columns: str | None) -> dict[str, Any]:
