@@ -85,47 +85,50 @@ struct SurfaceGrid {
            std::uint64_t{groups} << 3 * side_bits <= kMost && std::uint64_t{blocks} << 3 * block_bits <= kMost;
   }
 
+  static constexpr std::size_t kGathered = 16;
+  using Int16 = std::int32_t __attribute__((vector_size(4 * kGathered)));
+  using Unsigned16 = std::uint32_t __attribute__((vector_size(4 * kGathered)));
+
+  // The entries of a table at sixteen places, and `instead` of those that do not point into a table of `limit` rows.
+  static Int16 entries(const std::int32_t* table, const Int16& at, std::uint32_t limit, std::int32_t instead) {
+    const Int16 found = reinterpret_cast<Int16>(
+        _mm512_mask_i32gather_epi32(_mm512_setzero_si512(), 0xFFFF, reinterpret_cast<__m512i>(at), table, 4));
+    return reinterpret_cast<Unsigned16>(found) < limit ? found : Int16{} + instead;
+  }
+
+  static Int16 within(const Int16& x, const Int16& y, const Int16& z, int bits) {
+    const std::int32_t mask = (1 << bits) - 1;
+    return ((x & mask) << bits | (y & mask)) << bits | (z & mask);
+  }
+
   // As `nearest`, sixteen cells at once: an entry that is in no cache keeps none of the others waiting.
   void gather(const std::int32_t* x, const std::int32_t* y, const std::int32_t* z, std::size_t count,
               std::int32_t* row) const {
-    constexpr std::size_t kLanes = 16, kTogether = 16;
+    constexpr std::size_t kTogether = 16;
     const SurfaceGrid grid = *this;
-    const auto side = static_cast<unsigned>(grid.side_bits), block = static_cast<unsigned>(grid.block_bits);
-    const auto numbered = [](__m512i a, __m512i b, __m512i c, unsigned bits) {
-      const __m512i mask = _mm512_set1_epi32((1 << bits) - 1);
-      const __m512i slow = _mm512_slli_epi32(_mm512_and_si512(a, mask), bits);
-      return _mm512_or_si512(_mm512_slli_epi32(_mm512_or_si512(slow, _mm512_and_si512(b, mask)), bits), _mm512_and_si512(c, mask));
-    };
-    const auto usable = [](__m512i number, std::uint32_t limit) {
-      return _mm512_cmplt_epu32_mask(number, _mm512_set1_epi32(static_cast<std::int32_t>(limit)));
-    };
-    const auto entries = [&usable](const std::int32_t* table, __m512i at, std::uint32_t limit, unsigned bits, __m512i within) {
-      const __m512i found = _mm512_i32gather_epi32(at, table, 4);
-      const __m512i kept = _mm512_maskz_mov_epi32(usable(found, limit), found);
-      return _mm512_add_epi32(_mm512_slli_epi32(kept, bits), within);
-    };
-    const __m512i depth = _mm512_set1_epi32(grid.shape[1]), height = _mm512_set1_epi32(grid.shape[2]);
-    __m512i at[kTogether], in_block[kTogether];
-    for (std::size_t first = 0; first < count; first += kLanes * kTogether) {
-      const std::size_t some = std::min(kLanes * kTogether, count - first), steps = (some + kLanes - 1) / kLanes;
+    const int bits = grid.block_bits, side = grid.side_bits;
+    Int16 at[kTogether], in_block[kTogether];
+    for (std::size_t first = 0; first < count; first += kGathered * kTogether) {
+      const std::size_t some = std::min(kGathered * kTogether, count - first), steps = (some + kGathered - 1) / kGathered;
       const auto lanes_of = [some](std::size_t k) {
-        const std::size_t left = some - kLanes * k;
-        return static_cast<__mmask16>(left >= kLanes ? 0xFFFFU : (1U << left) - 1);
+        const std::size_t left = some - kGathered * k;
+        return static_cast<__mmask16>(left >= kGathered ? 0xFFFFU : (1U << left) - 1);
       };
       for (std::size_t k = 0; k < steps; ++k) {
-        const auto load = [&](const std::int32_t* from) { return _mm512_maskz_loadu_epi32(lanes_of(k), from + first + kLanes * k); };
-        const __m512i cx = load(x), cy = load(y), cz = load(z);
-        in_block[k] = numbered(cx, cy, cz, block);
-        const __m512i bx = _mm512_srli_epi32(cx, block), by = _mm512_srli_epi32(cy, block), bz = _mm512_srli_epi32(cz, block);
-        const __m512i level = _mm512_add_epi32(_mm512_mullo_epi32(_mm512_srli_epi32(bx, side), depth), _mm512_srli_epi32(by, side));
-        const __m512i group = _mm512_add_epi32(_mm512_mullo_epi32(level, height), _mm512_srli_epi32(bz, side));
-        at[k] = entries(grid.group, group, grid.groups, 3 * side, numbered(bx, by, bz, side));
+        const auto load = [&](const std::int32_t* from) {
+          return reinterpret_cast<Int16>(_mm512_maskz_loadu_epi32(lanes_of(k), from + first + kGathered * k));
+        };
+        const Int16 cx = load(x), cy = load(y), cz = load(z), bx = cx >> bits, by = cy >> bits, bz = cz >> bits;
+        const Int16 group = ((bx >> side) * grid.shape[1] + (by >> side)) * grid.shape[2] + (bz >> side);
+        in_block[k] = within(cx, cy, cz, bits);
+        at[k] = (entries(grid.group, group, grid.groups, 0) << 3 * side) + within(bx, by, bz, side);
       }
-      for (std::size_t k = 0; k < steps; ++k) at[k] = entries(grid.block, at[k], grid.blocks, 3 * block, in_block[k]);
       for (std::size_t k = 0; k < steps; ++k) {
-        const __m512i found = _mm512_i32gather_epi32(at[k], grid.point, 4);
-        const __m512i rows = _mm512_mask_mov_epi32(_mm512_set1_epi32(-1), usable(found, grid.rows), found);
-        _mm512_mask_storeu_epi32(row + first + kLanes * k, lanes_of(k), rows);
+        at[k] = (entries(grid.block, at[k], grid.blocks, 0) << 3 * bits) + in_block[k];
+      }
+      for (std::size_t k = 0; k < steps; ++k) {
+        const Int16 rows = entries(grid.point, at[k], grid.rows, -1);
+        _mm512_mask_storeu_epi32(row + first + kGathered * k, lanes_of(k), reinterpret_cast<__m512i>(rows));
       }
     }
   }
