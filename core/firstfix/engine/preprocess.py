@@ -238,15 +238,30 @@ def _prepare(
     limits = config.min_range_m, config.max_range_m, config.voxel_m, config.min_points
     numbers = ranking.dense_points, ranking.sparse_points
     if isinstance(scan, CompactScan):
-        height_m = None if described is None else described.height_m
-        levelling = up, is_known, height_m, config.default_height_m
         made = prepare_compact_scan(
-            scan.points, scan.time_s, scan.nearest_m, directions(), *limits, *numbers, *levelling
+            scan.points,
+            scan.time_s,
+            scan.nearest_m,
+            directions(),
+            *limits,
+            *numbers,
+            up=up,
+            up_is_known=is_known,
+            height_m=None if described is None else described.height_m,
+            default_height_m=config.default_height_m,
         )
     else:
-        more = ranking.voxelled_points, ranking.view_points
-        levelling_by = up, is_known, config.default_height_m
-        made = prepare_scan(scan.points, scan.time_s, *limits, *more, *numbers, *levelling_by)
+        made = prepare_scan(
+            scan.points,
+            scan.time_s,
+            *limits,
+            ranking.voxelled_points,
+            ranking.view_points,
+            *numbers,
+            up=up,
+            up_is_known=is_known,
+            default_height_m=config.default_height_m,
+        )
     if made is None:
         return None
     R_level_sensor, height_m, seen, returned, least_m, viewed, dense, sparse = made
