@@ -185,7 +185,8 @@ def test_the_csv_of_ouster_cli_is_read():
     assert (cloud.intensity == 12).all()
     found = scan_of_cloud(cloud)
     back = (xyz != 0).any(axis=1)
-    np.testing.assert_allclose(found.time_s[back], ((ns - ns[back][0]) / 1e9)[back], atol=1e-6)
+    assert found.stamp_s == pytest.approx(ns[0] / 1e9, abs=1e-6)
+    np.testing.assert_allclose(found.time_s[back], ((ns - ns[0]) / 1e9)[back], atol=1e-6)
 
 
 def test_times_and_beams_of_named_columns_are_read():
