@@ -6,6 +6,7 @@ from modulefinder import ModuleFinder
 from pathlib import Path
 
 PACKAGES = ("firstfix", "firstfix_client")
+LEFT_OUT = ["firstfix.formats.dataset_files"]  # with what only it imports
 
 
 def import_closure(
@@ -18,7 +19,7 @@ def import_closure(
         start: package to include whole; of the others only what is imported.
         guest: package that is installed beside the wheel, and imports from it. It is not included.
     """
-    finder = ModuleFinder([str(root.parent) for root in roots.values()])
+    finder = ModuleFinder([str(root.parent) for root in roots.values()], excludes=LEFT_OUT)
     for root in (roots[name] for name in (start, guest) if name in roots):
         for path in sorted(root.rglob("*.py")):
             finder.import_hook(".".join(path.relative_to(root.parent).with_suffix("").parts))

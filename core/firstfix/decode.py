@@ -11,14 +11,11 @@ from typing import TypeVar
 import numpy as np
 
 from .errors import InputError, InvalidOption, MalformedData, NotFound, TooLarge, UnsupportedFormat
-from .formats.npy import read_npy
 from .formats.pcd import decode_pcd
 from .formats.ply import decode_ply
 from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
 from .formats.point_times import point_times
 from .formats.raw_xyz import decode_rows, decode_xyz, decode_xyzi, parse_columns
-from .formats.scanner_bin import decode_scanner_bin
-from .formats.text import decode_text
 from .ros.media_types import CDR, ZENOH_CDR, check_cloud_type
 from .ros.point_cloud2 import decode_point_cloud2
 from .scan.scan import Scan
@@ -237,15 +234,16 @@ def _read_cloud_file(path: Path, columns: tuple[str, ...] | None) -> PointCloud:
     if suffix == ".ffscan":
         points = _decode_wire(path.read_bytes()).points
         return PointCloud(dict(zip("xyz", points.T, strict=True)))
-    if suffix == ".npy":
-        return read_npy(path, SCAN_LIMITS)
-    if suffix in (".las", ".laz"):
-        return _read_las(path)
-    if suffix == ".bin":
-        return decode_scanner_bin(path.read_bytes(), path.name, SCAN_LIMITS, columns)
     if suffix in _CLOUD_FILES:
         return _CLOUD_FILES[suffix](path.read_bytes(), SCAN_LIMITS)
-    return decode_text(path.read_bytes(), SCAN_LIMITS)
+    try:
+        from .formats.dataset_files import read_dataset_file
+    except ModuleNotFoundError as error:  # the robot's distribution has no such module
+        raise UnsupportedFormat(
+            f"the robot's client reads .ffscan, .pcd and .ply files, and arrays: install firstfix itself for "
+            f"{suffix}"
+        ) from error
+    return read_dataset_file(path, columns)
 
 
 def _check_file(path: Path) -> str:
@@ -262,9 +260,3 @@ def _check_file(path: Path) -> str:
     if size == 0:
         raise MalformedData("the file is empty (0 bytes)")
     return suffix
-
-
-def _read_las(path: Path) -> PointCloud:
-    from .formats.las import read_las
-
-    return read_las(path, SCAN_LIMITS, with_times=True)
