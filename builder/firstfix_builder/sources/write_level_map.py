@@ -21,7 +21,8 @@ from ..mesh.places.tiled_points import TiledPoints
 from ..mesh.tiled_mesh import write_tiled_mesh
 from ..stage_files import TRAJECTORY_FILE, write_json
 from ..stage_results import FINDINGS_FILE, MOVING_FILE, T_MAP_LEVEL_FILE
-from .check_map.check_map import check_map, refuse
+from .check_map.check_map import check_map, has_fit_poses, refuse
+from .check_map.sensor_poses import with_sensor_poses
 from .read_map import MapData, read_parts
 from .read_map.file_errors import naming
 from .read_map.held_out import read_held_out
@@ -62,10 +63,10 @@ def write_level_map(
         parts = read_parts(source, axis=axis, scale=scale, trajectory=trajectory)
     else:
         parts = iter([in_local_frame(made.data, axis, scale, trajectory)])
-    data = next(parts)
-    poses = data.trajectory
-    findings = check_map(data, poses)
+    data = with_sensor_poses(next(parts), config.trajectory_mount_height_m)
+    findings = check_map(data, data.trajectory)
     refuse(findings)
+    poses = data.trajectory if has_fit_poses(findings) else None
     write_findings(findings, out)
     T_map_level = np.eye(4)
     if data.points is not None:

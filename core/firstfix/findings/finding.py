@@ -27,6 +27,7 @@ class Finding:
         numbers: what was measured, by name with unit.
         remedy: what helps, in one English sentence.
         doc: path of the documents' page that tells more, from the repository's root.
+        places: some points (x, y, z) of a map where it shows, in the coordinates of the map's file.
     """
 
     code: str
@@ -35,9 +36,11 @@ class Finding:
     numbers: Mapping[str, float] = field(default_factory=dict)
     remedy: str = ""
     doc: str = ""
+    places: tuple[tuple[float, float, float], ...] = ()
 
     def to_mapping(self) -> dict[str, Any]:
         """Values ready for JSON."""
+        places = {"places": [list(one) for one in self.places]} if self.places else {}
         return {
             "code": self.code,
             "severity": self.severity.value,
@@ -45,6 +48,7 @@ class Finding:
             "numbers": dict(self.numbers),
             "remedy": self.remedy,
             "doc": self.doc,
+            **places,
         }
 
     @classmethod
@@ -57,4 +61,5 @@ class Finding:
             {str(name): float(value) for name, value in data.get("numbers", {}).items()},
             str(data.get("remedy", "")),
             str(data.get("doc", "")),
+            tuple((float(x), float(y), float(z)) for x, y, z in data.get("places", ())),
         )
