@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.errors import MalformedData
 from firstfix.transform import make_transform
+
+from .what_was_read import WhatWasRead
 
 
 @dataclass(frozen=True)
@@ -21,14 +24,19 @@ class MapData:
         vertices: (v, 3) metres, finite.
         triangles: (t, 3) rows of vertices.
         trajectory: (m, 4, 4) T_map_sensor, or None where the source tells of none.
+        trajectory_source: ``given`` by the user beside the source, or of the source itself (``file``): such
+            poses refuse no map. It says nothing where there is no trajectory.
         origin: (3,) what, added to a coordinate here, gives the source's coordinate.
+        read: what the source is, and what of it was left out.
     """
 
     points: NDArray[np.float64] | None = None
     vertices: NDArray[np.float64] | None = None
     triangles: NDArray[np.int64] | None = None
     trajectory: NDArray[np.float64] | None = None
+    trajectory_source: Literal["given", "file"] = "file"
     origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    read: WhatWasRead = field(default_factory=WhatWasRead)
 
     @property
     def coordinates(self) -> NDArray[np.float64]:

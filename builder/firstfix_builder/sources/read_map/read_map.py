@@ -74,11 +74,17 @@ def read_map(
 def in_local_frame(data: MapData, axis: Axis, scale: float, trajectory: Path | None) -> MapData:
     """The map in metres, with z up and a local origin; arguments as for ``read_map``."""
     if trajectory is not None:
-        data = replace(data, trajectory=read_trajectory(trajectory))
+        data = with_given(data, trajectory)
     data = scaled(data, scale)
     if axis == "y-up":
         data = turn_z_up(data)
     return subtract_origin(data, local_origin(data))
+
+
+def with_given(data: MapData, trajectory: Path) -> MapData:
+    """The map with the poses of a file that the user gave, in place of those that the source brings."""
+    read = replace(data.read, poses=trajectory.name)
+    return replace(data, trajectory=read_trajectory(trajectory), trajectory_source="given", read=read)
 
 
 def read_parts(
@@ -103,8 +109,8 @@ def read_parts(
         with naming(file):
             data = read_map_file(file)
         if origin is None:
-            poses = trajectory_in(path) if trajectory is None else read_trajectory(trajectory)
-            data = replace(data, trajectory=poses)
+            data = replace(data, trajectory=trajectory_in(path))
+            data = data if trajectory is None else with_given(data, trajectory)
         data = scaled(data, scale)
         if axis == "y-up":
             data = turn_z_up(data)
