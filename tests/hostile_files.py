@@ -24,7 +24,7 @@ from tests.hostile_bodies import good_bodies, pcd, ply
 from tests.ros_samples import cloud_of_points, stores_of, write_bag
 
 _POINTS = 120
-_E57_PAGE = 1024
+E57_PAGE = 1024
 
 
 @dataclass(frozen=True)
@@ -132,10 +132,9 @@ def _e57(folder: Path) -> None:
 
 def e57_checksums(data: bytes) -> bytes:
     """Right checksums for all whole pages: CRC-32C, at the end of each."""
-    pages = [data[start : start + _E57_PAGE] for start in range(0, len(data), _E57_PAGE)]
+    pages = [data[start : start + E57_PAGE] for start in range(0, len(data), E57_PAGE)]
     return b"".join(
-        page[:-4] + _crc32c(page[:-4]).to_bytes(4, "big") if len(page) == _E57_PAGE else page
-        for page in pages
+        page[:-4] + _crc32c(page[:-4]).to_bytes(4, "big") if len(page) == E57_PAGE else page for page in pages
     )
 
 

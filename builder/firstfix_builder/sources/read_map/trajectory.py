@@ -167,6 +167,6 @@ def _by_width(rows: NDArray[np.float64], file_name: str) -> NDArray[np.float64]:
     if columns == 7:
         return poses_of(rows)
     raise MalformedData(
-        f"poses: rows of {columns} numbers are neither TUM's (8), KITTI's (12) nor Livox's (7): write a first "
-        f"line that names {_NAMED}"
+        f"poses: rows of {columns} numbers are neither TUM's (8), KITTI's (12) nor Livox's (7): write a "
+        f"first line that names {_NAMED}"
     )
