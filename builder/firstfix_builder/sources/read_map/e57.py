@@ -17,7 +17,7 @@ from .map_data import MapData, finite_points
 from .map_limits import LIMITS
 from .rigid import rigid_from_quaternions
 from .stations import Stations
-from .what_was_read import WhatWasRead
+from .what_was_read import WhatWasRead, plain
 
 
 def read_e57(path: Path) -> MapData:
@@ -105,5 +105,4 @@ def _pose_of(header: Any) -> Matrix | None:
 
 def _text(node: Any, name: str) -> str:
     """Text of a child, in one line; empty if there is none."""
-    text = str(node[name].value()) if node.isDefined(name) else ""
-    return " ".join(text.split())[:200]
+    return plain(str(node[name].value())) if node.isDefined(name) else ""

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData, UnsupportedFormat
 from firstfix.formats.file_kind import SNIFFED_BYTES, kind_of
-from firstfix.formats.las import read_las
-from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.npy import read_npy
 from firstfix.formats.pcd import decode_pcd
 from firstfix.formats.ply import decode_ply
@@ -22,6 +20,7 @@ from firstfix.formats.text import decode_text
 
 from .e57 import read_e57
 from .headers import check_ply
+from .las_map import read_las_map
 from .map_data import MapData, finite_points
 from .map_limits import LIMITS
 from .mesh_file import read_mesh
@@ -117,11 +116,6 @@ def _read_text(path: Path) -> MapData:
     return _points(cloud)
 
 
-def _read_las(path: Path) -> MapData:
-    check_las(path, LIMITS, 8 * 4)
-    return _points(read_las(path, LIMITS))
-
-
 def _is_pose(matrix: NDArray[np.float64]) -> bool:
     try:
         rigid_matrices(matrix[None])
@@ -133,8 +127,8 @@ def _is_pose(matrix: NDArray[np.float64]) -> bool:
 READERS: dict[str, Callable[[Path], MapData]] = {
     ".pcd": _decoded(decode_pcd),
     ".ply": _read_ply,
-    ".las": _read_las,
-    ".laz": _read_las,
+    ".las": read_las_map,
+    ".laz": read_las_map,
     ".e57": read_e57,
     ".xyz": _read_text,
     ".pts": _read_text,

@@ -4,6 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+MAX_TEXT = 200
+
+
+def plain(text: str) -> str:
+    """A text of a file in one line of printable characters, cut where it is long."""
+    return "".join(one for one in " ".join(text.split()) if one.isprintable())[:MAX_TEXT]
+
 
 @dataclass(frozen=True)
 class LeftOut:
