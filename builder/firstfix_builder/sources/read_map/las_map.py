@@ -16,6 +16,10 @@ from .map_data import MapData, finite_points
 from .map_limits import LIMITS
 from .what_was_read import LeftOut, WhatWasRead, plain
 
+_PROJECT = (
+    "project them to metres, as for UTM 32 with pdal translate IN.laz OUT.laz reprojection "
+    "--filters.reprojection.out_srs=EPSG:32632"
+)
 MAX_DEGREES = 1.0  # across a map in degrees: some 100 km
 
 
@@ -32,10 +36,8 @@ def read_las_map(path: Path) -> MapData:
     cloud = read_las(path, LIMITS)
     points = finite_points(cloud.xyz)
     if units.across is not None and units.across.metres is None and _are_degrees(points):
-        raise UnsupportedFormat(
-            f"its coordinates are degrees ({plain(units.system) or 'as it says'}): project them to metres, as "
-            "with pdal translate IN.laz OUT.laz reprojection --filters.reprojection.out_srs=EPSG:32632"
-        )
+        system = plain(units.system) or "as it says"
+        raise UnsupportedFormat(f"its coordinates are degrees ({system}): {_PROJECT}")
     across_m, up_m = _metres(units)
     read = WhatWasRead(
         form=f"{'LAZ' if header.packing else 'LAS'} {header.version}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ from .las_map import read_las_map
 from .map_data import MapData, finite_points
 from .map_limits import LIMITS
 from .mesh_file import read_mesh
+from .pts import read_pts
+from .ptx import read_ptx
 from .rigid import rigid_matrices
 
 
@@ -62,7 +65,8 @@ def read_map_file(path: Path) -> MapData:
     if path.stat().st_size == 0:
         raise MalformedData("the file is empty (0 bytes)")
     _check_begin(path)
-    return reader(path)
+    data = reader(path)
+    return data if data.read.form else replace(data, read=replace(data.read, form=path.suffix[1:].upper()))
 
 
 def _check_begin(path: Path) -> None:
@@ -116,6 +120,14 @@ def _read_text(path: Path) -> MapData:
     return _points(cloud)
 
 
+def _read_asc(path: Path) -> MapData:
+    """CloudCompare's text. Others call a raster of heights so."""
+    with path.open("rb") as file:
+        if file.read(5).lower() == b"ncols":
+            raise UnsupportedFormat("an Esri ASCII grid, a raster of heights: it has no walls")
+    return _read_text(path)
+
+
 def _is_pose(matrix: NDArray[np.float64]) -> bool:
     try:
         rigid_matrices(matrix[None])
@@ -131,7 +143,9 @@ READERS: dict[str, Callable[[Path], MapData]] = {
     ".laz": read_las_map,
     ".e57": read_e57,
     ".xyz": _read_text,
-    ".pts": _read_text,
+    ".pts": read_pts,
+    ".ptx": read_ptx,
+    ".asc": _read_asc,
     ".csv": _read_text,
     ".txt": _read_text,
     ".npy": lambda path: _points(read_npy(path, LIMITS)),
