@@ -95,7 +95,7 @@ def packed(folder: Path, archive: Path) -> Path:
 
 def test_a_reader_of_another_package_reads_its_kind_of_source(install, tmp_path: Path):
     source = heights(tmp_path)
-    with pytest.raises(UnsupportedFormat, match="heights: the folder is neither"):
+    with pytest.raises(UnsupportedFormat, match="heights: the folder is of none of"):
         read(source, tmp_path / "work")
     install("1.0", 0.0)
     found = read(source, tmp_path / "work")

@@ -44,6 +44,20 @@ _BEGINS = {
     ".glb": b"glTF",
     ".npy": b"\x93NUMPY",
 }
+# A row of numbers in these may be anything: points, poses, times.
+TEXTS = (".xyz", ".csv", ".txt")
+# Programs' own files, and what makes one of them that is read.
+PROGRAMS = {
+    ".db": "RTAB-Map's database: rtabmap-export --scan --poses_scan FILE.db writes FILE_cloud.ply and "
+    "FILE_scan_poses.txt: give the folder of both",
+    ".mm": "MOLA's metric map: mm2ply -i FILE.mm -b writes a PLY of each layer",
+    ".simplemap": "MOLA's keyframes: sm2mm -i FILE.simplemap -o FILE.mm makes a map of them, and mm2ply -i "
+    "FILE.mm -b writes a PLY of each of its layers",
+    ".pbstream": "Cartographer's state: cartographer_assets_writer with the pipeline write_ply writes a PLY",
+}
+_CLOUDCOMPARE = (
+    "CloudCompare's own file: CloudCompare -O FILE.bin -C_EXPORT_FMT PLY -SAVE_CLOUDS writes a PLY"
+)
 RECORDINGS = (".bag", ".db3", ".mcap", ".pcap", ".osf")
 RECORDING_REASON = "a recording, not a map: build the map with a SLAM package first"
 
@@ -58,6 +72,9 @@ def read_map_file(path: Path) -> MapData:
     reader = READERS.get(path.suffix.lower())
     if reader is None and path.suffix.lower() in RECORDINGS:
         raise UnsupportedFormat(RECORDING_REASON)
+    foreign = named_program(path)
+    if foreign:
+        raise UnsupportedFormat(foreign)
     if reader is None:
         raise UnsupportedFormat(
             f"a file that ends in {path.suffix!r} cannot be read as a map; there are {' '.join(READERS)}"
@@ -67,6 +84,15 @@ def read_map_file(path: Path) -> MapData:
     _check_begin(path)
     data = reader(path)
     return data if data.read.form else replace(data, read=replace(data.read, form=path.suffix[1:].upper()))
+
+
+def named_program(path: Path) -> str:
+    """What to do with a file that only its own program reads; empty if it is no such file."""
+    ending = path.suffix.lower()
+    if ending == ".bin":
+        with path.open("rb") as file:
+            return _CLOUDCOMPARE if file.read(4).startswith((b"CCB1", b"CCB2")) else ""
+    return PROGRAMS.get(ending, "")
 
 
 def _check_begin(path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData
 from firstfix.formats.text import decode_text
@@ -27,7 +28,8 @@ def read_pts(path: Path) -> MapData:
     if not first.isdigit() or len(first) > 18 or raw.count(b"\n") <= int(first) + 1:
         return MapData(points=finite_points(decode_text(raw, LIMITS).xyz))
     lines = TextLines(raw)
-    clouds, at, total = [], 0, 0
+    clouds: list[NDArray[np.float64]] = []
+    at = total = 0
     while at < len(lines):
         words = lines.words(at)
         if not words:

@@ -35,7 +35,7 @@ class Stations:
 
     def add(self, T_map_scan: Matrix, points: NDArray[np.float64]) -> None:
         """Judge a pose by the (n, 3) points of its scan, in the scan's own frame, metres."""
-        self._judged.append((T_map_scan, _reason(points)))
+        self._judged.append((T_map_scan, why_no_station(points)))
 
     def trajectory(self) -> NDArray[np.float64] | None:
         """(m, 4, 4) T_map_sensor of the poses that are stations; None if none is."""
@@ -65,13 +65,14 @@ class Stations:
         return _SHIFT if is_shift else ""
 
 
-def _reason(points: NDArray[np.float64]) -> str:
+def why_no_station(points: NDArray[np.float64]) -> str:
     """Reason why no scanner stood at the origin of (n, 3) points; empty if one may have."""
     low, high = points.min(axis=0), points.max(axis=0)
     if (low > 0).any() or (high[:2] < 0).any():  # outdoors nothing may be above a scanner
         return _OUTSIDE
-    near = (np.abs(points) < LEAST_RANGE_M).all(axis=1)
-    some = points[near]
+    some = points
+    for axis in range(3):
+        some = some[np.abs(some[:, axis]) < LEAST_RANGE_M]
     range_m = np.linalg.norm(some, axis=1)
     # rays without a return are written as zeros
     return _NEAR if ((range_m > 0) & (range_m < LEAST_RANGE_M)).sum() >= NEAR_POINTS else ""
