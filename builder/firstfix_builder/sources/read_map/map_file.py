@@ -25,6 +25,7 @@ from .las_map import read_las_map
 from .map_data import MapData, finite_points
 from .map_limits import LIMITS
 from .mesh_file import read_mesh
+from .octomap import read_octomap
 from .pts import read_pts
 from .ptx import read_ptx
 from .rigid import rigid_matrices
@@ -177,6 +178,8 @@ READERS: dict[str, Callable[[Path], MapData]] = {
     ".npy": lambda path: _points(read_npy(path, LIMITS)),
     ".bin": lambda path: _points(decode_scanner_bin(_mapped(path), path.name, LIMITS)),
     ".3d": read_uos,
+    ".bt": read_octomap,
+    ".ot": read_octomap,
     ".obj": read_mesh,
     ".stl": read_mesh,
     ".glb": read_mesh,
