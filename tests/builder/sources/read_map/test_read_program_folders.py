@@ -116,6 +116,10 @@ def test_kiss_slams_local_maps_and_poses_are_in_one_frame(tmp_path):
     np.testing.assert_allclose(data.trajectory, POSES, atol=1e-6)
     assert data.read.poses == "hall_poses_tum.txt"
     assert data.read.left_out[0].what == "occupancy_grid/occupancy_pcd.ply"
+    tmp_path.rename(tmp_path.with_name("2026-11-30_04-25-27"))
+    (tmp_path / "slam_output").mkdir(parents=True)
+    (tmp_path / "slam_output/latest").symlink_to(tmp_path.with_name("2026-11-30_04-25-27"))
+    np.testing.assert_array_equal(read_map(tmp_path / "slam_output").points, DEPOT)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""KISS-SLAM's run (slam_output/TIME): local maps with the poses of all scans.
+"""KISS-SLAM's run (slam_output/TIME, or slam_output itself): local maps with the poses of all scans.
 
     local_maps/plys/000000.ply ...        the local maps, all in the frame of the poses
     NAME_poses_tum.txt, NAME_poses_kitti.txt
@@ -22,8 +22,13 @@ _OCCUPANCY = "occupancy_grid/occupancy_pcd.ply"
 
 
 def is_kiss_slam_run(path: Path) -> bool:
-    """Whether a folder is a run of KISS-SLAM with local maps."""
-    return any((path / _LOCAL_MAPS).glob("*.ply"))
+    """Whether a folder is a run of KISS-SLAM with local maps, or has the latest one."""
+    return _run_in(path) is not None
+
+
+def _run_in(path: Path) -> Path | None:
+    runs = (path, path / "latest")
+    return next((run for run in runs if any((run / _LOCAL_MAPS).glob("*.ply"))), None)
 
 
 def read_kiss_slam_run(path: Path) -> MapData:
@@ -33,6 +38,7 @@ def read_kiss_slam_run(path: Path) -> MapData:
         MalformedData: a local map or the poses are damaged; the message names the file.
         TooLarge: over the limits.
     """
+    path = _run_in(path) or path
     files = sorted((path / _LOCAL_MAPS).glob("*.ply"))
     data = joined(read_clouds(files))
     found = [*sorted(path.glob("*_poses_tum.txt")), *sorted(path.glob("*_poses_kitti.txt"))]
