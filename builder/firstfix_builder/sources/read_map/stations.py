@@ -67,7 +67,8 @@ class Stations:
 
 def why_no_station(points: NDArray[np.float64]) -> str:
     """Reason why no scanner stood at the origin of (n, 3) points; empty if one may have."""
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = np.array([np.fmin.reduce(points[:, axis]) for axis in range(3)])  # whatever is NaN
+    high = np.array([np.fmax.reduce(points[:, axis]) for axis in range(3)])
     if (low > 0).any() or (high[:2] < 0).any():  # outdoors nothing may be above a scanner
         return _OUTSIDE
     some = points
