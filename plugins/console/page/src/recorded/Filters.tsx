@@ -1,4 +1,4 @@
-// Which kept queries are shown. The choice is in the address, so that a link to it shows the same.
+// Which recorded queries are shown. The choice is in the address, so that a link to it shows the same.
 
 import type { Schemas } from "../api/client";
 import { go, route } from "../router";
@@ -22,7 +22,7 @@ export function Filters({ maps }: { maps: string[] }) {
   const choose = (name: string, value: string) => {
     const query = new URLSearchParams(route.value.query);
     value ? query.set(name, value) : query.delete(name);
-    go(["samples"], Object.fromEntries(query));
+    go(["recorded-queries"], Object.fromEntries(query));
   };
   return (
     <>

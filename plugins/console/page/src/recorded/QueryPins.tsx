@@ -1,4 +1,4 @@
-// Kept queries as pins on their map. A click on one opens it.
+// Recorded queries as pins on their map. A click on one opens it.
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
@@ -10,34 +10,34 @@ import { clear } from "../map3d/clear";
 import type { MapScene } from "../map3d/scene";
 import { colourOf } from "../ui/verdict";
 import { useLoaded } from "../ui/useLoaded";
-import { answerOf, placeIn, type Sample } from "./place";
+import { answerOf, placeIn, type RecordedQuery } from "./place";
 
-export interface SamplePinsProps {
+export interface QueryPinsProps {
   map: string;
-  samples: Sample[];
-  pointedAt: string; // id of the sample under the pointer in the table
-  open: (sample: Sample) => void;
+  queries: RecordedQuery[];
+  pointedAt: string; // id of the query under the pointer in the table
+  open: (recorded: RecordedQuery) => void;
 }
 
-export function SamplePins({ map, samples, pointedAt, open }: SamplePinsProps) {
+export function QueryPins({ map, queries, pointedAt, open }: QueryPinsProps) {
   const details = useLoaded((signal) => mapDetails(map, signal), [map]);
   const scene = useRef<MapScene | null>(null);
   const isReady = useSignal(0);
   const marks = useRef(new Group()).current;
-  const pins = samples
-    .map((sample) => ({ sample, pose: placeIn(sample, map) }))
-    .filter((pin): pin is { sample: Sample; pose: Pose } => pin.pose !== null);
+  const pins = queries
+    .map((recorded) => ({ recorded, pose: placeIn(recorded, map) }))
+    .filter((pin): pin is { recorded: RecordedQuery; pose: Pose } => pin.pose !== null);
 
   useEffect(() => {
     const here = scene.current;
     if (!here) return;
     clear(marks);
-    for (const { sample, pose } of pins) {
-      const size = sample.sample_id === pointedAt ? 5 : 2.5;
-      marks.add(poseMark(here.local(pose.position), pose, colourOf(answerOf(sample).verdict), size));
+    for (const { recorded, pose } of pins) {
+      const size = recorded.query_id === pointedAt ? 5 : 2.5;
+      marks.add(poseMark(here.local(pose.position), pose, colourOf(answerOf(recorded).verdict), size));
     }
     here.redraw();
-  }, [samples, pointedAt, isReady.value]);
+  }, [queries, pointedAt, isReady.value]);
 
   const version = details.value?.active_version;
   if (!version) return null;
@@ -55,7 +55,7 @@ export function SamplePins({ map, samples, pointedAt, open }: SamplePinsProps) {
       clickedAt={(x, y) => {
         const positions = pins.map(({ pose }) => pose.position);
         const pin = pins[scene.current?.nearest(positions, x, y) ?? -1];
-        if (pin) open(pin.sample);
+        if (pin) open(pin.recorded);
         return pin !== undefined;
       }}
     />

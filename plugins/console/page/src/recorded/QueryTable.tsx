@@ -3,16 +3,16 @@ import { link } from "../router";
 import { whyOf } from "../scan/why";
 import { age, chance, size } from "../ui/text";
 import { Verdict } from "../ui/Verdict";
-import { answerOf, mapOf, type Sample } from "./place";
+import { answerOf, mapOf, type RecordedQuery } from "./place";
 
-export interface SampleTableProps {
-  samples: Sample[];
-  remove: (sample: Sample) => void;
-  point: (sampleId: string) => void; // "": at none
+export interface QueryTableProps {
+  queries: RecordedQuery[];
+  remove: (recorded: RecordedQuery) => void;
+  point: (queryId: string) => void; // "": at none
 }
 
-/** Kept queries, one a row. */
-export function SampleTable({ samples, remove, point }: SampleTableProps) {
+/** Recorded queries, one a row. */
+export function QueryTable({ queries, remove, point }: QueryTableProps) {
   return (
     <table class="cards">
       <thead>
@@ -30,8 +30,8 @@ export function SampleTable({ samples, remove, point }: SampleTableProps) {
         </tr>
       </thead>
       <tbody>
-        {samples.map((one) => (
-          <tr key={one.sample_id} onPointerEnter={() => point(one.sample_id)} onPointerLeave={() => point("")}>
+        {queries.map((one) => (
+          <tr key={one.query_id} onPointerEnter={() => point(one.query_id)} onPointerLeave={() => point("")}>
             <td data-name="When" title={one.time}>{age(one.time)}</td>
             <td data-name="Map">{one.map_id || "any"}</td>
             <td data-name="Verdict">
@@ -43,7 +43,7 @@ export function SampleTable({ samples, remove, point }: SampleTableProps) {
             <td data-name="Truth">{one.truth ? (one.truth.T_map_sensor ? "known" : "not in the map") : ""}</td>
             <td class="actions">
               {mapOf(one) ? (
-                <a href={link(["maps", mapOf(one), "try"], { sample: one.sample_id })} onFocus={() => point(one.sample_id)}>
+                <a href={link(["maps", mapOf(one), "try"], { recorded: one.query_id })} onFocus={() => point(one.query_id)}>
                   Look
                 </a>
               ) : null}
@@ -57,6 +57,6 @@ export function SampleTable({ samples, remove, point }: SampleTableProps) {
 }
 
 /** What the query asked for itself; null: as the map had it then. */
-function leastAsked({ options }: Sample): number | null {
+function leastAsked({ options }: RecordedQuery): number | null {
   return Number(options.min_probability) || null;
 }

@@ -1,4 +1,4 @@
-"""Reads the kept queries of a patch as observations."""
+"""Reads the recorded queries of a patch as observations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from firstfix.errors import InputError
 from firstfix.transform import pose_from_mapping
 
 from ...job.patch_source import PatchSource
-from ..read_map.kept_scan import read_kept_scan
+from ..read_map.recorded_scan import read_recorded_scan
 from .observation import Observation
 
 
@@ -23,7 +23,7 @@ def read_observations(folder: Path, source: PatchSource) -> list[Observation]:
 def _each(folder: Path, source: PatchSource) -> Iterator[Observation]:
     for query in source.queries:
         try:
-            scan = read_kept_scan(folder / query.file, query.media_type, query.content_encoding)
+            scan = read_recorded_scan(folder / query.file, query.media_type, query.content_encoding)
         except InputError:
             continue
         twist = query.answer.get("twist")

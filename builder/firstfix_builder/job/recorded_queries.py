@@ -1,4 +1,4 @@
-"""Choice of the kept queries that a patch looks at: of all days and robots, near what seems changed first."""
+"""Choice of the recorded queries that a patch looks at: of all days and robots, near changes first."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.bit_exact.sample import rows_by_chance
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
 from firstfix.engine.changes.areas import Area
 from firstfix.engine.changes.cells import spot_of
 from firstfix.store.json_record import read_each
@@ -34,13 +34,13 @@ class RobotQuery:
         position_m: (3,) of the sensor in the map's frame.
     """
 
-    sample: QuerySample
+    recorded: RecordedQuery
     time_s: float
     position_m: NDArray[np.float64]
 
 
 def chosen_queries(
-    samples: QuerySamples,
+    recorded_queries: RecordedQueries,
     map_id: str,
     version: str,
     areas: Sequence[Area],
@@ -56,25 +56,28 @@ def chosen_queries(
         on_progress: called with the share of the days that is read, 0..1.
     """
     of_day: dict[str, list[str]] = defaultdict(list)
-    for sample_id in samples.ids():
-        of_day[sample_id[:8]].append(sample_id)
+    for query_id in recorded_queries.ids():
+        of_day[query_id[:8]].append(query_id)
     days = sorted(of_day)[-MAX_DAYS:]
     found: list[RobotQuery] = []
     for number, day in enumerate(days):
         on_progress(number / len(days))
         some = [of_day[day][row] for row in rows_by_chance(len(of_day[day]), MAX_READ // len(days))]
-        read = [_query_of(sample, map_id, version) for sample in read_each(some, samples.find).values()]
+        read = [
+            _query_of(recorded, map_id, version)
+            for recorded in read_each(some, recorded_queries.find).values()
+        ]
         found += _of_day([one for one in read if one is not None], areas, MAX_QUERIES // len(days))
-    return sorted(found, key=lambda one: (one.time_s, one.sample.sample_id))
+    return sorted(found, key=lambda one: (one.time_s, one.recorded.query_id))
 
 
-def _query_of(sample: QuerySample | None, map_id: str, version: str) -> RobotQuery | None:
+def _query_of(recorded: RecordedQuery | None, map_id: str, version: str) -> RobotQuery | None:
     """The query of a record; None: it does not count."""
-    if sample is None or not sample.robot:
+    if recorded is None or not recorded.robot:
         return None
     try:
-        answer = Localization.from_mapping(sample.answer)
-        time_s = datetime.fromisoformat(sample.time).timestamp()
+        answer = Localization.from_mapping(recorded.answer)
+        time_s = datetime.fromisoformat(recorded.time).timestamp()
     except (ValueError, KeyError, TypeError):
         return None  # of another release
     T_map_sensor = answer.T_map_sensor
@@ -86,17 +89,17 @@ def _query_of(sample: QuerySample | None, map_id: str, version: str) -> RobotQue
         or not np.isfinite(T_map_sensor).all()
     ):
         return None
-    return RobotQuery(sample, time_s, T_map_sensor[:3, 3])
+    return RobotQuery(recorded, time_s, T_map_sensor[:3, 3])
 
 
 def _of_day(queries: Sequence[RobotQuery], areas: Sequence[Area], most: int) -> list[RobotQuery]:
     """Equal parts of all robots: of each one query in an hour from each place of 1 m."""
     told, of_robot = set(), defaultdict[str, list[RobotQuery]](list)
     for one in queries:
-        place = one.sample.robot, spot_of(one.position_m), int(one.time_s // HOUR_S)
+        place = one.recorded.robot, spot_of(one.position_m), int(one.time_s // HOUR_S)
         if place not in told:
             told.add(place)
-            of_robot[one.sample.robot].append(one)
+            of_robot[one.recorded.robot].append(one)
     limit = max(most // max(len(of_robot), 2), 1)
     found: list[RobotQuery] = []
     for _, each in sorted(of_robot.items()):

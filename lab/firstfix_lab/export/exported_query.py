@@ -1,4 +1,4 @@
-"""Kept queries as viewers show them: the points, the answered pose, and the verdict in words."""
+"""Recorded queries as viewers show them: the points, the answered pose, and the verdict in words."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.answer.localization import Localization
-from firstfix.catalog.query_samples import QuerySample
+from firstfix.catalog.recorded_queries import RecordedQuery
 from firstfix.decode import decode_query
 from firstfix.errors import InputError, NotFound
 from firstfix.scan.compact import CompactScan, ScanDescriptor
@@ -31,8 +31,8 @@ LATEST_S = 86_400.0  # a stamp further from the time of the answer is a recordin
 
 
 @dataclass(frozen=True)
-class KeptQuery:
-    """One kept query about a map.
+class ExportedQuery:
+    """One recorded query about a map.
 
     Attributes:
         time_ns: since the epoch: the scan's stamp, or without one the time of the answer.
@@ -47,7 +47,7 @@ class KeptQuery:
     """
 
     time_ns: int
-    sample: QuerySample
+    recorded: RecordedQuery
     answer: Localization
     points: NDArray[np.float32]
     frame: str
@@ -63,39 +63,41 @@ class KeptQuery:
         return self.frame == SENSOR_FRAME
 
 
-def kept_queries(source: ExportSource, map_id: str, count: int | None) -> Iterator[KeptQuery]:
-    """Yield kept queries about a map, newest first, with one body in memory.
+def exported_queries(source: ExportSource, map_id: str, count: int | None) -> Iterator[ExportedQuery]:
+    """Yield recorded queries about a map, newest first, with one body in memory.
 
     Args:
         count: the newest so many; None: all.
     """
-    for sample in islice(source.samples(), count):
+    for recorded in islice(source.recorded_queries(), count):
         try:
-            yield _kept_query(source, sample, map_id)
+            yield _exported(source, recorded, map_id)
         except (ValueError, KeyError, TypeError) as error:  # a record that an older or newer release wrote
-            raise InputError(f"kept query {sample.sample_id}: its record cannot be read: {error!r}") from None
+            raise InputError(
+                f"recorded query {recorded.query_id}: its record cannot be read: {error!r}"
+            ) from None
 
 
-def _kept_query(source: ExportSource, sample: QuerySample, map_id: str) -> KeptQuery:
-    answer = Localization.from_mapping(sample.answer)
-    scan, unreadable = _scan_of(source, sample)
+def _exported(source: ExportSource, recorded: RecordedQuery, map_id: str) -> ExportedQuery:
+    answer = Localization.from_mapping(recorded.answer)
+    scan, unreadable = _scan_of(source, recorded)
     pose = answer.T_map_sensor if answer.map_id in ("", map_id) else None
     hypotheses = tuple(
         h.T_map_sensor for h in answer.hypotheses if (h.map_id or answer.map_id or map_id) == map_id
     )
     placed = pose if pose is not None else next(iter(hypotheses), None)
     frame = UNPLACED_FRAME if placed is None else GUESS_FRAME if pose is None else SENSOR_FRAME
-    told = sample.truth.get("T_map_sensor") if sample.truth.get("map_id") == map_id else None
-    return KeptQuery(
-        _time_ns(sample, scan),
-        sample,
+    told = recorded.truth.get("T_map_sensor") if recorded.truth.get("map_id") == map_id else None
+    return ExportedQuery(
+        _time_ns(recorded, scan),
+        recorded,
         answer,
         np.zeros((0, 3), np.float32) if scan is None else points_of(scan),
         frame,
         placed,
         hypotheses,
         None if told is None else pose_from_mapping(told),
-        _words(sample, answer, map_id, pose, unreadable),
+        _words(recorded, answer, map_id, pose, unreadable),
         unreadable,
     )
 
@@ -113,17 +115,17 @@ def points_of(scan: AnyScan) -> NDArray[np.float32]:
     return np.concatenate([*moved, scan.scans[-1].points])
 
 
-def _scan_of(source: ExportSource, sample: QuerySample) -> tuple[AnyScan | None, str]:
+def _scan_of(source: ExportSource, recorded: RecordedQuery) -> tuple[AnyScan | None, str]:
     try:
-        body = source.body(sample.sample_id)
-        plain = undo_content_encoding(body, sample.content_encoding, MAX_DECODED_BYTES)
-        return decode_query(plain, sample.media_type), ""
+        body = source.body(recorded.query_id)
+        plain = undo_content_encoding(body, recorded.content_encoding, MAX_DECODED_BYTES)
+        return decode_query(plain, recorded.media_type), ""
     except (InputError, NotFound) as error:
         return None, str(error)
 
 
-def _time_ns(sample: QuerySample, scan: AnyScan | None) -> int:
-    answered = datetime.fromisoformat(sample.time)
+def _time_ns(recorded: RecordedQuery, scan: AnyScan | None) -> int:
+    answered = datetime.fromisoformat(recorded.time)
     if answered.tzinfo is None:
         answered = answered.replace(tzinfo=timezone.utc)
     answered_s = answered.timestamp()
@@ -134,7 +136,7 @@ def _time_ns(sample: QuerySample, scan: AnyScan | None) -> int:
 
 
 def _words(
-    sample: QuerySample, answer: Localization, map_id: str, pose: Matrix | None, unreadable: str
+    recorded: RecordedQuery, answer: Localization, map_id: str, pose: Matrix | None, unreadable: str
 ) -> str:
     why = f" ({', '.join(reason.value for reason in answer.reasons)})" if answer.reasons else ""
     parts = [f"{answer.verdict.value}{why}, probability {answer.probability:.3f}"]
@@ -147,4 +149,4 @@ def _words(
         parts.append(f"{len(answer.hypotheses)} hypotheses")
     if unreadable:
         parts.append(f"its points cannot be shown: {unreadable}")
-    return f"{sample.sample_id}: {'; '.join(parts)}"
+    return f"{recorded.query_id}: {'; '.join(parts)}"

@@ -1,4 +1,4 @@
-"""The scan of a kept query, which comes from a robot: bytes of strangers."""
+"""The scan of a recorded query, which comes from a robot: bytes of strangers."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ MAX_DECODED_BYTES = 64 << 20
 MAX_POINTS = 1_000_000
 
 
-def read_kept_scan(
+def read_recorded_scan(
     path: Path, media_type: str, content_encoding: str, *, alone: bool = False
 ) -> Scan | CompactScan:
-    """Read the body of a kept query. Of several scans it is the last, whose pose the answer has.
+    """Read the body of a recorded query. Of several scans it is the last, whose pose the answer has.
 
     Args:
         alone: refuse a query of several scans.

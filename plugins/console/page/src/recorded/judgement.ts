@@ -1,7 +1,7 @@
-// Whether a kept answer is wrong by what somebody told of its scan.
+// Whether a recorded answer is wrong by what somebody told of its scan.
 
 import type { Schemas } from "../api/client";
-import type { Sample } from "./place";
+import type { RecordedQuery } from "./place";
 
 const RIGHT_M = 1; // what a false accept is, as the lab counts it
 const RIGHT_DEG = 10;
@@ -12,7 +12,7 @@ export interface Judgement {
 }
 
 /** Of an answer about a map; null: nobody told, or it is right, or it is about another map. */
-export function judgementOf({ truth, map_id: asked }: Sample, answer: Schemas["Answer"], map: string): Judgement | null {
+export function judgementOf({ truth, map_id: asked }: RecordedQuery, answer: Schemas["Answer"], map: string): Judgement | null {
   if (!truth) return null;
   const { verdict, map_id, T_map_sensor: given } = answer;
   if (verdict === "rejected") {

@@ -1,4 +1,4 @@
-"""Kept queries as viewers show them: which points, at which time."""
+"""Recorded queries as viewers show them: which points, at which time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from firstfix.answer.localization import Localization, Verdict
-from firstfix.catalog.query_samples import QuerySample
+from firstfix.catalog.recorded_queries import RecordedQuery
 from firstfix.errors import CorruptVersion, InputError
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
@@ -18,7 +18,7 @@ from firstfix.transform import make_transform, rotation_z
 from firstfix.wire.scan import encode_scan
 from firstfix.wire.sequence import encode_scans
 from firstfix_builder.index.cloud_octree import CloudOctree
-from firstfix_lab.export.kept_query import UNPLACED_FRAME, kept_queries, points_of
+from firstfix_lab.export.exported_query import UNPLACED_FRAME, exported_queries, points_of
 from firstfix_lab.export.map_cloud import read_map_cloud
 
 ANSWERED_S = 1_767_225_600.0  # 2026-01-01
@@ -27,14 +27,14 @@ REJECTED = Localization(Verdict.REJECTED).to_mapping()
 
 @dataclass
 class OneQuery:
-    """A source with one kept query."""
+    """A source with one recorded query."""
 
     content: bytes
     media_type: str
     answer: dict[str, Any]
 
-    def samples(self) -> Iterator[QuerySample]:
-        yield QuerySample(
+    def recorded_queries(self) -> Iterator[RecordedQuery]:
+        yield RecordedQuery(
             "s",
             "2026-01-01T00:00:00+00:00",
             "http",
@@ -48,7 +48,7 @@ class OneQuery:
             len(self.content),
         )
 
-    def body(self, sample_id: str) -> bytes:
+    def body(self, query_id: str) -> bytes:
         return self.content
 
 
@@ -56,8 +56,8 @@ def scan(stamp_s: float | None, seed: int = 1) -> Scan:
     return Scan.from_points(np.random.default_rng(seed).uniform(-9, 9, (200, 3)), stamp_s=stamp_s)
 
 
-def kept(content: bytes, media_type: str, answer: dict[str, Any] = REJECTED) -> Any:
-    (query,) = kept_queries(OneQuery(content, media_type, answer), "hall", None)  # type: ignore[arg-type]
+def exported(content: bytes, media_type: str, answer: dict[str, Any] = REJECTED) -> Any:
+    (query,) = exported_queries(OneQuery(content, media_type, answer), "hall", None)  # type: ignore[arg-type]
     return query
 
 
@@ -72,7 +72,7 @@ def kept(content: bytes, media_type: str, answer: dict[str, Any] = REJECTED) -> 
     ],
 )
 def test_the_time_is_the_scans_unless_its_clock_is_another(stamp_s: float | None, shown_s: float):
-    query = kept(encode_scan(scan(stamp_s)), "application/vnd.firstfix.scan")
+    query = exported(encode_scan(scan(stamp_s)), "application/vnd.firstfix.scan")
     assert query.time_ns == pytest.approx(shown_s * 1e9, abs=1000)
     assert query.frame == UNPLACED_FRAME
 
@@ -86,18 +86,19 @@ def test_scans_of_a_sequence_are_shown_in_the_frame_of_the_last():
     np.testing.assert_allclose(points[:200], first.points @ T[:3, :3].T + T[:3, 3], atol=1e-5)
     np.testing.assert_array_equal(points[200:], last.points)
     assert (
-        len(kept(encode_scans(sequence.scans, T_odom_sensor), "application/vnd.firstfix.scans").points) == 400
+        len(exported(encode_scans(sequence.scans, T_odom_sensor), "application/vnd.firstfix.scans").points)
+        == 400
     )
 
 
 def test_a_record_of_an_unknown_kind_is_an_error():
     body = encode_scan(scan(None))
-    with pytest.raises(InputError, match="kept query s: its record cannot be read"):
-        kept(body, "application/vnd.firstfix.scan", {**REJECTED, "verdict": "so-so"})
+    with pytest.raises(InputError, match="recorded query s: its record cannot be read"):
+        exported(body, "application/vnd.firstfix.scan", {**REJECTED, "verdict": "so-so"})
 
 
 def test_a_body_of_an_unknown_kind_is_told():
-    query = kept(b"x", "text/plain")
+    query = exported(b"x", "text/plain")
     assert "unknown media type" in query.unreadable
     assert "its points cannot be shown" in query.words
     assert len(query.points) == 0

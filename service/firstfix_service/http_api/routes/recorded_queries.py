@@ -1,4 +1,4 @@
-"""/samples: queries that the service has kept, with their answers, and where their scans were taken."""
+"""/recorded-queries: queries with their answers, as they came, and where their scans were taken."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from firstfix.access.permissions import Scope
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import MAX_NUMBER
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.ids import check_map_id
 from firstfix.transform import from_quaternion
@@ -21,13 +21,13 @@ from ...settings import Settings
 from ...thread_pools import CHANGES, LISTS
 from ..bodies.json_body import read_model
 from ..edge import CallerDep, needs
-from ..parts import SamplesDep
+from ..parts import RecordedQueriesDep
 from ..response_budget import ResponseLeaseDep
 from ..schema.answer_models import Pose
 from ..schema.bodies import binary_answer, json_body
-from ..schema.parameters import DEFAULT_LIMIT, After, Limit, SampleId
+from ..schema.parameters import DEFAULT_LIMIT, After, Limit, QueryId
 
-router = APIRouter(prefix="/samples", tags=["samples"])
+router = APIRouter(prefix="/recorded-queries", tags=["recorded-queries"])
 MAX_READ = 2000  # records that one request reads
 
 
@@ -56,10 +56,10 @@ class ToldTruth(Truth):
     told_at: str = Field("", description="UTC, ISO 8601")
 
 
-class Sample(BaseModel):
-    """A kept query."""
+class RecordedQueryDetails(BaseModel):
+    """A recorded query."""
 
-    sample_id: str
+    query_id: str
     time: str = Field(description="of the answer, UTC, ISO 8601")
     transport: str
     request_id: str
@@ -74,97 +74,101 @@ class Sample(BaseModel):
     truth: ToldTruth | None = Field(description="null: nobody has told")
 
     @classmethod
-    def of(cls, sample: QuerySample) -> Sample:
-        """The model of a sample."""
-        return cls.model_validate({**asdict(sample), "truth": sample.truth or None})
+    def of(cls, recorded: RecordedQuery) -> RecordedQueryDetails:
+        """The model of a recorded query."""
+        return cls.model_validate({**asdict(recorded), "truth": recorded.truth or None})
 
 
-class SamplePage(BaseModel):
-    """A page of kept queries."""
+class RecordedQueryPage(BaseModel):
+    """A page of recorded queries."""
 
-    samples: list[Sample] = Field(description="newest first")
+    queries: list[RecordedQueryDetails] = Field(description="newest first")
     next: str | None = Field(
         description="`after` of the next page, even if this page is short; null: this is the last page"
     )
-    share: float = Field(description="share of the queries without a pose that this service keeps; 0: none")
+    share: float = Field(description="share of the queries without a pose that this service records; 0: none")
 
 
 @router.get("")
 @needs(Scope.BUILD, "localize")
 @LISTS.route
-def get_samples(
+def get_recorded_queries(
     request: Request,
-    samples: SamplesDep,
+    recorded_queries: RecordedQueriesDep,
     caller: CallerDep,
     map_id: Annotated[str | None, Query(description="only queries about this map")] = None,
     verdict: Annotated[Verdict | None, Query(description="only answers with this verdict")] = None,
     reason: Annotated[str | None, Query(max_length=64, description="only answers with this reason")] = None,
     limit: Limit = DEFAULT_LIMIT,
     after: After = None,
-) -> SamplePage:
-    """The kept queries about the caller's maps, newest first.
+) -> RecordedQueryPage:
+    """The recorded queries about the caller's maps, newest first.
 
-    `FIRSTFIX_SAMPLES_SHARE` says how many are kept.
+    `FIRSTFIX_RECORDED_SHARE` says how many are recorded.
     """
     if map_id is not None:
         caller.check_map(check_map_id(map_id))
-    ids = [one for one in reversed(samples.ids()) if after is None or one < after]
-    found: list[QuerySample] = []
+    ids = [one for one in reversed(recorded_queries.ids()) if after is None or one < after]
+    found: list[RecordedQuery] = []
     last = None
     for last in ids[:MAX_READ]:
-        sample = samples.find(last)
-        if sample is None or not _sees(caller, sample) or (map_id and not sample.is_about(map_id)):
+        recorded = recorded_queries.find(last)
+        if recorded is None or not _sees(caller, recorded) or (map_id and not recorded.is_about(map_id)):
             continue
-        if verdict is not None and sample.answer["verdict"] != verdict.value:
+        if verdict is not None and recorded.answer["verdict"] != verdict.value:
             continue
-        if reason is not None and reason not in sample.answer["reasons"]:
+        if reason is not None and reason not in recorded.answer["reasons"]:
             continue
-        found.append(sample)
+        found.append(recorded)
         if len(found) == limit:
             break
     following = last if ids and last != ids[-1] else None
     settings: Settings = request.app.state.settings
-    kept = [Sample.of(sample) for sample in found]
-    return SamplePage(samples=kept, next=following, share=settings.samples_share)
+    kept = [RecordedQueryDetails.of(recorded) for recorded in found]
+    return RecordedQueryPage(queries=kept, next=following, share=settings.recorded_share)
 
 
-@router.get("/{sample_id}")
+@router.get("/{query_id}")
 @needs(Scope.BUILD)
 @LISTS.route
-def get_sample(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) -> Sample:
-    """One kept query, with its answer."""
-    return Sample.of(_shown(samples, caller, sample_id))
+def get_recorded_query(
+    query_id: QueryId, recorded_queries: RecordedQueriesDep, caller: CallerDep
+) -> RecordedQueryDetails:
+    """One recorded query, with its answer."""
+    return RecordedQueryDetails.of(_shown(recorded_queries, caller, query_id))
 
 
 @router.get(
-    "/{sample_id}/body",
+    "/{query_id}/body",
     response_class=Response,
     responses=binary_answer("*/*"),
 )
 @needs(Scope.BUILD, "localize")
 @LISTS.route
-def get_sample_body(
-    sample_id: SampleId, samples: SamplesDep, caller: CallerDep, lease: ResponseLeaseDep
+def get_recorded_body(
+    query_id: QueryId, recorded_queries: RecordedQueriesDep, caller: CallerDep, lease: ResponseLeaseDep
 ) -> Response:
     """The body of the query, as it came: `POST /localize` takes it again.
 
-    Its content encoding is in the sample, not in this answer's header: the body stays as it is.
+    Its content encoding is in the record, not in this answer's header: the body stays as it is.
     """
-    sample = _shown(samples, caller, sample_id)
-    lease.take(sample.body_bytes)
+    recorded = _shown(recorded_queries, caller, query_id)
+    lease.take(recorded.body_bytes)
     return Response(
-        samples.body(sample_id),
+        recorded_queries.body(query_id),
         media_type="application/octet-stream",
-        headers={"Cache-Control": "private, no-store", "X-Body-Type": _printable(sample.media_type)},
+        headers={"Cache-Control": "private, no-store", "X-Body-Type": _printable(recorded.media_type)},
     )
 
 
-@router.put("/{sample_id}/truth", openapi_extra=json_body(Truth))
+@router.put("/{query_id}/truth", openapi_extra=json_body(Truth))
 @needs(Scope.BUILD)
-async def put_truth(sample_id: SampleId, request: Request, samples: SamplesDep, caller: CallerDep) -> Sample:
+async def put_truth(
+    query_id: QueryId, request: Request, recorded_queries: RecordedQueriesDep, caller: CallerDep
+) -> RecordedQueryDetails:
     """Note where the scan was taken. The self-test of the map's next build asks the scan.
 
-    `firstfix samples confirm` says so of queries whose answers were right.
+    `firstfix recorded confirm` says so of queries whose answers were right.
     """
     truth = await read_model(request, Truth)
     caller.check_map(check_map_id(truth.map_id))
@@ -175,24 +179,26 @@ async def put_truth(sample_id: SampleId, request: Request, samples: SamplesDep, 
             from_quaternion(truth.T_map_sensor.position, truth.T_map_sensor.quaternion)
         except ValueError as error:
             raise InvalidOption(f"T_map_sensor: {error}") from None
-    return await CHANGES.run(_set_truth, samples, caller, sample_id, truth.model_dump(mode="json"))
+    return await CHANGES.run(_set_truth, recorded_queries, caller, query_id, truth.model_dump(mode="json"))
 
 
-@router.delete("/{sample_id}/truth")
+@router.delete("/{query_id}/truth")
 @needs(Scope.BUILD)
 @CHANGES.route
-def delete_truth(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) -> Sample:
+def delete_truth(
+    query_id: QueryId, recorded_queries: RecordedQueriesDep, caller: CallerDep
+) -> RecordedQueryDetails:
     """Forget where the scan was taken."""
-    return _set_truth(samples, caller, sample_id, {})
+    return _set_truth(recorded_queries, caller, query_id, {})
 
 
-@router.delete("/{sample_id}", status_code=204)
+@router.delete("/{query_id}", status_code=204)
 @needs(Scope.ADMIN)
 @CHANGES.route
-def delete_sample(sample_id: SampleId, samples: SamplesDep, caller: CallerDep) -> None:
-    """Remove a kept query for good."""
-    _shown(samples, caller, sample_id)
-    samples.delete(sample_id)
+def delete_recorded_query(query_id: QueryId, recorded_queries: RecordedQueriesDep, caller: CallerDep) -> None:
+    """Remove a recorded query for good."""
+    _shown(recorded_queries, caller, query_id)
+    recorded_queries.delete(query_id)
 
 
 def _printable(media_type: str) -> str:
@@ -200,26 +206,28 @@ def _printable(media_type: str) -> str:
     return "".join(char for char in media_type[:200] if " " <= char <= "~")
 
 
-def _set_truth(samples: QuerySamples, caller: Principal, sample_id: str, truth: dict[str, Any]) -> Sample:
-    _shown(samples, caller, sample_id)
+def _set_truth(
+    recorded_queries: RecordedQueries, caller: Principal, query_id: str, truth: dict[str, Any]
+) -> RecordedQueryDetails:
+    _shown(recorded_queries, caller, query_id)
     name = caller.name if caller.has_credential else ""  # an address is nobody in particular
-    return Sample.of(samples.set_truth(sample_id, truth, name))
+    return RecordedQueryDetails.of(recorded_queries.set_truth(query_id, truth, name))
 
 
-def _shown(samples: QuerySamples, caller: Principal, sample_id: str) -> QuerySample:
-    """The sample, if the caller may see it.
+def _shown(recorded_queries: RecordedQueries, caller: Principal, query_id: str) -> RecordedQuery:
+    """The recorded query, if the caller may see it.
 
     Raises:
         NotFound: there is none, or it is about a map that is hidden from the caller.
     """
-    sample = samples.get(sample_id)
-    if not _sees(caller, sample):
-        raise NotFound(f"no sample {sample_id}")
-    return sample
+    recorded = recorded_queries.get(query_id)
+    if not _sees(caller, recorded):
+        raise NotFound(f"no recorded query {query_id}")
+    return recorded
 
 
-def _sees(caller: Principal, sample: QuerySample) -> bool:
+def _sees(caller: Principal, recorded: RecordedQuery) -> bool:
     """Whether the caller sees every map that the query is about."""
     if caller.sees_every_map:
         return True
-    return bool(sample.map_id) and all(caller.sees(map_id) for map_id in sample.maps)
+    return bool(recorded.map_id) and all(caller.sees(map_id) for map_id in recorded.maps)

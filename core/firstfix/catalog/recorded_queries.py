@@ -1,7 +1,7 @@
-"""Samples of queries, stored as they were received, for inspection and replay.
+"""Recorded queries: stored as they were received, for inspection and replay.
 
-    samples/<sample_id>.body    body of the query, in its own encoding
-    samples/<sample_id>.json    request and answer; written last: without it there is no sample
+    recorded-queries/<query_id>.body    body of the query, in its own encoding
+    recorded-queries/<query_id>.json    request and answer; written last: without it there is none
 
 Ids begin with the time, so that they sort by age.
 """
@@ -20,19 +20,19 @@ from ..errors import InvalidOption, NotFound, UnreadableRecord
 from ..store.json_record import RecordKind, read_record, record_json, text_of, texts_of, whole_number_of
 from ..store.store import Store
 
-FOLDER = "samples"
-REPLAY = "replay-"  # prefix of the request id of a replayed query, which is not sampled again
+FOLDER = "recorded-queries"
+REPLAY = "replay-"  # prefix of the request id of a replayed query, which is not recorded again
 TOLD_BY, TOLD_AT = "told_by", "told_at"
 _ID = re.compile(r"(\d{8}t\d{12})-[0-9a-f]{8}")
 _TIME_FORM = "%Y%m%dt%H%M%S%f"
 
 
 @dataclass(frozen=True)
-class QuerySample:
-    """Sampled query without its body.
+class RecordedQuery:
+    """Recorded query without its body.
 
     Attributes:
-        sample_id: time and 8 random hex characters.
+        query_id: time and 8 random hex characters.
         time: time of the answer, UTC, ISO 8601.
         map_id: as in the request: one, several separated by commas, or empty.
         options: as in the request, in the form of ``LocalizeOptions.from_strings``.
@@ -44,7 +44,7 @@ class QuerySample:
         robot: ``robot_of`` the caller; empty if nobody can tell it apart.
     """
 
-    sample_id: str
+    query_id: str
     time: str
     transport: str
     request_id: str
@@ -70,8 +70,8 @@ class QuerySample:
         return frozenset(filter(None, (*self.map_id.split(","), self.answer.get("map_id"))))
 
 
-class QuerySamples:
-    """Samples in a store. Thread-safe.
+class RecordedQueries:
+    """Recorded queries in a store. Thread-safe.
 
     Every method raises StoreUnavailable or StoreError if the store fails, and InvalidOption for an invalid
     id.
@@ -80,57 +80,61 @@ class QuerySamples:
     def __init__(self, store: Store) -> None:
         self._store = store
 
-    def put(self, sample: QuerySample, body: bytes) -> None:
-        """Store a sample."""
-        self._store.put(_key(sample.sample_id, "body"), body)
-        self._put_record(replace(sample, body_sha256=hashlib.sha256(body).hexdigest()))
+    def put(self, recorded: RecordedQuery, body: bytes) -> None:
+        """Store a recorded query."""
+        self._store.put(_key(recorded.query_id, "body"), body)
+        self._put_record(replace(recorded, body_sha256=hashlib.sha256(body).hexdigest()))
 
     def ids(self) -> list[str]:
-        """Ids of all samples, oldest first."""
+        """Ids of all recorded queries, oldest first."""
         names = [key.rpartition("/")[2] for key in self._store.list(FOLDER)]
         return [name[: -len(".json")] for name in names if name.endswith(".json") and _ID.match(name)]
 
-    def get(self, sample_id: str) -> QuerySample:
-        """Read a sample.
+    def get(self, query_id: str) -> RecordedQuery:
+        """Read a recorded query.
 
         Raises:
-            NotFound: no such sample, or it was removed.
+            NotFound: no such recorded query, or it was removed.
             UnreadableRecord: its record is damaged.
         """
         try:
-            return read_record(self._store, _key(sample_id, "json"), RecordKind.SAMPLE, parse_sample)
+            return read_record(
+                self._store, _key(query_id, "json"), RecordKind.RECORDED_QUERY, parse_recorded_query
+            )
         except NotFound:
-            raise NotFound(f"no sample {sample_id}") from None
+            raise NotFound(f"no recorded query {query_id}") from None
 
-    def each(self) -> Iterator[QuerySample]:
-        """Read all samples, oldest first. Skips damaged ones and those removed meanwhile."""
-        for sample_id in self.ids():
-            if (sample := self.find(sample_id)) is not None:
-                yield sample
+    def each(self) -> Iterator[RecordedQuery]:
+        """Read all recorded queries, oldest first. Skips damaged ones and those removed meanwhile."""
+        for query_id in self.ids():
+            if (recorded := self.find(query_id)) is not None:
+                yield recorded
 
-    def find(self, sample_id: str) -> QuerySample | None:
-        """Read a sample. Returns None if it is damaged or was removed."""
+    def find(self, query_id: str) -> RecordedQuery | None:
+        """Read a recorded query. Returns None if it is damaged or was removed."""
         with suppress(NotFound, UnreadableRecord):
-            return self.get(sample_id)
+            return self.get(query_id)
         return None
 
-    def body(self, sample_id: str) -> bytes:
-        """Body of a sample's query.
+    def body(self, query_id: str) -> bytes:
+        """Body of a recorded query.
 
         Raises:
-            NotFound: no such sample, or it was removed.
+            NotFound: no such recorded query, or it was removed.
             UnreadableRecord: the body is not the one that its record describes, or the record is damaged.
         """
-        body = self._store.get(_key(sample_id, "body"))
-        sha256 = self.get(sample_id).body_sha256
+        body = self._store.get(_key(query_id, "body"))
+        sha256 = self.get(query_id).body_sha256
         if hashlib.sha256(body).hexdigest() != sha256:
-            raise UnreadableRecord(f"the body of sample {sample_id} is damaged", RecordKind.SAMPLE.value)
+            raise UnreadableRecord(
+                f"the body of recorded query {query_id} is damaged", RecordKind.RECORDED_QUERY.value
+            )
         return body
 
     def ids_told_first(self) -> list[str]:
-        """Ids of all samples. Those whose record is much newer than the body come first: a truth was told.
+        """Ids of all recorded queries. First those with a record much newer than the body: a truth was told.
 
-        Whoever looks for truths among very many samples so finds them without reading all.
+        Whoever looks for truths among very many recorded queries so finds them without reading all.
         """
         times: dict[str, dict[str, float]] = {}
         for item in self._store.scan(FOLDER):
@@ -142,8 +146,8 @@ class QuerySamples:
         }
         return sorted(newer_s, key=lambda name: (-newer_s[name], name))
 
-    def set_truth(self, sample_id: str, truth: Mapping[str, Any], told_by: str = "") -> QuerySample:
-        """Note where the scan of a sample was taken; empty: it is not known. The last word is valid.
+    def set_truth(self, query_id: str, truth: Mapping[str, Any], told_by: str = "") -> RecordedQuery:
+        """Note where the scan of a recorded query was taken; empty: it is not known. The last word is valid.
 
         Args:
             told_by: name of who says so, as a caller is named; empty: nobody in particular.
@@ -153,25 +157,25 @@ class QuerySamples:
         """
         now = datetime.now(timezone.utc).isoformat(timespec="seconds")
         told = {**truth, TOLD_BY: told_by, TOLD_AT: now} if truth else {}
-        sample = replace(self.get(sample_id), truth=told)
-        self._put_record(sample)
-        if not self._store.exists(_key(sample_id, "body")):  # removed meanwhile: it must not come back
-            self._store.delete(_key(sample_id, "json"))
-            raise NotFound(f"no sample {sample_id}")
-        return sample
+        recorded = replace(self.get(query_id), truth=told)
+        self._put_record(recorded)
+        if not self._store.exists(_key(query_id, "body")):  # removed meanwhile: it must not come back
+            self._store.delete(_key(query_id, "json"))
+            raise NotFound(f"no recorded query {query_id}")
+        return recorded
 
-    def delete(self, sample_id: str) -> None:
-        """Remove a sample. A missing sample is no error."""
-        # The record first: without it there is no sample. And last: ``set_truth`` may have put it again
-        # before the body was gone.
+    def delete(self, query_id: str) -> None:
+        """Remove a recorded query. A missing recorded query is no error."""
+        # The record first: without it there is no query. And last: ``set_truth`` may have put it again before
+        # the body was gone.
         for ending in ("json", "body", "json"):
-            self._store.delete(_key(sample_id, ending))
+            self._store.delete(_key(query_id, ending))
 
-    def _put_record(self, sample: QuerySample) -> None:
-        self._store.put(_key(sample.sample_id, "json"), record_json(asdict(sample)))
+    def _put_record(self, recorded: RecordedQuery) -> None:
+        self._store.put(_key(recorded.query_id, "json"), record_json(asdict(recorded)))
 
     def prune(self, *, older_than_s: float, max_bytes: int) -> int:
-        """Remove samples of this age by the store's clock, then the oldest until ``max_bytes`` are left.
+        """Remove queries of this age by the store's clock, then the oldest until ``max_bytes`` are left.
 
         Returns:
             Size of the rest in bytes.
@@ -185,33 +189,33 @@ class QuerySamples:
                 sizes[name] = sizes.get(name, 0) + item.size_bytes
                 times[name] = max(times.get(name, item.last_modified), item.last_modified)
         left = sum(sizes.values())
-        for sample_id in sorted(times, key=lambda name: (times[name], name)):
-            if times[sample_id] >= cutoff and left <= max_bytes:
+        for query_id in sorted(times, key=lambda name: (times[name], name)):
+            if times[query_id] >= cutoff and left <= max_bytes:
                 break
-            self.delete(sample_id)
-            left -= sizes[sample_id]
+            self.delete(query_id)
+            left -= sizes[query_id]
         return left
 
 
-def parse_sample(record: dict[str, Any]) -> QuerySample:
-    """Parse the record of a sample.
+def parse_recorded_query(record: dict[str, Any]) -> RecordedQuery:
+    """Parse the record of a recorded query.
 
     Raises:
-        ValueError, KeyError, TypeError: it is not the record of a sample.
+        ValueError, KeyError, TypeError: it is not the record of a recorded query.
     """
-    sample = QuerySample(**record)
-    for one in fields(QuerySample):
+    recorded = RecordedQuery(**record)
+    for one in fields(RecordedQuery):
         if one.name not in ("options", "answer", "body_bytes", "truth"):
             text_of(record, one.name)
     whole_number_of(record, "body_bytes")
-    if not isinstance(sample.options, dict) or not isinstance(sample.truth, dict):
+    if not isinstance(recorded.options, dict) or not isinstance(recorded.truth, dict):
         raise TypeError("options or truth is not an object")
     for name in (TOLD_BY, TOLD_AT):
         text_of(record["truth"], name, "")
     text_of(record["answer"], "verdict")
     texts_of(record["answer"], "reasons")
     float(record["answer"]["probability"])
-    return sample
+    return recorded
 
 
 def robot_of(caller: str) -> str:
@@ -225,12 +229,12 @@ def robot_of(caller: str) -> str:
     return hashlib.sha256(f"robot {caller}".encode()).hexdigest()[:16]
 
 
-def new_sample_id(random_hex: str, now: datetime) -> str:
+def new_query_id(random_hex: str, now: datetime) -> str:
     """Make an id from 8 hex characters and a UTC time."""
     return f"{now.strftime(_TIME_FORM)}-{random_hex}"
 
 
-def _key(sample_id: str, ending: str) -> str:
-    if not _ID.fullmatch(sample_id):
-        raise InvalidOption(f"not a sample id: {sample_id[:80]!r}")
-    return f"{FOLDER}/{sample_id}.{ending}"
+def _key(query_id: str, ending: str) -> str:
+    if not _ID.fullmatch(query_id):
+        raise InvalidOption(f"not the id of a recorded query: {query_id[:80]!r}")
+    return f"{FOLDER}/{query_id}.{ending}"

@@ -1,9 +1,9 @@
-// Kept queries: why was this scan not localized?
+// Recorded queries: why was this scan not localized?
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { mapPage } from "../api/maps";
-import { removeSample, samplePage } from "../api/scans";
+import { removeRecorded, recordedPage } from "../api/scans";
 import { go, route } from "../router";
 import { Confirm } from "../ui/Confirm";
 import { Empty } from "../ui/Empty";
@@ -12,12 +12,12 @@ import { age, percent } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 import { exported } from "./exported";
 import { filterOf, Filters } from "./Filters";
-import { NotKept } from "./NotKept";
-import { answerOf, type Sample } from "./place";
-import { SamplePins } from "./SamplePins";
-import { SampleTable } from "./SampleTable";
+import { NotRecorded } from "./NotRecorded";
+import { answerOf, type RecordedQuery } from "./place";
+import { QueryPins } from "./QueryPins";
+import { QueryTable } from "./QueryTable";
 
-export function SamplesView() {
+export function RecordedView() {
   const filter = filterOf(route.value.query);
   const map = filter.map_id;
   const after = useSignal<string[]>([]); // of the pages up to this one
@@ -30,10 +30,10 @@ export function SamplesView() {
   }, filtered);
   const maps = useLoaded(mapPage, []);
   const page = useLoaded(
-    (signal) => samplePage({ ...filter, after: after.value.at(-1), limit: 50 }, signal),
+    (signal) => recordedPage({ ...filter, after: after.value.at(-1), limit: 50 }, signal),
     [...filtered, after.value],
   );
-  const doomed = useSignal<Sample | null>(null);
+  const doomed = useSignal<RecordedQuery | null>(null);
   const save = async () => {
     problem.value = null;
     try {
@@ -44,11 +44,11 @@ export function SamplesView() {
     }
     share.value = null;
   };
-  const samples = page.value?.samples ?? [];
+  const queries = page.value?.queries ?? [];
   return (
     <main class="page">
       <header class="row">
-        <h1>Kept queries</h1>
+        <h1>Recorded queries</h1>
         <Filters maps={(maps.value?.maps ?? []).map((one) => one.map_id)} />
         <button onClick={save} disabled={!map || share.value !== null}>
           {share.value === null ? "Export those with a truth" : `Exporting, ${percent(share.value)}`}
@@ -56,32 +56,32 @@ export function SamplesView() {
       </header>
       {problem.value ? <ErrorText error={problem.value} /> : null}
       {page.error ? <ErrorText error={page.error} again={page.again} /> : null}
-      {page.value && !samples.length ? (
-        <Empty title={filtered.some(Boolean) ? "No kept query is like this" : "No kept query"}>
-          <NotKept share={page.value.share} isFiltered={filtered.some(Boolean)} />
+      {page.value && !queries.length ? (
+        <Empty title={filtered.some(Boolean) ? "No recorded query is like this" : "No recorded query"}>
+          <NotRecorded share={page.value.share} isFiltered={filtered.some(Boolean)} />
         </Empty>
       ) : null}
       {map ? (
-        <SamplePins
+        <QueryPins
           key={map}
           map={map}
-          samples={samples}
+          queries={queries}
           pointedAt={pointedAt.value}
-          open={(sample) => go(["maps", map, "try"], { sample: sample.sample_id })}
+          open={(recorded) => go(["maps", map, "try"], { recorded: recorded.query_id })}
         />
-      ) : samples.length ? (
+      ) : queries.length ? (
         <p class="hint">Choose a map to see where they were taken.</p>
       ) : null}
-      {samples.length ? (
-        <SampleTable samples={samples} remove={(sample) => (doomed.value = sample)} point={(sampleId) => (pointedAt.value = sampleId)} />
+      {queries.length ? (
+        <QueryTable queries={queries} remove={(recorded) => (doomed.value = recorded)} point={(queryId) => (pointedAt.value = queryId)} />
       ) : null}
       {doomed.value ? (
         <Confirm
-          title="Remove this kept query"
+          title="Remove this recorded query"
           action="Remove for good"
           keep="Keep it"
           act={async () => {
-            await removeSample(doomed.value!.sample_id);
+            await removeRecorded(doomed.value!.query_id);
             page.again();
           }}
           close={() => (doomed.value = null)}
