@@ -67,7 +67,7 @@ class ChangedYard:
         self, world: SmallWorld, folder: Path, url: str, map_id: str, start: datetime = MONDAY
     ) -> None:
         from firstfix.catalog.catalog import Catalog
-        from firstfix.catalog.query_samples import QuerySamples
+        from firstfix.catalog.recorded_queries import RecordedQueries
         from firstfix.catalog.sources import put_source
         from firstfix.store.store import Store
         from firstfix_builder.simulation.simulate import Simulator
@@ -76,7 +76,7 @@ class ChangedYard:
         self.folder = folder
         self.map_id = map_id
         self.catalog = Catalog(Store.open(url))
-        self.samples = QuerySamples(self.catalog.store)
+        self.recorded_queries = RecordedQueries(self.catalog.store)
         self._start = start
         self._rng = np.random.default_rng(5)
         sha256 = put_source(self.catalog.store, map_id, write_cloud(world, folder / "cloud.npy"))
@@ -115,7 +115,7 @@ class ChangedYard:
     def ask(
         self, localizer: Localizer, version: str, callers: Sequence[str], days: Sequence[int], count: int
     ) -> list[float]:
-        """Queries in the yard as it is now, kept. Returns their errors in metres."""
+        """Queries in the yard as it is now, recorded. Returns their errors in metres."""
         from firstfix.answer.options import LocalizeOptions
         from firstfix.scan.scan import Scan
 
@@ -131,17 +131,17 @@ class ChangedYard:
             if answer.T_map_sensor is not None:
                 errors_m.append(float(np.linalg.norm((answer.T_map_sensor - T)[:3, 3])))
             time = self._start + timedelta(days=day, minutes=10 * minute)
-            self.keep(caller, time, answer, points.tobytes(), version)
+            self.record(caller, time, answer, points.tobytes(), version)
         return errors_m
 
-    def keep(self, caller: str, time: datetime, answer: Localization, body: bytes, version: str) -> None:
-        from firstfix.catalog.query_samples import QuerySample, new_sample_id, robot_of
+    def record(self, caller: str, time: datetime, answer: Localization, body: bytes, version: str) -> None:
+        from firstfix.catalog.recorded_queries import RecordedQuery, new_query_id, robot_of
 
         told = {**answer.to_mapping(), "map_id": self.map_id, "map_version": version}
-        sample_id = new_sample_id(f"{self._rng.integers(2**32):08x}", time)
+        query_id = new_query_id(f"{self._rng.integers(2**32):08x}", time)
         media_type = "application/vnd.firstfix.xyz"
-        sample = QuerySample(
-            sample_id, time.isoformat(), "http", "r", "", self.map_id, media_type, "", {}, told, len(body),
+        recorded = RecordedQuery(
+            query_id, time.isoformat(), "http", "r", "", self.map_id, media_type, "", {}, told, len(body),
             robot=robot_of(caller),
         )  # fmt: skip
-        self.samples.put(sample, body)
+        self.recorded_queries.put(recorded, body)

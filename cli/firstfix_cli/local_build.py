@@ -11,7 +11,7 @@ from firstfix.builds.config import BuildConfig
 from firstfix.builds.options import PUBLISH, BuildOptions
 from firstfix.builds.shared_stages import collect_stages
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries
 from firstfix.catalog.version_findings import findings_of
 from firstfix.store.store import Store
 
@@ -56,8 +56,8 @@ def local_build(
             trace.tick(stage)
             show(stage, fraction)
 
-        samples, kept = QuerySamples(store), options.work / "confirmed"
-        confirmed = collect_confirmed(samples, map_id, settings.self_test.confirmed, kept)
+        recorded_queries, kept = RecordedQueries(store), options.work / "confirmed"
+        confirmed = collect_confirmed(recorded_queries, map_id, settings.self_test.confirmed, kept)
         job = BuildJob(source, trajectory, config, options.work, tell, lambda: False, confirmed=confirmed)
         try:
             read_confined(job, options)

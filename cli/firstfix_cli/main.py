@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from firstfix.doors import COMMANDS, Package, absent, through
+from firstfix.doors import COMMANDS, absent, through
 from firstfix.errors import (
     DeadlineExceeded,
     FirstfixError,
@@ -19,7 +19,7 @@ from firstfix.errors import (
 from firstfix.telemetry.redact import redact
 
 from .arguments import examples
-from .commands import build, check, copy_store, keys, localize, maps, samples, sensor, serve, worker, world
+from .commands import build, check, copy_store, keys, localize, maps, recorded, sensor, serve, worker, world
 from .help_pages import help_line
 from .missing_package import missing_package
 
@@ -61,17 +61,17 @@ app.command(epilog=localize.EXAMPLES)(localize.localize)
 app.command(epilog=sensor.EXAMPLES)(sensor.sensor)
 app.command("copy-store", epilog=copy_store.EXAMPLES)(copy_store.copy_store)
 app.add_typer(maps.app, name="maps")
-app.add_typer(samples.app, name="samples")
+app.add_typer(recorded.app, name="recorded")
 app.add_typer(keys.app, name="keys")
 for add_commands in through(COMMANDS).values():
     add_commands(app)
 
 
-def _name_absent(package: Package, command: str) -> None:
-    """Let a command of a package that is not installed say so."""
+def _refuse(command: str, why: str) -> None:
+    """Let a command that is not here say where it is."""
 
     def refuse(_: typer.Context) -> None:
-        raise InvalidOption(package.remedy(f"firstfix {command}"))
+        raise InvalidOption(why)
 
     anything = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []}
     app.command(command, hidden=True, context_settings=anything)(refuse)
@@ -79,7 +79,8 @@ def _name_absent(package: Package, command: str) -> None:
 
 for _package in absent():
     for _command in _package.commands:
-        _name_absent(_package, _command)
+        _refuse(_command, _package.remedy(f"firstfix {_command}"))
+_refuse("samples", "firstfix samples is now: firstfix recorded")  # until 0.2
 
 
 def run(arguments: list[str] | None = None) -> None:

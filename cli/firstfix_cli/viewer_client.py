@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from firstfix.catalog.query_samples import QuerySample
+from firstfix.catalog.recorded_queries import RecordedQuery
 from firstfix.errors import FirstfixError
 from firstfix_client import Client, RetryPolicy
 
 from .arguments import PATIENCE_S, service_url
 
 TIMEOUT_S = 60.0
-MAX_DECODED_BYTES = 1 << 30  # of a kept query, decoded in this process
+MAX_DECODED_BYTES = 1 << 30  # of a recorded query, decoded in this process
 
 
 class ViewerClient(Client):
-    """Client that also reads kept queries and clouds. Its errors are those of ``Client``."""
+    """Client that also reads recorded queries and clouds. Its errors are those of ``Client``."""
 
     @classmethod
     def at(cls, url: str | None) -> ViewerClient:
@@ -38,49 +38,49 @@ class ViewerClient(Client):
         params = {"first": str(first), "count": str(count)}
         return self._http.run(self._http.steps.sender.call("GET", *path, params=params)).body
 
-    def samples(self, map_id: str | None = None) -> Iterator[QuerySample]:
-        """Yield the kept queries, of one map or all, newest first, with one page of them in memory.
+    def recorded_queries(self, map_id: str | None = None) -> Iterator[RecordedQuery]:
+        """Yield the recorded queries, of one map or all, newest first, with one page of them in memory.
 
         Raises:
             FirstfixError: the service sent something else.
         """
         params = {} if map_id is None else {"map_id": map_id}
         for record in self._http.items(
-            self._http.steps.sender.pages("samples", dict, "samples", params=params)
+            self._http.steps.sender.pages("queries", dict, "recorded-queries", params=params)
         ):
-            yield _sample_of(record)
+            yield _query_of(record)
 
-    def sample(self, sample_id: str) -> QuerySample:
-        """One kept query.
+    def recorded_query(self, query_id: str) -> RecordedQuery:
+        """One recorded query.
 
         Raises:
-            NotFound: no such sample.
+            NotFound: no such recorded query.
         """
-        return _sample_of(
-            self._http.run(self._http.steps.sender.call("GET", "samples", sample_id)).parsed(dict)
+        return _query_of(
+            self._http.run(self._http.steps.sender.call("GET", "recorded-queries", query_id)).parsed(dict)
         )
 
-    def set_truth(self, sample_id: str, truth: Mapping[str, Any]) -> None:
-        """Note where the scan of a kept query was taken; empty: it is not known.
+    def set_truth(self, query_id: str, truth: Mapping[str, Any]) -> None:
+        """Note where the scan of a recorded query was taken; empty: it is not known.
 
         Raises:
-            NotFound: no such sample.
+            NotFound: no such recorded query.
         """
-        path = ("samples", sample_id, "truth")
+        path = ("recorded-queries", query_id, "truth")
         sender = self._http.steps.sender
         self._http.run(sender.call("PUT", *path, json=dict(truth)) if truth else sender.call("DELETE", *path))
 
-    def sample_body(self, sample_id: str) -> bytes:
-        """The body of a kept query as it came.
+    def recorded_body(self, query_id: str) -> bytes:
+        """The body of a recorded query as it came.
 
         Raises:
-            NotFound: no such sample.
+            NotFound: no such recorded query.
         """
-        return self._http.run(self._http.steps.sender.call("GET", "samples", sample_id, "body")).body
+        return self._http.run(self._http.steps.sender.call("GET", "recorded-queries", query_id, "body")).body
 
 
-def _sample_of(record: Mapping[str, Any]) -> QuerySample:
+def _query_of(record: Mapping[str, Any]) -> RecordedQuery:
     try:
-        return QuerySample(**{**record, "truth": record["truth"] or {}})
+        return RecordedQuery(**{**record, "truth": record["truth"] or {}})
     except (TypeError, KeyError) as error:
-        raise FirstfixError(f"the service sent a kept query that cannot be read: {error!r}") from None
+        raise FirstfixError(f"the service sent a recorded query that cannot be read: {error!r}") from None

@@ -1,7 +1,7 @@
 """Makes the users of the S3 gateway and the policy of its bucket. It may run again.
 
 Only this program and the gateway have the root keys. Services may read and write all objects of the bucket.
-Workers may only use the folders that a build needs, without API keys, kept queries and uploads.
+Workers may only use the folders that a build needs, without API keys, recorded queries and uploads.
 
     ROOT_ACCESS_KEY=... ROOT_SECRET_KEY=... SERVICE_SECRET_KEY=... WORKER_SECRET_KEY=... prepare-gateway.py
 """

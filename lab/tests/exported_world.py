@@ -1,4 +1,4 @@
-"""A map with a cloud, and queries about it that a service has kept."""
+"""A map with a cloud, and queries about it that a service has recorded."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
 from firstfix.store.store import Store
 from firstfix.transform import make_transform, pose_to_mapping, rotation_z
 from firstfix_builder.index.cloud_octree import CloudOctree
@@ -30,7 +30,7 @@ TRUTH = make_transform(rotation_z(1.1), [2.1, 3.1, 1.0])
 
 @dataclass(frozen=True)
 class ExportedWorld:
-    """``cloud``, ``templates`` and ``trajectory`` of the map "hall", and what was kept, by sample."""
+    """``cloud``, ``templates`` and ``trajectory`` of the map "hall", and what was recorded, by query id."""
 
     store: str
     version: str
@@ -38,20 +38,20 @@ class ExportedWorld:
     templates: NDArray[np.float64]
     trajectory: NDArray[np.float64]
     points: dict[str, NDArray[np.float32]]
-    samples: tuple[str, ...]
+    query_ids: tuple[str, ...]
 
 
 def scan_points(seed: int, count: int = 400) -> NDArray[np.float32]:
     return np.random.default_rng(seed).uniform(-9, 9, (count, 3)).astype(np.float32)
 
 
-def keep(
+def record_query(
     store: str, number: int, points: NDArray[np.float32], answer: Localization, **more: Any
 ) -> tuple[str, NDArray[np.float32]]:
     body = more.pop("body", points.astype("<f4").tobytes())
-    sample_id = f"20260101t{number:012d}-0000000a"
+    query_id = f"20260101t{number:012d}-0000000a"
     record = {
-        "sample_id": sample_id,
+        "query_id": query_id,
         "time": TIME.format(number),
         "transport": "http",
         "request_id": f"r{number}",
@@ -65,12 +65,12 @@ def keep(
         "service_version": "1",
         **more,
     }
-    QuerySamples(Store.open(store)).put(QuerySample(**record), body)
-    return sample_id, points
+    RecordedQueries(Store.open(store)).put(RecordedQuery(**record), body)
+    return query_id, points
 
 
 def make_exported_world(store: str, scratch: Path) -> ExportedWorld:
-    """Publishes the map and keeps five queries: localized, ambiguous, rejected, in another map, damaged."""
+    """Publishes the map and records five queries: localized, ambiguous, rejected, in another map, damaged."""
     scratch.mkdir(parents=True)
     (scratch / "label.txt").write_text("7")
     rng = np.random.default_rng(3)
@@ -98,14 +98,20 @@ def make_exported_world(store: str, scratch: Path) -> ExportedWorld:
     rejected = Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,), probability=0.01)
     elsewhere = Localization(Verdict.LOCALIZED, T_map_sensor=POSE, probability=0.8, map_id="attic")
     told = {"map_id": "hall", "T_map_sensor": pose_to_mapping(TRUTH)}
-    kept = [
-        keep(store, 1, scan_points(1), localized),
-        keep(store, 2, scan_points(2), ambiguous, truth=told),
-        keep(store, 3, scan_points(3), rejected, truth={"map_id": "hall", "T_map_sensor": None}),
-        keep(store, 4, scan_points(4), elsewhere, map_id="hall,attic"),
-        keep(store, 5, scan_points(5, 0), localized, body=b"cut off"),
+    asked = [
+        record_query(store, 1, scan_points(1), localized),
+        record_query(store, 2, scan_points(2), ambiguous, truth=told),
+        record_query(store, 3, scan_points(3), rejected, truth={"map_id": "hall", "T_map_sensor": None}),
+        record_query(store, 4, scan_points(4), elsewhere, map_id="hall,attic"),
+        record_query(store, 5, scan_points(5, 0), localized, body=b"cut off"),
     ]
-    keep(store, 6, scan_points(6), rejected, map_id="attic")
+    record_query(store, 6, scan_points(6), rejected, map_id="attic")
     return ExportedWorld(
-        store, version, cloud, templates, trajectory, dict(kept), tuple(sample for sample, _ in kept)
+        store,
+        version,
+        cloud,
+        templates,
+        trajectory,
+        dict(asked),
+        tuple(query_id for query_id, _ in asked),
     )

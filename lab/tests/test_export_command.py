@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion
 from lab.tests.exported_world import GUESSES, POSE, T0_NS, TRUTH, ExportedWorld, make_exported_world
@@ -77,7 +77,7 @@ def test_an_mcap_holds_the_map_and_every_query(way, world, tmp_path):
     out = tmp_path / "hall.mcap"
     said = firstfix("export", out, "--map", "hall", *way)
     assert "60,000 points" in said.out
-    assert "5 kept queries, 2 of them localized" in said.out
+    assert "5 recorded queries, 2 of them localized" in said.out
     assert "1 queries have no points" in said.error
     found = messages(out)
     times = [T0_NS + number * ONE_S for number in range(1, 6)]
@@ -92,7 +92,7 @@ def test_an_mcap_holds_the_map_and_every_query(way, world, tmp_path):
     run_at = [[p.pose.position.x, p.pose.position.y, p.pose.position.z] for p in way_of_run.poses]
     np.testing.assert_allclose(run_at, world.trajectory, atol=1e-3)
 
-    one, two, three, four, _ = world.samples
+    one, two, three, four, _ = world.query_ids
     assert [at for at, _ in found["/scan"]] == times[:1]
     np.testing.assert_array_equal(points_in(found["/scan"][0][1]), world.points[one])
     assert found["/scan"][0][1].header.frame_id == "sensor"
@@ -103,8 +103,8 @@ def test_an_mcap_holds_the_map_and_every_query(way, world, tmp_path):
         "sensor_unplaced",
         "sensor_unplaced",
     ]
-    for (_, cloud), sample in zip(others, (two, three, four), strict=True):
-        np.testing.assert_array_equal(points_in(cloud), world.points[sample])
+    for (_, cloud), query_id in zip(others, (two, three, four), strict=True):
+        np.testing.assert_array_equal(points_in(cloud), world.points[query_id])
 
     placed = [(at, message.transforms[0]) for at, message in found["/tf"]]
     assert [(at, one.child_frame_id) for at, one in placed] == [
@@ -140,14 +140,14 @@ def test_an_mcap_holds_the_map_and_every_query(way, world, tmp_path):
     assert "in map attic, not in hall" in words[3]
     assert "its points cannot be shown" in words[4]
     facts = [{pair.key: pair.value for pair in one.status[0].values} for _, one in found["/answer"]]
-    assert [fact["sample"] for fact in facts] == [one_of(world, number) for number in range(5)]
+    assert [fact["query"] for fact in facts] == [one_of(world, number) for number in range(5)]
     assert facts[1]["verdict"] == "ambiguous"
     assert facts[0]["version"] == world.version
     assert facts[0]["option min_probability"] == "0.5"
 
 
 def one_of(world: ExportedWorld, number: int) -> str:
-    return world.samples[number]
+    return world.query_ids[number]
 
 
 def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorld, tmp_path: Path):
@@ -177,7 +177,7 @@ def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorl
     times = [T0_NS + number * ONE_S for number in range(1, 6)]
     scans = found["/map/sensor/scan", "positions"]
     assert [at for at, _ in scans] == [times[0], times[4]]
-    np.testing.assert_array_equal(np.array(scans[0][1], np.float32), world.points[world.samples[0]])
+    np.testing.assert_array_equal(np.array(scans[0][1], np.float32), world.points[world.query_ids[0]])
     assert scans[1][1] == []
     placed = found["/map/sensor", "translation"]
     assert [at for at, _ in placed] == [times[0], times[4]]
@@ -188,7 +188,7 @@ def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorl
     assert [at for at, _ in guessed] == times[1:2]
     np.testing.assert_allclose(guessed[0][1], [GUESSES[0][:3, 3]], atol=1e-6)
     ((_, unplaced), _) = found["/sensor_unplaced/scan", "positions"]
-    np.testing.assert_array_equal(np.array(unplaced, np.float32), world.points[world.samples[2]])
+    np.testing.assert_array_equal(np.array(unplaced, np.float32), world.points[world.query_ids[2]])
     np.testing.assert_allclose(found["/map/truth", "translation"][0][1], [TRUTH[:3, 3]], atol=1e-6)
     assert [value for _, (value,) in found["/probability", "scalars"]] == [0.97, 0.9, 0.01, 0.8, 0.97]
     assert "ambiguous (several_places)" in found["/log", "text"][1][1][0]
@@ -241,21 +241,21 @@ def test_a_service_and_a_store_exclude_each_other(world: ExportedWorld, tmp_path
 
 
 def test_recorded_queries_may_have_a_store_of_their_own(world, tmp_path):
-    Store.open(str(tmp_path / "kept")).put("samples/none", b"")
-    arguments = ["export", tmp_path / "a.mcap", "--map", "hall", "--samples", tmp_path / "kept"]
-    assert "--samples needs --store" in firstfix(*arguments, code=2).error
+    Store.open(str(tmp_path / "kept")).put("recorded-queries/none", b"")
+    arguments = ["export", tmp_path / "a.mcap", "--map", "hall", "--recorded", tmp_path / "kept"]
+    assert "--recorded needs --store" in firstfix(*arguments, code=2).error
     said = firstfix(*arguments, "--store", world.store).out
     assert "60,000 points" in said
-    assert " 0 kept queries" in said
+    assert " 0 recorded queries" in said
 
 
 def test_a_failed_export_leaves_no_file(world: ExportedWorld, tmp_path: Path, monkeypatch):
     from firstfix.errors import StoreUnavailable
 
-    def gone(self: QuerySamples, sample_id: str) -> bytes:
+    def gone(self: RecordedQueries, query_id: str) -> bytes:
         raise StoreUnavailable("the store is gone")
 
-    monkeypatch.setattr(QuerySamples, "body", gone)
+    monkeypatch.setattr(RecordedQueries, "body", gone)
     told = firstfix("export", tmp_path / "a.mcap", "--map", "hall", "--store", world.store, code=1).error
     assert "the store is gone" in told
     assert list(tmp_path.iterdir()) == []
@@ -265,17 +265,17 @@ def test_one_body_is_in_memory_at_a_time(world: ExportedWorld, tmp_path: Path, m
     from firstfix_lab.export import mcap_file
 
     steps: list[str] = []
-    read, write = QuerySamples.body, mcap_file.McapFile.write_query
+    read, write = RecordedQueries.body, mcap_file.McapFile.write_query
 
-    def noted_read(self: QuerySamples, sample_id: str) -> bytes:
+    def noted_read(self: RecordedQueries, query_id: str) -> bytes:
         steps.append("read")
-        return read(self, sample_id)
+        return read(self, query_id)
 
     def noted_write(self: mcap_file.McapFile, query: Any) -> None:
         steps.append("write")
         write(self, query)
 
-    monkeypatch.setattr(QuerySamples, "body", noted_read)
+    monkeypatch.setattr(RecordedQueries, "body", noted_read)
     monkeypatch.setattr(mcap_file.McapFile, "write_query", noted_write)
     firstfix("export", tmp_path / "a.mcap", "--map", "hall", "--store", world.store)
     assert steps == ["read", "write"] * 5
@@ -300,9 +300,9 @@ def test_a_damaged_cloud_is_an_error(tmp_path: Path):
 
 
 def test_the_service_lists_recorded_queries_as_its_store_does(way, world):
-    said = json.loads(firstfix("samples", "ls", "--json", "--map", "hall", *way).out.splitlines()[-1])
-    listed = [one["sample_id"] for one in said["samples"]]
+    said = json.loads(firstfix("recorded", "ls", "--json", "--map", "hall", *way).out.splitlines()[-1])
+    listed = [one["query_id"] for one in said["queries"]]
     assert listed == sorted(listed), "oldest first"
-    kept = QuerySamples(Store.open(world.store))
-    assert listed == [one.sample_id for one in kept.each() if one.is_about("hall")]
+    stored = RecordedQueries(Store.open(world.store))
+    assert listed == [one.query_id for one in stored.each() if one.is_about("hall")]
     assert listed

@@ -29,7 +29,7 @@ from .http_api.routes import (
     maps,
     operations,
     patches,
-    samples,
+    recorded_queries,
     uploads,
     versions,
 )
@@ -54,7 +54,7 @@ _ROUTES = (
     uploads,
     builds,
     patches,
-    samples,
+    recorded_queries,
     keys,
     garbage,
 )

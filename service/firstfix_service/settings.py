@@ -237,22 +237,25 @@ class Settings(BaseSettings):
         ("localized",), description="verdicts whose answers are sent"
     )
 
-    # Kept queries
-    samples_share: float = Field(
+    # Recorded queries
+    recorded_share: float = Field(
         0.0,
         ge=0,
         le=1,
-        description="share of the queries without a pose that are kept with their bodies; 0: none",
+        description="share of the queries without a pose that are recorded with their bodies; 0: none",
     )
-    samples_share_localized: float = Field(
-        0.0, ge=0, le=1, description="share of the localized queries that are kept too"
+    recorded_share_localized: float = Field(
+        0.0, ge=0, le=1, description="share of the localized queries that are recorded too"
     )
-    samples_max_bytes: int = Field(
-        GIB, ge=1, description="maximum size of all kept queries; the oldest are removed"
+    recorded_max_bytes: int = Field(
+        GIB, ge=1, description="maximum size of all recorded queries; the oldest are removed"
     )
-    samples_days: float = Field(14.0, gt=0, le=3650, description="days after which kept queries are removed")
-    samples_store: str | None = Field(
-        None, description="store URL or folder of the kept queries, below `samples/`; default: the store"
+    recorded_days: float = Field(
+        14.0, gt=0, le=3650, description="days after which recorded queries are removed"
+    )
+    recorded_store: str | None = Field(
+        None,
+        description="store URL or folder of recorded queries, below `recorded-queries/`; default: the store",
     )
 
     @model_validator(mode="before")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery, new_query_id
 from firstfix.catalog.sources import put_source
 
 XYZ = "application/vnd.firstfix.xyz"
@@ -27,8 +27,8 @@ def queue_build(catalog: Catalog, folder: Path, build_id: str = "b1", **request:
     catalog.builds.put(build_id, given | request)
 
 
-def keep_query(
-    samples: QuerySamples,
+def record_query(
+    recorded_queries: RecordedQueries,
     time: datetime,
     answer: Mapping[str, Any],
     body: bytes,
@@ -37,11 +37,11 @@ def keep_query(
     map_id: str = "hall",
     options: Mapping[str, str] | None = None,
 ) -> str:
-    """Keeps a query of points in the service's plain form. Returns its id."""
-    sample_id = new_sample_id(f"{len(samples.ids()):08x}", time)
+    """Records a query of points in the service's plain form. Returns its id."""
+    query_id = new_query_id(f"{len(recorded_queries.ids()):08x}", time)
     said, given = dict(answer), dict(options or {})
-    sample = QuerySample(
-        sample_id, time.isoformat(), "http", "r", "", map_id, XYZ, "", given, said, len(body), robot=robot
+    recorded = RecordedQuery(
+        query_id, time.isoformat(), "http", "r", "", map_id, XYZ, "", given, said, len(body), robot=robot
     )
-    samples.put(sample, body)
-    return sample_id
+    recorded_queries.put(recorded, body)
+    return query_id

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery, new_query_id
 from firstfix.errors import BuildFailed
 from firstfix.store.store import Store
 from firstfix_builder.job.confirmed_queries import CONFIRMED_FILE
@@ -22,15 +22,15 @@ from firstfix_cli.main import app
 def keep_confirmed(store: Path) -> None:
     now, body = datetime.now(timezone.utc), np.ones((60, 3), "<f4").tobytes()
     answer = {"verdict": "ambiguous", "reasons": [], "probability": 0.4}
-    sample_id = new_sample_id("0000000a", now)
-    sample = QuerySample(
-        sample_id, now.isoformat(), "http", "r", "", "hall", "application/vnd.firstfix.xyz", "", {},
+    query_id = new_query_id("0000000a", now)
+    recorded = RecordedQuery(
+        query_id, now.isoformat(), "http", "r", "", "hall", "application/vnd.firstfix.xyz", "", {},
         answer, len(body),
     )  # fmt: skip
-    samples = QuerySamples(Store.open(str(store)))
-    samples.put(sample, body)
+    recorded_queries = RecordedQueries(Store.open(str(store)))
+    recorded_queries.put(recorded, body)
     pose = {"position": [0.0, 0.0, 1.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
-    samples.set_truth(sample_id, {"map_id": "hall", "T_map_sensor": pose})
+    recorded_queries.set_truth(query_id, {"map_id": "hall", "T_map_sensor": pose})
 
 
 def test_a_build_that_fails_leaves_no_scans_of_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -38,6 +38,11 @@ def test_the_old_name_of_the_floor_names_the_new_one(tmp_path, capsys):
     assert "--min-localized is --min-found now" in capsys.readouterr().err
 
 
+def test_the_old_name_of_a_command_names_the_new_one(capsys):
+    assert ended(["samples", "ls", "--store", "there"]) == 2
+    assert "firstfix samples is now: firstfix recorded" in capsys.readouterr().err
+
+
 def test_the_places_of_an_ambiguous_answer_are_shown(service, scan, capsys):
     ended(["localize", scan(AMBIGUOUS), "--map", "hall", "--url", service.url])
     assert capsys.readouterr().out.count("maybe") == 2

@@ -69,7 +69,7 @@ def test_a_service_may_write_every_folder(gateway: Gateway, monkeypatch: pytest.
     store.probe()
     _, token = ApiKeys(store).create("robot", Grant.parse(["admin"], ["*"]))
     assert token
-    for folder in ("maps", "builds", "uploads", "samples", "idempotency"):
+    for folder in ("maps", "builds", "uploads", "recorded-queries", "idempotency"):
         assert store.put_new(f"{folder}/x", b"x")
         assert store.get(f"{folder}/x") == b"x"
         assert f"{folder}/x" in store.list(folder)
@@ -102,7 +102,7 @@ def test_a_worker_may_build(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, t
 
 def test_each_folder_of_the_store_is_allowed_or_denied_to_workers():
     """A new folder is denied to workers until it is in a list: builds would fail in compose alone."""
-    not_workers = {"keys", "samples", "idempotency", "pending_deletions", "checked"}
+    not_workers = {"keys", "recorded-queries", "idempotency", "pending_deletions", "checked"}
     text = "".join(path.read_text() for path in (ROOT / "core" / "firstfix").rglob("*.py"))
     folders = set(re.findall(r'^_?(?:\w+_)?(?:FOLDER|ROOT) = "(\w+)"', text, re.M))
     assert len(folders) >= 6
@@ -110,7 +110,7 @@ def test_each_folder_of_the_store_is_allowed_or_denied_to_workers():
     assert folders <= not_workers | set(re.findall(r"\w+", workers))
 
 
-@pytest.mark.parametrize("key", ["keys/x", "samples/x", "uploads/x/upload.json", "idempotency/x"])
+@pytest.mark.parametrize("key", ["keys/x", "recorded-queries/x", "uploads/x/upload.json", "idempotency/x"])
 def test_a_worker_is_denied_other_folders(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, key: str):
     gateway.as_user("service", monkeypatch).put(key, b"secret")
     worker = gateway.as_user("worker", monkeypatch)

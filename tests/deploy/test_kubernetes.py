@@ -155,7 +155,7 @@ def variable_of(pod: dict[str, Any], name: str) -> str | None:
 
 def test_numbers_and_lists_reach_the_settings(monkeypatch: pytest.MonkeyPatch):
     given = {
-        "samples_max_bytes": 85899345920,
+        "recorded_max_bytes": 85899345920,
         "pinned_maps": ["hall", "yard"],
         "read_only": True,
         "log_level": "debug",

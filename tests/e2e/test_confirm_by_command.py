@@ -1,4 +1,4 @@
-"""Kept queries are confirmed by the command line, and asked by the self-test of the next build."""
+"""Recorded queries are confirmed by the command line, and asked by the self-test of the next build."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ASKED = 8
 
 @dataclass(frozen=True)
 class Robots:
-    """A service that keeps every query, whose map was built by it.
+    """A service that records every query, whose map was built by it.
 
     Attributes:
         poses: of the scans, each as ``--pose`` takes it.
@@ -45,10 +45,10 @@ class Robots:
             said = firstfix(*arguments, code=code)
         return said.out + said.error
 
-    def kept(self) -> list[dict[str, Any]]:
-        """The kept queries, oldest first."""
-        samples: list[dict[str, Any]] = httpx.get(f"{self.url}/samples").json()["samples"]
-        return sorted(samples, key=lambda one: str(one["sample_id"]))
+    def recorded(self) -> list[dict[str, Any]]:
+        """The recorded queries, oldest first."""
+        recorded_queries: list[dict[str, Any]] = httpx.get(f"{self.url}/recorded-queries").json()["queries"]
+        return sorted(recorded_queries, key=lambda one: str(one["query_id"]))
 
     def active(self) -> str:
         """Digest of the version that answers."""
@@ -72,33 +72,33 @@ def robots(small_map, small_scans, small_version, tmp_path_factory) -> Iterator[
     poses = [",".join(map(str, [*T[:3, 3], *quaternion_of(T)])) for _, T in small_scans[:ASKED]]
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(root / "cache"))
-        patch.setenv("FIRSTFIX_SAMPLES_SHARE", "1")
-        patch.setenv("FIRSTFIX_SAMPLES_SHARE_LOCALIZED", "1")
+        patch.setenv("FIRSTFIX_RECORDED_SHARE", "1")
+        patch.setenv("FIRSTFIX_RECORDED_SHARE_LOCALIZED", "1")
         with local_service(root / "service", root / "store") as service, Client(service.url) as client:
             robots = Robots(root / "store", service.url, poses)
             robots.run("build", small_map, "--map-id", "yard", "--sensor", sensor, "--config", config)
             for number, (scan, _) in enumerate(small_scans[:ASKED]):
                 strict = LocalizeOptions(min_probability=1.0 if number == 2 else None)
                 client.localize(scan, map_id="yard", options=strict)
-            wait_until(lambda: len(robots.kept()) == ASKED)
+            wait_until(lambda: len(robots.recorded()) == ASKED)
             yield robots
 
 
 def test_confirmed_queries_are_asked_by_the_next_build(robots):
     assert robots.report()["real"] == {}
-    kept = robots.kept()
-    for one, pose in zip(kept, robots.poses, strict=True):
+    recorded = robots.recorded()
+    for one, pose in zip(recorded, robots.poses, strict=True):
         if one["answer"]["T_map_sensor"] is None:
-            told = robots.run("samples", "confirm", one["sample_id"], code=2)
+            told = robots.run("recorded", "confirm", one["query_id"], code=2)
             assert "answered without a pose: give --pose" in told
-            robots.run("samples", "confirm", one["sample_id"], "--pose", pose)
+            robots.run("recorded", "confirm", one["query_id"], "--pose", pose)
         else:
-            assert robots.run("samples", "confirm", one["sample_id"]) == f"{one['sample_id']}  confirmed\n"
-    assert {one["answer"]["verdict"] for one in kept} > {"localized"}, "of both kinds"
-    first, second, *_ = (one["sample_id"] for one in kept)
-    robots.run("samples", "confirm", first, "--pose", "0,0,30,0,0,0,1")  # in the air
-    robots.run("samples", "confirm", second, "--undo")
-    assert [one["truth"] is None for one in robots.kept()] == [number == 1 for number in range(ASKED)]
+            assert robots.run("recorded", "confirm", one["query_id"]) == f"{one['query_id']}  confirmed\n"
+    assert {one["answer"]["verdict"] for one in recorded} > {"localized"}, "of both kinds"
+    first, second, *_ = (one["query_id"] for one in recorded)
+    robots.run("recorded", "confirm", first, "--pose", "0,0,30,0,0,0,1")  # in the air
+    robots.run("recorded", "confirm", second, "--undo")
+    assert [one["truth"] is None for one in robots.recorded()] == [number == 1 for number in range(ASKED)]
 
     before = robots.active()
     robots.run("maps", "rebuild", "yard")
@@ -113,11 +113,11 @@ def test_confirmed_queries_are_asked_by_the_next_build(robots):
 
 @pytest.mark.parametrize("pose", ["1,2,3", "a,b,c,d,e,f,g", "1,2,3,0,0,0,0", "nan,0,0,0,0,0,1"])
 def test_an_invalid_pose_is_refused(robots, pose):
-    last = robots.kept()[-1]
-    robots.run("samples", "confirm", last["sample_id"], "--pose", pose, code=2)
-    assert robots.kept()[-1]["truth"] == last["truth"]
+    last = robots.recorded()[-1]
+    robots.run("recorded", "confirm", last["query_id"], "--pose", pose, code=2)
+    assert robots.recorded()[-1]["truth"] == last["truth"]
 
 
 def test_an_unknown_query_is_named(robots):
-    told = robots.run("samples", "confirm", "20260302t090000000000-0000000a", code=2)
+    told = robots.run("recorded", "confirm", "20260302t090000000000-0000000a", code=2)
     assert "20260302t090000000000-0000000a" in told

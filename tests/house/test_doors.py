@@ -56,7 +56,7 @@ def test_a_command_of_a_package_that_is_not_installed_names_it(monkeypatch: pyte
     app = command_line.typer.Typer()
     monkeypatch.setattr(command_line, "app", app)
     app.command("stay")(lambda: None)
-    command_line._name_absent(LACKING, "fly")
+    command_line._refuse("fly", LACKING.remedy("firstfix fly"))
     done = CliRunner().invoke(app, ["fly", "--high", "5"])
     assert str(done.exception).startswith(
         "firstfix fly is in firstfix-nothing, which is not installed: pip install"

@@ -19,7 +19,7 @@ CONSTANTS = {
     "jwt_leeway_s": "auth.token_verifier.LEEWAY_S",
     "build_attempts": "builds.runner.MAX_ATTEMPTS",
     "build_niceness": "builds.process.NICENESS",
-    "samples_per_minute": "localize.sampler.PER_MINUTE",
+    "recorded_per_minute": "localize.query_recorder.PER_MINUTE",
     "sightings_flush_s": "query_workers.sightings.keeper.FLUSH_INTERVAL_S",
 }
 LIMITS = {one.name for one in fields(Limits)} - set(Settings.model_fields)

@@ -1,4 +1,4 @@
-"""Confirmed queries: kept queries whose places are told, or tracked. The self-test of a build asks them.
+"""Confirmed queries: recorded queries whose places are told, or tracked. The self-test of a build asks them.
 
 People tell a place, or the robot's own motion does (``tracked_queries``). What people tell comes first.
 
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.catalog.query_samples import TOLD_AT, TOLD_BY, QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import TOLD_AT, TOLD_BY, RecordedQueries, RecordedQuery
 from firstfix.engine.changes.cells import Spot, spot_of
 from firstfix.errors import NotFound, StoreError, UnreadableRecord
 from firstfix.store.json_record import read_each
@@ -46,7 +46,7 @@ ASKED_WITH = ("gravity", "T_base_sensor", "twist")  # options about the scan; a 
 
 @dataclass(frozen=True)
 class ConfirmedQuery:
-    """A kept query with the place where it was taken, without its body.
+    """A recorded query with the place where it was taken, without its body.
 
     Attributes:
         file: path of the body below the folder.
@@ -75,7 +75,7 @@ class ConfirmedQueries:
 
     Attributes:
         queries: those that are asked. Neighbours in space are neighbours here.
-        left_out: reasons against all others, by the sample's id, or by how many there are.
+        left_out: reasons against all others, by the recorded query's id, or by how many there are.
     """
 
     queries: tuple[ConfirmedQuery, ...] = ()
@@ -94,9 +94,9 @@ class ConfirmedQueries:
 
 @dataclass(frozen=True)
 class _Told:
-    """A kept query with a truth in the map."""
+    """A recorded query with a truth in the map."""
 
-    sample: QuerySample
+    recorded: RecordedQuery
     time_s: float
     position_m: NDArray[np.float64]
 
@@ -110,10 +110,10 @@ class _Told:
         return x, y, z
 
 
-def collect_confirmed(samples: QuerySamples, map_id: str, most: int, folder: Path) -> Path | None:
-    """Make the folder. Returns it; None if no kept query of the map is confirmed.
+def collect_confirmed(recorded_queries: RecordedQueries, map_id: str, most: int, folder: Path) -> Path | None:
+    """Make the folder. Returns it; None if no recorded query of the map is confirmed.
 
-    A store of kept queries that fails stops no build: the folder then has the reason.
+    A store of recorded queries that fails stops no build: the folder then has the reason.
 
     Args:
         most: number of queries to take.
@@ -122,18 +122,18 @@ def collect_confirmed(samples: QuerySamples, map_id: str, most: int, folder: Pat
     if not most:
         return None
     try:
-        read = read_each(samples.ids_told_first()[:MAX_READ], samples.find)
-        kept = [sample for sample in read.values() if sample is not None]
-        untold = [sample for sample in kept if not sample.truth]
+        read = read_each(recorded_queries.ids_told_first()[:MAX_READ], recorded_queries.find)
+        kept = [recorded for recorded in read.values() if recorded is not None]
+        untold = [recorded for recorded in kept if not recorded.truth]
         told = [
             one
-            for one in (_told_in(sample, map_id) for sample in (*kept, *tracked_queries(untold, map_id)))
+            for one in (_told_in(recorded, map_id) for recorded in (*kept, *tracked_queries(untold, map_id)))
             if one is not None
         ]
         if not told:
             return None
         (folder / "queries").mkdir(parents=True)
-        found = _fetched(samples, told, most, folder)
+        found = _fetched(recorded_queries, told, most, folder)
     except StoreError as error:
         _log.warning("confirmed queries cannot be read: %s", error)
         folder.mkdir(parents=True, exist_ok=True)
@@ -142,16 +142,16 @@ def collect_confirmed(samples: QuerySamples, map_id: str, most: int, folder: Pat
     return folder
 
 
-def _told_in(sample: QuerySample, map_id: str) -> _Told | None:
+def _told_in(recorded: RecordedQuery, map_id: str) -> _Told | None:
     """The query of a record; None: nobody has told a place in this map."""
-    if sample.truth.get("map_id") != map_id or not sample.truth.get("T_map_sensor"):
+    if recorded.truth.get("map_id") != map_id or not recorded.truth.get("T_map_sensor"):
         return None
     try:
-        T_map_sensor = pose_from_mapping(sample.truth["T_map_sensor"])
-        time_s = datetime.fromisoformat(sample.time).timestamp()
+        T_map_sensor = pose_from_mapping(recorded.truth["T_map_sensor"])
+        time_s = datetime.fromisoformat(recorded.time).timestamp()
     except (ValueError, KeyError, TypeError):
         return None  # of another release
-    return _Told(sample, time_s, T_map_sensor[:3, 3]) if np.isfinite(T_map_sensor).all() else None
+    return _Told(recorded, time_s, T_map_sensor[:3, 3]) if np.isfinite(T_map_sensor).all() else None
 
 
 def drawn(told: Sequence[_Told], most: int) -> list[_Told]:
@@ -160,13 +160,13 @@ def drawn(told: Sequence[_Told], most: int) -> list[_Told]:
     Of each robot one in an hour from a place of 1 m. Each place of PLACE_M gives one before any gives two. No
     robot and no hour has more than its part: time, robot and place choose, and never what a query shows.
     """
-    ordered = sorted(told, key=lambda one: one.sample.sample_id)
+    ordered = sorted(told, key=lambda one: one.recorded.query_id)
     by_chance = [ordered[row] for row in np.random.default_rng(SEED).permutation(len(ordered)).tolist()]
     told_before: set[tuple[str, int, Spot]] = set()
     turn: Counter[tuple[int, ...]] = Counter()
     turns: list[tuple[int, _Told]] = []
     for one in by_chance:
-        again = one.sample.robot, one.hour, spot_of(one.position_m)
+        again = one.recorded.robot, one.hour, spot_of(one.position_m)
         if again not in told_before:
             told_before.add(again)
             turns.append((turn[one.place], one))
@@ -178,16 +178,18 @@ def drawn(told: Sequence[_Told], most: int) -> list[_Told]:
         if len(found) == most:
             break
         if (
-            of_robot[one.sample.robot] < _part(most, MAX_OF_ROBOT)
+            of_robot[one.recorded.robot] < _part(most, MAX_OF_ROBOT)
             and of_hour[one.hour] < _part(most, MAX_OF_HOUR)
         ):  # fmt: skip
-            of_robot[one.sample.robot] += 1
+            of_robot[one.recorded.robot] += 1
             of_hour[one.hour] += 1
             found.append(one)
-    return sorted(found, key=lambda one: (one.place, one.sample.sample_id))
+    return sorted(found, key=lambda one: (one.place, one.recorded.query_id))
 
 
-def _fetched(samples: QuerySamples, told: Sequence[_Told], most: int, folder: Path) -> ConfirmedQueries:
+def _fetched(
+    recorded_queries: RecordedQueries, told: Sequence[_Told], most: int, folder: Path
+) -> ConfirmedQueries:
     oldest_s = time.time() - MAX_AGE_DAYS * DAY_S
     young = [one for one in told if one.time_s >= oldest_s]
     chosen = drawn(young, most)
@@ -200,26 +202,26 @@ def _fetched(samples: QuerySamples, told: Sequence[_Told], most: int, folder: Pa
             f"{_part(most, MAX_OF_HOUR)} of one hour"
         )
     for one in chosen:
-        sample = one.sample
-        file = f"queries/{sample.sample_id}"
+        recorded = one.recorded
+        file = f"queries/{recorded.query_id}"
         try:
-            if sample.body_bytes > MAX_BODY_BYTES:
-                raise UnreadableRecord(f"its body has {sample.body_bytes} bytes")
-            (folder / file).write_bytes(samples.body(sample.sample_id))
+            if recorded.body_bytes > MAX_BODY_BYTES:
+                raise UnreadableRecord(f"its body has {recorded.body_bytes} bytes")
+            (folder / file).write_bytes(recorded_queries.body(recorded.query_id))
         except (NotFound, UnreadableRecord) as error:
-            left_out[sample.sample_id] = str(error)
+            left_out[recorded.query_id] = str(error)
             continue
         queries.append(
             ConfirmedQuery(
                 file,
-                sample.robot,
+                recorded.robot,
                 one.time_s,
-                sample.media_type,
-                sample.content_encoding,
-                sample.truth["T_map_sensor"],
-                {name: sample.options[name] for name in ASKED_WITH if name in sample.options},
-                str(sample.truth.get(TOLD_BY, "")),
-                str(sample.truth.get(TOLD_AT, "")),
+                recorded.media_type,
+                recorded.content_encoding,
+                recorded.truth["T_map_sensor"],
+                {name: recorded.options[name] for name in ASKED_WITH if name in recorded.options},
+                str(recorded.truth.get(TOLD_BY, "")),
+                str(recorded.truth.get(TOLD_AT, "")),
             )
         )
     return ConfirmedQueries(tuple(queries), left_out)

@@ -1,4 +1,4 @@
-"""Source of a patch: a folder with the map's files, the version to patch, and kept queries of robots.
+"""Source of a patch: a folder with the map's files, the version to patch, and recorded queries of robots.
 
 Its files:
 
@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import Any
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries
 from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.engine.changes.areas import Area, find_areas
 from firstfix.errors import NotFound, NothingToPatch, UnreadableRecord
 
 from ..stage_files import link
-from .kept_queries import chosen_queries
+from .recorded_queries import chosen_queries
 
 _log = logging.getLogger(__name__)
 PATCH_SOURCE_FILE, BASE = "patch.json", "base"
@@ -34,7 +34,7 @@ MAX_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
-class KeptQuery:
+class PatchQuery:
     """A localized query of a robot, without its body.
 
     Attributes:
@@ -66,7 +66,7 @@ class PatchSource:
     source: str
     trajectory: str | None
     base: str
-    queries: tuple[KeptQuery, ...]
+    queries: tuple[PatchQuery, ...]
 
     def save(self, folder: Path) -> None:
         """Write ``patch.json``."""
@@ -76,7 +76,7 @@ class PatchSource:
     def load(cls, folder: Path) -> PatchSource:
         """Read what ``save`` wrote."""
         found = json.loads((folder / PATCH_SOURCE_FILE).read_text())
-        return cls(**{**found, "queries": tuple(KeptQuery(**one) for one in found["queries"])})
+        return cls(**{**found, "queries": tuple(PatchQuery(**one) for one in found["queries"])})
 
 
 def is_patch_source(source: Path) -> bool:
@@ -86,7 +86,7 @@ def is_patch_source(source: Path) -> bool:
 
 def collect_patch_source(
     catalog: Catalog,
-    samples: QuerySamples,
+    recorded_queries: RecordedQueries,
     map_id: str,
     base: str,
     files: Mapping[str, Path],
@@ -101,34 +101,36 @@ def collect_patch_source(
         on_progress: called with the share that is done, 0..1.
 
     Raises:
-        NothingToPatch: no kept query counts.
+        NothingToPatch: no recorded query counts.
         NotFound, VersionError, StoreError: the version or the queries cannot be read.
     """
     shutil.rmtree(folder, ignore_errors=True)
     (folder / "queries").mkdir(parents=True)
     kept, size = [], 0
     areas = _areas_of(catalog, map_id, base)
-    chosen = chosen_queries(samples, map_id, base, areas, lambda done: on_progress(done / 2))
+    chosen = chosen_queries(recorded_queries, map_id, base, areas, lambda done: on_progress(done / 2))
     for number, one in enumerate(chosen):
         on_progress((1 + number / len(chosen)) / 2)
-        sample = one.sample
-        size += sample.body_bytes
+        recorded = one.recorded
+        size += recorded.body_bytes
         if size > MAX_BYTES:
             break
         try:
-            body = samples.body(sample.sample_id)
+            body = recorded_queries.body(recorded.query_id)
         except (NotFound, UnreadableRecord):
             continue  # removed meanwhile, or damaged
-        name = f"queries/{sample.sample_id}"
+        name = f"queries/{recorded.query_id}"
         (folder / name).write_bytes(body)
-        answer = {key: sample.answer.get(key) for key in ("T_map_sensor", "twist")}
+        answer = {key: recorded.answer.get(key) for key in ("T_map_sensor", "twist")}
         kept.append(
-            KeptQuery(name, sample.robot, one.time_s, sample.media_type, sample.content_encoding, answer)
+            PatchQuery(
+                name, recorded.robot, one.time_s, recorded.media_type, recorded.content_encoding, answer
+            )
         )
     if not kept:
         raise NothingToPatch(
-            f"nothing to patch: no kept query of a robot with a key of its own was localized in version "
-            f"{base[:12]} (FIRSTFIX_SAMPLES_SHARE_LOCALIZED)"
+            f"nothing to patch: no recorded query of a robot with a key of its own was localized in version "
+            f"{base[:12]} (FIRSTFIX_RECORDED_SHARE_LOCALIZED)"
         )
     fetched = catalog.fetch_version(map_id, base, folder / "fetched")
     _link_all(fetched, folder / BASE)
@@ -136,7 +138,7 @@ def collect_patch_source(
     source = PatchSource(named["source"], named.get("trajectory"), base, tuple(kept))
     source.save(folder)
     shutil.rmtree(folder / "fetched", ignore_errors=True)
-    _log.info("%d kept queries of %d robots count", len(kept), len({one.robot for one in kept}))
+    _log.info("%d recorded queries of %d robots count", len(kept), len({one.robot for one in kept}))
     return folder
 
 

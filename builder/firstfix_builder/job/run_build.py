@@ -23,7 +23,7 @@ from firstfix.builds.options import (
 )
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries
 from firstfix.catalog.version_findings import findings_of
 from firstfix.errors import (
     BuildCancelled,
@@ -108,13 +108,13 @@ def run_build(
                     catalog.store.probe()
                     fetch = SourceFetch(options, catalog.store, map_id)
                     sources = fetch.of_request(request, partial(tick, FETCH_SOURCE))
-                    samples = QuerySamples(Store.open(options.samples_store or options.store))
+                    recorded_queries = RecordedQueries(Store.open(options.recorded_store or options.store))
                     patch = json_object(request, "patch")
                     if patch:
                         folder = work / "sources" / "patch"
                         collected = collect_patch_source(
                             catalog,
-                            samples,
+                            recorded_queries,
                             map_id,
                             str(patch["base"]),
                             sources,
@@ -131,7 +131,7 @@ def run_build(
                         reporter.is_cancelled,
                         publish_provisional if is_early else None,
                         collect_confirmed(
-                            samples,
+                            recorded_queries,
                             map_id,
                             SelfTestConfig.model_validate(config.get("self_test") or {}).confirmed,
                             work / "sources" / "confirmed",

@@ -1,4 +1,4 @@
-"""Kept queries whose places a robot's own motion confirms.
+"""Recorded queries whose places a robot's own motion confirms.
 
 Two fixes of one robot, a minute or more apart and at different places, confirm each other if the motion
 between them is that of the robot's odometry. Each was searched for in the whole map, so a wrong place would
@@ -17,7 +17,7 @@ import numpy as np
 
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
-from firstfix.catalog.query_samples import TOLD_AT, TOLD_BY, QuerySample
+from firstfix.catalog.recorded_queries import TOLD_AT, TOLD_BY, RecordedQuery
 from firstfix.errors import InvalidOption
 from firstfix.transform import Matrix, inverse, pose_error, pose_from_mapping, pose_to_mapping
 
@@ -37,7 +37,7 @@ class _Moved:
         is_free: the answer was searched for in the whole map, so it can confirm another one.
     """
 
-    sample: QuerySample
+    recorded: RecordedQuery
     time_s: float
     T_odom_sensor: Matrix
     T_map_sensor: Matrix | None
@@ -57,26 +57,27 @@ class _Place:
     T_map_sensor: Matrix
 
 
-def tracked_queries(samples: Iterable[QuerySample], map_id: str) -> list[QuerySample]:
+def tracked_queries(recorded_queries: Iterable[RecordedQuery], map_id: str) -> list[RecordedQuery]:
     """The queries that are confirmed, with their places as truths that TRACKING has told.
 
     One whose place comes out differently by different fixes is left out.
 
     Args:
-        samples: of any map and robot, in any order. Those of robots that cannot be told apart are not used.
+        recorded_queries: of any map and robot, in any order. Those of robots that cannot be told apart are
+            not used.
     """
     of_robot: defaultdict[str, list[_Moved]] = defaultdict(list)
-    for sample in samples:
-        if sample.robot and sample.is_about(map_id) and (moved := _moved(sample, map_id)) is not None:
-            of_robot[sample.robot].append(moved)
-    found: list[QuerySample] = []
+    for recorded in recorded_queries:
+        if recorded.robot and recorded.is_about(map_id) and (moved := _moved(recorded, map_id)) is not None:
+            of_robot[recorded.robot].append(moved)
+    found: list[RecordedQuery] = []
     for queries in of_robot.values():
-        queries.sort(key=lambda one: (one.time_s, one.sample.sample_id))
+        queries.sort(key=lambda one: (one.time_s, one.recorded.query_id))
         found += _confirmed(queries, map_id)
     return found
 
 
-def _confirmed(queries: Sequence[_Moved], map_id: str) -> Iterator[QuerySample]:
+def _confirmed(queries: Sequence[_Moved], map_id: str) -> Iterator[RecordedQuery]:
     """The confirmed ones among one robot's queries, which are sorted by time."""
     pairs = list(_pairs(queries))
     chain_of = _chains(pairs)
@@ -91,9 +92,9 @@ def _confirmed(queries: Sequence[_Moved], map_id: str) -> Iterator[QuerySample]:
         own = query.T_map_sensor
         T = own if own is not None and _agree(own, nearest) else nearest
         if all(one.chain not in doubted and _agree(T, one.T_map_sensor) for one in found):
-            at = datetime.fromisoformat(query.sample.time).isoformat(timespec="seconds")
+            at = datetime.fromisoformat(query.recorded.time).isoformat(timespec="seconds")
             truth = {"map_id": map_id, "T_map_sensor": pose_to_mapping(T), TOLD_BY: TRACKING, TOLD_AT: at}
-            yield replace(query.sample, truth=truth)
+            yield replace(query.recorded, truth=truth)
 
 
 def _chains(pairs: Iterable[tuple[int, int]]) -> dict[int, int]:
@@ -150,18 +151,18 @@ def _agree(T_map_a: Matrix, T_map_b: Matrix) -> bool:
     return error_m <= AGREE_M and error_deg <= AGREE_DEG
 
 
-def _moved(sample: QuerySample, map_id: str) -> _Moved | None:
+def _moved(recorded: RecordedQuery, map_id: str) -> _Moved | None:
     """The query with its odometry; None: it has none, or it is of another release."""
     try:
-        options = LocalizeOptions.from_strings(sample.options)
-        time_s = datetime.fromisoformat(sample.time).timestamp()
-        localized = sample.answer["verdict"] == Verdict.LOCALIZED.value
-        is_here = localized and sample.answer["map_id"] == map_id
-        T_map_sensor = pose_from_mapping(sample.answer["T_map_sensor"]) if is_here else None
+        options = LocalizeOptions.from_strings(recorded.options)
+        time_s = datetime.fromisoformat(recorded.time).timestamp()
+        localized = recorded.answer["verdict"] == Verdict.LOCALIZED.value
+        is_here = localized and recorded.answer["map_id"] == map_id
+        T_map_sensor = pose_from_mapping(recorded.answer["T_map_sensor"]) if is_here else None
     except (InvalidOption, ValueError, KeyError, TypeError):
         return None
     if options.T_odom_base is None:
         return None
     T_base_sensor = np.eye(4) if options.T_base_sensor is None else options.T_base_sensor
     is_free = T_map_sensor is not None and options.prior is None and bool(np.isfinite(T_map_sensor).all())
-    return _Moved(sample, time_s, options.T_odom_base @ T_base_sensor, T_map_sensor, is_free)
+    return _Moved(recorded, time_s, options.T_odom_base @ T_base_sensor, T_map_sensor, is_free)

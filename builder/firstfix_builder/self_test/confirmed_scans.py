@@ -1,7 +1,7 @@
 """The scans of confirmed queries, decoded for the self-test.
 
 They lie in the work folder while a version is built, and in no stage: stages are kept, and shared with other
-machines, when a kept query has long been removed.
+machines, when a recorded query has long been removed.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from firstfix.transform import pose_from_mapping
 
 from ..job.confirmed_queries import ConfirmedQueries, ConfirmedQuery
 from ..sources.read_map.held_out import Confirmation, HeldOut, HeldOutScan
-from ..sources.read_map.kept_scan import read_kept_scan
 from ..sources.read_map.read_map import content_hash
+from ..sources.read_map.recorded_scan import read_recorded_scan
 
 _OF_FILE = "of.txt"  # hash of the folder that was decoded
 
@@ -45,7 +45,7 @@ def decode_confirmed(folder: Path, into: Path) -> None:
 
 
 def _scan_of(folder: Path, query: ConfirmedQuery) -> HeldOutScan:
-    scan = read_kept_scan(folder / query.file, query.media_type, query.content_encoding, alone=True)
+    scan = read_recorded_scan(folder / query.file, query.media_type, query.content_encoding, alone=True)
     if isinstance(scan, CompactScan):
         scan = replace(scan, described=None)  # by the parameters of the version that was asked
     options = LocalizeOptions.from_strings(query.options)

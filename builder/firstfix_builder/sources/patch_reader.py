@@ -1,4 +1,4 @@
-"""The reader of a patch: changes that kept queries of several robots confirm, over a map's own source."""
+"""The reader of a patch: changes that recorded queries of several robots confirm, over a map's own source."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from ..mesh.places.tiled_points import TiledPoints
 from ..stage_files import link
 from ..stage_results import LevelMap
 from .patch.confirm import Change, PatchRule, confirmed_changes
-from .patch.kept_scans import read_observations
 from .patch.map_patch import MapPatch, patch_of
 from .patch.observation import LeftOut, Seen, seen_by
+from .patch.recorded_scans import read_observations
 from .reading import Reading
 
 PATCH_FILE = "patch.npz"  # of a version, too: the next patch is laid over it
@@ -145,7 +145,7 @@ def _nothing(seen: list[Seen], left_out: LeftOut, rule: PatchRule) -> str:
     robots = len({one.observation.robot for one in seen})
     days = len({int(one.observation.time_s // 86400) for one in seen})
     return (
-        f"nothing to patch: no change is confirmed by {len(seen)} kept queries of {robots} robots on {days} "
-        f"days ({left_out.replayed} more replayed, {left_out.doubtful} at a doubtful pose). It takes "
+        f"nothing to patch: no change is confirmed by {len(seen)} recorded queries of {robots} robots on "
+        f"{days} days ({left_out.replayed} more replayed, {left_out.doubtful} at a doubtful pose). It takes "
         f"{rule.robots} robots, {rule.days} days, and nobody who saw otherwise since"
     )

@@ -27,7 +27,7 @@ from .read_map import MapData, read_parts
 from .read_map.file_errors import naming
 from .read_map.held_out import read_held_out
 from .read_map.map_of_scans import MapOfScans, is_map_of_scans, read_map_of_scans
-from .read_map.mapping_scans import FOLDER, MappingScans
+from .read_map.mapping_scans import MappingScans
 from .read_map.read_map import in_local_frame
 from .read_map.without_moving import Moving, without_moving
 
@@ -119,7 +119,7 @@ def _without_moving(
     config: BuildConfig,
 ) -> tuple[NDArray[np.float64], Moving | None]:
     """The cloud without moving things, and what the mapping scans tell; None if the source has none."""
-    held_out = set() if made is None else {one.name.removeprefix(f"{FOLDER}/") for one in made.held_out.scans}
+    held_out = frozenset[str]() if made is None else made.names_held_out
     scans = MappingScans(source, config.axis, config.scale, without=held_out)
     if made is not None:
         scans.left_out.update(made.left_out)  # all were read for it; below only some are

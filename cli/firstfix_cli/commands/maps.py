@@ -241,7 +241,8 @@ def verify(
 ) -> None:
     """Check all objects of a store for damage.
 
-    It reads records, logs, versions, sources, kept queries and uploads. The exit code is 2 if damage remains.
+    It reads records, logs, versions, sources, recorded queries and uploads. The exit code is 2 if damage
+    remains.
     """
     from firstfix.maintenance.repair import Repair
     from firstfix.maintenance.verify import Verification

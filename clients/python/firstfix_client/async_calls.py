@@ -125,7 +125,7 @@ class AsyncMapCalls(AsyncHttpCalls):
         return await self._http.run(self._http.steps.maps.roll_back(map_id))
 
     async def patch(self, map_id: str, mode: str | None = None) -> str:
-        """Ask for a patch of the active version by what kept queries have seen. Returns the build's id."""
+        """Ask for a patch of the active version by what recorded queries saw. Returns the build's id."""
         return await self._http.run(self._http.steps.maps.patch(map_id, mode))
 
     async def retire(self, map_id: str, version: str, *, force: bool = False) -> None:

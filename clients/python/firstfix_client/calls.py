@@ -187,7 +187,7 @@ class MapCalls(HttpCalls):
         return self._http.run(self._http.steps.maps.roll_back(map_id))
 
     def patch(self, map_id: str, mode: str | None = None) -> str:
-        """Ask for a patch of the active version by what kept queries have seen. Returns the build's id.
+        """Ask for a patch of the active version by what recorded queries saw. Returns the build's id.
 
         Args:
             mode: ``propose``: the patched version waits until somebody activates it; ``activate``: it is

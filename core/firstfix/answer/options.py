@@ -43,8 +43,8 @@ class LocalizeOptions:
             points must be known. None: the motion is solved with the pose, where the times are known.
         dropped: points that the caller left out of the scan; the findings name what is wrong with them.
         T_odom_base: (4, 4) pose of the robot's base at the scan's stamp in its odometry's frame; without
-            ``T_base_sensor``, of the sensor. It changes no answer. A kept query has it, so that the robot's
-            motion between two fixes can confirm both.
+            ``T_base_sensor``, of the sensor. It changes no answer. A recorded query has it, so that the
+            robot's motion between two fixes can confirm both.
     """
 
     gravity: NDArray[np.float64] | None = None

@@ -171,8 +171,8 @@ class SelfTestConfig(Stage):
         max_false_accept: share of the answers ``localized`` that may be wrong. The map's threshold follows.
         held_out: largest number of keyframes that a map is made without, to be asked, too; 0: none. Only of
             maps that are made of their scans, a tenth of them at most.
-        confirmed: largest number of kept queries that are asked, too, because somebody has told where their
-            scans were taken; 0: none. Only builds of a map in a store find them.
+        confirmed: largest number of recorded queries that are asked, too, because somebody has told where
+            their scans were taken; 0: none. Only builds of a map in a store find them.
     """
 
     queries: int = Field(120, ge=0, le=100_000)
@@ -247,7 +247,7 @@ class BuildConfig(Stage):
         level: rotate a tilted map so that z points up in the index.
         provisional: a map without a full version gets a provisional one first: coarse, untested, and served
             until the full one takes its place. This option does not change the full version.
-        patch: what becomes of patches of this map by kept queries: "off": none is made; "propose": the
+        patch: what becomes of patches of this map by recorded queries: "off": none is made; "propose": the
             patched version waits until somebody activates it; "activate": it is activated, unless it is
             worse.
     """

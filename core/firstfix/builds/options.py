@@ -67,7 +67,7 @@ class BuildOptions:
         max_memory_bytes: of all processes of the build together; None: no limit.
         max_templates: a map of more, by estimate, is refused before the work is begun; None: no limit.
         max_source_bytes: largest size of one source file.
-        samples_store: URL of the store of kept queries, which patches read; empty: ``store``.
+        recorded_store: URL of the store of recorded queries, which patches read; empty: ``store``.
         source_urls: prefixes of http and https URLs that are fetched; none by default, as a worker that
             fetches anything is a way into the network behind it.
         source_roots: folders that ``file://`` URLs may point into; requests come over the network, so none by
@@ -87,7 +87,7 @@ class BuildOptions:
     max_memory_bytes: int | None = None
     max_templates: int | None = DEFAULT_MAX_TEMPLATES
     max_source_bytes: int = DEFAULT_MAX_SOURCE_BYTES
-    samples_store: str = ""
+    recorded_store: str = ""
     source_urls: tuple[str, ...] = ()
     source_roots: tuple[Path, ...] = ()
     share_stages: bool = False
@@ -114,10 +114,10 @@ class BuildOptions:
     def environment(self) -> dict[str, str]:
         """Variables of the build, with the names of the service's own settings."""
         traceparent = {"TRACEPARENT": self.traceparent} if self.traceparent else {}
-        samples = {"FIRSTFIX_SAMPLES_STORE": self.samples_store} if self.samples_store else {}
+        recorded_queries = {"FIRSTFIX_RECORDED_STORE": self.recorded_store} if self.recorded_store else {}
         return (
             traceparent
-            | samples
+            | recorded_queries
             | {
                 "FIRSTFIX_LOG_LEVEL": self.log_level,
                 "FIRSTFIX_LOG_JSON": str(self.log_json).lower(),
@@ -166,7 +166,7 @@ class BuildOptions:
             "sandbox": environment.get("FIRSTFIX_BUILD_SANDBOX", "auto"),
             "max_memory_bytes": int(environment.get("FIRSTFIX_BUILD_MAX_MEMORY_BYTES", 0)) or None,
             "max_templates": int(most) or None,
-            "samples_store": environment.get("FIRSTFIX_SAMPLES_STORE", ""),
+            "recorded_store": environment.get("FIRSTFIX_RECORDED_STORE", ""),
             "log_level": environment.get("FIRSTFIX_LOG_LEVEL", "info"),
             "log_json": environment.get("FIRSTFIX_LOG_JSON") == "true",
             "traceparent": environment.get("TRACEPARENT"),
@@ -182,7 +182,7 @@ class BuildOptions:
         return replace(
             self,
             store="",
-            samples_store="",
+            recorded_store="",
             executor=THREADS,
             work=self.work / "build",
             source_urls=(),

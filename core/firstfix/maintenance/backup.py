@@ -2,7 +2,8 @@
 
 It copies maps with their logs, sources and georeferences, builds, and API keys. It does not copy ``stages/``,
 ``uploads/``, ``idempotency/``, ``callers/``, ``changes/`` and ``checked/``, which are made again when needed,
-nor ``samples/``, nor the sightings of versions (``firstfix.catalog.sightings``): queries make new ones.
+nor ``recorded-queries/``, nor the sightings of versions (``firstfix.catalog.sightings``): queries make
+new ones.
 
 Both stores may be in use. The logs are read first and written last. So every version in the copy's logs was
 whole when it was read, and readers of the copy never see a version before its files. Nothing is removed, and

@@ -1,4 +1,4 @@
-"""Objects that a record describes: the bodies of kept queries, and the parts of uploads."""
+"""Objects that a record describes: the bodies of recorded queries, and the parts of uploads."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
-from ..catalog.query_samples import FOLDER as SAMPLES
-from ..catalog.query_samples import QuerySamples
+from ..catalog.recorded_queries import FOLDER as RECORDED
+from ..catalog.recorded_queries import RecordedQueries
 from ..catalog.uploads.parts import part_key, upload_folder
 from ..catalog.uploads.record import parse_whole
 from ..catalog.uploads.uploads import Uploads
@@ -35,18 +35,18 @@ class Body:
     sha256: str
 
 
-def bodies_of_samples(store: Store) -> Iterator[Body]:
-    """Bodies of all kept queries whose record can be read."""
-    samples = QuerySamples(store)
-    sizes = {item.key: item.size_bytes for item in store.scan(SAMPLES)}
-    for sample_id in samples.ids():
-        if (sample := samples.find(sample_id)) is None:
+def bodies_of_recorded_queries(store: Store) -> Iterator[Body]:
+    """Bodies of all recorded queries whose record can be read."""
+    recorded_queries = RecordedQueries(store)
+    sizes = {item.key: item.size_bytes for item in store.scan(RECORDED)}
+    for query_id in recorded_queries.ids():
+        if (recorded := recorded_queries.find(query_id)) is None:
             continue
-        key, size = f"{SAMPLES}/{sample_id}.body", sizes.get(f"{SAMPLES}/{sample_id}.body")
-        problem = "" if size == sample.body_bytes else f"its record says {sample.body_bytes} bytes"
+        key, size = f"{RECORDED}/{query_id}.body", sizes.get(f"{RECORDED}/{query_id}.body")
+        problem = "" if size == recorded.body_bytes else f"its record says {recorded.body_bytes} bytes"
         if problem:
             problem = f"it has {size} bytes, {problem}" if size is not None else f"it is missing: {problem}"
-        yield Body(f"{SAMPLES}/{sample_id}.json", key, (key,), problem, sample.body_sha256)
+        yield Body(f"{RECORDED}/{query_id}.json", key, (key,), problem, recorded.body_sha256)
 
 
 def bodies_of_uploads(store: Store) -> Iterator[Body]:

@@ -1,4 +1,4 @@
-"""Request of a patch: a build of a map's active version with the changes that kept queries confirm."""
+"""Request of a patch: a build of a map's active version with the changes that recorded queries confirm."""
 
 from __future__ import annotations
 

@@ -15,13 +15,23 @@ from ..builds.shared_stages import parse_stage
 from ..catalog.georeferences import parse_georeference
 from ..catalog.log.change_log import parse_notice
 from ..catalog.log.map_state import LogEntry, MapState
-from ..catalog.query_samples import parse_sample
+from ..catalog.recorded_queries import parse_recorded_query
 from ..catalog.sightings.record import SightingsRecord
 from ..catalog.uploads.record import UploadRecord, parse_whole
 from ..store.json_record import RecordKind, max_bytes, parse_record
 from .checked_objects import parse_checked
 
-FOLDERS = ("builds", "changes", "checked", "idempotency", "keys", "maps", "samples", "stages", "uploads")
+FOLDERS = (
+    "builds",
+    "changes",
+    "checked",
+    "idempotency",
+    "keys",
+    "maps",
+    "recorded-queries",
+    "stages",
+    "uploads",
+)
 
 
 @dataclass(frozen=True)
@@ -78,7 +88,7 @@ FORMS = (
     _form(RecordKind.UPLOAD, r"uploads/[^/]+/upload\.json", lambda _, r: UploadRecord.parse(r)),
     _form(RecordKind.UPLOAD_WHOLE, r"uploads/[^/]+/whole\.json", lambda _, r: parse_whole(r)),
     _form(RecordKind.API_KEY, r"keys/([0-9a-f]{12})\.json", parse_key),
-    _form(RecordKind.SAMPLE, r"samples/[^/]+\.json", lambda _, r: parse_sample(r)),
+    _form(RecordKind.RECORDED_QUERY, r"recorded-queries/[^/]+\.json", lambda _, r: parse_recorded_query(r)),
     _form(RecordKind.IDEMPOTENCY_KEY, r"idempotency/[0-9a-f]{64}", lambda _, r: parse_claim(r)),
     _form(RecordKind.SHARED_STAGE, r"stages/[0-9a-f]{64}/stage\.json", lambda _, r: parse_stage(r)),
     _form(

@@ -1,7 +1,7 @@
 """Verification of all objects in a store against their names, manifests and kinds, one after another.
 
     records      can be parsed (``firstfix.maintenance.record_kinds``)
-    bodies       of kept queries and uploads have the sizes and the sha256 in their records
+    bodies       of recorded queries and uploads have the sizes and the sha256 in their records
     logs         have no missing number; each published version has a manifest
     versions     the manifest has the digest that names the version, each file the sha256 in the manifest
     sources      have the sha256 in their name
@@ -30,7 +30,7 @@ from ..errors import NotFound, TooLarge
 from ..ids import is_name
 from ..store.json_record import max_bytes
 from ..store.store import Store, StoredObject
-from .bodies import Body, bodies_of_samples, bodies_of_uploads
+from .bodies import Body, bodies_of_recorded_queries, bodies_of_uploads
 from .checked_objects import CheckedObjects
 from .record_kinds import FOLDERS, RecordForm, form_of
 from .repair import Repair
@@ -57,7 +57,7 @@ class VerifyReport:
         objects: number of objects that were read or found missing.
         bytes: number of bytes that were read.
         kinds: number of objects of each kind: of a record its kind, and ``manifest``, ``version_file``,
-            ``source``, ``sample_body`` and ``upload_part``.
+            ``source``, ``recorded_body`` and ``upload_part``.
         fresh: number of files that were not read, because they were verified lately.
     """
 
@@ -112,7 +112,10 @@ class Verification:
         for folder in FOLDERS:
             if folder != "maps":
                 yield from self._records(self._store.scan(folder))
-        for kind, bodies in (("sample_body", bodies_of_samples), ("upload_part", bodies_of_uploads)):
+        for kind, bodies in (
+            ("recorded_body", bodies_of_recorded_queries),
+            ("upload_part", bodies_of_uploads),
+        ):
             for body in bodies(self._store):
                 yield from self._body(kind, body)
         map_ids = [name for name in self._store.folders("maps") if is_name(name)]

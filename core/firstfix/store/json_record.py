@@ -38,7 +38,7 @@ class RecordKind(str, Enum):
     UPLOAD = "upload"
     UPLOAD_WHOLE = "upload_whole"
     API_KEY = "api_key"
-    SAMPLE = "sample"
+    RECORDED_QUERY = "recorded_query"
     IDEMPOTENCY_KEY = "idempotency_key"
     GEOREFERENCE = "georeference"
     SHARED_STAGE = "shared_stage"
@@ -53,7 +53,7 @@ _MAX_BYTES = {
     RecordKind.LOG_SNAPSHOT: 64 << 20,
     RecordKind.API_KEY: 64 << 10,
     RecordKind.CHANGE_NOTICE: 64 << 10,
-    RecordKind.SAMPLE: 4 << 20,
+    RecordKind.RECORDED_QUERY: 4 << 20,
     RecordKind.SHARED_STAGE: 4 << 20,
     RecordKind.CHECKED_OBJECTS: 64 << 20,
     RecordKind.SIGHTINGS: 64 << 20,

@@ -33,7 +33,7 @@ PICTURED_SCANS = 60  # kept for the picture, which shows a few of them
 EXAMPLES = examples(
     "firstfix evaluate world/poses.csv --map office",
     "firstfix evaluate world/poses.csv --map office --store store --plot office.png",
-    "firstfix evaluate --samples s3://maps/firstfix --map office --json -",
+    "firstfix evaluate --recorded s3://maps/firstfix --map office --json -",
     "firstfix evaluate nclt/2012-02-04 --dataset nclt --map nclt --random-yaw 0",
     "firstfix evaluate world/poses.csv --answers answers.csv",
 )
@@ -62,11 +62,11 @@ def evaluate(
             "--spacing", help="With --dataset: metres. One scan by chance from each such square is asked."
         ),
     ] = 5.0,
-    samples: Annotated[
+    recorded: Annotated[
         str | None,
         typer.Option(
             metavar="STORE",
-            help="Instead of POSES.csv: send the queries again that a service kept in this store.",
+            help="Instead of POSES.csv: send the queries again that a service recorded in this store.",
         ),
     ] = None,
     answers: Annotated[
@@ -109,11 +109,12 @@ def evaluate(
     ] = None,
     encoding: SentAs = "scan",
     timeout_s: TimeoutS = 30.0,
+    samples: Annotated[str | None, typer.Option(hidden=True, help="Gone: --recorded.")] = None,
 ) -> None:
     """Measure accuracy on scans with known poses.
 
-    Prints success rates, the false accept rate and times. With --samples it shows how the answers have
-    changed since a service kept the queries. With --answers it scores what another system answered.
+    Prints success rates, the false accept rate and times. With --recorded it shows how the answers have
+    changed since a service recorded the queries. With --answers it scores what another system answered.
     """
     from firstfix.errors import InvalidOption
     from firstfix_cli.answerer import answerer
@@ -121,25 +122,27 @@ def evaluate(
 
     from ..evaluation.outcome import report_of
 
+    if samples is not None:  # until 0.2
+        raise InvalidOption("--samples is now: --recorded")
     if answers is not None:
-        asks = map_id or samples or dataset or lidar or url or zenoh or store or details or plot or version
+        asks = map_id or recorded or dataset or lidar or url or zenoh or store or details or plot or version
         if poses is None or asks or random_yaw is not None or gravity_from_poses is not None:
             raise InvalidOption("--answers can only be used with POSES.csv and --json")
         _score(poses, answers, json_file)
         return
     if map_id is None:
         raise InvalidOption("give --map")
-    if (poses is None) == (samples is None):
-        raise InvalidOption("give either POSES.csv or --samples")
-    if samples is not None and dataset is not None:
-        raise InvalidOption("--dataset needs the folder of a recording, not --samples")
+    if (poses is None) == (recorded is None):
+        raise InvalidOption("give either POSES.csv or --recorded")
+    if recorded is not None and dataset is not None:
+        raise InvalidOption("--dataset needs the folder of a recording, not --recorded")
     if lidar is not None and dataset is None:
         raise InvalidOption("--lidar needs --dataset")
-    if samples is not None:
+    if recorded is not None:
         altered = random_yaw is not None or gravity_from_poses is not None
         if zenoh or details or plot or altered or encoding != "scan":
-            raise InvalidOption("--samples can only be used with --url or --store, --version and --json")
-        _replay(samples, map_id, url, store, version, timeout_s, json_file)
+            raise InvalidOption("--recorded can only be used with --url or --store, --version and --json")
+        _replay(recorded, map_id, url, store, version, timeout_s, json_file)
         return
     assert poses is not None
     if dataset is None:
@@ -168,7 +171,7 @@ def _score(cases: Path, answers: Path, json_file: Path | None) -> None:
 
 
 def _replay(
-    samples: str,
+    recorded: str,
     map_id: str,
     url: str | None,
     store: str | None,
@@ -176,7 +179,7 @@ def _replay(
     timeout_s: float,
     json_file: Path | None,
 ) -> None:
-    from firstfix.catalog.query_samples import QuerySamples
+    from firstfix.catalog.recorded_queries import RecordedQueries
     from firstfix.errors import InvalidOption
     from firstfix.store.store import Store
 
@@ -185,7 +188,7 @@ def _replay(
     if url and store:
         raise InvalidOption("give only one of --url and --store")
     with body_answerer(map_id, url=url, store=store, timeout_s=timeout_s) as ask:
-        replayed = list(replay(QuerySamples(Store.open(samples)), map_id, ask, version))
+        replayed = list(replay(RecordedQueries(Store.open(recorded)), map_id, ask, version))
     _print(lines_of(replayed), report_of(replayed), json_file)
 
 

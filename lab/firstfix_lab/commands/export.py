@@ -1,4 +1,4 @@
-"""``firstfix export``: write a map with its kept queries as a file for viewers."""
+"""``firstfix export``: write a map with its recorded queries as a file for viewers."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ def export(
     map_id: MapId,
     url: Url = None,
     store: Store = None,
-    samples: Annotated[
+    recorded: Annotated[
         str | None,
         typer.Option(
-            metavar="STORE", help="With --store: store of the kept queries, if they have one of their own."
+            metavar="STORE",
+            help="With --store: store of the recorded queries, if they have one of their own.",
         ),
     ] = None,
     version: Annotated[
@@ -37,21 +38,26 @@ def export(
         int, typer.Option(help="Limit on the points of the map.", min=1, max=MAX_POINTS)
     ] = 2_000_000,
     count: Annotated[
-        int | None, typer.Option(help="Only the newest so many kept queries [default: all].", min=0)
+        int | None, typer.Option(help="Only the newest so many recorded queries [default: all].", min=0)
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
     as_json: AsJson = False,
+    samples: Annotated[str | None, typer.Option(hidden=True, help="Gone: --recorded.")] = None,
 ) -> None:
-    """Write a map with its kept queries for viewers.
+    """Write a map with its recorded queries for viewers.
 
     An .mcap file is for Foxglove and ROS 2, an .rrd file for rerun. It holds the map's points, the templates,
-    the mapping run, and of every kept query the scan at the answered pose, the hypotheses, the truth where
-    somebody has told it, and the verdict in words.
+    the mapping run, and of every recorded query the scan at the answered pose, the hypotheses, the truth
+    where somebody has told it, and the verdict in words.
     """
+    from firstfix.errors import InvalidOption
+
     from ..export.export import export as write
     from ..export.source import export_source
 
-    with export_source(map_id, url=url, store=store, samples=samples) as source:
+    if samples is not None:  # until 0.2
+        raise InvalidOption("--samples is now: --recorded")
+    with export_source(map_id, url=url, store=store, recorded=recorded) as source:
         found = write(source, map_id, out, version=version, most_points=points, count=count, force=force)
     if as_json:
         typer.echo(json.dumps({"file": str(out), **asdict(found)}))
@@ -61,6 +67,6 @@ def export(
     if found.unreadable:
         typer.echo(f"{found.unreadable} queries have no points: /log says why", err=True)
     typer.echo(
-        f"{out}: {found.points:,} points of version {found.version[:12]}, {found.queries:,} kept queries, "
-        f"{found.localized:,} of them localized"
+        f"{out}: {found.points:,} points of version {found.version[:12]}, "
+        f"{found.queries:,} recorded queries, {found.localized:,} of them localized"
     )

@@ -158,11 +158,11 @@ async def overlays(target: Target, reader: StreamReader, writer: StreamWriter, s
     await again(head + body, reader, writer, seen)
 
 
-async def kept_queries(
+async def recorded_queries(
     target: Target, reader: StreamReader, writer: StreamWriter, seen: Counter[str]
 ) -> None:
-    """All kept queries, read one page after the other."""
-    await again(target.head("GET", "/samples?limit=100"), reader, writer, seen)
+    """All recorded queries, read one page after the other."""
+    await again(target.head("GET", "/recorded-queries?limit=100"), reader, writer, seen)
 
 
 async def over_zenoh(target: Target, reader: StreamReader, writer: StreamWriter, seen: Seen) -> None:
@@ -228,7 +228,7 @@ FLOODS = {
     "event streams": Flood(streams, 60),
     "cancelled queries": Flood(cancelled, 60),
     "overlays": Flood(overlays, 16),
-    "kept queries": Flood(kept_queries, 30),
+    "recorded queries": Flood(recorded_queries, 30),
     "zenoh": Flood(over_zenoh, 5),
     "zenoh refusals": Flood(refused_by_zenoh, 5),
 }

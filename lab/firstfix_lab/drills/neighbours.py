@@ -148,13 +148,13 @@ def _service(folder: Path, store: Path, root: Path) -> Iterator[Replica]:
         "workers": 2,
         "run_builds": False,
         "metrics_public": True,
-        "samples_share": 1.0,
+        "recorded_share": 1.0,
         "log_level": "warning",
         "zenoh": True,
         "zenoh_listen": [f"tcp/127.0.0.1:{free_port()}"],
     }
     command = [python, str(ROOT / "tests" / "patched_cli.py"), "serve"]
-    constants = {"CONSTANTS": json.dumps({"samples_per_minute": 600})}
+    constants = {"CONSTANTS": json.dumps({"recorded_per_minute": 600})}
     one = Replica(folder, settings, command, constants).start()
     try:
         one.wait_until_ready()

@@ -201,18 +201,22 @@ def kind_of(key: str) -> str:
         return "source"
     if parts[0] == "uploads":
         return "part of an upload under way" if parts[1] == "half" else "part of a whole upload"
-    known = {"maps": "version file", "samples": "sample body", "stages": "file of a shared stage"}
+    known = {
+        "maps": "version file",
+        "recorded-queries": "body of a recorded query",
+        "stages": "file of a shared stage",
+    }
     return known.get(parts[0], f"marker in {parts[0]}")
 
 
 def unit_of(key: str) -> str:
-    """The thing to which an object belongs: a version, an upload, a kept query, a build, a map's log."""
+    """The thing to which an object belongs: a version, an upload, a recorded query, a build, a map's log."""
     parts = key.split("/")
     if parts[0] == "maps":
         return "/".join(parts[:4] if parts[2] == "versions" else parts)
     if parts[0] in ("uploads", "builds", "stages"):
         return "/".join(parts[:2])
-    return key.rpartition(".")[0] if parts[0] in ("samples", "keys") else key
+    return key.rpartition(".")[0] if parts[0] in ("recorded-queries", "keys") else key
 
 
 def flipped(data: bytes, bit: int) -> bytes:

@@ -26,7 +26,7 @@ from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.log import map_log
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
 from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.catalog.sources import put_source
 from firstfix.catalog.uploads.parts import part_key
@@ -40,7 +40,7 @@ from firstfix.store.store import Store
 from tests.small_world import COARSE_CONFIG, yard
 
 EVERY = 4  # entries between two snapshots
-SAMPLE = "20260101t000000000000-0000000a"
+QUERY_ID = "20260101t000000000000-0000000a"
 STAGE = "a" * 64
 CLAIM = CallersKey("robot", "key-1")
 ABSENT = "absent"
@@ -65,7 +65,7 @@ def _frequent_snapshots() -> Iterator[None]:
 
 
 def fill(store: Store, scratch: Path) -> None:
-    """Add objects of every kind: a map of two small versions, builds, keys, kept queries, uploads."""
+    """Add objects of every kind: a map of two small versions, builds, keys, recorded queries, uploads."""
     catalog = Catalog(store)
     with _frequent_snapshots():
         for content in (b"1", b"2"):
@@ -103,9 +103,11 @@ def fill(store: Store, scratch: Path) -> None:
         key, _ = ApiKeys(store).create(name, Grant.parse(["localize"], ["hall"]))
     ApiKeys(store).revoke(key.key_id)
     answer = {"verdict": "localized", "reasons": [], "probability": 0.98, "T_map_sensor": [1.0, 2.0, 0.5]}
-    sample = QuerySample(SAMPLE, "2026-01-01", "http", "r", "", "hall", "x/y", "", {"a": "b"}, answer, 9)
-    QuerySamples(store).put(sample, b"some scan")
-    QuerySamples(store).set_truth(SAMPLE, {"map_id": "hall"})
+    recorded = RecordedQuery(
+        QUERY_ID, "2026-01-01", "http", "r", "", "hall", "x/y", "", {"a": "b"}, answer, 9
+    )
+    RecordedQueries(store).put(recorded, b"some scan")
+    RecordedQueries(store).set_truth(QUERY_ID, {"map_id": "hall"})
     claim_build(store, CLAIM, "same", "b1")
     cells = np.arange(5)
     tally = Tally.of(Sighting((1, 2, 3), cells, cells[:0], cells[:2], cells[:0]))
@@ -116,7 +118,7 @@ def fill(store: Store, scratch: Path) -> None:
 
 def look(store: Store, scratch: Path) -> dict[str, Any]:
     """Everything that fresh readers see; ``ABSENT`` for what cannot be read."""
-    catalog, uploads, samples = Catalog(store), Uploads(store), QuerySamples(store)
+    catalog, uploads, recorded_queries = Catalog(store), Uploads(store), RecordedQueries(store)
     keys, _ = ApiKeys(store).all()
     found: dict[str, Any] = {
         f"key {key.key_id}": (key.name, key.grant, key.sha256, key.expires_time, key.revoked) for key in keys
@@ -151,14 +153,14 @@ def look(store: Store, scratch: Path) -> dict[str, Any]:
                 kept = said(partial(uploads.keep_as_source, build_id="b9"), upload, "hall")
                 key = f"maps/hall/sources/{kept}.b9"
                 found["upload as source"] = kept if kept == ABSENT else store.get(key)
-    for sample in samples.each():
+    for recorded in recorded_queries.each():
         told = {
-            name: sample.answer.get(name) for name in ("verdict", "reasons", "probability", "T_map_sensor")
+            name: recorded.answer.get(name) for name in ("verdict", "reasons", "probability", "T_map_sensor")
         }
-        truth = {name: value for name, value in sample.truth.items() if name == "map_id"}
-        about = (sample.map_id, sample.media_type, sample.options, sample.body_bytes, sample.time)
-        found[f"sample {sample.sample_id}"] = (told, truth, *about)
-        found[f"body {sample.sample_id}"] = said(samples.body, sample.sample_id)
+        truth = {name: value for name, value in recorded.truth.items() if name == "map_id"}
+        about = (recorded.map_id, recorded.media_type, recorded.options, recorded.body_bytes, recorded.time)
+        found[f"recorded query {recorded.query_id}"] = (told, truth, *about)
+        found[f"body {recorded.query_id}"] = said(recorded_queries.body, recorded.query_id)
     found["claim"] = said(claimed_build, store, CLAIM) or ABSENT
     found["notices"] = frozenset(catalog.changes.since(0)[0])
     folder = scratch / "stage"

@@ -14,7 +14,7 @@ from .floods import Act, Flood, Seen, Target, again, random_returns, read_status
 
 CONNECTIONS = 250  # of one address: more would push each other out
 SMALL_POINTS = 200
-NOTHING = "nothing"  # of which there is none: builds, uploads, kept queries
+NOTHING = "nothing"  # of which there is none: builds, uploads, recorded queries
 _READING = ("GET", "HEAD", "OPTIONS")
 _EMPTY = "{}"
 _BEYOND = [("GET", "/nothing"), ("DELETE", "/localize")]  # no such route, no such method

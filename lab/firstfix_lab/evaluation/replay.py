@@ -1,4 +1,4 @@
-"""Replay of kept queries: the old answers beside the new ones."""
+"""Replay of recorded queries: the old answers beside the new ones."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ import numpy as np
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
-from firstfix.catalog.query_samples import REPLAY, QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import REPLAY, RecordedQueries, RecordedQuery
 from firstfix.errors import FirstfixError
 from firstfix.transform import Matrix, pose_error
 from firstfix_cli.answerer import fetch_active_version, is_provisional
 from firstfix_cli.arguments import client_of
 from firstfix_cli.viewer_client import MAX_DECODED_BYTES
 
-BodyAnswerer = Callable[[QuerySample, bytes, LocalizeOptions], Localization]
+BodyAnswerer = Callable[[RecordedQuery, bytes, LocalizeOptions], Localization]
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """One kept query with its old and its new answer.
+    """One recorded query with its old and its new answer.
 
     Attributes:
         now: None if the query failed; ``error`` says why.
@@ -32,7 +32,7 @@ class Replayed:
             another map.
     """
 
-    sample: QuerySample
+    recorded: RecordedQuery
     then: Localization
     now: Localization | None
     error: str
@@ -41,32 +41,32 @@ class Replayed:
 
 
 def replay(
-    samples: QuerySamples, map_id: str, ask: BodyAnswerer, version: str | None = None
+    recorded_queries: RecordedQueries, map_id: str, ask: BodyAnswerer, version: str | None = None
 ) -> Iterator[Replayed]:
-    """Send every kept query about the map again, oldest first.
+    """Send every recorded query about the map again, oldest first.
 
     Args:
         version: version to ask; None: the active one.
     """
-    for sample in samples.each():
-        if not sample.is_about(map_id):
+    for recorded in recorded_queries.each():
+        if not recorded.is_about(map_id):
             continue
-        then = Localization.from_mapping(sample.answer)
-        given = {k: v for k, v in sample.options.items() if k not in ("version", "deadline_ms")}
+        then = Localization.from_mapping(recorded.answer)
+        given = {k: v for k, v in recorded.options.items() if k not in ("version", "deadline_ms")}
         now, error = None, ""
         try:
             options = replace(LocalizeOptions.from_strings(given), version=version)
-            now = ask(sample, samples.body(sample.sample_id), options)
+            now = ask(recorded, recorded_queries.body(recorded.query_id), options)
         except FirstfixError as problem:
             error = f"{problem} ({problem.code})"
-        yield Replayed(sample, then, now, error, *_moved(map_id, then, now))
+        yield Replayed(recorded, then, now, error, *_moved(map_id, then, now))
 
 
 @contextmanager
 def body_answerer(
     map_id: str, *, url: str | None, store: str | None, timeout_s: float
 ) -> Iterator[BodyAnswerer]:
-    """Give a function that answers a kept query, with the service or with the store.
+    """Give a function that answers a recorded query, with the service or with the store.
 
     Raises:
         NotFound: no such map.
@@ -75,13 +75,13 @@ def body_answerer(
         yield _in_process(map_id, store)
         return
     with client_of(url, timeout_s) as client:
-        yield lambda sample, body, options: client.localize_body(
+        yield lambda recorded, body, options: client.localize_body(
             body,
-            sample.media_type,
+            recorded.media_type,
             map_id=map_id,
             options=options,
-            content_encoding=sample.content_encoding,
-            request_id=f"{REPLAY}{sample.sample_id}",
+            content_encoding=recorded.content_encoding,
+            request_id=f"{REPLAY}{recorded.query_id}",
         )
 
 
@@ -93,14 +93,14 @@ def _in_process(map_id: str, store: str) -> BodyAnswerer:
 
     loaded: dict[str | None, tuple[str, Localizer, bool]] = {}
 
-    def answer(sample: QuerySample, body: bytes, options: LocalizeOptions) -> Localization:
+    def answer(recorded: RecordedQuery, body: bytes, options: LocalizeOptions) -> Localization:
         if options.version not in loaded:
             version, directory = fetch_active_version(store, map_id, options.version)
             localizer = Localizer(MapIndex.load(directory))
             loaded[options.version] = version, localizer, is_provisional(store, map_id, version)
         version, localizer, provisional = loaded[options.version]
-        plain = undo_content_encoding(body, sample.content_encoding, MAX_DECODED_BYTES)
-        found = localizer.localize(decode_query(plain, sample.media_type), options)
+        plain = undo_content_encoding(body, recorded.content_encoding, MAX_DECODED_BYTES)
+        found = localizer.localize(decode_query(plain, recorded.media_type), options)
         return found.of_version(map_id, version, provisional=provisional)
 
     return answer
@@ -126,9 +126,9 @@ def report_of(replayed: Sequence[Replayed]) -> dict[str, Any]:
     return {
         "n": len(replayed),
         "changes": [{"then": then, "now": now, "n": count} for (then, now), count in sorted(changes.items())],
-        "samples": [
+        "queries": [
             {
-                "sample": one.sample.sample_id,
+                "query": one.recorded.query_id,
                 "then": _row_of(one.then),
                 "now": None if one.now is None else _row_of(one.now),
                 "error": one.error,
@@ -142,13 +142,13 @@ def report_of(replayed: Sequence[Replayed]) -> dict[str, Any]:
 
 def lines_of(replayed: Sequence[Replayed]) -> list[str]:
     """One line for each query, then the counts of changes."""
-    lines = [f"{'sample':31} {'then':>17} {'now':>17}  best place"]
+    lines = [f"{'query':31} {'then':>17} {'now':>17}  best place"]
     for one in replayed:
         now = one.error or _short(one.now)
         moved = "" if one.moved_m is None else f"moved {one.moved_m:.2f} m, {one.moved_deg:.1f} deg"
-        lines.append(f"{one.sample.sample_id:31} {_short(one.then):>17} {now:>17}  {moved}".rstrip())
+        lines.append(f"{one.recorded.query_id:31} {_short(one.then):>17} {now:>17}  {moved}".rstrip())
     changes = Counter((one.then.verdict.value, _verdict(one)) for one in replayed)
-    lines.append(f"{len(replayed)} kept queries sent again")
+    lines.append(f"{len(replayed)} recorded queries sent again")
     lines += [f"  {then} -> {now}: {count}" for (then, now), count in sorted(changes.items())]
     return lines
 

@@ -1,1 +1,1 @@
-"""Writes a map with its kept queries as a file for viewers."""
+"""Writes a map with its recorded queries as a file for viewers."""

@@ -1,4 +1,4 @@
-"""Export of one map with its kept queries."""
+"""Export of one map with its recorded queries."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Protocol
 
 from firstfix.errors import InvalidOption
 
-from .kept_query import KeptQuery, kept_queries
+from .exported_query import ExportedQuery, exported_queries
 from .map_cloud import MapCloud, read_map_cloud
 from .new_file import new_file
 from .source import ExportSource
@@ -25,7 +25,7 @@ class ViewerFile(Protocol):
     def write_map(self, cloud: MapCloud, time_ns: int) -> None:
         """Write the map, which is there from ``time_ns`` on."""
 
-    def write_query(self, query: KeptQuery) -> None:
+    def write_query(self, query: ExportedQuery) -> None:
         """Write one query with its answer."""
 
 
@@ -57,7 +57,7 @@ def export(
     count: int | None,
     force: bool,
 ) -> Exported:
-    """Write a map with its kept queries. The file appears when it is whole.
+    """Write a map with its recorded queries. The file appears when it is whole.
 
     The memory that this takes does not depend on the number of the queries.
 
@@ -79,7 +79,7 @@ def export(
         cloud = _cloud_of(source, found, most_points)
         with _viewer_file(folder, path.suffix, map_id) as file:
             first_ns = None
-            for query in kept_queries(source, map_id, count):
+            for query in exported_queries(source, map_id, count):
                 file.write_query(query)
                 first_ns = min(first_ns or query.time_ns, query.time_ns)
                 found.queries += 1

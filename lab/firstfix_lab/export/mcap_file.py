@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from firstfix.answer.localization import Verdict
 from firstfix.transform import Matrix, quaternion_of
 
-from .kept_query import MAP_FRAME, KeptQuery
+from .exported_query import MAP_FRAME, ExportedQuery
 from .map_cloud import MapCloud
 
 _DEBUG, _INFO, _WARN = 10, 20, 30  # rcl_interfaces/Log
@@ -64,7 +64,7 @@ class McapFile:
         ]
         self._write("/trajectory", time_ns, self._make(TOPICS["/trajectory"], header=header, poses=poses))
 
-    def write_query(self, query: KeptQuery) -> None:
+    def write_query(self, query: ExportedQuery) -> None:
         """Write one query with its answer."""
         at = query.time_ns
         if query.T_map_frame is not None:
@@ -148,7 +148,7 @@ class McapFile:
             is_dense=True,
         )
 
-    def _diagnostics(self, query: KeptQuery) -> Any:
+    def _diagnostics(self, query: ExportedQuery) -> Any:
         level = 0 if query.localized else 1
         status = self._make(
             "diagnostic_msgs/msg/DiagnosticStatus",
@@ -163,7 +163,7 @@ class McapFile:
         )
         return self._make(TOPICS["/answer"], header=self._header("", query.time_ns), status=[status])
 
-    def _log(self, query: KeptQuery) -> Any:
+    def _log(self, query: ExportedQuery) -> Any:
         return self._make(
             TOPICS["/log"],
             stamp=self._stamp(query.time_ns),
@@ -176,21 +176,21 @@ class McapFile:
         )
 
 
-def facts_of(query: KeptQuery) -> list[tuple[str, str]]:
+def facts_of(query: ExportedQuery) -> list[tuple[str, str]]:
     """Facts of an answer, as names and values."""
-    answer, sample = query.answer, query.sample
-    options = [(f"option {name}", value) for name, value in sorted(sample.options.items())]
+    answer, recorded = query.answer, query.recorded
+    options = [(f"option {name}", value) for name, value in sorted(recorded.options.items())]
     return [
-        ("sample", sample.sample_id),
+        ("query", recorded.query_id),
         ("verdict", answer.verdict.value),
         ("reasons", ", ".join(reason.value for reason in answer.reasons)),
         ("probability", f"{answer.probability:.6g}"),
         ("hypotheses", str(len(answer.hypotheses))),
         ("map", answer.map_id),
         ("version", answer.map_version),
-        ("answered", sample.time),
-        ("transport", sample.transport),
-        ("request", sample.request_id),
+        ("answered", recorded.time),
+        ("transport", recorded.transport),
+        ("request", recorded.request_id),
         *options,
     ]
 

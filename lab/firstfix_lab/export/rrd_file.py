@@ -13,7 +13,7 @@ from firstfix.answer.localization import Verdict
 from firstfix.errors import pip_install
 from firstfix.transform import Matrix, quaternion_of
 
-from .kept_query import GUESS_FRAME, MAP_FRAME, SENSOR_FRAME, UNPLACED_FRAME, KeptQuery
+from .exported_query import GUESS_FRAME, MAP_FRAME, SENSOR_FRAME, UNPLACED_FRAME, ExportedQuery
 from .map_cloud import MapCloud
 
 TIMELINE = "time"
@@ -39,7 +39,7 @@ class RrdFile:
         self._log(f"{MAP_FRAME}/templates", rr.Points3D(cloud.templates, radii=0.1), static=True)
         self._log(f"{MAP_FRAME}/trajectory", rr.LineStrips3D([cloud.trajectory]), static=True)
 
-    def write_query(self, query: KeptQuery) -> None:
+    def write_query(self, query: ExportedQuery) -> None:
         """Write one query with its answer. What it does not have is cleared, so that no older one stays."""
         rr = self._rerun
         self._recording.set_time(TIMELINE, timestamp=np.datetime64(query.time_ns, "ns"))

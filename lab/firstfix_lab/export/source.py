@@ -1,4 +1,4 @@
-"""Sources of a map and its kept queries: a service, or its store."""
+"""Sources of a map and its recorded queries: a service, or its store."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
 from firstfix.errors import InvalidOption, NotFound
 from firstfix_builder.index.cloud_octree import POINT
 
@@ -20,7 +20,7 @@ MAX_INDEX_BYTES = 64 << 20
 
 
 class ExportSource(Protocol):
-    """One map with its kept queries. Both implementations return the same."""
+    """One map with its recorded queries. Both implementations return the same."""
 
     def active_version(self) -> str:
         """The version that answers.
@@ -39,11 +39,11 @@ class ExportSource(Protocol):
     def cloud_points(self, version: str, first: int, count: int) -> bytes:
         """Some of the cloud's points, packed."""
 
-    def samples(self) -> Iterator[QuerySample]:
-        """Yield the kept queries about the map, newest first."""
+    def recorded_queries(self) -> Iterator[RecordedQuery]:
+        """Yield the recorded queries about the map, newest first."""
 
-    def body(self, sample_id: str) -> bytes:
-        """The body of a kept query as it came.
+    def body(self, query_id: str) -> bytes:
+        """The body of a recorded query as it came.
 
         Raises:
             NotFound: it was removed meanwhile.
@@ -52,20 +52,20 @@ class ExportSource(Protocol):
 
 @contextmanager
 def export_source(
-    map_id: str, *, url: str | None, store: str | None, samples: str | None = None
+    map_id: str, *, url: str | None, store: str | None, recorded: str | None = None
 ) -> Iterator[ExportSource]:
     """Give the map at the service, or with ``store`` in its store.
 
     Args:
-        samples: store of the kept queries, if it is another one than ``store``.
+        recorded: store of the recorded queries, if it is another one than ``store``.
 
     Raises:
-        InvalidOption: a service and a store are given, or ``samples`` without ``store``.
+        InvalidOption: a service and a store are given, or ``recorded`` without ``store``.
     """
     if url is not None and store is not None:
         raise InvalidOption("give only one of --url and --store")
-    if samples is not None and store is None:
-        raise InvalidOption("--samples needs --store")
+    if recorded is not None and store is None:
+        raise InvalidOption("--recorded needs --store")
     if store is None:
         from firstfix_cli.viewer_client import ViewerClient
 
@@ -77,8 +77,8 @@ def export_source(
     from firstfix.store.store import Store
 
     opened = Store.open(store, read_only=True)
-    kept = opened if samples is None else Store.open(samples, read_only=True)
-    yield _StoredMap(Catalog(opened), QuerySamples(kept), map_id)
+    kept = opened if recorded is None else Store.open(recorded, read_only=True)
+    yield _StoredMap(Catalog(opened), RecordedQueries(kept), map_id)
 
 
 class _ServiceMap:
@@ -103,17 +103,17 @@ class _ServiceMap:
     def cloud_points(self, version: str, first: int, count: int) -> bytes:
         return self._client.cloud_points(self._map_id, version, first, count)
 
-    def samples(self) -> Iterator[QuerySample]:
-        return self._client.samples(self._map_id)
+    def recorded_queries(self) -> Iterator[RecordedQuery]:
+        return self._client.recorded_queries(self._map_id)
 
-    def body(self, sample_id: str) -> bytes:
-        return self._client.sample_body(sample_id)
+    def body(self, query_id: str) -> bytes:
+        return self._client.recorded_body(query_id)
 
 
 class _StoredMap:
-    def __init__(self, catalog: Catalog, samples: QuerySamples, map_id: str) -> None:
+    def __init__(self, catalog: Catalog, recorded_queries: RecordedQueries, map_id: str) -> None:
         self._catalog = catalog
-        self._samples = samples
+        self._recorded_queries = recorded_queries
         self._map_id = map_id
 
     def active_version(self) -> str:
@@ -132,11 +132,11 @@ class _StoredMap:
         start, length = first * POINT.itemsize, count * POINT.itemsize
         return self._catalog.read_part(self._map_id, version, CLOUD_POINTS, start, length)
 
-    def samples(self) -> Iterator[QuerySample]:
-        for sample_id in reversed(self._samples.ids()):
-            sample = self._samples.find(sample_id)
-            if sample is not None and sample.is_about(self._map_id):
-                yield sample
+    def recorded_queries(self) -> Iterator[RecordedQuery]:
+        for query_id in reversed(self._recorded_queries.ids()):
+            recorded = self._recorded_queries.find(query_id)
+            if recorded is not None and recorded.is_about(self._map_id):
+                yield recorded
 
-    def body(self, sample_id: str) -> bytes:
-        return self._samples.body(sample_id)
+    def body(self, query_id: str) -> bytes:
+        return self._recorded_queries.body(query_id)

@@ -65,7 +65,7 @@ def test_a_damaged_recording_leaves_no_folder(small_scans, tmp_path: Path, capsy
     ("arguments", "said"),
     [
         (["evaluate", "none", "--dataset", "nclt", "--map", "m"], "none: no such folder"),
-        (["evaluate", "--dataset", "nclt", "--samples", "s", "--map", "m"], "--dataset needs the folder"),
+        (["evaluate", "--dataset", "nclt", "--recorded", "s", "--map", "m"], "--dataset needs the folder"),
         (["evaluate", "poses.csv", "--lidar", "Ouster", "--map", "m"], "--lidar needs --dataset"),
         (["dataset", "nclt", "none", "-o", "map"], "none: no such folder"),
     ],

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 
-ROUTES = ("GET /sensors", "GET /samples", "small scans")  # a constant answer, a list and refusals
+ROUTES = ("GET /sensors", "GET /recorded-queries", "small scans")  # a constant answer, a list and refusals
 
 
 @pytest.mark.timeout(1200)

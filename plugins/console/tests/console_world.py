@@ -101,9 +101,9 @@ def running_console(
         jwt_jwks=str(issuer),
         jwt_issuer=ISSUER,
         jwt_audience=AUDIENCE,
-        samples_share=1.0,
-        samples_share_localized=1.0,
-        samples_per_minute=6000,
+        recorded_share=1.0,
+        recorded_share_localized=1.0,
+        recorded_per_minute=6000,
     ) as service:
         keys = ApiKeys(service.catalog.store)
         given = {

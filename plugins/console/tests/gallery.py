@@ -171,7 +171,7 @@ def with_maps(
     gallery.take("localized", world.origin, admin, tried("yard", sure))
     gallery.take("ambiguous", world.origin, admin, tried("house", indoors))
     gallery.take("rejected", world.origin, admin, tried("yard", indoors))
-    gallery.take("kept-queries", world.origin, admin, opened("#/samples", "td .verdict"))
+    gallery.take("recorded-queries", world.origin, admin, opened("#/recorded-queries", "td .verdict"))
     gallery.take("keys", world.origin, admin, opened("#/keys", "th", "a robot"))
     gallery.take("changes", world.origin, admin, _changed(world, place, version, folder))
     gallery.take("live", world.origin, admin, _live(world))

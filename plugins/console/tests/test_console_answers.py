@@ -1,4 +1,4 @@
-"""The console in a real browser, with a real service and real maps: access, scans, kept queries, live."""
+"""The console in a real browser, with a real service and real maps: access, scans, recorded queries, live."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from firstfix.catalog.query_samples import QuerySamples, new_sample_id
+from firstfix.catalog.recorded_queries import RecordedQueries, new_query_id
 from firstfix.scan.scan import Scan
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.main import app
@@ -46,10 +46,10 @@ def test_what_a_key_may_not_do_is_not_shown(visitor, world):
     visitor.open()
     visitor.wait("td", world.versions[1][:12])
     assert visitor.has("a", "Try a scan")
-    for words in ("Build a map", "Delete", "Kept queries", "Live", "Keys"):
+    for words in ("Build a map", "Delete", "Recorded queries", "Live", "Keys"):
         assert not visitor.has("button, a", words), words
     visitor.expected += ["403"]
-    for view in ("samples", "live", "keys"):
+    for view in ("recorded-queries", "live", "keys"):
         visitor.open(f"#/{view}")
         visitor.wait("[role=alert]", "scope")
 
@@ -58,7 +58,7 @@ def test_the_views_of_an_empty_service_say_what_to_do_next(visitor, world):
     visitor.keep_key(world.keys["stranger"])
     visitor.open()
     visitor.wait(".empty", "Build one from a cloud")
-    visitor.open("#/samples")
+    visitor.open("#/recorded-queries")
     visitor.wait(".empty", "100 % of the queries that it cannot localize, and there was none yet")
     visitor.open("#/live")
     visitor.wait(".empty", "Build one")
@@ -186,18 +186,18 @@ def _laid_points(page) -> list[int]:
     return [int(number) for number in re.findall(r"\d+", page.text(".key"))]
 
 
-def test_a_link_to_a_kept_query_restores_the_place_that_was_chosen(page, world):
+def test_a_link_to_a_recorded_query_restores_the_place_that_was_chosen(page, world):
     file, _ = _sure_of_one_of_many(world)
     several: list[str] = []
     wait_until(
         lambda: (
             several
             or several.extend(
-                one["sample_id"] for one in _kept(world) if len(one["answer"]["hypotheses"]) > 1
+                one["query_id"] for one in _recorded(world) if len(one["answer"]["hypotheses"]) > 1
             )
         )
     )
-    page.open(f"#/maps/yard/try?sample={several[0]}")
+    page.open(f"#/maps/yard/try?recorded={several[0]}")
     page.wait(".places tr:first-child input:checked")
     page.click(".places tbody tr:nth-child(2)")
     page.until("location.hash.includes('place=')")
@@ -210,7 +210,7 @@ def test_a_link_to_a_kept_query_restores_the_place_that_was_chosen(page, world):
     )  # another scan: what was chosen of the query goes, and nobody judges it by mistake
     page.wait(".drop", file.name)
     page.wait(".places tr:first-child input:checked")
-    page.until("!/place=|sample=/.test(location.hash) && !find('[aria-label=Truth]', '')")
+    page.until("!/place=|recorded=/.test(location.hash) && !find('[aria-label=Truth]', '')")
 
 
 def test_the_page_says_what_would_make_an_answer_localized(page, world):
@@ -389,19 +389,19 @@ def test_a_file_that_is_no_scan_is_refused_in_words(page, tmp_path):
     page.wait("[role=alert]", "PCD")
 
 
-# Kept queries
+# Recorded queries
 
 
-def test_a_kept_query_is_looked_at_judged_and_exported(page, world, tmp_path):
+def test_a_recorded_query_is_looked_at_judged_and_exported(page, world, tmp_path):
     file, _, _ = localized_scan(world)
     world.ask(file)
     rng = np.random.default_rng(1)
     elsewhere = tmp_path / "elsewhere.ffscan"
     elsewhere.write_bytes(encode_scan(Scan.from_points(rng.uniform(-6, 6, (4000, 3)))))
     assert world.ask(elsewhere)["verdict"] == "rejected"
-    wait_until(lambda: {one["answer"]["verdict"] for one in _kept(world)} >= {"localized", "rejected"})
+    wait_until(lambda: {one["answer"]["verdict"] for one in _recorded(world)} >= {"localized", "rejected"})
 
-    page.open("#/samples")
+    page.open("#/recorded-queries")
     page.choose("Map", "yard")
     page.choose("Verdict", "rejected")
     page.until("!find('td .verdict', 'localized') && !!find('td .verdict', 'rejected')")
@@ -410,7 +410,7 @@ def test_a_kept_query_is_looked_at_judged_and_exported(page, world, tmp_path):
     page.click("button", "Not in this map")
     page.wait("[role=status]", "Noted")
 
-    page.open("#/samples")
+    page.open("#/recorded-queries")
     page.choose("Map", "yard")
     page.wait("td", "not in the map")
     page.choose("Verdict", "localized")
@@ -420,7 +420,7 @@ def test_a_kept_query_is_looked_at_judged_and_exported(page, world, tmp_path):
     page.click("button", "At the place shown")
     page.wait("[role=status]", "Noted")
 
-    page.open("#/samples")
+    page.open("#/recorded-queries")
     page.choose("Map", "yard")
     page.wait("td", "known")
     page.click("button", "Export")
@@ -434,8 +434,8 @@ def test_a_kept_query_is_looked_at_judged_and_exported(page, world, tmp_path):
     assert figures["n"] == 2, figures
 
 
-def _kept(world):
-    return world.get("/samples", map_id="yard", limit=1000)["samples"]
+def _recorded(world):
+    return world.get("/recorded-queries", map_id="yard", limit=1000)["queries"]
 
 
 # Live
@@ -491,23 +491,23 @@ def test_answers_that_somebody_judged_wrong_have_alerts_until_they_are_judged_ri
         page.wait(".alerts li", f"false:{localized}, is over")
         page.wait(".alerts li", "Disputed: an answer")
     finally:
-        for sample_id in (localized, rejected):
-            world.service.http.delete(f"/samples/{sample_id}", headers=world.headers("admin"))
+        for query_id in (localized, rejected):
+            world.service.http.delete(f"/recorded-queries/{query_id}", headers=world.headers("admin"))
 
 
 def _newly_kept(world, file) -> str:
-    """The id of the query that the service keeps when it is asked about a scan now."""
-    before = {one["sample_id"] for one in _kept(world)}
+    """The id of the query that the service records when it is asked about a scan now."""
+    before = {one["query_id"] for one in _recorded(world)}
     world.ask(file)
     new: list[str] = []
-    wait_until(lambda: new or new.extend({one["sample_id"] for one in _kept(world)} - before))
-    (sample_id,) = new
-    return sample_id
+    wait_until(lambda: new or new.extend({one["query_id"] for one in _recorded(world)} - before))
+    (query_id,) = new
+    return query_id
 
 
-def _judge(world, sample_id, T_map_sensor) -> None:
+def _judge(world, query_id, T_map_sensor) -> None:
     truth = {"map_id": "yard", "T_map_sensor": T_map_sensor}
-    url = f"/samples/{sample_id}/truth"
+    url = f"/recorded-queries/{query_id}/truth"
     assert world.service.http.put(url, json=truth, headers=world.headers("admin")).is_success
 
 
@@ -579,23 +579,23 @@ def test_names_with_markup_stay_text(visitor, world):
     assert page.text(".caller").startswith(f"jwt:{MARKUP}")
     assert page.count("img") == 0
 
-    # The service keeps no such texts, so this record was written by another program.
-    kept = QuerySamples(world.service.catalog.store)
-    wait_until(lambda: _kept(world))
-    plain = next(one for one in kept.each() if one.map_id == "yard")
+    # The service records no such texts, so this record was written by another program.
+    stored = RecordedQueries(world.service.catalog.store)
+    wait_until(lambda: _recorded(world))
+    plain = next(one for one in stored.each() if one.map_id == "yard")
     texts = dict.fromkeys(("transport", "request_id", "trace_id", "media_type", "service_version"), MARKUP)
     answer = {**plain.answer, "reasons": [MARKUP], "verdict": MARKUP}
-    sample_id = new_sample_id("0" * 8, datetime.now(timezone.utc))
-    strange = replace(plain, sample_id=sample_id, map_id=f"yard,{MARKUP}", answer=answer, **texts)
-    kept.put(strange, kept.body(plain.sample_id))
+    query_id = new_query_id("0" * 8, datetime.now(timezone.utc))
+    strange = replace(plain, query_id=query_id, map_id=f"yard,{MARKUP}", answer=answer, **texts)
+    stored.put(strange, stored.body(plain.query_id))
     try:
-        page.open("#/samples?map=yard")
+        page.open("#/recorded-queries?map=yard")
         page.wait("td", f"yard,{MARKUP}")
         page.wait("td .verdict", MARKUP)
         page.map_picture()
         assert page.count("img") == 0
     finally:
-        kept.delete(sample_id)
+        stored.delete(query_id)
 
 
 def test_the_console_is_used_with_the_keyboard_alone(page):
@@ -685,15 +685,15 @@ def _tab_to(page, selector: str, words: str = "") -> None:
 
 
 @pytest.mark.parametrize(
-    "view", ["maps/yard/try", "live?map=yard", "maps/yard", "samples", "", "maps/yard/versions"]
+    "view", ["maps/yard/try", "live?map=yard", "maps/yard", "recorded-queries", "", "maps/yard/versions"]
 )
 def test_a_phone_shows_a_view_without_scrolling_sideways(page, world, view):
     page.size(390, 844, phone=True)
-    if view == "samples":
+    if view == "recorded-queries":
         world.ask(localized_scan(world)[0])
-        wait_until(lambda: _kept(world))
+        wait_until(lambda: _recorded(world))
     page.open(f"#/{view}")
-    page.wait("td .verdict" if view == "samples" else "h1, h2")
+    page.wait("td .verdict" if view == "recorded-queries" else "h1, h2")
     if "yard" in view and "versions" not in view:
         page.map_picture()
         assert page.box(CANVAS)[3] > 200

@@ -120,12 +120,12 @@ def test_places_that_are_known_and_not_said_are_told_with_what_helps(page, world
     assert world.service.http.delete("/maps/silent", headers=world.headers("admin")).is_success
 
 
-def test_versions_and_kept_queries_of_a_map_are_on_its_page(page, world):
+def test_versions_and_recorded_queries_of_a_map_are_on_its_page(page, world):
     world.ask(world.scans[0][0])
     older = world.versions[0][:12]
     page.open("#/maps/yard")
     page.map_picture()
-    page.wait("[aria-label='Kept queries of the map'] li")
+    page.wait("[aria-label='Recorded queries of the map'] li")
     page.press("t")
     page.until("location.hash.includes('view=')")
     view = page.js("new URLSearchParams(location.hash.split('?')[1]).get('view')")
@@ -135,10 +135,10 @@ def test_versions_and_kept_queries_of_a_map_are_on_its_page(page, world):
     page.map_picture()
     assert page.js("new URLSearchParams(location.hash.split('?')[1]).get('view')") == view, "as from before"
     before = page.map_picture()
-    page.click("label.check", "Kept queries, by verdict")
+    page.click("label.check", "Recorded queries, by verdict")
     wait_until(lambda: difference(before, page.map_picture()) > 0.0001)
-    page.click("[aria-label='Kept queries of the map'] a", "Look")
-    page.until("location.hash.includes('/try?sample=')")
+    page.click("[aria-label='Recorded queries of the map'] a", "Look")
+    page.until("location.hash.includes('/try?recorded=')")
 
 
 def test_the_keys_of_the_picture_are_listed_and_work_from_the_page(page):

@@ -159,9 +159,9 @@ def test_scans_of_other_programs_are_read_in_the_page(page, points_m, tmp_path):
         assert not page.has(".verdict")
 
 
-def test_a_kept_query_is_there_to_try(page, world):
+def test_a_recorded_query_is_there_to_try(page, world):
     world.ask(localized_scan(world)[0])
-    wait_until(lambda: world.get("/samples", map_id="yard")["samples"])
+    wait_until(lambda: world.get("/recorded-queries", map_id="yard")["queries"])
     page.open("#/maps/yard/try")
     page.wait("select", "Or one that a robot asked")
     page.js(
@@ -169,7 +169,7 @@ def test_a_kept_query_is_there_to_try(page, world):
         " list.dispatchEvent(new Event('change', { bubbles: true })); }"
     )
     page.wait(".verdict")
-    page.wait(".drop", "Kept query of")
+    page.wait(".drop", "Recorded query of")
 
 
 # Maps
@@ -208,8 +208,8 @@ def test_the_list_of_maps_says_what_happens_and_what_needs_a_person(page, world,
         world.ask(few, map="lost")
     page.wait("tr:has([href='#/maps/lost']) td", "6, 0 % localized")  # without a reload
     page.wait(".needs li", "lost 6 of 6 queries of the last hour were not localized")
-    page.click(".needs [href='#/samples?map=lost']", "Look")
-    page.until("location.hash === '#/samples?map=lost'")
+    page.click(".needs [href='#/recorded-queries?map=lost']", "Look")
+    page.until("location.hash === '#/recorded-queries?map=lost'")
     page.map_picture()  # its points are read
     assert world.service.http.delete("/maps/lost", headers=world.headers("admin")).is_success
 
@@ -302,23 +302,23 @@ def test_the_number_of_points_is_read_on_the_dark_picture(page):
 # What nobody may do by one click: versions, builds and keys are in the tests of their views.
 
 
-def test_a_kept_query_is_removed_only_after_a_question(page, world):
-    """Queries are kept after their answers: the row that goes may be one that was not there before.
+def test_a_recorded_query_is_removed_only_after_a_question(page, world):
+    """Queries are recorded after their answers: the row that goes may be one that was not there before.
 
     So the page's own request says which one went.
     """
 
-    def kept() -> set[str]:
-        return {one["sample_id"] for one in world.get("/samples", limit=1000)["samples"]}
+    def recorded() -> set[str]:
+        return {one["query_id"] for one in world.get("/recorded-queries", limit=1000)["queries"]}
 
     def removed() -> list[str]:
-        return [one.rsplit("/", 1)[-1] for one in page.asked if one.startswith("DELETE /samples/")]
+        return [one.rsplit("/", 1)[-1] for one in page.asked if one.startswith("DELETE /recorded-queries/")]
 
-    earlier = kept()
+    earlier = recorded()
     world.ask(localized_scan(world)[0])
-    wait_until(lambda: kept() - earlier)
-    before = kept()
-    page.open("#/samples?map=yard")
+    wait_until(lambda: recorded() - earlier)
+    before = recorded()
+    page.open("#/recorded-queries?map=yard")
     page.click("tr button", "Remove")
     page.wait("dialog", "It cannot be brought back")
     page.press("Escape")
@@ -328,8 +328,8 @@ def test_a_kept_query_is_removed_only_after_a_question(page, world):
     page.click("dialog button", "Remove for good")
     wait_until(removed)
     (gone,) = removed()
-    wait_until(lambda: gone not in kept())
-    assert kept() >= before - {gone}
+    wait_until(lambda: gone not in recorded())
+    assert recorded() >= before - {gone}
 
 
 # A service that asks nobody
@@ -344,8 +344,8 @@ def test_a_service_that_is_open_to_everyone_says_so(browser, tmp_path):
             page.wait("[role=note]", "Everybody who reaches this address may build, activate and delete maps")
             page.wait(".empty", "No key yet")
             assert not violations(page)
-            page.open("#/samples")
-            page.wait(".empty", "Keeping is off")
+            page.open("#/recorded-queries")
+            page.wait(".empty", "Recording is off")
             assert not page.problems
 
 
@@ -375,11 +375,11 @@ def test_what_is_not_accessible_is_found(page):
 # A phone
 
 
-@pytest.mark.parametrize("view", ["", "samples?map=yard", "keys", "maps/yard/versions"])
+@pytest.mark.parametrize("view", ["", "recorded-queries?map=yard", "keys", "maps/yard/versions"])
 def test_a_phone_reaches_every_button_without_scrolling_sideways(page, world, view):
     page.size(*PHONE, phone=True)
     world.ask(localized_scan(world)[0])
-    wait_until(lambda: world.get("/samples", map_id="yard")["samples"])
+    wait_until(lambda: world.get("/recorded-queries", map_id="yard")["queries"])
     world.service.http.post(
         "/keys", json={"name": "phone", "scopes": ["localize"], "maps": ["*"]}, headers=world.headers("admin")
     )

@@ -11,7 +11,7 @@ TOKEN_READERS = (
     "maps",
     "versions",
     "ui",
-    "samples",
+    "recorded-queries",
     "access",
     "scan",
     "live",

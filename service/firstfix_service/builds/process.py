@@ -47,7 +47,7 @@ def build_options(settings: Settings) -> BuildOptions:
         sandbox=settings.build_sandbox,
         max_memory_bytes=settings.build_max_memory_bytes or None,
         max_templates=settings.build_max_templates or None,
-        samples_store=settings.samples_store or "",
+        recorded_store=settings.recorded_store or "",
         source_urls=tuple(url for url in settings.source_urls if url.startswith(("http://", "https://"))),
         share_stages=settings.shared_stages_bytes > 0,
         tied_to_stdin=True,

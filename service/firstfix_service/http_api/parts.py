@@ -12,7 +12,7 @@ from fastapi import Depends, Request
 from firstfix.builds.callers import CallerUsage
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.store.store import Store
 
@@ -118,4 +118,4 @@ UploadPartsDep = Annotated[UploadParts, part(UploadParts)]
 BuildPartsDep = Annotated[BuildParts, part(BuildParts)]
 LocalizePartsDep = Annotated[LocalizeParts, part(LocalizeParts)]
 CatalogDep = Annotated[Catalog, part(Catalog)]
-SamplesDep = Annotated[QuerySamples, part(QuerySamples)]
+RecordedQueriesDep = Annotated[RecordedQueries, part(RecordedQueries)]

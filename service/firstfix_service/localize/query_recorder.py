@@ -1,127 +1,195 @@
-"""Every answer and failure is counted, logged, sampled and shown to those who watch, in one place."""
+"""Recorder of queries: those that the settings choose are stored with their bodies.
+
+A bounded queue feeds one thread that writes. No query waits for it or fails because of it. One for which
+there is no room is dropped and counted.
+"""
 
 from __future__ import annotations
 
-from functools import cache
+import json
+import queue
+import random
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from datetime import datetime, timezone
 
+import structlog
+
+import firstfix
+from firstfix.access.permissions import Scope
 from firstfix.answer.localization import Verdict
-from firstfix.catalog.query_samples import REPLAY
+from firstfix.catalog.recorded_queries import REPLAY, RecordedQueries, RecordedQuery, new_query_id, robot_of
+from firstfix.errors import FirstfixError
 from firstfix.formats.point_cloud import Body
 
-from ..problems import problem_of
 from ..query_workers.query import EncodedAnswer, Query
+from ..settings import Settings
 from ..telemetry.metrics import Metrics
-from ..telemetry.request_scope import Requests, RequestScope, current_request, note
-from ..telemetry.tracing import started_ns
-from ..webhooks.event import AnswerEvent
-from ..webhooks.sender import WebhookSender
-from .answer_counts import AnswerCounts
-from .recent_answers import RecentAnswers
-from .sampler import QuerySampler, is_replay
+from ..telemetry.request_scope import RequestScope
 
-_OK = 200
+_log = structlog.get_logger(__name__)
+MAX_WAITING, MAX_WAITING_BYTES = 64, 64 << 20  # held in memory until they are written
+PRUNE_PERIOD_S = 600.0
+PER_MINUTE = 10  # of this process: enough to see why scans fail, and no load for a store
+MAX_BODY_BYTES = 8 << 20  # of a recorded query: the scan of 300,000 points has 4
+STOP_WITHIN_S = 5.0  # for what waits, when the service stops
+_MINUTE_S = 60.0
+
+
+@dataclass(frozen=True)
+class RecordingPolicy:
+    """Rules for recording queries.
+
+    Attributes:
+        share: 0..1 of the answers that are not localized.
+        share_localized: 0..1 of the localized answers.
+        per_minute: queries that this process records.
+        max_body_bytes: queries with a larger body are not recorded.
+        max_bytes, max_age_s: limits of all recorded queries in the store. The oldest are removed first.
+    """
+
+    share: float
+    share_localized: float
+    per_minute: int
+    max_body_bytes: int
+    max_bytes: int
+    max_age_s: float
+
+    @classmethod
+    def of(cls, settings: Settings) -> RecordingPolicy:
+        """The policy in the settings."""
+        return cls(
+            share=settings.recorded_share,
+            share_localized=settings.recorded_share_localized,
+            per_minute=PER_MINUTE,
+            max_body_bytes=MAX_BODY_BYTES,
+            max_bytes=settings.recorded_max_bytes,
+            max_age_s=settings.recorded_days * 86400,
+        )
+
+    @property
+    def is_on(self) -> bool:
+        """True if any query can be recorded."""
+        return self.share > 0 or self.share_localized > 0
+
+    def share_of(self, answer: EncodedAnswer) -> float:
+        """The share of queries with such an answer to record."""
+        return self.share_localized if answer.verdict is Verdict.LOCALIZED else self.share
 
 
 class QueryRecorder:
-    """Records the queries of one app. It runs before each answer is sent, so it must be cheap.
+    """Writes recorded queries in a thread of its own. Thread-safe."""
 
-    Args:
-        recent: keeps the last answers.
-        counts: counts the answers of each map.
-        sampler: None: no query is stored.
-        webhooks: None: nobody is told of answers.
-    """
-
-    def __init__(
-        self,
-        metrics: Metrics,
-        requests: Requests,
-        recent: RecentAnswers,
-        counts: AnswerCounts,
-        sampler: QuerySampler | None = None,
-        webhooks: WebhookSender | None = None,
-    ) -> None:
+    def __init__(self, recorded_queries: RecordedQueries, policy: RecordingPolicy, metrics: Metrics) -> None:
+        self._recorded_queries = recorded_queries
+        self._policy = policy
         self._metrics = metrics
-        self._requests = requests
-        self._recent = recent
-        self._counts = counts
-        self._sampler = sampler
-        self._webhooks = webhooks
-        # Finding a series by its labels takes longer than counting in it. There are few series.
-        self._verdicts = cache(metrics.verdicts.labels)
-        self._probability = cache(metrics.probability.labels)
-        self._reasons = cache(metrics.reasons.labels)
-        self._stage_seconds = cache(metrics.stage_seconds.labels)
-        self._localize_seconds = cache(metrics.localize_seconds.labels)
+        self._lock = threading.Lock()
+        self._taken: deque[float] = deque()  # time.monotonic of the last minute's recorded queries
+        self._waiting: queue.Queue[tuple[RecordedQuery, bytes] | None] = queue.Queue()
+        self._waiting_bytes = 0
+        self._stored_bytes = 0
+        self._next_prune = 0.0
+        self._thread = threading.Thread(target=self._run, name="query-recorder", daemon=True)
 
-    def record(self, query: Query, body: Body, answer: EncodedAnswer, queued: float) -> None:
-        """Add the stages of an answered query to its trace, and offer it to the sampler and the webhooks.
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
 
-        Args:
-            queued: ``time.monotonic`` when the gate got the query. Its timings begin there.
-        """
-        scope = current_request()
-        if scope is not None and scope.span is not None and self._requests.tracing is not None:
-            self._requests.tracing.stages(scope.span, started_ns(queued), answer.timings_ms)
-        note(body_bytes=len(body))
-        if self._sampler is not None:
-            self._sampler.offer(query, body, answer, scope)
-        if self._webhooks is not None and scope is not None and not is_replay(query, scope):
-            event = AnswerEvent(
-                answer,
-                f"/replicas/{self._recent.replica}",
-                query.caller.name,
-                scope.transport,
-                scope.seconds,
-                scope.request_id,
-            )
-            self._webhooks.offer(event)
+    def close(self) -> None:
+        """Stop the thread. Recorded queries that wait are written for up to ``STOP_WITHIN_S``."""
+        self._waiting.put(None)
+        self._thread.join(STOP_WITHIN_S)
 
-    def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
-        """Count one query, answered or failed."""
-        scope = current_request()
-        if isinstance(outcome, EncodedAnswer):
-            self._count_answer(transport, outcome, scope)
-        else:
-            self._count_failure(transport, outcome, scope)
-        if scope is not None:
-            self._localize_seconds(transport).observe(scope.seconds, _exemplar(scope))
-
-    def _count_answer(self, transport: str, answer: EncodedAnswer, scope: RequestScope | None) -> None:
-        verdict = answer.verdict.value
-        self._verdicts(transport, verdict).inc()
-        self._probability(verdict).observe(answer.probability)
-        for reason in answer.reasons:
-            self._reasons(reason.value).inc()
-        exemplar = None if scope is None else _exemplar(scope)
-        for stage, ms in answer.timings_ms.items():
-            self._stage_seconds(stage).observe(ms / 1e3, exemplar)
-        if scope is not None:
-            scope.status = _OK
-            self._recent.add(scope.fields.get("caller", ""), transport, scope.seconds, answer)
-            if answer.map_id and not scope.request_id.startswith(REPLAY):
-                self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED)
-        note(
-            map_id=answer.map_id,
-            map_version=answer.map_version,
-            verdict=verdict,
-            reasons=[reason.value for reason in answer.reasons],
-            probability=round(answer.probability, 4),
-        )
-
-    def _count_failure(self, transport: str, error: BaseException, scope: RequestScope | None) -> None:
-        problem = problem_of(error)
-        self._metrics.failures.labels(transport, problem.code).inc()
-        note(code=problem.code)
-        if scope is None:
+    def offer(self, query: Query, body: Body, answer: EncodedAnswer, scope: RequestScope | None) -> None:
+        """Record the query if the policy chooses it. Never blocks and never fails."""
+        if random.random() >= self._policy.share_of(answer):
             return
-        scope.status = problem.status
-        if scope.span is not None:
-            scope.span.record_exception(error)
+        if is_replay(query, scope):
+            return
+        result = self._take(len(body))
+        if result != "taken":
+            self._metrics.recorded_queries.labels(result).inc()
+            return
+        now = datetime.now(timezone.utc)
+        recorded = RecordedQuery(
+            query_id=new_query_id(f"{random.getrandbits(32):08x}", now),
+            time=now.isoformat(),
+            transport="" if scope is None else scope.transport,
+            request_id="" if scope is None else scope.request_id,
+            trace_id="" if scope is None or scope.trace is None else scope.trace.trace_id,
+            map_id=",".join(query.given.map_ids),
+            media_type=query.given.media_type,
+            content_encoding=query.given.content_encoding,
+            options=dict(query.given.options),
+            answer=json.loads(answer.json),
+            body_bytes=len(body),
+            service_version=firstfix.__version__,
+            robot=robot_of(query.caller.name),
+        )
+        self._waiting.put((recorded, bytes(body)))
+
+    def _take(self, size: int) -> str:
+        """The word "taken", or the reason against it: a label of the metric."""
+        if size > self._policy.max_body_bytes:
+            return "too_large"
+        with self._lock:
+            now = time.monotonic()
+            while self._taken and now - self._taken[0] >= _MINUTE_S:
+                self._taken.popleft()
+            if len(self._taken) >= self._policy.per_minute:
+                return "rate_limited"
+            if self._waiting.qsize() >= MAX_WAITING or self._waiting_bytes + size > MAX_WAITING_BYTES:
+                return "dropped"
+            self._taken.append(now)
+            self._waiting_bytes += size
+        return "taken"
+
+    def _run(self) -> None:
+        while True:
+            self._prune_if_due()
+            try:
+                waiting = self._waiting.get(timeout=max(0.1, self._next_prune - time.monotonic()))
+            except queue.Empty:
+                continue
+            if waiting is None:
+                return
+            self._write(*waiting)
+
+    def _write(self, recorded: RecordedQuery, body: bytes) -> None:
+        try:
+            self._recorded_queries.put(recorded, body)
+            self._stored_bytes += len(body)
+            self._metrics.recorded_queries.labels("recorded").inc()
+        except FirstfixError as error:
+            self._metrics.recorded_queries.labels("failed").inc()
+            _log.warning("a recorded query could not be recorded", code=error.code, error=str(error))
+        except Exception:  # a defect must not end the thread
+            self._metrics.recorded_queries.labels("failed").inc()
+            _log.exception("a recorded query could not be recorded")
+        finally:
+            with self._lock:
+                self._waiting_bytes -= len(body)
+
+    def _prune_if_due(self) -> None:
+        if time.monotonic() < self._next_prune and self._stored_bytes <= self._policy.max_bytes:
+            return
+        self._next_prune = time.monotonic() + PRUNE_PERIOD_S
+        try:
+            self._stored_bytes = self._recorded_queries.prune(
+                older_than_s=self._policy.max_age_s, max_bytes=self._policy.max_bytes
+            )
+        except FirstfixError as error:
+            _log.warning("old recorded queries could not be removed", code=error.code, error=str(error))
+        except Exception:
+            _log.exception("old recorded queries could not be removed")
+        self._metrics.recorded_bytes.set(self._stored_bytes)
 
 
-def _exemplar(scope: RequestScope) -> dict[str, str] | None:
-    """The trace id for a metric's exemplar; None where no trace is kept."""
-    if scope.span is None or scope.trace is None or not scope.trace.sampled:
-        return None
-    return {"trace_id": scope.trace.trace_id}
+def is_replay(query: Query, scope: RequestScope | None) -> bool:
+    """Whether a recorded query is asked again: by a caller who may read them. It leaves no trace."""
+    return (
+        scope is not None and scope.request_id.startswith(REPLAY) and query.caller.grant.allows(Scope.BUILD)
+    )

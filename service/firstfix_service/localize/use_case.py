@@ -19,8 +19,8 @@ from ..maps.map_cache import MapCache
 from ..maps.served_maps import Leases
 from ..query_workers.query import EncodedAnswer, Query
 from ..thread_pools import CHOICES, COPIES
+from .answer_reporter import AnswerReporter
 from .query_gate import AskWorker, QueryGate
-from .query_recorder import QueryRecorder
 
 LOADS_SHARE = 0.5  # of the time until the deadline, for loads of chosen maps
 
@@ -28,11 +28,11 @@ LOADS_SHARE = 0.5  # of the time until the deadline, for loads of chosen maps
 class LocalizeUseCase:
     """Answers queries from the served maps."""
 
-    def __init__(self, maps: MapCache, coarse: CoarseMaps, gate: QueryGate, recorder: QueryRecorder) -> None:
+    def __init__(self, maps: MapCache, coarse: CoarseMaps, gate: QueryGate, reporter: AnswerReporter) -> None:
         self._maps = maps
         self._coarse = coarse
         self._gate = gate
-        self._recorder = recorder
+        self._reporter = reporter
 
     def served(self) -> Iterable[str]:
         """The maps that are searched if a query names none."""
@@ -89,7 +89,7 @@ class LocalizeUseCase:
         answer = await self._gate.run(
             query.asker, prepare, work, size_bytes=len(body), deadline=query.deadline, check=check
         )
-        self._recorder.record(query, body, answer, queued)
+        self._reporter.report(query, body, answer, queued)
         return answer
 
     async def _with_maps(
@@ -132,4 +132,4 @@ class LocalizeUseCase:
 
     def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
         """Count the end of one query in the metrics, the log and the trace."""
-        self._recorder.count(transport, outcome)
+        self._reporter.count(transport, outcome)

@@ -103,7 +103,7 @@ class EncodedAnswer:
 
 
 class AsGiven(NamedTuple):
-    """Texts of a query as they came, for kept queries."""
+    """Texts of a query as they came, for recorded queries."""
 
     map_ids: tuple[str, ...] = ()
     media_type: str = ""

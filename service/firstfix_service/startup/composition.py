@@ -18,7 +18,7 @@ from firstfix import native
 from firstfix.builds.callers import CallerUsage
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import InvalidOption, StoreUnavailable
@@ -38,10 +38,10 @@ from ..limits.disk_space import DiskSpace
 from ..limits.limits import Limits
 from ..limits.turns import Turns
 from ..localize.answer_counts import AnswerCounts
+from ..localize.answer_reporter import AnswerReporter
 from ..localize.query_gate import QueryGate
-from ..localize.query_recorder import QueryRecorder
+from ..localize.query_recorder import QueryRecorder, RecordingPolicy
 from ..localize.recent_answers import RecentAnswers
-from ..localize.sampler import QuerySampler, SamplePolicy
 from ..localize.use_case import LocalizeUseCase
 from ..maintenance.cleanup import abandoned_objects_removal
 from ..maintenance.clock import clock_comparison
@@ -135,12 +135,12 @@ async def compose(
         metrics.holding_replicas.set_function(lambda: len(placement.replicas))
     bodies = BodyReader(limits.max_body_bytes, gate.bodies, limits.body_timeout_s)
     metrics.body_bytes.set_function(lambda: gate.bodies.bytes)
-    samples = await _open_samples(settings, store, metrics)
-    sampler = _start_sampler(settings, samples, metrics, stack)
+    recorded_queries = await _open_recorded_queries(settings, store, metrics)
+    recorder = _start_recorder(settings, recorded_queries, metrics, stack)
     recent = RecentAnswers(replica)
     counts, webhooks = AnswerCounts(), await _start_webhooks(settings, metrics, stack)
-    recorder = QueryRecorder(metrics, requests, recent, counts, sampler, webhooks)
-    use_case = LocalizeUseCase(maps, coarse, gate, recorder)
+    reporter = AnswerReporter(metrics, requests, recent, counts, recorder, webhooks)
+    use_case = LocalizeUseCase(maps, coarse, gate, reporter)
     builds = start_builds(settings, catalog, metrics, stack)
     health = HealthCheck(maps, gate, metrics, builds)
     if not settings.read_only:
@@ -165,7 +165,7 @@ async def compose(
         authenticator,
         catalog,
         health,
-        samples,
+        recorded_queries,
         recent,
         counts,
         EventStreams(event_streams, closing),
@@ -252,22 +252,22 @@ async def _start_tracing(requests: Requests, replica: str, stack: AsyncExitStack
         stack.push_async_callback(START.run, requests.tracing.close)
 
 
-async def _open_samples(settings: Settings, store: Store, metrics: Metrics) -> QuerySamples:
-    if settings.samples_store is None:
-        return QuerySamples(store)
-    return QuerySamples(metered(await START.run(Store.open, settings.samples_store), metrics))
+async def _open_recorded_queries(settings: Settings, store: Store, metrics: Metrics) -> RecordedQueries:
+    if settings.recorded_store is None:
+        return RecordedQueries(store)
+    return RecordedQueries(metered(await START.run(Store.open, settings.recorded_store), metrics))
 
 
-def _start_sampler(
-    settings: Settings, samples: QuerySamples, metrics: Metrics, stack: AsyncExitStack
-) -> QuerySampler | None:
-    policy = SamplePolicy.of(settings)
+def _start_recorder(
+    settings: Settings, recorded_queries: RecordedQueries, metrics: Metrics, stack: AsyncExitStack
+) -> QueryRecorder | None:
+    policy = RecordingPolicy.of(settings)
     if not policy.is_on:
         return None
-    sampler = QuerySampler(samples, policy, metrics)
-    sampler.start()
-    stack.push_async_callback(START.run, sampler.close)
-    return sampler
+    recorder = QueryRecorder(recorded_queries, policy, metrics)
+    recorder.start()
+    stack.push_async_callback(START.run, recorder.close)
+    return recorder
 
 
 async def _start_webhooks(

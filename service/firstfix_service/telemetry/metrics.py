@@ -165,11 +165,11 @@ class Metrics:
         self.keys_age = gauge(
             "firstfix_keys_age_seconds", "Time since the API keys were read; 0 without authentication"
         )
-        self.samples = counter(
-            "firstfix_samples", "Queries chosen to be kept as samples, by result", ["result"]
+        self.recorded_queries = counter(
+            "firstfix_recorded_queries", "Queries chosen to be recorded, by result", ["result"]
         )
-        self.sample_bytes = gauge(
-            "firstfix_sample_bytes", "Bytes of kept queries in the store, at the last count"
+        self.recorded_bytes = gauge(
+            "firstfix_recorded_bytes", "Bytes of recorded queries in the store, at the last count"
         )
         self.webhook_events = counter(
             "firstfix_webhook_events", "Events for the receivers of webhooks, by result", ["result"]

@@ -11,7 +11,7 @@ import pytest
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
-from firstfix.catalog.query_samples import QuerySample, new_sample_id
+from firstfix.catalog.recorded_queries import RecordedQuery, new_query_id
 from firstfix.transform import Matrix, inverse, make_transform, pose_error, pose_from_mapping, rotation_z
 from firstfix_builder.job.tracked_queries import TRACKING, tracked_queries
 
@@ -27,8 +27,8 @@ def T_map_base(time_s: float) -> Matrix:
     return make_transform(rotation_z(angle), [20.0 * np.cos(angle), 20.0 * np.sin(angle), 0.0])
 
 
-def query(time_s: float, wrong: Matrix | None = None, **changes: Any) -> QuerySample:
-    """A kept query of a robot at a time.
+def query(time_s: float, wrong: Matrix | None = None, **changes: Any) -> RecordedQuery:
+    """A recorded query of a robot at a time.
 
     Args:
         wrong: its answer lies off by so much.
@@ -51,8 +51,8 @@ def query(time_s: float, wrong: Matrix | None = None, **changes: Any) -> QuerySa
         prior=Prior(T_answer[:3, 3].copy(), 10.0) if changes.get("prior") else None,
     )
     time = BEGIN + timedelta(seconds=time_s)
-    return QuerySample(
-        new_sample_id(f"{round(time_s):08x}", time), time.isoformat(), "zenoh", "r", "", map_id, "", "",
+    return RecordedQuery(
+        new_query_id(f"{round(time_s):08x}", time), time.isoformat(), "zenoh", "r", "", map_id, "", "",
         options.to_strings(), answer.to_mapping(), 100, robot=changes.get("robot", "ann"),
     )  # fmt: skip
 
@@ -61,12 +61,12 @@ def shift(x: float, yaw: float = 0.0) -> Matrix:
     return make_transform(rotation_z(yaw), [x, 0.0, 0.0])
 
 
-def errors_of(samples: list[QuerySample]) -> dict[float, float]:
+def errors_of(recorded_queries: list[RecordedQuery]) -> dict[float, float]:
     """Error in metres of each confirmed place, by the time of its query."""
     found = {}
-    for sample in tracked_queries(samples, "hall"):
-        time_s = (datetime.fromisoformat(sample.time) - BEGIN).total_seconds()
-        T = pose_from_mapping(sample.truth["T_map_sensor"])
+    for recorded in tracked_queries(recorded_queries, "hall"):
+        time_s = (datetime.fromisoformat(recorded.time) - BEGIN).total_seconds()
+        T = pose_from_mapping(recorded.truth["T_map_sensor"])
         found[time_s] = pose_error(T_map_base(time_s) @ T_BASE_SENSOR, T)[0]
     return found
 
@@ -117,7 +117,7 @@ def test_an_odometry_that_drifts_a_little_confirms_and_its_places_are_the_nearer
         query(90.0, map_id="attic"),
     ],
 )
-def test_a_second_fix_that_confirms_nothing(second: QuerySample):
+def test_a_second_fix_that_confirms_nothing(second: RecordedQuery):
     assert tracked_queries([query(0.0), second], "hall") == []
 
 
@@ -127,17 +127,19 @@ def test_a_robot_that_cannot_be_told_apart_confirms_nothing():
 
 def test_where_two_places_repeat_themselves_nothing_is_confirmed():
     """The right fixes and the wrong ones are both consistent, as in two equal aisles."""
-    samples = [query(time_s) for time_s in (0.0, 80.0, 160.0)]
-    samples += [query(time_s, shift(12.0)) for time_s in (5.0, 85.0, 165.0)]
-    assert errors_of(samples) == {}
-    assert len(errors_of(samples[:3] + samples[3:4])) == 4, "one wrong fix alone contradicts nothing"
+    recorded_queries = [query(time_s) for time_s in (0.0, 80.0, 160.0)]
+    recorded_queries += [query(time_s, shift(12.0)) for time_s in (5.0, 85.0, 165.0)]
+    assert errors_of(recorded_queries) == {}
+    assert len(errors_of(recorded_queries[:3] + recorded_queries[3:4])) == 4, (
+        "one wrong fix alone contradicts nothing"
+    )
 
 
 def test_damaged_records_are_left_out():
     good = [query(0.0), query(90.0)]
     bad = [
-        QuerySample(**{**vars(query(45.0)), "options": {"T_odom_base": "1,2"}}),
-        QuerySample(**{**vars(query(46.0)), "time": "today"}),
-        QuerySample(**{**vars(query(47.0)), "answer": {"verdict": "localized", "map_id": "hall"}}),
+        RecordedQuery(**{**vars(query(45.0)), "options": {"T_odom_base": "1,2"}}),
+        RecordedQuery(**{**vars(query(46.0)), "time": "today"}),
+        RecordedQuery(**{**vars(query(47.0)), "answer": {"verdict": "localized", "map_id": "hall"}}),
     ]
     assert set(errors_of(good + bad)) == {0.0, 90.0}

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from firstfix.builds.config import BuildConfig, PerturbConfig
-from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix.transform import make_transform, pose_to_mapping
@@ -19,7 +19,7 @@ from firstfix_builder.self_test.reliability import FOLDS
 from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.sources.read_map.held_out import HeldOut, HeldOutScan
-from tests.builder.fixtures import keep_query
+from tests.builder.fixtures import record_query
 from tests.small_world import COARSE_CONFIG, SmallWorld
 
 WALL = np.random.default_rng(3).uniform([-5, 2.0, 0], [5, 2.0, 3], (4000, 3))
@@ -107,7 +107,7 @@ def test_a_build_asks_the_real_scans_and_leaves_out_bad_ones(small_world: SmallW
 def test_a_build_asks_confirmed_queries_and_keeps_no_scan_of_them(
     small_world: SmallWorld, small_map: Path, coarse_work: Path, tmp_path: Path
 ):
-    samples = QuerySamples(Store.open("memory://"))
+    recorded_queries = RecordedQueries(Store.open("memory://"))
     simulator = Simulator(small_world.vertices, small_world.triangles)
     config = BuildConfig.parse(COARSE_CONFIG)
     places = np.array([[x, y, 0.8] for x in (-6.0, -2.0, 2.0, 6.0) for y in (-4.0, 0.0, 4.0)])
@@ -120,10 +120,12 @@ def test_a_build_asks_confirmed_queries_and_keeps_no_scan_of_them(
             now - timedelta(hours=number),
             {"verdict": "ambiguous", "reasons": [], "probability": 0.4},
         )
-        ids.append(keep_query(samples, time, answer, scan.points.tobytes(), map_id="yard"))
+        ids.append(record_query(recorded_queries, time, answer, scan.points.tobytes(), map_id="yard"))
         wrong = T if number else make_transform(np.eye(3), [0, 0, 9.0]) @ T
-        samples.set_truth(ids[-1], {"map_id": "yard", "T_map_sensor": pose_to_mapping(wrong)}, "key:eve")
-    confirmed = collect_confirmed(samples, "yard", 40, tmp_path / "confirmed")
+        recorded_queries.set_truth(
+            ids[-1], {"map_id": "yard", "T_map_sensor": pose_to_mapping(wrong)}, "key:eve"
+        )
+    confirmed = collect_confirmed(recorded_queries, "yard", 40, tmp_path / "confirmed")
     built = build_version(small_map, config, coarse_work, confirmed=confirmed)
     real = built.manifest.self_test["real"]
     assert real["asked"] == real["confirmed"]["asked"] == 3

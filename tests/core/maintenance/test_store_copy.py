@@ -28,7 +28,7 @@ def target(source: Catalog, tmp_path: Path) -> Catalog:
     return Catalog(target)
 
 
-MADE_ANEW = ("stages/1/a", "uploads/1/a", "idempotency/a", "samples/a.body", "changes/00000001.json")
+MADE_ANEW = ("stages/1/a", "uploads/1/a", "idempotency/a", "recorded-queries/a.body", "changes/00000001.json")
 
 
 def publish(catalog: Catalog, map_id: str, content: bytes, scratch: Path) -> str:
@@ -72,7 +72,7 @@ def test_a_copy_has_all_that_lasts(source: Catalog, any_store_url: str, tmp_path
     assert [key.name for key in ApiKeys(target.store).all()[0]] == ["robot-7"]
     (kept,) = target.store.list("maps/hall/sources")
     assert target.store.get(kept) == b"cloud"
-    assert not {"stages", "uploads", "idempotency", "samples"} & set(target.store.folders())
+    assert not {"stages", "uploads", "idempotency", "recorded-queries"} & set(target.store.folders())
     copied = [o for o in target.store.scan() if not o.key.startswith(("changes/", "checked/"))]
     assert report.objects == len(copied)
     assert report.bytes == sum(o.size_bytes for o in copied)

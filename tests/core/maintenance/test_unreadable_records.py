@@ -21,7 +21,7 @@ from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
 from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.catalog.versions.objects import VersionFolder
@@ -38,7 +38,7 @@ from tests.core.fixtures import publish
 from tests.frequent_snapshots import EVERY
 
 STAGES = ("a" * 64, "b" * 64)
-SAMPLES = ("20260101t000000000000-0000000a", "20260102t000000000000-0000000b")
+QUERY_IDS = ("20260101t000000000000-0000000a", "20260102t000000000000-0000000b")
 _CELLS = np.arange(5)
 SIGHTED = Tally.of(Sighting((1, 2, 3), _CELLS, _CELLS[:0], _CELLS[:2], _CELLS[:0]))
 IDEMPOTENCY = (CallersKey("robot", "key-1"), CallersKey("robot", "key-2"))
@@ -74,7 +74,7 @@ DAMAGED: dict[RecordKind, tuple[str, set[str]]] = {
     RecordKind.UPLOAD: ("uploads/u1/upload.json", {"upload u1"}),
     RecordKind.UPLOAD_WHOLE: ("uploads/u2/whole.json", set()),
     RecordKind.API_KEY: ("keys/{key}.json", {"key first"}),
-    RecordKind.SAMPLE: (f"samples/{SAMPLES[0]}.json", {f"sample {SAMPLES[0]}"}),
+    RecordKind.RECORDED_QUERY: (f"recorded-queries/{QUERY_IDS[0]}.json", {f"recorded query {QUERY_IDS[0]}"}),
     RecordKind.IDEMPOTENCY_KEY: ("idempotency/{claim}", {"claim key-1"}),
     RecordKind.GEOREFERENCE: ("maps/hall/georeference/000002.json", {"georeference of hall"}),
     RecordKind.SHARED_STAGE: (f"stages/{STAGES[0]}/stage.json", {f"stage {STAGES[0]}"}),
@@ -131,11 +131,11 @@ def _fill(store: Store, tmp_path: Path) -> None:
     keys = ApiKeys(store)
     for name in ("first", "second"):
         keys.create(name, Grant.parse(["localize"], ["*"]))
-    samples = QuerySamples(store)
-    for sample_id in SAMPLES:
+    recorded_queries = RecordedQueries(store)
+    for query_id in QUERY_IDS:
         answer = {"verdict": "rejected", "reasons": [], "probability": 0.1}
-        sample = QuerySample(sample_id, "2026-01-01", "http", "r", "", "hall", "x/y", "", {}, answer, 4)
-        samples.put(sample, b"body")
+        recorded = RecordedQuery(query_id, "2026-01-01", "http", "r", "", "hall", "x/y", "", {}, answer, 4)
+        recorded_queries.put(recorded, b"body")
     for key in IDEMPOTENCY:
         claim_build(store, key, "same", "b1")
     for map_id in ("hall", "yard"):
@@ -154,7 +154,7 @@ def everything(store: Store, scratch: Path) -> dict[str, Any]:
     keys, _ = ApiKeys(store).all()
     notices, end = catalog.changes.since(0)
     found: dict[str, Any] = {f"key {key.name}": key for key in keys}
-    found |= {f"sample {sample.sample_id}": sample for sample in QuerySamples(store).each()}
+    found |= {f"recorded query {recorded.query_id}": recorded for recorded in RecordedQueries(store).each()}
     found |= {"notices": (set(notices) >= {"yard"}, end)}
     for map_id in catalog.map_ids():
         found[f"map {map_id}"] = catalog.state(map_id)

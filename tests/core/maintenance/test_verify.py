@@ -14,7 +14,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
 from firstfix.catalog.sources import put_source
 from firstfix.catalog.uploads import parts
 from firstfix.catalog.uploads.uploads import Uploads
@@ -222,18 +222,18 @@ def test_an_upload_mends_the_source_that_it_repeats(catalog: Catalog):
     assert catalog.store.get(key) == b"cloud"
 
 
-SAMPLE_ID = "20260101t000000000000-0000000a"
-BODY, RECORD = f"samples/{SAMPLE_ID}.body", f"samples/{SAMPLE_ID}.json"
+QUERY_ID = "20260101t000000000000-0000000a"
+BODY, RECORD = f"recorded-queries/{QUERY_ID}.body", f"recorded-queries/{QUERY_ID}.json"
 
 
 @pytest.fixture
 def store(monkeypatch: pytest.MonkeyPatch) -> Store:
-    """One kept query; an upload that is whole, and one under way, in parts of three bytes."""
+    """One recorded query; an upload that is whole, and one under way, in parts of three bytes."""
     monkeypatch.setattr(parts, "PART_BYTES", 3)
     store = Store.open("memory://")
     answer = {"verdict": "rejected", "reasons": [], "probability": 0.1}
-    sample = QuerySample(SAMPLE_ID, "2026-01-01", "http", "r", "", "hall", "x/y", "", {}, answer, 4)
-    QuerySamples(store).put(sample, b"body")
+    recorded = RecordedQuery(QUERY_ID, "2026-01-01", "http", "r", "", "hall", "x/y", "", {}, answer, 4)
+    RecordedQueries(store).put(recorded, b"body")
     uploads = Uploads(store)
     for upload_id, size_bytes in (("whole", 8), ("half", 9)):
         uploads.create(upload_id, size_bytes=size_bytes, file_name="a.ply")
@@ -254,14 +254,14 @@ def part(upload_id: str, offset: int) -> str:
 def test_sound_bodies_are_read_and_counted(store: Store):
     report = Verification(store).run()
     assert report.findings == []
-    assert report.kinds["sample_body"] == 1
+    assert report.kinds["recorded_body"] == 1
     assert report.kinds["upload_part"] == 6
     assert report.kinds["upload"] == 2
     assert sum(report.kinds.values()) == report.objects
 
 
 @pytest.mark.parametrize(("data", "why"), [(b"bodx", "sha256"), (b"bod", "3 bytes"), (None, "missing")])
-def test_a_damaged_body_of_a_kept_query_is_found(store: Store, data: bytes | None, why: str):
+def test_a_damaged_body_of_a_recorded_query_is_found(store: Store, data: bytes | None, why: str):
     store.delete(BODY) if data is None else store.put(BODY, data)
     found = findings(store)
     assert found.keys() == {BODY}

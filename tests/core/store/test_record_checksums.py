@@ -11,14 +11,14 @@ import pytest
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import parse_georeference
 from firstfix.catalog.log.map_state import Event, LogEntry
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, parse_sample
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery, parse_recorded_query
 from firstfix.store.json_record import CHECKSUM, RecordKind, parse_record, record_json
 from firstfix.store.store import Store
 
 ENTRY = LogEntry(4, Event.ACTIVATED, "a" * 64, "2026-01-01T00:00:00+00:00", "b1", "w", 3)
 GEOREFERENCE = Georeference(47.107739, 11.5, 500.25, (0.0, 0.0, 0.0, 1.0))
 ANSWER = {"verdict": "localized", "reasons": [], "probability": 0.98}
-SAMPLE = QuerySample(
+RECORDED = RecordedQuery(
     "20260101t000000000000-0000000a", "2026-01-01", "http", "r", "", "hall", "x/y", "", {}, ANSWER, 4
 )
 
@@ -26,7 +26,7 @@ SAMPLE = QuerySample(
 READERS: dict[RecordKind, Callable[[dict[str, Any]], Any]] = {
     RecordKind.LOG_ENTRY: lambda record: LogEntry.parse(4, record),
     RecordKind.GEOREFERENCE: parse_georeference,
-    RecordKind.SAMPLE: parse_sample,
+    RecordKind.RECORDED_QUERY: parse_recorded_query,
 }
 
 
@@ -34,11 +34,11 @@ def read(kind: RecordKind, data: bytes) -> Any:
     return parse_record(data, kind, READERS[kind])
 
 
-def stored_sample(truth: dict[str, Any]) -> bytes:
+def stored_query(truth: dict[str, Any]) -> bytes:
     store = Store.open("memory://")
-    QuerySamples(store).put(SAMPLE, b"body")
-    QuerySamples(store).set_truth(SAMPLE.sample_id, truth)
-    return store.get(f"samples/{SAMPLE.sample_id}.json")
+    RecordedQueries(store).put(RECORDED, b"body")
+    RecordedQueries(store).set_truth(RECORDED.query_id, truth)
+    return store.get(f"recorded-queries/{RECORDED.query_id}.json")
 
 
 @pytest.mark.parametrize(
@@ -46,10 +46,10 @@ def stored_sample(truth: dict[str, Any]) -> bytes:
     [
         (RecordKind.LOG_ENTRY, ENTRY.to_json()),
         (RecordKind.GEOREFERENCE, record_json(GEOREFERENCE.to_mapping())),
-        (RecordKind.SAMPLE, stored_sample({})),
-        (RecordKind.SAMPLE, stored_sample({"map_id": "hall"})),
+        (RecordKind.RECORDED_QUERY, stored_query({})),
+        (RecordKind.RECORDED_QUERY, stored_query({"map_id": "hall"})),
     ],
-    ids=["log entry", "georeference", "sample", "sample with a truth"],
+    ids=["log entry", "georeference", "recorded query", "recorded query with a truth"],
 )
 def test_a_flipped_bit_is_refused_or_harmless(kind: RecordKind, data: bytes):
     right, refused = read(kind, data), 0
@@ -68,7 +68,7 @@ def test_a_flipped_bit_is_refused_or_harmless(kind: RecordKind, data: bytes):
 def test_a_record_without_a_right_checksum_is_refused():
     for kind, written in (
         (RecordKind.LOG_ENTRY, ENTRY.to_json()),
-        (RecordKind.SAMPLE, stored_sample({"map_id": "hall"})),
+        (RecordKind.RECORDED_QUERY, stored_query({"map_id": "hall"})),
     ):
         record = json.loads(written)
         without = {name: value for name, value in record.items() if name != CHECKSUM}

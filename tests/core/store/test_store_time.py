@@ -17,7 +17,7 @@ import firstfix
 from firstfix.builds.callers import CallersKey, claim_build
 from firstfix.builds.shared_stages import SharedStages, collect_stages
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.query_samples import QuerySamples, new_sample_id
+from firstfix.catalog.recorded_queries import RecordedQueries, new_query_id
 from firstfix.catalog.sources import source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.maintenance.garbage import collect_garbage, remove_abandoned
@@ -25,7 +25,7 @@ from firstfix.store.store import Store
 from tests.core.fixtures import publish
 
 ROOMS = ("builds", "catalog", "store", "maintenance")
-WRITES_TIMES_FOR_PEOPLE = ("builds/attempts.py", "catalog/log/map_log.py", "catalog/query_samples.py")
+WRITES_TIMES_FOR_PEOPLE = ("builds/attempts.py", "catalog/log/map_log.py", "catalog/recorded_queries.py")
 HOURS_WRONG = [25, -25]
 
 
@@ -53,7 +53,7 @@ def uses_datetime(module: ModuleType) -> bool:
 def wrong_clock(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(WrongClock, "hours", request.param)
     modules = [module for room in ROOMS for module in modules_of(f"firstfix.{room}") if uses_datetime(module)]
-    assert importlib.import_module("firstfix.catalog.query_samples") in modules
+    assert importlib.import_module("firstfix.catalog.recorded_queries") in modules
     for module in modules:
         monkeypatch.setattr(module, "datetime", WrongClock)
 
@@ -77,24 +77,24 @@ def test_new_objects_are_young_whatever_this_clock_says(any_store_url, wrong_clo
     claim_build(store, CallersKey("somebody", "key"), "f", "b1")
     store.put("probe/left", b"first")
     SharedStages(store).put("a" * 64, "mesh", tmp_path / "made")
-    samples = QuerySamples(store)
-    sample_id = new_sample_id("0" * 8, datetime.now(timezone.utc))
-    store.put(f"samples/{sample_id}.body", b"body")
+    recorded_queries = RecordedQueries(store)
+    query_id = new_query_id("0" * 8, datetime.now(timezone.utc))
+    store.put(f"recorded-queries/{query_id}.body", b"body")
     before = store.list()
     assert collect_garbage(catalog).count == 0
     assert remove_abandoned(catalog).count == 0
     assert store.remove_leftovers() == []
     assert collect_stages(store, 86400.0).removed == ()
-    assert samples.prune(older_than_s=86400.0, max_bytes=1000) == 4
+    assert recorded_queries.prune(older_than_s=86400.0, max_bytes=1000) == 4
     assert store.list() == before
 
 
 def test_old_objects_are_collected_whatever_this_clock_says(wrong_clock: None):
     store = Store.open("memory://")
     Uploads(store).create("u1", size_bytes=3, file_name="x")
-    store.put(f"samples/{new_sample_id('0' * 8, datetime.now(timezone.utc))}.body", b"body")
+    store.put(f"recorded-queries/{new_query_id('0' * 8, datetime.now(timezone.utc))}.body", b"body")
     assert remove_abandoned(Catalog(store), older_than_s=-5).count == 1
-    assert QuerySamples(store).prune(older_than_s=-5, max_bytes=1000) == 0
+    assert RecordedQueries(store).prune(older_than_s=-5, max_bytes=1000) == 0
     assert store.list() == []
 
 

@@ -22,7 +22,7 @@ from schemathesis.specs.openapi.checks import (
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
-from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery, new_query_id
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.decode import MEDIA_TYPES
 from firstfix_service.app import create_app
@@ -74,17 +74,17 @@ def known(service: Service) -> dict[str, str]:
     service.catalog.builds.put(names["build"], {"map_id": names["map"]})
     uploads = Uploads(service.catalog.store)
     uploads.create(names["upload"], size_bytes=1000, file_name="hall.ply")
-    sample_id = new_sample_id(uuid.uuid4().hex[:8], datetime.now(timezone.utc))
+    query_id = new_query_id(uuid.uuid4().hex[:8], datetime.now(timezone.utc))
     answer = {"verdict": "rejected", "reasons": ["low_probability"], "probability": 0.2}
-    sample = QuerySample(sample_id, "", "http", "r", "", names["map"], XYZ, "", {}, answer, len(SCAN_BODY))
-    QuerySamples(service.catalog.store).put(sample, SCAN_BODY)
+    recorded = RecordedQuery(query_id, "", "http", "r", "", names["map"], XYZ, "", {}, answer, len(SCAN_BODY))
+    RecordedQueries(service.catalog.store).put(recorded, SCAN_BODY)
     key, _ = ApiKeys(service.catalog.store).create(names["map"], Grant.parse(["localize"], [names["map"]]))
     return {
         "map_id": names["map"],
         "version": version,
         "build_id": names["build"],
         "upload_id": names["upload"],
-        "sample_id": sample_id,
+        "query_id": query_id,
         "key_id": key.key_id,
     }
 

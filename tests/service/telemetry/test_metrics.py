@@ -181,7 +181,7 @@ CODES = {cls.code for cls in all_errors()}
 
 def test_labels_have_fixed_values(tmp_path: Path):
     """The values of every label come from a fixed set. A new label must be added here."""
-    with running_service(tmp_path, samples_share=1.0, behaviour=Behaviour()) as service:
+    with running_service(tmp_path, recorded_share=1.0, behaviour=Behaviour()) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         publish(service.catalog, "attic-of-the-museum", "unreadable", service.scratch)
         wait_until(lambda: service.ask("http").ok)
@@ -219,7 +219,7 @@ def test_labels_have_fixed_values(tmp_path: Path):
             "firstfix_version_warm_ups": {"ok", "failed"},
             "firstfix_verified_objects": {"right", "damaged"},
             "firstfix_sightings": {"counted", "repeated", "dropped", "full", "failed", "not_stored"},
-            "firstfix_samples": {"kept", "failed", "dropped", "rate_limited", "too_large"},
+            "firstfix_recorded_queries": {"recorded", "failed", "dropped", "rate_limited", "too_large"},
         }
         seen = 0
         for family in text_string_to_metric_families(service.http.get("/metrics").text):

@@ -1,1 +1,1 @@
-"""Patches of a map: changes that kept queries of several robots confirm are laid into the cloud."""
+"""Patches of a map: changes that recorded queries of several robots confirm are laid into the cloud."""

@@ -27,6 +27,7 @@ class MapData:
         trajectory_source: ``given`` by the user beside the source, or of the source itself (``file``): such
             poses refuse no map. It says nothing where there is no trajectory.
         origin: (3,) what, added to a coordinate here, gives the source's coordinate.
+        metres: in one unit of x and y, and of z, as the source says; ``scaled`` converts them.
         read: what the source is, and what of it was left out.
     """
 
@@ -36,6 +37,7 @@ class MapData:
     trajectory: NDArray[np.float64] | None = None
     trajectory_source: Literal["given", "file"] = "file"
     origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    metres: tuple[float, float] = (1.0, 1.0)
     read: WhatWasRead = field(default_factory=WhatWasRead)
 
     @property
@@ -77,18 +79,25 @@ def finite_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def scaled(data: MapData, scale: float) -> MapData:
-    """The map in metres, of which one unit of the source has ``scale``."""
-    if scale == 1.0:
+    """The map in metres.
+
+    Args:
+        scale: metres in one unit of the source, as the user says; 1: what the source says of itself counts.
+    """
+    across_m, up_m = data.metres if scale == 1.0 else (scale, scale)
+    if (across_m, up_m) == (1.0, 1.0):
         return data
+    by = np.array([across_m, across_m, up_m])
     trajectory = data.trajectory
     if trajectory is not None:
         trajectory = trajectory.copy()
-        trajectory[:, :3, 3] *= scale
+        trajectory[:, :3, 3] *= by
     return replace(
         data,
-        points=None if data.points is None else data.points * scale,
-        vertices=None if data.vertices is None else data.vertices * scale,
+        points=None if data.points is None else data.points * by,
+        vertices=None if data.vertices is None else data.vertices * by,
         trajectory=trajectory,
+        metres=(1.0, 1.0),
     )
 
 

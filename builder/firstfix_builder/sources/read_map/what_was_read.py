@@ -1,8 +1,15 @@
-"""What a reader found in a source: the format, the unit, the clouds and poses it used, and what it left out."""
+"""What a reader found in a source: the format, the unit, the clouds and poses it used, what it left out."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+
+MAX_TEXT = 200
+
+
+def plain(text: str) -> str:
+    """A text of a file in one line of printable characters, cut where it is long."""
+    return "".join(one for one in " ".join(text.split()) if one.isprintable())[:MAX_TEXT]
 
 
 @dataclass(frozen=True)
@@ -10,7 +17,7 @@ class LeftOut:
     """Parts of a source that are not in the map.
 
     Attributes:
-        what: in the plural, such as "points"; of a count of 1, also the name of a file.
+        what: in the plural, such as "points"; or one thing by its name, such as "tile a.pcd".
         reason: in words, as "marked as withheld".
         count: how many.
     """
@@ -22,7 +29,7 @@ class LeftOut:
     @property
     def words(self) -> str:
         """One line for people."""
-        named = self.what if self.count == 1 else f"{self.count:,} {self.what}"
+        named = f"{self.count:,} {self.what}" if self.what.endswith("s") else self.what
         return f"left out: {named} ({self.reason})"
 
 
@@ -51,5 +58,9 @@ class WhatWasRead:
     notes: tuple[str, ...] = ()
 
     def without(self, *left_out: LeftOut) -> WhatWasRead:
-        """The same with more that was left out; of a count of 0 nothing is said."""
-        return replace(self, left_out=(*self.left_out, *(one for one in left_out if one.count)))
+        """The same with more that was left out; what is left out for one reason is counted together."""
+        counts: dict[tuple[str, str], int] = {}
+        for one in (*self.left_out, *left_out):
+            counts[one.what, one.reason] = counts.get((one.what, one.reason), 0) + one.count
+        counted = (LeftOut(what, reason, count) for (what, reason), count in counts.items() if count)
+        return replace(self, left_out=tuple(counted))

@@ -58,7 +58,7 @@ class Console:
     async def read_alerts(self) -> None:
         """Read time after time of what Live makes alerts."""
         while True:
-            await self._get("/samples", {"map_id": self._map_id, "limit": 200})
+            await self._get("/recorded-queries", {"map_id": self._map_id, "limit": 200})
             await self._get("/builds", {"map_id": self._map_id, "limit": 20})
             await asyncio.sleep(ALERTS_S)
 

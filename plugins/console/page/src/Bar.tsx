@@ -16,7 +16,7 @@ export function Bar() {
           firstfix
         </a>
         <Way path={["maps"]} name="Maps" isHere={first === "maps" && !map} />
-        {mayBuild.value ? <Way path={["samples"]} name="Kept queries" isHere={first === "samples"} /> : null}
+        {mayBuild.value ? <Way path={["recorded-queries"]} name="Recorded queries" isHere={first === "recorded-queries"} /> : null}
         {mayBuild.value ? <Way path={["live"]} name="Live" isHere={first === "live"} /> : null}
         {mayAdminister.value && caller.value?.maps.includes("*") ? (
           <Way path={["keys"]} name="Keys" isHere={first === "keys"} />

@@ -14,7 +14,7 @@ const EarthView = later(async () => (await import("./earth/EarthView")).EarthVie
 const LiveView = later(async () => (await import("./live/LiveView")).LiveView);
 const MapView = later(async () => (await import("./map3d/MapView")).MapView);
 const PatchView = later(async () => (await import("./patch/PatchView")).PatchView);
-const SamplesView = later(async () => (await import("./samples/SamplesView")).SamplesView);
+const RecordedView = later(async () => (await import("./recorded/RecordedView")).RecordedView);
 const TryView = later(async () => (await import("./scan/TryView")).TryView);
 const VersionsView = later(async () => (await import("./versions/VersionsView")).VersionsView);
 
@@ -22,7 +22,7 @@ function View() {
   const [first = "maps", map, part] = route.value.path;
   if (first === "live") return <LiveView />;
   if (first === "keys") return <KeysView />;
-  if (first === "samples") return <SamplesView />;
+  if (first === "recorded-queries") return <RecordedView />;
   if (first === "maps" && !map) return <MapList />;
   if (first === "maps" && map && !part) return <MapView key={map} map={map} />;
   if (first === "maps" && map && part === "try") return <TryView key={map} map={map} />;

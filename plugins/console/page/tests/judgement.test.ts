@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { judgementOf } from "../src/samples/judgement.ts";
-import type { Sample } from "../src/samples/place.ts";
+import { judgementOf } from "../src/recorded/judgement.ts";
+import type { RecordedQuery } from "../src/recorded/place.ts";
 
 const LEVEL = [0, 0, 0, 1];
 const TURNED = [0, 0, Math.SQRT1_2, Math.SQRT1_2]; // by 90 degrees
@@ -10,7 +10,7 @@ function pose(x: number, quaternion = LEVEL) {
   return { position: [x, 0, 0], quaternion };
 }
 
-function kind(verdict: string, truth: Sample["truth"], map_id = "yard"): string | undefined {
+function kind(verdict: string, truth: RecordedQuery["truth"], map_id = "yard"): string | undefined {
   const answer = { verdict, map_id, T_map_sensor: verdict === "localized" ? pose(0) : null };
   type Given = Parameters<typeof judgementOf>;
   return judgementOf({ map_id, truth } as Given[0], answer as Given[1], "yard")?.kind;

@@ -73,7 +73,7 @@ def test_a_replica_tells_what_it_answered(service: Service):
     before = counted()
     assert service.ask("http").ok
     assert service.ask("zenoh").ok
-    replay = {"Content-Type": XYZ, "X-Request-Id": "replay-1"}  # a person tries a kept query
+    replay = {"Content-Type": XYZ, "X-Request-Id": "replay-1"}  # a person tries a recorded query
     assert service.http.post("/localize?map=hall", content=SCAN_BODY, headers=replay).is_success
     assert counted()["hall"] == before.get("hall", 0) + 2
 

@@ -164,8 +164,8 @@ def test_nothing_can_be_put_there(closed: Service, method: str):
 ASKED_FOR_A_KEY = [
     "/caller",
     "/sensors",
-    "/samples",
-    "/samples/20260101t000000000000-00000000/body",
+    "/recorded-queries",
+    "/recorded-queries/20260101t000000000000-00000000/body",
     "/keys",
     "/answers/counts",
     "/answers/events",

@@ -41,7 +41,7 @@ _OPTION_TEXT = {
     "dropped": "points that the caller left out of the scan, for the findings: "
     "`not_finite,too_far,far_m,spread_m`",
     "T_odom_base": "pose of the robot's base at the scan's stamp in its odometry's frame, "
-    "`x,y,z,qx,qy,qz,qw`; without `T_base_sensor`, of the sensor. It changes no answer, but kept queries "
+    "`x,y,z,qx,qy,qz,qw`; without `T_base_sensor`, of the sensor. It changes no answer, but recorded queries "
     "with it can confirm each other",
     "twist": "motion of the sensor during the scan, `vx,vy,vz,wx,wy,wz` (m/s, rad/s; sensor frame at the "
     "scan's stamp), for a scan whose points have times: otherwise it is solved with the pose",

@@ -1,4 +1,4 @@
-"""/maps/{map_id}/patch: a build that lays into the map what kept queries of several robots confirm."""
+"""/maps/{map_id}/patch: a build that lays into the map what recorded queries of several robots confirm."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ async def post_patch(
 ) -> JSONResponse:
     """Patch the active version: what several robots have seen for days is added to the map, or removed.
 
-    Kept queries are the evidence. `POST /maps/{map_id}/rollback` takes an activated patch back.
+    Recorded queries are the evidence. `POST /maps/{map_id}/rollback` takes an activated patch back.
 
     409: patches of the map are off and no mode is given, or its active version is provisional.
     """

@@ -15,10 +15,11 @@ MapId = Annotated[
 BuildId = Annotated[str, Path(description="id of the build", json_schema_extra=_NAME)]
 UploadId = Annotated[str, Path(description="id of the upload", json_schema_extra=_NAME)]
 KeyId = Annotated[str, Path(description="id of the key", json_schema_extra={"pattern": "^[0-9a-f]{12}$"})]
-SampleId = Annotated[
+QueryId = Annotated[
     str,
     Path(
-        description="id of the kept query", json_schema_extra={"pattern": "^[0-9]{8}t[0-9]{12}-[0-9a-f]{8}$"}
+        description="id of the recorded query",
+        json_schema_extra={"pattern": "^[0-9]{8}t[0-9]{12}-[0-9a-f]{8}$"},
     ),
 ]
 Version = Annotated[

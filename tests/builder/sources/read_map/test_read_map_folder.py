@@ -33,7 +33,9 @@ def write_pcd(path, rows, fields="x y z"):
         (("cornerMap.pcd", "surfaceMap.pcd"), ()),
         (("map.pcd", "ground.pcd"), ()),
         (("corner.pcd", "surf.pcd"), ()),
-        (("scans.pcd",), ("scans_1.pcd", "scans_2.pcd")),
+        (("cloudGlobal.pcd",), ("cloudCorner.pcd", "cloudSurf.pcd")),
+        (("cloudCorner.pcd", "cloudSurf.pcd"), ()),
+        (("scans.pcd",), ()),
         (("anything.pcd",), ()),
     ],
 )

@@ -8,7 +8,7 @@ import { ErrorText } from "../ui/ErrorText";
 
 const SCOPES: Record<string, string> = {
   localize: "ask for poses, see maps",
-  build: "hand in maps, choose versions, see kept queries",
+  build: "hand in maps, choose versions, see recorded queries",
   metrics: "read metrics, nothing else",
   admin: "everything",
 };

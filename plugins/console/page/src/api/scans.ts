@@ -1,11 +1,11 @@
-// Scans: where they were taken, and the queries that the service kept.
+// Scans: where they were taken, and the queries that the service recorded.
 
 import { api, asRead, Problem, type Schemas, said } from "./client";
 import type { operations } from "./schema";
 
 export type LocalizeQuery = NonNullable<operations["localize_localize_post"]["parameters"]["query"]>;
 export type EventsQuery = NonNullable<operations["get_answer_events_answers_events_get"]["parameters"]["query"]>;
-export type SampleQuery = NonNullable<operations["get_samples_samples_get"]["parameters"]["query"]>;
+export type RecordedFilter = NonNullable<operations["get_recorded_queries_recorded_queries_get"]["parameters"]["query"]>;
 
 interface ScanBody {
   type: string;
@@ -14,7 +14,7 @@ interface ScanBody {
 }
 
 export async function localize({ type, encoding, body }: ScanBody, query: LocalizeQuery, signal?: AbortSignal) {
-  // A query with such an id is not kept: it was kept already, or a person only tries it.
+  // A query with such an id is not recorded: it was recorded already, or a person only tries it.
   const headers: Record<string, string> = { "Content-Type": type, "X-Request-Id": `replay-console-${Date.now()}` };
   if (encoding) headers["Content-Encoding"] = encoding;
   // openapi.json knows bytes as texts: they are sent as they are
@@ -59,23 +59,23 @@ export function answerCounts(signal?: AbortSignal) {
   return said(api.GET("/answers/counts", { signal }));
 }
 
-export function samplePage(query: SampleQuery, signal?: AbortSignal) {
-  return said(api.GET("/samples", { params: { query }, signal }));
+export function recordedPage(query: RecordedFilter, signal?: AbortSignal) {
+  return said(api.GET("/recorded-queries", { params: { query }, signal }));
 }
 
-export function sample(sample_id: string, signal?: AbortSignal) {
-  return said(api.GET("/samples/{sample_id}", { params: { path: { sample_id } }, signal }));
+export function recordedQuery(query_id: string, signal?: AbortSignal) {
+  return said(api.GET("/recorded-queries/{query_id}", { params: { path: { query_id } }, signal }));
 }
 
-export function sampleBody(sample_id: string, signal?: AbortSignal) {
-  return said(api.GET("/samples/{sample_id}/body", { params: { path: { sample_id } }, parseAs: "blob", signal }));
+export function recordedBody(query_id: string, signal?: AbortSignal) {
+  return said(api.GET("/recorded-queries/{query_id}/body", { params: { path: { query_id } }, parseAs: "blob", signal }));
 }
 
-export async function removeSample(sample_id: string): Promise<void> {
-  await api.DELETE("/samples/{sample_id}", { params: { path: { sample_id } } });
+export async function removeRecorded(query_id: string): Promise<void> {
+  await api.DELETE("/recorded-queries/{query_id}", { params: { path: { query_id } } });
 }
 
-/** Says where a kept query was taken; null: not in this map. */
-export function tellTruth(sample_id: string, map_id: string, T_map_sensor: Schemas["Pose"] | null) {
-  return said(api.PUT("/samples/{sample_id}/truth", { params: { path: { sample_id } }, body: { map_id, T_map_sensor } }));
+/** Says where a recorded query was taken; null: not in this map. */
+export function tellTruth(query_id: string, map_id: string, T_map_sensor: Schemas["Pose"] | null) {
+  return said(api.PUT("/recorded-queries/{query_id}/truth", { params: { path: { query_id } }, body: { map_id, T_map_sensor } }));
 }

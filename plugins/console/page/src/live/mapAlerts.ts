@@ -4,20 +4,20 @@ import type { Schemas } from "../api/client";
 import { begunAt, hasFailed, isHeldBack, patchOf } from "../maps/buildRecords";
 import { patchAddress } from "../patch/PatchLink";
 import { link } from "../router";
-import { judgementOf } from "../samples/judgement";
-import { answerOf, type Sample } from "../samples/place";
+import { judgementOf } from "../recorded/judgement";
+import { answerOf, type RecordedQuery } from "../recorded/place";
 import { age } from "../ui/text";
 import type { Alert } from "./robotsOf";
 
 const DAY_S = 86_400; // older answers are no alert any more
 
-/** Of the kept queries of the last day. */
-export function answerAlerts(samples: readonly Sample[], map: string, now_s: number): Alert[] {
-  return samples.flatMap((sample) => {
-    const judgement = judgementOf(sample, answerOf(sample), map);
-    if (!judgement || now_s - Date.parse(sample.time) / 1000 > DAY_S) return [];
-    const text = `${judgement.kind === "false" ? "False" : "Disputed"}: an answer of ${age(sample.time, now_s * 1000)} ${judgement.text}.`;
-    return [{ id: `${judgement.kind}:${sample.sample_id}`, text, look: link(["maps", map, "try"], { sample: sample.sample_id }) }];
+/** Of the recorded queries of the last day. */
+export function answerAlerts(queries: readonly RecordedQuery[], map: string, now_s: number): Alert[] {
+  return queries.flatMap((recorded) => {
+    const judgement = judgementOf(recorded, answerOf(recorded), map);
+    if (!judgement || now_s - Date.parse(recorded.time) / 1000 > DAY_S) return [];
+    const text = `${judgement.kind === "false" ? "False" : "Disputed"}: an answer of ${age(recorded.time, now_s * 1000)} ${judgement.text}.`;
+    return [{ id: `${judgement.kind}:${recorded.query_id}`, text, look: link(["maps", map, "try"], { recorded: recorded.query_id }) }];
   });
 }
 

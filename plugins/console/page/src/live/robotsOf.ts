@@ -41,7 +41,7 @@ export function alertsOf(robots: readonly Robot[], now_s: number): Alert[] {
     const found: Alert[] = [];
     const share = robot.localized / robot.answers;
     if (robot.answers >= MIN_ANSWERS && share < MIN_LOCALIZED) {
-      const text = `${robot.name}: ${robot.localized} of its last ${robot.answers} answers were localized. Look at its kept queries.`;
+      const text = `${robot.name}: ${robot.localized} of its last ${robot.answers} answers were localized. Look at its recorded queries.`;
       found.push({ id: `localized:${robot.name}`, text });
     }
     const silent_s = now_s - robot.last.time_s;

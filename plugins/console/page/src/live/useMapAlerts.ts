@@ -3,14 +3,14 @@
 import { mayBuild } from "../access/session";
 import { lastBuilds } from "../api/builds";
 import { mapDetails } from "../api/maps";
-import { samplePage } from "../api/scans";
+import { recordedPage } from "../api/scans";
 import { hidden } from "../maps/buildRecords";
 import { usePolled } from "../ui/usePolled";
 import { answerAlerts, buildAlerts, patchAlerts, waitingPatch } from "./mapAlerts";
 import type { Alert } from "./robotsOf";
 
 const LOOK_MS = 15_000; // a person judges, a build ends: nobody needs it sooner
-const LAST_SAMPLES = 200;
+const LAST_QUERIES = 200;
 const LAST_BUILDS = 20;
 
 /** null: not known yet. */
@@ -19,15 +19,15 @@ export function useMapAlerts(map: string, now_s: number): { alerts: Alert[] | nu
   const { value, error } = usePolled(
     async (signal) => {
       if (!isAsked) return null;
-      const [page, builds] = await Promise.all([samplePage({ map_id: map, limit: LAST_SAMPLES }, signal), lastBuilds(LAST_BUILDS, map)]);
+      const [page, builds] = await Promise.all([recordedPage({ map_id: map, limit: LAST_QUERIES }, signal), lastBuilds(LAST_BUILDS, map)]);
       const patch = waitingPatch(builds.builds, hidden.value);
       const active = patch && (await mapDetails(map, signal)).active_version;
-      return { map, samples: page.samples, builds: builds.builds, patch, active };
+      return { map, queries: page.queries, builds: builds.builds, patch, active };
     },
     [map, isAsked],
     LOOK_MS,
   );
   if (value?.map !== map) return { alerts: null, error };
   const ofBuilds = [...buildAlerts(value.builds, hidden.value, now_s), ...patchAlerts(value.patch, value.active, now_s)];
-  return { alerts: [...answerAlerts(value.samples, map, now_s), ...ofBuilds], error };
+  return { alerts: [...answerAlerts(value.queries, map, now_s), ...ofBuilds], error };
 }

@@ -5,7 +5,7 @@ import { mayBuild } from "../access/session";
 import type { Colouring } from "./material";
 import type { Storey } from "./storeys";
 
-export type LayerName = "trajectory" | "templates" | "localizability" | "aliases" | "changes" | "samples";
+export type LayerName = "trajectory" | "templates" | "localizability" | "aliases" | "changes" | "recorded";
 
 const LAYERS: Record<LayerName, string> = {
   trajectory: "Mapping run",
@@ -13,7 +13,7 @@ const LAYERS: Record<LayerName, string> = {
   localizability: "Where a robot finds itself",
   aliases: "Which place is taken for which",
   changes: "Changes since the map was made",
-  samples: "Kept queries, by verdict",
+  recorded: "Recorded queries, by verdict",
 };
 export const LAYER_NAMES = Object.keys(LAYERS) as LayerName[];
 const NOTHING: Record<LayerName, string> = {
@@ -22,7 +22,7 @@ const NOTHING: Record<LayerName, string> = {
   localizability: "this version has no self-test",
   aliases: "none was",
   changes: "",
-  samples: "none with a place was kept",
+  recorded: "none with a place was recorded",
 };
 const COLOURS: Record<Colouring, string> = { height: "Height above the floor", storey: "Storey", normal: "Normal", plain: "One colour" };
 
@@ -76,7 +76,7 @@ export function Layers({ colouring, layers, empty, storeys, storey, whole, above
         </label>
       ) : null}
       <h3>Layers</h3>
-      {LAYER_NAMES.filter((name) => name !== "samples" || mayBuild.value).map((name) => (
+      {LAYER_NAMES.filter((name) => name !== "recorded" || mayBuild.value).map((name) => (
         <label class="check" key={name}>
           <input type="checkbox" checked={layers.value.includes(name)} onChange={() => toggle(name)} />
           {LAYERS[name]}

@@ -2,8 +2,8 @@
 
 import { Group, type Object3D } from "three";
 import type { MapChanges } from "../api/maps";
-import { samplePage } from "../api/scans";
-import { answerOf, placeIn } from "../samples/place";
+import { recordedPage } from "../api/scans";
+import { answerOf, placeIn } from "../recorded/place";
 import { token } from "../ui/token";
 import { colourOf } from "../ui/verdict";
 import { type Cloud, mark } from "./cloud";
@@ -13,8 +13,8 @@ import type { MapScene } from "./scene";
 import { aliases, squares } from "./spotMarks";
 import type { SpotGrid } from "./spots";
 
-const MAX_SAMPLES = 200;
-const SAMPLE_PX = 9;
+const MAX_QUERIES = 200;
+const QUERY_PX = 9;
 
 export type MarkLayer = Exclude<LayerName, "changes">;
 
@@ -32,7 +32,7 @@ export async function layerOf(
     if (name === "aliases") return tested.confused.length ? aliases(scene, tested) : null;
     return tested.cells.length ? squares(scene, tested) : null;
   }
-  if (name === "samples") return sampleMarks(map, scene, signal);
+  if (name === "recorded") return recordedMarks(map, scene, signal);
   const positions = await mark(cloud, name, signal);
   if (!positions.length) return null;
   return name === "templates" ? dotsMark(positions, token("mark-template"), 2) : pathMark(positions, token("mark-path"));
@@ -48,15 +48,15 @@ export function changeMarks(scene: MapScene, found: MapChanges): Object3D {
   return group;
 }
 
-/** A dot where each kept query was taken, as far as anybody knows, in the colour of its verdict. */
-async function sampleMarks(map: string, scene: MapScene, signal: AbortSignal): Promise<Object3D | null> {
-  const { samples } = await samplePage({ map_id: map, limit: MAX_SAMPLES }, signal);
+/** A dot where each recorded query was taken, as far as anybody knows, in the colour of its verdict. */
+async function recordedMarks(map: string, scene: MapScene, signal: AbortSignal): Promise<Object3D | null> {
+  const { queries } = await recordedPage({ map_id: map, limit: MAX_QUERIES }, signal);
   const group = new Group();
-  for (const one of samples) {
+  for (const one of queries) {
     const place = placeIn(one, map);
     if (!place) continue;
     const at = new Float32Array(scene.local(place.position).toArray());
-    group.add(onTop(dotsMark(at, colourOf(answerOf(one).verdict), SAMPLE_PX)));
+    group.add(onTop(dotsMark(at, colourOf(answerOf(one).verdict), QUERY_PX)));
   }
   return group.children.length ? group : null;
 }

@@ -19,7 +19,7 @@ export function needOf(map: Schemas["MapSummary"], manifest: Manifest | null, co
   const { answered = 0, localized = 0 } = counts?.hour ?? {};
   if (answered >= MIN && localized < LOST * answered) {
     const lost = answered - localized;
-    return { text: `${lost} of ${answered} queries of the last hour were not localized`, path: ["samples"], query: { map: id } };
+    return { text: `${lost} of ${answered} queries of the last hour were not localized`, path: ["recorded-queries"], query: { map: id } };
   }
   if (manifest && judged(manifest).grade === "poor") {
     return { text: "is poor by its self-test", path: ["maps", id], query: { layers: "localizability" } };

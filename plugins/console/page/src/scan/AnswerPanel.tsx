@@ -17,7 +17,7 @@ export interface AnswerPanelProps {
 }
 
 export function AnswerPanel({ answer, least, guide, chosen, choose }: AnswerPanelProps) {
-  const findings = answer.findings ?? []; // an answer that was kept by an older service has none
+  const findings = answer.findings ?? []; // an answer that an older service recorded has none
   const isBelow = answer.reasons.length === 1 && answer.reasons[0] === "low_probability" && answer.probability < least;
   return (
     <section class="answer" aria-label="Answer">

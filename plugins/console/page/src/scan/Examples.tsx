@@ -38,7 +38,7 @@ export function Examples({ map, version, clicked, asked, take, problem }: Exampl
   useEffect(() => {
     // a link to a simulated scan: it is simulated again
     const { query } = route.value;
-    const spot = query.has("sample") ? null : spotOf(query.get("spot"));
+    const spot = query.has("recorded") ? null : spotOf(query.get("spot"));
     if (version && spot && spotText(spot) !== (asked?.spot && spotText(asked.spot))) void simulate(spot);
   }, [route.value, version]);
   return (

@@ -1,7 +1,7 @@
-// Where the scan comes from: a file, or a query that the service kept.
+// Where the scan comes from: a file, or a recorded query.
 
 import { mayBuild } from "../access/session";
-import { samplePage } from "../api/scans";
+import { recordedPage } from "../api/scans";
 import { addressed, go, route } from "../router";
 import { age } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
@@ -23,31 +23,31 @@ export function TakeScan({ map, name, take }: TakeScanProps) {
         {name ? null : <small>{READABLE.join(", ")}</small>}
         <input type="file" accept={READABLE.join(",")} onChange={(event) => take(event.currentTarget.files?.[0])} />
       </label>
-      {mayBuild.value ? <KeptQueries map={map} /> : null}
+      {mayBuild.value ? <RecordedQueries map={map} /> : null}
     </>
   );
 }
 
-function KeptQueries({ map }: { map: string }) {
+function RecordedQueries({ map }: { map: string }) {
   const page = useLoaded(
-    (signal) => samplePage({ map_id: map, limit: LISTED }, signal),
+    (signal) => recordedPage({ map_id: map, limit: LISTED }, signal),
     [map],
   );
-  const samples = page.value?.samples ?? [];
-  if (!samples.length) return null;
-  const choose = (sample: string) => {
+  const queries = page.value?.queries ?? [];
+  if (!queries.length) return null;
+  const choose = (queryId: string) => {
     const query = addressed();
     for (const name of ["spot", "place"]) query.delete(name); // of the scan before
-    sample ? query.set("sample", sample) : query.delete("sample");
+    queryId ? query.set("recorded", queryId) : query.delete("recorded");
     go(route.value.path, Object.fromEntries(query));
   };
   return (
     <label>
       Or one that a robot asked
-      <select value={route.value.query.get("sample") ?? ""} onChange={(event) => choose(event.currentTarget.value)}>
+      <select value={route.value.query.get("recorded") ?? ""} onChange={(event) => choose(event.currentTarget.value)}>
         <option value="">none</option>
-        {samples.map((one) => (
-          <option key={one.sample_id} value={one.sample_id}>
+        {queries.map((one) => (
+          <option key={one.query_id} value={one.query_id}>
             {String(one.answer.verdict)}, {age(one.time)}
           </option>
         ))}

@@ -1,4 +1,4 @@
-// Where a kept scan was really taken, as whoever looks at it says: tests of later versions use it.
+// Where a recorded scan was really taken, as whoever looks at it says: tests of later versions use it.
 
 import { useSignal } from "@preact/signals";
 import { tellTruth } from "../api/scans";
@@ -6,19 +6,19 @@ import type { Pose } from "../map3d/marks";
 import { ErrorText } from "../ui/ErrorText";
 
 export interface TruthProps {
-  sample: string;
+  queryId: string;
   map: string;
   place: Pose | null; // of the hypothesis that is shown
   hand: Pose | null;
 }
 
-export function Truth({ sample, map, place, hand }: TruthProps) {
+export function Truth({ queryId, map, place, hand }: TruthProps) {
   const told = useSignal("");
   const problem = useSignal<unknown>(null);
   const tell = async (T_map_sensor: Pose | null, text: string) => {
     problem.value = null;
     try {
-      await tellTruth(sample, map, T_map_sensor);
+      await tellTruth(queryId, map, T_map_sensor);
       told.value = text;
     } catch (error) {
       problem.value = error;

@@ -34,7 +34,7 @@ export function TryView({ map }: { map: string }) {
   const details = useLoaded((signal) => mapDetails(map, signal), [map]);
   const active = details.value?.active_version ?? "";
   const version = route.value.query.get("version") || active;
-  const sampleId = route.value.query.get("sample") ?? "";
+  const queryId = route.value.query.get("recorded") ?? "";
   const ofMap = useLoaded(
     async (signal) =>
       version ? leastOf(manifestOf(await versionDetails(map, version, signal))) : null,
@@ -55,7 +55,7 @@ export function TryView({ map }: { map: string }) {
     gravity: isNear && isTiltKnown.value ? gravityOf(settled) : undefined,
     version: route.value.query.get("version") ?? undefined,
   };
-  const { asked, take, give } = useAsked(sampleId, problem);
+  const { asked, take, give } = useAsked(queryId, problem);
   const { answer, chosen, isAsking } = useAnswer(map, asked.value, options, problem);
   const place = answer.value?.hypotheses[chosen.value]?.T_map_sensor ?? null;
   const byHand = settled && poseOf(settled);
@@ -127,7 +127,7 @@ export function TryView({ map }: { map: string }) {
           <Check value={areOthersShown}>Show the other places on the map</Check>
         ) : null}
         {overlay.shares.value ? <ScanKey shares={overlay.shares.value} /> : null}
-        {sampleId && mayBuild.value ? <Truth sample={sampleId} map={map} place={place} hand={byHand} /> : null}
+        {queryId && mayBuild.value ? <Truth queryId={queryId} map={map} place={place} hand={byHand} /> : null}
         <h3>How it is asked</h3>
         <VersionChoice map={map} active={active} />
         {ofMap.value === null ? null : <LeastField least={least} ofMap={ofMap.value} />}

@@ -1,4 +1,4 @@
-// The version that answers: a kept query can be asked again of another one.
+// The version that answers: a recorded query can be asked again of another one.
 
 import { versionPage } from "../api/maps";
 import { addressed, go, route } from "../router";

@@ -1,8 +1,8 @@
-// The scan that is tried: a file, or the body of a kept query.
+// The scan that is tried: a file, or the body of a recorded query.
 
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { sample as readSample, sampleBody } from "../api/scans";
+import { recordedQuery, recordedBody } from "../api/scans";
 import { addressed, go, note, route } from "../router";
 import { age } from "../ui/text";
 import { type Asked, scanOf } from "./scanFile";
@@ -10,28 +10,28 @@ import { spotText } from "./tryState";
 
 /** The scan, and calls that take a file, or another scan, in its place. */
 export function useAsked(
-  sampleId: string,
+  queryId: string,
   problem: Signal<unknown>,
 ): { asked: Signal<Asked | null>; take: (file: File | undefined) => void; give: (scan: Asked) => void } {
   const asked = useSignal<Asked | null>(null);
   const latest = useRef<File | null>(null);
   useEffect(() => {
-    if (!sampleId) return;
+    if (!queryId) return;
     const stop = new AbortController();
     asked.value = null;
     Promise.all([
-      readSample(sampleId, stop.signal),
-      sampleBody(sampleId, stop.signal),
+      recordedQuery(queryId, stop.signal),
+      recordedBody(queryId, stop.signal),
     ])
-      .then(([sample, body]) => {
-        const name = `Kept query of ${age(sample.time)}`;
-        asked.value = { name, type: sample.media_type, encoding: sample.content_encoding, body, isConverted: false };
+      .then(([recorded, body]) => {
+        const name = `Recorded query of ${age(recorded.time)}`;
+        asked.value = { name, type: recorded.media_type, encoding: recorded.content_encoding, body, isConverted: false };
       })
       .catch((error: unknown) => {
         if (!stop.signal.aborted) problem.value = error;
       });
     return () => stop.abort();
-  }, [sampleId]);
+  }, [queryId]);
   const take = async (file: File | undefined) => {
     if (!file) return;
     latest.current = file;
@@ -54,10 +54,10 @@ export function useAsked(
   return { asked, take, give };
 }
 
-/** Puts the spot of a simulated scan into the address; "": a file cannot be in it. A kept query that was there goes. */
+/** Puts the spot of a simulated scan into the address; "": a file cannot be in it. A recorded query that was there goes. */
 function tell(spot: string): void {
   const query = addressed();
-  if (!query.has("sample")) return note({ spot });
-  for (const name of ["sample", "place", "spot"]) query.delete(name);
+  if (!query.has("recorded")) return note({ spot });
+  for (const name of ["recorded", "place", "spot"]) query.delete(name);
   go(route.value.path, { ...Object.fromEntries(query), ...(spot ? { spot } : {}) });
 }

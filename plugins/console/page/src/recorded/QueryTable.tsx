@@ -1,0 +1,62 @@
+import { mayAdminister } from "../access/session";
+import { link } from "../router";
+import { whyOf } from "../scan/why";
+import { age, chance, size } from "../ui/text";
+import { Verdict } from "../ui/Verdict";
+import { answerOf, mapOf, type RecordedQuery } from "./place";
+
+export interface QueryTableProps {
+  queries: RecordedQuery[];
+  remove: (recorded: RecordedQuery) => void;
+  point: (queryId: string) => void; // "": at none
+}
+
+/** Recorded queries, one a row. */
+export function QueryTable({ queries, remove, point }: QueryTableProps) {
+  return (
+    <table class="cards">
+      <thead>
+        <tr>
+          <th>When</th>
+          <th>Map</th>
+          <th>Verdict</th>
+          <th>Why</th>
+          <th class="number">Probability</th>
+          <th class="number">Size</th>
+          <th>Truth</th>
+          <th>
+            <span class="unseen">Actions</span>
+          </th>
+        </tr>
+      </thead>
+      <tbody>
+        {queries.map((one) => (
+          <tr key={one.query_id} onPointerEnter={() => point(one.query_id)} onPointerLeave={() => point("")}>
+            <td data-name="When" title={one.time}>{age(one.time)}</td>
+            <td data-name="Map">{one.map_id || "any"}</td>
+            <td data-name="Verdict">
+              <Verdict verdict={answerOf(one).verdict} />
+            </td>
+            <td data-name="Why">{whyOf(answerOf(one), leastAsked(one)).join(" ")}</td>
+            <td class="number" data-name="Probability">{chance(answerOf(one).probability)}</td>
+            <td class="number" data-name="Size">{size(one.body_bytes)}</td>
+            <td data-name="Truth">{one.truth ? (one.truth.T_map_sensor ? "known" : "not in the map") : ""}</td>
+            <td class="actions">
+              {mapOf(one) ? (
+                <a href={link(["maps", mapOf(one), "try"], { recorded: one.query_id })} onFocus={() => point(one.query_id)}>
+                  Look
+                </a>
+              ) : null}
+              {mayAdminister.value ? <button onClick={() => remove(one)}>Remove</button> : null}
+            </td>
+          </tr>
+        ))}
+      </tbody>
+    </table>
+  );
+}
+
+/** What the query asked for itself; null: as the map had it then. */
+function leastAsked({ options }: RecordedQuery): number | null {
+  return Number(options.min_probability) || null;
+}

@@ -1,0 +1,127 @@
+"""Every answer and failure is counted, logged, recorded and shown to those who watch, in one place."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from firstfix.answer.localization import Verdict
+from firstfix.catalog.recorded_queries import REPLAY
+from firstfix.formats.point_cloud import Body
+
+from ..problems import problem_of
+from ..query_workers.query import EncodedAnswer, Query
+from ..telemetry.metrics import Metrics
+from ..telemetry.request_scope import Requests, RequestScope, current_request, note
+from ..telemetry.tracing import started_ns
+from ..webhooks.event import AnswerEvent
+from ..webhooks.sender import WebhookSender
+from .answer_counts import AnswerCounts
+from .query_recorder import QueryRecorder, is_replay
+from .recent_answers import RecentAnswers
+
+_OK = 200
+
+
+class AnswerReporter:
+    """Reports the answers of one app. It runs before each answer is sent, so it must be cheap.
+
+    Args:
+        recent: keeps the last answers.
+        counts: counts the answers of each map.
+        recorder: None: no query is recorded.
+        webhooks: None: nobody is told of answers.
+    """
+
+    def __init__(
+        self,
+        metrics: Metrics,
+        requests: Requests,
+        recent: RecentAnswers,
+        counts: AnswerCounts,
+        recorder: QueryRecorder | None = None,
+        webhooks: WebhookSender | None = None,
+    ) -> None:
+        self._metrics = metrics
+        self._requests = requests
+        self._recent = recent
+        self._counts = counts
+        self._recorder = recorder
+        self._webhooks = webhooks
+        # Finding a series by its labels takes longer than counting in it. There are few series.
+        self._verdicts = cache(metrics.verdicts.labels)
+        self._probability = cache(metrics.probability.labels)
+        self._reasons = cache(metrics.reasons.labels)
+        self._stage_seconds = cache(metrics.stage_seconds.labels)
+        self._localize_seconds = cache(metrics.localize_seconds.labels)
+
+    def report(self, query: Query, body: Body, answer: EncodedAnswer, queued: float) -> None:
+        """Add the stages of an answered query to its trace, and offer it to the recorder and the webhooks.
+
+        Args:
+            queued: ``time.monotonic`` when the gate got the query. Its timings begin there.
+        """
+        scope = current_request()
+        if scope is not None and scope.span is not None and self._requests.tracing is not None:
+            self._requests.tracing.stages(scope.span, started_ns(queued), answer.timings_ms)
+        note(body_bytes=len(body))
+        if self._recorder is not None:
+            self._recorder.offer(query, body, answer, scope)
+        if self._webhooks is not None and scope is not None and not is_replay(query, scope):
+            event = AnswerEvent(
+                answer,
+                f"/replicas/{self._recent.replica}",
+                query.caller.name,
+                scope.transport,
+                scope.seconds,
+                scope.request_id,
+            )
+            self._webhooks.offer(event)
+
+    def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
+        """Count one query, answered or failed."""
+        scope = current_request()
+        if isinstance(outcome, EncodedAnswer):
+            self._count_answer(transport, outcome, scope)
+        else:
+            self._count_failure(transport, outcome, scope)
+        if scope is not None:
+            self._localize_seconds(transport).observe(scope.seconds, _exemplar(scope))
+
+    def _count_answer(self, transport: str, answer: EncodedAnswer, scope: RequestScope | None) -> None:
+        verdict = answer.verdict.value
+        self._verdicts(transport, verdict).inc()
+        self._probability(verdict).observe(answer.probability)
+        for reason in answer.reasons:
+            self._reasons(reason.value).inc()
+        exemplar = None if scope is None else _exemplar(scope)
+        for stage, ms in answer.timings_ms.items():
+            self._stage_seconds(stage).observe(ms / 1e3, exemplar)
+        if scope is not None:
+            scope.status = _OK
+            self._recent.add(scope.fields.get("caller", ""), transport, scope.seconds, answer)
+            if answer.map_id and not scope.request_id.startswith(REPLAY):
+                self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED)
+        note(
+            map_id=answer.map_id,
+            map_version=answer.map_version,
+            verdict=verdict,
+            reasons=[reason.value for reason in answer.reasons],
+            probability=round(answer.probability, 4),
+        )
+
+    def _count_failure(self, transport: str, error: BaseException, scope: RequestScope | None) -> None:
+        problem = problem_of(error)
+        self._metrics.failures.labels(transport, problem.code).inc()
+        note(code=problem.code)
+        if scope is None:
+            return
+        scope.status = problem.status
+        if scope.span is not None:
+            scope.span.record_exception(error)
+
+
+def _exemplar(scope: RequestScope) -> dict[str, str] | None:
+    """The trace id for a metric's exemplar; None where no trace is kept."""
+    if scope.span is None or scope.trace is None or not scope.trace.sampled:
+        return None
+    return {"trace_id": scope.trace.trace_id}
