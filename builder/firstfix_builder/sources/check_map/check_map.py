@@ -12,6 +12,7 @@ from firstfix.findings.finding import Finding, Severity
 from firstfix.findings.map_kinds import (
     MAP_FEW_POINTS,
     MAP_FLAT,
+    MAP_NO_GROUND,
     MAP_NOT_LEVEL,
     MAP_SINGLE_SCAN,
     TRAJECTORY_LEANS,
@@ -100,15 +101,16 @@ def _of_heights(
 ) -> Iterator[Callable[[], Finding | None]]:
     """The checks of floors, and of the poses over them."""
     places = MapPlaces.of(points)
-    under = None
-    if poses is not None:
-        under = over = FloorsUnder.of(points, poses)
+    under = None if poses is None else FloorsUnder.of(points, poses)
+    yield lambda: check_ground(under, places, origin)
+    has_ground = all(one.code != MAP_NO_GROUND.code for one in found)
+    if under is not None and has_ground:
+        over = under
         yield lambda: check_lean(over, origin)
         if any(one.code == TRAJECTORY_LEANS.code for one in found):
-            under = poses = None  # its heights tell nothing
+            poses = None  # its heights tell nothing
         else:
             yield lambda: check_base_poses(over)
-    yield lambda: check_ground(under, places, origin)
     yield lambda: check_doubled_floors(points, poses, places, shape.spacing_m or 0.0, origin)
 
 
