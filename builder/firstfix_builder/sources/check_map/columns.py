@@ -103,7 +103,7 @@ class Columns:
         return cls(
             low_m,
             met.reshape(len(places), bins, -1),
-            np.bincount(place, over_m, size).reshape(-1, bins),
+            np.bincount(place, weights=over_m, minlength=size).astype(np.float64).reshape(-1, bins),
             np.bincount(place, minlength=size).reshape(-1, bins),
         )
 
