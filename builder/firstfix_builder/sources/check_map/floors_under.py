@@ -13,7 +13,7 @@ from firstfix.bit_exact.sample import rows_by_chance
 from .columns import Columns, Layers
 
 REACH_M = 12.0  # below and above a pose: of one that leans, the floor may be above it
-OVER_M = 0.3  # a floor may be so much above the poses of a base
+OVER_M, BELOW_M = 0.3, 5.0  # a floor may be so much above the poses of a base, and below those of a sensor
 _SAMPLED_POSES = 300
 _THICK, _APART = 4, 3  # bins: a floor's noise, and its slope over a column
 
@@ -46,5 +46,5 @@ class FloorsUnder:
     @cached_property
     def height_m(self) -> NDArray[np.float64]:
         """Height (m,) of each pose over the floor; NaN: there is no floor below it."""
-        low = self.layers.where(self.layers.height_m < OVER_M)
+        low = self.layers.where((self.layers.height_m < OVER_M) & (self.layers.height_m > -BELOW_M))
         return -low.nearly_most(len(self.at)).highest(len(self.at))

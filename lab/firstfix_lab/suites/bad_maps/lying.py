@@ -16,7 +16,7 @@ from .places import RECORDED, PlaceMap
 
 Change = Callable[[PlaceMap], PlaceMap]
 SEEN_M = 15.0  # from the way: what its scans show again
-GROUND_M = 6.0  # poses so far away tell the ground's height
+POSES_NEAR = 12  # tell the ground's height, or that of two storeys
 
 
 def without_poses(right: PlaceMap) -> PlaceMap:
@@ -71,9 +71,9 @@ def without_ground(sensor_m: float, over_m: float, *, keeps_poses: bool = True) 
 
     def change(right: PlaceMap) -> PlaceMap:
         at = right.poses[:, :3, 3]
-        _, nearest = cKDTree(at[:, :2]).query(right.points[:, :2], 3 if len(at) > 3 else 1)
-        ground_m = at[nearest, 2].reshape(len(right.points), -1).mean(axis=1) - sensor_m
-        kept = right.points[:, 2] > ground_m + over_m
+        _, nearest = cKDTree(at[:, :2]).query(right.points[:, :2], min(POSES_NEAR, len(at)))
+        over_ground_m = right.points[:, 2, None] - at[nearest, 2] + sensor_m  # of each storey near
+        kept = (np.abs(over_ground_m) > over_m).all(axis=1) & (over_ground_m > 0).any(axis=1)
         return replace(
             right, points=right.points[kept], poses=right.poses if keeps_poses else right.poses[:0]
         )
