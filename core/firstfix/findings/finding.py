@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
 
@@ -37,6 +37,10 @@ class Finding:
     remedy: str = ""
     doc: str = ""
     places: tuple[tuple[float, float, float], ...] = ()
+
+    def at(self, places: tuple[tuple[float, float, float], ...]) -> Finding:
+        """The same, with the places where it shows."""
+        return replace(self, places=places)
 
     def to_mapping(self) -> dict[str, Any]:
         """Values ready for JSON."""

@@ -30,17 +30,8 @@ class FindingKind:
     doc: str
     holds_back: bool = False
 
-    def found(
-        self,
-        numbers: Mapping[str, float] | None = None,
-        *,
-        places: tuple[tuple[float, float, float], ...] = (),
-        **words: str,
-    ) -> Finding:
+    def found(self, numbers: Mapping[str, float] | None = None, **words: str) -> Finding:
         """The finding with these numbers, each rounded as the text says, and words that are no numbers.
-
-        Args:
-            places: where it shows.
 
         Raises:
             KeyError: the text or the remedy names a number that is not given.
@@ -48,4 +39,4 @@ class FindingKind:
         numbers = numbers or {}
         names = {**numbers, **words}
         text, remedy = self.text.format(**names), self.remedy.format(**names)
-        return Finding(self.code, self.severity, text, numbers, remedy, self.doc, places)
+        return Finding(self.code, self.severity, text, numbers, remedy, self.doc)

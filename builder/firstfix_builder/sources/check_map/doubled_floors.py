@@ -67,7 +67,7 @@ def check_doubled_floors(
         "largest_m": float(apart_m.max()),
         "count": len(at),
     }
-    return MAP_DOUBLED_FLOORS.found(numbers, places=told, near=in_words(told), by=by)
+    return MAP_DOUBLED_FLOORS.found(numbers, near=in_words(told), by=by).at(told)
 
 
 _Found = tuple[NDArray[np.float64], NDArray[np.float64], float]  # places, distances, share
@@ -130,4 +130,5 @@ def _in_two_layers(places: MapPlaces, spacing_m: float) -> _Found | None:
 
 def _near(met: NDArray[np.bool_], number: int) -> NDArray[np.bool_]:
     """Cells (c,) of (b, c) with points in a bin or beside it."""
-    return met[max(number - 1, 0) : number + 2].any(axis=0)
+    near: NDArray[np.bool_] = met[max(number - 1, 0) : number + 2].any(axis=0)
+    return near

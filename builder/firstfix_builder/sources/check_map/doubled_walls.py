@@ -68,7 +68,7 @@ def check_doubled_walls(surface: Surface, origin: NDArray[np.float64]) -> Findin
         "apart_m": float(np.mean(apart_m[np.concatenate(twins)])),
         "count": len(twins),
     }
-    return MAP_DOUBLED_WALLS.found(numbers, places=told, near=in_words(told))
+    return MAP_DOUBLED_WALLS.found(numbers, near=in_words(told)).at(told)
 
 
 def _plane_walls(surface: Surface) -> NDArray[np.intp]:

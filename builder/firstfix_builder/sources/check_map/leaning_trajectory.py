@@ -63,7 +63,7 @@ def check_lean(under: FloorsUnder, origin: NDArray[np.float64]) -> Finding | Non
         "leaning_share": max(shares),
         "even_share": even,
     }
-    return TRAJECTORY_LEANS.found(numbers, places=places, near=in_words(places[:1]), to=in_words(places[1:]))
+    return TRAJECTORY_LEANS.found(numbers, near=in_words(places[:1]), to=in_words(places[1:])).at(places)
 
 
 def _across(at: NDArray[np.float64]) -> NDArray[np.float64]:

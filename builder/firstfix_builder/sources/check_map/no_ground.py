@@ -48,9 +48,8 @@ def check_ground(under: FloorsUnder | None, places: MapPlaces, origin: NDArray[n
     if share <= 1 - least:
         return None
     told = marked(at[bare], origin)
-    return MAP_NO_GROUND.found(
-        {"bare_share": share, "count": len(at)}, places=told, what=what, near=in_words(told)
-    )
+    numbers = {"bare_share": share, "count": len(at)}
+    return MAP_NO_GROUND.found(numbers, what=what, near=in_words(told)).at(told)
 
 
 def _bare(places: MapPlaces) -> NDArray[np.bool_]:

@@ -47,11 +47,8 @@ def check_single_scan(
         if hidden < MOST_HIDDEN and growth < MOST_GROWTH:
             place = marked(at[None], origin)
             x, y, z = place[0]
-            return MAP_SINGLE_SCAN.found(
-                {"hidden_share": hidden, "growth": growth, "points": len(points)},
-                places=place,
-                viewpoint=f"({x:.1f}, {y:.1f}, {z:.1f})",
-            )
+            numbers = {"hidden_share": hidden, "growth": growth, "points": len(points)}
+            return MAP_SINGLE_SCAN.found(numbers, viewpoint=f"({x:.1f}, {y:.1f}, {z:.1f})").at(place)
     return None
 
 
