@@ -130,5 +130,5 @@ def _in_two_layers(places: MapPlaces, spacing_m: float) -> _Found | None:
 
 def _near(met: NDArray[np.bool_], number: int) -> NDArray[np.bool_]:
     """Cells (c,) of (b, c) with points in a bin or beside it."""
-    near: NDArray[np.bool_] = met[max(number - 1, 0) : number + 2].any(axis=0)
+    near: NDArray[np.bool_] = np.any(met[max(number - 1, 0) : number + 2], axis=0)
     return near

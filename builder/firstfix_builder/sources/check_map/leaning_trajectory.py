@@ -76,9 +76,8 @@ def _across(at: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _share_at_one_height(column: NDArray[np.intp], over_m: NDArray[np.float64], count: int) -> float:
     """Largest share of the poses that have a layer at about one height."""
-    order = np.argsort(over_m)
-    most, tried = 0, over_m[order][:: max(1, len(order) // 400)]
-    for low_m in tried:
+    most = 0
+    for low_m in np.arange(over_m.min() - SAME_M, over_m.max(), SAME_M / 3):
         near = (over_m >= low_m) & (over_m < low_m + 2 * SAME_M)
         most = max(most, len(np.unique(column[near])))
     return most / count
