@@ -103,8 +103,9 @@ def _of_heights(
     places = MapPlaces.of(points)
     under = None if poses is None else FloorsUnder.of(points, poses)
     yield lambda: check_ground(under, places, origin)
-    has_ground = all(one.code != MAP_NO_GROUND.code for one in found)
-    if under is not None and has_ground:
+    if any(one.code == MAP_NO_GROUND.code for one in found):
+        return
+    if under is not None:
         over = under
         yield lambda: check_lean(over, origin)
         if any(one.code == TRAJECTORY_LEANS.code for one in found):

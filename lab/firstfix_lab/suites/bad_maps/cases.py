@@ -212,7 +212,7 @@ def lying_maps() -> list[MapCase]:
             for place, digits, far_m, code in (
                 ("hall", 6, 42_300, "map_digits_few"),
                 ("street", 6, 450_000, "map_digits_lost"),
-                ("office_0", 6, 89_600, "map_digits_few"),
+                ("office_0", 6, 30_000, "map_digits_few"),
                 ("campus_1", 5, 42_300, "map_digits_lost"),
             )
         ),
