@@ -16,7 +16,7 @@ help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: .venv/.ready native console  ## make .venv from the locks (system libraries too, where it may)
-.venv/.ready: pyproject.toml deploy/locks/setup.txt deploy/locks/dev.txt scripts/setup.sh
+.venv/.ready: pyproject.toml deploy/locks/setup.txt deploy/locks/dev.txt deploy/locks/ouster.txt scripts/setup.sh
 	@scripts/setup.sh
 
 native: build/.native  ## build the compiled core anew, where a source has changed

@@ -17,6 +17,8 @@ compile dev.txt "${packages[@]}" ../../lab/pyproject.toml --extra dev --extra dd
 # The images run what was tested: their versions are the tests' ones.
 compile service.txt "${packages[@]}" --extra service --extra dds --extra vda5050 --constraints dev.txt "${own[@]}"
 compile builder.txt "${packages[@]}" --extra dask --extra dds --extra vda5050 --constraints dev.txt "${own[@]}"  # with builder in it
+# ouster-sdk alone: it pins packages that others need newer, and of these it uses none to read recordings.
+compile ouster.txt ouster.in --no-deps
 # What the tests put beside .venv, as a sourced ROS is: packages that both have are of one version.
 compile ros-jazzy.txt ros-jazzy.in --constraints dev.txt
 compile ros-kilted.txt ros-kilted.in --constraints dev.txt

@@ -99,6 +99,7 @@ make_venv "$python"
 say "installing the locked packages into .venv ($(.venv/bin/python --version))"
 .venv/bin/pip install --quiet --disable-pip-version-check --require-hashes -r deploy/locks/setup.txt
 install_with_uv || install_with_pip
+.venv/bin/pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r deploy/locks/ouster.txt
 .venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation \
   -e . -e plugins/console -e plugins/fleet -e lab
 # The import hook of an editable install would come before PYTHONPATH. Its path file alone does not.

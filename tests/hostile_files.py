@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from firstfix.decode import decode_query, read_scan_file
 from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.point_cloud import SCAN_LIMITS
-from firstfix.ros.bag import open_bag
+from firstfix.recording.recording import open_recording
 from firstfix.transform import from_quaternion
 from firstfix_builder.sources.read_map import read_map
 from firstfix_builder.sources.read_map.archive import unpack
@@ -225,8 +225,8 @@ def _bag(kind: str) -> Callable[[Path], None]:
 
 
 def _read_bag(path: Path) -> None:
-    with open_bag(path) as bag:
-        for _ in bag.messages([bag.cloud_topic(None)]):
+    with open_recording(path) as bag:
+        for _ in bag.messages([bag.cloud_topic(None).name]):
             pass
 
 

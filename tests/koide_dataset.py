@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from firstfix.errors import InvalidScan
 from firstfix.formats.point_cloud import SCAN_LIMITS
+from firstfix.recording.recording import open_recording
 from firstfix.ros import point_cloud2
-from firstfix.ros.bag import open_bag
 from firstfix.ros.cdr import MessageReader
 from firstfix.ros.header import read_header
 from firstfix.ros.point_cloud2 import StampedCloud, decode_point_cloud2
@@ -63,17 +63,17 @@ def draw_scans(bags: Iterable[Path], true_poses: TruePoses, count: int) -> list[
     drawn: list[tuple[StampedCloud, Matrix]] = []
     seen = 0
     for path in bags:
-        with open_bag(path) as bag:
+        with open_recording(path) as bag:
             bag.check_topic(CLOUDS, point_cloud2.TYPE)
             for message in bag.messages([CLOUDS]):
-                stamp = read_header(MessageReader("PointCloud2", message.body, ros1=bag.ros1)).stamp
+                stamp = read_header(MessageReader("PointCloud2", message.body, ros1=message.ros1)).stamp
                 T_map_sensor = true_poses.at(stamp.ns / 1e9)
                 if T_map_sensor is None:
                     continue
                 seen += 1
                 place = len(drawn) if len(drawn) < count else int(rng.integers(seen))  # Vitter's algorithm R
                 if place < count:
-                    cloud = decode_point_cloud2(message.body, SCAN_LIMITS, ros1=bag.ros1)
+                    cloud = decode_point_cloud2(message.body, SCAN_LIMITS, ros1=message.ros1)
                     drawn[place : place + 1] = [(cloud, T_map_sensor)]
     return sorted(drawn, key=lambda one: one[0].header.stamp)
 

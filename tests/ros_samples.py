@@ -27,7 +27,7 @@ PACKED_BAG_KINDS = (
     "mcap zstd chunk",
     "mcap lz4 chunk",
 )
-DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8, "i8": 9, "u8": 10}
 
 
 def header(stores: Any, stamp_ns: int, frame_id: str) -> Any:

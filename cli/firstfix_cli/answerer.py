@@ -47,22 +47,35 @@ def answerer(
         raise InvalidOption("give only one of --url, --zenoh and --store")
     if store is not None and follow is not None:
         with _embedded(map_id, store, follow) as embedded:
-            yield embedded
+            yield _naming_times(embedded)
     elif store is not None:
-        yield _in_process(map_id, store, encoding)
+        yield _naming_times(_in_process(map_id, store, encoding))
     elif zenoh is not None:
         from firstfix_client import RetryPolicy, ZenohClient
 
         retry = RetryPolicy(patience_s=PATIENCE_S)
         with ZenohClient(zenoh, timeout_s=timeout_s, retry=retry) as zenoh_client:
-            yield lambda scan, options: zenoh_client.localize(
-                scan, map_id=map_id, options=options, encoding=encoding
+            yield _naming_times(
+                lambda scan, options: zenoh_client.localize(
+                    scan, map_id=map_id, options=options, encoding=encoding
+                )
             )
     else:
         with client_of(url, timeout_s) as client:
-            yield lambda scan, options: client.localize(
-                scan, map_id=map_id, options=options, encoding=encoding
+            yield _naming_times(
+                lambda scan, options: client.localize(scan, map_id=map_id, options=options, encoding=encoding)
             )
+
+
+def _naming_times(ask: Answerer) -> Answerer:
+    """Also name a field of the scan that was not understood as times: what is sent no longer has it."""
+    from firstfix.engine.diagnosis.time_findings import with_time_field
+
+    def answer(scan: Scan | ScanSequence, options: LocalizeOptions) -> Localization:
+        last = scan.scans[-1] if isinstance(scan, ScanSequence) else scan
+        return with_time_field(ask(scan, options), last)
+
+    return answer
 
 
 def is_provisional(store: str, map_id: str, version: str) -> bool:

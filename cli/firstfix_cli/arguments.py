@@ -36,6 +36,14 @@ ServiceStore = Annotated[
     ),
 ]
 MapId = Annotated[str, typer.Option("--map", help="Id of the map.")]
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        help="Columns of a .bin's float32 rows: x,y,z,intensity,ring,time; _ for one to leave out "
+        "[default: told by the numbers].",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 SentAs = Annotated[
     Literal["scan", "range_image", "compact", "descriptor"],
@@ -57,6 +65,17 @@ def cache_directory(name: str) -> Path:
 def examples(*commands: str) -> str:
     """Example commands as the end of a help text."""
     return "\n".join(["\b", "Examples:", *(f"  {command}" for command in commands)])
+
+
+def columns_of(text: str | None) -> tuple[str, ...] | None:
+    """The names of ``--columns``.
+
+    Raises:
+        InvalidOption: they are none.
+    """
+    from firstfix.formats.raw_xyz import parse_columns
+
+    return None if text is None else parse_columns(text)
 
 
 def client_of(url: str | None, timeout_s: float = 10.0) -> Client:

@@ -9,17 +9,20 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
 
 from firstfix.builds.limits import default_build_memory_bytes
 from firstfix.decode import read_cloud_file, read_scan_file
-from firstfix.errors import InputError, MalformedData, TooLarge
+from firstfix.errors import InputError, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.point_cloud import SCAN_LIMITS, PointCloud
+from firstfix.recording.recording import is_recording
 from firstfix.scan.scan import Scan
+
+from .bags.first_cloud import first_cloud
 
 MAX_MEMORY_BYTES = 4 << 30  # a file may have 1 GB
 MAX_PROCESSOR_S = 60
@@ -27,26 +30,35 @@ BY_LIBRARY = (".las", ".laz")
 _Read = TypeVar("_Read")
 
 
-def read_scan(path: Path) -> Scan:
+def read_scan(path: Path, columns: tuple[str, ...] | None = None) -> Scan:
     """Read a scan as ``read_scan_file`` does. Files that a library parses are read in another process.
 
     Our own decoders, which also read the queries of strangers, stay in this one.
 
+    Args:
+        columns: of a .bin, as there.
+
     Raises:
         NotFound: no such file.
         InputError: a subclass; the message names the file.
+        UnsupportedFormat: a recording: ``localize --bag`` takes it.
         MalformedData: the library crashed, or did not end.
     """
-    return _limited(path, read_scan_file)
+    if is_recording(path):
+        raise UnsupportedFormat(f"{path}: no scan: `firstfix localize --bag {path.name}` takes recordings")
+    return _limited(path, partial(read_scan_file, columns=columns))
 
 
-def read_cloud(path: Path) -> PointCloud:
-    """Read the columns of a scan's file, as ``read_cloud_file`` and ``read_scan`` do.
+def read_cloud(path: Path, columns: tuple[str, ...] | None = None) -> PointCloud:
+    """Read the columns of a scan's file, as ``read_cloud_file`` does; of a recording its first cloud.
 
     Raises:
         NotFound, InputError: as ``read_scan``.
     """
-    return _limited(path, read_cloud_file)
+    if is_recording(path):
+        with limited_memory():
+            return first_cloud(path)
+    return _limited(path, partial(read_cloud_file, columns=columns))
 
 
 def _limited(path: Path, read: Callable[[Path], _Read]) -> _Read:

@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.engine.config import PreprocessConfig
 from firstfix.engine.preprocess import preprocess
+from firstfix.formats.point_cloud import PointCloud
 from firstfix.scan.levelling import floor_height, turned
 from firstfix.scan.scan import MAX_ABS_COORDINATE_M, Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor.measure import MeasuredScan
 
-from .limited_reader import read_cloud
 
-
-def sensor_scan(path: Path) -> MeasuredScan:
-    """Read a scan to measure its sensor.
-
-    Raises:
-        NotFound, InputError: as ``read_scan``.
-    """
-    cloud = read_cloud(path)
+def sensor_scan(name: str, cloud: PointCloud) -> MeasuredScan:
+    """The columns of a scan, to measure its sensor."""
     xyz, ring = cloud.xyz, cloud.ring
     with np.errstate(invalid="ignore"):  # NaN compares false
         usable = (np.abs(xyz) <= MAX_ABS_COORDINATE_M).all(axis=1)
     points = xyz[usable]
-    return MeasuredScan(str(path), points, None if ring is None else ring[usable], _height_m(points))
+    return MeasuredScan(name, points, None if ring is None else ring[usable], _height_m(points))
 
 
 def _height_m(points: NDArray[np.float64]) -> float | None:

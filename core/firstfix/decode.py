@@ -10,12 +10,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from .errors import InputError, MalformedData, NotFound, TooLarge, UnsupportedFormat
+from .errors import InputError, InvalidOption, MalformedData, NotFound, TooLarge, UnsupportedFormat
 from .formats.npy import read_npy
 from .formats.pcd import decode_pcd
 from .formats.ply import decode_ply
-from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud, point_times
-from .formats.raw_xyz import decode_xyz, decode_xyzi
+from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
+from .formats.point_times import point_times
+from .formats.raw_xyz import decode_rows, decode_xyz, decode_xyzi, parse_columns
 from .formats.scanner_bin import decode_scanner_bin
 from .formats.text import decode_text
 from .ros.media_types import CDR, ZENOH_CDR, check_cloud_type
@@ -32,9 +33,11 @@ __all__ = [
     "is_point_cloud2",
     "read_cloud_file",
     "read_scan_file",
+    "scan_of_cloud",
 ]
 
 MAX_SCAN_FILE_BYTES = 1_000_000_000
+ROWS = "application/vnd.firstfix.xyzi"
 
 
 def _decode_wire(body: Body) -> Scan:
@@ -60,20 +63,27 @@ def _decode_cdr(body: Body) -> Scan:
 
 
 def _decode_cloud(decode: Callable[[Body, Limits], PointCloud], body: Body) -> Scan:
-    return _scan_of(decode(body, SCAN_LIMITS))
+    return scan_of_cloud(decode(body, SCAN_LIMITS))
+
+
+def _decode_rows(columns: tuple[str, ...], body: Body) -> Scan:
+    return scan_of_cloud(decode_rows(body, columns, SCAN_LIMITS))
 
 
 def _by(decode: Callable[[Body, Limits], PointCloud]) -> Callable[[Body], Scan]:
     return partial(_decode_cloud, decode)
 
 
-def _scan_of(cloud: PointCloud) -> Scan:
+def scan_of_cloud(cloud: PointCloud) -> Scan:
+    """Make a scan of a file's columns, with the times of its points.
+
+    Raises:
+        InvalidScan, TooLarge: as ``Scan.from_columns``.
+    """
     with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
         x, y, z = (cloud.columns[axis] for axis in "xyz")
         times = point_times(cloud.columns, None)
-        if times is None:
-            return Scan.from_columns(x, y, z, cloud.intensity)
-        return Scan.from_columns(x, y, z, cloud.intensity, times.stamp_s, times.time_s)
+        return Scan.from_columns(x, y, z, cloud.intensity, times.stamp_s, times.time_s, times.field)
 
 
 @dataclass(frozen=True)
@@ -103,8 +113,9 @@ SCAN_FORMATS = (
     ),
     ScanFormat(("application/vnd.firstfix.xyz",), "raw little-endian float32, n x 3", _by(decode_xyz)),
     ScanFormat(
-        ("application/vnd.firstfix.xyzi",),
-        "raw little-endian float32, n x 4, the fourth is the intensity",
+        (ROWS,),
+        "raw little-endian float32, n x 4, the fourth is the intensity; or n x m, with the columns' names: "
+        '`application/vnd.firstfix.xyzi; columns="x,y,z,intensity,ring,time"`',
         _by(decode_xyzi),
         ".bin",
     ),
@@ -145,10 +156,11 @@ def decoder_of(media_type: str) -> Callable[[Body], AnyScan]:
 
     Args:
         media_type: one of MEDIA_TYPES, in any case. Parameters after a semicolon are ignored, except the
-            message type of CDR.
+            message type of CDR, and the columns of raw rows.
 
     Raises:
         UnsupportedFormat: unknown media type, or a ROS message that is not a PointCloud2.
+        InvalidOption: columns that are none.
     """
     name = media_type.split(";", 1)[0].strip().lower()
     decoder = MEDIA_TYPES.get(name)
@@ -158,7 +170,16 @@ def decoder_of(media_type: str) -> Callable[[Body], AnyScan]:
         )
     if decoder is _decode_cdr:
         check_cloud_type(media_type)
-    return decoder
+    columns = _columns_of(media_type) if name == ROWS else None
+    return decoder if columns is None else partial(_decode_rows, columns)
+
+
+def _columns_of(media_type: str) -> tuple[str, ...] | None:
+    for parameter in media_type.split(";")[1:]:
+        key, _, value = parameter.partition("=")
+        if key.strip().lower() == "columns":
+            return parse_columns(value.strip().strip('"'))
+    return None
 
 
 def is_point_cloud2(decoder: Callable[[Body], AnyScan]) -> bool:
@@ -166,26 +187,30 @@ def is_point_cloud2(decoder: Callable[[Body], AnyScan]) -> bool:
     return decoder is _decode_cdr
 
 
-def read_scan_file(path: Path) -> Scan:
+def read_scan_file(path: Path, columns: tuple[str, ...] | None = None) -> Scan:
     """Read a scan from a local file. The ending of the name selects the format.
 
-    It reads the endings of SUFFIXES, .bin of NCLT and HeLiPR, .npy, .xyz, .txt, .pts, .csv, and, with laspy,
+    It reads the endings of SUFFIXES, .bin of data sets, .npy, .xyz, .txt, .pts, .csv, and, with laspy,
     .las and .laz. For local files only: LAZ decoders are not safe for untrusted input.
+
+    Args:
+        columns: names of the columns of a .bin's rows of float32, as ``("x", "y", "z", "_", "ring")``; ``_``
+            is left out. None: told by evidence.
 
     Raises:
         NotFound: no such file.
         InputError: a subclass; the message names the file.
     """
-    return _named(Path(path), _read_scan_file)
+    return _named(Path(path), partial(_read_scan_file, columns=columns))
 
 
-def read_cloud_file(path: Path) -> PointCloud:
+def read_cloud_file(path: Path, columns: tuple[str, ...] | None = None) -> PointCloud:
     """Read the columns of a scan's file, all that the format has: beams, too. As ``read_scan_file`` does.
 
     Raises:
         NotFound, InputError: as there.
     """
-    return _named(Path(path), _read_cloud_file)
+    return _named(Path(path), partial(_read_cloud_file, columns=columns))
 
 
 def _named(path: Path, read: Callable[[Path], _Read]) -> _Read:
@@ -198,15 +223,17 @@ def _named(path: Path, read: Callable[[Path], _Read]) -> _Read:
         raise NotFound(f"{path}: no such file") from error
 
 
-def _read_scan_file(path: Path) -> Scan:
+def _read_scan_file(path: Path, columns: tuple[str, ...] | None) -> Scan:
     if path.suffix.lower() == ".ffscan":
         _check_file(path)
         return _decode_wire(path.read_bytes())
-    return _scan_of(_read_cloud_file(path))
+    return scan_of_cloud(_read_cloud_file(path, columns))
 
 
-def _read_cloud_file(path: Path) -> PointCloud:
+def _read_cloud_file(path: Path, columns: tuple[str, ...] | None) -> PointCloud:
     suffix = _check_file(path)
+    if columns is not None and suffix != ".bin":
+        raise InvalidOption("columns are for .bin: the other formats say theirs")
     if suffix == ".ffscan":
         points = _decode_wire(path.read_bytes()).points
         return PointCloud(dict(zip("xyz", points.T, strict=True)))
@@ -215,7 +242,7 @@ def _read_cloud_file(path: Path) -> PointCloud:
     if suffix in (".las", ".laz"):
         return _read_las(path)
     if suffix == ".bin":
-        return decode_scanner_bin(path.read_bytes(), path.name, SCAN_LIMITS)
+        return decode_scanner_bin(path.read_bytes(), path.name, SCAN_LIMITS, columns)
     if suffix in _CLOUD_FILES:
         return _CLOUD_FILES[suffix](path.read_bytes(), SCAN_LIMITS)
     return decode_text(path.read_bytes(), SCAN_LIMITS)

@@ -35,7 +35,7 @@ for root in sys.argv[1:]:
     for module in pkgutil.walk_packages(package.__path__, root + "."):
         if not module.name.startswith(("firstfix.native._", "firstfix_cli.sample_world")):
             importlib.import_module(module.name)
-import jwt, nats, rosbags.rosbag1, rosbags.rosbag2, uvicorn.loops.uvloop, zenoh
+import jwt, nats, rosbags.rosbag1, uvicorn.loops.uvloop, zenoh
 import opentelemetry.exporter.otlp.proto.http.trace_exporter, opentelemetry.sdk.trace.export
 """
 LOAD_DASK = "import distributed.cli.dask_scheduler, distributed.cli.dask_worker, distributed.nanny"

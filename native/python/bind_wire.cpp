@@ -1,5 +1,7 @@
 #include <nanobind/stl/pair.h>
 
+#include <string_view>
+
 #include "arrays.hpp"
 #include "firstfix/scan/usable_points.hpp"
 #include "firstfix/wire/compact_points.hpp"
@@ -14,8 +16,6 @@ namespace {
 using Octets = In<std::uint8_t, nb::shape<-1>>;
 using Planes = In<std::uint8_t, nb::shape<-1, -1>>;
 using CosinesAndSines = In<double, nb::shape<2, -1>>;
-template <class T>
-using Numbers = nb::ndarray<const T, nb::ndim<1>, nb::device::cpu>;
 
 detail::ByteSpan span_of(const Octets& octets) { return {octets.data(), octets.size()}; }
 
@@ -24,36 +24,66 @@ Angles angles_of(const CosinesAndSines& table) {
   return {count, table.data(), table.data() + count};
 }
 
-template <class T>
-Column<T> column_of(const Numbers<T>& numbers) {
-  return {numbers.data(), numbers.stride(0)};
-}
+// A column of numbers in Python's memory, at any address: nanobind would refuse one that is not aligned.
+class Numbers {
+ public:
+  explicit Numbers(const nb::object& column) {
+    if (PyObject_GetBuffer(column.ptr(), &view_, PyBUF_STRIDES | PyBUF_FORMAT) != 0) {
+      PyErr_Clear();
+      throw nb::type_error("a column is no array");
+    }
+  }
+  ~Numbers() { PyBuffer_Release(&view_); }
+  Numbers(const Numbers&) = delete;
+  Numbers& operator=(const Numbers&) = delete;
+
+  // The letter of the numbers' type in the module `struct`, of numbers in this processor's order of bytes; else 0.
+  char type() const {
+    const std::string_view format = view_.format == nullptr ? "" : view_.format;
+    if (view_.ndim != 1 || format.empty() || format.size() > 2) return 0;
+    return format.size() == 1 || format[0] == '=' ? format.back() : '\0';
+  }
+
+  std::size_t count() const { return static_cast<std::size_t>(view_.shape[0]); }
+
+  template <class T>
+  Column<T> column() const {
+    return {static_cast<const unsigned char*>(view_.buf), view_.strides[0]};
+  }
+
+ private:
+  Py_buffer view_{};
+};
 
 template <class T>
-void bind_usable_points(nb::module_& module) {
-  using namespace nb::literals;
-  module.def(
-      "usable_points",
-      [](Numbers<T> x, Numbers<T> y, Numbers<T> z) {
-        const std::size_t count = x.size();
-        require(y.size() == count && z.size() == count, "x, y and z differ in length");
-        auto points = memory<float>(3 * count);
-        auto usable = memory<bool>(count);
-        std::size_t found = 0;
-        without_gil([&] {
-          found = usable_points(column_of(x), column_of(y), column_of(z), count, points.get(), usable.get());
-        });
-        return std::make_pair(array_of(std::move(points), {found, 3}), array_of(std::move(usable), {count}));
-      },
-      "x"_a.noconvert(), "y"_a.noconvert(), "z"_a.noconvert());
+auto usable_of(const Numbers& x, const Numbers& y, const Numbers& z) {
+  const std::size_t count = x.count();
+  auto points = memory<float>(3 * count);
+  auto usable = memory<bool>(count);
+  std::size_t found = 0;
+  without_gil([&] {
+    found = usable_points(x.column<T>(), y.column<T>(), z.column<T>(), count, points.get(), usable.get());
+  });
+  return std::make_pair(array_of(std::move(points), {found, 3}), array_of(std::move(usable), {count}));
+}
+
+auto usable_of_any(const nb::object& of_x, const nb::object& of_y, const nb::object& of_z) {
+  const Numbers x(of_x), y(of_y), z(of_z);
+  const char type = x.type();
+  if ((type != 'f' && type != 'd') || y.type() != type || z.type() != type) {
+    throw nb::type_error("x, y and z must be rows of float32, or of float64");
+  }
+  require(y.count() == x.count() && z.count() == x.count(), "x, y and z differ in length");
+  return type == 'f' ? usable_of<float>(x, y, z) : usable_of<double>(x, y, z);
 }
 
 }  // namespace
 
 void bind_wire(nb::module_& module) {
   using namespace nb::literals;
-  bind_usable_points<float>(module);
-  bind_usable_points<double>(module);
+  module.def("usable_points", &usable_of_any, "x"_a, "y"_a, "z"_a,
+             nb::sig("def usable_points(x: NDArray[numpy.floating], y: NDArray[numpy.floating], z: NDArray[numpy.floating])"
+                     " -> tuple[NDArray[numpy.float32], NDArray[numpy.bool_]]"));
   module.def(
       "all_within",
       [](In<float, nb::shape<-1, 3>> points, double limit_m) {

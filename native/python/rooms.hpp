@@ -10,6 +10,7 @@ void bind_descriptor(nanobind::module_& module);
 void bind_mesh(nanobind::module_& module);
 void bind_registration(nanobind::module_& module);
 void bind_index(nanobind::module_& module);
+void bind_query(nanobind::module_& module);
 void bind_retrieval(nanobind::module_& module);
 void bind_scan(nanobind::module_& module);
 void bind_simulation(nanobind::module_& module);

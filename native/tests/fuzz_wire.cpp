@@ -1,6 +1,7 @@
 // Decoders of scans on bytes that nobody encoded. Each buffer is as long as the decoder may read, to the byte.
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <memory>
 #include <vector>
 
@@ -39,13 +40,18 @@ bool refused(const Call& call) {
 
 template <class Number>
 void clean(Hostile& random) {
-  const auto count = static_cast<std::size_t>(random.number(0, 300));
-  const std::vector<float> drawn = random.floats(4 * count + 1, 1500, 0.1);
+  const auto count = static_cast<std::size_t>(random.number(1, 300));
+  const auto numbers = static_cast<std::size_t>(random.number(3, 5)), before = static_cast<std::size_t>(random.number(0, 3));
+  const std::vector<float> drawn = random.floats(numbers * count, 1500, random.chance(0.5) ? 0.1 : 0.001);
   const std::vector<Number> rows(drawn.begin(), drawn.end());
+  Octets body(before + rows.size() * sizeof(Number));
+  if (!rows.empty()) std::memcpy(body.data() + before, rows.data(), rows.size() * sizeof(Number));
+  const auto axis = [&](std::size_t k) {
+    return Column<Number>{body.data() + before + k * sizeof(Number), static_cast<std::ptrdiff_t>(numbers * sizeof(Number))};
+  };
   std::vector<float> points(3 * count);
   const std::unique_ptr<bool[]> is_usable(new bool[count]);
-  const std::size_t found = usable_points<Number>({rows.data(), 4}, {rows.data() + 1, 4}, {rows.data() + 2, 4}, count,
-                                                  points.data(), is_usable.get());
+  const std::size_t found = usable_points(axis(0), axis(1), axis(2), count, points.data(), is_usable.get());
   expect(found <= count && all_within(points.data(), found, kMaxAbsCoordinate), "only usable points are left");
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -99,14 +100,44 @@ def test_the_first_topic_leads(tmp_path: Path):
     np.testing.assert_allclose(scan.time_s, [0] * 4 + [0.04] * 4, atol=1e-6)
 
 
+def timed(topic: str, times: np.ndarray, stamp_ms: int, name: str = "t") -> Message:
+    """A cloud of three points with times."""
+    records = np.zeros(3, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), (name, times.dtype.str)])
+    records["x"], records[name] = 1, times
+    stamp_ns = START + stamp_ms * MS
+    return (topic, stamp_ns + 60 * MS, cloud(records, stamp_ns=stamp_ns, frame_id=topic.split("/")[1]))
+
+
 def test_the_times_of_the_points_stay(tmp_path: Path):
-    records = np.zeros(3, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("t", "<u4")])
-    records["x"], records["t"] = 1, [0, 50 * MS, 90 * MS]
-    turning = cloud(records, stamp_ns=START, frame_id="front")
-    messages = [mounted(*MOUNTED), (FRONT, START, turning), taken(REAR, 0, -20, late_ms=60)]
+    times = np.array([0, 50 * MS, 90 * MS], np.uint32)
+    messages = [mounted(*MOUNTED), timed(FRONT, times, 0), timed(REAR, times / 1e9, -20, "time")]
     ((_, scan, _),) = replayed(tmp_path, messages)
-    np.testing.assert_allclose(scan.time_s, [0, 0.05, 0.09] + [-0.02] * 4, atol=1e-6)
+    np.testing.assert_allclose(scan.time_s, [0, 0.05, 0.09, -0.02, 0.03, 0.07], atol=1e-6)
     assert scan.intensity is None
+
+
+def test_known_times_and_unknown_ones_are_not_mixed(tmp_path: Path):
+    times = np.array([0, 50 * MS, 90 * MS], np.uint32)
+    unknown = {
+        "none": (taken(REAR, 0, -20, late_ms=60), "the clouds of rear have no times of their points: times"),
+        "strange": (
+            timed(REAR, times * 40, -20),
+            r"\(the field t \(uint32, 0 to 3600000000\) was not understood",
+        ),
+    }
+    for name, (other, why) in unknown.items():
+        told: list[str] = []
+        (tmp_path / name).mkdir()
+        clouds = [
+            timed(FRONT, times, 0),
+            other,
+            timed(FRONT, times, 100),
+            (other[0], other[1] + 100 * MS, other[2]),
+        ]
+        *_, (_, scan, _) = replayed(tmp_path / name, [mounted(*MOUNTED), *clouds], told=told)
+        assert scan.time_s is None
+        assert (scan.time_field is None) == (name == "none")
+        assert len([line for line in told if re.search(why, line)]) == 1
 
 
 def test_clouds_of_one_time_have_no_times(tmp_path: Path):

@@ -17,7 +17,15 @@ def names(lock: Path) -> set[str]:
 
 
 def test_the_locks_are_there():
-    assert [lock.stem for lock in LOCKS] == ["builder", "dev", "ros-jazzy", "ros-kilted", "service", "setup"]
+    assert [lock.stem for lock in LOCKS] == [
+        "builder",
+        "dev",
+        "ouster",
+        "ros-jazzy",
+        "ros-kilted",
+        "service",
+        "setup",
+    ]
 
 
 @pytest.mark.parametrize("lock", LOCKS, ids=lambda lock: lock.stem)

@@ -19,7 +19,7 @@ from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf, tables_around
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.engine.verification.seen_free import SeenFree
-from firstfix.scan.reduction import RangeView
+from firstfix.scan.reduction import RangeView, directions
 from firstfix.transform import make_transform
 
 _RNG = np.random.default_rng(16)
@@ -132,7 +132,22 @@ def _seen_free(native: Any) -> Any:
     return free.shares(FEW, np.array([np.eye(4), T_MAP_SENSOR])), free.holds(FEW, T_MAP_SENSOR)
 
 
+LIMITS = (0.5, 60.0, 0.25, 10)
+UP = np.array([0.1, -0.05, 0.9])
+
+
 CASES: dict[str, Callable[[Any], Any]] = {
+    "prepare_scan": lambda n: n.prepare_scan(FEW, TIMES, *LIMITS, 2500, 900, 700, 200, UP, False, 1.0),
+    "prepare_scan, untimed": lambda n: n.prepare_scan(
+        STREET, None, *LIMITS, 9000, 4000, 2000, 300, UP, True, 1.0
+    ),
+    "prepare_compact_scan": lambda n: n.prepare_compact_scan(
+        FEW, TIMES, n.nearest_by_direction(STREET), directions(), *LIMITS, 700, 200, UP, True, 1.5, 1.0
+    ),
+    "height_above_floor": lambda n: n.height_above_floor(
+        FEW, np.tile(np.float32([0, 0, 1]), (len(FEW), 1)), UP
+    ),
+    "range_view": lambda n: n.range_view(n.nearest_by_direction(STREET)),
     "rows_by_chance": lambda n: n.rows_by_chance(120_000, 7_001),
     "within_range": lambda n: n.within_range(STREET, 0.5, 30.0),
     "first_in_voxel, float": lambda n: n.first_in_voxel(STREET, 0.3),
@@ -227,11 +242,17 @@ CASES: dict[str, Callable[[Any], Any]] = {
 }
 
 
+def parts_of(result: Any) -> list[Any]:
+    """The arrays and numbers of a result, tuples in tuples taken apart, without None."""
+    if isinstance(result, tuple):
+        return [one for part in result for one in parts_of(part)]
+    return [] if result is None else [result]
+
+
 def digest(result: Any) -> str:
     """SHA-256 of a result's bytes, types and shapes."""
-    parts = result if isinstance(result, tuple) else (result,)
     whole = hashlib.sha256()
-    for part in map(np.asarray, parts):
+    for part in map(np.asarray, parts_of(result)):
         whole.update(f"{part.dtype} {part.shape} ".encode() + part.tobytes())
     return whole.hexdigest()
 

@@ -63,4 +63,4 @@ def test_no_kernel_reads_outside_an_array(folder: Path, program: str):
 
 @pytest.mark.slow
 def test_every_room_with_kernels_is_tried():
-    assert {"fuzz_descriptor", "fuzz_registration", "fuzz_scan", "fuzz_wire"} <= set(PROGRAMS)
+    assert {"fuzz_descriptor", "fuzz_query", "fuzz_registration", "fuzz_scan", "fuzz_wire"} <= set(PROGRAMS)

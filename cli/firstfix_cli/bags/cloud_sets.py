@@ -6,9 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from firstfix.ros.bag import RawMessage
-from firstfix.ros.cdr import MessageReader
-from firstfix.ros.header import read_header
+from firstfix.recording.clouds import RecordedCloud
 
 WINDOW_S = 0.1  # LiDARs that nobody synchronised turn at 10 Hz: the nearest clouds differ by up to 0.05 s
 _PATIENCE_S = 0.5  # of recording: drivers send late, by their load and the network
@@ -24,7 +22,7 @@ class _Cloud:
     """
 
     stamp_ns: int
-    message: RawMessage
+    recorded: RecordedCloud
 
 
 class CloudSets:
@@ -40,30 +38,29 @@ class CloudSets:
         left_out: number of the first topic's clouds without partners.
     """
 
-    def __init__(self, topics: Sequence[str], *, ros1: bool) -> None:
+    def __init__(self, topics: Sequence[str]) -> None:
         self.left_out = 0
-        self._ros1 = ros1
         self._leading = topics[0]
         self._leaders: deque[_Cloud] = deque()
         self._others: dict[str, deque[_Cloud]] = {topic: deque(maxlen=_MAX_WAITING) for topic in topics[1:]}
         self._nearest_ns: dict[str, int] = {}
 
-    def add(self, message: RawMessage) -> list[tuple[RawMessage, ...]]:
-        """Take the next message of the recording. Returns the sets that it completes, in the topics' order.
+    def add(self, recorded: RecordedCloud) -> list[tuple[RecordedCloud, ...]]:
+        """Take the next cloud of the recording. Returns the sets that it completes, in the topics' order.
 
         Raises:
             MalformedData, UnsupportedFormat: it has no valid header.
         """
-        cloud = _Cloud(self._stamp_ns(message), message)
-        if message.topic == self._leading:
+        cloud = _Cloud(self._stamp_ns(recorded), recorded)
+        if recorded.topic == self._leading:
             self._leaders.append(cloud)
         else:
-            self._others[message.topic].append(cloud)
-        found = self._complete(message.time_ns, at_end=len(self._leaders) > _MAX_WAITING)
-        self._forget(message.time_ns)
+            self._others[recorded.topic].append(cloud)
+        found = self._complete(recorded.time_ns, at_end=len(self._leaders) > _MAX_WAITING)
+        self._forget(recorded.time_ns)
         return found
 
-    def end(self) -> list[tuple[RawMessage, ...]]:
+    def end(self) -> list[tuple[RecordedCloud, ...]]:
         """The sets that are left at the end of the recording."""
         return self._complete(0, at_end=True)
 
@@ -77,24 +74,23 @@ class CloudSets:
             )
         return "; ".join(said)
 
-    def _stamp_ns(self, message: RawMessage) -> int:
+    def _stamp_ns(self, recorded: RecordedCloud) -> int:
         if not self._others:
-            return message.time_ns  # a cloud that is not used may be damaged
-        header = read_header(MessageReader("PointCloud2", message.body, ros1=self._ros1))
-        return header.stamp.ns or message.time_ns
+            return recorded.time_ns  # a cloud that is not used may be damaged
+        return recorded.header().stamp.ns or recorded.time_ns
 
-    def _complete(self, now_ns: int, *, at_end: bool) -> list[tuple[RawMessage, ...]]:
+    def _complete(self, now_ns: int, *, at_end: bool) -> list[tuple[RecordedCloud, ...]]:
         found = []
         while self._leaders:
             leader = self._leaders[0]
-            waited = now_ns - leader.message.time_ns > _PATIENCE_S * 1e9
+            waited = now_ns - leader.recorded.time_ns > _PATIENCE_S * 1e9
             partners = [self._partner(leader, waiting) for waiting in self._others.values()]
             if not (at_end or waited or all(is_final for _, is_final in partners)):
                 break
             self._leaders.popleft()
-            nearest = [cloud.message for cloud, _ in partners if cloud is not None]
+            nearest = [cloud.recorded for cloud, _ in partners if cloud is not None]
             if len(nearest) == len(partners):
-                found.append((leader.message, *nearest))
+                found.append((leader.recorded, *nearest))
             else:
                 self._leave_out(leader)
         return found
@@ -116,5 +112,5 @@ class CloudSets:
 
     def _forget(self, now_ns: int) -> None:
         for waiting in self._others.values():
-            while waiting and now_ns - waiting[0].message.time_ns > 2 * _PATIENCE_S * 1e9:
+            while waiting and now_ns - waiting[0].recorded.time_ns > 2 * _PATIENCE_S * 1e9:
                 waiting.popleft()

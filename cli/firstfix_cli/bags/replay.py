@@ -1,22 +1,22 @@
-"""Replay of a bag: each of its clouds, or sets of clouds of several LiDARs, is localized."""
+"""Replay of a recording: each of its clouds, or sets of clouds of several LiDARs, is localized."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import TextIO
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
-from firstfix.errors import InputError, InvalidOption, NotFound
-from firstfix.formats.point_cloud import SCAN_LIMITS
+from firstfix.errors import InvalidOption, NotFound
+from firstfix.recording.clouds import RecordedCloud, named, where
+from firstfix.recording.messages import RawMessage, Topic
+from firstfix.recording.recording import Recording, open_recording
 from firstfix.ros import imu, tf_message
-from firstfix.ros.bag import Bag, RawMessage, open_bag
 from firstfix.ros.header import Header
 from firstfix.ros.imu import GravityWindow, decode_imu
-from firstfix.ros.point_cloud2 import StampedCloud, decode_point_cloud2
 from firstfix.ros.static_transforms import StaticTransforms
 from firstfix.transform import quaternion_of
 
@@ -27,10 +27,10 @@ from .merged_scan import merged_scan
 
 @dataclass(frozen=True)
 class Replay:
-    """Part of a bag that is replayed.
+    """Part of a recording that is replayed.
 
     Attributes:
-        topics: topics of the clouds; none: the bag's only one. Clouds of several are merged to one scan in
+        topics: topics of the clouds; none: its only one. Clouds of several are merged to one scan in
             the frame, and at the stamp, of the first.
         every: use every n-th cloud, or set of clouds.
         start_s: seconds to skip at the start.
@@ -72,36 +72,41 @@ def replay(
     """Localize the clouds one after the other, with one in memory; of several LiDARs, those of a second.
 
     Args:
-        log_line: called with a line about clouds that were left out.
+        log_line: called with a line about how the recording was read, and about clouds, and times of points,
+            that were left out.
 
     Raises:
-        InvalidOption: gravity or the mounting is given by both the bag and the options; several topics
+        InvalidOption: gravity or the mounting is given by both the recording and the options; several topics
             have clouds and none is chosen; or a topic is given twice.
         NotFound: no such file, topic or static transform, no cloud is left, or no cloud has partners.
-        MalformedData: the bag or a message in it is damaged, or its static transforms contradict each other.
+        MalformedData: the recording or a message in it is damaged, or its static transforms contradict each
+            other.
         TooLarge: a compressed message unpacks to more than a cloud may have.
     """
     _check(wanted, options)
-    with open_bag(wanted.path) as bag:
-        topics = [bag.cloud_topic(topic) for topic in wanted.topics] or [bag.cloud_topic(None)]
+    with open_recording(wanted.path) as recording:
+        for note in recording.notes:
+            log_line(f"{wanted.path}: {note}")
+        topics = [recording.cloud_topic(topic) for topic in wanted.topics or (None,)]
         if wanted.imu_topic is not None:
-            bag.check_topic(wanted.imu_topic, imu.TYPE)
+            recording.check_topic(wanted.imu_topic, imu.TYPE)
         if wanted.tf_static is not None:
-            bag.check_topic(wanted.tf_static, tf_message.TYPE)
-        sets = CloudSets(topics, ros1=bag.ros1)
+            recording.check_topic(wanted.tf_static, tf_message.TYPE)
+        sets = CloudSets([topic.name for topic in topics])
         number = -1
-        for number, replayed in enumerate(_answers(bag, topics, sets, wanted, ask, options)):  # noqa: B007
+        answers = _answers(recording, topics, sets, wanted, ask, options, cache(log_line))  # a line once
+        for number, replayed in enumerate(answers):  # noqa: B007
             yield replayed
         if sets.left_out:
             left_out = (
-                f"{sets.left_out} clouds of {topics[0]} have no partners within {WINDOW_S:g} s: "
+                f"{sets.left_out} clouds of {topics[0].name} have no partners within {WINDOW_S:g} s: "
                 f"{sets.why_left_out()}"
             )
             if number < 0:
                 raise NotFound(f"{wanted.path}: {left_out}")
             log_line(left_out)
         if number < 0:
-            raise NotFound(f"{wanted.path}: {topics[0]} has no cloud after {wanted.start_s:g} s")
+            raise NotFound(f"{wanted.path}: {topics[0].name} has no cloud after {wanted.start_s:g} s")
 
 
 def _check(wanted: Replay, options: LocalizeOptions) -> None:
@@ -118,57 +123,50 @@ def _check(wanted: Replay, options: LocalizeOptions) -> None:
 
 
 def _answers(
-    bag: Bag,
-    topics: list[str],
+    recording: Recording,
+    topics: list[Topic],
     sets: CloudSets,
     wanted: Replay,
     ask: Answerer,
     options: LocalizeOptions,
+    say: Callable[[str], None],
 ) -> Iterator[Replayed]:
-    frames = _static_transforms(bag, wanted.tf_static) if wanted.needs_frames else StaticTransforms()
+    frames = _static_transforms(recording, wanted.tf_static) if wanted.needs_frames else StaticTransforms()
     window = GravityWindow()
-    for number, messages in enumerate(_sets(bag, topics, sets, window, wanted)):
+    for number, found in enumerate(_sets(recording, topics, sets, window, wanted)):
         if number % wanted.every:
             continue
-        clouds = [_decoded(bag, message) for message in messages]
+        clouds = [recorded.cloud() for recorded in found]
         header = clouds[0].header
         asked = _with_gravity_and_mounting(options, header, window, frames, wanted.base_frame)
-        with _named(bag, messages[0]):
-            scan = merged_scan(clouds, frames)
+        with named(_where(recording, found[0])):
+            scan = merged_scan(clouds, frames, say)
         yield Replayed(header, ask(scan, asked))
         if wanted.count is not None and number // wanted.every + 1 >= wanted.count:
             return
 
 
 def _sets(
-    bag: Bag, topics: list[str], sets: CloudSets, window: GravityWindow, wanted: Replay
-) -> Iterator[tuple[RawMessage, ...]]:
+    recording: Recording, topics: list[Topic], sets: CloudSets, window: GravityWindow, wanted: Replay
+) -> Iterator[tuple[RecordedCloud, ...]]:
     """Yield the clouds that belong together, and give the IMU's messages between them to the window."""
-    heard = [*topics, *([wanted.imu_topic] if wanted.imu_topic else [])]
-    for message in bag.messages(heard, bag.start_ns + round(wanted.start_s * 1e9)):
+    readers = {(topic.name, topic.type, topic.encoding): recording.cloud_reader(topic) for topic in topics}
+    heard = [*(topic.name for topic in topics), *([wanted.imu_topic] if wanted.imu_topic else [])]
+    for message in recording.messages(heard, recording.start_ns + round(wanted.start_s * 1e9)):
         if message.topic == wanted.imu_topic:
-            with _named(bag, message):
-                window.add(decode_imu(message.body, ros1=bag.ros1))
-            continue
-        with _named(bag, message):
-            found = sets.add(message)
-        yield from found
+            with named(_where(recording, message)):
+                window.add(decode_imu(message.body, ros1=message.ros1))
+        elif (message.topic, message.type, message.encoding) in readers:
+            for recorded in readers[message.topic, message.type, message.encoding].add(message):
+                yield from sets.add(recorded)
+    for reader in readers.values():
+        for recorded in reader.end():
+            yield from sets.add(recorded)
     yield from sets.end()
 
 
-def _decoded(bag: Bag, message: RawMessage) -> StampedCloud:
-    with _named(bag, message):
-        return decode_point_cloud2(message.body, SCAN_LIMITS, ros1=bag.ros1)
-
-
-@contextmanager
-def _named(bag: Bag, message: RawMessage) -> Iterator[None]:
-    """Name the message in an error about it."""
-    try:
-        yield
-    except (InputError, NotFound) as error:
-        where = f"{bag.path}: the message of {message.topic} recorded at {message.time_ns} ns"
-        raise type(error)(f"{where}: {error}") from error
+def _where(recording: Recording, one: RawMessage | RecordedCloud) -> str:
+    return where(str(recording.path), one.topic, one.time_ns)
 
 
 def _with_gravity_and_mounting(
@@ -188,13 +186,15 @@ def _with_gravity_and_mounting(
     return options
 
 
-def _static_transforms(bag: Bag, topic: str | None) -> StaticTransforms:
+def _static_transforms(recording: Recording, topic: str | None) -> StaticTransforms:
     """The fixed frames of the whole recording: they hold for the clouds before them too."""
     frames = StaticTransforms(strict=True)
-    named = [t for t in bag.topics(tf_message.TYPE) if t.rpartition("/")[2] == "tf_static"]
-    for message in bag.messages(named if topic is None else [topic]):
-        with _named(bag, message):
-            for one in tf_message.decode_tf(message.body, ros1=bag.ros1):  # a message may contradict itself
+    of_name = [t for t in recording.topics_of(tf_message.TYPE) if t.rpartition("/")[2] == "tf_static"]
+    for message in recording.messages(of_name if topic is None else [topic]):
+        with named(_where(recording, message)):
+            for one in tf_message.decode_tf(
+                message.body, ros1=message.ros1
+            ):  # a message may contradict itself
                 frames.add({one.child: (one.parent, one.T_parent_child)})
     return frames
 

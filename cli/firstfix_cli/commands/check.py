@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..arguments import AsJson, examples
+from ..arguments import AsJson, Columns, columns_of, examples
 from ..finding_lines import finding_lines
 from ..map_facts import read_lines, what_was_read
 from .build import Axis
@@ -21,6 +21,7 @@ EXAMPLES = examples(
     "firstfix check hall.ply",
     "firstfix check hall.ply scan.pcd --trajectory poses.txt",
     "firstfix check hall.laz --scale 0.001",
+    "firstfix check --scans scan.pcd drive.mcap",
 )
 UNFIT_EXIT_CODE = 2
 
@@ -49,17 +50,24 @@ def check(
             min=0,
         ),
     ] = 0.0,
+    only_scans: Annotated[
+        bool, typer.Option("--scans", help="All files are scans or recordings: there is no map.")
+    ] = False,
+    columns: Columns = None,
     as_json: AsJson = False,
 ) -> None:
     """Check a map, and scans, before a build.
 
     It reads them and looks for wrong units, axes, lost precision, doubled walls and floors, a trajectory in
-    another frame and the like, and says what it read. Each finding
-    comes with its remedy. Nothing is built, stored or sent.
+    another frame and the like. Each finding comes with its remedy. Of a map it says what it read, of a scan
+    what it understood: fields, times, beams, mounting. Nothing is built, stored or sent.
 
     Exit codes: 0 nothing that prevents a build or a query, 2 something does.
     """
-    said = [_of_map(source, trajectory, axis, scale, mount_height), *(_of_scan(path) for path in scans or ())]
+    paths = [source, *(scans or ())] if only_scans else scans or ()
+    said = [] if only_scans else [_of_map(source, trajectory, axis, scale, mount_height)]
+    for path in paths:
+        said += _of_scans(path, columns)
     if as_json:
         typer.echo(json.dumps({"files": said}))
     else:
@@ -94,21 +102,32 @@ def _of_map(
     return {**_record(source, facts, findings), "read": what_was_read(data, shape)}
 
 
-def _of_scan(path: Path) -> dict[str, Any]:
-    from firstfix.engine.config import PreprocessConfig
-    from firstfix.engine.diagnosis.facts import MEASURED, facts_of
-    from firstfix.engine.diagnosis.input_findings import input_finding
-    from firstfix.scan.reduction import at_most
+def _of_scans(path: Path, columns: str | None) -> list[dict[str, Any]]:
+    """One of a scan; of a recording, one of the first cloud of each topic."""
+    from firstfix.recording.recording import is_recording
 
-    from ..limited_reader import read_scan
+    if not (path.exists() and is_recording(path)):
+        return [_of_scan(path, columns)]
+    from ..bags.first_clouds import first_clouds
+    from ..scan_report import report_of_cloud
 
-    scan = read_scan(path)
-    part = at_most(scan.points, MEASURED)
-    facts = facts_of(scan, part, scan.dropped, PreprocessConfig())
-    found = input_finding(facts, part, scan.dropped)
-    median = "" if facts.median_range_m is None else f", median range {facts.median_range_m:,.1f} m"
-    text = f"{facts.points:,} points, {facts.in_range:,} of them in range{median}"
-    return _record(path, text, [] if found is None else [found])
+    return [
+        {
+            "file": f"{path} {topic}",
+            **report_of_cloud(stamped.cloud, stamped.scan(), stamped.header.frame_id).to_mapping(),
+        }
+        for topic, stamped in first_clouds(path)
+    ]
+
+
+def _of_scan(path: Path, columns: str | None) -> dict[str, Any]:
+    from ..limited_reader import read_cloud, read_scan
+    from ..scan_report import report_of_cloud
+
+    names = columns_of(columns)
+    is_sent = path.suffix.lower() == ".ffscan"  # its times are no column
+    report = report_of_cloud(read_cloud(path, names), read_scan(path, names) if is_sent else None)
+    return {"file": str(path), **report.to_mapping()}
 
 
 def _record(path: Path, facts: str, findings: list[Finding]) -> dict[str, Any]:
@@ -120,5 +139,8 @@ def _lines(said: dict[str, Any]) -> list[str]:
 
     found = finding_lines(Finding.from_mapping(one) for one in said["findings"])
     read = read_lines(said["read"]) if "read" in said else []
-    lines = [*read, *(found or ["nothing found"])]
+    understood = [
+        f"{subject.replace('_', ' ')}: {text}" for subject, text in said.get("understood", {}).items()
+    ]
+    lines = [*read, *understood, *(found or ["nothing found"])]
     return [f"{said['file']}: {said['facts']}", *(f"  {line}" for line in lines)]

@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..arguments import AsJson, MapId, SentAs, Store, TimeoutS, Url, Zenoh, examples
+from ..arguments import (
+    AsJson,
+    Columns,
+    MapId,
+    SentAs,
+    Store,
+    TimeoutS,
+    Url,
+    Zenoh,
+    columns_of,
+    examples,
+)
 
 if TYPE_CHECKING:
     from firstfix.answer.hint import Hint
@@ -21,6 +32,7 @@ if TYPE_CHECKING:
     from ..bags.replay import Replayed
 
 SHOWN_PLACES = 3
+_ALSO_HELPS = ("no_times", "time_field_unknown")
 EXIT_CODES = {"localized": 0, "ambiguous": 3, "rejected": 4}
 
 
@@ -78,6 +90,7 @@ def localize(
             "where the times of the points are known].",
         ),
     ] = None,
+    columns: Columns = None,
     encoding: SentAs = "scan",
     timeout_s: TimeoutS = 30.0,
     as_json: AsJson = False,
@@ -92,15 +105,15 @@ def localize(
     bag: Annotated[
         Path | None,
         typer.Option(
-            help="Instead of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, also with .zstd, or the folder of a "
-            "ROS 2 bag."
+            help="Instead of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, also with .zstd, the folder of a "
+            "ROS 2 bag, a LiDAR's .pcap or .osf."
         ),
     ] = None,
     topics: Annotated[
         list[str] | None,
         typer.Option(
             "--topic",
-            help="With --bag: topic of the PointCloud2 messages [default: the only one]. Several: LiDARs of "
+            help="With --bag: topic of the clouds [default: the only one]. Several: LiDARs of "
             "one robot, whose clouds are merged to one scan in the first one's frame.",
         ),
     ] = None,
@@ -166,7 +179,8 @@ def localize(
             with limited_memory():
                 verdicts = _print_replay(answers, tum, as_json)
             raise typer.Exit(min(EXIT_CODES[verdict] for verdict in verdicts))
-        answer = ask(_sequence(odometry) if scan is None else read_scan(scan), options)
+        asked = _sequence(odometry, columns) if scan is None else read_scan(scan, columns_of(columns))
+        answer = ask(asked, options)
     if as_json:
         typer.echo(json.dumps(answer.to_mapping()))
     else:
@@ -174,7 +188,7 @@ def localize(
     raise typer.Exit(EXIT_CODES[answer.verdict.value])
 
 
-def _sequence(path: Path | None) -> ScanSequence:
+def _sequence(path: Path | None, columns: str | None) -> ScanSequence:
     from firstfix.errors import MalformedData
     from firstfix.scan.sequence import MAX_SCANS, ScanSequence
 
@@ -188,7 +202,8 @@ def _sequence(path: Path | None) -> ScanSequence:
         raise MalformedData(f"{path}: every scan needs its odometry pose")
     if len(rows) > MAX_SCANS:  # before they are read
         raise MalformedData(f"{path}: a query can hold up to {MAX_SCANS} scans, not {len(rows)}")
-    return ScanSequence.along([read_scan(row.path) for row in rows], poses)
+    names = columns_of(columns)
+    return ScanSequence.along([read_scan(row.path, names) for row in rows], poses)
 
 
 def _print_replay(answers: Iterable[Replayed], tum: Path | None, as_json: bool) -> set[str]:
@@ -230,8 +245,9 @@ def lines_of(answer: Localization) -> list[str]:
         lines.append(f"  sigma   {sigma[:3].max() * 1000:.1f} mm, {np.degrees(sigma[3:]).max():.3f} deg")
     for finding in answer.findings:
         lines.append(f"  {finding.severity.value:<7} {finding.text}")
-    if answer.findings:
-        lines.append(f"  remedy  {answer.findings[0].remedy} ({answer.findings[0].doc})")
+    for number, finding in enumerate(answer.findings):
+        if number == 0 or finding.code in _ALSO_HELPS:  # the others are what the first one causes
+            lines.append(f"  remedy  {finding.remedy} ({finding.doc})")
     if answer.T_map_sensor is None:
         for h in answer.hypotheses[:SHOWN_PLACES]:
             lines.append(f"  maybe   {_place(h.T_map_sensor)}  probability {h.probability:.2f}")

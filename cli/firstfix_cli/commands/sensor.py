@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..arguments import AsJson, examples
+from ..arguments import AsJson, Columns, columns_of, examples
 
 if TYPE_CHECKING:
     from firstfix.sensor.measure import MeasuredSensor
@@ -36,6 +36,7 @@ def sensor(
         Path | None, typer.Option("--output", "-o", help="File to write [default: standard output].")
     ] = None,
     name: Annotated[str, typer.Option(help="Name of the sensor.")] = "measured",
+    columns: Columns = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -48,12 +49,16 @@ def sensor(
     from firstfix.errors import InvalidOption
     from firstfix.sensor.measure import measure_sensor
 
+    from ..limited_reader import read_cloud
+    from ..scan_report import report_of_cloud
     from ..sensor_scan import sensor_scan
 
     if output is not None and output.exists() and not force:
         raise InvalidOption(f"{output} is there: --force replaces it")
-    found = measure_sensor([sensor_scan(path) for path in scans], name)
-    notes = notes_of(found)
+    clouds = [(str(path), read_cloud(path, columns_of(columns))) for path in scans]
+    found = measure_sensor([sensor_scan(*one) for one in clouds], name)
+    understood = report_of_cloud(clouds[0][1]).understood
+    notes = [*notes_of(found), *(f"{subject}: {understood[subject]}" for subject in ("fields", "times"))]
     text = _yaml(found, notes)
     if output is not None:
         output.parent.mkdir(parents=True, exist_ok=True)

@@ -11,9 +11,15 @@ from numpy.typing import NDArray
 
 from ..descriptor import Described, Descriptor, LayeredOccupancy, ScanBatch
 from ..errors import InvalidOption
-from ..native import deskew, turned_occupied_cells
+from ..native import (
+    deskew,
+    height_above_floor,
+    prepare_compact_scan,
+    prepare_scan,
+    turned_occupied_cells,
+)
 from ..scan.compact import CompactScan, ScanDescriptor
-from ..scan.levelling import estimate_up_near, floor_height, levelling_rotation, turned
+from ..scan.levelling import levelling_rotation, turned
 from ..scan.reduction import COLUMNS, RangeView, TimedPoints, directions, nearest_by_direction
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
@@ -21,16 +27,7 @@ from ..scan.up_hypotheses import other_ups
 from ..transform import Matrix
 from .config import PreprocessConfig
 from .ranking import RANKING, AlignmentConfig
-from .registration.surface import Surface
-
-MIN_SWEEP_S = 0.005  # between the first and the last point: in less, nothing moves far enough to be seen
-
-
-def sweep_times(time_s: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
-    """The (n,) times of a scan's points, or None where they cannot show a motion: a flash, or all zeros."""
-    if time_s is None or not len(time_s) or float(np.ptp(time_s)) < MIN_SWEEP_S:
-        return None
-    return time_s
+from .registration.surface import SAME_FRAME, Surface
 
 
 def timed_view(timed: TimedPoints, nearest_m: NDArray[np.float32]) -> TimedPoints:
@@ -195,20 +192,23 @@ def preprocess(
         R_base_sensor: (3, 3) mounting on a robot that stands nearly upright: up is estimated near the robot's
             z. None: near the sensor's z.
     """
-    scans = []
+    scans, sparse = [], None
     # the motion that is solved is the last scan's
     still = [replace(scan, time_s=None) for scan in sequence.scans[:-1]]
     for scan, T_last_scan in zip([*still, sequence.scans[-1]], sequence.T_last_scan, strict=True):
         down = None if gravity is None else T_last_scan[:3, :3].T @ gravity
-        prepared = _prepare(scan, T_last_scan, down, config, R_base_sensor, ranking)
-        if prepared is not None:
+        made = _prepare(scan, T_last_scan, down, config, R_base_sensor, ranking)
+        if made is not None:
+            prepared, sparse = made
             scans.append(prepared)
     if not scans:
         return None
+    if len(scans) == 1 and np.array_equal(scans[0].T_last_scan, SAME_FRAME):
+        return PreparedQuery(tuple(scans), scans[0].thinned, scans[0].thinned if sparse is None else sparse)
     together = Surface.together([scan.thinned.moved(scan.T_last_scan) for scan in scans])
     counts = ranking.dense_points, ranking.sparse_points
-    dense, sparse = (together.at_most(count, config.voxel_m) for count in counts)
-    return PreparedQuery(tuple(scans), dense, sparse)
+    dense, few = (together.at_most(count, config.voxel_m) for count in counts)
+    return PreparedQuery(tuple(scans), dense, few)
 
 
 def _returns_at(nearest_m: NDArray[np.float32], cells: NDArray[np.integer]) -> NDArray[np.float32]:
@@ -218,52 +218,6 @@ def _returns_at(nearest_m: NDArray[np.float32], cells: NDArray[np.integer]) -> N
     return returns
 
 
-@dataclass(frozen=True)
-class _Returns:
-    """Returns of one scan within range, from any encoding, in the sensor frame.
-
-    Attributes:
-        seen: (p, 3) float32, all points, for the descriptor.
-        voxels: (v, 3) float32, some thousand points, one a voxel.
-        view: ranges by direction.
-        viewed: points of the view; None: a compact scan without times.
-    """
-
-    seen: NDArray[np.float32]
-    voxels: TimedPoints
-    view: RangeView
-    viewed: TimedPoints | None = None
-
-    @classmethod
-    def of(cls, scan: Scan | CompactScan, config: PreprocessConfig, ranking: AlignmentConfig) -> _Returns:
-        timed = TimedPoints(scan.points, sweep_times(scan.time_s))
-        near = timed.within_range(config.min_range_m, config.max_range_m)
-        if isinstance(scan, CompactScan):
-            return cls._of_compact(near, scan.nearest_m, config, ranking)
-        means = near.at_most(ranking.voxelled_points).voxel_means(config.voxel_m)
-        voxels, viewed = (
-            means.by_voxel_hash(config.voxel_m, ranking.dense_points),
-            near.at_most(ranking.view_points),
-        )
-        return cls(near.points, voxels, RangeView.of(viewed.points), viewed)
-
-    @classmethod
-    def _of_compact(
-        cls,
-        timed: TimedPoints,
-        nearest_m: NDArray[np.float32],
-        config: PreprocessConfig,
-        ranking: AlignmentConfig,
-    ) -> _Returns:
-        near = (nearest_m > config.min_range_m) & (nearest_m < config.max_range_m)
-        nearest_m = np.where(near, nearest_m, np.float32(np.inf))
-        # the nearest return of every direction fills cells of the descriptor that the voxels leave empty
-        seen = np.concatenate([timed.points, _returns_at(nearest_m, np.flatnonzero(near))])
-        voxels = timed.by_voxel_hash(config.voxel_m, ranking.dense_points)
-        viewed = None if timed.time_s is None else timed_view(timed, nearest_m)
-        return cls(seen, voxels, RangeView.of_nearest(nearest_m), viewed)
-
-
 def _prepare(
     scan: Scan | CompactScan,
     T_last_scan: Matrix,
@@ -271,34 +225,80 @@ def _prepare(
     config: PreprocessConfig,
     R_base_sensor: NDArray[np.float64] | None,
     ranking: AlignmentConfig,
-) -> PreparedScan | None:
-    returns = _Returns.of(scan, config, ranking)
-    voxels = returns.voxels.points
-    if len(voxels) < config.min_points:
-        return None
-    thinned = replace(Surface.around(voxels, -voxels), time_s=returns.voxels.time_s)
+) -> tuple[PreparedScan, Surface | None] | None:
+    """The scan, and a part of its points to align with many candidates; None: it has no more than these."""
     described = scan.described if isinstance(scan, CompactScan) else None
     if described is not None:
-        up, height_m = described.up, described.height_m
+        up = described.up
+    elif down is not None:
+        up = -down
+    else:  # expected
+        up = np.array([0.0, 0.0, 1.0]) if R_base_sensor is None else R_base_sensor[2]
+    is_known = described is not None or down is not None
+    limits = config.min_range_m, config.max_range_m, config.voxel_m, config.min_points
+    numbers = ranking.dense_points, ranking.sparse_points
+    if isinstance(scan, CompactScan):
+        made = prepare_compact_scan(
+            scan.points,
+            scan.time_s,
+            scan.nearest_m,
+            directions(),
+            *limits,
+            *numbers,
+            up=up,
+            up_is_known=is_known,
+            height_m=None if described is None else described.height_m,
+            default_height_m=config.default_height_m,
+        )
     else:
-        expected = np.array([0.0, 0.0, 1.0]) if R_base_sensor is None else R_base_sensor[2]
-        up = estimate_up_near(thinned.normals, expected) if down is None else -down
-        height_m = _height_by(up, thinned, config.default_height_m)
-    R_level_sensor = levelling_rotation(up)
-    return PreparedScan(
+        made = prepare_scan(
+            scan.points,
+            scan.time_s,
+            *limits,
+            ranking.voxelled_points,
+            ranking.view_points,
+            *numbers,
+            up=up,
+            up_is_known=is_known,
+            default_height_m=config.default_height_m,
+        )
+    if made is None:
+        return None
+    R_level_sensor, height_m, seen, returned, least_m, viewed, dense, sparse = made
+    thinned = _surface(*dense)
+    returns = None if viewed is None else TimedPoints(*viewed)
+    if isinstance(scan, CompactScan) and thinned.time_s is not None:
+        returns = _timed_returns(scan, config)
+    prepared = PreparedScan(
         T_last_scan,
         R_level_sensor,
         height_m,
-        returns.seen,
+        seen,
         described,
-        returns.view,
+        RangeView(returned.view(np.bool_), least_m),
         thinned,
-        returns.viewed,
+        returns,
     )
+    return prepared, None if sparse is None else _surface(*sparse)
+
+
+def _surface(
+    points: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    oriented: NDArray[np.uint8],
+    time_s: NDArray[np.float32] | None,
+) -> Surface:
+    return Surface(points, normals, oriented.view(np.bool_), time_s)
+
+
+def _timed_returns(scan: CompactScan, config: PreprocessConfig) -> TimedPoints:
+    """The returns of a compact scan's range view within range, with their times."""
+    near = TimedPoints(scan.points, scan.time_s).within_range(config.min_range_m, config.max_range_m)
+    in_range = (scan.nearest_m > config.min_range_m) & (scan.nearest_m < config.max_range_m)
+    return timed_view(near, np.where(in_range, scan.nearest_m, np.float32(np.inf)))
 
 
 def _height_by(up: NDArray[np.float64], surface: Surface, default_height_m: float) -> float:
     """Height of the sensor above the floor, for an up direction."""
-    R = levelling_rotation(up)
-    seen_m = floor_height(turned(surface.points, R), turned(surface.normals, R))
+    seen_m = height_above_floor(surface.points, surface.normals, up)
     return default_height_m if seen_m is None else seen_m

@@ -49,6 +49,13 @@ MAP_COORDINATES = _kind(
     "they have the coordinates of a map, as UTM.",
     "Send the scan in the sensor's frame, where the sensor is at (0, 0, 0).",
 )
+NO_COORDINATES = _kind(
+    "no_coordinates",
+    "The numbers are no coordinates: other columns or another byte order than those of the file",
+    "{points:,.0f} points, {in_range:,.0f} of them in range, median range {median_range_m:.1e} m: in no unit "
+    "is that a LiDAR's.",
+    "Look at how the file was written: its columns, their types and their byte order.",
+)
 ALL_TOO_NEAR = _kind(
     "all_too_near",
     "All points are near the sensor",
@@ -148,6 +155,15 @@ MOUNTING = _kind(
     Severity.WARNING,
 )
 
+# By the times of its points.
+TIME_FIELD_UNKNOWN = _kind(
+    "time_field_unknown",
+    "A field of the scan looks like the times of its points and was not understood",
+    "The field {field} was not understood as times of the points: {why}.",
+    "If the robot moved: ask while it stands, or send times in nanoseconds or seconds from the scan's stamp.",
+    Severity.WARNING,
+)
+
 # By the best place.
 NO_PLACE_FITS = _kind(
     "no_place_fits",
@@ -184,6 +200,13 @@ NOT_CONVERGED = _kind(
     "The scan could not be aligned to the map at the best place.",
     "Try a scan from another spot.",
     Severity.WARNING,
+)
+NO_TIMES = _kind(
+    "no_times",
+    "The scan was taken in motion, and has no times of its points",
+    "The scan has no times of its points: it was taken for one of a sensor at rest.",
+    "If the robot moved: ask while it stands, or send the times of the points.",
+    Severity.INFO,
 )
 NO_CANDIDATE = _kind(
     "no_candidate",

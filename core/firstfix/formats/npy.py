@@ -9,7 +9,8 @@ import numpy as np
 from ..errors import MalformedData
 from ..scan.scan import is_transposed
 from .file_kind import kind_of
-from .point_cloud import Limits, PointCloud, require_xyz
+from .point_cloud import Limits, PointCloud, with_axes
+from .row_layout import KITTI, names_of
 
 MAGIC = b"\x93NUMPY"
 _HEAD_BYTES = 256
@@ -35,12 +36,14 @@ def read_npy(path: Path, limits: Limits) -> PointCloud:
     except Exception as error:  # a damaged header makes Python's tokenizer raise various exceptions
         raise MalformedData("NPY: the header is damaged, or the file is cut off") from error
     if array.dtype.names is not None and array.ndim == 1:
-        columns = {name: array[name] for name in array.dtype.names if array.dtype[name].kind in "fiu"}
-        require_xyz("NPY", set(columns))
+        named = {name: array[name] for name in array.dtype.names if array.dtype[name].kind in "fiu"}
+        columns = with_axes("NPY", named)
     elif array.ndim == 2 and is_transposed(array.shape):
         raise MalformedData(f"NPY: the array has the shape {array.shape}; scans are (n, 3): transpose it")
     elif array.ndim == 2 and array.shape[1] >= 3 and array.dtype.kind in "fiu":
-        names = ("x", "y", "z", "intensity") if array.shape[1] >= 4 else ("x", "y", "z")
+        names = KITTI if array.shape[1] >= 4 else KITTI[:3]
+        if array.dtype.kind == "f" and len(array):  # velodyne-decoder's rows of eight have times, and others
+            names = names_of(array) or names
         columns = {name: array[:, column] for column, name in enumerate(names)}
     else:
         raise MalformedData(f"NPY: {array.dtype} {array.shape} is not an (n, 3) array of numbers")

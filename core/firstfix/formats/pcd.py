@@ -12,7 +12,8 @@ import numpy as np
 
 from ..errors import MalformedData, UnsupportedFormat
 from .file_kind import kind_of
-from .point_cloud import Body, Column, Limits, PointCloud, require_xyz
+from .point_cloud import Body, Column, Limits, PointCloud, axes_of, with_axes
+from .text_mode import undo_text_mode
 from .text_table import parse_rows
 
 _MAX_HEADER_BYTES = 65_536
@@ -87,13 +88,33 @@ def decode_pcd(body: Body, limits: Limits) -> PointCloud:
     body = memoryview(body)  # its slices are views
     header = _parse_header(body)
     limits.check("PCD", header.points, header.record_bytes)
+    if header.encoding != "ascii" and bytes(body[header.body_start - 2 : header.body_start]) == b"\r\n":
+        body = _with_plain_body(header, body)
     if header.encoding == "ascii":
         columns = _ascii_columns(header, body, limits)
     elif header.encoding == "binary":
         columns = _record_columns(header, body)
     else:
         columns = _compressed_columns(header, body)
-    return PointCloud(columns)
+    return PointCloud(with_axes("PCD", columns))
+
+
+def _with_plain_body(header: _Header, body: memoryview) -> memoryview:
+    """The file with its body as it was before a text-mode transfer, if it went through one.
+
+    Raises:
+        MalformedData: it did, and the body cannot be mended.
+    """
+    found = body[header.body_start :]
+    if header.encoding == "binary":
+        need = header.points * header.record_bytes
+    else:
+        # the compressed data's own size may be damaged, too
+        sizes = (bytes(found[:8]), bytes(found[:16]).replace(b"\r\n", b"\n")[:8])
+        whole, mended = (8 + int.from_bytes(size[:4], "little") for size in sizes)
+        need = whole if whole == len(found) else mended
+    plain = undo_text_mode("PCD", found, need)
+    return body if plain is found else memoryview(bytes(body[: header.body_start]) + bytes(plain))
 
 
 def _parse_header(body: Body) -> _Header:
@@ -116,7 +137,7 @@ def _parse_header(body: Body) -> _Header:
     if encoding not in ("ascii", "binary", "binary_compressed"):
         raise MalformedData(f"PCD: DATA {encoding[:40]!r} is not ascii, binary or binary_compressed")
     fields = _parse_fields(entries)
-    require_xyz("PCD", {field.name for field in fields if field.count == 1})
+    axes_of("PCD", [field.name for field in fields if field.count == 1])
     return _Header(fields, _parse_points(entries), encoding, start)
 
 

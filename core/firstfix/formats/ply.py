@@ -6,7 +6,8 @@ import numpy as np
 
 from ..errors import MalformedData, UnsupportedFormat
 from .ply_header import PlyElement, PlyHeader, parse_ply_header
-from .point_cloud import Body, Column, Limits, PointCloud, require_xyz
+from .point_cloud import Body, Column, Limits, PointCloud, axes_of, with_axes
+from .text_mode import undo_text_mode
 from .text_table import parse_rows
 
 
@@ -25,13 +26,19 @@ def decode_ply(body: Body, limits: Limits) -> PointCloud:
     vertices = next((element for element in header.elements if element.name == "vertex"), None)
     if vertices is None:
         raise MalformedData("PLY: the file has no element 'vertex'")
-    require_xyz("PLY", {prop.name for prop in vertices.properties if not prop.is_list})
+    axes_of("PLY", [prop.name for prop in vertices.properties if not prop.is_list])
     if vertices.has_list:
         raise UnsupportedFormat("PLY: vertices with list properties are not supported")
     before = header.elements[: header.elements.index(vertices)]
     limits.check("PLY", vertices.count, 8 * len(vertices.properties))
+    rows = body[header.body_start :]
+    has_crlf = bytes(body[header.body_start - 2 : header.body_start]) == b"\r\n"
+    if has_crlf and not header.is_ascii:
+        sizes = [element.count * element.record.itemsize for element in header.elements]
+        has_lists = any(element.has_list for element in header.elements)
+        rows = undo_text_mode("PLY", rows, None if has_lists else sum(sizes))
     decode = _ascii_columns if header.is_ascii else _binary_columns
-    return PointCloud(decode(header, before, vertices, body[header.body_start :]))
+    return PointCloud(with_axes("PLY", decode(header, before, vertices, rows)))
 
 
 def _binary_columns(

@@ -1,8 +1,8 @@
-"""The result of a format decoder, its limits, and the times of its points in seconds."""
+"""The result of a format decoder, and its limits."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,20 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MalformedData, TooLarge
-from ..scan.scan import MAX_ABS_TIME_S, MAX_POINTS
+from ..scan.scan import MAX_POINTS
 
 Body = bytes | memoryview
 Column = NDArray[Any]
 
+_SHOWN = 20  # fields of a file that an error names
 INTENSITY_NAMES = ("intensity", "scalar_intensity", "reflectivity", "reflectance", "i")
-# Of Ouster, Livox, Velodyne, Hesai and RoboSense, Autoware, LAS, CloudCompare.
-TIME_NAMES = ("t", "offset_time", "time", "timestamp", "time_stamp", "gps_time", "scalar_gpstime")
 # Of Velodyne, Ouster, Hesai and RoboSense, and of NCLT, Pandar, Livox; a Livox's lines are no rings.
 RING_NAMES = ("ring", "laser", "laser_id", "channel", "line")
-_NANOSECONDS = 1e-9
-_EPOCH_S = 1e8  # later than this, a time counts from the epoch, and not from the scan's begin
-_EPOCH_NS = 1e15
-_MIN_S = 1e-4  # from the first to the last point: drivers fill in zeros where they do not know the times
 
 
 @dataclass(frozen=True)
@@ -96,68 +91,26 @@ class PointCloud:
         return None if whole is None else np.where(whole, found, -1).astype(np.int64)
 
 
-def require_xyz(format_name: str, names: set[str]) -> None:
-    """Check that x, y and z are among the names.
+def axes_of(format_name: str, names: Iterable[str]) -> dict[str, str]:
+    """The names of a file's fields for the axes: x, y, z in small letters, else in capitals.
 
     Raises:
-        MalformedData: one of them is missing.
+        MalformedData: one of them is missing; the error names the fields that are there.
     """
-    missing = [axis for axis in "xyz" if axis not in names]
+    there = list(names)
+    found = {axis: next((name for name in (axis, axis.upper()) if name in there), None) for axis in "xyz"}
+    missing = [axis for axis, name in found.items() if name is None]
     if missing:
-        raise MalformedData(f"{format_name}: no field {', '.join(missing)}")
+        shown = ", ".join(name[:40] for name in there[:_SHOWN]) or "none"
+        raise MalformedData(f"{format_name}: no field {', '.join(missing)}; its fields: {shown}")
+    return {axis: name for axis, name in found.items() if name is not None}
 
 
-@dataclass(frozen=True)
-class PointTimes:
-    """Times of a scan's points.
+def with_axes(format_name: str, columns: Mapping[str, Column]) -> dict[str, Column]:
+    """The columns with x, y, z under these names, see ``axes_of``.
 
-    Attributes:
-        time_s: (n,) float32 seconds from the stamp; 0 for a point that is not finite.
-        stamp_s: the cloud's own stamp; else the time of the first point, if it counts from the epoch; else
-            None.
+    Raises:
+        MalformedData: as there.
     """
-
-    time_s: NDArray[np.float32]
-    stamp_s: float | None
-
-
-def point_times(columns: Mapping[str, Column], stamp_s: float | None) -> PointTimes | None:
-    """Times of the points, or None: there is no such column, or its numbers are not the times of one scan.
-
-    Integers are nanoseconds. Real numbers are seconds, or nanoseconds where they are too large for seconds.
-    Times since the epoch count from the stamp. Those that are not within MAX_ABS_TIME_S of it then, by the
-    clock of another device, count from the first point.
-
-    Args:
-        columns: (n,) each, x, y and z among them.
-        stamp_s: of the cloud, in seconds since the epoch.
-    """
-    column = _column(columns)
-    if column is None:
-        return None
-    with np.errstate(invalid="ignore", over="ignore"):  # any bits may stand in a message
-        usable = np.isfinite(columns["x"]) & np.isfinite(columns["y"]) & np.isfinite(columns["z"])
-        seconds = np.where(usable, column, np.float64(0))
-    taken = seconds[usable]
-    if not len(taken) or not np.isfinite(taken).all():
-        return None
-    if column.dtype.kind in "iu" or np.ptp(taken) > MAX_ABS_TIME_S or np.abs(taken).max() > _EPOCH_NS:
-        seconds, taken = seconds * _NANOSECONDS, taken * _NANOSECONDS
-    if np.ptp(taken) < _MIN_S:
-        return None
-    first = float(taken.min())
-    of_epoch = first > _EPOCH_S
-    if of_epoch and stamp_s is None:
-        stamp_s = first
-    from_stamp = seconds - stamp_s if of_epoch and stamp_s is not None else seconds
-    for relative in (from_stamp, seconds - first):
-        if float(np.abs(relative[usable]).max()) <= MAX_ABS_TIME_S:
-            return PointTimes(np.where(usable, relative, 0).astype(np.float32), stamp_s)
-    return None
-
-
-def _column(columns: Mapping[str, Column]) -> Column | None:
-    by_name = {name.lower(): column for name, column in columns.items()}
-    names = TIME_NAMES[1:] if "s" in by_name else TIME_NAMES  # s and t together are places in a picture
-    column = next((by_name[name] for name in names if name in by_name), None)
-    return None if column is None or column.dtype.kind not in "iuf" else column
+    by_file = {name: axis for axis, name in axes_of(format_name, columns).items()}
+    return {by_file.get(name, name): column for name, column in columns.items()}

@@ -9,14 +9,15 @@ import numpy as np
 from ..errors import UnsupportedFormat
 from ..formats.point_cloud import (
     INTENSITY_NAMES,
-    TIME_NAMES,
+    RING_NAMES,
     Body,
     Column,
     Limits,
     PointCloud,
-    point_times,
-    require_xyz,
+    axes_of,
+    with_axes,
 )
+from ..formats.point_times import is_time_name, point_times
 from ..scan.scan import Scan
 from .cdr import MessageReader
 from .header import Header, read_header
@@ -26,7 +27,9 @@ _NAME = "PointCloud2"
 _MAX_FIELDS = 256
 _MAX_POINT_STEP = 65_535
 _FLOAT_CODES = {7: "f4", 8: "f8"}
-_CODES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", **_FLOAT_CODES}
+# The last three since ROS 2 Lyrical; a bool is a byte.
+_CODES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", **_FLOAT_CODES, 9: "i8", 10: "u8", 11: "u1"}
+_OTHER_NAMES = {"x", "y", "z", *INTENSITY_NAMES, *RING_NAMES}
 
 
 @dataclass(frozen=True)
@@ -49,8 +52,7 @@ class StampedCloud:
             stamp_s = self.header.stamp.seconds
             # a driver without a clock leaves the stamp 0
             times = point_times(self.cloud.columns, stamp_s or None)
-            time_s = None if times is None else times.time_s
-            return Scan.from_columns(x, y, z, self.cloud.intensity, stamp_s, time_s)
+            return Scan.from_columns(x, y, z, self.cloud.intensity, stamp_s, times.time_s, times.field)
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class _Field:
 
 
 def decode_point_cloud2(body: Body, limits: Limits, *, ros1: bool = False) -> StampedCloud:
-    """Decode x, y, z, intensity and times of a message in the message's number types.
+    """Decode x, y, z, intensity, beams and times of a message in the message's number types.
 
     Fields may be in any order, with gaps. Rows may be padded (``row_step``). The numbers may be big-endian
     (``is_bigendian``), independent of the byte order of the CDR.
@@ -92,7 +94,8 @@ def decode_point_cloud2(body: Body, limits: Limits, *, ros1: bool = False) -> St
         )
     record = _record(reader, fields, point_step, ">" if big_endian else "<")
     rows = np.ndarray((height, width), record, data, strides=(row_step, point_step))
-    return StampedCloud(header, PointCloud({name: _column(rows, name) for name in record.names or ()}))
+    columns = {name: _column(rows, name) for name in record.names or ()}
+    return StampedCloud(header, PointCloud(with_axes(_NAME, columns)))
 
 
 def _read_field(reader: MessageReader) -> _Field:
@@ -103,12 +106,12 @@ def _record(reader: MessageReader, fields: list[_Field], point_step: int, order:
     """The layout of a point. Of two fields with one name, the first one counts."""
     single: dict[str, _Field] = {}
     for field in fields:
-        wanted = field.name in ("x", "y", "z") or field.name.lower() in (*INTENSITY_NAMES, *TIME_NAMES)
+        wanted = field.name.lower() in _OTHER_NAMES or is_time_name(field.name)
         if wanted and field.count == 1 and field.datatype in _CODES:
             single.setdefault(field.name, field)
-    require_xyz(_NAME, set(single))
-    for axis in "xyz":
-        if single[axis].datatype not in _FLOAT_CODES:
+    numbers = [field.name for field in fields if field.count == 1 and field.datatype in _CODES]
+    for axis, name in axes_of(_NAME, numbers).items():
+        if single[name].datatype not in _FLOAT_CODES:
             raise UnsupportedFormat(f"{_NAME}: {axis} is not FLOAT32 or FLOAT64")
     for field in single.values():
         if field.offset + np.dtype(_CODES[field.datatype]).itemsize > point_step:

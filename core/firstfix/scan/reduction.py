@@ -212,12 +212,19 @@ class RangeView:
     @classmethod
     def of_nearest(cls, nearest: NDArray[np.float32]) -> RangeView:
         """Range view of (cells,) nearest ranges, infinite in directions without a return."""
-        image = nearest.reshape(ROWS, COLUMNS)
-        around = filled_around(np.isfinite(image))
-        seen = np.bincount(around.ravel(), minlength=10)[1:].cumsum()  # by the cells around
-        usual = 1 + int(np.searchsorted(seen, seen[-1] / 2))
-        enough = ENOUGH if usual >= ENOUGH else 1
-        return cls((around >= enough).ravel(), least_of_neighbours(image).ravel())
+        returned, least = range_view(nearest)
+        return cls(returned.view(np.bool_), least)
+
+
+@accelerated
+def range_view(nearest_m: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Where there are returns around each direction of (cells,) nearest ranges, and the least range there."""
+    image = nearest_m.reshape(ROWS, COLUMNS)
+    around = filled_around(np.isfinite(image))
+    seen = np.bincount(around.ravel(), minlength=10)[1:].cumsum()  # by the cells around
+    usual = 1 + int(np.searchsorted(seen, seen[-1] / 2))
+    enough = ENOUGH if usual >= ENOUGH else 1
+    return (around >= enough).ravel().view(np.uint8), least_of_neighbours(image).ravel()
 
 
 def filled_around(image: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..bit_exact.accelerated import accelerated
 from ..errors import InvalidScan, TooLarge
 from .reduction import at_most
+from .time_field import TimeField
 
 MAX_POINTS = 2_000_000  # an OS1-128 at 2048 columns has 262,144; merged scans stay below this limit
 MAX_ABS_COORDINATE_M = 1_000.0  # beyond the range of any scanner on a robot
@@ -95,6 +96,8 @@ class Scan:
         time_s: (n,) float32, time of each point in seconds from the stamp, within MAX_ABS_TIME_S; None: not
             known. With it, the motion of the sensor during the scan is solved with its pose.
         dropped: points that were not kept.
+        time_field: the field of the cloud that gave ``time_s``; or one that looks like it and was not
+            understood.
     """
 
     points: NDArray[np.float32]
@@ -102,6 +105,7 @@ class Scan:
     stamp_s: float | None = None
     time_s: NDArray[np.float32] | None = None
     dropped: Dropped = Dropped()
+    time_field: TimeField | None = None
 
     @classmethod
     def from_points(
@@ -139,6 +143,7 @@ class Scan:
         intensity: ArrayLike | None = None,
         stamp_s: float | None = None,
         time_s: ArrayLike | None = None,
+        time_field: TimeField | None = None,
     ) -> Scan:
         """Like ``from_points``, with each axis in an array of its own.
 
@@ -162,7 +167,7 @@ class Scan:
             times = np.ascontiguousarray(times[usable], np.float32)
             if not float(np.abs(times).max(initial=0)) <= MAX_ABS_TIME_S:
                 raise InvalidScan(f"a point's time is not within {MAX_ABS_TIME_S:g} s of the scan's stamp")
-        return cls(points, values, stamp_s, times, dropped)
+        return cls(points, values, stamp_s, times, dropped, time_field)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -178,6 +183,6 @@ def _one_each(name: str, values: ArrayLike | None, count: int) -> NDArray[Any] |
 
 
 def _of_one_type(*columns: NDArray[Any]) -> list[NDArray[np.floating]]:
-    """The columns, aligned: as float32 where all are, otherwise as float64."""
+    """The columns: as float32 where all are, otherwise as float64."""
     single = all(column.dtype == np.float32 for column in columns)
-    return [np.require(column, np.float32 if single else np.float64, "A") for column in columns]
+    return [np.asarray(column, np.float32 if single else np.float64) for column in columns]

@@ -13,6 +13,7 @@ from ..datasets.names import Dataset
 
 EXAMPLES = examples(
     "firstfix dataset nclt nclt/2012-01-15 -o map",
+    "firstfix dataset recording drive.mcap -o map",
     "firstfix build map --map-id nclt --store store --sensor hdl-32e",
     "firstfix evaluate nclt/2012-02-04 --dataset nclt --map nclt --store store",
 )
@@ -23,7 +24,9 @@ Lidar = Annotated[
 
 
 def dataset(
-    name: Annotated[Dataset, typer.Argument(metavar="DATASET", help="Name of the data set.")],
+    name: Annotated[
+        Dataset, typer.Argument(metavar="DATASET", help="Name of the data set; recording: any of your own.")
+    ],
     recording: Annotated[Path, typer.Argument(help="Folder of one recording, as the authors ship it.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write; it must not exist.")],
     lidar: Lidar = None,
@@ -38,7 +41,7 @@ def dataset(
     ] = 60.0,
     seed: Annotated[int, typer.Option(help="Seed of the choice.", min=0)] = 0,
 ) -> None:
-    """Make a map's scans of a public data set's recording.
+    """Make a map's scans of a recording with poses.
 
     Writes scans and their true poses (mapping_scans/) to a folder that ``firstfix build`` makes a map of. It
     holds some of them out, and its self-test asks them. The map is in the frame of the data set's ground
@@ -58,6 +61,8 @@ def dataset(
     if out.exists():
         raise InvalidOption(f"{out} is there already: name a new folder")
     opened = open_dataset(name, recording, lidar)
+    for note in opened.notes:
+        typer.echo(note, err=True)
     chosen = one_a_place(opened.T_map_sensor, spacing_m, seed)
     scans = track(
         opened.read(chosen), "read", total=len(chosen), console=Console(stderr=True), transient=True

@@ -217,6 +217,8 @@ def _of_dataset(
     from ..datasets.recording import one_a_place
 
     recording = open_dataset(dataset, folder, lidar)
+    for note in recording.notes:
+        typer.echo(note, err=True)
     chosen = one_a_place(recording.T_map_sensor, spacing_m, SEED)
     typer.echo(
         f"{folder}: {len(chosen)} of {len(recording.stamps_ns)} scans, one from each {spacing_m:g} m square"

@@ -13,6 +13,7 @@ from .mulran import open_mulran
 from .names import Dataset
 from .nclt import open_nclt
 from .newer_college import open_newer_college
+from .recorded import open_recorded
 from .recording import Recording
 
 _OPEN: dict[Dataset, Callable[[Path], Recording]] = {
@@ -20,6 +21,7 @@ _OPEN: dict[Dataset, Callable[[Path], Recording]] = {
     Dataset.mulran: open_mulran,
     Dataset.hilti: open_hilti,
     Dataset.newer_college: open_newer_college,
+    Dataset.recording: open_recorded,
 }
 
 

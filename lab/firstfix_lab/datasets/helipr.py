@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from firstfix.decode import scan_of_cloud
 from firstfix.errors import InvalidOption, MalformedData, NotFound
-from firstfix.formats.point_cloud import SCAN_LIMITS
+from firstfix.formats.point_cloud import SCAN_LIMITS, PointCloud
 from firstfix.scan.scan import Scan
 from firstfix_builder.sources.read_map.file_errors import naming
 from firstfix_builder.sources.read_map.rigid import rigid_from_quaternions
@@ -87,5 +88,4 @@ def _read_scan(lidar: str, path: Path) -> Scan:
         raise MalformedData(f"HeLiPR {lidar}: {len(body)} bytes are not whole records of {record.itemsize}")
     rows = np.frombuffer(body, record)
     SCAN_LIMITS.check(f"HeLiPR {lidar}", len(rows), record.itemsize)
-    intensity = "intensity" if "intensity" in (record.names or ()) else "reflectivity"
-    return Scan.from_columns(rows["x"], rows["y"], rows["z"], rows[intensity])
+    return scan_of_cloud(PointCloud({name: rows[name] for name in record.names or ()}))

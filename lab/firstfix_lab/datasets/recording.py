@@ -38,7 +38,10 @@ class Recording(ABC):
         stamps_ns: (n,) int64, times of the scans that have a true pose, ascending.
         T_map_sensor: (n, 4, 4), their poses.
         without_pose: number of scans without one.
+        notes: what a user should know of the way it was read, a sentence each.
     """
+
+    notes: Sequence[str] = ()
 
     def __init__(self, stamps_ns: Sequence[int], truth: GroundTruth, T_body_sensor: Matrix) -> None:
         poses = [(stamp, truth.at(stamp)) for stamp in sorted(stamps_ns)]

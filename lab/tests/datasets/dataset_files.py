@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from firstfix.scan.scan import Scan
+from tests.lidar_messages import livox
 from tests.ros_samples import cloud_of_points, stores_of, write_bag
 
 Posed = tuple[Scan, NDArray[np.float64]]  # and T_map_sensor
@@ -113,6 +114,30 @@ def write_hilti(folder: Path, posed: Sequence[Posed]) -> Path:
     return bag
 
 
+def write_recorded(folder: Path, posed: Sequence[Posed], kind: str = "mcap") -> Path:
+    """Any recording with a trajectory of its sensor beside it; of a Livox, which sends no PointCloud2."""
+    layout = [
+        ("t", "u4"),
+        *((axis, "f4") for axis in "xyz"),
+        *((name, "u1") for name in ("i", "tag", "line")),
+    ]
+    messages = []
+    for (scan, _), stamp in zip(posed, stamps(len(posed)), strict=True):
+        points = np.zeros(len(scan), layout)
+        for number, axis in enumerate("xyz"):
+            points[axis] = scan.points[:, number]
+        message = livox(points)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        messages.append(("/livox/lidar", stamp, message))
+    lines = [
+        f"{stamp // 10**9}.{stamp % 10**9:09d} {words(T, ' ')}"
+        for stamp, (_, T) in zip(stamps(len(posed)), posed, strict=True)
+    ]
+    bag = write_bag(folder, kind, messages)
+    (folder / f"{bag.name}.tum").write_text("\n".join(lines) + "\n")
+    return bag
+
+
 def write_newer_college_files(folder: Path, posed: Sequence[Posed]) -> Path:
     """2020: ascii PCD a scan, poses of the left camera."""
     scans = folder / "raw_format" / "ouster_scan"
@@ -189,6 +214,7 @@ FORMATS = {
         for lidar in HELIPR
     },
     "hilti": Format("hilti", write_hilti),
+    "recording": Format("recording", write_recorded),
     "newer_college files": Format("newer_college", write_newer_college_files),
     "newer_college bags": Format("newer_college", write_newer_college_bags),
 }

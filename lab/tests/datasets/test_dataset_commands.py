@@ -11,7 +11,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from firstfix_builder.sources.read_map import read_map
 from firstfix_cli.main import run
-from lab.tests.datasets.dataset_files import write_hilti, write_mulran
+from lab.tests.datasets.dataset_files import write_hilti, write_mulran, write_recorded
 
 
 def exit_code(*arguments: object) -> int:
@@ -51,6 +51,23 @@ def test_a_map_of_a_recording(small_scans, tmp_path: Path, capsys):
     assert (found.points.max(axis=0) < [8.5, 6.5, 3.5]).all()
     assert exit_code("dataset", "hilti", bag, "-o", tmp_path / "map") == 2
     assert "is there already" in capsys.readouterr().err
+
+
+def test_a_map_of_any_recording_that_was_cut_off(small_scans, tmp_path: Path, capsys):
+    """Its clouds are a Livox's, and its recorder was killed before it wrote the description."""
+    bag = write_recorded(tmp_path, small_scans[:6])
+    (bag / "metadata.yaml").unlink()
+    assert exit_code("dataset", "recording", bag, "-o", tmp_path / "map", "--spacing", "0.01") == 0
+    said = capsys.readouterr()
+    assert "cut off" in said.err
+    assert "points of 6 scans" in said.out
+    found = read_map(tmp_path / "map")
+    assert found.points is not None
+    assert (found.points.min(axis=0) > [-8.5, -6.5, -0.5]).all()
+    assert (found.points.max(axis=0) < [8.5, 6.5, 3.5]).all()
+    bag.with_name(f"{bag.name}.tum").unlink()
+    assert exit_code("dataset", "recording", bag, "-o", tmp_path / "other") == 2
+    assert f"no trajectory {bag.name}.tum beside it" in capsys.readouterr().err
 
 
 def test_a_damaged_recording_leaves_no_folder(small_scans, tmp_path: Path, capsys):

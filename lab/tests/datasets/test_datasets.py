@@ -14,6 +14,7 @@ from firstfix.transform import from_quaternion, inverse, make_transform, pose_er
 from firstfix_builder.sources.read_map import read_map
 from firstfix_lab.datasets.datasets import open_dataset
 from firstfix_lab.datasets.ground_truth import GroundTruth
+from firstfix_lab.datasets.helipr import RECORDS
 from firstfix_lab.datasets.mapping_run import write_mapping_run
 from firstfix_lab.datasets.names import Dataset
 from firstfix_lab.datasets.recording import one_a_place
@@ -88,6 +89,20 @@ def test_aeva_without_intensity_before_a_date(tmp_path: Path):
     truth.write_text("".join(f"{int(stamp) - 10**17} {pose}\n" for stamp, pose in rows))
     first = next(open_dataset(Dataset.helipr, drive_folder).read(np.array([0])))
     assert np.abs(first.scan.points - posed[0][0].points).max() < 1e-5
+
+
+@pytest.mark.parametrize("lidar", RECORDS)
+def test_the_times_of_heliprs_points(lidar: str, tmp_path: Path):
+    _, posed = drive(1)
+    path = write_helipr(tmp_path, posed, lidar)
+    records = np.zeros(500, RECORDS[lidar])
+    records["x"] = np.linspace(5, 10, 500)
+    sweep_s = np.linspace(0, 0.0999, 500)
+    name = next(name for name in records.dtype.names or () if name.startswith("time"))
+    records[name] = sweep_s * (1e9 if name == "time_ns" else 1)
+    next((path / "LiDAR" / lidar).iterdir()).write_bytes(records.tobytes())
+    scan = next(open_dataset(Dataset.helipr, path).read(np.array([0]))).scan
+    np.testing.assert_allclose(scan.time_s, sweep_s, atol=1e-6)
 
 
 def test_poses_between_times():
@@ -291,6 +306,8 @@ def test_a_real_scan_of_heliprs_avia(tmp_path: Path):
     next((path / "LiDAR" / "Avia").iterdir()).write_bytes(real.read_bytes())
     scan = next(open_dataset(Dataset.helipr, path).read(np.array([0]))).scan
     assert np.array_equal(scan.points, read_scan_file(real).points)
+    for one in (scan, read_scan_file(real)):
+        assert (one.time_s.min(), one.time_s.max()) == pytest.approx((0.000320859, 0.099841705), abs=1e-8)
     away = scan.points[np.linalg.norm(scan.points, axis=1) > 1]
     azimuth_deg = np.degrees(np.arctan2(away[:, 1], away[:, 0]))
     assert np.mean(np.abs(azimuth_deg) < 36) > 0.99  # 70 degrees wide

@@ -240,3 +240,49 @@ def test_the_faces_of_an_ascii_mesh_are_not_vertices():
     body += text_rows(np.eye(3)) + b"3 0 1 2\n4 0 1 2 0\n"
     np.testing.assert_array_equal(decode_ply(body, SCAN_LIMITS).xyz, np.eye(3))
     assert parse_ply_header(body).count_of("face") == 2
+
+
+@every_case("encoding", ["binary", "binary_compressed"])
+@every_case("points", [1, 500])
+def test_a_pcd_that_went_through_a_text_mode_transfer_is_mended(points, encoding):
+    cloud = random_cloud(points)
+    cloud["ring"][:1] = 0x0D0A  # CR LF, the other way round: as it is in the file
+    whole = pcd(cloud, encoding)
+    read = decode_pcd(whole.replace(b"\n", b"\r\n"), SCAN_LIMITS)
+    for name in cloud.dtype.names:
+        np.testing.assert_array_equal(read.columns[name], cloud[name])
+    head = pcd_header(cloud, encoding)  # written on Windows: the header alone has CR LF
+    read = decode_pcd(head.replace(b"\n", b"\r\n") + pcd_body(cloud, encoding), SCAN_LIMITS)
+    np.testing.assert_array_equal(read.columns["z"], cloud["z"])
+
+
+def test_a_ply_that_went_through_a_text_mode_transfer_is_mended():
+    cloud = random_cloud(500)
+    whole = ply(cloud, "binary_little_endian").replace(b"\n", b"\r\n")
+    read = decode_ply(whole, SCAN_LIMITS)
+    for name in cloud.dtype.names:
+        np.testing.assert_array_equal(read.columns[name], cloud[name])
+    no_faces = ply(cloud, "binary_little_endian").replace(b"element face 1", b"element face 0")
+    plain = no_faces.replace(b"element face 0\nproperty list uchar int vertex_indices\n", b"")[:-13]
+    read = decode_ply(plain.replace(b"\n", b"\r\n"), SCAN_LIMITS)
+    np.testing.assert_array_equal(read.columns["ring"], cloud["ring"])
+    with pytest.raises(MalformedData, match="damaged by a text-mode transfer"):
+        decode_ply(plain.replace(b"\n", b"\r\n")[:-30], SCAN_LIMITS)
+
+
+@every_case("encoding", ["binary", "binary_compressed"])
+def test_a_pcd_that_a_transfer_damaged_and_cut_is_named(encoding):
+    whole = pcd(random_cloud(5000), encoding).replace(b"\n", b"\r\n")
+    with pytest.raises(MalformedData, match=r"damaged by a text-mode transfer, .*: copy it again as binary"):
+        decode_pcd(whole[:-50], SCAN_LIMITS)
+
+
+@every_case("decode, make", [(decode_pcd, pcd), (decode_ply, ply)])
+def test_axes_in_capitals_are_taken_and_missing_ones_named_with_the_fields(decode, make):
+    encoding = "binary" if make is pcd else "binary_little_endian"
+    capitals, other = random_cloud(5), random_cloud(5)
+    capitals.dtype.names = ("X", "Y", "Z", "intensity", "ring")
+    np.testing.assert_array_equal(decode(make(capitals, encoding), SCAN_LIMITS).xyz[:, 2], capitals["Z"])
+    other.dtype.names = ("range", "azimuth", "z", "intensity", "ring")
+    with pytest.raises(MalformedData, match="no field x, y; its fields: range, azimuth, z, intensity, ring"):
+        decode(make(other, encoding), SCAN_LIMITS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from firstfix.decode import scan_of_cloud
 from firstfix.errors import MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.npy import read_npy
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
@@ -159,3 +160,42 @@ def test_bin_files_of_noise_are_refused(size):
     noise = np.random.default_rng(7).bytes(size)
     with pytest.raises(UnsupportedFormat):
         decode_scanner_bin(noise, "a.bin", SCAN_LIMITS)
+
+
+OUSTER = (
+    "# Frame number: 1066\n# TIMESTAMP (ns), ROW, DESTAGGERED IMAGE COLUMN, MEASUREMENT_ID, FLAGS, "
+    "NEAR_IR (photons), RANGE (mm), REFLECTIVITY (%), X1 (m), Y1 (m), Z1 (m)\n"
+)
+
+
+def test_the_csv_of_ouster_cli_is_read():
+    """Its names stand in the second comment; a row without a return is at the origin (ouster-sdk 1.0.1)."""
+    n = 300
+    ns = 1_730_000_000_000_000_000 + np.linspace(0, 99_900_000, n).astype(np.int64)
+    xyz = np.random.default_rng(0).uniform(-20, 20, (n, 3)).round(4)
+    xyz[::3] = 0
+    rows = [
+        f"{t}, {k % 128}, {k // 128}, {k // 128}, 1, 200, {round(1000 * float(np.linalg.norm(p)))}, 12, "
+        f"{p[0]:.4f}, {p[1]:.4f}, {p[2]:.4f}"
+        for k, (t, p) in enumerate(zip(ns, xyz, strict=True))
+    ]
+    cloud = decode_text((OUSTER + "\n".join(rows) + "\n").encode(), SCAN_LIMITS)
+    np.testing.assert_array_equal(cloud.xyz, xyz)
+    np.testing.assert_array_equal(cloud.ring, np.arange(n) % 128)
+    assert (cloud.intensity == 12).all()
+    found = scan_of_cloud(cloud)
+    back = (xyz != 0).any(axis=1)
+    assert found.stamp_s == pytest.approx(ns[0] / 1e9, abs=1e-6)
+    np.testing.assert_allclose(found.time_s[back], ((ns - ns[0]) / 1e9)[back], atol=1e-6)
+
+
+def test_times_and_beams_of_named_columns_are_read():
+    rows = "x y z ring t\n" + "".join(f"{k} 1 2 {k % 4} {k * 100_000}\n" for k in range(1000))
+    cloud = decode_text(rows.encode(), SCAN_LIMITS)
+    np.testing.assert_array_equal(cloud.ring, np.arange(1000) % 4)
+    np.testing.assert_allclose(scan_of_cloud(cloud).time_s, np.arange(1000) * 1e-4, atol=1e-6)
+
+
+def test_names_that_are_not_understood_are_shown():
+    with pytest.raises(MalformedData, match="names x, y, z, and not '# range, azimuth"):
+        decode_text(b"# range, azimuth\n" + b"1," * 11 + b"2\n", SCAN_LIMITS)

@@ -27,6 +27,7 @@ from .facts import MEASURED, facts_of
 from .input_findings import input_finding
 from .other_forms import BETTER, other_forms
 from .place_findings import mounting_finding, reasons_found
+from .time_findings import no_times_finding, time_field_finding
 from .viewpoint import best_viewpoint, is_elsewhere, is_even, is_map_origin, is_suspect
 
 FLAT = 0.01  # plane ratio of a 2-D LiDAR's scan
@@ -94,19 +95,24 @@ def diagnosed(answer: Localization, query: AskedQuery, watch: Stopwatch, *, expl
         answer = Localization(Verdict.REJECTED, (Reason.WRONG_FRAME,))
     else:
         found = mounting_finding(answer, query.options)
-    return replace(answer, scan=facts, findings=() if found is None else (found,))
+    findings = tuple(one for one in (found, time_field_finding(query.scan)) if one is not None)
+    return replace(answer, scan=facts, findings=findings)
 
 
 def _why_not_localized(
     answer: Localization, query: AskedQuery, facts: ScanFacts, watch: Stopwatch, *, explains: bool
 ) -> tuple[Finding, ...]:
-    """The cause, if one is found: by the points, by another form, by the viewpoint. Then the reason."""
+    """The cause, if one is found: by points, another form or viewpoint. Then the reason; then the times."""
     cause = _by_points(answer, query, facts)
     if cause is None and explains and not _fits_as_sent(answer):
         cause = _by_other_forms(answer, query, watch)
     if cause is None:
         cause = _wrong_frame(answer, query, facts)
-    return (*(() if cause is None else (cause,)), *reasons_found(answer))
+    times = time_field_finding(query.scan)
+    if times is None and cause is None:
+        times = no_times_finding(answer, facts)
+    found = (cause, *reasons_found(answer), times)
+    return tuple(one for one in found if one is not None)
 
 
 def _fits_as_sent(answer: Localization) -> bool:

@@ -13,6 +13,7 @@ from .facts import is_intensity_first, is_on_a_line
 
 MILLIMETRES_FROM_M = 2_000.0  # median range: LiDARs see 2 to 20 m in the median, indoors and outdoors
 CENTIMETRES_FROM_M = 150.0
+LARGEST_M = 1e7  # of millimetres, it would be 10 km: no unit makes ranges of it
 ROBOT_M = 3.0  # all points of a scan lie nearer: it shows the robot only, or the unit is wrong
 MAP_SPREAD = 0.2  # of the points, against their distance: they are far from the origin, not from each other
 _WHOLE_NUMBERS = "the first has whole numbers, and none below 0"
@@ -55,6 +56,8 @@ def _by_ranges(facts: ScanFacts, dropped: Dropped) -> Finding | None:
     numbers = {"points": facts.points, "in_range": facts.in_range, "median_range_m": median_m}
     if median_m == dropped.far_m and dropped.spread_m < MAP_SPREAD * dropped.far_m:
         return scan_kinds.MAP_COORDINATES.found({**numbers, "spread_m": dropped.spread_m})
+    if median_m > LARGEST_M:
+        return scan_kinds.NO_COORDINATES.found(numbers)
     if median_m > MILLIMETRES_FROM_M:
         return scan_kinds.UNIT_MILLIMETRES.found(numbers)
     if median_m > CENTIMETRES_FROM_M:

@@ -13,7 +13,7 @@ from ...scan.reduction import rows_by_voxel_hash
 from ...transform import Matrix
 from .chunked_x import chunked_x
 
-_SAME_FRAME = np.eye(4)
+SAME_FRAME = np.eye(4)
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Surface:
 
     def moved(self, T: Matrix) -> Surface:
         """Surface brought from the right frame of T to its left frame."""
-        if np.array_equal(T, _SAME_FRAME):  # as the only scan of a query
+        if np.array_equal(T, SAME_FRAME):  # as the only scan of a query
             return self
         R = T[:3, :3].astype(np.float32)
         points = self.points @ R.T + T[:3, 3].astype(np.float32)

@@ -8,6 +8,10 @@
 #include <cstdint>
 #include <cstring>
 
+#if defined(__AVX512F__)
+#include <immintrin.h>
+#endif
+
 namespace firstfix::detail {
 
 #if defined(__AVX512F__)
@@ -222,6 +226,26 @@ inline void split8(const float* vectors, Float8& x, Float8& y, Float8& z) {
 
 // Whether any lane of a comparison holds.
 inline bool any(const Int8& mask) { return detail::joined(mask) != 0; }
+
+// Appends to N lists of `count` numbers the first `lanes` of N vectors, where the mask is set. Returns the new count. The
+// lists have room for eight numbers more.
+template <std::size_t N>
+std::size_t append8(const Int8& mask, std::size_t lanes, const Int8 (&values)[N], std::int32_t* const (&to)[N], std::size_t count) {
+#if defined(__AVX512DQ__) && defined(__AVX512VL__)
+  const unsigned first = (1U << lanes) - 1, taken = _mm256_movepi32_mask(reinterpret_cast<__m256i>(mask)) & first;
+  for (std::size_t k = 0; k < N; ++k) {  // compressed in a register: some processors take long to do it on the way to memory
+    const __m256i kept = _mm256_maskz_compress_epi32(static_cast<__mmask8>(taken), reinterpret_cast<__m256i>(values[k]));
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(to[k] + count), kept);
+  }
+  return count + static_cast<std::size_t>(__builtin_popcount(taken));
+#else
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    for (std::size_t k = 0; k < N; ++k) to[k][count] = values[k][lane];
+    count += static_cast<std::size_t>((mask[lane] != 0) & (lane < lanes));
+  }
+  return count;
+#endif
+}
 
 inline double sum(const Float8& lanes) {
   double total = 0;

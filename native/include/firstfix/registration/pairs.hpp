@@ -52,6 +52,7 @@ class PairFinder {
 
  private:
   static constexpr std::size_t kBlock = 256;  // points whose new cells are looked up together
+  static constexpr std::size_t kRoom = kBlock + kLanes;  // append8 writes all lanes
 
   const SurfaceGrid& grid_;
   const ScanSurface& scan_;
@@ -94,7 +95,7 @@ class PairFinder {
   // Places the points, and reads the planes of those that are in another cell than before.
   void look_up(const float* R, const float* t, std::size_t first, std::size_t end, Placed& placed) {
     const float per_m = 1 / grid_.cell_m;
-    std::int32_t moved[kBlock], x_of[kBlock], y_of[kBlock], z_of[kBlock];
+    std::int32_t moved[kRoom], x_of[kRoom], y_of[kRoom], z_of[kRoom];
     std::size_t count = 0;
     for (std::size_t i = first; i < end; i += kLanes) {
       Placed8& here = placed.at[(i - first) / kLanes];
@@ -106,11 +107,9 @@ class PairFinder {
       const Int8 changed = (cx != load8(&cell_x_[i])) | (cy != load8(&cell_y_[i])) | (cz != load8(&cell_z_[i]));
       if (!any(changed)) continue;
       store8(cx, &cell_x_[i]), store8(cy, &cell_y_[i]), store8(cz, &cell_z_[i]);
-      for (std::size_t lane = 0; lane < kLanes; ++lane) {
-        moved[count] = static_cast<std::int32_t>(i + lane);
-        x_of[count] = cx[lane], y_of[count] = cy[lane], z_of[count] = cz[lane];
-        count += static_cast<std::size_t>((changed[lane] != 0) & (i + lane < scan_.count));
-      }
+      const std::size_t left = scan_.count > i ? scan_.count - i : 0;
+      const Int8 number = Int8{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<std::int32_t>(i);
+      count = append8(changed, std::min(left, kLanes), {number, cx, cy, cz}, {moved, x_of, y_of, z_of}, count);
     }
     if (count == 0) return;
     std::int32_t row[kBlock];

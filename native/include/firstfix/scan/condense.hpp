@@ -38,9 +38,7 @@ inline ScanDescriptor described(const std::vector<Point>& near, const std::vecto
                                 const DescriptorParameters& parameters, const std::optional<Gravity>& gravity) {
   Patches flat = flat_patches(numbers_of(means), means.size(), 3.0 * parameters.voxel_m);
   const std::size_t count = flat.points.size() / 3;
-  std::vector<Vector3> normals(count);
-  std::copy(flat.normals.begin(), flat.normals.end(), numbers_of(normals));
-  ScanDescriptor made{*parameters.descriptor, {}, gravity ? up_of(*gravity) : estimate_up(normals), 0};
+  ScanDescriptor made{*parameters.descriptor, {}, gravity ? up_of(*gravity) : estimate_up(flat.normals.data(), count), 0};
   // float, as it is sent, so that the result does not depend on the last digits
   for (double& v : made.up) v = static_cast<double>(static_cast<float>(v));
   const Matrix3 R = levelling_rotation(made.up);

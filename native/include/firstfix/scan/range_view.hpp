@@ -80,6 +80,52 @@ inline void least_of_neighbours(const float* nearest_m, float* least_m) {
   }
 }
 
+// Ranges of one scan by direction, for the poses at which it is compared with the map.
+struct RangeView {
+  std::vector<std::uint8_t> returned;  // (kDirections) 1: there are returns in the direction, and in enough of those around
+  std::vector<float> least_m;          // (kDirections) nearest range in and around the direction
+};
+
+namespace detail {
+
+// Number of filled cells among each filled cell and its eight neighbours, else 0. The columns go around.
+inline std::vector<std::uint8_t> filled_around(const float* nearest_m) {
+  std::vector<std::uint8_t> one(kDirections), across(kDirections), around(kDirections);
+  for (std::size_t i = 0; i < kDirections; ++i) one[i] = std::isfinite(nearest_m[i]) ? 1 : 0;
+  for (std::size_t row = 0; row < kDirections; row += kViewColumns) {
+    constexpr std::size_t kLast = kViewColumns - 1;
+    const std::uint8_t* from = one.data() + row;
+    std::uint8_t* to = across.data() + row;
+    to[0] = static_cast<std::uint8_t>(from[kLast] + from[0] + from[1]);
+    to[kLast] = static_cast<std::uint8_t>(from[kLast - 1] + from[kLast] + from[0]);
+    for (std::size_t c = 1; c < kLast; ++c) to[c] = static_cast<std::uint8_t>(from[c - 1] + from[c] + from[c + 1]);
+  }
+  for (std::size_t i = 0; i < kDirections; ++i) {
+    const unsigned below = i < kViewColumns ? 0U : across[i - kViewColumns];
+    const unsigned above = i + kViewColumns < kDirections ? across[i + kViewColumns] : 0U;
+    around[i] = static_cast<std::uint8_t>((across[i] + below + above) * one[i]);
+  }
+  return around;
+}
+
+}  // namespace detail
+
+// The view of (kDirections) nearest ranges, infinite in directions without a return. Beside a hole nobody knows what a ray
+// would have met: so a direction needs returns in 7 of the 9 around it, but for a scan that is mostly holes.
+inline RangeView range_view(const float* nearest_m) {
+  constexpr unsigned kEnough = 7;
+  RangeView view{detail::filled_around(nearest_m), std::vector<float>(kDirections)};
+  std::size_t cells[10] = {};
+  for (const std::uint8_t around : view.returned) ++cells[around];
+  const std::size_t filled = kDirections - cells[0];
+  unsigned usual = 1;  // of half of the filled cells
+  for (std::size_t so_far = cells[1]; 2 * so_far < filled; so_far += cells[usual]) ++usual;
+  const unsigned enough = usual >= kEnough ? kEnough : 1;
+  for (std::uint8_t& around : view.returned) around = around >= enough ? 1 : 0;
+  least_of_neighbours(nearest_m, view.least_m.data());
+  return view;
+}
+
 namespace detail {
 
 // The nearest range in every direction, infinite where there is no return.

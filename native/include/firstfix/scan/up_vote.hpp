@@ -124,19 +124,23 @@ inline std::vector<Vector3> up_candidates() {
   return directions;
 }
 
-// The up direction that most of the unit surface normals (of either sign) confirm.
-inline Vector3 estimate_up(const std::vector<Vector3>& all_normals) {
+// The up direction that most of (count, 3) unit surface normals, of either sign, confirm.
+template <class T>
+Vector3 estimate_up(const T* all_normals, std::size_t count) {
   constexpr std::size_t kVoters = 2000;
-  const std::vector<Vector3> normals = at_most(all_normals, kVoters);
+  std::vector<T> normals;
+  for (const auto row : rows_by_chance(count, kVoters)) {
+    normals.insert(normals.end(), all_normals + 3 * row, all_normals + 3 * row + 3);
+  }
   const std::vector<Vector3> directions = up_candidates();
   std::vector<double> won(directions.size());
-  votes(numbers_of(normals), normals.size(), numbers_of(directions), directions.size(), won.data());
+  votes(normals.data(), normals.size() / 3, numbers_of(directions), directions.size(), won.data());
   for (std::size_t i = 0; i < won.size(); ++i) {  // a weak preference for an upright sensor
     const double tilt_deg = std::acos(std::clamp(directions[i][2], -1.0, 1.0)) * (180 / kPi);
     won[i] *= 1 - 0.15 * tilt_deg / 35.0;
   }
   const auto voted = static_cast<std::size_t>(std::max_element(won.begin(), won.end()) - won.begin());
-  return refined_up(numbers_of(normals), normals.size(), directions[voted]);
+  return refined_up(normals.data(), normals.size() / 3, directions[voted]);
 }
 
 }  // namespace detail

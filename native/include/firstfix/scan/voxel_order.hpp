@@ -124,30 +124,55 @@ std::vector<KeyedRow<Key>> rows_by_voxel(const T* points, std::size_t count, dou
   return entries;
 }
 
-// Calls visit(first, last) for the entries of every occupied voxel: their `row` is ascending.
-template <class Key, class T, class Visit>
-void each_voxel_keyed(const T* points, std::size_t count, double voxel_m, double border_m, const VoxelBox& box,
-                      const AxisOrder& order, Visit& visit) {
-  const auto entries = rows_by_voxel<Key>(points, count, voxel_m, border_m, box, order);
-  const auto* const end = entries.data() + count;
-  for (const auto* first = entries.data(); first != end;) {
-    const auto* last = first;
-    while (last != end && last->key == first->key) ++last;
-    visit(first, last);
-    first = last;
-  }
+// Calls use(Key{}) with the smallest type of keys that number all voxels of a box.
+template <class Use>
+auto with_key(const VoxelBox& box, Use use) {
+  return box.count() <= std::uint64_t{1} << 31 ? use(std::uint32_t{}) : use(std::uint64_t{});
 }
 
+// Calls visit(first, last) for the entries of every occupied voxel: their `row` is ascending.
 template <class T, class Visit>
 void each_voxel(const T* points, std::size_t count, double voxel_m, double border_m, const AxisOrder& order,
                 Visit visit) {
   if (count == 0) return;
   const VoxelBox box = voxel_box(points, count, voxel_m, border_m);
-  if (box.count() <= std::uint64_t{1} << 31) {
-    each_voxel_keyed<std::uint32_t>(points, count, voxel_m, border_m, box, order, visit);
-  } else {
-    each_voxel_keyed<std::uint64_t>(points, count, voxel_m, border_m, box, order, visit);
-  }
+  with_key(box, [&](auto key) {
+    const auto entries = rows_by_voxel<decltype(key)>(points, count, voxel_m, border_m, box, order);
+    const auto* const end = entries.data() + count;
+    for (const auto* first = entries.data(); first != end;) {
+      const auto* last = first;
+      while (last != end && last->key == first->key) ++last;
+      visit(first, last);
+      first = last;
+    }
+  });
+}
+
+// Means of kNumbers numbers over the points of every voxel, (voxels, kNumbers): ordered by the voxels' z, then y, then x.
+// add(row, sums): adds those of a point, as whole numbers of steps. Points are counted and added in one run.
+template <std::size_t kNumbers, class T, class Add>
+std::vector<double> means_by_voxel(const T* points, std::size_t count, double voxel_m, double border_m, double steps_a_unit,
+                                   Add add) {
+  std::vector<double> means;
+  if (count == 0) return means;
+  const VoxelBox box = voxel_box(points, count, voxel_m, border_m);
+  with_key(box, [&](auto key) {
+    const auto entries = rows_by_voxel<decltype(key)>(points, count, voxel_m, border_m, box, kZYX);
+    std::size_t voxels = 1;
+    for (std::size_t i = 1; i < count; ++i) voxels += static_cast<std::size_t>(entries[i].key != entries[i - 1].key);
+    means.resize(kNumbers * voxels);
+    double* mean = means.data();
+    const auto* const end = entries.data() + count;
+    for (const auto* first = entries.data(); first != end;) {
+      double sums[kNumbers] = {};
+      const auto* last = first;
+      for (; last != end && last->key == first->key; ++last) add(std::size_t{last->row}, sums);
+      const double steps = static_cast<double>(last - first) * steps_a_unit;
+      for (const double sum : sums) *mean++ = sum / steps;
+      first = last;
+    }
+  });
+  return means;
 }
 
 }  // namespace firstfix::detail

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.scan_facts import ScanFacts
+from firstfix.decode import scan_of_cloud
 from firstfix.engine.config import PreprocessConfig
 from firstfix.engine.diagnosis.facts import MEASURED, eigenvalue_bounds, facts_of, is_on_a_line
 from firstfix.engine.diagnosis.input_findings import input_finding
 from firstfix.engine.diagnosis.other_forms import MAX_SCALE, MIN_SCALE, from_polar, scales
+from firstfix.engine.diagnosis.time_findings import no_times_finding, time_field_finding, with_time_field
 from firstfix.errors import InvalidOption, InvalidScan
+from firstfix.findings import scan_kinds
 from firstfix.findings.finding import Finding, Severity
 from firstfix.findings.registry import KINDS
+from firstfix.formats.point_cloud import PointCloud
 from firstfix.scan.reduction import at_most
 from firstfix.scan.scan import Dropped, Scan
 from firstfix.sensor import preset
@@ -146,3 +153,42 @@ def test_an_array_3_n_lies_on_a_line_and_parts_of_a_turn_do_not():
             part = points[np.abs(azimuth_deg - heading_deg) < 30]
             assert not is_on_a_line(at_most(part, MEASURED)), (sensor, heading_deg)
     assert not is_on_a_line(np.zeros((MEASURED, 3), np.float32))
+
+
+def test_a_field_that_looks_like_times_is_named():
+    points = room()
+    given = {axis: points[:, k] for k, axis in enumerate("xyz")}
+    strange = scan_of_cloud(PointCloud({**given, "ts": np.linspace(0, 5e9, len(points))}))
+    told = time_field_finding(strange)
+    assert told.code == "time_field_unknown"
+    assert told.text.startswith(
+        "The field ts (float64, 0 to 5000000000) was not understood as times of the points: "
+    )
+    assert told.numbers == {"first": 0, "last": 5e9}
+    sent = Localization(
+        Verdict.REJECTED, findings=(scan_kinds.UNSURE.found({"inlier_ratio": 0.9, "probability": 0.5}),)
+    )
+    sent = replace(
+        sent, findings=(*sent.findings, scan_kinds.NO_TIMES.found())
+    )  # by a service that has no fields
+    assert [one.code for one in with_time_field(sent, strange).findings] == ["unsure", "time_field_unknown"]
+    assert with_time_field(with_time_field(sent, strange), strange) == with_time_field(sent, strange)
+    for times in (np.linspace(0, 0.1, len(points)), np.zeros(len(points))):  # understood, and filled in
+        assert time_field_finding(scan_of_cloud(PointCloud({**given, "ts": times}))) is None
+    assert time_field_finding(scan_of_cloud(PointCloud(given))) is None
+
+
+def test_a_bent_scan_without_times_may_be_one_in_motion():
+    still, timed = (
+        facts(Scan.from_points(room())),
+        facts(Scan.from_points(room(), time_s=np.full(len(room()), 0.1))),
+    )
+    unsure = Localization(Verdict.REJECTED, (Reason.LOW_PROBABILITY,))
+    assert "ask while it stands, or send the times" in no_times_finding(unsure, still).remedy
+    assert no_times_finding(unsure, timed) is None
+    assert no_times_finding(Localization(Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,)), still) is None
+
+
+def test_numbers_that_are_no_coordinates_are_of_no_unit():
+    assert found(room() * 1e9).code == "no_coordinates"
+    assert found(room() * 1e6).code == "unit_millimetres"

@@ -159,3 +159,17 @@ def test_another_replica_uses_a_new_place_even_without_the_store(tmp_path: Path)
         assert ask(second, GEOPOSE).json()["position"]["lat"] == pytest.approx(10, abs=0.01)
         record = json.loads((store / "maps/hall/georeference/000002.json").read_text())
         assert record["latitude_deg"] == 10
+
+
+def test_the_media_type_names_the_columns_of_rows(service: Service):
+    points = np.frombuffer(SCAN_BODY, "<f4").reshape(-1, 3)
+    rows = np.column_stack([points, np.zeros((len(points), 2))]).astype("<f4").tobytes()
+    for columns, status, code in (
+        ('"x,y,z,intensity,ring"', 200, None),
+        ("x,y,z,_,_", 200, None),
+        ("x,y,intensity", 400, "invalid_option"),
+        ("x,y,z,intensity,ring,time,_", 400, "malformed_data"),
+    ):
+        headers = {"Content-Type": f"application/vnd.firstfix.xyzi; columns={columns}"}
+        response = service.http.post("/localize?map=hall", content=rows, headers=headers)
+        assert (response.status_code, response.json().get("code")) == (status, code), columns

@@ -16,8 +16,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from firstfix.errors import InputError, MalformedData, TooLarge
 from firstfix.formats.point_cloud import SCAN_LIMITS
-from firstfix.ros import bag_compression
-from firstfix.ros.bag import open_bag
+from firstfix.recording import compression, messages
+from firstfix.recording.recording import open_recording
 from firstfix.ros.point_cloud2 import decode_point_cloud2
 from tests import ros_samples
 from tests.core.fixtures import in_memory_of
@@ -40,7 +40,7 @@ def storage_file(bag: Path) -> Path:
 
 
 def read_sizes(path: Path) -> list[int]:
-    with open_bag(path) as bag:
+    with open_recording(path) as bag:
         clouds = [decode_point_cloud2(m.body, SCAN_LIMITS).cloud for m in bag.messages(["/points"])]
     for cloud, points in zip(clouds, POINTS, strict=True):
         np.testing.assert_array_equal(cloud.xyz, points)
@@ -70,7 +70,7 @@ def test_a_bag_in_several_files_is_read_in_their_order(tmp_path: Path):
     (whole / "metadata.yaml").write_text(yaml.safe_dump(described))
     assert len(read_sizes(whole)) == 4
     (whole / named[0]).unlink()
-    with pytest.raises(MalformedData, match=f"{named[0]} is missing"), open_bag(whole):
+    with pytest.raises(MalformedData, match=f"{named[0]} is missing"), open_recording(whole):
         pass
 
 
@@ -78,11 +78,11 @@ def test_nothing_is_left_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (tmp_path / "temporary").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     bag = written(tmp_path, "sqlite3 zstd file")
-    with open_bag(bag):
+    with open_recording(bag):
         assert len(list((tmp_path / "temporary").rglob("*.db3"))) == 1
     file = storage_file(bag)
     file.write_bytes(file.read_bytes()[:-9])
-    with pytest.raises(MalformedData), open_bag(bag):
+    with pytest.raises(MalformedData), open_recording(bag):
         pass
     assert not list((tmp_path / "temporary").iterdir())
 
@@ -128,23 +128,23 @@ BAD_MESSAGES = {
 def test_a_damaged_message_is_named(tmp_path_factory: pytest.TempPathFactory, damage: str):
     body, why = BAD_MESSAGES[damage]
     path = bag_of_message(tmp_path_factory.mktemp("bag"), body)
-    with open_bag(path) as bag, pytest.raises(InputError, match=why) as raised:
+    with open_recording(path) as bag, pytest.raises(InputError, match=why) as raised:
         [decode_point_cloud2(message.body, SCAN_LIMITS) for message in bag.messages(["/points"])]
-    assert damage == "of another packer" or f"the message of /points at {S} ns" in str(raised.value)
+    assert damage == "of another packer" or f"the message of /points recorded at {S} ns" in str(raised.value)
 
 
 def check_refused(path: Path, why: str, limit_bytes: float) -> None:
     """The bag is refused before Python's allocators hold so much memory."""
-    with in_memory_of(int(limit_bytes)), pytest.raises(TooLarge, match=why), open_bag(path) as bag:
+    with in_memory_of(int(limit_bytes)), pytest.raises(TooLarge, match=why), open_recording(path) as bag:
         list(bag.messages(["/points"]))
 
 
 @every_case("pack", [zstandard.compress, without_size])
 def test_a_message_cannot_take_memory_without_limit(tmp_path_factory: pytest.TempPathFactory, pack):
-    bomb = pack(bytes(bag_compression.MAX_MESSAGE_BYTES + 1))
+    bomb = pack(bytes(messages.MAX_MESSAGE_BYTES + 1))
     assert len(bomb) < 100_000
     path = bag_of_message(tmp_path_factory.mktemp("bag"), bomb)
-    limit_bytes = bag_compression.MAX_MESSAGE_BYTES
+    limit_bytes = messages.MAX_MESSAGE_BYTES
     check_refused(path, f"expands to over {limit_bytes}", 1.3 * limit_bytes)
 
 
@@ -164,7 +164,7 @@ def test_a_chunk_cannot_take_memory_without_limit(tmp_path_factory: pytest.TempP
 
 
 def test_the_declared_size_of_a_chunk_has_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(bag_compression, "MAX_CHUNK_BYTES", 3000)
+    monkeypatch.setattr(compression, "MAX_CHUNK_BYTES", 3000)
     for kind in ("mcap zstd chunk", "mcap lz4 chunk", "ros1 lz4", "ros1 bz2"):
         stores = ros_samples.stores_of(kind)
         points = np.zeros((1000, 3))
@@ -176,7 +176,7 @@ def test_a_file_cannot_fill_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyP
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10**6, 0, 20_000))
     bag = written(tmp_path, "mcap zstd file")
-    with pytest.raises(TooLarge, match=r"unpacks to over 10000 bytes.*TMPDIR"), open_bag(bag):
+    with pytest.raises(TooLarge, match=r"unpacks to over 10000 bytes.*TMPDIR"), open_recording(bag):
         pass
 
 
@@ -187,13 +187,19 @@ def test_a_file_cannot_fill_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_an_invalid_description_is_malformed(tmp_path_factory: pytest.TempPathFactory, text: str):
     folder = tmp_path_factory.mktemp("bag")
     (folder / "metadata.yaml").write_text(text)
-    with pytest.raises(MalformedData, match=r"metadata|Metadata|key"), open_bag(folder):
+    with pytest.raises(MalformedData, match=r"metadata|Metadata|key"), open_recording(folder):
         pass
 
 
-def test_a_recording_without_metadata_says_what_to_open(tmp_path: Path):
-    bag = written(tmp_path, "sqlite3 zstd message")
+@pytest.mark.parametrize("kind", ROS2_KINDS)
+def test_a_folder_without_metadata_is_read_by_its_files(tmp_path: Path, kind: str):
+    """A recorder that is killed writes none."""
+    bag = written(tmp_path, kind)
     (bag / "metadata.yaml").unlink()
-    with pytest.raises(MalformedData, match=r"Open its \.mcap or .db3 file itself"), open_bag(bag):
+    with open_recording(bag) as recording:
+        (note,) = recording.notes
+        assert "cut off" in note
+    assert len(read_sizes(bag)) == 4
+    storage_file(bag).unlink()
+    with pytest.raises(MalformedData, match="not the folder of a ROS 2 bag"), open_recording(bag):
         pass
-    assert len(read_sizes(storage_file(bag))) == 4

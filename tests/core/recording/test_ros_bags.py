@@ -11,7 +11,7 @@ import pytest
 
 from firstfix.errors import InputError, InvalidOption, MalformedData, NotFound, TooLarge, UnsupportedFormat
 from firstfix.formats.point_cloud import SCAN_LIMITS
-from firstfix.ros.bag import open_bag
+from firstfix.recording.recording import open_recording
 from firstfix.ros.point_cloud2 import decode_point_cloud2
 from tests import ros_samples
 from tests.core.fixtures import in_memory_of
@@ -33,13 +33,15 @@ def clouds(kind: str, topic: str = "/points") -> list[tuple[str, int, object]]:
 @every_kind
 def test_clouds_come_in_order_and_whole(tmp_path: Path, kind: str):
     path = write_bag(tmp_path, kind, clouds(kind))
-    with open_bag(path) as bag:
-        assert bag.cloud_topic(None) == bag.cloud_topic("/points") == "/points"
+    with open_recording(path) as bag:
+        assert bag.cloud_topic(None) == bag.cloud_topic("/points")
+        assert bag.cloud_topic(None).name == "/points"
+        assert bag.cloud_topic(None).count == 5
         assert bag.start_ns == 100 * S
         read = list(bag.messages(["/points"]))
         assert [message.time_ns for message in read] == [(100 + number) * S for number in range(5)]
         for message, points in zip(read, POINTS, strict=True):
-            stamped = decode_point_cloud2(message.body, SCAN_LIMITS, ros1=bag.ros1)
+            stamped = decode_point_cloud2(message.body, SCAN_LIMITS, ros1=message.ros1)
             np.testing.assert_array_equal(stamped.cloud.xyz, points)
             assert stamped.header.stamp.ns == message.time_ns - S
         assert [m.time_ns // S for m in bag.messages(["/points"], 103 * S)] == [103, 104]
@@ -50,8 +52,8 @@ def test_clouds_come_in_order_and_whole(tmp_path: Path, kind: str):
 def test_topics_are_found_by_type(tmp_path: Path, kind: str):
     imu = ros_samples.imu([0, 0, 9.81], stores=stores_of(kind))
     path = write_bag(tmp_path, kind, [("/imu", 99 * S, imu), *clouds(kind, "/b"), *clouds(kind, "/a")])
-    with open_bag(path) as bag:
-        assert bag.topics(IMU) == ["/imu"]
+    with open_recording(path) as bag:
+        assert bag.topics_of(IMU) == ["/imu"]
         with pytest.raises(InvalidOption, match="choose one: /a, /b"):
             bag.cloud_topic(None)
         with pytest.raises(NotFound, match="topics that have: /a, /b"):
@@ -62,7 +64,8 @@ def test_topics_are_found_by_type(tmp_path: Path, kind: str):
 
 def test_a_bag_without_clouds_is_refused(tmp_path: Path):
     path = write_bag(tmp_path, "sqlite3", [("/imu", S, ros_samples.imu([0, 0, 9.81]))])
-    with open_bag(path) as bag, pytest.raises(NotFound, match="no topic has"):
+    said = "no topic has clouds; its messages are sensor_msgs/msg/Imu"
+    with open_recording(path) as bag, pytest.raises(NotFound, match=said):
         bag.cloud_topic(None)
 
 
@@ -78,7 +81,7 @@ def test_other_files_are_no_bags(tmp_path: Path):
         "folder": MalformedData,
         **{f"{prefix}a.{end}": MalformedData for prefix in ("", "b") for end in ("bag", "mcap", "db3")},
     }.items():
-        with pytest.raises(error, match=name), open_bag(tmp_path / name):
+        with pytest.raises(error, match=name), open_recording(tmp_path / name):
             pass
 
 
@@ -99,8 +102,8 @@ def test_a_damaged_bag_is_an_input_error(tmp_path: Path, kind: str):
                 damaged[place] ^= rng.integers(1, 256)
         file.write_bytes(damaged)
         try:
-            with open_bag(path) as bag:
-                for _ in bag.messages(bag.topics("sensor_msgs/msg/PointCloud2")):
+            with open_recording(path) as bag:
+                for _ in bag.messages(bag.topics_of("sensor_msgs/msg/PointCloud2")):
                     pass
         except (MalformedData, TooLarge, UnsupportedFormat):
             refused += 1
@@ -113,9 +116,9 @@ def test_one_message_is_in_memory_at_a_time(tmp_path: Path, kind: str):
     clouds = (cloud_of_points(rng.normal(size=(50_000, 3)), stores=stores) for _ in range(20))  # 600 kB each
     made = (("/points", n * S, cloud) for n, cloud in enumerate(clouds, start=1))
     path = write_bag(tmp_path, kind, made)
-    with open_bag(path):
+    with open_recording(path):
         pass  # what is imported then is not counted
-    with in_memory_of(8_000_000), open_bag(path) as bag:  # 20 of them are 12 MB; a chunk of a bag holds a few
+    with in_memory_of(8_000_000), open_recording(path) as bag:  # 20 are 12 MB; a chunk of a bag holds a few
         assert sum(1 for _ in bag.messages(["/points"])) == 20
 
 
@@ -126,5 +129,11 @@ def test_an_invalid_serialization_is_an_input_error(tmp_path: Path):
     with closing(sqlite3.connect(file)) as opened, opened:
         opened.execute("UPDATE topics SET serialization_format = x'ff' WHERE name = '/b'")
         opened.execute("UPDATE topics SET serialization_format = 'cbor' WHERE name = '/points'")
-    with pytest.raises(InputError), open_bag(file):
+    with pytest.raises(InputError), open_recording(file):
         pass
+    with closing(sqlite3.connect(file)) as opened, opened:
+        opened.execute("UPDATE topics SET serialization_format = 'cdr' WHERE name = '/b'")
+    with open_recording(file) as bag:  # only the asked topic matters
+        assert bag.cloud_topic(None).name == "/b"
+        with pytest.raises(NotFound, match="cbor is not read"):
+            bag.cloud_topic("/points")

@@ -1,0 +1,70 @@
+"""A capture of a LiDAR's packets (.pcap) or an .osf file: a library makes clouds of it, one for each turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Set
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+from ..errors import MalformedData
+from ..ros.point_cloud2 import StampedCloud
+from . import ouster, velodyne
+from .messages import RawMessage, Topic
+from .pcap_kind import VELODYNE, kind_of
+from .time_order import Part, in_time_order
+
+ENDINGS = (".pcap", ".osf")
+TYPE, ENCODING = "firstfix.CapturedTurn", "capture"
+
+
+@dataclass(frozen=True, slots=True)
+class CapturedTurn(RawMessage):
+    """A turn that a library has decoded.
+
+    Attributes:
+        cloud: its points.
+    """
+
+    cloud: StampedCloud
+
+
+class CaptureFile:
+    """See ``Storage``. Its topics are those of the makers' drivers: a capture has none."""
+
+    def __init__(self, path: Path) -> None:
+        self.notes: list[str] = []
+        self._read: dict[str, Callable[[], Iterator[StampedCloud]]]
+        if path.suffix.lower() == ".pcap" and kind_of(path) == VELODYNE:
+            self._read = {"/velodyne_points": partial(velodyne.clouds_of_pcap, path)}
+        else:
+            count = ouster.sensors_of_file(path)
+            self._read = {
+                "/ouster/points" if count == 1 else f"/ouster{number}/points": partial(
+                    ouster.clouds_of_file, path, number
+                )
+                for number in range(count)
+            }
+        firsts = [cloud for read in self._read.values() for cloud in islice(read(), 1)]
+        if not firsts:
+            raise MalformedData("it holds no turn of a LiDAR")
+        self.start_ns = min(cloud.header.stamp.ns for cloud in firsts)
+        self.topics = [Topic(name, TYPE, ENCODING, None) for name in self._read]
+
+    def messages(self, topics: Set[str], start_ns: int | None) -> Iterator[RawMessage]:
+        """Yield the turns of these topics in the order of recording, from a time on."""
+        parts = [
+            Part(self.start_ns, partial(self._turns, name, start_ns or 0))
+            for name in sorted(topics & set(self._read))
+        ]
+        return (turn for _, turn in in_time_order(parts))
+
+    def _turns(self, name: str, start_ns: int) -> Iterator[tuple[int, RawMessage]]:
+        for cloud in self._read[name]():
+            time_ns = cloud.header.stamp.ns
+            if time_ns >= start_ns:
+                yield time_ns, CapturedTurn(name, time_ns, b"", TYPE, ENCODING, cloud)
+
+    def close(self) -> None:
+        """Nothing stays open."""

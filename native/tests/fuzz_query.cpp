@@ -1,0 +1,75 @@
+// Scans of any numbers, prepared for a query.
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <vector>
+
+#include "firstfix/query/prepared_scan.hpp"
+#include "hostile.hpp"
+
+namespace firstfix::tests {
+namespace {
+
+std::vector<float> cloud(Hostile& random) {
+  const auto count = static_cast<std::size_t>(random.number(0, 250));
+  std::vector<float> points = random.floats(3 * count, random.chance(0.2) ? 1e3 : 9, random.chance(0.5) ? 0.02 : 0);
+  if (random.chance(0.3)) {  // level ground
+    for (std::size_t i = 2; i < points.size(); i += 3) points[i] = -1.5F;
+  }
+  return points;
+}
+
+std::vector<float> times(Hostile& random, std::size_t count) {
+  std::vector<float> time_s(count);
+  const double sweep_s = random.chance(0.3) ? 0.001 : 0.1;
+  for (float& time : time_s) time = static_cast<float>(std::fabs(random.real(sweep_s, 0)));
+  return time_s;
+}
+
+void check(const std::optional<PreparedScan>& made, const Preparation& wanted, std::size_t count) {
+  if (!made) return;
+  const std::size_t dense = made->dense.size(), sparse = made->sparse.size();
+  expect(dense >= wanted.min_points && dense <= std::min(count, wanted.dense_points), "as many points as asked for");
+  expect(sparse == 0 || sparse == wanted.sparse_points, "a part of the points, or none");
+  expect(made->dense.normals.size() == 3 * dense && made->sparse.normals.size() == 3 * sparse, "a normal for each point");
+  expect(made->view.returned.size() == kDirections && made->view.least_m.size() == kDirections, "a whole view");
+  for (const float metres : made->dense.at.points) expect(std::fabs(metres) <= 200, "points within range");
+  for (const auto& row : made->R_level_sensor) {
+    for (const double part : row) expect(std::fabs(part) <= 1 + 1e-9, "a rotation");
+  }
+}
+
+void prepare_once(Hostile& random) {
+  const std::vector<float> points = cloud(random);
+  const std::size_t count = points.size() / 3;
+  const std::vector<float> time_s = times(random, count);
+  const auto most = [&] { return static_cast<std::size_t>(random.number(1, random.chance(0.5) ? 20 : 300)); };
+  const Preparation wanted{std::fabs(random.real(2)), random.real(200, 0), random.chance(0.1) ? random.real(1, 0.3) : 0.3,
+                           static_cast<std::size_t>(random.number(0, 12)), most(), most(), most(), most()};
+  const Levelling levelling{{random.real(1, 0), random.real(1, 0), random.chance(0.1) ? -1.0 : 0.6}, random.chance(0.5),
+                            std::nullopt, 1};
+  const float* const when = random.chance(0.5) ? time_s.data() : nullptr;
+  std::vector<float> nearest(kDirections, std::numeric_limits<float>::infinity()), directions(3 * kDirections, 0.5F);
+  for (const float metres : random.floats(300, 60, 0.3)) {
+    nearest[static_cast<std::size_t>(random.number(0, kDirections - 1))] = metres;
+  }
+  try {
+    check(prepared_scan(points.data(), when, count, wanted, levelling), wanted, count);
+    check(prepared_compact_scan(points.data(), when, count, nearest.data(), directions.data(), wanted, levelling), wanted,
+          count);
+  } catch (const std::invalid_argument&) {
+    expect(!(wanted.voxel_m >= 1e-3), "points within range have voxels");
+  }
+}
+
+}  // namespace
+}  // namespace firstfix::tests
+
+int main() {
+  for (std::uint64_t seed = 0; seed < 300; ++seed) {
+    firstfix::tests::Hostile random(seed);
+    firstfix::tests::prepare_once(random);
+  }
+}
