@@ -24,7 +24,7 @@ from tests.hostile_bodies import good_bodies, pcd, ply
 from tests.ros_samples import cloud_of_points, stores_of, write_bag
 
 _POINTS = 120
-_E57_PAGE = 1024
+E57_PAGE = 1024
 
 
 @dataclass(frozen=True)
@@ -132,10 +132,9 @@ def _e57(folder: Path) -> None:
 
 def e57_checksums(data: bytes) -> bytes:
     """Right checksums for all whole pages: CRC-32C, at the end of each."""
-    pages = [data[start : start + _E57_PAGE] for start in range(0, len(data), _E57_PAGE)]
+    pages = [data[start : start + E57_PAGE] for start in range(0, len(data), E57_PAGE)]
     return b"".join(
-        page[:-4] + _crc32c(page[:-4]).to_bytes(4, "big") if len(page) == _E57_PAGE else page
-        for page in pages
+        page[:-4] + _crc32c(page[:-4]).to_bytes(4, "big") if len(page) == E57_PAGE else page for page in pages
     )
 
 
@@ -193,6 +192,18 @@ def _text(folder: Path) -> None:
     (folder / "counted.pts").write_text(f"{_POINTS}\n{rows}")
     (folder / "named.csv").write_text("x,y,z\n" + rows.replace(" ", ","))
     (folder / "scan.3d").write_text(rows)
+    (folder / "two.pts").write_text(f"{_POINTS}\n{rows}" * 2)
+    eye = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+    (folder / "two.ptx").write_text(f"10\n{_POINTS // 10}\n{eye}{rows}" * 2)
+
+
+def _octomap(folder: Path) -> None:
+    """A chain of 16 nodes to two voxels, as OctoMap writes it."""
+    head = "# Octomap OcTree{} file\nid OcTree\nsize 18\nres 0.1\ndata\n"
+    chain = b"\x03\x00" * 15 + b"\x0a\x00"
+    (folder / "binary.bt").write_bytes(head.format(" binary").encode() + chain)
+    full = b"\0\0\x80\x3f\x01" * 15 + b"\0\0\x80\x3f\x03" + b"\0\0\x80\x3f\x00" * 2
+    (folder / "full.ot").write_bytes(head.format("").encode() + full)
 
 
 def _bin(folder: Path) -> None:
@@ -283,6 +294,7 @@ FORMATS: dict[str, Format] = {
     "glb": Format(_mesh("glb"), read_map),
     "npy": Format(_npy, read_map),
     "text": Format(_text, read_map),
+    "octomap": Format(_octomap, read_map),
     "bin": Format(_bin, read_map),
     "db3": Format(_bag("sqlite3"), _read_bag),
     "db3 zstd": Format(_bag("sqlite3 zstd message"), _read_bag),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE, MapIndex
-from firstfix.transform import Matrix
+from firstfix.transform import Matrix, inverse, transform_points
 
 from .execution.stage_cache import StageResult
 from .mesh.clean_cloud import point_spacing_m
@@ -69,6 +69,16 @@ class LevelMap(StageResult):
     def findings(self) -> list[dict[str, Any]]:
         """Findings of the map, as JSON values."""
         return _json(self.directory / FINDINGS_FILE)
+
+    @property
+    def marked_places(self) -> dict[str, NDArray[np.float64]]:
+        """Places (n, 3) of the map's findings by their codes, in the level frame."""
+        T_level_map = inverse(self.T_map_level)
+        return {
+            one["code"]: transform_points(T_level_map, np.array(one["places"], np.float64))
+            for one in self.findings
+            if one.get("places")
+        }
 
     @property
     def moving(self) -> dict[str, Any] | None:

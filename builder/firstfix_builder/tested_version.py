@@ -79,4 +79,5 @@ def write_self_test(
     write_json(out / REPORT_FILE, {**found.to_mapping(), **left_out, **(known or {})})
     draw_reliability(found.reliability, out / "reliability.png")
     in_part = mapped.in_part if mapped else ()
-    draw_localizability(results.index.map_points, places, out / "localizability.png", floor, in_part)
+    picture = out / "localizability.png"
+    draw_localizability(results.index.map_points, places, picture, floor, in_part, results.read.marked_places)

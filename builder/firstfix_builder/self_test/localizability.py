@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,10 +88,12 @@ def draw_localizability(
     path: Path,
     floor: SeenFloor | None = None,
     in_part: Sequence[tuple[int, int]] = (),
+    marked: Mapping[str, NDArray[np.float64]] = MappingProxyType({}),
 ) -> None:
     """Draw a PNG: each scan of the self-test by its outcome, and lines from unsure ones to similar places.
 
-    Floor without templates is drawn below them, and cells that were mapped ``in_part`` are hatched.
+    Floor without templates is drawn below them, and cells that were mapped ``in_part`` are hatched. The
+    (n, 3) places ``marked`` are those of the map's findings, by code, in the index's levelled frame.
 
     No date and no tool's name go into the file: equal input gives equal bytes.
     """
@@ -119,6 +122,8 @@ def draw_localizability(
     for outcome, colour in _COLOURS.items():
         at = np.array([place.position_m for place in places if place.outcome == outcome]).reshape(-1, 3)
         axes.scatter(at[:, 0], at[:, 1], s=14, c=colour, lw=0, label=f"{outcome}: {len(at)}")
+    for code, at in marked.items():
+        axes.scatter(at[:, 0], at[:, 1], s=40, marker="x", lw=1.2, label=code)
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
     axes.legend(loc="upper right")

@@ -115,6 +115,7 @@ class Reading:
             "readers": [self.reader, *self.readers],  # those after it may read what is within
             "axis": self.config.axis,
             "scale": self.config.scale,
+            "trajectory_mount_height_m": self.config.trajectory_mount_height_m,
             "level": self.config.level,
             "clean": self.config.clean.model_dump(mode="json"),
             "names": [one.name for one in (path, trajectory) if one is not None],

@@ -21,12 +21,13 @@ from ..mesh.places.tiled_points import TiledPoints
 from ..mesh.tiled_mesh import write_tiled_mesh
 from ..stage_files import TRAJECTORY_FILE, write_json
 from ..stage_results import FINDINGS_FILE, MOVING_FILE, T_MAP_LEVEL_FILE
-from .check_map.check_map import check_map, refuse
+from .check_map.check_map import check_map, has_fit_poses, refuse
+from .check_map.sensor_poses import with_sensor_poses
 from .read_map import MapData, read_parts
 from .read_map.file_errors import naming
 from .read_map.held_out import read_held_out
 from .read_map.map_of_scans import MapOfScans, is_map_of_scans, read_map_of_scans
-from .read_map.mapping_scans import FOLDER, MappingScans
+from .read_map.mapping_scans import MappingScans
 from .read_map.read_map import in_local_frame
 from .read_map.without_moving import Moving, without_moving
 
@@ -62,10 +63,10 @@ def write_level_map(
         parts = read_parts(source, axis=axis, scale=scale, trajectory=trajectory)
     else:
         parts = iter([in_local_frame(made.data, axis, scale, trajectory)])
-    data = next(parts)
-    poses = data.trajectory
-    findings = check_map(data, poses)
+    data = with_sensor_poses(next(parts), config.trajectory_mount_height_m)
+    findings = check_map(data, data.trajectory)
     refuse(findings)
+    poses = data.trajectory if has_fit_poses(findings) else None
     write_findings(findings, out)
     T_map_level = np.eye(4)
     if data.points is not None:
@@ -118,7 +119,7 @@ def _without_moving(
     config: BuildConfig,
 ) -> tuple[NDArray[np.float64], Moving | None]:
     """The cloud without moving things, and what the mapping scans tell; None if the source has none."""
-    held_out = set() if made is None else {one.name.removeprefix(f"{FOLDER}/") for one in made.held_out.scans}
+    held_out = frozenset[str]() if made is None else made.names_held_out
     scans = MappingScans(source, config.axis, config.scale, without=held_out)
     if made is not None:
         scans.left_out.update(made.left_out)  # all were read for it; below only some are

@@ -72,6 +72,13 @@ def build(
         float | None,
         typer.Option(help="Metres in one unit of the map file and its poses: 0.001 for millimetres."),
     ] = None,
+    mount_height: Annotated[
+        float | None,
+        typer.Option(
+            help="Metres of the sensor over the poses, where those are of the robot's base [default: 0].",
+            min=0,
+        ),
+    ] = None,
     min_found: Annotated[
         float | None,
         typer.Option(
@@ -136,7 +143,7 @@ def build(
             raise InvalidOption("--executor needs --store")
         from ..remote_build import remote_build
 
-        given = _given(config, sensor, axis, scale, min_found)
+        given = _given(config, sensor, axis, scale, mount_height, min_found)
         with _source(source, trajectory, merge) as (whole, poses):
             said = remote_build(whole, map_id, given, poses, url, stage_progress, note=note, wait=not no_wait)
     else:
@@ -153,7 +160,7 @@ def build(
             max_templates=max_templates or None,
             log_level="critical",  # what went wrong is in the error
         )
-        given = _given(config, sensor, axis, scale, min_found)
+        given = _given(config, sensor, axis, scale, mount_height, min_found)
         with _source(source, trajectory, merge) as (whole, poses):
             said = local_build(
                 whole, map_id, given, poses, options, stage_progress, made_of(source, trajectory, note)
@@ -180,6 +187,7 @@ def _given(
     sensor: str | None,
     axis: Axis | None,
     scale: float | None = None,
+    mount_height: float | None = None,
     min_found: float | None = None,
 ) -> dict[str, Any]:
     """The given config: the file, with the options of the command line put over it."""
@@ -198,6 +206,8 @@ def _given(
             values["axis"] = axis.value
         if scale is not None:
             values["scale"] = scale
+        if mount_height is not None:
+            values["trajectory_mount_height_m"] = mount_height
         if min_found is not None:
             values["activate"] = {**(values.get("activate") or {}), "min_found": min_found}
         if sensor is not None:

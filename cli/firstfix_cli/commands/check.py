@@ -10,6 +10,7 @@ import typer
 
 from ..arguments import AsJson, Columns, columns_of, examples
 from ..finding_lines import finding_lines
+from ..map_facts import read_lines, what_was_read
 from .build import Axis
 
 if TYPE_CHECKING:
@@ -42,6 +43,13 @@ def check(
     scale: Annotated[
         float, typer.Option(help="Metres in one unit of the map file and its poses: 0.001 for millimetres.")
     ] = 1.0,
+    mount_height: Annotated[
+        float,
+        typer.Option(
+            help="Metres of the sensor over the poses, where those are of the robot's base.",
+            min=0,
+        ),
+    ] = 0.0,
     only_scans: Annotated[
         bool, typer.Option("--scans", help="All files are scans or recordings: there is no map.")
     ] = False,
@@ -50,14 +58,14 @@ def check(
 ) -> None:
     """Check a map, and scans, before a build.
 
-    It reads them and looks for wrong units, axes, lost precision, doubled walls and the like. Each finding
-    comes with its remedy. Of a scan it also says what it understood: fields, times, beams, mounting. Nothing
-    is built, stored or sent.
+    It reads them and looks for wrong units, axes, lost precision, doubled walls and floors, a trajectory in
+    another frame and the like. Each finding comes with its remedy. Of a map it says what it read, of a scan
+    what it understood: fields, times, beams, mounting. Nothing is built, stored or sent.
 
     Exit codes: 0 nothing that prevents a build or a query, 2 something does.
     """
     paths = [source, *(scans or ())] if only_scans else scans or ()
-    said = [] if only_scans else [_of_map(source, trajectory, axis, scale)]
+    said = [] if only_scans else [_of_map(source, trajectory, axis, scale, mount_height)]
     for path in paths:
         said += _of_scans(path, columns)
     if as_json:
@@ -68,26 +76,30 @@ def check(
         raise typer.Exit(UNFIT_EXIT_CODE)
 
 
-def _of_map(source: Path, trajectory: Path | None, axis: Axis, scale: float) -> dict[str, Any]:
+def _of_map(
+    source: Path, trajectory: Path | None, axis: Axis, scale: float, mount_height_m: float
+) -> dict[str, Any]:
     from tempfile import TemporaryDirectory
 
     from firstfix.builds.config import BuildConfig
     from firstfix_builder.sources.check_map.check_map import check_map
+    from firstfix_builder.sources.check_map.sensor_poses import with_sensor_poses
     from firstfix_builder.sources.check_map.shape import Shape
     from firstfix_builder.sources.read_map import read_map
     from firstfix_builder.sources.read_map.archive import SUFFIX, unpack
 
-    BuildConfig.parse({"axis": axis.value, "scale": scale})
+    BuildConfig.parse({"axis": axis.value, "scale": scale, "trajectory_mount_height_m": mount_height_m})
     with TemporaryDirectory() as scratch:
         is_packed = source.is_file() and source.suffix.lower() == SUFFIX
         read = unpack(source, Path(scratch) / "map") if is_packed else source
         data: MapData = read_map(read, axis=axis.value, scale=scale, trajectory=trajectory)
+    data = with_sensor_poses(data, mount_height_m)
     findings = check_map(data, data.trajectory)
     shape = Shape.of(data)
     kind = "points" if data.points is not None else "vertices of a mesh"
-    return _record(
-        source, f"{len(data.coordinates):,} {kind}, {shape.words['extent']}{shape.words['spacing']}", findings
-    )
+    whole = f" (in all {shape.whole})" if shape.whole else ""
+    facts = f"{len(data.coordinates):,} {kind}, {shape.words['extent']}{whole}{shape.words['spacing']}"
+    return {**_record(source, facts, findings), "read": what_was_read(data, shape)}
 
 
 def _of_scans(path: Path, columns: str | None) -> list[dict[str, Any]]:
@@ -126,8 +138,9 @@ def _lines(said: dict[str, Any]) -> list[str]:
     from firstfix.findings.finding import Finding
 
     found = finding_lines(Finding.from_mapping(one) for one in said["findings"])
+    read = read_lines(said["read"]) if "read" in said else []
     understood = [
         f"{subject.replace('_', ' ')}: {text}" for subject, text in said.get("understood", {}).items()
     ]
-    lines = [*understood, *(found or ["nothing found"])]
+    lines = [*read, *understood, *(found or ["nothing found"])]
     return [f"{said['file']}: {said['facts']}", *(f"  {line}" for line in lines)]

@@ -242,6 +242,8 @@ class BuildConfig(Stage):
         sensor: name of a preset, or a mapping as in a sensor YAML.
         axis: axis of the source that points up.
         scale: metres in one unit of the source: 0.001 for millimetres.
+        trajectory_mount_height_m: height of the sensor over the poses of the trajectory, where those are
+            of the robot's base: along each pose's own z. 0: they are the sensor's.
         level: rotate a tilted map so that z points up in the index.
         provisional: a map without a full version gets a provisional one first: coarse, untested, and served
             until the full one takes its place. This option does not change the full version.
@@ -253,6 +255,7 @@ class BuildConfig(Stage):
     sensor: str | dict[str, Any] = "os1-64"
     axis: Literal["z-up", "y-up"] = "z-up"
     scale: float = Field(1.0, gt=0, le=1e6)
+    trajectory_mount_height_m: float = Field(0.0, ge=0, le=100)
     level: bool = True
     provisional: bool = True
     clean: CleanConfig = CleanConfig()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
 
@@ -27,6 +27,7 @@ class Finding:
         numbers: what was measured, by name with unit.
         remedy: what helps, in one English sentence.
         doc: path of the documents' page that tells more, from the repository's root.
+        places: some points (x, y, z) of a map where it shows, in the coordinates of the map's file.
     """
 
     code: str
@@ -35,9 +36,15 @@ class Finding:
     numbers: Mapping[str, float] = field(default_factory=dict)
     remedy: str = ""
     doc: str = ""
+    places: tuple[tuple[float, float, float], ...] = ()
+
+    def at(self, places: tuple[tuple[float, float, float], ...]) -> Finding:
+        """The same, with the places where it shows."""
+        return replace(self, places=places)
 
     def to_mapping(self) -> dict[str, Any]:
         """Values ready for JSON."""
+        places = {"places": [list(one) for one in self.places]} if self.places else {}
         return {
             "code": self.code,
             "severity": self.severity.value,
@@ -45,6 +52,7 @@ class Finding:
             "numbers": dict(self.numbers),
             "remedy": self.remedy,
             "doc": self.doc,
+            **places,
         }
 
     @classmethod
@@ -57,4 +65,5 @@ class Finding:
             {str(name): float(value) for name, value in data.get("numbers", {}).items()},
             str(data.get("remedy", "")),
             str(data.get("doc", "")),
+            tuple((float(x), float(y), float(z)) for x, y, z in data.get("places", ())),
         )

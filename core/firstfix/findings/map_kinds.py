@@ -29,6 +29,14 @@ MAP_TOO_COARSE = _kind(
     "The map is {extent}{spacing}: so few points show no surface.",
     "Thin the map less: 0.05 to 0.2 m between points is good. If its unit is not the metre, give --scale.",
 )
+MAP_GARBLED = _kind(
+    "map_garbled",
+    Severity.ERROR,
+    "The map's numbers are no coordinates",
+    "The map is {extent}: no place is so large, in any unit. These numbers are no coordinates.",
+    "Is the file damaged, as by a transfer in text mode, or are its columns or fields others than x, y, z? "
+    "Copy it again, or export it anew.",
+)
 MAP_FEW_POINTS = _kind(
     "map_few_points",
     Severity.ERROR,
@@ -59,6 +67,23 @@ MAP_ROUNDED = _kind(
     "Export it in float64, or shift it before it is saved as float32: "
     "CloudCompare -O -GLOBAL_SHIFT {shift_x_m:.0f} {shift_y_m:.0f} 0 FILE.",
 )
+MAP_DIGITS_LOST = _kind(
+    "map_digits_lost",
+    Severity.ERROR,
+    "The coordinates have too few digits",
+    "The coordinates ({axes}) lie on steps of {step_m:.2g} m, with numbers up to {largest_m:,.0f}: {cause}, "
+    "and the map has lost its shape.",
+    "{export}, or shift the map before: CloudCompare -O -GLOBAL_SHIFT {shift_x_m:.0f} {shift_y_m:.0f} 0 "
+    "FILE.",
+)
+MAP_DIGITS_FEW = _kind(
+    "map_digits_few",
+    Severity.WARNING,
+    "The coordinates have few digits, and precision is lost",
+    "The coordinates ({axes}) lie on steps of {step_m:.2g} m, with numbers up to {largest_m:,.0f}: {cause}.",
+    "{export}, or shift the map before: CloudCompare -O -GLOBAL_SHIFT {shift_x_m:.0f} {shift_y_m:.0f} 0 "
+    "FILE.",
+)
 MAP_MEMORY = _kind(
     "map_memory",
     Severity.ERROR,
@@ -81,6 +106,45 @@ TRAJECTORY_ELSEWHERE = _kind(
     "The trajectory lies outside the map",
     "Of {poses:,.0f} poses, {outside_share:.0%} lie over {margin_m:.0f} m outside the map.",
     "Give the poses in the map's own frame and in metres: T_map_sensor of this file, from the same run.",
+)
+TRAJECTORY_LEFT_OUT = _kind(
+    "trajectory_left_out",
+    Severity.WARNING,
+    "The poses that came with the map are none of its sensor",
+    "The {poses:,.0f} poses that came with the map are left out: {why}.",
+    "Nothing needs to be done: the map is built without them. If you have the sensor's poses, give them with "
+    "--trajectory.",
+)
+TRAJECTORY_OF_BASE = _kind(
+    "trajectory_of_base",
+    Severity.WARNING,
+    "The poses are those of the robot's base, not of its sensor",
+    "The poses lie in the floor: {height_m:.2f} m over it in the middle of {poses:,.0f}, and "
+    "{low_share:.0%} of them less than {low_m:.2f} m. No scan can be taken from there: these are poses of "
+    "the robot's base, not of the sensor.",
+    "Give --mount-height (build config: trajectory_mount_height_m): the metres of the sensor over the base."
+    " Or give the sensor's own poses.",
+    holds_back=True,
+)
+TRAJECTORY_AT_FLOOR = _kind(
+    "trajectory_at_floor",
+    Severity.WARNING,
+    "The poses may be those of the robot's base",
+    "The poses lie {height_m:.2f} m over the floor, in the middle of {poses:,.0f}: few sensors are so low. "
+    "Are these poses of the robot's base?",
+    "If they are, give --mount-height (build config: trajectory_mount_height_m): the metres of the sensor "
+    "over the base. If the sensor is so low, all is well.",
+)
+TRAJECTORY_LEANS = _kind(
+    "trajectory_leans",
+    Severity.WARNING,
+    "The trajectory leans against the map",
+    "The trajectory of {poses:,.0f} poses leans by {lean_deg:.1f} degrees against the map: its height over "
+    "the floor goes from {lowest_m:.1f} m near {near} to {highest_m:.1f} m near {to}, as for "
+    "{leaning_share:.0%} of the poses.",
+    "One of the two was levelled and the other was not, or they are turned against each other: give both in"
+    " one frame, as the SLAM package wrote them. Without --trajectory the map is built, too.",
+    holds_back=True,
 )
 TRAJECTORY_TURNED = _kind(
     "trajectory_turned",
@@ -116,8 +180,33 @@ MAP_DOUBLED_WALLS = _kind(
     Severity.WARNING,
     "Walls are there twice, some decimetres apart",
     "{doubled_share:.0%} of the walls have a parallel twin, {apart_m:.2f} m apart on average, as near "
-    "{places}: was a loop of the mapping run not closed?",
+    "{near}: was a loop of the mapping run not closed?",
     "Close the loop in the SLAM package and export the map again. Poses near there may be off by that.",
+)
+MAP_DOUBLED_FLOORS = _kind(
+    "map_doubled_floors",
+    Severity.WARNING,
+    "Floors are there twice, one some decimetres above the other",
+    "{doubled_share:.0%} of the floor is there twice, {apart_m:.2f} m apart and up to {largest_m:.2f} m, as"
+    " near {near}; {by}: was a loop of the mapping run not closed in height?",
+    "Close the loop in the SLAM package and export the map again. Heights near there may be off by that.",
+)
+MAP_NO_GROUND = _kind(
+    "map_no_ground",
+    Severity.WARNING,
+    "The map has no ground",
+    "Below {bare_share:.0%} of {count:,.0f} {what} there is no floor, as near {near}: was the ground taken "
+    "out?",
+    "Export all points, the ground as well: scans see it, and templates stand on it.",
+)
+MAP_SINGLE_SCAN = _kind(
+    "map_single_scan",
+    Severity.WARNING,
+    "The map is a single scan",
+    "All points are seen from one place, {viewpoint}: only in {hidden_share:.0%} of the directions is "
+    "something behind something else. This is a single scan, and no map.",
+    "Give the map that your SLAM made of all scans. Of a single station of a scanner a map can be built, but "
+    "robots are found near its place alone.",
 )
 MAP_FLOOR_LEFT_OUT = _kind(
     "map_floor_left_out",

@@ -5,18 +5,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import FirstfixError, MalformedData, UnsupportedFormat
 from .point_cloud import Limits, PointCloud
 
 _POINTS_AT_ONCE = 2_000_000
+_NOISE = (7, 18)  # classes of low and of high noise
 
 
-def read_las(path: Path, limits: Limits, *, with_times: bool = False) -> PointCloud:
+@dataclass(frozen=True)
+class LasCloud(PointCloud):
+    """The points of a file that count.
+
+    Attributes:
+        withheld: number of points that were left out as withheld, which stands for deleted.
+        noise: number of those that were left out by their class.
+    """
+
+    withheld: int = 0
+    noise: int = 0
+
+
+def read_las(path: Path, limits: Limits, *, with_times: bool = False) -> LasCloud:
     """Read the columns x, y, z (float64, with scale and offset applied) and intensity of a file.
+
+    Points that are withheld, or classed as noise, are left out (LAS 1.4 R15, tables 8 and 17).
 
     Args:
         with_times: read gps_time too, where the points have it.
@@ -40,19 +59,34 @@ def read_las(path: Path, limits: Limits, *, with_times: bool = False) -> PointCl
             names = (*"xyz", "gps_time") if has_times else tuple("xyz")
             columns = {name: np.empty(points, np.float64) for name in names}
             intensity = np.empty(points, np.uint16)
-            done = 0
+            read = done = withheld = noise = 0
             for chunk in reader.chunk_iterator(_POINTS_AT_ONCE):
-                part = slice(done, done + len(chunk))
+                read += len(chunk)
+                is_withheld = np.asarray(chunk.withheld, bool)
+                is_noise = np.isin(np.asarray(chunk.classification), _NOISE) & ~is_withheld
+                withheld, noise = withheld + int(is_withheld.sum()), noise + int(is_noise.sum())
+                keep = ~(is_withheld | is_noise)
+                brightness = _kept(chunk.intensity, keep)
+                part = slice(done, done + len(brightness))
+                intensity[part] = brightness
                 for name in names:
-                    columns[name][part] = chunk[name]
-                intensity[part] = chunk.intensity
-                done += len(chunk)
+                    columns[name][part] = _kept(chunk[name], keep)
+                done += len(brightness)
     except FirstfixError:
         raise
     except (KeyboardInterrupt, SystemExit, MemoryError):
         raise
     except BaseException as error:  # a panic of the Rust backend is not an Exception
         raise MalformedData(f"LAS: {str(error) or type(error).__name__}") from error
-    if done != points:
-        raise MalformedData(f"LAS: the file is cut off: {done} of {points} points")
-    return PointCloud({**columns, "intensity": intensity})
+    if read != points:
+        raise MalformedData(f"LAS: the file is cut off: {read} of {points} points")
+    if points and not done:
+        raise MalformedData(f"LAS: all its {points} points are withheld, or classed as noise")
+    told: dict[str, NDArray[Any]] = {**columns, "intensity": intensity}
+    return LasCloud({name: column[:done] for name, column in told.items()}, withheld, noise)
+
+
+def _kept(column: Any, keep: NDArray[np.bool_]) -> NDArray[Any]:
+    """Numbers of the points that are kept, without a copy where all are."""
+    numbers = np.asarray(column)
+    return numbers if keep.all() else numbers[keep]

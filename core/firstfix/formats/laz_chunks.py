@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ..errors import MalformedData
-from .las_header import read_las_header
+from .las_header import LasHeader, read_las_header
 from .point_cloud import Limits
 
 _LASZIP_HEADER = struct.Struct("<HH8xI16xH")  # compressor, coder, points a chunk, items
@@ -31,11 +31,14 @@ class _Packing:
     record: bytes
 
 
-def check_las(path: Path, limits: Limits, column_bytes: int) -> None:
+def check_las(path: Path, limits: Limits, column_bytes: int) -> LasHeader:
     """Check all counts in a file that laspy or lazrs believe: of records, points, chunks and layers.
 
     Args:
         column_bytes: of one point, as it is returned.
+
+    Returns:
+        The header, all of whose counts are true.
 
     Raises:
         MalformedData: a count is larger than the file has room for.
@@ -43,7 +46,7 @@ def check_las(path: Path, limits: Limits, column_bytes: int) -> None:
     """
     header = read_las_header(path, limits, column_bytes)
     if header.packing is None:
-        return
+        return header
     size, start, points = header.size, header.start, header.points
     if points > _MAX_POINTS_PER_BYTE * (size - start):
         raise MalformedData(f"LAS: {size - start} compressed bytes cannot hold {points} points")
@@ -51,6 +54,7 @@ def check_las(path: Path, limits: Limits, column_bytes: int) -> None:
     if points:
         with path.open("rb") as file:
             _check_chunks(file, start, size, points, header.point_bytes, packing)
+    return header
 
 
 def _packing(record: bytes, point_bytes: int) -> _Packing:

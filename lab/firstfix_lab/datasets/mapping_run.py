@@ -11,8 +11,8 @@ import numpy as np
 from firstfix.errors import InvalidOption
 from firstfix.scan.reduction import first_in_voxel, within_range
 from firstfix.transform import Matrix, quaternion_of
-from firstfix_builder.sources.read_map.mapping_scans import FOLDER
 from firstfix_builder.sources.read_map.posed_scans import POSES
+from firstfix_builder.sources.read_map.scan_folders import FOLDER
 from firstfix_cli.poses_csv import POSE_COLUMNS
 
 from .recording import RecordedScan

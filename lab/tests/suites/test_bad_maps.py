@@ -20,8 +20,18 @@ from firstfix_lab.suites.bad_maps.cases import (
     y_up,
 )
 from firstfix_lab.suites.bad_maps.judge import Judged
-from firstfix_lab.suites.bad_maps.places import NAMES, PlaceMap
+from firstfix_lab.suites.bad_maps.lying import (
+    at_heights,
+    leaning,
+    rounded,
+    sunk,
+    without_ground,
+    written_with,
+)
+from firstfix_lab.suites.bad_maps.places import NAMES, PlaceMap, is_available
 from firstfix_lab.suites.bad_maps.program import is_right
+
+LYING = ("doubled floors", "leaning", "base's poses", "no ground", "few digits", "single scan")
 
 
 @pytest.fixture
@@ -42,12 +52,12 @@ def box(monkeypatch: pytest.MonkeyPatch) -> PlaceMap:
 
 def test_the_set_has_every_fault_and_every_good_place():
     faults = Counter(case.fault for case in cases())
-    assert faults[GOOD] == len(NAMES) >= 11
-    assert min(faults["doubled"], faults["turned trajectory"]) >= 5
+    assert faults[GOOD] == 2 * len(NAMES) >= 20
+    lying = {"doubled", "turned trajectory", *LYING}
+    assert min(faults[one] for one in lying) >= 5
     assert set(faults) == {
         GOOD,
-        "doubled",
-        "turned trajectory",
+        *lying,
         "y up",
         "wrong unit",
         "too few points",
@@ -67,6 +77,30 @@ def test_a_change_changes_what_its_name_says(box: PlaceMap):
     np.testing.assert_allclose(scaled(1000)(box).poses[0, :3, 3], [2000, 6000, 1000])
     np.testing.assert_allclose(y_up(box).points[0], box.points[0, [1, 2, 0]])
     assert len(thinned(4000)(box).points) == 15
+
+
+def test_a_map_that_lies_is_made_as_its_name_says(box: PlaceMap):
+    deep = sunk(0.6)(box)
+    assert len(deep.poses) == 2 * len(box.poses)
+    assert deep.poses[-1, 2, 3] == pytest.approx(0.4), "the way back ends lowest"
+    assert deep.points[:, 2].min() == pytest.approx(-0.6, abs=0.05)
+    assert len(sunk(0.6, keeps_poses=False)(box).poses) == 0
+    rise_m = np.ptp(leaning(5, 0)(box).poses[:, 2, 3])
+    assert rise_m == pytest.approx(16 * np.sin(np.radians(5)), abs=0.01)
+    np.testing.assert_allclose(at_heights(1.0, -0.05)(box).poses[:, 2, 3], -0.05)
+    assert without_ground(1.0, 0.3)(box).points[:, 2].min() > 0.3
+    assert len(np.unique(rounded(0.1)(box).points[:, 0])) <= 201
+    text = written_with(6, 42_300)(box).points
+    np.testing.assert_allclose(text[:, 0] * 10, np.round(text[:, 0] * 10), atol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_nothing_is_found_in_good_maps_with_and_without_their_poses():
+    good = [case for case in cases() if case.fault == GOOD and is_available(case.place)]
+    found = {case.name: judge.by_check(case).codes for case in good}
+    assert len(found) >= 16, "the project's own worlds"
+    assert {name: codes for name, codes in found.items() if codes} == {}
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from firstfix.transform import make_transform
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
-from firstfix_builder.sources.read_map.mapping_scans import FOLDER
+from firstfix_builder.sources.read_map.scan_folders import FOLDER
 from firstfix_cli.map_source import as_one_file
 from tests.small_world import COARSE_CONFIG, SENSOR, SmallWorld
 

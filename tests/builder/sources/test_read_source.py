@@ -12,9 +12,11 @@ import pytest
 
 from firstfix.builds.config import BuildConfig
 from firstfix.errors import MalformedData, UnsupportedFormat
+from firstfix.transform import from_quaternion, inverse, transform_points
 from firstfix_builder.job.patch_source import PATCH_SOURCE_FILE
 from firstfix_builder.sources.read_source import readers
 from firstfix_builder.stage_results import LevelMap
+from tests.builder.sources.read_map import program_folders as written
 from tests.builder.stages import stages_below
 
 _RNG = np.random.default_rng(2)
@@ -88,14 +90,14 @@ def heights(folder: Path) -> Path:
 
 def packed(folder: Path, archive: Path) -> Path:
     with zipfile.ZipFile(archive, "w") as made:
-        for path in folder.rglob("*.*"):
+        for path in sorted(one for one in folder.rglob("*") if one.is_file()):
             made.write(path, path.relative_to(folder.parent))
     return archive
 
 
 def test_a_reader_of_another_package_reads_its_kind_of_source(install, tmp_path: Path):
     source = heights(tmp_path)
-    with pytest.raises(UnsupportedFormat, match="heights: the folder is neither"):
+    with pytest.raises(UnsupportedFormat, match="heights: the folder is of none of"):
         read(source, tmp_path / "work")
     install("1.0", 0.0)
     found = read(source, tmp_path / "work")
@@ -110,6 +112,29 @@ def test_a_reader_of_another_package_reads_its_kind_of_source(install, tmp_path:
     (source / "place.heights").unlink()
     with pytest.raises(MalformedData, match="heights: no heights"):
         read(source, tmp_path / "work")
+
+
+HALF = np.array_split(PLACE + [8, 8, 0], 2)
+RUN = [from_quaternion([4.0 + 2 * n, 9.0, 1.2], [0, 0, 0, 1]) for n in range(6)]
+SCANS = [transform_points(inverse(T), PLACE[n::6]) for n, T in enumerate(RUN)]
+FOLDERS: dict[str, Callable[[Path], None]] = {
+    "Autoware": lambda folder: written.write_divided_map(folder, PLACE),
+    "FAST-LIO": lambda folder: written.write_intervals(folder, HALF),
+    "KISS-SLAM": lambda folder: written.write_kiss_slam(folder, HALF, RUN, PLACE),
+    "RTAB-Map": lambda folder: written.write_rtabmap(folder, PLACE, RUN),
+    "HDMapping": lambda folder: written.write_hdmapping(folder, HALF, [RUN[:3], RUN[3:]]),
+    "SC-LIO-SAM": lambda folder: written.write_sc_lio_sam(folder, SCANS, RUN),
+    "hdl_graph_slam": lambda folder: written.write_hdl_graph_slam(folder, SCANS, RUN),
+}
+
+
+@pytest.mark.parametrize("program", FOLDERS)
+def test_a_programs_folder_is_read_from_an_archive_too(tmp_path: Path, program: str):
+    source = tmp_path / "their_map"
+    FOLDERS[program](source)
+    found = read(source, tmp_path / "work")
+    assert len(found.points) > 1000
+    assert read(packed(source, tmp_path / "packed.zip"), tmp_path / "work").digest == found.digest
 
 
 def test_another_version_of_a_reader_reads_a_source_anew(install, tmp_path: Path):

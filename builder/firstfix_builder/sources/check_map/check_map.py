@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.errors import UnfitMap
 from firstfix.findings.finding import Finding, Severity
-from firstfix.findings.map_kinds import MAP_FEW_POINTS, MAP_FLAT
+from firstfix.findings.map_kinds import (
+    MAP_FEW_POINTS,
+    MAP_FLAT,
+    MAP_NO_GROUND,
+    MAP_NOT_LEVEL,
+    MAP_SINGLE_SCAN,
+    TRAJECTORY_LEANS,
+    TRAJECTORY_LEFT_OUT,
+)
 
 from ..read_map.map_data import MapData
 from . import doubled_walls, up
+from .base_poses import check_base_poses
+from .doubled_floors import check_doubled_floors
 from .doubled_walls import check_doubled_walls
+from .floors_under import FloorsUnder
+from .leaning_trajectory import check_lean
+from .map_places import MapPlaces
+from .no_ground import check_ground
 from .precision import check_precision
 from .shape import Shape
+from .single_scan import check_single_scan
 from .surfaces import surfaces
 from .trajectory import check_trajectory
 from .turned_trajectory import check_turned
@@ -34,7 +49,7 @@ def check_map(data: MapData, poses: NDArray[np.float64] | None = None) -> list[F
         poses: (m, 4, 4) T_map_sensor of the mapping run, in the frame of ``data``.
     """
     found: list[Finding] = []
-    for check in _checks(data, poses):
+    for check in _checks(data, poses, found):
         one = check()
         if one is not None and one.severity is Severity.ERROR:
             return [one]  # what follows from it is no news
@@ -43,10 +58,17 @@ def check_map(data: MapData, poses: NDArray[np.float64] | None = None) -> list[F
     return found
 
 
-def _checks(data: MapData, poses: NDArray[np.float64] | None) -> Iterator[Callable[[], Finding | None]]:
-    """The checks, the quick ones first. A mesh shows neither spacing nor doubled walls."""
-    shape, points = Shape.of(data), data.points
-    yield lambda: check_precision(data.coordinates + data.origin)
+def has_fit_poses(findings: Iterable[Finding]) -> bool:
+    """Whether the poses of a map with these findings are used: some that come with a map are none."""
+    return all(one.code != TRAJECTORY_LEFT_OUT.code for one in findings)
+
+
+def _checks(
+    data: MapData, poses: NDArray[np.float64] | None, found: Sequence[Finding]
+) -> Iterator[Callable[[], Finding | None]]:
+    """The checks, the quick ones first; ``found`` grows meanwhile. A mesh has neither spacing nor layers."""
+    shape, points, origin = Shape.of(data), data.points, data.origin
+    yield lambda: check_precision(data.coordinates + origin)
     if points is not None:
         yield lambda: _few_points(points)
     yield lambda: check_unit(shape)
@@ -54,10 +76,43 @@ def _checks(data: MapData, poses: NDArray[np.float64] | None) -> Iterator[Callab
         return
     yield lambda: _flat(shape)
     if poses is not None:
-        yield lambda: check_trajectory(points, poses)
-        yield lambda: check_turned(points, poses, -data.origin)
+        is_given, given = data.trajectory_source == "given", poses
+        yield lambda: check_trajectory(points, given, is_given=is_given)
+        poses = given if has_fit_poses(found) else None
+    if poses is not None:
+        yield lambda: check_turned(points, given, -origin)
     yield lambda: check_up(surfaces(points, up.VOXEL_M, up.MAX_POINTS), poses)
-    yield lambda: check_doubled_walls(surfaces(points, doubled_walls.VOXEL_M, doubled_walls.MAX_POINTS))
+    yield lambda: check_doubled_walls(
+        surfaces(points, doubled_walls.VOXEL_M, doubled_walls.MAX_POINTS), origin
+    )
+    yield lambda: check_single_scan(points, poses, origin)
+    told = {one.code for one in found}
+    if told & {MAP_NOT_LEVEL.code, MAP_SINGLE_SCAN.code}:
+        return  # no floors are below it, or few
+    yield from _of_heights(points, poses, shape, origin, found)
+
+
+def _of_heights(
+    points: NDArray[np.float64],
+    poses: NDArray[np.float64] | None,
+    shape: Shape,
+    origin: NDArray[np.float64],
+    found: Sequence[Finding],
+) -> Iterator[Callable[[], Finding | None]]:
+    """The checks of floors, and of the poses over them."""
+    places = MapPlaces.of(points)
+    under = None if poses is None else FloorsUnder.of(points, poses)
+    yield lambda: check_ground(under, places, origin)
+    if any(one.code == MAP_NO_GROUND.code for one in found):
+        return
+    if under is not None:
+        over = under
+        yield lambda: check_lean(over, origin)
+        if any(one.code == TRAJECTORY_LEANS.code for one in found):
+            poses = None  # its heights tell nothing
+        else:
+            yield lambda: check_base_poses(over)
+    yield lambda: check_doubled_floors(points, poses, places, shape.spacing_m or 0.0, origin)
 
 
 def refuse(findings: Iterable[Finding]) -> None:

@@ -15,6 +15,8 @@ from firstfix.engine.registration.surface import Surface
 from firstfix.findings.finding import Finding
 from firstfix.findings.map_kinds import MAP_DOUBLED_WALLS
 
+from .told_places import in_words, marked
+
 VOXEL_M = 0.1
 MAX_POINTS = 400_000
 APART_M = tuple(0.25 + 0.1 * k for k in range(5))  # thicker than a wall, nearer than the next one
@@ -22,7 +24,6 @@ MAX_APART_M = 0.65
 PLACE_M = 8.0
 DOUBLED_SHARE = 0.1  # of all walls
 MIN_PLACES = 3
-TOLD_PLACES = 3
 _SAMPLED_WALLS = 9_000
 _MIN_WALLS = 200  # fewer say nothing
 _UPRIGHT_COSINE, _PARALLEL_COSINE = 0.26, 0.95
@@ -32,8 +33,13 @@ _DIRECTIONS = 4
 _SEED = 34
 
 
-def check_doubled_walls(surface: Surface) -> Finding | None:
-    """Finding of a map in which walls have parallel twins, with the places. Points are VOXEL_M apart."""
+def check_doubled_walls(surface: Surface, origin: NDArray[np.float64]) -> Finding | None:
+    """Finding of a map in which walls have parallel twins, with the places.
+
+    Args:
+        surface: points VOXEL_M apart.
+        origin: (3,) what brings its coordinates to those of the file.
+    """
     walls = _plane_walls(surface)
     if len(walls) < _MIN_WALLS:
         return None
@@ -55,15 +61,14 @@ def check_doubled_walls(surface: Surface) -> Finding | None:
     share = sum(map(len, twins)) / len(walls)
     if len(twins) < MIN_PLACES or share < DOUBLED_SHARE:
         return None
-    largest = sorted(twins, key=len, reverse=True)[:TOLD_PLACES]
-    centres = [np.round(points[one, :2].mean(axis=0)) for one in largest]
-    told = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in centres)
+    centres = np.array([points[one].mean(axis=0) for one in sorted(twins, key=len, reverse=True)])
+    told = marked(centres, origin)
     numbers = {
         "doubled_share": share,
         "apart_m": float(np.mean(apart_m[np.concatenate(twins)])),
         "count": len(twins),
     }
-    return MAP_DOUBLED_WALLS.found(numbers, places=told)
+    return MAP_DOUBLED_WALLS.found(numbers, near=in_words(told)).at(told)
 
 
 def _plane_walls(surface: Surface) -> NDArray[np.intp]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 from firstfix.findings.finding import Finding
-from firstfix.findings.map_kinds import MAP_TOO_COARSE, MAP_UNIT
+from firstfix.findings.map_kinds import MAP_GARBLED, MAP_TOO_COARSE, MAP_UNIT
 
 from .shape import Shape
 
 MIN_EXTENT_M = 2.0  # no robot needs a cloud of less; a mesh may be a part of a map
 MAX_SPACING_M = 2.0  # points further apart show no surface
 MAX_HEIGHT_M = 1_000.0
+NO_UNIT_M = 1e7  # no place is as large in any unit: the numbers are none of coordinates
 # A spacing of decimetres is usual outdoors, and a height of hundreds of metres in the mountains. Both are a
 # hall in centimetres.
 WIDE_SPACING_M, TALL_M = 0.6, 200.0
@@ -28,6 +29,8 @@ _UNITS = {
 def check_unit(shape: Shape) -> Finding | None:
     """Finding of a map that cannot be in metres, with the scale that fits best."""
     extent_m, height_m, spacing_m = float(shape.extent_m.max()), float(shape.extent_m[2]), shape.spacing_m
+    if extent_m > NO_UNIT_M:
+        return MAP_GARBLED.found(shape.numbers, **shape.words)
     too_coarse = spacing_m is not None and spacing_m > MAX_SPACING_M
     too_tall = height_m > MAX_HEIGHT_M
     too_tall |= spacing_m is not None and spacing_m > WIDE_SPACING_M and height_m > TALL_M

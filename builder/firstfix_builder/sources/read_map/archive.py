@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 
 from firstfix.errors import FirstfixError, MalformedData, OutOfSpace, TooLarge, UnsupportedFormat
 
-from .mapping_scans import FOLDER as MAPPING_SCANS
+from .scan_folders import FOLDER as MAPPING_SCANS
 
 SUFFIX = ".zip"
 MAX_FILES = 20_000

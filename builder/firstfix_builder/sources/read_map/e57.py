@@ -1,19 +1,25 @@
-"""E57: every scan by its pose into one cloud; the poses are where the scanner stood."""
+"""E57: every scan by its pose into one cloud. Poses are stations where a scanner can have stood there."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData
-from firstfix.transform import from_quaternion
+from firstfix.transform import Matrix
 
 from .file_errors import foreign
 from .headers import check_e57, check_points
 from .map_data import MapData, finite_points
 from .map_limits import LIMITS
+from .rigid import rigid_from_quaternions
+from .stations import Stations
+from .what_was_read import WhatWasRead, plain
+
+_AT_ONCE = 50_000
 
 
 def read_e57(path: Path) -> MapData:
@@ -26,6 +32,9 @@ def read_e57(path: Path) -> MapData:
     import pye57
 
     check_e57(path)
+    stations = Stations()
+    names: list[str] = []
+    done = 0
     with foreign("E57", path):
         # pye57 keeps the file open for as long as an object of it lives: it has no context manager.
         file = pye57.E57(str(path))
@@ -35,22 +44,87 @@ def read_e57(path: Path) -> MapData:
             points = sum(int(header.point_count) for header in headers)
             LIMITS.check("E57", points, 8 * 4)
             check_points(path, points)
-            clouds = [_scan_points(file, index) for index, header in enumerate(headers) if header.point_count]
-            poses = [
-                from_quaternion(header.translation, np.roll(np.asarray(header.rotation, np.float64), -1))
-                for header in headers
-                if header.has_pose()
-            ]
+            cloud = np.empty((points, 3))
+            for index, header in enumerate(headers):
+                if not header.point_count:
+                    continue
+                part = cloud[done : done + _read_points(file, index, cloud[done:])]
+                done += len(part)
+                T_map_scan = _pose_of(header)
+                if T_map_scan is not None and len(part):
+                    stations.add(T_map_scan, part)
+                    _transform(T_map_scan, part)
+                names.append(_text(header.node, "name") or f"scan {index}")
+            georeference = _text(file.root, "coordinateMetadata")
+            program = _text(file.root, "e57LibraryVersion")
         finally:
             file.close()
-    if not clouds:
+    if not done:
         raise MalformedData(f"E57: its {len(headers)} scans have no points")
+    trajectory = stations.trajectory()
     return MapData(
-        points=finite_points(np.concatenate(clouds)),
-        trajectory=np.stack(poses) if poses else None,
+        points=finite_points(cloud[:done]),
+        trajectory=trajectory,
+        read=WhatWasRead(
+            form="E57",
+            program=program,
+            unit="metre",
+            georeference=georeference,
+            clouds=tuple(names),
+            poses="" if trajectory is None else "poses of its scans",
+            left_out=stations.left_out(),
+        ),
     )
 
 
-def _scan_points(file: object, index: int) -> NDArray[np.float64]:
-    data = file.read_scan(index, transform=True, ignore_missing_fields=True)  # type: ignore[attr-defined]
-    return np.stack([data[f"cartesian{axis}"] for axis in "XYZ"], axis=1).astype(np.float64, copy=False)
+def _read_points(file: Any, index: int, out: NDArray[np.float64]) -> int:
+    """Write a scan's valid points, in its own frame, to the first rows of ``out``; returns their number."""
+    data = file.read_scan(index, transform=False, ignore_missing_fields=True)
+    if "cartesianX" in data:
+        columns = [data[f"cartesian{axis}"] for axis in "XYZ"]
+    else:
+        names = ("Range", "Azimuth", "Elevation")
+        range_m, azimuth, elevation = (data[f"spherical{name}"] for name in names)
+        level_m = range_m * np.cos(elevation)
+        columns = [level_m * np.cos(azimuth), level_m * np.sin(azimuth), range_m * np.sin(elevation)]
+    count = len(columns[0])
+    for axis, column in enumerate(columns):
+        out[:count, axis] = column
+    return count
+
+
+def _transform(T_map_scan: Matrix, points: NDArray[np.float64]) -> None:
+    """Bring (n, 3) points from the scan's frame to the file's, in place.
+
+    By columns: for a matrix of three columns BLAS starts threads, which cost more than they save.
+    """
+    if np.array_equal(T_map_scan, np.eye(4)):
+        return
+    for start in range(0, len(points), _AT_ONCE):
+        some = points[start : start + _AT_ONCE]
+        x, y, z = some.T.copy()
+        for axis, (by_x, by_y, by_z, shift_m) in enumerate(T_map_scan[:3]):
+            some[:, axis] = by_x * x + by_y * y + by_z * z + shift_m
+
+
+def _pose_of(header: Any) -> Matrix | None:
+    """T_map_scan by the names of its numbers, whatever their order; None: the scan has no pose.
+
+    pye57 takes them in the file's order.
+    """
+    if not header.has_pose():
+        return None
+    pose = header["pose"]
+    translation, rotation = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+    if pose.isDefined("translation"):
+        translation = np.array([pose["translation"][name].value() for name in "xyz"])
+    if pose.isDefined("rotation"):
+        rotation = np.array([pose["rotation"][name].value() for name in "xyzw"])
+    length = max(float(np.linalg.norm(rotation)), 1e-9)  # writers round; a turn has a direction alone
+    T: Matrix = rigid_from_quaternions(translation[None], rotation[None] / length)[0]
+    return T
+
+
+def _text(node: Any, name: str) -> str:
+    """Text of a child, in one line; empty if there is none."""
+    return plain(str(node[name].value())) if node.isDefined(name) else ""

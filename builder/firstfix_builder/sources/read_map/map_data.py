@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.errors import MalformedData
 from firstfix.transform import make_transform
+
+from .what_was_read import WhatWasRead
 
 
 @dataclass(frozen=True)
@@ -21,14 +24,21 @@ class MapData:
         vertices: (v, 3) metres, finite.
         triangles: (t, 3) rows of vertices.
         trajectory: (m, 4, 4) T_map_sensor, or None where the source tells of none.
+        trajectory_source: ``given`` by the user beside the source, or of the source itself (``file``): such
+            poses refuse no map. It says nothing where there is no trajectory.
         origin: (3,) what, added to a coordinate here, gives the source's coordinate.
+        metres: in one unit of x and y, and of z, as the source says; ``scaled`` converts them.
+        read: what the source is, and what of it was left out.
     """
 
     points: NDArray[np.float64] | None = None
     vertices: NDArray[np.float64] | None = None
     triangles: NDArray[np.int64] | None = None
     trajectory: NDArray[np.float64] | None = None
+    trajectory_source: Literal["given", "file"] = "file"
     origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    metres: tuple[float, float] = (1.0, 1.0)
+    read: WhatWasRead = field(default_factory=WhatWasRead)
 
     @property
     def coordinates(self) -> NDArray[np.float64]:
@@ -69,18 +79,25 @@ def finite_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def scaled(data: MapData, scale: float) -> MapData:
-    """The map in metres, of which one unit of the source has ``scale``."""
-    if scale == 1.0:
+    """The map in metres.
+
+    Args:
+        scale: metres in one unit of the source, as the user says; 1: what the source says of itself counts.
+    """
+    across_m, up_m = data.metres if scale == 1.0 else (scale, scale)
+    if (across_m, up_m) == (1.0, 1.0):
         return data
+    by = np.array([across_m, across_m, up_m])
     trajectory = data.trajectory
     if trajectory is not None:
         trajectory = trajectory.copy()
-        trajectory[:, :3, 3] *= scale
+        trajectory[:, :3, 3] *= by
     return replace(
         data,
-        points=None if data.points is None else data.points * scale,
-        vertices=None if data.vertices is None else data.vertices * scale,
+        points=None if data.points is None else data.points * by,
+        vertices=None if data.vertices is None else data.vertices * by,
         trajectory=trajectory,
+        metres=(1.0, 1.0),
     )
 
 

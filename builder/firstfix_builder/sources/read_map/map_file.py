@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,6 @@ from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData, UnsupportedFormat
 from firstfix.formats.file_kind import SNIFFED_BYTES, kind_of
-from firstfix.formats.las import read_las
-from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.npy import read_npy
 from firstfix.formats.pcd import decode_pcd
 from firstfix.formats.ply import decode_ply
@@ -22,9 +21,13 @@ from firstfix.formats.text import decode_text
 
 from .e57 import read_e57
 from .headers import check_ply
+from .las_map import read_las_map
 from .map_data import MapData, finite_points
 from .map_limits import LIMITS
 from .mesh_file import read_mesh
+from .octomap import read_octomap
+from .pts import read_pts
+from .ptx import read_ptx
 from .rigid import rigid_matrices
 
 
@@ -42,6 +45,20 @@ _BEGINS = {
     ".glb": b"glTF",
     ".npy": b"\x93NUMPY",
 }
+# A row of numbers in these may be anything: points, poses, times.
+TEXTS = (".xyz", ".csv", ".txt")
+# Programs' own files, and what makes one of them that is read.
+PROGRAMS = {
+    ".db": "RTAB-Map's database: rtabmap-export --scan --poses_scan FILE.db writes FILE_cloud.ply and "
+    "FILE_scan_poses.txt: give the folder of both",
+    ".mm": "MOLA's metric map: mm2ply -i FILE.mm -b writes a PLY of each layer",
+    ".simplemap": "MOLA's keyframes: sm2mm -i FILE.simplemap -o FILE.mm makes a map of them, and mm2ply -i "
+    "FILE.mm -b writes a PLY of each of its layers",
+    ".pbstream": "Cartographer's state: cartographer_assets_writer with the pipeline write_ply writes a PLY",
+}
+_CLOUDCOMPARE = (
+    "CloudCompare's own file: CloudCompare -O FILE.bin -C_EXPORT_FMT PLY -SAVE_CLOUDS writes a PLY"
+)
 RECORDINGS = (".bag", ".db3", ".mcap", ".pcap", ".osf")
 RECORDING_REASON = "a recording, not a map: build the map with a SLAM package first"
 
@@ -56,6 +73,9 @@ def read_map_file(path: Path) -> MapData:
     reader = READERS.get(path.suffix.lower())
     if reader is None and path.suffix.lower() in RECORDINGS:
         raise UnsupportedFormat(RECORDING_REASON)
+    foreign = named_program(path)
+    if foreign:
+        raise UnsupportedFormat(foreign)
     if reader is None:
         raise UnsupportedFormat(
             f"a file that ends in {path.suffix!r} cannot be read as a map; there are {' '.join(READERS)}"
@@ -63,7 +83,17 @@ def read_map_file(path: Path) -> MapData:
     if path.stat().st_size == 0:
         raise MalformedData("the file is empty (0 bytes)")
     _check_begin(path)
-    return reader(path)
+    data = reader(path)
+    return data if data.read.form else replace(data, read=replace(data.read, form=path.suffix[1:].upper()))
+
+
+def named_program(path: Path) -> str:
+    """What to do with a file that only its own program reads; empty if it is no such file."""
+    ending = path.suffix.lower()
+    if ending == ".bin":
+        with path.open("rb") as file:
+            return _CLOUDCOMPARE if file.read(4).startswith((b"CCB1", b"CCB2")) else ""
+    return PROGRAMS.get(ending, "")
 
 
 def _check_begin(path: Path) -> None:
@@ -117,9 +147,12 @@ def _read_text(path: Path) -> MapData:
     return _points(cloud)
 
 
-def _read_las(path: Path) -> MapData:
-    check_las(path, LIMITS, 8 * 4)
-    return _points(read_las(path, LIMITS))
+def _read_asc(path: Path) -> MapData:
+    """CloudCompare's text. Others call a raster of heights so."""
+    with path.open("rb") as file:
+        if file.read(5).lower() == b"ncols":
+            raise UnsupportedFormat("an Esri ASCII grid, a raster of heights: it has no walls")
+    return _read_text(path)
 
 
 def _is_pose(matrix: NDArray[np.float64]) -> bool:
@@ -133,16 +166,20 @@ def _is_pose(matrix: NDArray[np.float64]) -> bool:
 READERS: dict[str, Callable[[Path], MapData]] = {
     ".pcd": _decoded(decode_pcd),
     ".ply": _read_ply,
-    ".las": _read_las,
-    ".laz": _read_las,
+    ".las": read_las_map,
+    ".laz": read_las_map,
     ".e57": read_e57,
     ".xyz": _read_text,
-    ".pts": _read_text,
+    ".pts": read_pts,
+    ".ptx": read_ptx,
+    ".asc": _read_asc,
     ".csv": _read_text,
     ".txt": _read_text,
     ".npy": lambda path: _points(read_npy(path, LIMITS)),
     ".bin": lambda path: _points(decode_scanner_bin(_mapped(path), path.name, LIMITS)),
     ".3d": read_uos,
+    ".bt": read_octomap,
+    ".ot": read_octomap,
     ".obj": read_mesh,
     ".stl": read_mesh,
     ".glb": read_mesh,

@@ -1,6 +1,7 @@
 """A map that is made of the scans of its mapping run: all keyframes' points, put at their poses.
 
-The source is a folder with ``mapping_scans/`` (``mapping_scans.py``) and no map file of its own.
+The source is a folder with ``mapping_scans/`` (``mapping_scans.py``) and no map file of its own, or the
+scans of a SLAM program (``scan_folders.py``).
 """
 
 from __future__ import annotations
@@ -24,8 +25,10 @@ from .joined_cloud import JoinedCloud
 from .map_data import ORIGIN_STEP_M, MapData
 from .map_file import READERS
 from .map_folder import TRAJECTORIES
-from .mapping_scans import FOLDER, MappingScans
+from .mapping_scans import MappingScans
 from .posed_scans import POSES
+from .scan_folders import scan_folder_in
+from .what_was_read import LeftOut, WhatWasRead, plain
 
 VOXEL_M = 0.05
 MAX_POINTS = 8_000_000  # beyond it the voxels grow
@@ -40,18 +43,23 @@ class MapOfScans:
         data: points and trajectory, in the source's own frame. The trajectory is of the keyframes in the map
             alone: of any other pose, later stages would believe that the map has what is seen from there.
         held_out: with T_map_sensor.
+        names_held_out: in the folder of the scans.
         left_out: reasons for the scans that are neither, by name.
     """
 
     data: MapData
     held_out: HeldOut
+    names_held_out: frozenset[str]
     left_out: Mapping[str, str]
 
 
 def is_map_of_scans(source: Path) -> bool:
-    """Whether a source is a folder with mapping scans and without a map file."""
-    if not (source / FOLDER).is_dir() or is_glim_dump(source):
+    """Whether a source is a folder with mapping scans and without a map file, or of a program's scans."""
+    found = scan_folder_in(source)
+    if found is None or is_glim_dump(source):
         return False
+    if found.program:
+        return True
     files = [path for path in source.iterdir() if path.is_file() and path.name not in TRAJECTORIES]
     return not any(path.suffix.lower() in READERS for path in files)
 
@@ -86,8 +94,22 @@ def read_map_of_scans(
     data = MapData(
         points=joined.cloud.points() + keyframes.origin,
         trajectory=keyframes.T_map_sensor[sorted(joined.numbers)],
+        read=_told(scans, [keyframes.names[number] for number in sorted(joined.numbers)]),
     )
-    return MapOfScans(data, HeldOut(asked, of_map=told if held_out else None), scans.left_out)
+    names = frozenset(one.name.removeprefix(f"{scans.name}/") for one in asked)
+    return MapOfScans(data, HeldOut(asked, of_map=told if held_out else None), names, scans.left_out)
+
+
+def _told(scans: MappingScans, names: Sequence[str]) -> WhatWasRead:
+    """Record of the joined scans, and of those that are left out, by their reasons."""
+    read = WhatWasRead(
+        form=f"{scans.program}'s scans" if scans.program else "a folder of scans",
+        program=scans.program,
+        unit="metre",
+        clouds=tuple(names),
+        poses="poses of the scans",
+    )
+    return read.without(*(LeftOut("scans", plain(reason)) for reason in scans.left_out.values()))
 
 
 def _hold_out(
@@ -122,14 +144,14 @@ class _Keyframes:
     def __init__(self, scans: MappingScans) -> None:
         posed = list(scans.posed())
         self._scans = scans
-        self._names = [name for name, _ in posed]
+        self.names = [name for name, _ in posed]
         self.T_map_sensor: NDArray[np.float64] = np.array([T for _, T in posed]).reshape(-1, 4, 4)
         # a multiple of a step: another first scan of the same place leaves the voxels where they are
         first = self.positions[0] if posed else np.zeros(3)
         self.origin: NDArray[np.float64] = np.floor(first / ORIGIN_STEP_M) * ORIGIN_STEP_M
 
     def __len__(self) -> int:
-        return len(self._names)
+        return len(self.names)
 
     @property
     def positions(self) -> NDArray[np.float64]:
@@ -142,7 +164,7 @@ class _Keyframes:
 
     def read(self, number: int) -> Scan | None:
         """The scan; None: it cannot be read, and is left out."""
-        return self._scans.read_scan(self._names[number])
+        return self._scans.read_scan(self.names[number])
 
     def placed(self, number: int, scan: Scan) -> NDArray[np.float64]:
         """(n, 3) the scan's points without the nearest, in the map's axes, from the origin."""
@@ -152,7 +174,7 @@ class _Keyframes:
 
     def held_out(self, number: int, scan: Scan) -> HeldOutScan:
         """The scan as the self-test asks it. A scan of ``held_out/`` may have the same name."""
-        return HeldOutScan(f"{FOLDER}/{self._names[number]}", scan, self.T_map_sensor[number])
+        return HeldOutScan(f"{self._scans.name}/{self.names[number]}", scan, self.T_map_sensor[number])
 
 
 class _Joined:
@@ -176,4 +198,4 @@ class _Joined:
 
 def _nothing_to_join(scans: MappingScans) -> MalformedData:
     name, reason = next(iter(scans.left_out.items()), (POSES, "it lists no scan"))
-    return MalformedData(f"no scan of {FOLDER}/ can be used: {name}: {reason.removeprefix(f'{name}: ')}")
+    return MalformedData(f"no scan of {scans.name}/ can be used: {name}: {reason.removeprefix(f'{name}: ')}")

@@ -32,10 +32,19 @@ def read_mesh(path: Path) -> MapData:
         placed = (scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry)
         # A few bytes place a part of a scene once more.
         MAP_LIMITS.check(ending, sum(len(getattr(part, "faces", ())) for part in placed), 8 * 3)
+        points = sum(len(part.vertices) for part in scene.geometry.values() if _is_cloud(part))
         mesh = scene.to_mesh()
         vertices = np.asarray(mesh.vertices, np.float64)
         triangles = np.asarray(mesh.faces, np.int64)
+    if points and not len(triangles):
+        raise MalformedData(
+            f"{points} points and no triangle: a cloud in a file for meshes: save it as PLY or PCD"
+        )
     return _merged(*_checked(vertices, triangles))
+
+
+def _is_cloud(part: object) -> bool:
+    return not hasattr(part, "faces") and not hasattr(part, "entities")
 
 
 def _checked(

@@ -45,7 +45,7 @@ def read_map(
     Args:
         axis: of the source. ``y-up`` is LOAM's camera frame (x left, y up, z forward) and glTF's: the map
             and its poses are turned to REP-103.
-        scale: metres in one unit of the source.
+        scale: metres in one unit of the source; 1: metres, or the unit that the source itself tells.
         trajectory: poses in the source's own frame and unit; they replace those that the source brings.
 
     Returns:
@@ -56,7 +56,7 @@ def read_map(
         UnsupportedFormat: no reader for it.
         MalformedData, TooLarge: the data is damaged, empty, cut off or beyond the limits; the message names
             the file and the reason.
-        InvalidOption: an unknown axis.
+        InvalidOption: an unknown axis, or poses of an unknown unit.
     """
     path = Path(path)
     if axis not in ("z-up", "y-up"):
@@ -74,11 +74,27 @@ def read_map(
 def in_local_frame(data: MapData, axis: Axis, scale: float, trajectory: Path | None) -> MapData:
     """The map in metres, with z up and a local origin; arguments as for ``read_map``."""
     if trajectory is not None:
-        data = replace(data, trajectory=read_trajectory(trajectory))
+        data = with_given(data, trajectory, scale)
     data = scaled(data, scale)
     if axis == "y-up":
         data = turn_z_up(data)
     return subtract_origin(data, local_origin(data))
+
+
+def with_given(data: MapData, trajectory: Path, scale: float) -> MapData:
+    """The map with the poses of a file that the user gave, in place of those that the source brings.
+
+    Raises:
+        InvalidOption: the map says that it is not in metres, and nobody says what the poses are in.
+    """
+    if scale == 1.0 and data.metres != (1.0, 1.0):
+        across_m, _ = data.metres
+        raise InvalidOption(
+            f"the map says that it is in {data.read.unit}, and the poses do not say their unit: give "
+            f"--scale {across_m:.10g} if they are in the same, or both files in metres"
+        )
+    read = replace(data.read, poses=trajectory.name)
+    return replace(data, trajectory=read_trajectory(trajectory), trajectory_source="given", read=read)
 
 
 def read_parts(
@@ -103,8 +119,8 @@ def read_parts(
         with naming(file):
             data = read_map_file(file)
         if origin is None:
-            poses = trajectory_in(path) if trajectory is None else read_trajectory(trajectory)
-            data = replace(data, trajectory=poses)
+            data = replace(data, trajectory=trajectory_in(path))
+            data = data if trajectory is None else with_given(data, trajectory, scale)
         data = scaled(data, scale)
         if axis == "y-up":
             data = turn_z_up(data)

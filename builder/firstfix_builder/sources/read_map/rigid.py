@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from firstfix.errors import MalformedData
 from firstfix.transform import from_quaternion
 
+MAX_ABS = 1e9  # metres
 _TOLERANCE = 0.02  # files round to as little as 4 digits
 
 
@@ -64,6 +65,15 @@ def rigid_matrices(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _require_finite(rows: NDArray[np.float64]) -> None:
-    bad = ~(np.abs(np.nan_to_num(rows, nan=np.inf)) < 1e9).all(axis=1)
-    if bad.any():
-        raise MalformedData(f"poses: pose {int(np.argmax(bad)) + 1} has a number that is not finite")
+    """Check (m, k) numbers: finite, and none as large as a time since the epoch in a column of lengths."""
+    bad = ~(np.abs(np.nan_to_num(rows, nan=np.inf)) < MAX_ABS).all(axis=1)
+    if not bad.any():
+        return
+    number = int(np.argmax(bad))
+    if not np.isfinite(rows[number]).all():
+        raise MalformedData(f"poses: pose {number + 1} has a number that is not finite")
+    largest = np.abs(rows[number]).max()
+    raise MalformedData(
+        f"poses: pose {number + 1} has the number {largest:.6g}, which is no length in metres: is it a time? "
+        "Write rows of t x y z qx qy qz qw, or a first line that names tx, ty, tz, qx, qy, qz, qw"
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import io
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,26 +12,31 @@ from numpy.typing import NDArray
 from firstfix.errors import MalformedData, TooLarge
 from firstfix.formats.pcd import decode_pcd
 from firstfix.formats.point_cloud import MAP_LIMITS
-from firstfix.formats.text_table import parse_rows
+from firstfix.formats.text_table import MAX_LINE_BYTES, is_number, parse_rows
 
 from .file_errors import naming
+from .pose_columns import PoseColumns, columns_of, poses_of
 from .rigid import are_unit, rigid_from_angles, rigid_from_quaternions, rigid_matrices
 
 MAX_TRAJECTORY_BYTES = 500_000_000
-_CSV_COLUMNS = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+G2O_POSE = "VERTEX_SE3:QUAT"
+_SNIFFED_BYTES = 65_536
+_NAMED = "tx, ty, tz, qx, qy, qz, qw"
 
 
 def read_trajectory(path: Path) -> NDArray[np.float64]:
     """T_map_sensor, (m, 4, 4), m >= 1, in the order of the file.
 
+    A line that names the columns, as a comment or not, decides their order. Without one:
+
     | file | rows |
     |---|---|
-    | TUM | t x y z qx qy qz qw |
-    | KITTI | the 12 numbers of a 3x4 matrix, or the 16 of a 4x4 one |
+    | TUM | t x y z qx qy qz qw; also with a number behind (RTAB-Map), or sec nsec before (Newer College) |
+    | KITTI | the 12 numbers of a 3x4 matrix, or the 16 of a 4x4 one; also with a time or a frame before |
     | a single pose | 3 or 4 rows of 4: the matrix itself |
-    | CSV with names | tx, ty, tz, qx, qy, qz, qw among others; rows with an empty pose are left out |
     | key_frame.txt of Livox LOAM | qx qy qz qw tx ty tz |
     | pose.json (it is no JSON) | tx ty tz qw qx qy qz |
+    | g2o | VERTEX_SE3:QUAT id x y z qx qy qz qw, by the ids |
     | PCD (LIO-SAM's transformations.pcd) | x y z with roll pitch yaw; without them no turn at all |
 
     Raises:
@@ -44,15 +49,15 @@ def read_trajectory(path: Path) -> NDArray[np.float64]:
         size = path.stat().st_size
         if size > MAX_TRAJECTORY_BYTES:
             raise TooLarge(f"{size} bytes, the limit is {MAX_TRAJECTORY_BYTES}")
-        raw = path.read_bytes()
+        raw = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
         if not raw.strip():
             raise MalformedData("poses: the file is empty")
         if path.suffix.lower() == ".pcd":
             poses = _from_pcd(raw)
-        elif _has_names(raw):
-            poses = _from_csv(raw)
+        elif raw.lstrip().startswith(G2O_POSE.encode()) or path.suffix.lower() == ".g2o":
+            poses = _from_g2o(raw)
         else:
-            poses = _from_rows(raw, path.name)
+            poses = _from_text(raw, path.name)
         if not len(poses):
             raise MalformedData("poses: the file has no pose")
         return poses
@@ -66,53 +71,102 @@ def _from_pcd(raw: bytes) -> NDArray[np.float64]:
     return rigid_from_angles(cloud.xyz, np.zeros((len(cloud), 3)))
 
 
-def _has_names(raw: bytes) -> bool:
-    return set(_CSV_COLUMNS) <= set(_first_line(raw).replace(" ", "").split(","))
+def _from_g2o(raw: bytes) -> NDArray[np.float64]:
+    mark = G2O_POSE.encode()
+    lines = [line[len(mark) :] for line in raw.splitlines() if line.startswith(mark)]
+    rows = parse_rows("poses", b"\n".join(lines))
+    if not len(rows):
+        return np.empty((0, 4, 4))
+    if rows.shape[1] != 8:
+        raise MalformedData(f"poses: {G2O_POSE} with {rows.shape[1]} numbers instead of 8")
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    return poses_of(rows[:, 1:])
 
 
-def _first_line(raw: bytes) -> str:
-    return raw.removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].decode("latin-1").strip()
+def _from_text(raw: bytes, file_name: str) -> NDArray[np.float64]:
+    """By the names of the columns, or by the number of them."""
+    named: PoseColumns | None = None
+    delimiter = None
+    for line in _first_lines(raw):
+        delimiter = next((mark for mark in ",;" if mark in line), None)
+        is_comment = line.startswith("#")
+        found = columns_of(line.lstrip("# \t"), delimiter)
+        if is_comment:
+            named = found or named
+        elif found is not None:
+            return _from_table(raw, line, delimiter, found)
+        else:
+            words = line.split(delimiter)
+            if len(words) > 1 and not any(map(is_number, words)):
+                raise MalformedData(f"poses: {line[:80]!r}, the line of names, does not name {_NAMED}")
+            break
+    rows = parse_rows("poses", raw, delimiter=delimiter, comments="#")
+    if named is not None and rows.shape[1:] == (named.width,):
+        return named.poses(rows)
+    return _by_width(rows, file_name)
 
 
-def _from_csv(raw: bytes) -> NDArray[np.float64]:
+def _first_lines(raw: bytes) -> Iterator[str]:
+    """The comments before the first row, and that row."""
+    for line in raw[:_SNIFFED_BYTES].decode("latin-1").splitlines():
+        text = line.strip()
+        if text:
+            yield text
+        if text and not text.startswith("#"):
+            return
+
+
+def _from_table(raw: bytes, header: str, delimiter: str | None, columns: PoseColumns) -> NDArray[np.float64]:
+    """Rows below a line of names. Rows with an empty pose are left out: "not in this map"."""
     try:
-        text = raw.decode("utf-8-sig")
-        rows = list(csv.DictReader(io.StringIO(text), skipinitialspace=True))
-    except (UnicodeDecodeError, csv.Error) as error:
+        lines = raw.decode("utf-8").splitlines()
+    except UnicodeDecodeError as error:
         raise MalformedData(f"poses: {error}") from error
-    poses = []
-    for number, row in enumerate(rows, start=1):
-        words = [(row.get(name) or "").strip() for name in _CSV_COLUMNS]
+    first = next(number for number, line in enumerate(lines) if line.strip() == header) + 1
+    if any(len(line) > MAX_LINE_BYTES for line in lines):
+        raise MalformedData(f"poses: a line is longer than {MAX_LINE_BYTES} bytes")
+    rows = lines[first:]
+    try:
+        table = list(csv.reader(rows, delimiter=delimiter)) if delimiter else [row.split() for row in rows]
+    except csv.Error as error:
+        raise MalformedData(f"poses: {error}") from error
+    places = (*columns.places, *(() if columns.number is None else (columns.number,)))
+    numbers = []
+    for number, row in enumerate((row for row in table if row), start=1):
+        words = [row[place].strip() if place < len(row) else "" for place in places]
         if not any(words):
-            continue  # "not in this map"
+            continue
         try:
-            poses.append([float(word) for word in words])
+            numbers.append([float(word) for word in words])
         except ValueError as error:
             raise MalformedData(f"poses: row {number}: {error}") from error
-    if not poses:
-        return np.empty((0, 4, 4))
-    numbers = np.array(poses)
-    return rigid_from_quaternions(numbers[:, :3], numbers[:, 3:])
+    count = len(columns.places)
+    taken = np.array(numbers).reshape(-1, len(places))
+    return poses_of(taken[:, :count] if columns.number is None else taken[taken[:, count] >= 0, :count])
 
 
-def _from_rows(raw: bytes, file_name: str) -> NDArray[np.float64]:
-    delimiter = "," if b"," in raw else None
-    rows = parse_rows("poses", raw, delimiter=delimiter, comments="#")
+def _by_width(rows: NDArray[np.float64], file_name: str) -> NDArray[np.float64]:
+    """Poses of rows without names."""
     if not len(rows):
         return np.empty((0, 4, 4))
     columns = rows.shape[1]
+    if columns in (13, 17):  # KITTI-360's frame, or a time
+        rows, columns = rows[:, 1:], columns - 1
     if columns in (12, 16):
         return rigid_matrices(rows.reshape(len(rows), -1, 4))
     if columns == 4 and len(rows) in (3, 4):
         return rigid_matrices(rows[None])
     if columns == 8:
-        return rigid_from_quaternions(rows[:, 1:4], rows[:, 4:])
+        return poses_of(rows[:, 1:])
+    if columns == 9 and are_unit(rows[:, 4:8]) != are_unit(rows[:, 5:]):
+        return poses_of(rows[:, 1:8] if are_unit(rows[:, 4:8]) else rows[:, 2:])
     if columns == 7 and file_name.lower() == "pose.json":
         return rigid_from_quaternions(rows[:, :3], rows[:, [4, 5, 6, 3]])
     if columns == 7 and (file_name.lower() == "key_frame.txt" or not are_unit(rows[:, 3:])):
         return rigid_from_quaternions(rows[:, 4:], rows[:, :4])
     if columns == 7:
-        return rigid_from_quaternions(rows[:, :3], rows[:, 3:])
+        return poses_of(rows)
     raise MalformedData(
-        f"poses: rows of {columns} numbers are neither TUM's (8), KITTI's (12) nor Livox's (7)"
+        f"poses: rows of {columns} numbers are neither TUM's (8), KITTI's (12) nor Livox's (7): write a "
+        f"first line that names {_NAMED}"
     )

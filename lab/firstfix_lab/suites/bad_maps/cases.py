@@ -12,6 +12,16 @@ from numpy.typing import NDArray
 from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.transform import rotation_z
 
+from .lying import (
+    at_heights,
+    leaning,
+    of_one_scan,
+    rounded,
+    sunk,
+    without_ground,
+    without_poses,
+    written_with,
+)
 from .places import NAMES, PlaceMap
 
 Change = Callable[[PlaceMap], PlaceMap]
@@ -29,6 +39,7 @@ class MapCase:
         change: makes it of the right map.
         is_seen_by_builds: the fault shows in the self-test alone: the check of the map cannot find it.
         config: put over the build's config.
+        code: of the finding that names the fault; empty: any will do.
     """
 
     fault: str
@@ -37,6 +48,7 @@ class MapCase:
     change: Change
     is_seen_by_builds: bool = False
     config: dict[str, Any] | None = None
+    code: str = ""
 
     @property
     def name(self) -> str:
@@ -91,6 +103,7 @@ def cases() -> list[MapCase]:
             MapCase("wrong unit", place, f"times {factor:g}", scaled(factor))
             for place, factor in (("hall", 1000), ("hall", 0.001), ("factory_0", 1000), ("street", 0.001))
         ),
+        *lying_maps(),
         MapCase("too few points", "hall", "1 in 4,000", thinned(4000), is_seen_by_builds=True),
         MapCase("too few points", "office_0", "1 in 4,000", thinned(4000), is_seen_by_builds=True),
         MapCase(
@@ -100,6 +113,128 @@ def cases() -> list[MapCase]:
             unchanged,
             is_seen_by_builds=True,
             config={"viewpoints": {"mount_height_m": 0.05}},
+        ),
+    ]
+
+
+def lying_maps() -> list[MapCase]:
+    """Good maps without their poses, and those whose map or poses are not what they seem."""
+    return [
+        *(MapCase(GOOD, place, "without its poses", without_poses) for place in NAMES),
+        *(
+            MapCase(
+                "doubled floors",
+                place,
+                f"the way back sinks by {by_m} m{told}",
+                change,
+                code="map_doubled_floors",
+            )
+            for place, by_m in (
+                ("hall", 0.6),
+                ("street_128beam", 0.4),
+                ("office_0", 0.35),
+                ("factory_1", 0.6),
+                ("campus_0", 0.5),
+                ("yard", 0.3),
+                ("farm_1", 0.6),
+            )
+            for told, change in (("", sunk(by_m)), (", without poses", sunk(by_m, keeps_poses=False)))
+            if not told or by_m >= 0.5
+        ),
+        *(
+            MapCase(
+                "leaning",
+                place,
+                f"by {lean_deg} degrees",
+                leaning(lean_deg, direction_deg),
+                code="trajectory_leans",
+            )
+            for place, lean_deg, direction_deg in (
+                ("hall", 10, 40),
+                ("street", 3, 200),
+                ("yard", 5, 90),
+                ("office_1", 10, 300),
+                ("factory_0", 4, 10),
+                ("farm_0", 8, 120),
+                ("campus_1", 2, 250),
+                ("street_128beam", 6, 160),
+            )
+        ),
+        *(
+            MapCase(
+                "base's poses",
+                place,
+                f"{over_m:+.2f} m over the floor",
+                at_heights(sensor_m, over_m),
+                code=code,
+            )
+            for place, sensor_m, over_m, code in (
+                ("hall", 1.75, 0.0, "trajectory_of_base"),
+                ("street", 1.73, 0.0, "trajectory_of_base"),
+                ("yard", 0.63, -0.05, "trajectory_of_base"),
+                ("office_0", 1.0, 0.0, "trajectory_of_base"),
+                ("factory_1", 1.0, -0.05, "trajectory_of_base"),
+                ("campus_0", 1.0, 0.1, "trajectory_at_floor"),
+                ("farm_0", 0.6, 0.0, "trajectory_of_base"),
+                ("garage", 1.36, 0.0, "trajectory_of_base"),
+            )
+        ),
+        *(
+            MapCase(
+                "no ground",
+                place,
+                f"all up to {over_m} m over it left out{told}",
+                change,
+                code="map_no_ground",
+            )
+            for place, sensor_m, over_m in (
+                ("hall", 1.75, 0.3),
+                ("yard", 0.63, 0.2),
+                ("factory_0", 1.0, 0.15),
+                ("campus_1", 1.0, 0.3),
+                ("garage", 1.36, 0.15),
+                ("street", 1.73, 0.3),
+            )
+            for told, change in (
+                ("", without_ground(sensor_m, over_m)),
+                (", without poses", without_ground(sensor_m, over_m, keeps_poses=False)),
+            )
+            if not told or place in ("hall", "factory_0", "garage")
+        ),
+        *(
+            MapCase(
+                "few digits",
+                place,
+                f"{digits} digits, {far_m:,} m away",
+                written_with(digits, far_m),
+                code=code,
+            )
+            for place, digits, far_m, code in (
+                ("hall", 6, 42_300, "map_digits_few"),
+                ("street", 6, 450_000, "map_digits_lost"),
+                ("office_0", 6, 30_000, "map_digits_few"),
+                ("campus_1", 5, 42_300, "map_digits_lost"),
+            )
+        ),
+        *(
+            MapCase("few digits", place, f"a scale of {step_m} m", rounded(step_m), code=code)
+            for place, step_m, code in (
+                ("hall", 0.1, "map_digits_few"),
+                ("yard", 0.25, "map_digits_lost"),
+                ("factory_0", 0.1, "map_digits_few"),
+            )
+        ),
+        *(
+            MapCase("single scan", place, told, of_one_scan(number, moved), code="map_single_scan")
+            for place, number, moved, told in (
+                ("hall", 0, False, "its first query"),
+                ("hall", 4, True, "a query, moved and turned"),
+                ("street", 3, False, "a query"),
+                ("street_128beam", 1, True, "a query, moved and turned"),
+                ("street", 8, True, "a query, moved and turned"),
+                ("yard", 5, False, "a query"),
+                ("yard", 9, True, "a query, moved and turned"),
+            )
         ),
     ]
 

@@ -52,7 +52,8 @@ def by_check(case: MapCase) -> Judged:
     """Run the check of the map."""
     made = case.change(place_map(case.place))
     start = time.process_time()
-    data = MapData(points=made.points, trajectory=made.poses)
+    poses = made.poses if len(made.poses) else None
+    data = MapData(points=made.points, trajectory=poses, trajectory_source="given")
     local = subtract_origin(data, local_origin(data))
     found = check_map(local, local.trajectory)
     return Judged(case, _outcome(found), _codes(found), time.process_time() - start, len(made.points))
@@ -65,10 +66,11 @@ def by_build(case: MapCase, folder: Path) -> Judged:
     np.save(folder / "map.npy", made.points)
     poses = folder / "poses.txt"
     np.savetxt(poses, made.poses[:, :3].reshape(-1, 12))
+    given = poses if len(made.poses) else None
     config = BuildConfig.parse({**made.config, **(case.config or {})})
     start = time.process_time()
     try:
-        manifest = build_version(folder / "map.npy", config, folder / "work", trajectory=poses).manifest
+        manifest = build_version(folder / "map.npy", config, folder / "work", trajectory=given).manifest
     except FirstfixError as error:
         return Judged(
             case, REFUSED, (error.code,), time.process_time() - start, len(made.points), why=str(error)

@@ -62,7 +62,10 @@ def _row(one: Judged) -> dict[str, object]:
 
 
 def is_right(one: Judged) -> bool:
-    """Whether a bad map did not pass, and of a good one nothing was found, or its build is activated."""
+    """Whether a bad map did not pass and its fault is named, and nothing was found in a good one.
+
+    Of a good one that is built, it is right if its build is activated.
+    """
     if one.case.fault != GOOD:
-        return one.outcome != PASSED
+        return one.outcome != PASSED and (not one.case.code or one.case.code in one.codes)
     return one.outcome == PASSED or (one.found is not None and one.outcome == WARNED)

@@ -52,6 +52,14 @@ class Provenance(BaseModel):
     command: str | None = Field(None, description="command line or request; as `caller`")
 
 
+class MapFinding(Finding):
+    """Fault of a map or a version, or something noteworthy about it, and what helps."""
+
+    places: list[list[float]] = Field(
+        [], description="some points x, y, z where it shows, in the coordinates of the map's file"
+    )
+
+
 class MapSummary(BaseModel):
     """A map that was published at least once."""
 
@@ -140,7 +148,7 @@ class VersionReport(BaseModel):
         "`mapped` and each cell's `never_seen` and `in_part` say which places it saw from a door or from "
         "afar alone"
     )
-    findings: list[Finding] = Field(
+    findings: list[MapFinding] = Field(
         [], description="what is wrong or noteworthy with the map, and what helps"
     )
     pictures: list[str] = Field(description="names of the pictures of this version")
@@ -233,7 +241,7 @@ class Build(BaseModel):
     activated: bool = Field(
         False, description="false with a version: it is published only, and a finding says why"
     )
-    findings: list[Finding] = Field(
+    findings: list[MapFinding] = Field(
         [],
         description="what is wrong or noteworthy with the map and its version, once the build has succeeded",
     )

@@ -41,8 +41,9 @@ def poses_at(positions: np.ndarray) -> np.ndarray:
 
 
 def codes(points: np.ndarray, poses: np.ndarray | None = None) -> list[str]:
-    data = MapData(points=points)
-    return [one.code for one in check_map(subtract_origin(data, local_origin(data)), poses)]
+    data = MapData(points=points, trajectory=poses, trajectory_source="given")
+    data = subtract_origin(data, local_origin(data))
+    return [one.code for one in check_map(data, data.trajectory)]
 
 
 @pytest.fixture(scope="module")

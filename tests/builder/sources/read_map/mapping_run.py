@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.transform import from_quaternion, inverse, quaternion_of, transform_points
-from firstfix_builder.sources.read_map.mapping_scans import FOLDER, POSES
+from firstfix_builder.sources.read_map.posed_scans import POSES
+from firstfix_builder.sources.read_map.scan_folders import FOLDER
 
 HEADER = "scan,tx,ty,tz,qx,qy,qz,qw"
 SIGHT_M = 12.0

@@ -33,7 +33,9 @@ def write_pcd(path, rows, fields="x y z"):
         (("cornerMap.pcd", "surfaceMap.pcd"), ()),
         (("map.pcd", "ground.pcd"), ()),
         (("corner.pcd", "surf.pcd"), ()),
-        (("scans.pcd",), ("scans_1.pcd", "scans_2.pcd")),
+        (("cloudGlobal.pcd",), ("cloudCorner.pcd", "cloudSurf.pcd")),
+        (("cloudCorner.pcd", "cloudSurf.pcd"), ()),
+        (("scans.pcd",), ()),
         (("anything.pcd",), ()),
     ],
 )
@@ -175,3 +177,12 @@ def test_a_folder_with_one_mesh_or_a_cloud_among_meshes_is_no_folder_of_meshes(t
     (tmp_path / "city" / "b.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\nelement face 1\n")
     with pytest.raises(InputError, match=r"b\.ply|2 map files"):
         list(read_parts(tmp_path / "city"))
+
+
+def test_a_map_tells_whether_its_trajectory_was_given_or_came_with_it(tmp_path):
+    write_pcd(tmp_path / "corner.pcd", A)
+    (tmp_path / "key_frame.txt").write_text("0 0 0 1 4 5 6\n")
+    (tmp_path.parent / "given.txt").write_text("0 1 2 3 0 0 0 1\n")
+    assert read_map(tmp_path).trajectory_source == "file"
+    given = read_map(tmp_path, trajectory=tmp_path.parent / "given.txt")
+    assert (given.trajectory_source, given.read.poses) == ("given", "given.txt")

@@ -97,3 +97,12 @@ def test_triangles_of_nan_are_dropped(tmp_path):
     data = read_map(tmp_path / "a.obj")
     assert data.triangles.shape == (1, 3)
     assert np.isfinite(data.vertices).all()
+
+
+def test_a_cloud_in_a_file_for_meshes_is_named(tmp_path):
+    """As MeshLab 2025.7 saves a cloud as OBJ, and trimesh 5.2 as GLB."""
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
+    trimesh.PointCloud(BOX.vertices).export(tmp_path / "a.glb")
+    for name in ("a.obj", "a.glb"):
+        with pytest.raises(MalformedData, match=r"[38] points and no triangle: a cloud .* save it as PLY"):
+            read_map(tmp_path / name)

@@ -17,6 +17,20 @@ def rows(array, separator=" ", digits=9):
     return "\n".join(separator.join(f"{v:.{digits}f}" for v in row) for row in array) + "\n"
 
 
+def with_time(columns, separator=" "):
+    return rows(np.c_[np.arange(5) + 100.0, columns], separator)
+
+
+def g2o(order):
+    vertices = [f"VERTEX_SE3:QUAT {n} {rows(np.c_[T, Q][n : n + 1])}" for n in order]
+    return "".join(vertices) + "FIX 0\nVERTEX_TRACKXYZ 7 1 2 3\nEDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 1\n"
+
+
+# Basalt's EuRoC output (basalt-mirror src/vio.cpp) and the ground truth of EuRoC and TUM-VI: w first
+BASALT = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
+EUROC = BASALT.strip() + ",v_RS_R_x [m s^-1],v_RS_R_y [m s^-1],v_RS_R_z [m s^-1],b_w_RS_S_x [rad s^-1]\n"
+W_FIRST = np.c_[T, Q[:, 3], Q[:, :3]]
+RTABMAP = "#timestamp x y z qx qy qz qw id\n"  # rtabmap-export, --poses_format 11 (0.21, its default)
 NAMES = "scan,tx,ty,tz,qx,qy,qz,qw,note\n"
 FILES = {
     "tum.txt": rows(np.c_[np.arange(5) + 1.6e9, T, Q]),
@@ -29,6 +43,32 @@ FILES = {
     "key_frame.txt": rows(np.c_[Q, T]),
     "livox_like.txt": rows(np.c_[Q, T]),
     "pose.json": rows(np.c_[T, Q[:, 3], Q[:, :3]]),
+    "basalt.csv": BASALT + with_time(W_FIRST, ","),
+    "euroc.csv": EUROC + with_time(np.c_[W_FIRST, np.ones((5, 4))], ","),
+    "w_first.txt": "# timestamp x y z qw qx qy qz\n" + with_time(W_FIRST),
+    "tum_named.txt": "# ground truth\n# timestamp tx ty tz qx qy qz qw\n" + with_time(np.c_[T, Q]),
+    "rtabmap.txt": RTABMAP + with_time(np.c_[T, Q, 1:6]) + "0 1 2 3 0 0 0 1 -12\n",
+    "rtabmap_unnamed.txt": with_time(np.c_[T, Q, 1:6]),
+    "newer_college.csv": "#sec,nsec,x,y,z,qx,qy,qz,qw\n" + with_time(np.c_[7:12, T, Q], ","),
+    "newer_college_unnamed.csv": with_time(np.c_[70:75, T, Q], ","),
+    "plain_names.csv": "x,y,z,qx,qy,qz,qw\n" + rows(np.c_[T, Q], ","),
+    "plain_names.txt": "qw qx qy qz tx ty tz\n" + rows(np.c_[Q[:, 3], Q[:, :3], T]),
+    "topic.csv": (  # rostopic echo -p
+        "%time,field.pose.position.x,field.pose.position.y,field.pose.position.z,field.pose.orientation.x,"
+        "field.pose.orientation.y,field.pose.orientation.z,field.pose.orientation.w,field.twist.linear.x\n"
+        + with_time(np.c_[T, Q, np.ones(5)], ",")
+    ),
+    "hdmapping.csv": (  # trajectory_lio_0.csv of HDMapping 0.9x
+        "timestamp_nanoseconds "
+        + " ".join(f"pose{r}{c}" for r in range(3) for c in range(4))
+        + " om_rad\n"
+        + with_time(np.c_[POSES[:, :3].reshape(5, 12), np.zeros(5)])
+    ),
+    "kitti360.txt": rows(np.c_[np.arange(5) + 3, POSES[:, :3].reshape(5, 12)]),
+    "kitti360_4x4.txt": rows(np.c_[np.arange(5) + 3, POSES.reshape(5, 16)]),
+    "graph.g2o": g2o((0, 1, 2, 3, 4)),
+    "unordered.g2o": g2o((3, 0, 4, 2, 1)),
+    "g2o.txt": g2o((0, 1, 2, 3, 4)),
 }
 
 
@@ -73,6 +113,10 @@ def test_rows_without_a_pose_are_left_out(tmp_path):
         ("\0\1\2\3", "not text"),
         (NAMES + "a,1,2,3,0,0,0,one,\n", "row 1"),
         (NAMES + "a,1,2,3,0,0,0\n", "row 1"),
+        ("1326030975726043,0,0,0,0,0,1\n", "the number 1.32603e.15, which is no length .* is it a time"),
+        ("t,lat,lon\n1,2,3\n", "'t,lat,lon', the line of names, does not name tx, ty"),
+        (RTABMAP + "0 1 2 3 0 0 0 1 -12\n", "no pose"),
+        ("VERTEX_SE3:QUAT 0 1 2 3\n", "with 4 numbers instead of 8"),
     ],
 )
 def test_a_malformed_trajectory_is_named(tmp_path, text, reason):

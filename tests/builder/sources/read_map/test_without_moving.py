@@ -16,7 +16,9 @@ from firstfix_builder.mesh.clean_cloud import voxel_means
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
-from firstfix_builder.sources.read_map.mapping_scans import FOLDER, POSES, MappingScans
+from firstfix_builder.sources.read_map.mapping_scans import MappingScans
+from firstfix_builder.sources.read_map.posed_scans import POSES
+from firstfix_builder.sources.read_map.scan_folders import FOLDER
 from firstfix_builder.sources.read_map.without_moving import without_moving
 from tests.builder.box_scenes import box, floor, walls
 
