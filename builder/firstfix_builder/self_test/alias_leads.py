@@ -16,10 +16,11 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.builds.config import PerturbConfig
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.hypotheses import HypothesisSearch
-from firstfix.engine.known_aliases import are_parted, is_any_of, known_aliases, not_far_behind
+from firstfix.engine.index import MapIndex
+from firstfix.engine.known_aliases import is_any_of, known_aliases, not_far_behind
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.stopwatch import Stopwatch
-from firstfix.scan.compact import CompactScan
+from firstfix.engine.told_apart import are_parted, may_lack
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, pose_error
@@ -72,29 +73,22 @@ def lead_lost(
     return None if after is None else before - after
 
 
-def aliases_among(
-    localizer: Localizer, scan: Scan | CompactScan, answer: Localization, options: LocalizeOptions
-) -> tuple[int, ...]:
+def aliases_among(index: MapIndex, answer: Localization) -> tuple[int, ...]:
     """Numbers of the hypotheses of an answer that are known aliases of the best one.
 
-    Those are left out over which the best one leads all around.
+    Those are left out that the scan tells from the best one.
     """
-    index = localizer.index
-    if not answer.hypotheses:
+    fits = [one.quality for one in answer.hypotheses if one.quality is not None]
+    if not fits:
         return ()
+    ranking = index.config.ranking
     T_level_sensor = inverse(index.T_map_level) @ [one.T_map_sensor for one in answer.hypotheses]
-    aliases = known_aliases(index, T_level_sensor[0], None).T_level_sensor
-    found = [
-        n for n in np.flatnonzero(is_any_of(aliases, T_level_sensor, index.config.ranking)).tolist() if n
-    ]
-    prepared = None
-    if found:
-        prepared = localizer.prepare(ScanSequence.single(scan), options, Stopwatch(math.inf))
-    if prepared is None:
-        return ()
-    placed_m = [prepared.dense.moved(T_level_sensor[number]).points for number in (0, *found)]
-    is_parted = are_parted(index.surface, T_level_sensor[[0, *found], :3, 3], placed_m)
-    return tuple(number for number, parted in zip(found, is_parted.tolist(), strict=True) if not parted)
+    known = known_aliases(index, T_level_sensor[0], None).T_level_sensor
+    support = np.array([ranking.support(fit) for fit in fits])
+    lacking = np.array([may_lack(ranking, fit.alignment_score, fit, fits[0]) for fit in fits])
+    is_alike = is_any_of(known, T_level_sensor, ranking)
+    is_alike &= ~are_parted(support[0] - support, lacking, T_level_sensor[:, :3, 3])
+    return tuple(number for number in np.flatnonzero(is_alike).tolist() if number)
 
 
 def _lead(

@@ -86,7 +86,7 @@ def run_self_test(
             equals = equal_places(answer, simulator, sensor, case.T_level_sensor, T_level_map, ranking)
             lost = None if simulation is rough else lead_lost(localizer, simulation, case, asked_with)
             outcome = Outcome.here(number, answer, case.T_level_sensor, T_map_level)
-            aliases = aliases_among(localizer, scan, answer, asked_with)
+            aliases = aliases_among(localizer.index, answer)
             is_rough = simulation is rough
             outcome = replace(outcome, equals=equals, lead_lost=lost, aliases=aliases, is_rough=is_rough)
         ticked()
@@ -99,7 +99,7 @@ def run_self_test(
         options = real.options_of(number, asked_with)
         answer = localizer.localize(one.scan, options)
         outcome = Outcome.here(real.query(number, len(queries)), answer, one.T_sensor, T_map_level)
-        aliases = aliases_among(localizer, one.scan, answer, options)
+        aliases = aliases_among(localizer.index, answer)
         ticked()
         return replace(outcome, aliases=aliases, is_real=True)
 

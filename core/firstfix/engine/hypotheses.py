@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..answer.prior import Prior
 from .candidates import Candidates
 from .index import FreeSpaceShares, MapIndex
-from .known_aliases import is_any_of
+from .known_aliases import is_any_of, may_tie
 from .local_search import best_near
 from .motion_at_places import MotionAtPlaces, together
 from .preprocess import PreparedQuery, spots_of
@@ -265,8 +265,7 @@ class HypothesisSearch:
         self, best: RegisteredCandidate, aliases: NDArray[np.float64]
     ) -> list[RegisteredCandidate]:
         """The unchecked candidates at (k, 4, 4) known aliases of the best one, near enough to it to tie."""
-        least = best.support - self._index.calibration.alias_margin
-        near = [one for one in self._unchecked if one.support > least]
+        near = [one for one in self._unchecked if may_tie(best, one)]
         if not near or not len(aliases):
             return []
         at = is_any_of(aliases, np.array([one.registration.T_level_sensor for one in near]), self._ranking)

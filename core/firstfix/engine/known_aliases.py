@@ -1,7 +1,8 @@
 """Known aliases: where the sensor would stand in places that look alike (docs/method.md section 7.1).
 
 A scan's own descriptor may miss the place that it was taken in. Another place that looks the same is then
-accepted, because the right one was never compared with it. The templates around the wrong place know it.
+accepted, because the right one was never compared with it. The templates around the wrong place know it, or
+it is right above or below.
 """
 
 from __future__ import annotations
@@ -17,21 +18,18 @@ from ..answer.prior import Prior
 from ..transform import Matrix
 from .candidates import YAW_SLACK_DEG, Candidates
 from .index import MapIndex
-from .lead import lead_t
 from .ranking import CandidatesConfig
 from .registered_candidate import RegisteredCandidate, distinct, features_of
-from .registration.align import MapSurface
 from .registration.surface import Surface
 from .retrieval.cascade import Templates
-
-# A lead in score over an alias that is this many times its standard error is no accident of one thing that
-# moved (lab/docs/experiments.md, "Which leads over a look-alike can be trusted").
-_PARTED_T = 2.5
-_STACKED_M, _STOREY_M = 2.0, 1.5  # nearer on the level, and further in height: a room above another
+from .stacked_places import is_stacked, stacked_places
+from .told_apart import are_parted, may_lack
 
 
 def known_aliases(index: MapIndex, T_level_sensor: Matrix, prior: Prior | None) -> Candidates:
-    """Poses at the aliases of the templates nearest to a pose, most alike first; none without a table.
+    """Poses right above and below a pose, then at aliases of the templates nearest to it, most alike first.
+
+    None without a table.
 
     Args:
         index: of the map.
@@ -46,9 +44,8 @@ def known_aliases(index: MapIndex, T_level_sensor: Matrix, prior: Prior | None) 
     if index.aliases is None or not len(near):
         return Candidates.merged([])
     own, alias, yaw_rad, score = index.aliases.of(near)
-    found = Candidates(
-        alias, _moved(T_level_sensor, _floor_m(templates, own), _floor_m(templates, alias), yaw_rad), score
-    )
+    T_alias = _moved(T_level_sensor, _floor_m(templates, own), _floor_m(templates, alias), yaw_rad)
+    found = Candidates.merged([stacked_places(index, T_level_sensor), Candidates(alias, T_alias, score)])
     if prior is not None:
         T_map_sensor = index.T_map_level @ found.T_level_sensor
         found = found.at(
@@ -62,8 +59,9 @@ def rivals_among(
 ) -> Candidates:
     """The aliases that could change the answer: most poses have none, and need not be judged again.
 
-    First all are screened together with the pose. Those that are not far behind it are then aligned with few
-    points, and so is the pose: with many points it would look better than its aliases for that reason alone.
+    First all but those right above and below are screened together with the pose. Those that are not far
+    behind it are then aligned with few points, and so is the pose: with many points it would look better than
+    its aliases for that reason alone.
     Free space is not checked at the aliases: it only lowers support. A scan in motion is deskewed by the
     motion at the pose, which it would have at an alias as well.
 
@@ -78,27 +76,63 @@ def rivals_among(
     index, T_best = best.index, best.registration.T_level_sensor
     surface, ranking, calibration = index.surface, index.config.ranking, index.calibration
     sparse = sparse.deskewed(best.registration.twist)
-    aliases = not_far_behind(index, aliases, T_best, sparse)
+    stacked = is_stacked(T_best[:3, 3], aliases.T_level_sensor[:, :3, 3])
+    beside = not_far_behind(index, aliases.at(np.flatnonzero(~stacked)), T_best, sparse)
+    aliases = Candidates.merged([aliases.at(np.flatnonzero(stacked)), beside])
     if not len(aliases):
         return aliases
     starts = np.concatenate([T_best[None], aliases.T_level_sensor])
     near, _ = surface.align_coarse(sparse, starts)
     own, *others = surface.align(sparse, near)
-    own_support, alone = replace(best, registration=own).support, features_of([best])
+    placed_best, alone = replace(best, registration=own), features_of([best])
 
     def is_rival(other: RegisteredCandidate) -> bool:
         T_level_sensor = other.registration.T_level_sensor
         if len(distinct(np.array([T_best, T_level_sensor]), ranking)) == 1:  # a minimum of the same place
             return other.registration.alignment_score > own.alignment_score + ranking.maybe_better_by
-        lead = own_support - other.support
-        led = replace(alone, margin=best.spots * lead)
-        return lead < calibration.alias_margin or not calibration.accepts(led, min_probability)
+        led = replace(alone, margin=best.spots * (placed_best.support - other.support))
+        return may_tie(placed_best, other) or not calibration.accepts(led, min_probability)
 
     placed = [
         RegisteredCandidate(index, best.map_id, template, registration)
         for template, registration in zip(aliases.template.tolist(), others, strict=True)
     ]
     return aliases.at(np.flatnonzero([is_rival(one) for one in placed]))
+
+
+def may_tie(best: RegisteredCandidate, alias: RegisteredCandidate) -> bool:
+    """Whether a known alias of the best place may tie with it, before its free space is checked."""
+    index, placed = best.index, best.registration
+    other_m = alias.registration.T_level_sensor[None, :3, 3]
+    is_doubtful = placed.is_in_motion or bool(is_stacked(placed.T_level_sensor[:3, 3], other_m)[0])
+    reach = index.config.ranking.rival_within if is_doubtful else index.calibration.alias_margin
+    return best.support - alias.support < reach
+
+
+def with_look_alikes_marked(
+    registered: Sequence[RegisteredCandidate], prior: Prior | None
+) -> list[RegisteredCandidate]:
+    """The candidates of one map, best first, with those marked that the scan does not tell from the best.
+
+    These are known aliases near the best one's support, and rivals right above or below that the map may
+    lack. A scan in motion fits wrong places well, as each has three unknowns more: there all rivals are
+    marked that the map may lack.
+    """
+    best, index = registered[0], registered[0].index
+    ranking = index.config.ranking
+    T_level_sensor = np.array([one.registration.T_level_sensor for one in registered])
+    lead = best.support - np.array([one.support for one in registered])
+    lacking = np.array(
+        [may_lack(ranking, one.registration.alignment_score, one.quality, best.quality) for one in registered]
+    )
+    aliases, at_m = known_aliases(index, T_level_sensor[0], prior).T_level_sensor, T_level_sensor[:, :3, 3]
+    is_known = is_any_of(aliases, T_level_sensor, ranking)
+    is_alike = is_known & (np.abs(lead) < index.calibration.alias_margin)
+    is_alike &= ~are_parted(lead, lacking, at_m)
+    doubted = lacking & (lead < ranking.rival_within)
+    is_alike |= doubted if best.registration.is_in_motion else doubted & is_stacked(at_m[0], at_m)
+    is_alike[0] = False
+    return [replace(one, is_alike=alike) for one, alike in zip(registered, is_alike.tolist(), strict=True)]
 
 
 def not_far_behind(
@@ -114,54 +148,6 @@ def not_far_behind(
     _, screened = index.surface.screen(sparse, np.concatenate([T_level_sensor[None], aliases.T_level_sensor]))
     order = np.argsort(-screened[1:], kind="stable")[: config.tried]
     return aliases.at(order[screened[1:][order] >= screened[0] - config.behind])
-
-
-def with_aliases_marked(
-    registered: Sequence[RegisteredCandidate], dense: Surface, prior: Prior | None
-) -> list[RegisteredCandidate]:
-    """The candidates of one map, best first, with those marked that are known aliases of the best.
-
-    An alias over which the best place leads all around is none for this scan. In motion a lead is no such
-    evidence: each place has three unknowns more, to fit the scan all around.
-
-    Args:
-        dense: the scan's many points.
-    """
-    best, index = registered[0], registered[0].index
-    T_level_sensor = np.array([one.registration.T_level_sensor for one in registered])
-    aliases = known_aliases(index, T_level_sensor[0], prior).T_level_sensor
-    close = [
-        number
-        for number in np.flatnonzero(is_any_of(aliases, T_level_sensor, index.config.ranking)).tolist()
-        if number and abs(best.support - registered[number].support) < index.calibration.alias_margin
-    ]
-    if not close:
-        return list(registered)
-    if best.registration.is_in_motion:
-        return [replace(one, is_alias=number in close) for number, one in enumerate(registered)]
-    placed_m = [
-        dense.deskewed(one.registration.twist).moved(one.registration.T_level_sensor).points
-        for one in (best, *(registered[number] for number in close))
-    ]
-    alike = np.array(close)[~are_parted(index.surface, T_level_sensor[[0, *close], :3, 3], placed_m)]
-    return [replace(one, is_alias=number in alike) for number, one in enumerate(registered)]
-
-
-def are_parted(
-    surface: MapSurface, at_m: NDArray[np.float64], placed_m: Sequence[NDArray[np.float32]]
-) -> NDArray[np.bool_]:
-    """(k,) which of k aliases a scan tells apart from the best place, which leads over them all around.
-
-    Rooms above each other are never told apart: one plan is furnished twice, and furniture moves.
-
-    Args:
-        at_m: (k + 1, 3) of the sensor, in the level frame, at the best place and at its aliases.
-        placed_m: (n, 3) points of the scan, in the level frame, as they lie at each.
-    """
-    away_m = np.abs(at_m[1:] - at_m[0])
-    is_stacked = (np.hypot(away_m[:, 0], away_m[:, 1]) < _STACKED_M) & (away_m[:, 2] > _STOREY_M)
-    found: NDArray[np.bool_] = (lead_t(surface, placed_m, at_m[0]) >= _PARTED_T) & ~is_stacked
-    return found
 
 
 def is_any_of(

@@ -17,7 +17,7 @@ from .candidates import Candidates, candidates_of_scan, find_candidates
 from .config import EffortConfig
 from .hypotheses import NO_POSES, HypothesisSearch
 from .index import MapIndex
-from .known_aliases import known_aliases, rivals_among, with_aliases_marked
+from .known_aliases import known_aliases, rivals_among, with_look_alikes_marked
 from .level_hypotheses import level_hypotheses
 from .local_search import offsets_along, offsets_around
 from .outside_prior import aliases_outside, lead_outside
@@ -118,7 +118,7 @@ class MapSearch:
             self._register_aliases(min_probability)
             if self._options.prior is not None:
                 self._compare_outside(self._options.prior)
-        self.registered = with_aliases_marked(self.registered, self._prepared.dense, self._options.prior)
+        self.registered = with_look_alikes_marked(self.registered, self._options.prior)
 
     def _register_aliases(self, min_probability: float | None) -> None:
         index, best = self._index, self.registered

@@ -47,10 +47,14 @@ class SupportConfig(_Numbers):
 
         Logarithms of the misfit spread good values: from 98 to 99 % is as far as from 80 to 90 %.
         """
+        misfit = self.alignment_weight * log(self.best_score - quality.alignment_score)
+        return -(misfit + self.contradiction(quality))
+
+    def contradiction(self, quality: AlignmentQuality) -> float:
+        """The support that is lost where the scan does not show what the map has, or saw free."""
         seen_free = quality.seen_free or 0.0
-        return -(
-            self.alignment_weight * log(self.best_score - quality.alignment_score)
-            + self.removed_weight * log(self.least_share + quality.removed_surface)
+        return (
+            self.removed_weight * log(self.least_share + quality.removed_surface)
             + self.violation_weight * log(self.least_share + quality.free_space_violation)
             + self.seen_free_weight * log(1 + seen_free / self.seen_free_offset)
         )
@@ -102,7 +106,7 @@ class ProbabilityConfig(SupportConfig):
         number: int = 0,
         supports: Sequence[float] | None = None,
         aliases: Collection[int] = (),
-        aliases_tied_within: float = 0.0,
+        aliases_tied_within: float = inf,
     ) -> MatchFeatures:
         """Match features of one pose, given the qualities of all poses that compete.
 

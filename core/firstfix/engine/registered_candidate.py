@@ -36,7 +36,7 @@ class RegisteredCandidate:
         start_z_m: height, in the level frame, at which the alignment began: the sensor's above the template's
             floor. nan: not known.
         spots: number of spots where the query's scans were taken.
-        is_alias: whether it is a known alias of the best candidate of its map.
+        is_alike: whether the scan does not tell it from the best candidate of its map (``told_apart``).
         outside_lead: support by which a known alias outside the query's prior is better; 0: none is.
     """
 
@@ -48,7 +48,7 @@ class RegisteredCandidate:
     agreement: Agreement = NOT_MEASURED
     start_z_m: float = math.nan
     spots: int = 1
-    is_alias: bool = False
+    is_alike: bool = False
     outside_lead: float = 0.0
 
     @cached_property  # each of a hundred candidates is compared with all others
@@ -118,16 +118,15 @@ def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> Match
     prior are rivals only if they are better: which of those that tie is right, the prior says.
     """
     one = ranked[number]
-    aliases = [
-        n for n, other in enumerate(ranked) if not number and other.is_alias and other.map_id == one.map_id
+    alike = [
+        n for n, other in enumerate(ranked) if not number and other.is_alike and other.map_id == one.map_id
     ]
     features = one.index.config.ranking.match_features(
         [candidate.quality for candidate in ranked],
         one.index.calibration.min_margin,
         number,
         [candidate.support for candidate in ranked],
-        aliases,
-        one.index.calibration.alias_margin,
+        alike,
     )
     if one.is_better_outside:
         features = replace(features, margin=min(features.margin, -one.outside_lead))

@@ -71,7 +71,7 @@ def test_the_other_rooms_are_known_as_aliases_of_the_best_hypothesis(version: Bu
     index = MapIndex.load(version.directory)
     localizer, scan = Localizer(index), scan_at(storey(), pose(ROOMS_X[0], 0.3, 40), 4)
     answer = localizer.localize(scan)
-    found = aliases_among(localizer, scan, answer, LocalizeOptions())
+    found = aliases_among(index, answer)
     assert 0 not in found
     away_m = [
         abs(answer.hypotheses[n].T_map_sensor[0, 3] - answer.hypotheses[0].T_map_sensor[0, 3]) for n in found

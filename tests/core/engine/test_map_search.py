@@ -59,7 +59,7 @@ def search_by(monkeypatch, clock):
             quality = AlignmentQuality(0.99, 0.98, 0.0) if good else AlignmentQuality(0.3, 0.2, 0.2)
             support = RANKING.support(quality)
             told = {
-                "is_alias": False,
+                "is_alike": False,
                 "is_better_outside": False,
                 "registration": SimpleNamespace(rests=True),
             }
