@@ -20,6 +20,7 @@ from firstfix.recording.recording import open_recording
 from firstfix.transform import from_quaternion
 from firstfix_builder.sources.read_map import read_map
 from firstfix_builder.sources.read_map.archive import unpack
+from tests.builder.sources.read_map import program_folders
 from tests.hostile_bodies import good_bodies, pcd, ply
 from tests.ros_samples import cloud_of_points, stores_of, write_bag
 
@@ -253,7 +254,23 @@ def _glim(folder: Path) -> None:
     (folder / "dump" / "traj_lidar.txt").write_text("0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0 1\n")
 
 
+def _folders(folder: Path) -> None:
+    """As mapping programs leave them."""
+    points = xyz()
+    poses = [from_quaternion([1.0 + n, 2.0, 1.5], [0.0, 0.0, 0.1 * n, 1.0]) for n in range(4)]
+    halves = np.array_split(points, 2)
+    program_folders.write_divided_map(folder / "autoware", points)
+    program_folders.write_intervals(folder / "fast-lio", halves)
+    program_folders.write_kiss_slam(folder / "kiss-slam", halves, poses, points)
+    program_folders.write_rtabmap(folder / "rtabmap", points, poses)
+    program_folders.write_hdmapping(folder / "hdmapping", halves, [poses[:2], poses[2:]])
+    program_folders.write_sc_lio_sam(folder / "sc-lio-sam", [points] * 4, poses)
+    program_folders.write_hdl_graph_slam(folder / "hdl", [points] * 4, poses)
+
+
 def _trajectory(folder: Path) -> None:
+    (folder / "graph.g2o").write_text("".join(f"VERTEX_SE3:QUAT {n} {n} 2 3 0 0 0 1\n" for n in range(20)))
+    (folder / "w_first.txt").write_text("# t x y z qw qx qy qz\n" + "0 1 2 3 1 0 0 0\n" * 20)
     (folder / "tum.txt").write_text("".join(f"{n} {n} 2 3 0 0 0 1\n" for n in range(20)))
     (folder / "named.csv").write_text("tx,ty,tz,qx,qy,qz,qw\n" + "1,2,3,0,0,0,1\n" * 20)
 
@@ -302,6 +319,7 @@ FORMATS: dict[str, Format] = {
     "mcap zstd": Format(_bag("mcap zstd chunk"), _read_bag),
     "ros1": Format(_bag("ros1"), _read_bag),
     "zip": Format(_zip, _unzip),
+    "folders": Format(_folders, read_map, wounded="folders"),
     "glim": Format(_glim, read_map, wounded="dump"),
     "trajectory": Format(_trajectory, _read_trajectory),
     "wire": Format(_bodies(("scan", "range image", "scans")), _read_body),

@@ -16,7 +16,7 @@ from ..errors import FirstfixError, MalformedData, UnsupportedFormat
 from .point_cloud import Limits, PointCloud
 
 _POINTS_AT_ONCE = 2_000_000
-_NOISE = (7, 18)  # classes of low and of high noise
+_LOW_NOISE, _HIGH_NOISE = 7, 18  # classes
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,13 @@ def read_las(path: Path, limits: Limits, *, with_times: bool = False) -> LasClou
             read = done = withheld = noise = 0
             for chunk in reader.chunk_iterator(_POINTS_AT_ONCE):
                 read += len(chunk)
-                is_withheld = np.asarray(chunk.withheld, bool)
-                is_noise = np.isin(np.asarray(chunk.classification), _NOISE) & ~is_withheld
-                withheld, noise = withheld + int(is_withheld.sum()), noise + int(is_noise.sum())
-                keep = ~(is_withheld | is_noise)
+                is_withheld, kinds = np.asarray(chunk.withheld, bool), np.asarray(chunk.classification)
+                left_out = (kinds == _LOW_NOISE) | (kinds == _HIGH_NOISE) | is_withheld
+                keep = None
+                if left_out.any():
+                    keep = ~left_out
+                    withheld += int(is_withheld.sum())
+                    noise += int((left_out & ~is_withheld).sum())
                 brightness = _kept(chunk.intensity, keep)
                 part = slice(done, done + len(brightness))
                 intensity[part] = brightness
@@ -86,7 +89,7 @@ def read_las(path: Path, limits: Limits, *, with_times: bool = False) -> LasClou
     return LasCloud({name: column[:done] for name, column in told.items()}, withheld, noise)
 
 
-def _kept(column: Any, keep: NDArray[np.bool_]) -> NDArray[Any]:
-    """Numbers of the points that are kept, without a copy where all are."""
+def _kept(column: Any, keep: NDArray[np.bool_] | None) -> NDArray[Any]:
+    """Numbers of the points that are kept; of all without a copy."""
     numbers = np.asarray(column)
-    return numbers if keep.all() else numbers[keep]
+    return numbers if keep is None else numbers[keep]

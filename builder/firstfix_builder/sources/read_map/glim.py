@@ -21,6 +21,7 @@ from .map_data import MapData, finite_points
 from .map_limits import LIMITS
 from .rigid import rigid_matrices
 from .trajectory import read_trajectory
+from .what_was_read import WhatWasRead
 
 _SUBMAP_NAME = re.compile(r"[0-9]{6,}")
 _POSE_KEY = "T_world_origin:"
@@ -40,7 +41,7 @@ def read_glim_dump(path: Path) -> MapData:
         MalformedData: a submap is damaged or without its cloud; the message names it.
         TooLarge: over the limits.
     """
-    clouds, origins, total = [], [], 0
+    clouds, origins, names, total = [], [], [], 0
     for submap in _submaps(path):
         with naming(submap):
             T_world_origin = _read_pose(submap / "data.txt")
@@ -49,10 +50,19 @@ def read_glim_dump(path: Path) -> MapData:
             LIMITS.check("GLIM", total, 8 * 3)
             clouds.append(transform_points(T_world_origin, points))
             origins.append(T_world_origin)
+            names.append(submap.name)
     optimised = path / "traj_lidar.txt"
+    read = WhatWasRead(
+        form="GLIM's dump",
+        program="GLIM",
+        unit="metre",
+        clouds=tuple(names),
+        poses=optimised.name if optimised.is_file() else "origins of its submaps",
+    )
     return MapData(
         points=np.concatenate(clouds),
         trajectory=read_trajectory(optimised) if optimised.is_file() else np.stack(origins),
+        read=read,
     )
 
 

@@ -7,6 +7,7 @@ a number of the pose follows. Who names the columns is taken at their word.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,15 @@ class PoseColumns:
     places: tuple[int, ...]
     number: int | None
     width: int
+
+    def is_landmark(self, words: Sequence[str]) -> bool:
+        """Whether a row is a landmark. Where the numbers are names, it is none."""
+        if self.number is None or self.number >= len(words):
+            return False
+        try:
+            return float(words[self.number]) < 0
+        except ValueError:
+            return False
 
     def poses(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m, width) rows to (m, 4, 4), without landmarks. Raises MalformedData on a row that is no pose."""

@@ -101,8 +101,14 @@ def _from_text(raw: bytes, file_name: str) -> NDArray[np.float64]:
                 raise MalformedData(f"poses: {line[:80]!r}, the line of names, does not name {_NAMED}")
             break
     rows = parse_rows("poses", raw, delimiter=delimiter, comments="#")
-    if named is not None and rows.shape[1:] == (named.width,):
+    if named is None or not len(rows):
+        return _by_width(rows, file_name)
+    if rows.shape[1] == named.width:
         return named.poses(rows)
+    if list(named.places) != sorted(named.places):  # such as w first: the width alone would misread it
+        raise MalformedData(
+            f"poses: a comment names {named.width} columns, and the rows have {rows.shape[1]} numbers"
+        )
     return _by_width(rows, file_name)
 
 
@@ -130,19 +136,16 @@ def _from_table(raw: bytes, header: str, delimiter: str | None, columns: PoseCol
         table = list(csv.reader(rows, delimiter=delimiter)) if delimiter else [row.split() for row in rows]
     except csv.Error as error:
         raise MalformedData(f"poses: {error}") from error
-    places = (*columns.places, *(() if columns.number is None else (columns.number,)))
     numbers = []
     for number, row in enumerate((row for row in table if row), start=1):
-        words = [row[place].strip() if place < len(row) else "" for place in places]
-        if not any(words):
+        words = [row[place].strip() if place < len(row) else "" for place in columns.places]
+        if not any(words) or columns.is_landmark(row):
             continue
         try:
             numbers.append([float(word) for word in words])
         except ValueError as error:
             raise MalformedData(f"poses: row {number}: {error}") from error
-    count = len(columns.places)
-    taken = np.array(numbers).reshape(-1, len(places))
-    return poses_of(taken[:, :count] if columns.number is None else taken[taken[:, count] >= 0, :count])
+    return poses_of(np.array(numbers).reshape(-1, len(columns.places)))
 
 
 def _by_width(rows: NDArray[np.float64], file_name: str) -> NDArray[np.float64]:

@@ -139,5 +139,5 @@ def write_hdl_graph_slam(folder: Path, scans: Sequence[Points], poses: Poses) ->
         told += ["accum_distance 1.5", "floor_coeffs 0 0 1 1.2", f"id {number}"]
         (folder / f"{number:06d}/data").write_text("\n".join(told) + "\n")
     (folder / "graph.g2o").write_text("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n")
-    (folder / "graph.g2o.kernels").write_text("")
+    (folder / "graph.g2o.kernels").write_text("\n")
     (folder / "special_nodes.csv").write_text("anchor_node -1\nanchor_edge -1\nfloor_node -1\n")

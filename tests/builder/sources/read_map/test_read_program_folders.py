@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from firstfix.errors import InputError, MalformedData, UnsupportedFormat
-from firstfix.transform import from_quaternion
+from firstfix.transform import from_quaternion, transform_points
 from firstfix_builder.sources.read_map import read_map
 from firstfix_builder.sources.read_map.what_was_read import LeftOut
 from tests.builder.sources.read_map import program_folders as written
@@ -120,6 +120,23 @@ def test_kiss_slams_local_maps_and_poses_are_in_one_frame(tmp_path):
     (tmp_path / "slam_output").mkdir(parents=True)
     (tmp_path / "slam_output/latest").symlink_to(tmp_path.with_name("2026-11-30_04-25-27"))
     np.testing.assert_array_equal(read_map(tmp_path / "slam_output").points, DEPOT)
+
+
+@pytest.mark.parametrize("lean_deg", [0.0, 4.0, 10.0, 25.0])
+def test_kiss_slams_map_that_leans_is_level_with_its_poses(tmp_path, lean_deg):
+    """The first scan's frame is the map's, and the LiDAR of a robot may look down."""
+    floor = RNG.uniform([0, 0, 0], [30, 20, 0.01], (6000, 3))
+    walls = RNG.uniform([0, 0, 0], [30, 0.01, 4], (3000, 3)), RNG.uniform([0, 0, 0], [0.01, 20, 4], (2000, 3))
+    hall = np.concatenate([floor, *walls])
+    half = np.radians(lean_deg) / 2
+    T_kiss_hall = from_quaternion([0, 0, 0], [0, np.sin(half), 0, np.cos(half)])
+    leaning, poses = transform_points(T_kiss_hall, hall), [T_kiss_hall @ T for T in POSES]
+    written.write_kiss_slam(tmp_path, [leaning], poses, hall)
+    data = read_map(tmp_path)
+    turned = lean_deg > 5.0
+    np.testing.assert_allclose(data.points, hall if turned else leaning, atol=0.1)
+    np.testing.assert_allclose(data.trajectory, POSES if turned else poses, atol=0.05)
+    assert any("turned level" in note for note in data.read.notes) == turned
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,11 @@ FILES = {
     "kitti.txt": rows(POSES[:, :3].reshape(5, 12)),
     "matrices.txt": rows(POSES.reshape(5, 16)),
     "named.csv": NAMES + "".join(f"a.pcd,{row},n o t e\n" for row in rows(np.c_[T, Q], ",").splitlines()),
+    "ids_are_names.csv": "id,x,y,z,qx,qy,qz,qw\n"
+    + "".join(f"a.pcd,{row}\n" for row in rows(np.c_[T, Q], ",").splitlines()),
+    "landmarks.csv": "id,x,y,z,qx,qy,qz,qw\n"
+    + "".join(f"{n},{row}\n" for n, row in enumerate(rows(np.c_[T, Q], ",").splitlines()))
+    + "-4,1,2,3,0,0,0,1\n",
     "poses.txt": rows(np.c_[T, Q]),
     "key_frame.txt": rows(np.c_[Q, T]),
     "livox_like.txt": rows(np.c_[Q, T]),
@@ -46,6 +51,7 @@ FILES = {
     "basalt.csv": BASALT + with_time(W_FIRST, ","),
     "euroc.csv": EUROC + with_time(np.c_[W_FIRST, np.ones((5, 4))], ","),
     "w_first.txt": "# timestamp x y z qw qx qy qz\n" + with_time(W_FIRST),
+    "format.txt": "# format: timestamp x y z qx qy qz qw\n" + with_time(np.c_[T, Q]),
     "tum_named.txt": "# ground truth\n# timestamp tx ty tz qx qy qz qw\n" + with_time(np.c_[T, Q]),
     "rtabmap.txt": RTABMAP + with_time(np.c_[T, Q, 1:6]) + "0 1 2 3 0 0 0 1 -12\n",
     "rtabmap_unnamed.txt": with_time(np.c_[T, Q, 1:6]),
@@ -115,6 +121,7 @@ def test_rows_without_a_pose_are_left_out(tmp_path):
         (NAMES + "a,1,2,3,0,0,0\n", "row 1"),
         ("1326030975726043,0,0,0,0,0,1\n", "the number 1.32603e.15, which is no length .* is it a time"),
         ("t,lat,lon\n1,2,3\n", "'t,lat,lon', the line of names, does not name tx, ty"),
+        ("# format: t x y z qw qx qy qz\n0 1 2 3 1 0 0 0\n", "a comment names 9 columns, .* have 8"),
         (RTABMAP + "0 1 2 3 0 0 0 1 -12\n", "no pose"),
         ("VERTEX_SE3:QUAT 0 1 2 3\n", "with 4 numbers instead of 8"),
     ],

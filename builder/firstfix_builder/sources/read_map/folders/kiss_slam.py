@@ -12,6 +12,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from firstfix.transform import inverse, transform_points
+
+from ....mesh.level import leaning_frame
 from ..map_data import MapData
 from ..trajectory import read_trajectory
 from ..what_was_read import LeftOut
@@ -32,7 +37,7 @@ def _run_in(path: Path) -> Path | None:
 
 
 def read_kiss_slam_run(path: Path) -> MapData:
-    """The local maps as one cloud, and the poses, in their frame.
+    """The local maps as one cloud, and the poses, in their frame; level, if it leans.
 
     Raises:
         MalformedData: a local map or the poses are damaged; the message names the file.
@@ -51,8 +56,21 @@ def read_kiss_slam_run(path: Path) -> MapData:
         clouds=tuple(file.name for file in files),
         poses=found[0].name if found else "",
     )
+    read = read.without(left_out) if (path / _OCCUPANCY).is_file() else read
+    return _level(replace(data, trajectory=read_trajectory(found[0]) if found else None, read=read))
+
+
+def _level(data: MapData) -> MapData:
+    """The map and its poses, turned level where they lean: their frame is that of the first scan."""
+    T_map_level = leaning_frame(data.coordinates)
+    if np.array_equal(T_map_level, np.eye(4)):
+        return data
+    T_level_map = inverse(T_map_level)
+    lean_deg = np.degrees(np.arccos(T_map_level[2, 2]))
+    note = f"it leans by {lean_deg:.0f} degrees, as its first scan did: map and poses were turned level"
     return replace(
         data,
-        trajectory=read_trajectory(found[0]) if found else None,
-        read=read.without(left_out) if (path / _OCCUPANCY).is_file() else read,
+        points=transform_points(T_level_map, data.coordinates),
+        trajectory=None if data.trajectory is None else T_level_map @ data.trajectory,
+        read=replace(data.read, notes=(*data.read.notes, note)),
     )
