@@ -1,4 +1,4 @@
-"""What a check of a map says of its reading: format, frame, unit, clouds and poses, and what was left out."""
+"""Lines of a check about a map's reading: format, frame, unit, clouds and poses, and what was left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was understood of a scan: fields, unit, times, frame, beams, mounting, and what was left out."""
+"""Facts understood of a scan: fields, unit, times, frame, beams, mounting, and what was left out."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _CLOCKS = {
 
 @dataclass(frozen=True)
 class ScanReport:
-    """What was understood of one scan.
+    """Facts that were understood of one scan.
 
     Attributes:
         summary: its points in one line.

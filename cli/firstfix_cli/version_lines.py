@@ -49,7 +49,7 @@ def version_lines(versions: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def provenance_lines(version: Mapping[str, Any]) -> list[str]:
-    """What a version was made of, when and by whom, as far as it is known."""
+    """Provenance of a version: its source, time and maker, as far as they are known."""
     made = version.get("provenance") or {}
     lines = []
     if made.get("file_name"):

@@ -1,4 +1,4 @@
-"""What one meets first: the release, help, tables, stores that are not there, ports in use."""
+"""The front door: the release, help, tables, stores that are not there, ports in use."""
 
 from __future__ import annotations
 

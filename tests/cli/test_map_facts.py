@@ -1,4 +1,4 @@
-"""What ``firstfix check`` says of a map that it read."""
+"""Lines of ``firstfix check`` about a map that it read."""
 
 from __future__ import annotations
 

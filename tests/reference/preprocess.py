@@ -1,4 +1,4 @@
-"""What ``engine.preprocess`` makes of one scan, step by step with NumPy and the kernels of each step."""
+"""Reference of ``engine.preprocess``: one scan, step by step with NumPy and the kernels of each step."""
 
 from __future__ import annotations
 

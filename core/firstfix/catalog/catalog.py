@@ -380,7 +380,7 @@ class Catalog:
 
 
 def version_info(state: MapState, version: str) -> VersionInfo:
-    """What the log of a map tells of one of its published versions.
+    """Record of a published version in the log of its map.
 
     Raises:
         NotFound: the version is not published.

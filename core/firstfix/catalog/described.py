@@ -14,7 +14,7 @@ SeesWho = Callable[[Provenance], bool]
 
 
 def everybody(provenance: Provenance) -> bool:
-    """Whoever has the store itself sees who made a version."""
+    """Show who made a version to all: who has the store itself may see it."""
     return True
 
 

@@ -23,7 +23,7 @@ PRIVATE = ("caller", "host", "command")  # who and where: for admins, and for th
 
 @dataclass(frozen=True)
 class Provenance:
-    """What a version was made of, and by whom. A text is empty where it is not known.
+    """Provenance of a version: its source and its maker. A text is empty where it is not known.
 
     Attributes:
         file_name: of the source, without its folder.

@@ -46,7 +46,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class LasUnits:
-    """What a file tells of its coordinates; None and empty text where it tells nothing.
+    """Units and frame of a file's coordinates; None and empty text where it tells nothing.
 
     Attributes:
         across: of x and y.

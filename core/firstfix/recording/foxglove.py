@@ -95,7 +95,7 @@ def _cloud(message: Any, limits: Limits) -> StampedCloud:
 
 
 def _pose(message: Any) -> Matrix | None:
-    """Where the cloud's origin is in its frame; None: in the origin of the frame."""
+    """Pose of the cloud's origin in its frame; None: in the origin of the frame."""
     if not message.HasField("pose"):
         return None
     place, turn = message.pose.position, message.pose.orientation

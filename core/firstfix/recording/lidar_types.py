@@ -115,7 +115,7 @@ def cloud_reader(recording: Recording, topic: Topic) -> CloudReader:
 
 
 def remedy(topic: Topic) -> str | None:
-    """What makes clouds of a topic that has a LiDAR's data in a form that is not read; None: no LiDAR's."""
+    """Way to clouds for a topic with a LiDAR's data in a form that is not read; None: no LiDAR's."""
     if has_clouds(topic) or topic.type in ouster.TYPES:
         return None
     if topic.type in READERS:

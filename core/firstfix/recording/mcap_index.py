@@ -1,4 +1,4 @@
-"""Where the messages of an MCAP file are: by its summary, or, without one, by a walk through its records."""
+"""Index of the messages of an MCAP file: by its summary, or, without one, by a walk through its records."""
 
 from __future__ import annotations
 

@@ -218,7 +218,7 @@ class RangeView:
 
 @accelerated
 def range_view(nearest_m: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Where there are returns around each direction of (cells,) nearest ranges, and the least range there."""
+    """Returns around each direction of (cells,) nearest ranges, and the least range there."""
     image = nearest_m.reshape(ROWS, COLUMNS)
     around = filled_around(np.isfinite(image))
     seen = np.bincount(around.ravel(), minlength=10)[1:].cumsum()  # by the cells around

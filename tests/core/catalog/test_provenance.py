@@ -1,4 +1,4 @@
-"""What a version was made of, and by whom, as its publication records it."""
+"""Provenance of a version, as its publication records it."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class Layers:
         return Layers(self.column[kept], self.height_m[kept], self.filled[kept])
 
     def nearly_most(self, count: int) -> Layers:
-        """Those that fill nearly as much as the best of their column; ``count`` columns there are."""
+        """Layers that fill nearly as much as the best of their column, of ``count`` columns."""
         best = np.zeros(count)
         np.maximum.at(best, self.column, self.filled)
         return self.where(self.filled >= NEARLY_MOST * best[self.column])

@@ -64,7 +64,7 @@ def _viewpoints(
 
 
 def _densest(sample: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the points are densest: (3,), over the ground there."""
+    """Place (3,) over the ground at which the points are densest."""
     square, count = np.unique(np.floor(sample[:, :2] / _SQUARE_M), axis=0, return_counts=True)
     middle = (square[np.argmax(count)] + 0.5) * _SQUARE_M
     near = np.abs(sample[:, :2] - middle).max(axis=1) < _SQUARE_M

@@ -88,7 +88,7 @@ def read_map_file(path: Path) -> MapData:
 
 
 def named_program(path: Path) -> str:
-    """What to do with a file that only its own program reads; empty if it is no such file."""
+    """Remedy for a file that only its own program reads; empty if it is no such file."""
     ending = path.suffix.lower()
     if ending == ".bin":
         with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""What a reader found in a source: the format, the unit, the clouds and poses it used, what it left out."""
+"""Record of a reading: the format, the unit, the clouds and poses that were used, and what was left out."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class VersionNumbers(BaseModel):
 
 
 class Provenance(BaseModel):
-    """What a version was made of, and by whom. A text is empty where it is not known."""
+    """Provenance of a version: its source and its maker. A text is empty where it is not known."""
 
     file_name: str = ""
     size_bytes: int = Field(0, description="of the source; 0: not known")

@@ -1,4 +1,4 @@
-"""What a build keeps of poses that the check has judged, and what it marks in the report's picture."""
+"""Poses that a build keeps after the check has judged them, and marks in the report's picture."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def _tile_names(listed: dict[str, Any]) -> list[str]:
 
 
 def _georeference(path: Path) -> str:
-    """What the file says of map coordinates, in words."""
+    """The file's projection, in words."""
     with naming(path):
         told = _yaml(path)
     kind, datum = told.get("projector_type", ""), told.get("vertical_datum", "")
