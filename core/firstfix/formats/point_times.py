@@ -168,7 +168,7 @@ def _read(name: str, column: Column, usable: NDArray[np.bool_] | None, stamp_s: 
         if span_s > MAX_ABS_TIME_S:
             return PointTimes(None, stamp_s, replace(field, why=f"{span_s:.3g} s are more than a scan takes"))
     # From the first point, in the field's own numbers: nanoseconds since the epoch are finer than a float64.
-    exact = column if column.dtype.kind in "iu" else column.astype(np.float64)
+    exact = column if column.dtype.kind in "iu" and column.dtype.itemsize >= 4 else column.astype(np.float64)
     with np.errstate(invalid="ignore", over="ignore"):
         time_s = (exact - first.astype(exact.dtype)) * scale
     if usable is not None:
@@ -203,7 +203,11 @@ def _unit_of(name: str, taken: Column, first: float, last: float) -> tuple[str |
         return (unit, "") if fits else (None, f"{span * _UNITS_S[unit]:.3g} s are not the time of a scan")
     for unit, scale in _UNITS_S.items():
         least_s, most_s = _USUAL_S.get(unit, TURN_S)
+        if unit == "s" and not (first >= _EPOCH_S or max(-first, last) <= MAX_ABS_TIME_S):
+            most_s = TURN_S[1]  # a short part of a turn in milliseconds looks like more seconds
         if not least_s <= span * scale <= most_s or (unit == "s" and taken.dtype.kind in "iu"):
+            continue
+        if last * scale > _TODAY_S[1]:  # of a finer unit, with the span of a few points
             continue
         if unit in _USUAL_S:
             return unit, ""
