@@ -137,7 +137,7 @@ def _of_draco(header: Header, names: list[str], packed: memoryview, limits: Limi
         decoded = DracoPy.decode(bytes(packed))
         attributes = {int(one["unique_id"]): _values(one) for one in decoded.attributes}
     except Exception as error:  # its own, and those of NumPy, on damaged data
-        raise MalformedData(f"draco: {error or type(error).__name__}") from error
+        raise MalformedData(f"draco: {str(error) or type(error).__name__}") from error
     columns: dict[str, Column] = {}
     for number, name in enumerate(names):
         values = attributes.get(number)

@@ -85,7 +85,8 @@ def _by_summary(file: BinaryIO, size: int) -> McapIndex | None:
         return None
     if len(chunks) != chunk_count or index.counts.total() != total:  # an empty map of counts: not known
         return None
-    if None not in indexed and sum(map(int, indexed)) != total:  # some messages are outside of the chunks
+    known = [count for count in indexed if count is not None]
+    if len(known) == len(indexed) and sum(known) != total:  # some messages are outside of the chunks
         return None
     return index
 
@@ -110,6 +111,8 @@ def _records_in(body: memoryview) -> Iterator[tuple[int, int, int]]:
         place += records.HEAD.size
         if length > size - place:
             fail("a record is cut off")
+        if not opcode:
+            fail("a record without a kind")  # a small file can unpack to millions of such
         yield opcode, place, place + length
         place += length
 

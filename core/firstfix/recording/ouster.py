@@ -179,7 +179,7 @@ def _of_sdk(what: str) -> Iterator[None]:
     except (FirstfixError, ModuleNotFoundError):
         raise
     except Exception as error:
-        raise MalformedData(f"{what}: {error or type(error).__name__}") from error
+        raise MalformedData(f"{what}: {str(error) or type(error).__name__}") from error
 
 
 def _sdk() -> Any:

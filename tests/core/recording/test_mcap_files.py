@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, IndexType
 
 from firstfix.errors import InvalidOption, MalformedData, NotFound, TooLarge
 from firstfix.recording import mcap_records
-from firstfix.recording.recording import Recording, open_recording
+from firstfix.recording.recording import Recording, is_recording, open_recording
 from tests.every_case import every_case
 from tests.mcap_files import Message, write_mcap
 from tests.ros_samples import CLOUD, ROS1, cdr, cloud_of_points, ros1
@@ -172,6 +173,29 @@ def test_a_record_cannot_take_memory_without_limit(tmp_path: Path):
     summary.write_bytes(data)
     with open_recording(summary) as recording, pytest.raises(TooLarge, match="a chunk has"):
         sizes(recording)
+
+
+def test_an_ending_may_be_in_capitals(tmp_path: Path):
+    path = write_mcap(tmp_path / "A.MCAP", clouds())
+    assert is_recording(path)
+    with open_recording(path) as recording:
+        assert sizes(recording) == ALL
+
+
+def test_records_without_a_kind_end_a_chunk(tmp_path: Path):
+    """A chunk of zeros packs to nothing, and is millions of records without content."""
+    body = zstandard.compress(bytes(900))
+    chunk = struct.pack("<QQQII", S, S, 900, 0, 4) + b"zstd" + struct.pack("<Q", len(body)) + body
+    path = tmp_path / "a.mcap"
+    path.write_bytes(
+        mcap_records.MAGIC
+        + mcap_records.HEAD.pack(mcap_records.HEADER, 8)
+        + bytes(8)
+        + mcap_records.HEAD.pack(mcap_records.CHUNK, len(chunk))
+        + chunk
+    )
+    with pytest.raises(MalformedData, match="a record without a kind"), open_recording(path):
+        pass
 
 
 def test_a_damaged_chunk_is_named(tmp_path: Path):
