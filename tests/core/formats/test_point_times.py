@@ -60,6 +60,12 @@ NONE = {
         "in no unit they span a turn",
     ),
     "two minutes since the epoch": (STAMP_S + SWEEP_S * 1200, "by the clock these are 120 s"),
+    "shares of a turn": (np.linspace(0, 1, N), "0 to 1 are shares of a turn"),
+    "shares from the middle": (np.linspace(-0.5, 0.5, N).astype(np.float32), "-0.5 to 0.5 are shares"),
+    "nanoseconds of a second that ends": (
+        ((SWEEP_S + 0.95) % 1 * 1e9).astype(np.uint32),
+        "in two parts, as if they had begun anew",
+    ),
     "a few strays": (
         np.where(np.arange(N) % 50 == 7, 36.0, SWEEP_S),
         "most of the points have nearly the same",
@@ -241,6 +247,14 @@ def test_a_part_of_a_turn_is_not_read_in_a_coarser_unit(times, window_s, unit):
     if unit is not None:
         own = found.field.clock == "own"
         np.testing.assert_allclose(found.time_s, t - t[0] * own, atol=2e-6)
+
+
+def test_numbers_of_points_are_no_microseconds():
+    count = 50_000
+    points = np.random.default_rng(2).uniform(-20, 20, (3, count))
+    found = point_times(dict(zip("xyz", points, strict=True)) | {"t": np.arange(count, dtype="u4")}, STAMP_S)
+    assert found.time_s is None
+    assert found.field.why == "they are the numbers of the points"
 
 
 @pytest.mark.parametrize("kind", ["i1", "i2"])
