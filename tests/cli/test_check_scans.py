@@ -13,6 +13,8 @@ from firstfix_cli.main import run
 from tests import ros_samples
 from tests.core.formats.cloud_files import pcd
 from tests.driver_clouds import LAYOUTS
+from tests.lidar_messages import ouster_packet
+from tests.mcap_files import write_mcap
 from tests.measured_room import room_scan
 
 POINTS = room_scan(preset("vlp-16"), 1)[0]
@@ -86,3 +88,27 @@ def test_a_recording_alone_says_what_its_topics_have(tmp_path: Path, capsys):
     assert [one["file"] for one in said] == [f"{path} /front", f"{path} /rear"]
     assert [one["understood"]["frame"] for one in said] == ["lidar", "lidar"]
     assert [one["understood"]["times"].split(" (")[0] for one in said] == ["t", "time"]
+
+
+def test_a_topic_that_cannot_be_read_is_named_beside_one_that_can(tmp_path: Path, capsys):
+    """Packets whose metadata was not recorded, beside the clouds of another LiDAR."""
+    raw = LAYOUTS["ouster"].message(POINTS.astype(np.float64), SWEEP_S)
+    messages = [
+        ("/front", 1, ros_samples.ROS2.deserialize_cdr(raw, ros_samples.CLOUD)),
+        ("/os/lidar_packets", 2, ouster_packet(bytes(100))),
+    ]
+    path = ros_samples.write_bag(tmp_path, "mcap file", messages)
+    code, (front, packets) = checked(capsys, str(path))
+    assert (code, front["file"], packets["file"]) == (0, f"{path} /front", f"{path} /os/lidar_packets")
+    assert front["understood"]["frame"] == "lidar"
+    assert "needs the sensor's metadata" in packets["facts"]
+    assert "recording" not in front["understood"]
+
+
+def test_a_cut_recording_says_so(tmp_path: Path, capsys):
+    raw = LAYOUTS["ouster"].message(POINTS.astype(np.float64), SWEEP_S)
+    clouds = [("/front", ros_samples.CLOUD, "cdr", b"", n + 1, raw) for n in range(4)]
+    path = write_mcap(tmp_path / "a.mcap", clouds, chunk_size=1000)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    _, (said,) = checked(capsys, str(path))
+    assert "was cut off while it was recorded" in said["understood"]["recording"]

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from firstfix.findings.finding import Finding
     from firstfix_builder.sources.read_map import MapData
 
+    from ..bags.first_clouds import FirstCloud
+
 EXAMPLES = examples(
     "firstfix check hall.ply",
     "firstfix check hall.ply scan.pcd --trajectory poses.txt",
@@ -109,15 +111,21 @@ def _of_scans(path: Path, columns: str | None) -> list[dict[str, Any]]:
     if not (path.exists() and is_recording(path)):
         return [_of_scan(path, columns)]
     from ..bags.first_clouds import first_clouds
+
+    return [_of_topic(path, found) for found in first_clouds(path)]
+
+
+def _of_topic(path: Path, found: FirstCloud) -> dict[str, Any]:
     from ..scan_report import report_of_cloud
 
-    return [
-        {
-            "file": f"{path} {topic}",
-            **report_of_cloud(stamped.cloud, stamped.scan(), stamped.header.frame_id).to_mapping(),
-        }
-        for topic, stamped in first_clouds(path)
-    ]
+    file = f"{path} {found.topic}"
+    if found.stamped is None:
+        return _record(Path(file), f"not read: {found.why}", [])
+    stamped = found.stamped
+    said = report_of_cloud(stamped.cloud, stamped.scan(), stamped.header.frame_id).to_mapping()
+    if found.notes:
+        said["understood"] = {"recording": "; ".join(found.notes), **said["understood"]}
+    return {"file": file, **said}
 
 
 def _of_scan(path: Path, columns: str | None) -> dict[str, Any]:

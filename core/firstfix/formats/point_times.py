@@ -43,6 +43,7 @@ _FINEST = 50  # steps of a float32 in a turn, at least
 _MAX_WITHOUT = 0.01  # of the returns, whose time is NaN: each of them gets that of the point before
 _EPOCH_S = 1e8  # later than this, a time counts from the epoch
 _TODAY_S = (1e9, 4.1e9)  # since the epoch, of the years 2001 to 2099
+_SHARES = ((0.0, 1.0), (-0.5, 0.5))  # as odometries scale the times of a turn
 _COARSER = {"ms": "s", "us": "ms"}
 
 
@@ -168,7 +169,7 @@ def _read(name: str, column: Column, usable: NDArray[np.bool_] | None, stamp_s: 
         if span_s > MAX_ABS_TIME_S:
             return PointTimes(None, stamp_s, replace(field, why=f"{span_s:.3g} s are more than a scan takes"))
     # From the first point, in the field's own numbers: nanoseconds since the epoch are finer than a float64.
-    exact = column if column.dtype.kind in "iu" else column.astype(np.float64)
+    exact = column if column.dtype.kind in "iu" and column.dtype.itemsize >= 4 else column.astype(np.float64)
     with np.errstate(invalid="ignore", over="ignore"):
         time_s = (exact - first.astype(exact.dtype)) * scale
     if usable is not None:
@@ -203,10 +204,15 @@ def _unit_of(name: str, taken: Column, first: float, last: float) -> tuple[str |
         return (unit, "") if fits else (None, f"{span * _UNITS_S[unit]:.3g} s are not the time of a scan")
     for unit, scale in _UNITS_S.items():
         least_s, most_s = _USUAL_S.get(unit, TURN_S)
+        if unit == "s" and not (first >= _EPOCH_S or max(-first, last) <= MAX_ABS_TIME_S):
+            most_s = TURN_S[1]  # a short part of a turn in milliseconds looks like more seconds
         if not least_s <= span * scale <= most_s or (unit == "s" and taken.dtype.kind in "iu"):
             continue
+        if last * scale > _TODAY_S[1]:  # of a finer unit, with the span of a few points
+            continue
         if unit in _USUAL_S:
-            return unit, ""
+            why = _why_no_turn(taken, first, last, span * scale)
+            return (None, why) if why else (unit, "")
         coarser = first * _UNITS_S[_COARSER[unit]]
         if _TODAY_S[0] <= coarser <= _TODAY_S[1]:
             return (
@@ -215,8 +221,22 @@ def _unit_of(name: str, taken: Column, first: float, last: float) -> tuple[str |
             )
         if not _is_spread(taken, span):
             return None, "most of the points have nearly the same"
+        if span == len(taken) - 1 and (np.diff(taken) == 1).all():
+            return None, "they are the numbers of the points"
         return unit, ""
     return None, "in no unit they span a turn, or a part of one"
+
+
+def _why_no_turn(taken: Column, first: float, last: float, span_s: float) -> str:
+    """Why numbers that would be the seconds or nanoseconds of joined turns are none; empty: they may be."""
+    if (first, last) in _SHARES:
+        return f"{first:g} to {last:g} are shares of a turn, without its time"
+    if span_s > TURN_S[1]:
+        some = taken[rows_by_chance(len(taken), _SAMPLED)].astype(np.float64)
+        middle = (some > first + (last - first) / 4) & (some < last - (last - first) / 4)
+        if not middle.any():
+            return "they are in two parts, as if they had begun anew"
+    return ""
 
 
 def _is_spread(taken: Column, span: float) -> bool:

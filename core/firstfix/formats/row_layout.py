@@ -101,6 +101,19 @@ def _is_by_column(numbers: Numbers) -> bool:
     return min(_difference(chunks, row, scale) for row in LAYOUTS) >= _BESIDE * beside
 
 
+def may_have_rows_of_four(numbers: Numbers) -> bool:
+    """Whether (n,) numbers, of which no length of a row is plain, differ least at a distance of four.
+
+    Numbers that stand for no return do not count. Where those beside each other differ least, they stand by
+    column.
+    """
+    chunks = _chunks(numbers, *_THOROUGH)
+    with np.errstate(invalid="ignore", over="ignore"):
+        known = np.where(chunks == 0, np.float32(np.nan), chunks)
+        apart = {lag: _difference_of_known(known, lag) for lag in range(1, _MAX_ROW + 1)}
+    return apart[4] <= min(difference for lag, difference in apart.items() if lag % 4)
+
+
 def row_length(numbers: Numbers) -> int | None:
     """How many of (n,) numbers make a row, by a thorough look; None: no length is plain."""
     chunks = _chunks(numbers, *_THOROUGH)
@@ -152,6 +165,13 @@ def _chunks(numbers: Numbers, count: int, length: int) -> Numbers:
 def _difference(chunks: Numbers, lag: int, alike: float) -> float:
     """Mean difference of the numbers at this distance; NaN differs from all."""
     return float(np.fmin(np.abs(chunks[:, lag:] - chunks[:, :-lag]), np.float32(alike)).mean())
+
+
+def _difference_of_known(chunks: Numbers, lag: int) -> float:
+    """Mean difference of the numbers at this distance of which none is NaN; infinite without any."""
+    found = np.abs(chunks[:, lag:] - chunks[:, :-lag])
+    found = np.minimum(found[~np.isnan(found)], np.float32(_ALIKE_M))
+    return float(found.mean()) if len(found) else np.inf
 
 
 def _fits(rows: NDArray[np.floating], names: tuple[str, ...]) -> bool:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..errors import MalformedData, UnsupportedFormat
 from .point_cloud import Body, Limits, PointCloud
 from .raw_xyz import decode_rows, decode_xyzi
-from .row_layout import KITTI, LAYOUTS, is_too_small, row_layout, row_length
+from .row_layout import KITTI, LAYOUTS, is_too_small, may_have_rows_of_four, row_layout, row_length
 
 NUSCENES = (*KITTI, "ring")
 _CHOOSE = "Say what they are: --columns x,y,z,intensity,ring, with _ for a column to leave out"
@@ -69,7 +69,10 @@ def _may_be_kitti(numbers: NDArray[np.float32]) -> bool:
     """Whether rows of four are the only ones that fit, or the file is too small to tell."""
     if len(numbers) % 4 or not _are_plausible(numbers.reshape(-1, 4)[:_SAMPLED_ROWS, :3].T):
         return False
-    return is_too_small(numbers) or (len(numbers) % 3 != 0 and row_length(numbers) in (None, 4))
+    if is_too_small(numbers):
+        return True
+    length = row_length(numbers)
+    return length == 4 or (length is None and may_have_rows_of_four(numbers))
 
 
 def _refusal(size: int, numbers: NDArray[np.float32] | None) -> str:

@@ -63,10 +63,10 @@ def _checked(path: Path, others: tuple[str, ...]) -> Path:
             f"its recorder ended before it wrote the index. `rosbag reindex {path.name}` of ROS 1 writes it; "
             f"then name the file {path.name.removesuffix('.active')}"
         )
-    if not path.name.endswith(ENDINGS) and path.suffix.lower() not in others:
+    if not path.name.lower().endswith(ENDINGS) and path.suffix.lower() not in others:
         raise UnsupportedFormat(
             "a bag is a .bag, .db3 or .mcap file, also with .zstd, or a ROS 2 bag's folder"
-            + (f"; a capture ends in {' or '.join(others)}" if others else "")
+            + (f"; a capture ends in {' or '.join(others[:2])}" if others else "")
         )
     return path
 
@@ -87,7 +87,22 @@ def _files_in(folder: Path) -> BagFiles:
             raise UnsupportedFormat(
                 f"{one.name}: the files of a ROS 2 bag end in .mcap or .db3, also with .zstd"
             )
-    return BagFiles(paths, [])
+    return BagFiles(paths, _unnamed_notes(folder, paths))
+
+
+def _unnamed_notes(folder: Path, paths: list[Path]) -> list[str]:
+    """Names the files of a bag that its description does not: a recorder that is killed leaves them so."""
+    known = {one.name.removesuffix(".zstd") for one in paths}
+    unnamed = sorted(
+        one.name
+        for one in folder.iterdir()
+        if one.name.endswith(ENDINGS[1:]) and one.name.removesuffix(".zstd") not in known
+    )
+    if not unnamed:
+        return []
+    return [
+        f"not named in {_METADATA}, and not read: {', '.join(unnamed)}. `ros2 bag reindex` names all files"
+    ]
 
 
 def _described(path: Path) -> list[str]:

@@ -15,7 +15,7 @@ from .messages import RawMessage, Topic
 from .pcap_kind import VELODYNE, kind_of
 from .time_order import Part, in_time_order
 
-ENDINGS = (".pcap", ".osf")
+ENDINGS = (".pcap", ".osf", ".pcapng")  # the last one is named with what makes a plain one of it
 TYPE, ENCODING = "firstfix.CapturedTurn", "capture"
 
 
@@ -36,7 +36,7 @@ class CaptureFile:
     def __init__(self, path: Path) -> None:
         self.notes: list[str] = []
         self._read: dict[str, Callable[[], Iterator[StampedCloud]]]
-        if path.suffix.lower() == ".pcap" and kind_of(path) == VELODYNE:
+        if path.suffix.lower() != ".osf" and kind_of(path) == VELODYNE:
             self._read = {"/velodyne_points": partial(velodyne.clouds_of_pcap, path)}
         else:
             count = ouster.sensors_of_file(path)

@@ -87,6 +87,20 @@ def _unzlib(packed: memoryview, size: int) -> bytes:
 _DRACO_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 9: "f4", 10: "f8"}
 
 
+# Magic, version, kind (0: points), method, flags, number of points. The library trusts the number.
+_DRACO_HEAD = struct.Struct("<5s2sBBHi")
+_HAS_METADATA = 0x8000  # which would stand before the number
+
+
+def _check_draco(head: bytes, limits: Limits) -> None:
+    if len(head) < _DRACO_HEAD.size or head[:5] != b"DRACO":
+        raise MalformedData("draco: the data does not begin as Draco's")
+    _, _, kind, _, flags, count = _DRACO_HEAD.unpack(head)
+    if kind != 0 or flags & _HAS_METADATA or count < 0:
+        raise MalformedData("draco: no cloud of points, or one with metadata")
+    limits.check("draco", count, 12)
+
+
 def _values(attribute: Any) -> Column | None:
     """The values of a Draco attribute in its own type; None: a colour, or of an unknown type.
 
@@ -118,11 +132,12 @@ def _of_draco(header: Header, names: list[str], packed: memoryview, limits: Limi
         raise ModuleNotFoundError(
             f"clouds that Draco packed need the package DracoPy: {pip_install('.[draco]')}", name=error.name
         ) from error
+    _check_draco(bytes(packed[: _DRACO_HEAD.size]), limits)
     try:
         decoded = DracoPy.decode(bytes(packed))
         attributes = {int(one["unique_id"]): _values(one) for one in decoded.attributes}
     except Exception as error:  # its own, and those of NumPy, on damaged data
-        raise MalformedData(f"draco: {error or type(error).__name__}") from error
+        raise MalformedData(f"draco: {str(error) or type(error).__name__}") from error
     columns: dict[str, Column] = {}
     for number, name in enumerate(names):
         values = attributes.get(number)

@@ -86,6 +86,8 @@ def _cloud(message: Any, limits: Limits) -> StampedCloud:
     rows = np.frombuffer(data, np.dtype(layout))  # type: ignore[call-overload]
     columns = {name: rows[name] for name in fields}
     stamp = Stamp(int(message.timestamp.seconds), int(message.timestamp.nanos))
+    if stamp.sec < 0 or not 0 <= stamp.nanosec < 10**9:
+        raise MalformedData(f"{TYPE}: no time since the epoch: {stamp.sec} s and {stamp.nanosec} ns")
     T_frame_cloud = _pose(message)
     if T_frame_cloud is not None:
         with np.errstate(invalid="ignore"):

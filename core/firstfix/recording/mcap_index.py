@@ -68,28 +68,37 @@ def _by_summary(file: BinaryIO, size: int) -> McapIndex | None:
         return None
     file.seek(start)
     body = memoryview(read_exactly(file, size - records.FOOTER_BYTES - start))
-    declared, index, chunk_count = Declarations(), None, 0
-    chunks = []
+    declared, index, chunk_count, total = Declarations(), None, 0, 0
+    chunks, indexed = [], []
     for opcode, place, end in _records_in(body):
         declared.add(opcode, body[place:end])
         fields = Fields(body[place:end])
         if opcode == records.CHUNK_INDEX:
-            chunks.append(_indexed(fields))
+            chunk, count = _indexed(fields)
+            chunks.append(chunk)
+            indexed.append(count)
         elif opcode == records.STATISTICS:
-            *_, chunk_count, start_ns, _ = fields.numbers("QHIIIIQQ")
-            counts = Counter(dict(struct.iter_unpack("<HQ", fields.octets())))
+            total, *_, chunk_count, start_ns, _ = fields.numbers("QHIIIIQQ")
+            counts = Counter(dict(fields.pairs()))
             index = McapIndex(declared.channels, counts, chunks, start_ns=start_ns)
     if index is None or not set(index.counts) <= set(declared.channels):
         return None
-    if len(chunks) != chunk_count or (not chunks and index.counts.total()):
+    if len(chunks) != chunk_count or index.counts.total() != total:  # an empty map of counts: not known
+        return None
+    known = [count for count in indexed if count is not None]
+    if len(known) == len(indexed) and sum(known) != total:  # some messages are outside of the chunks
         return None
     return index
 
 
-def _indexed(fields: Fields) -> Chunk:
+def _indexed(fields: Fields) -> tuple[Chunk, int | None]:
+    """A chunk, and the number of its messages; None: its messages have no index."""
     start_ns, end_ns, place, _ = fields.numbers("QQQQ")
-    channels = frozenset(channel for channel, _ in struct.iter_unpack("<HQ", fields.octets()))
-    return Chunk(start_ns, end_ns, place + records.HEAD.size, channels)
+    channels = [channel for channel, _ in fields.pairs()]
+    (index_bytes,) = fields.numbers("Q")
+    head_bytes, entry_bytes = records.HEAD.size + 6, 16  # channel and size of the array; time and place
+    count = (index_bytes - head_bytes * len(channels)) // entry_bytes if channels else None
+    return Chunk(start_ns, end_ns, place + records.HEAD.size, frozenset(channels)), count
 
 
 def _records_in(body: memoryview) -> Iterator[tuple[int, int, int]]:
@@ -102,6 +111,8 @@ def _records_in(body: memoryview) -> Iterator[tuple[int, int, int]]:
         place += records.HEAD.size
         if length > size - place:
             fail("a record is cut off")
+        if not opcode:
+            fail("a record without a kind")  # a small file can unpack to millions of such
         yield opcode, place, place + length
         place += length
 

@@ -14,6 +14,7 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = ra
 STATISTICS, DATA_END = 0x0B, 0x0F
 HEAD = struct.Struct("<BQ")  # opcode and length of a record
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_PAIR = struct.Struct("<HQ")
 FOOTER_BYTES = HEAD.size + 20 + len(MAGIC)
 
 
@@ -36,6 +37,13 @@ class Fields:
     def octets(self) -> memoryview:
         """Read bytes, or a map or an array, with the length before them."""
         return self._take(self.numbers("I")[0])
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """Read a map of channels to numbers of eight bytes."""
+        octets = self.octets()
+        if len(octets) % _PAIR.size:
+            fail("a record is cut off")
+        return list(_PAIR.iter_unpack(octets))
 
     def _take(self, size: int) -> memoryview:
         taken = self._body[self._place : self._place + size]

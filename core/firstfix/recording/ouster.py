@@ -7,6 +7,7 @@ them in the origin.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +27,8 @@ TYPES = tuple(f"{package}/msg/PacketMsg" for package in ("ouster_ros", "ouster_s
 LIDAR_TOPIC = "lidar_packets"  # its IMU's packets are messages of the same type
 FRAME = "os_sensor"  # as its driver names it
 _MAX_METADATA_BYTES = 1_000_000
+_MAX_COLUMNS, _MAX_PIXELS = 8192, 1024  # four times those of any sensor
+_PER_PACKET = re.compile(r'"columns_per_packet"\s*:\s*(\d+)')
 
 
 def metadata_topic(topic: str) -> str:
@@ -64,11 +67,12 @@ class OusterPackets:
         self._bag = bag
         with _of_sdk("the sensor's metadata"):
             self._info = self._sdk.SensorInfo(metadata)
+            _check_size(self._info)
             self._format = self._sdk.PacketFormat(self._info)
             self._batcher = self._sdk.FrameBatcher(self._info)
-        self._frame = self._sdk.LidarFrame(self._info)
+            self._frame = self._sdk.LidarFrame(self._info)
+            self._cloud_of = frame_decoder(self._info)
         self._last: tuple[str, int] | None = None
-        self._cloud_of = frame_decoder(self._info)
 
     def add(self, message: RawMessage) -> list[RecordedCloud]:
         """Take the next packet. Returns the cloud that was complete before it."""
@@ -95,8 +99,9 @@ class OusterPackets:
         return self._done()
 
     def _done(self) -> list[RecordedCloud]:
-        frame, self._frame = self._frame, self._sdk.LidarFrame(self._info)
-        found = None if self._last is None else self._cloud_of(frame)
+        with _of_sdk("a turn"):
+            frame, self._frame = self._frame, self._sdk.LidarFrame(self._info)
+            found = None if self._last is None else self._cloud_of(frame)
         if self._last is None or found is None:
             return []
         return [DecodedCloud(*self._last, found)]
@@ -130,12 +135,30 @@ def sensors_of_file(path: Path) -> int:
         return len(_opened(path).sensor_info)
 
 
+def _check_size(info: Any) -> None:
+    """Check the picture's size before the SDK makes room for it."""
+    columns, pixels = info.format.columns_per_frame, info.format.pixels_per_column
+    if not (0 < columns <= _MAX_COLUMNS and 0 < pixels <= _MAX_PIXELS):
+        raise MalformedData(f"the sensor's metadata: a picture of {columns} columns of {pixels} pixels")
+
+
+def _check_beside(capture: Path) -> None:
+    """Check the metadata beside a capture for what ends the SDK's process: it divides by this number."""
+    for beside in capture.parent.glob("*.json"):
+        if beside.stat().st_size > _MAX_METADATA_BYTES or beside.name[0] != capture.name[0]:
+            continue
+        for digits in _PER_PACKET.findall(beside.read_text(errors="replace")):
+            if int(digits) == 0:
+                raise MalformedData(f"{beside.name}: columns_per_packet is 0")
+
+
 def _opened(path: Path) -> Any:
     _sdk()
+    _check_beside(path)
     from ouster.sdk.open_source import open_source
 
     try:
-        return open_source(str(path), collate=True)
+        source = open_source(str(path), collate=True)
     except Exception as error:
         if "metadata" not in str(error).lower() or path.suffix == ".osf":
             raise
@@ -143,6 +166,9 @@ def _opened(path: Path) -> Any:
             f"{path}: no metadata of its sensor. Put the JSON file that the sensor gives (http://SENSOR/api/v1/sensor/"
             f"metadata) beside it, with the same beginning of its name: {path.stem}.json"
         ) from error
+    for info in source.sensor_info:
+        _check_size(info)
+    return source
 
 
 def frame_decoder(info: Any) -> Callable[[Any], StampedCloud | None]:
@@ -179,7 +205,7 @@ def _of_sdk(what: str) -> Iterator[None]:
     except (FirstfixError, ModuleNotFoundError):
         raise
     except Exception as error:
-        raise MalformedData(f"{what}: {error or type(error).__name__}") from error
+        raise MalformedData(f"{what}: {str(error) or type(error).__name__}") from error
 
 
 def _sdk() -> Any:

@@ -93,5 +93,7 @@ def _packets(path: Path) -> Iterator[tuple[bytes, int, int, bytes]]:
             ):
                 continue  # no IPv4, no UDP, or not the first part of a packet
             begin = (body[0] & 15) * 4
+            if len(body) < begin + 8:
+                continue
             port, udp_bytes = struct.unpack(">HH", body[begin + 2 : begin + 6])
             yield body[12:16], port, udp_bytes - 8, body[begin + 8 : begin + 16]

@@ -185,7 +185,7 @@ def is_recording(path: Path) -> bool:
         return (path / "metadata.yaml").is_file() or any(
             one.suffix in (".mcap", ".db3") for one in path.iterdir()
         )
-    return path.name.removesuffix(".zstd").removesuffix(".active").endswith(tuple(_STORAGES))
+    return path.name.lower().removesuffix(".zstd").removesuffix(".active").endswith(tuple(_STORAGES))
 
 
 @contextmanager
@@ -229,5 +229,5 @@ def _damage_named(path: Path) -> Iterator[None]:
         raise
     except Exception as error:  # including MemoryError: a damaged size may be exabytes
         raise MalformedData(
-            f"{path}: the recording cannot be read: {error or type(error).__name__}"
+            f"{path}: the recording cannot be read: {str(error) or type(error).__name__}"
         ) from error

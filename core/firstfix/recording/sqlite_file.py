@@ -64,8 +64,10 @@ class SqliteFile:
             [*wanted, start_ns or 0],
         )
         for number, time_ns, body in rows:
+            if not isinstance(body, bytes):  # of a number, bytes() makes as many zeros
+                raise TypeError("the data of a message is no bytes")
             topic = self._topics[number]
-            yield RawMessage(topic.name, int(time_ns), bytes(body), topic.type, topic.encoding)
+            yield RawMessage(topic.name, int(time_ns), body, topic.type, topic.encoding)
 
     def close(self) -> None:
         """Close the file, and remove its copy."""

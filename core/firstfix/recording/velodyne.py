@@ -69,7 +69,7 @@ def clouds_of_pcap(path: Path) -> Iterator[StampedCloud]:
         except ValueError as error:
             raise UnsupportedFormat(f"{error}") from error
         except Exception as error:  # dpkt and the decoder have several
-            raise MalformedData(f"{error or type(error).__name__}") from error
+            raise MalformedData(f"{str(error) or type(error).__name__}") from error
         if turn is None:
             return
         stamp, points = turn

@@ -60,6 +60,12 @@ NONE = {
         "in no unit they span a turn",
     ),
     "two minutes since the epoch": (STAMP_S + SWEEP_S * 1200, "by the clock these are 120 s"),
+    "shares of a turn": (np.linspace(0, 1, N), "0 to 1 are shares of a turn"),
+    "shares from the middle": (np.linspace(-0.5, 0.5, N).astype(np.float32), "-0.5 to 0.5 are shares"),
+    "nanoseconds of a second that ends": (
+        ((SWEEP_S + 0.95) % 1 * 1e9).astype(np.uint32),
+        "in two parts, as if they had begun anew",
+    ),
     "a few strays": (
         np.where(np.arange(N) % 50 == 7, 36.0, SWEEP_S),
         "most of the points have nearly the same",
@@ -216,3 +222,44 @@ def test_a_laz_scan_has_times(tmp_path):
     scan = read_scan_file(tmp_path / "scan.las")
     np.testing.assert_allclose(scan.time_s, SWEEP_S, atol=1e-6)
     assert scan.stamp_s is None
+
+
+WINDOW_S = np.linspace(0, 1, N)  # of a turn of 0.1 s, from 40 ms after the stamp on
+
+
+@pytest.mark.parametrize(
+    ("times", "window_s", "unit"),
+    [
+        (lambda t: np.rint((STAMP_S + t) * 1e3 * 1e3) / 1e3, 1e-3, None),  # ms, seen as 1 s of seconds
+        (lambda t: (t - 0.1) * 1e3, 1e-3, None),  # the same before the stamp
+        (lambda t: (t - 0.1) * 1e3, 4e-4, None),
+        (lambda t: int(STAMP_S * 1e9) + np.rint(t * 1e9).astype(np.int64), 1e-4, None),  # ns as 0.1 s of us
+        (lambda t: int(STAMP_S * 1e6) + np.rint(t * 1e6).astype(np.int64), 1e-4, None),  # us as 0.1 s of ms
+        (lambda t: int(STAMP_S * 1e9) + np.rint(t * 1e9).astype(np.int64), 2e-3, "ns"),
+        (lambda t: STAMP_S + t, 1e-3, "s"),
+        (lambda t: STAMP_S + 37 + t, 0.5, "s"),
+    ],
+)
+def test_a_part_of_a_turn_is_not_read_in_a_coarser_unit(times, window_s, unit):
+    t = 0.04 + WINDOW_S * window_s
+    found = point_times(columns("timestamp", times(t)), STAMP_S)
+    assert found.field.unit == unit, found.field
+    if unit is not None:
+        own = found.field.clock == "own"
+        np.testing.assert_allclose(found.time_s, t - t[0] * own, atol=2e-6)
+
+
+def test_numbers_of_points_are_no_microseconds():
+    count = 50_000
+    points = np.random.default_rng(2).uniform(-20, 20, (3, count))
+    found = point_times(dict(zip("xyz", points, strict=True)) | {"t": np.arange(count, dtype="u4")}, STAMP_S)
+    assert found.time_s is None
+    assert found.field.why == "they are the numbers of the points"
+
+
+@pytest.mark.parametrize("kind", ["i1", "i2"])
+def test_differences_of_small_numbers_do_not_overflow(kind):
+    times = np.rint(SWEEP_S * 2e3 - 100 if kind == "i1" else SWEEP_S * 6e5 - 30_000).astype(kind)
+    found = point_times(columns("time", times), STAMP_S)
+    scale = 1e-3 if kind == "i1" else 1e-6
+    np.testing.assert_allclose(found.time_s, times * scale, atol=1e-7)

@@ -11,7 +11,7 @@ import pytest
 
 from firstfix.decode import decode_query, read_cloud_file, read_scan_file
 from firstfix.errors import InputError, InvalidOption, MalformedData, UnsupportedFormat
-from firstfix.formats.point_cloud import SCAN_LIMITS
+from firstfix.formats.point_cloud import SCAN_LIMITS, PointCloud
 from firstfix.formats.raw_xyz import MAX_COLUMNS, parse_columns
 from firstfix.formats.scanner_bin import decode_scanner_bin
 from firstfix.sensor import preset
@@ -80,9 +80,8 @@ def rows_of(points: np.ndarray, rng: np.random.Generator) -> Iterator[tuple[str,
 
 def told(rows: np.ndarray) -> tuple[str, ...] | None:
     """The columns that the decoder finds; None: it refuses. Fails where it takes others' numbers."""
-    try:
-        cloud = decode_scanner_bin(rows.tobytes(), "scan.bin", SCAN_LIMITS)
-    except UnsupportedFormat:
+    cloud = _decoded(rows)
+    if cloud is None:
         return None
     by_column = rows.shape[0] == 4 and rows.shape[1] > 16
     right = (rows.T if by_column else rows)[:, :3]
@@ -115,6 +114,40 @@ def _real_scans() -> Iterator[np.ndarray]:
         with np.load(path) as scans:
             unit_m = 0.01 if "_cm_" in path.name else 0.002
             yield from (scans[name] * unit_m for name in scans.files if scans[name].ndim == 2)
+
+
+def _spoilt(points: np.ndarray, rng: np.random.Generator) -> Iterator[tuple[str, np.ndarray]]:
+    """Points of rows as a scanner without returns in places, or with a narrow view, gives them."""
+    yield "in front", points[points[:, 0] > 0]
+    yield "few", points[:500]
+    for share in (0.5, 0.9):
+        lost = rng.random(len(points)) < share
+        for name, value in (("zeros", 0.0), ("NaN", np.nan)):
+            spoilt = points.copy()
+            spoilt[lost] = value
+            yield f"{share} {name}", spoilt
+
+
+@every_case("seed", range(3))
+def test_rows_with_few_returns_are_not_taken_for_those_of_another_layout(seed):
+    rng = np.random.default_rng(seed)
+    points = np.random.default_rng(seed + 10).permutation(room(seed=seed)[: 32 * 1000])
+    points = points if seed else room()[: 32 * 1000]
+    for name, rows in rows_of(points, rng):
+        by_row = rows.T if name == "oxford" else rows
+        for how, spoilt in _spoilt(by_row, rng):
+            spoilt = np.ascontiguousarray(spoilt.T if name == "oxford" else spoilt, "<f4")
+            cloud = _decoded(spoilt)
+            if cloud is not None:
+                right = (spoilt.T if name == "oxford" else spoilt)[:, :3]
+                assert np.array_equal(cloud.xyz, right, equal_nan=True), f"{name}, {how}"
+
+
+def _decoded(rows: np.ndarray) -> PointCloud | None:
+    try:
+        return decode_scanner_bin(rows.tobytes(), "scan.bin", SCAN_LIMITS)
+    except UnsupportedFormat:
+        return None
 
 
 @with_recorded("kitti_drive0027_street")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from firstfix.errors import InputError, MalformedData, NotFound, UnsupportedFormat
+from firstfix.recording.pcap_kind import VELODYNE, kind_of
 from firstfix.recording.recording import is_recording, open_recording
 from tests.captures import vlp16_packets, write_pcap
 from tests.every_case import every_case
@@ -28,6 +29,26 @@ def test_other_packets_say_what_to_do(tmp_path_factory: pytest.TempPathFactory, 
     path = write_pcap(tmp_path_factory.mktemp("capture") / "a.pcap", [(5, one) for one in payloads], port)
     with pytest.raises(UnsupportedFormat, match=said), open_recording(path):
         pass
+
+
+def test_a_capture_of_wireshark_is_named_with_what_makes_a_plain_one(tmp_path: Path):
+    path = tmp_path / "drive.pcapng"
+    path.write_bytes(b"\x0a\x0d\x0d\x0a" + bytes(99))
+    assert is_recording(path)
+    with (
+        pytest.raises(UnsupportedFormat, match=r"editcap -F pcap drive\.pcapng plain\.pcap"),
+        open_recording(path),
+    ):
+        pass
+
+
+def test_a_packet_that_is_shorter_than_it_declares_does_not_matter(tmp_path: Path):
+    """An IPv4 head of 60 bytes is declared where 28 follow."""
+    path = write_pcap(tmp_path / "a.pcap", [(1, b""), *vlp16_packets(1.2)])
+    body = bytearray(path.read_bytes())
+    body[24 + 16 + 14] = 0x4F
+    path.write_bytes(body)
+    assert kind_of(path) == VELODYNE
 
 
 def test_two_velodynes_in_one_capture_are_not_mixed(tmp_path: Path):

@@ -142,3 +142,12 @@ def test_plain_clouds_are_preferred_to_packed_ones(tmp_path: Path):
         assert recording.cloud_topic(None).name == "/points"
         (recorded,) = recording.clouds(recording.cloud_topic("/points/zstd"))
         np.testing.assert_array_equal(recorded.cloud().cloud.xyz[:, 0], POINTS["x"])
+
+
+@every_case("count, error", [(2**31 - 1, TooLarge), (2_000_001, TooLarge), (-1, MalformedData)])
+def test_draco_cannot_take_memory_without_limit(count: int, error: type[InputError]):
+    """The library trusts the number of points, and makes room for them."""
+    body = bytearray(draco(POINTS))
+    body[11:15] = struct.pack("<i", count)
+    with pytest.raises(error, match="draco"):
+        decode(compressed(cloud(POINTS), "draco", bytes(body)))

@@ -157,3 +157,11 @@ def test_the_same_in_json_says_what_is_read(tmp_path: Path):
         pytest.raises(NotFound, match="record it in protobuf: json is not read"),
     ):
         recording.cloud_topic(None)
+
+
+@every_case("seconds, nanos", [(-5, 0), (1, -1), (1, NS)])
+def test_a_time_that_is_none_is_malformed(tmp_path_factory: pytest.TempPathFactory, seconds: int, nanos: int):
+    one = message()
+    one.timestamp.seconds, one.timestamp.nanos = seconds, nanos
+    with pytest.raises(MalformedData, match="no time since the epoch"):
+        decoded(one, tmp_path_factory.mktemp("bag"))

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, IndexType
 
 from firstfix.errors import InvalidOption, MalformedData, NotFound, TooLarge
 from firstfix.recording import mcap_records
-from firstfix.recording.recording import Recording, open_recording
+from firstfix.recording.recording import Recording, is_recording, open_recording
 from tests.every_case import every_case
 from tests.mcap_files import Message, write_mcap
 from tests.ros_samples import CLOUD, ROS1, cdr, cloud_of_points, ros1
@@ -173,6 +175,29 @@ def test_a_record_cannot_take_memory_without_limit(tmp_path: Path):
         sizes(recording)
 
 
+def test_an_ending_may_be_in_capitals(tmp_path: Path):
+    path = write_mcap(tmp_path / "A.MCAP", clouds())
+    assert is_recording(path)
+    with open_recording(path) as recording:
+        assert sizes(recording) == ALL
+
+
+def test_records_without_a_kind_end_a_chunk(tmp_path: Path):
+    """A chunk of zeros packs to nothing, and is millions of records without content."""
+    body = zstandard.compress(bytes(900))
+    chunk = struct.pack("<QQQII", S, S, 900, 0, 4) + b"zstd" + struct.pack("<Q", len(body)) + body
+    path = tmp_path / "a.mcap"
+    path.write_bytes(
+        mcap_records.MAGIC
+        + mcap_records.HEAD.pack(mcap_records.HEADER, 8)
+        + bytes(8)
+        + mcap_records.HEAD.pack(mcap_records.CHUNK, len(chunk))
+        + chunk
+    )
+    with pytest.raises(MalformedData, match="a record without a kind"), open_recording(path):
+        pass
+
+
 def test_a_damaged_chunk_is_named(tmp_path: Path):
     path = write_mcap(tmp_path / "a.mcap", clouds(), compression=CompressionType.NONE)
     data = bytearray(path.read_bytes())
@@ -180,3 +205,39 @@ def test_a_damaged_chunk_is_named(tmp_path: Path):
     path.write_bytes(data)
     with open_recording(path) as recording, pytest.raises(MalformedData, match=r"a\.mcap: .*checksum"):
         sizes(recording)
+
+
+def test_statistics_without_counts_of_the_channels_hide_nothing(tmp_path: Path):
+    """The specification: an empty map of counts says that they are not known."""
+    path = write_mcap(tmp_path / "a.mcap", clouds())
+    data = path.read_bytes()
+    counts = struct.pack("<IHQ", 10, 1, COUNT)  # one channel, and its messages
+    assert data.count(counts) == 1
+    begin = data.index(counts)
+    shorter = bytearray(data[:begin] + bytes(4) + data[begin + len(counts) :])
+    head = begin - 42 - 8  # the other statistics, and the length of their record
+    shorter[head : head + 8] = struct.pack("<Q", 42 + 4)
+    path.write_bytes(shorter)
+    with open_recording(path) as recording:
+        assert (sizes(recording), recording.notes) == (ALL, [])
+
+
+def test_messages_outside_of_chunks_are_read_beside_those_inside(tmp_path: Path):
+    """The specification lets a recorder mix both; its index of chunks names none of those outside."""
+    loose, chunked = (
+        write_mcap(tmp_path / f"{n}.mcap", messages, use_chunking=bool(n)).read_bytes()
+        for n, messages in enumerate((clouds()[15:], clouds()[:15]))
+    )
+    data_end = mcap_records.HEAD.pack(mcap_records.DATA_END, 4)
+    loose = loose[loose.index(BODIES[15]) - 31 : loose.rindex(data_end)]  # 31: heads of record and message
+    at = chunked.rindex(data_end)
+    summary = at + mcap_records.HEAD.size + 4
+    tail = bytearray(chunked[summary:])
+    statistics = tail.index(struct.pack("<BQ", mcap_records.STATISTICS, 42 + 4 + 10)) + 9
+    tail[statistics : statistics + 8] = struct.pack("<Q", COUNT)
+    tail[statistics + 46 : statistics + 56] = struct.pack("<HQ", 1, COUNT)
+    footer = len(tail) - mcap_records.FOOTER_BYTES + 9
+    tail[footer : footer + 16] = struct.pack("<QQ", summary + len(loose), 0)
+    (tmp_path / "a.mcap").write_bytes(chunked[:at] + loose + chunked[at:summary] + tail)
+    with open_recording(tmp_path / "a.mcap") as recording:
+        assert (sizes(recording), recording.notes) == (ALL, [])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from firstfix.errors import MalformedData, NotFound
 from firstfix.recording.messages import CDR, ROS1, RawMessage
 from firstfix.recording.ouster import OusterPackets
 from firstfix.recording.recording import open_recording
+from tests.captures import write_pcap
 from tests.every_case import every_case
 from tests.lidar_messages import OUSTER, STORES, ouster_packet, raw
 from tests.needs import needs, recorded
@@ -106,6 +108,28 @@ def test_packets_without_metadata_say_what_is_missing(tmp_path: Path):
         path.with_suffix(".json").write_text(info.to_json_string())
         (found,) = recording.clouds(recording.cloud_topic(None))
         check(found.cloud(), info, 0)
+
+
+@every_case("columns", [0, -1, 2**31 - 1])
+def test_metadata_cannot_take_memory_without_limit(columns: int):
+    metadata, count = re.subn(
+        r'("columns_per_frame"\s*:\s*)\d+', rf"\g<1>{columns}", sensor().to_json_string()
+    )
+    assert count
+    with pytest.raises(MalformedData, match="the sensor's metadata: a picture of"):
+        OusterPackets(metadata, "a.bag")
+
+
+def test_metadata_that_would_end_the_process_is_refused(tmp_path: Path):
+    """The SDK divides by the number of columns in a packet."""
+    path = write_pcap(tmp_path / "drive.pcap", [(5, b"\x01\x00" + bytes(8000))], 7502)
+    metadata = re.sub(r'("columns_per_packet"\s*:\s*)\d+', r"\g<1>0", sensor().to_json_string())
+    path.with_suffix(".json").write_text(metadata)
+    with (
+        pytest.raises(MalformedData, match=r"drive\.json: columns_per_packet is 0"),
+        open_recording(path),
+    ):
+        pass
 
 
 def test_damage_is_malformed():

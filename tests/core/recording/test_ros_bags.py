@@ -110,6 +110,23 @@ def test_a_damaged_bag_is_an_input_error(tmp_path: Path, kind: str):
     assert refused > 10
 
 
+def test_a_damaged_index_is_named_even_where_its_library_names_nothing(tmp_path: Path):
+    """The library has assertions without a text."""
+    path = write_bag(tmp_path, "ros1", clouds("ros1"))
+    good, said = path.read_bytes(), set[str]()
+    for place in range(len(good) - 1_200, len(good)):
+        damaged = bytearray(good)
+        damaged[place] ^= 0x55
+        path.write_bytes(damaged)
+        try:
+            with open_recording(path) as bag:
+                bag.cloud_topic(None)
+        except (InputError, NotFound) as error:
+            said.add(str(error).removeprefix(f"{path}: "))
+    assert "the recording cannot be read: AssertionError" in said
+    assert not [text for text in said if text.endswith(": ")]
+
+
 @every_kind
 def test_one_message_is_in_memory_at_a_time(tmp_path: Path, kind: str):
     stores, rng = stores_of(kind), np.random.default_rng(1)

@@ -6,6 +6,7 @@ import shutil
 import sqlite3
 import tempfile
 from collections import namedtuple
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -158,3 +159,19 @@ def test_a_name_with_signs_of_addresses_is_a_name(tmp_path: Path):
     """``?`` and ``%`` mean something in the addresses of sqlite."""
     (file,) = written(tmp_path).glob("*.db3")
     assert read(file.rename(tmp_path / "a?b%20c#d.db3"))[0] == [1, 2, 3, 4, 5, 6]
+
+
+def test_files_that_the_description_does_not_name_are_named(tmp_path: Path):
+    bag = parts(tmp_path, "sqlite3", ["a", "b"])
+    times, (note,) = read(bag)
+    assert times == [1, 2, 3, 4]
+    assert "not read: c.db3. `ros2 bag reindex`" in note
+
+
+def test_a_number_in_the_place_of_a_message_takes_no_memory(tmp_path: Path):
+    """``bytes`` of a number are as many zeros."""
+    (file,) = written(tmp_path / "bag").glob("*.db3")
+    with closing(sqlite3.connect(file)) as opened, opened:
+        opened.execute("UPDATE messages SET data = 1 << 40 WHERE id = 2")
+    with pytest.raises(MalformedData, match="the data of a message is no bytes"):
+        read(file)

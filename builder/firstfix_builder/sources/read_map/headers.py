@@ -112,7 +112,7 @@ def check_glb(path: Path) -> None:
             declared = sum(map(_bytes_of, scene.get("accessors", [])))
             elsewhere = [one for one in scene.get("buffers", []) if not _is_inside(one)]
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise MalformedData(f"GLB: its JSON is damaged: {error or type(error).__name__}") from None
+            raise MalformedData(f"GLB: its JSON is damaged: {str(error) or type(error).__name__}") from None
     if elsewhere:
         raise UnsupportedFormat("GLB: a part of it lies in another file")
     if declared > MAP_LIMITS.max_decoded_bytes:

@@ -28,7 +28,9 @@ def fetch_scan(url: str, media_type: str, tls: ssl.SSLContext) -> tuple[bytes, s
     except (TimeoutError, asyncio.TimeoutError):
         raise ConnectionError(f"its scan did not come within {TIMEOUT_S:g} s") from None
     except (httpx.HTTPError, httpx.InvalidURL) as error:
-        raise ConnectionError(f"its scan's URL does not answer: {error or type(error).__name__}") from None
+        raise ConnectionError(
+            f"its scan's URL does not answer: {str(error) or type(error).__name__}"
+        ) from None
 
 
 async def _fetch(url: str, media_type: str, tls: ssl.SSLContext) -> tuple[bytes, str]:
