@@ -22,6 +22,8 @@ from .glim import is_glim_dump, read_glim_dump
 from .map_data import MapData
 from .map_file import READERS, RECORDING_REASON, RECORDINGS, TEXTS, is_mesh_file, named_program, read_map_file
 from .trajectory import read_trajectory
+from .visible_files import is_hidden, visible_files
+from .what_was_read import LeftOut, plain
 
 
 @dataclass(frozen=True)
@@ -96,13 +98,14 @@ def read_map_folder(path: Path) -> MapData:
     if kind is not None:
         data = kind.read(path)
         return data if data.trajectory is not None else _with_poses(data, path)
-    names = {entry.name for entry in path.iterdir() if entry.is_file()}
+    names = {file.name for file in visible_files(path)}
     layout = next((layout for layout in LAYOUTS if names & set(layout.clouds)), None)
     if layout is not None:
         files = [path / name for name in layout.clouds if name in names]
         data = joined(read_clouds(files))
         clouds = tuple(file.name for file in files)
         told = replace(data.read, form=f"{layout.package}'s folder", program=layout.package, clouds=clouds)
+        told = told.without(*(LeftOut(name, _NOT_THERE) for name in layout.clouds if name not in names))
         return _with_poses(replace(data, read=told), path)
     files = _map_files(path, names)
     if len(files) > 1:
@@ -133,8 +136,8 @@ def _trajectory_name(path: Path) -> str | None:
 
 def mesh_files(path: Path) -> list[Path]:
     """The files, by name, of a folder whose maps are several meshes; nothing of any other folder."""
-    files = sorted(file for file in path.iterdir() if file.suffix.lower() in READERS)
-    files = [file for file in files if file.is_file() and file.name not in TRAJECTORIES]
+    files = [file for file in visible_files(path) if file.suffix.lower() in READERS]
+    files = [file for file in files if file.name not in TRAJECTORIES]
     return files if len(files) > 1 and all(is_mesh_file(file) for file in files) else []
 
 
@@ -150,6 +153,10 @@ def _map_files(path: Path, names: set[str]) -> list[Path]:
     foreign = next((reason for name in sorted(names) if (reason := named_program(path / name))), None)
     if foreign is not None and not found:
         raise UnsupportedFormat(foreign)
+    inner = sorted(plain(one.name) for one in path.iterdir() if one.is_dir() and not is_hidden(one.name))
+    if inner and not found:
+        told = ", ".join(inner[:_TOLD_FOLDERS]) + (" ..." if len(inner) > _TOLD_FOLDERS else "")
+        raise UnsupportedFormat(f"the folder has no map file, but folders: {told}. Give the one of the map")
     known = ", ".join(dict.fromkeys(one.program for one in KINDS) | dict.fromkeys(_PACKAGES))
     raise UnsupportedFormat(
         f"the folder is of none of {known}, and has {len(found)} map files instead of one"
@@ -157,3 +164,5 @@ def _map_files(path: Path, names: set[str]) -> list[Path]:
 
 
 _PACKAGES = [layout.package for layout in LAYOUTS]
+_NOT_THERE = "it belongs to the map, and is not there"
+_TOLD_FOLDERS = 3

@@ -20,6 +20,7 @@ from .map_file import read_map_file
 from .map_folder import mesh_files, read_map_folder, trajectory_in
 from .map_of_scans import is_map_of_scans, read_map_of_scans
 from .trajectory import read_trajectory
+from .visible_files import is_hidden
 
 
 def content_hash(path: Path) -> str:
@@ -29,7 +30,7 @@ def content_hash(path: Path) -> str:
     digest = hashlib.sha256()
     for file in sorted(path.rglob("*")):
         name = file.relative_to(path).as_posix()
-        if file.is_file() and not any(part.startswith(".") for part in name.split("/")):
+        if file.is_file() and not any(map(is_hidden, name.split("/"))):
             digest.update(f"{name}\0{sha256_of(file)}\n".encode())
     return digest.hexdigest()
 

@@ -86,6 +86,42 @@ def test_fast_lios_intervals_are_one_map_with_the_rest(tmp_path):
     assert data.read.form == "FAST-LIO's folder"
 
 
+def test_missing_intervals_are_named(tmp_path):
+    written.write_intervals(tmp_path, np.array_split(DEPOT, 6))
+    for number in (2, 5):
+        (tmp_path / f"scans_{number}.pcd").unlink()
+    found = read_map(tmp_path).read.left_out
+    assert found == (LeftOut("intervals", "not there, as scans_2.pcd, though later ones are", 2),)
+
+
+HALVES = (DEPOT[:450], DEPOT[450:])
+FOLDERS = {
+    "Autoware": lambda folder: written.write_divided_map(folder, DEPOT),
+    "FAST-LIO": lambda folder: written.write_intervals(folder, HALVES),
+    "KISS-SLAM": lambda folder: written.write_kiss_slam(folder, HALVES, POSES, DEPOT),
+    "RTAB-Map": lambda folder: written.write_rtabmap(folder, DEPOT, POSES),
+    "HDMapping": lambda folder: written.write_hdmapping(folder, HALVES, (POSES[:3], POSES[3:])),
+    "one file": lambda folder: written.write_pcd(folder / "my map.pcd", DEPOT),
+    "two files": lambda folder: [written.write_ply(folder / f"{at}.ply", DEPOT + [30, 30, 0]) for at in "ab"],
+}
+_OF_MACOS = b"\0\5\x16\7\0\2\0\0Mac OS X        " + bytes(100)
+
+
+@pytest.mark.parametrize("program", FOLDERS)
+def test_hidden_files_are_no_part_of_a_map(tmp_path, program):
+    folder = tmp_path / "my map (2) ü"
+    FOLDERS[program](folder)
+    expected = read_map(folder)
+    for file in [path for path in folder.rglob("*") if path.is_file()]:
+        file.with_name(f"._{file.name}").write_bytes(_OF_MACOS)
+    (folder / ".DS_Store").write_bytes(b"Bud1")
+    found = read_map(folder)
+    np.testing.assert_array_equal(found.points, expected.points)
+    assert found.read == expected.read
+    with pytest.raises(UnsupportedFormat, match=r"no map file, but folders: my map \(2\) ü\. Give the one"):
+        read_map(tmp_path)
+
+
 def test_clouds_around_their_own_origins_or_far_apart_are_asked_about(tmp_path):
     for number in range(3):
         written.write_pcd(tmp_path / f"{number:06d}.pcd", DEPOT[number::3] - [10 + number, 9, 1.5])

@@ -54,7 +54,7 @@ def read_divided_map(path: Path) -> MapData:
     missing = [name for name, tile in found.items() if tile is None]
     if not tiles:
         raise MalformedData(f"{METADATA} lists {len(names)} tiles, and none is there: {missing[0]}")
-    unlisted = sorted({file.name for tile in tiles for file in tile.parent.glob("*.pcd")} - set(names))
+    unlisted = sorted({file.name for tile in tiles for file in tile.parent.glob("[!.]*.pcd")} - set(names))
     data = joined(read_clouds(tiles))
     projector = path / PROJECTOR
     read = replace(
