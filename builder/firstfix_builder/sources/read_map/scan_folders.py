@@ -77,7 +77,7 @@ def _of_ours(poses: Path) -> list[Row]:
 
 def _of_sc_lio_sam(source: Path, scans: Path) -> list[Row]:
     poses = read_trajectory(source / _OPTIMIZED)
-    files = sorted((_number_of(file), file.name) for file in scans.glob(_CLOUDS))
+    files = sorted((_number_of(file), file.name) for file in sorted(scans.glob(_CLOUDS)))
     twice = next((files[at][1] for at in range(1, len(files)) if files[at][0] == files[at - 1][0]), None)
     if twice is not None:
         raise MalformedData(f"two scans have the number of {plain(twice)}")

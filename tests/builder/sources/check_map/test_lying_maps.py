@@ -51,6 +51,11 @@ def storeys(points: np.ndarray) -> np.ndarray:
     return np.concatenate([points, points + [0, 0, SIZE[2] + 0.3]])
 
 
+def both_ways() -> np.ndarray:
+    """A way through each of both storeys."""
+    return np.concatenate([way(), way(SENSOR_M + SIZE[2] + 0.3)])
+
+
 def sunk(points: np.ndarray, by_m: float) -> np.ndarray:
     """And again what is between x = 0 and 28 m, by so much lower at its beginning."""
     again = points[points[:, 0] < 28].copy()
@@ -74,7 +79,7 @@ def there_and_sunk(by_m: float) -> np.ndarray:
         (lambda points: points + [450_000.0, 5_200_000.0, 300.0], None, []),
         (ramp, None, []),
         (ramp, lambda: ramp(way()), []),
-        (storeys, lambda: np.concatenate([way(), way(SENSOR_M + SIZE[2] + 0.3)]), []),
+        (storeys, both_ways, []),
         (lambda points: points, lambda: way(0.0), ["trajectory_of_base"]),
         (lambda points: points, lambda: way(-0.05), ["trajectory_of_base"]),
         (lambda points: points, lambda: way(0.1), ["trajectory_at_floor"]),
@@ -86,6 +91,7 @@ def there_and_sunk(by_m: float) -> np.ndarray:
         (lambda points: sunk(points, 0.6), None, ["map_doubled_floors"]),
         (lambda points: points[points[:, 2] > 0.35], way, ["map_no_ground"]),
         (lambda points: points[points[:, 2] > 0.35], None, ["map_no_ground"]),
+        (lambda points: storeys(points[points[:, 2] > 0.35]), both_ways, ["map_no_ground"]),
     ],
     ids=[
         *(
@@ -107,7 +113,7 @@ def there_and_sunk(by_m: float) -> np.ndarray:
             "sunk by 0.3",
             "sunk, no poses",
         ),
-        *("no ground", "no ground, no poses"),
+        *("no ground", "no ground, no poses", "no ground in two storeys"),
     ],
 )
 def test_a_map_has_the_findings(right: np.ndarray, change, positions, expected: list[str]):
@@ -151,6 +157,12 @@ def test_poses_that_came_with_the_map_refuse_it_never(right: np.ndarray):
     assert not has_fit_poses(found)
     assert has_fit_poses(check(right, way(), "file"))
     assert codes(right[right[:, 2] > 0.35], aside, "file") == ["trajectory_left_out", "map_no_ground"]
+
+
+def test_a_map_with_y_up_has_no_findings_of_what_lies_along_z():
+    scan = scanned(np.array([12.0, 8.0, SENSOR_M]), 0.0)
+    assert codes(scan) == ["map_single_scan"]
+    assert codes(scan[:, [1, 2, 0]]) == ["map_not_level"]
 
 
 def scanned(at: np.ndarray, turn_deg: float) -> np.ndarray:
