@@ -18,6 +18,7 @@ from .folders.joined_clouds import joined, read_clouds
 from .folders.kiss_slam import is_kiss_slam_run, read_kiss_slam_run
 from .folders.one_frame import intervals_in, read_intervals, read_parts_of_map
 from .folders.rtabmap import is_rtabmap_export, read_rtabmap_export
+from .folders.unfinished import missing_part
 from .glim import is_glim_dump, read_glim_dump
 from .map_data import MapData
 from .map_file import READERS, RECORDING_REASON, RECORDINGS, TEXTS, is_mesh_file, named_program, read_map_file
@@ -143,9 +144,12 @@ def mesh_files(path: Path) -> list[Path]:
 
 def _map_files(path: Path, names: set[str]) -> list[Path]:
     """The map files of a folder of no known program. Texts beside other clouds are poses, times and notes."""
-    readable = sorted(name for name in names - set(TRAJECTORIES) if Path(name).suffix.lower() in READERS)
+    readable = sorted(name for name in names - set(TRAJECTORIES) if _may_be_map(name))
     clouds = [name for name in readable if Path(name).suffix.lower() not in TEXTS]
     found = [path / name for name in clouds or readable]
+    lacking = "" if found else missing_part(path)
+    if lacking:
+        raise UnsupportedFormat(lacking)
     if len(found) == 1 or (len(found) > 1 and clouds and not any(map(is_mesh_file, found))):
         return found
     if any(Path(name).suffix.lower() in RECORDINGS for name in names):
@@ -163,6 +167,13 @@ def _map_files(path: Path, names: set[str]) -> list[Path]:
     )
 
 
+def _may_be_map(name: str) -> bool:
+    is_note = name in _NOTES or name.endswith(_POSES)
+    return Path(name).suffix.lower() in READERS and not is_note
+
+
+_POSES = ("_poses.npy", "_poses.txt", "_poses.csv")
+_NOTES = ("times.txt", "special_nodes.csv")  # SC-LIO-SAM's, hdl_graph_slam's
 _PACKAGES = [layout.package for layout in LAYOUTS]
 _NOT_THERE = "it belongs to the map, and is not there"
 _TOLD_FOLDERS = 3

@@ -52,6 +52,39 @@ def test_missing_and_unlisted_tiles_are_named(tmp_path):
         read_map(tmp_path)
 
 
+def test_a_damaged_projector_refuses_no_map(tmp_path):
+    written.write_divided_map(tmp_path, DEPOT)
+    (tmp_path / "map_projector_info.yaml").write_text("map_origin: [1\n")
+    data = read_map(tmp_path)
+    same_points(data.points, DEPOT)
+    (left_out,) = data.read.left_out
+    assert left_out.what == "map_projector_info.yaml"
+    assert "while parsing" in left_out.reason
+
+
+@pytest.mark.parametrize(
+    ("write", "lost", "reason"),
+    [
+        (written.write_sc_lio_sam, ["optimized_poses.txt"], "optimized_poses.txt is not beside Scans"),
+        (written.write_sc_lio_sam, ["Scans"], "Scans with its .pcd files is not there"),
+        (written.write_hdl_graph_slam, [f"00000{n}" for n in range(6)], "000000/data and .* are not there"),
+        (
+            lambda folder, scans, poses: written.write_kiss_slam(folder, scans, poses, DEPOT),
+            ["local_maps"],
+            "local_maps/plys with its .ply files is not there",
+        ),
+    ],
+    ids=["SC-LIO-SAM's poses", "SC-LIO-SAM's scans", "hdl_graph_slam's keyframes", "KISS-SLAM's local maps"],
+)
+def test_what_a_folder_lacks_is_named(tmp_path, write, lost, reason):
+    write(tmp_path, np.array_split(DEPOT, 6), POSES)
+    for name in lost:
+        lost_part = tmp_path / name
+        lost_part.unlink() if lost_part.is_file() else shutil.rmtree(lost_part)
+    with pytest.raises(UnsupportedFormat, match=reason):
+        read_map(tmp_path)
+
+
 @every_case(
     ("text", "reason"),
     [
