@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -168,11 +169,11 @@ def _map_files(path: Path, names: set[str]) -> list[Path]:
 
 
 def _may_be_map(name: str) -> bool:
-    is_note = name in _NOTES or name.endswith(_POSES)
+    is_note = name in _NOTES or _POSES.fullmatch(name) is not None
     return Path(name).suffix.lower() in READERS and not is_note
 
 
-_POSES = ("_poses.npy", "_poses.txt", "_poses.csv")
+_POSES = re.compile(r".*_poses(_tum|_kitti)?\.(npy|txt|csv)")
 _NOTES = ("times.txt", "special_nodes.csv")  # SC-LIO-SAM's, hdl_graph_slam's
 _PACKAGES = [layout.package for layout in LAYOUTS]
 _NOT_THERE = "it belongs to the map, and is not there"
