@@ -185,6 +185,11 @@ def test_a_single_scan_is_named_in_its_own_frame_and_in_another(shift_m, turn_de
     np.testing.assert_allclose(found.places[0][:2], shift_m[:2], atol=1.5)
 
 
+def with_some_twice(points: np.ndarray) -> np.ndarray:
+    """Two maps that overlap in a tenth."""
+    return np.concatenate([points, points[::10]])
+
+
 @every_case(
     ("write", "expected"),
     [
@@ -196,6 +201,8 @@ def test_a_single_scan_is_named_in_its_own_frame_and_in_another(shift_m, turn_de
         (lambda points: np.round(points * 4) / 4, "map_digits_lost"),
         (lambda points: np.unique(np.round(points, 1), axis=0), None),
         (lambda points: np.unique(np.round(points * 4), axis=0) / 4, None),
+        (lambda points: np.tile(np.unique(np.round(points * 4), axis=0) / 4, (2, 1)), None),
+        (lambda points: with_some_twice(np.unique(np.round(points * 4), axis=0) / 4), "map_digits_few"),
         (lambda points: (points + [450_000, 5_200_000, 0]).astype(np.float32).astype(float), "map_float32"),
     ],
     ids=[
