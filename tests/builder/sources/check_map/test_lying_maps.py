@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from firstfix.findings.finding import Finding
+from firstfix.scan.reduction import voxel_means
 from firstfix.transform import make_transform, rotation_z
 from firstfix_builder.sources.check_map.check_map import check_map, has_fit_poses
 from firstfix_builder.sources.check_map.precision import check_precision
@@ -167,7 +168,7 @@ def test_a_map_with_y_up_has_no_findings_of_what_lies_along_z():
 
 def scanned(at: np.ndarray, turn_deg: float) -> np.ndarray:
     """The hall as one scan of 16 rings sees it: the nearest point in each direction."""
-    seen = np.concatenate([hall(), hall() + [0, 0, 0.003]]) - at
+    seen = hall(0.03) - at  # so dense that near directions have their points, too
     range_m = np.linalg.norm(seen, axis=1)
     turn = np.floor(np.degrees(np.arctan2(seen[:, 1], seen[:, 0])) / 0.5)
     rise = np.floor(np.degrees(np.arcsin(seen[:, 2] / range_m)) / 0.5)
@@ -183,6 +184,10 @@ def test_a_single_scan_is_named_in_its_own_frame_and_in_another(shift_m, turn_de
     (found,) = check(scanned(np.array([12.0, 8.0, 1.0]), turn_deg) + shift_m, None)
     assert found.code == "map_single_scan"
     np.testing.assert_allclose(found.places[0][:2], shift_m[:2], atol=1.5)
+
+
+def test_a_thin_map_of_one_room_is_no_single_scan(right: np.ndarray):
+    assert "map_single_scan" not in codes(voxel_means(right, 0.6))
 
 
 def with_some_twice(points: np.ndarray) -> np.ndarray:
@@ -207,7 +212,7 @@ def with_some_twice(points: np.ndarray) -> np.ndarray:
     ],
     ids=[
         *("doubles", "centimetres", "1/32 m", "0.1 m in x and y", "0.1 m", "0.25 m", "voxels of 0.1 m"),
-        *("voxels of 0.25 m", "float32"),
+        *("voxels of 0.25 m", "twice the same", "some twice", "float32"),
     ],
 )
 def test_the_step_of_coordinates_is_measured(right: np.ndarray, write, expected: str | None):
