@@ -68,7 +68,7 @@ def test_a_lost_store_is_restored_and_localizes(store, s3_url, small_scans, tmp_
     places[MAPS] = str(elsewhere)
     copied, listed = (run(command, places) for command in commands("Restore")[:2])
     assert not copied.startswith("0 ")
-    assert listed.split()[0] == "hall"
+    assert listed.splitlines()[1].split()[0] == "hall"
 
     port = free_port()
     settings = {

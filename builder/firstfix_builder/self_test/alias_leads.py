@@ -20,7 +20,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.known_aliases import is_any_of, known_aliases, not_far_behind
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.stopwatch import Stopwatch
-from firstfix.engine.told_apart import are_parted, may_lack
+from firstfix.engine.told_apart import are_parted, is_one_thing, may_lack
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, pose_error
@@ -86,8 +86,9 @@ def aliases_among(index: MapIndex, answer: Localization) -> tuple[int, ...]:
     known = known_aliases(index, T_level_sensor[0], None).T_level_sensor
     support = np.array([ranking.support(fit) for fit in fits])
     lacking = np.array([may_lack(ranking, fit.alignment_score, fit, fits[0]) for fit in fits])
+    is_small = np.array([is_one_thing(ranking, fit, fits[0]) for fit in fits])
     is_alike = is_any_of(known, T_level_sensor, ranking)
-    is_alike &= ~are_parted(support[0] - support, lacking, T_level_sensor[:, :3, 3])
+    is_alike &= ~are_parted(support[0] - support, lacking | is_small, T_level_sensor[:, :3, 3])
     return tuple(number for number in np.flatnonzero(is_alike).tolist() if number)
 
 

@@ -15,7 +15,7 @@ first use, so unused names cost no start-up time.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from firstfix import __version__
+from firstfix import __version__ as __version__
 
 if TYPE_CHECKING:
     from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
@@ -57,7 +57,6 @@ __all__ = [
     "VersionInfo",
     "VersionWatch",
     "ZenohClient",
-    "__version__",
 ]
 
 _HOME = {

@@ -59,7 +59,8 @@ def map_details(catalog: Catalog, map_id: str, sees_who: SeesWho = everybody) ->
     details = {**map_summary(map_id, state), "versions": len(state.published)}
     if state.active is None:
         return details
-    return {**details, **version_details(catalog, map_id, state.active, sees_who)}
+    told = version_details(catalog, map_id, state.active, sees_who)
+    return {**details, "provenance": told["provenance"], "manifest": told["manifest"]}
 
 
 def version_details(

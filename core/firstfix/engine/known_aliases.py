@@ -23,7 +23,7 @@ from .registered_candidate import RegisteredCandidate, distinct, features_of
 from .registration.surface import Surface
 from .retrieval.cascade import Templates
 from .stacked_places import is_stacked, stacked_places
-from .told_apart import are_parted, may_lack
+from .told_apart import are_parted, is_one_thing, may_lack
 
 
 def known_aliases(index: MapIndex, T_level_sensor: Matrix, prior: Prior | None) -> Candidates:
@@ -125,10 +125,11 @@ def with_look_alikes_marked(
     lacking = np.array(
         [may_lack(ranking, one.registration.alignment_score, one.quality, best.quality) for one in registered]
     )
+    is_small = np.array([is_one_thing(ranking, one.quality, best.quality) for one in registered])
     aliases, at_m = known_aliases(index, T_level_sensor[0], prior).T_level_sensor, T_level_sensor[:, :3, 3]
     is_known = is_any_of(aliases, T_level_sensor, ranking)
     is_alike = is_known & (np.abs(lead) < index.calibration.alias_margin)
-    is_alike &= ~are_parted(lead, lacking, at_m)
+    is_alike &= ~are_parted(lead, lacking | is_small, at_m)
     doubted = lacking & (lead < ranking.rival_within)
     is_alike |= doubted if best.registration.is_in_motion else doubted & is_stacked(at_m[0], at_m)
     is_alike[0] = False

@@ -19,10 +19,11 @@ _LEADS_BY = 0.08  # of support: less is what things that move may give to a look
 _AGREES = 0.4  # inlier ratio below which not even the walls agree
 _EXPLAINED = 0.7  # alignment score from which on the map has most of what the scan shows
 _CLEARLY = 0.02  # of support, by which a place is contradicted more than the best one, or less
+_ONE_THING = 0.05  # of the alignment score: a person at 2 m covers four in a hundred points
 
 
 def are_parted(
-    lead: NDArray[np.float64], may_be_missing: NDArray[np.bool_], at_m: NDArray[np.float64]
+    lead: NDArray[np.float64], is_doubtful: NDArray[np.bool_], at_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """(k,) which of k places, the best one first, a scan tells from the best.
 
@@ -30,11 +31,20 @@ def are_parted(
 
     Args:
         lead: (k,) of the best one's support over theirs.
-        may_be_missing: (k,) by ``may_lack``.
+        is_doubtful: (k,) by ``may_lack`` or ``is_one_thing``.
         at_m: (k, 3) of the sensor, in the level frame.
     """
-    found: NDArray[np.bool_] = (lead >= _LEADS_BY) & ~may_be_missing & ~is_stacked(at_m[0], at_m)
+    found: NDArray[np.bool_] = (lead >= _LEADS_BY) & ~is_doubtful & ~is_stacked(at_m[0], at_m)
     return found
+
+
+def is_one_thing(ranking: RankingConfig, place: AlignmentQuality, best: AlignmentQuality) -> bool:
+    """Whether one thing that moved may give the best place its lead over another.
+
+    Where both explain nearly all of the scan, support spreads what a person hides to a clear lead.
+    """
+    by = ranking.contradiction(place) - ranking.contradiction(best)
+    return best.alignment_score - place.alignment_score < _ONE_THING and by < _CLEARLY
 
 
 def may_lack(

@@ -17,7 +17,7 @@ from firstfix.engine.ranking import RANKING
 from firstfix.engine.registered_candidate import RegisteredCandidate, features_of
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
-from firstfix.engine.told_apart import are_parted, may_lack
+from firstfix.engine.told_apart import are_parted, is_one_thing, may_lack
 from firstfix.transform import make_transform
 
 BEST = AlignmentQuality(0.91, 0.88, 0.0, 0.0105)
@@ -56,6 +56,15 @@ def test_a_map_whose_surfaces_have_all_moved_tells_nothing_by_them():
     """Most parked vehicles have left, at the true place as well."""
     gone = AlignmentQuality(0.8, 0.75, 0.0, 0.6)
     assert lacks(AlignmentQuality(0.6, 0.5, 0.0, 0.65), gone)
+
+
+def test_a_person_gives_no_look_alike_its_lead():
+    """Two wards of a hospital: 3 in a hundred points do not fit in the true one, where somebody stood."""
+    best, true = AlignmentQuality(1.0, 0.984, 0.0, 0.0), AlignmentQuality(0.972, 0.951, 0.0, 0.0)
+    assert RANKING.support(best) - RANKING.support(true) > 0.1
+    assert is_one_thing(RANKING, true, best)
+    assert not is_one_thing(RANKING, AlignmentQuality(0.93, 0.91, 0.0, 0.0), best)
+    assert not is_one_thing(RANKING, AlignmentQuality(0.972, 0.951, 0.01, 0.0), best)
 
 
 def test_a_look_alike_is_told_apart_by_a_clear_lead():

@@ -41,7 +41,9 @@ def test_a_rebuild_repeats_the_build_of_the_active_version(catalog: Catalog, tmp
     build_id = rebuild(catalog, "hall")
     request = catalog.builds.request("b1")
     del request["traceparent"], request["owner"]
-    assert catalog.builds.request(build_id) == request
+    asked = catalog.builds.request(build_id)
+    assert asked.pop("command") == f"rebuild of version {version}"
+    assert asked == request
     assert catalog.builds.status(build_id)["state"] == "queued"
     assert catalog.builds.ids()[0] == build_id, "its time sorts before b1"
 
@@ -66,6 +68,7 @@ def test_a_patch_is_a_build_of_the_same_sources(catalog: Catalog, tmp_path: Path
     version = built(catalog, tmp_path, patch="propose")
     request = catalog.builds.request(request_patch(catalog, "hall"))
     assert request.pop("patch") == {"base": version, "mode": "propose"}
+    assert version in request.pop("command")
     before = catalog.builds.request("b1")
     assert request == {name: before[name] for name in request}
     assert "owner" not in request

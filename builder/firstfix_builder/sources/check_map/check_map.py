@@ -102,6 +102,8 @@ def _of_heights(
 ) -> Iterator[Callable[[], Finding | None]]:
     """The checks of floors, and of the poses over them."""
     places = MapPlaces.of(points)
+    if not len(places.at):
+        return  # too thin to tell of heights
     under = None if poses is None else FloorsUnder.of(points, poses)
     yield lambda: check_ground(under, places, origin)
     if any(one.code == MAP_NO_GROUND.code for one in found):

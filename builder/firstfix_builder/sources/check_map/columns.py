@@ -102,7 +102,7 @@ class Columns:
         size = len(places) * bins
         return cls(
             low_m,
-            met.reshape(len(places), bins, -1),
+            met.reshape(len(places), bins, len(_OFFSETS)),
             np.bincount(place, weights=over_m, minlength=size).astype(np.float64).reshape(-1, bins),
             np.bincount(place, minlength=size).reshape(-1, bins),
         )

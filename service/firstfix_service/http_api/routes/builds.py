@@ -94,7 +94,8 @@ def get_build(build_id: BuildId, builds: BuildPartsDep, caller: CallerDep, respo
     State `unreadable`: the build's record in the store is damaged.
     """
     details = builds.catalog.builds.details(build_id)
-    if details["caller"] != caller.name and not caller.grant.allows(Scope.ADMIN):
+    sees_who = details["caller"] == caller.name or caller.grant.allows(Scope.ADMIN)
+    if not details["caller"] or not sees_who:
         del details["caller"]
     if details["state"] not in FINAL_STATES:
         response.headers["Retry-After"] = str(RETRY_AFTER_S)

@@ -16,7 +16,7 @@ LOGGED = {
     ("firstfix/decode.py", "decoder_of"): "look up media type",
     ("wire/content_encoding.py", "decompressor_of"): "look up content encoding",
     ("firstfix/ids.py", "check_map_id"): "check map id",
-    ("firstfix/ids.py", "check_version"): "check version",
+    ("catalog/version_prefix.py", "check_prefix"): "check version",
     ("auth/principal.py", "check"): "check scope",
     ("auth/principal.py", "check_map"): "check map of caller",
     ("auth/authenticate.py", "permit"): "take from rate limit",
