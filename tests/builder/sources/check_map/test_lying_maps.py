@@ -13,7 +13,6 @@ from firstfix_builder.sources.check_map.precision import check_precision
 from firstfix_builder.sources.check_map.sensor_poses import with_sensor_poses
 from firstfix_builder.sources.check_map.shape import Shape
 from firstfix_builder.sources.read_map.map_data import MapData, local_origin, subtract_origin
-from firstfix_lab.worlds import make_world
 from tests.builder.sources.check_map.even_hall import SENSOR_M, SIZE, hall, posed, way
 from tests.every_case import every_case
 
@@ -185,13 +184,6 @@ def test_a_single_scan_is_named_in_its_own_frame_and_in_another(shift_m, turn_de
     (found,) = check(scanned(np.array([12.0, 8.0, 1.0]), turn_deg) + shift_m, None)
     assert found.code == "map_single_scan"
     np.testing.assert_allclose(found.places[0][:2], shift_m[:2], atol=1.5)
-
-
-def test_the_way_up_and_down_a_staircase_doubles_no_floor():
-    world = make_world("office", seed=13)  # of two storeys
-    there_and_back = np.concatenate([world.trajectory, world.trajectory[::-1]])
-    found = check_map(MapData(points=world.cloud, trajectory=there_and_back), there_and_back)
-    assert [one.code for one in found] == []
 
 
 def test_a_thin_map_of_one_room_is_no_single_scan(right: np.ndarray):
