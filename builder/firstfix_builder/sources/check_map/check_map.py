@@ -85,10 +85,11 @@ def _checks(
     yield lambda: check_doubled_walls(
         surfaces(points, doubled_walls.VOXEL_M, doubled_walls.MAX_POINTS), origin
     )
+    if any(one.code == MAP_NOT_LEVEL.code for one in found):
+        return  # the checks that follow look along z
     yield lambda: check_single_scan(points, poses, origin)
-    told = {one.code for one in found}
-    if told & {MAP_NOT_LEVEL.code, MAP_SINGLE_SCAN.code}:
-        return  # no floors are below it, or few
+    if any(one.code == MAP_SINGLE_SCAN.code for one in found):
+        return  # it has few floors
     yield from _of_heights(points, poses, shape, origin, found)
 
 

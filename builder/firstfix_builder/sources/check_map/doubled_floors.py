@@ -23,6 +23,7 @@ LEAST_M, MOST_M = 0.12, 0.8  # lower is noise, higher a storey of its own
 # Poses.
 NEAR_M, STEEP = 0.6, 0.2  # a ramp rises between two poses that are not at one place
 AWAY_M = 4.0  # along the way
+_SHAKEN_M = 0.03  # a robot that stands still, and noise of its poses
 MIN_PROVEN, PROVEN_SHARE = 4, 0.3  # of the places that were passed at two heights
 _PLACE_M, _SAMPLED_POSES, _SAMPLED_PAIRS = 1.0, 3000, 300
 _LOW_M, _HIGH_M, _FLOOR_M = -5.0, 1.0, 0.3  # over the lower pose: what is looked at, the highest floor
@@ -77,6 +78,7 @@ def _passed_twice(points: NDArray[np.float64], way: NDArray[np.float64]) -> _Fou
     at = way[rows_by_chance(len(way), _SAMPLED_POSES)]
     pairs = cKDTree(at[:, :2]).query_pairs(NEAR_M, output_type="ndarray")
     along_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
+    pairs = pairs[~_climbs(at)[pairs].any(axis=1)]
     first, second = pairs[np.abs(np.subtract(*along_m[pairs.T])) > AWAY_M].T
     apart_m = np.abs(at[first, 2] - at[second, 2])
     middle = (at[first] + at[second]) / 2
@@ -101,6 +103,14 @@ def _passed_twice(points: NDArray[np.float64], way: NDArray[np.float64]) -> _Fou
     if proven.sum() < max(MIN_PROVEN, PROVEN_SHARE * len(rows)):
         return None
     return middle[rows[proven]], apart_m[rows[proven]], high_share * float(proven.mean())
+
+
+def _climbs(way: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether (m,) of (m, 3) poses are on stairs: up and down them, a place has all heights."""
+    step = np.diff(way, axis=0)
+    is_steep = np.abs(step[:, 2]) > STEEP * np.linalg.norm(step[:, :2], axis=1) + _SHAKEN_M
+    climbs: NDArray[np.bool_] = np.append(is_steep, False) | np.append(False, is_steep)
+    return climbs
 
 
 def _in_two_layers(places: MapPlaces, spacing_m: float) -> _Found | None:

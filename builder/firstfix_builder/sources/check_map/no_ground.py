@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from firstfix.findings.finding import Finding
 from firstfix.findings.map_kinds import MAP_NO_GROUND
@@ -23,6 +24,7 @@ _WALL_M = (0.6, 2.1)  # over the ground
 _STRETCH_M = 0.25  # of a wall, with points
 _FLOOR_M = 0.8  # over the lowest points around: ground slopes
 _THICK = 4
+STOREY_M, _SAME_PLACE_M = 2.0, 6.0  # between the poses of two storeys, and across: ways in them differ
 
 
 def check_ground(under: FloorsUnder | None, places: MapPlaces, origin: NDArray[np.float64]) -> Finding | None:
@@ -37,8 +39,9 @@ def check_ground(under: FloorsUnder | None, places: MapPlaces, origin: NDArray[n
     if under is not None and len(under.at) >= MIN_POSES:
         if bare.mean() < BARE_PLACES:
             return None  # there is ground, and poses that are not over it are no poses of this map
-        bare = ~np.isfinite(under.height_m)
-        at, least, what = under.at, LEAST_UNDER, "poses"
+        lowest = _lowest(under.at)
+        bare = ~np.isfinite(under.height_m[lowest])
+        at, least, what = under.at[lowest], LEAST_UNDER, "poses"
     else:
         walled = _walled(places)
         if walled.sum() < max(MIN_WALLED, MIN_WALLED_SHARE * len(walled)):
@@ -50,6 +53,15 @@ def check_ground(under: FloorsUnder | None, places: MapPlaces, origin: NDArray[n
     told = marked(at[bare], origin)
     numbers = {"bare_share": share, "count": len(at)}
     return MAP_NO_GROUND.found(numbers, what=what, near=in_words(told)).at(told)
+
+
+def _lowest(at: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether (m,) of (m, 3) positions have none a storey below: that storey's ceiling looks like a floor."""
+    near = cKDTree(at[:, :2]).query_pairs(_SAME_PLACE_M, output_type="ndarray")
+    lower, upper = np.take_along_axis(near, np.argsort(at[near, 2], axis=1), axis=1).T
+    is_lowest = np.ones(len(at), bool)
+    is_lowest[upper[at[upper, 2] - at[lower, 2] > STOREY_M]] = False
+    return is_lowest
 
 
 def _bare(places: MapPlaces) -> NDArray[np.bool_]:

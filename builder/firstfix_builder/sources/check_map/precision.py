@@ -15,7 +15,10 @@ _SAMPLED_POINTS = 20_000
 _STEPPED_SHARE = 0.98  # of the values: stray points may have other digits
 _OFF_STEP = 0.02  # of a step: a product with a scale is not exact
 # Voxels have a point each: no two points of a map of voxels are equal. Of rounded points many are.
-_EQUAL_SHARE = 0.005
+# Points that were as far apart as the step or nearer share their place with another in a third and more: only
+# then the step is coarser than the points were. A few twins are those of two maps of voxels that overlap.
+_EQUAL_SHARE, _COARSER_SHARE = 0.005, 0.2
+_COPIED_SHARE = 0.9  # of the places have equally many points: a map of voxels that is there several times
 _DIGITS = (5, 7)  # of text with few digits: the step is so many powers of ten below the numbers
 
 
@@ -44,7 +47,8 @@ def _in_steps(sample: NDArray[np.float64], coordinates: NDArray[np.float64]) -> 
     if step_m < ROUNDED_M:
         return None
     is_text = steps_m[2] < step_m / 2
-    if not is_text and _equal_share(coordinates) < _EQUAL_SHARE:
+    equal_share = _equal_share(coordinates)
+    if not is_text and equal_share < _EQUAL_SHARE:
         return None
     axes = [axis for axis, step in zip("xyz", steps_m, strict=True) if step >= ROUNDED_M]
     largest_m = float(np.abs(sample).max())
@@ -61,7 +65,8 @@ def _in_steps(sample: NDArray[np.float64], coordinates: NDArray[np.float64]) -> 
         )
     numbers = {**_shift(sample), "largest_m": largest_m, "step_m": step_m}
     words = {"axes": ", ".join(axes), "cause": cause, "export": remedy}
-    return (MAP_DIGITS_LOST if step_m > 1.01 * LOST_M else MAP_DIGITS_FEW).found(numbers, **words)
+    is_lost = step_m > 1.01 * LOST_M and (is_text or equal_share >= _COARSER_SHARE)
+    return (MAP_DIGITS_LOST if is_lost else MAP_DIGITS_FEW).found(numbers, **words)
 
 
 def _step_of(values: NDArray[np.float64]) -> float:
@@ -83,7 +88,9 @@ def _equal_share(coordinates: NDArray[np.float64]) -> float:
     order = np.argsort(coordinates[:, 0], kind="stable")
     half = len(order) // 2
     part = coordinates[order[max(0, half - _SAMPLED_POINTS) : half + _SAMPLED_POINTS]]
-    return 1 - len(np.unique(part, axis=0)) / len(part)
+    _, count = np.unique(part, axis=0, return_counts=True)
+    copied = np.count_nonzero(count == np.median(count)) / len(count)
+    return 0.0 if copied >= _COPIED_SHARE and np.median(count) > 1 else 1 - len(count) / len(part)
 
 
 def _shift(sample: NDArray[np.float64]) -> dict[str, float]:

@@ -23,6 +23,9 @@ from .told_places import marked
 MOST_HIDDEN, MOST_GROWTH = 0.15, 0.45
 MOST_POSES = 2  # a map of more was not taken from one place
 DIRECTION_DEG = 1.0
+# Of thin maps a direction has one point, near or far. In directions twice as wide the number grows with the
+# range: of maps in voxels of 0.5 m by 0.73 and more, of scans by 0.46 at most.
+WIDE_DEG, MOST_WIDE_GROWTH = 2.0, 0.6
 BEHIND = 1.3  # times as far: what is behind something else, and no slanted surface
 _SAMPLED_POINTS, _MIN_DIRECTIONS = 60_000, 200
 _NEAREST_M = 0.3
@@ -43,8 +46,9 @@ def check_single_scan(
         return None
     sample = points[rows_by_chance(len(points), _SAMPLED_POINTS)]
     for at in _viewpoints(sample, poses, origin):
-        hidden, growth = _as_seen(sample - at)
-        if hidden < MOST_HIDDEN and growth < MOST_GROWTH:
+        hidden, growth = _as_seen(sample - at, DIRECTION_DEG)
+        is_seen = hidden < MOST_HIDDEN and growth < MOST_GROWTH
+        if is_seen and _as_seen(sample - at, WIDE_DEG)[1] < MOST_WIDE_GROWTH:
             place = marked(at[None], origin)
             x, y, z = place[0]
             numbers = {"hidden_share": hidden, "growth": growth, "points": len(points)}
@@ -71,8 +75,8 @@ def _densest(sample: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([*middle, np.quantile(sample[near, 2], _LEVEL) + _OVER_M])
 
 
-def _as_seen(seen: NDArray[np.float64]) -> tuple[float, float]:
-    """How (n, 3) points look from the origin.
+def _as_seen(seen: NDArray[np.float64], direction_deg: float) -> tuple[float, float]:
+    """How (n, 3) points look from the origin, in directions so wide.
 
     Returns:
         share of the directions in which something is behind something else, and the power of the range with
@@ -81,8 +85,8 @@ def _as_seen(seen: NDArray[np.float64]) -> tuple[float, float]:
     range_m = np.linalg.norm(seen, axis=1)
     far = range_m > _NEAREST_M
     seen, range_m = seen[far], range_m[far]
-    turn = np.floor(np.degrees(np.arctan2(seen[:, 1], seen[:, 0])) / DIRECTION_DEG)
-    rise = np.floor(np.degrees(np.arcsin(seen[:, 2] / range_m)) / DIRECTION_DEG)
+    turn = np.floor(np.degrees(np.arctan2(seen[:, 1], seen[:, 0])) / direction_deg)
+    rise = np.floor(np.degrees(np.arcsin(seen[:, 2] / range_m)) / direction_deg)
     direction = turn * 1000 + rise
     order = np.lexsort((range_m, direction))
     direction, range_m = direction[order], range_m[order]

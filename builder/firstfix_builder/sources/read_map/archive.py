@@ -25,6 +25,7 @@ _PIECE = 1 << 20
 _END, _END_64 = b"PK\5\6", b"PK\6\6"  # of the list of files
 _END_BYTES, _END_64_BYTES, _LOCATOR_BYTES = 22, 56, 20
 _MAX_COMMENT = 65_535
+_SYSTEM_FILES = (".DS_Store", "Thumbs.db", "desktop.ini")
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # Others reserve the memory that the archive asks for.
 _PACKED_BY = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2)
@@ -48,7 +49,7 @@ def unpack(archive: Path, folder: Path) -> Path:
     with _damage_named(archive):
         _check_directory(archive)
         with zipfile.ZipFile(archive) as opened:
-            entries = [entry for entry in opened.infolist() if entry.filename[-1:] != "/"]
+            entries = [entry for entry in opened.infolist() if _counts(entry)]
             _check(archive, entries, folder)
             for entry in entries:
                 target = folder.joinpath(*_parts(archive, entry))
@@ -59,6 +60,12 @@ def unpack(archive: Path, folder: Path) -> Path:
         raise MalformedData(f"{archive.name}: there is no file in it")
     is_wrapped = len(inside) == 1 and inside[0].is_dir() and inside[0].name != MAPPING_SCANS
     return inside[0] if is_wrapped else folder
+
+
+def _counts(entry: zipfile.ZipInfo) -> bool:
+    """Whether an entry is a file, and none that macOS and Windows add of themselves."""
+    name = entry.filename.rsplit("/", 1)[-1]
+    return bool(name) and name not in _SYSTEM_FILES and not name.startswith("._")
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,10 +19,13 @@ from .folders.joined_clouds import joined, read_clouds
 from .folders.kiss_slam import is_kiss_slam_run, read_kiss_slam_run
 from .folders.one_frame import intervals_in, read_intervals, read_parts_of_map
 from .folders.rtabmap import is_rtabmap_export, read_rtabmap_export
+from .folders.unfinished import missing_part
 from .glim import is_glim_dump, read_glim_dump
 from .map_data import MapData
 from .map_file import READERS, RECORDING_REASON, RECORDINGS, TEXTS, is_mesh_file, named_program, read_map_file
 from .trajectory import read_trajectory
+from .visible_files import is_hidden, visible_files
+from .what_was_read import LeftOut, plain
 
 
 @dataclass(frozen=True)
@@ -96,13 +100,14 @@ def read_map_folder(path: Path) -> MapData:
     if kind is not None:
         data = kind.read(path)
         return data if data.trajectory is not None else _with_poses(data, path)
-    names = {entry.name for entry in path.iterdir() if entry.is_file()}
+    names = {file.name for file in visible_files(path)}
     layout = next((layout for layout in LAYOUTS if names & set(layout.clouds)), None)
     if layout is not None:
         files = [path / name for name in layout.clouds if name in names]
         data = joined(read_clouds(files))
         clouds = tuple(file.name for file in files)
         told = replace(data.read, form=f"{layout.package}'s folder", program=layout.package, clouds=clouds)
+        told = told.without(*(LeftOut(name, _NOT_THERE) for name in layout.clouds if name not in names))
         return _with_poses(replace(data, read=told), path)
     files = _map_files(path, names)
     if len(files) > 1:
@@ -133,16 +138,19 @@ def _trajectory_name(path: Path) -> str | None:
 
 def mesh_files(path: Path) -> list[Path]:
     """The files, by name, of a folder whose maps are several meshes; nothing of any other folder."""
-    files = sorted(file for file in path.iterdir() if file.suffix.lower() in READERS)
-    files = [file for file in files if file.is_file() and file.name not in TRAJECTORIES]
+    files = [file for file in visible_files(path) if file.suffix.lower() in READERS]
+    files = [file for file in files if file.name not in TRAJECTORIES]
     return files if len(files) > 1 and all(is_mesh_file(file) for file in files) else []
 
 
 def _map_files(path: Path, names: set[str]) -> list[Path]:
     """The map files of a folder of no known program. Texts beside other clouds are poses, times and notes."""
-    readable = sorted(name for name in names - set(TRAJECTORIES) if Path(name).suffix.lower() in READERS)
+    readable = sorted(name for name in names - set(TRAJECTORIES) if _may_be_map(name))
     clouds = [name for name in readable if Path(name).suffix.lower() not in TEXTS]
     found = [path / name for name in clouds or readable]
+    lacking = "" if found else missing_part(path)
+    if lacking:
+        raise UnsupportedFormat(lacking)
     if len(found) == 1 or (len(found) > 1 and clouds and not any(map(is_mesh_file, found))):
         return found
     if any(Path(name).suffix.lower() in RECORDINGS for name in names):
@@ -150,10 +158,23 @@ def _map_files(path: Path, names: set[str]) -> list[Path]:
     foreign = next((reason for name in sorted(names) if (reason := named_program(path / name))), None)
     if foreign is not None and not found:
         raise UnsupportedFormat(foreign)
+    inner = sorted(plain(one.name) for one in path.iterdir() if one.is_dir() and not is_hidden(one.name))
+    if inner and not found:
+        told = ", ".join(inner[:_TOLD_FOLDERS]) + (" ..." if len(inner) > _TOLD_FOLDERS else "")
+        raise UnsupportedFormat(f"the folder has no map file, but folders: {told}. Give the one of the map")
     known = ", ".join(dict.fromkeys(one.program for one in KINDS) | dict.fromkeys(_PACKAGES))
     raise UnsupportedFormat(
         f"the folder is of none of {known}, and has {len(found)} map files instead of one"
     )
 
 
+def _may_be_map(name: str) -> bool:
+    is_note = name in _NOTES or _POSES.fullmatch(name) is not None
+    return Path(name).suffix.lower() in READERS and not is_note
+
+
+_POSES = re.compile(r".*_poses(_tum|_kitti)?\.(npy|txt|csv)")
+_NOTES = ("times.txt", "special_nodes.csv")  # SC-LIO-SAM's, hdl_graph_slam's
 _PACKAGES = [layout.package for layout in LAYOUTS]
+_NOT_THERE = "it belongs to the map, and is not there"
+_TOLD_FOLDERS = 3

@@ -28,6 +28,7 @@ from .map_folder import TRAJECTORIES
 from .mapping_scans import MappingScans
 from .posed_scans import POSES
 from .scan_folders import scan_folder_in
+from .visible_files import visible_files
 from .what_was_read import LeftOut, WhatWasRead, plain
 
 VOXEL_M = 0.05
@@ -60,7 +61,7 @@ def is_map_of_scans(source: Path) -> bool:
         return False
     if found.program:
         return True
-    files = [path for path in source.iterdir() if path.is_file() and path.name not in TRAJECTORIES]
+    files = [path for path in visible_files(source) if path.name not in TRAJECTORIES]
     return not any(path.suffix.lower() in READERS for path in files)
 
 

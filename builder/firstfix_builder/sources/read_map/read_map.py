@@ -20,6 +20,7 @@ from .map_file import read_map_file
 from .map_folder import mesh_files, read_map_folder, trajectory_in
 from .map_of_scans import is_map_of_scans, read_map_of_scans
 from .trajectory import read_trajectory
+from .visible_files import is_hidden
 
 
 def content_hash(path: Path) -> str:
@@ -29,7 +30,7 @@ def content_hash(path: Path) -> str:
     digest = hashlib.sha256()
     for file in sorted(path.rglob("*")):
         name = file.relative_to(path).as_posix()
-        if file.is_file() and not any(part.startswith(".") for part in name.split("/")):
+        if file.is_file() and not any(map(is_hidden, name.split("/"))):
             digest.update(f"{name}\0{sha256_of(file)}\n".encode())
     return digest.hexdigest()
 
@@ -88,10 +89,12 @@ def with_given(data: MapData, trajectory: Path, scale: float) -> MapData:
         InvalidOption: the map says that it is not in metres, and nobody says what the poses are in.
     """
     if scale == 1.0 and data.metres != (1.0, 1.0):
-        across_m, _ = data.metres
+        across_m, up_m = data.metres
+        remedy = f"give --scale {across_m:.10g} if they are in the same, or both files in metres"
+        if across_m != up_m:  # a scale would be that of the heights, too
+            remedy = "give both files in metres"
         raise InvalidOption(
-            f"the map says that it is in {data.read.unit}, and the poses do not say their unit: give "
-            f"--scale {across_m:.10g} if they are in the same, or both files in metres"
+            f"the map says that it is in {data.read.unit}, and the poses do not say their unit: {remedy}"
         )
     read = replace(data.read, poses=trajectory.name)
     return replace(data, trajectory=read_trajectory(trajectory), trajectory_source="given", read=read)

@@ -23,12 +23,15 @@ from .file_errors import naming
 from .posed_scans import POSES, read_poses
 from .rigid import rigid_matrices
 from .trajectory import read_trajectory
+from .what_was_read import plain
 
 FOLDER = "mapping_scans"
 # A scan's path from the folder, and its pose: words, the pose, or why there is none.
 Row = tuple[str, Sequence[str] | Matrix]
 
 _NUMBERED = re.compile(r"\d{1,9}")
+_LAST_NUMBER = re.compile(r"\d{1,9}$")
+_CLOUDS = "[!.]*.pcd"
 _OPTIMIZED = "optimized_poses.txt"
 _MAX_DATA_BYTES = 1 << 20
 
@@ -60,7 +63,7 @@ def scan_folder_in(source: Path) -> ScanFolder | None:
     if not source.is_dir():
         return None
     scans = source / "Scans"
-    if (source / _OPTIMIZED).is_file() and scans.is_dir() and any(scans.glob("*.pcd")):
+    if (source / _OPTIMIZED).is_file() and scans.is_dir() and any(scans.glob(_CLOUDS)):
         return ScanFolder("SC-LIO-SAM", scans, "Scans", _OPTIMIZED, lambda: _of_sc_lio_sam(source, scans))
     if (source / "graph.g2o").is_file() and any(_hdl_keyframes(source)):
         return ScanFolder("hdl_graph_slam", source, "keyframes", "data", lambda: [*_of_hdl(source)])
@@ -74,11 +77,25 @@ def _of_ours(poses: Path) -> list[Row]:
 
 def _of_sc_lio_sam(source: Path, scans: Path) -> list[Row]:
     poses = read_trajectory(source / _OPTIMIZED)
-    rows: list[Row] = []
-    for place, file in enumerate(sorted(scans.glob("*.pcd"))):
-        number = int(file.stem) if _NUMBERED.fullmatch(file.stem) else place
-        rows.append((file.name, poses[number] if number < len(poses) else ()))
-    return rows
+    files = sorted((_number_of(file), file.name) for file in sorted(scans.glob(_CLOUDS)))
+    twice = next((files[at][1] for at in range(1, len(files)) if files[at][0] == files[at - 1][0]), None)
+    if twice is not None:
+        raise MalformedData(f"two scans have the number of {plain(twice)}")
+    first, last = files[0][0], files[-1][0]
+    if first > 0 and last == len(poses):
+        raise MalformedData(
+            f"the scans are numbered {first} to {last}, and there are {last} poses: does row {first} or row "
+            f"{first + 1} belong to {files[0][1]}? Number the scans from 0"
+        )
+    return [(name, poses[number] if number < len(poses) else ()) for number, name in files]
+
+
+def _number_of(scan: Path) -> int:
+    """Number at the end of a scan's name: the place in the order of names is another where one is missing."""
+    found = _LAST_NUMBER.search(scan.stem)
+    if found is None:
+        raise MalformedData(f"{plain(scan.name)} has no number, so nothing tells which pose is its own")
+    return int(found[0])
 
 
 def _hdl_keyframes(source: Path) -> Iterator[Path]:

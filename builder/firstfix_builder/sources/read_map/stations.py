@@ -21,7 +21,7 @@ NEAR_POINTS = 3  # fewer are noise
 _SAME = 1e-6
 
 _IDENTITY = "the identity, which merged files have"
-_SHIFT = "a shift by whole metres, which tells where the coordinates begin"
+_SHIFT = "no turn, and a shift by whole metres: it tells where the coordinates begin"
 _SHARED = "all scans have the same"
 _OUTSIDE = "outside the scan's own points: no scanner stood there"
 _NEAR = f"points lie within {LEAST_RANGE_M} m of it: no scanner stood there"
@@ -53,16 +53,18 @@ class Stations:
 
     def _common(self) -> str:
         """Reason why the poses of all scans tell nothing; empty if they may."""
-        poses = [T for T, _ in self._judged]
-        if not poses or any(np.abs(T - poses[0]).max() > _SAME for T in poses):
+        poses = np.array([T for T, _ in self._judged]).reshape(-1, 4, 4)
+        if not len(poses):
             return ""
-        if np.abs(poses[0] - np.eye(4)).max() <= _SAME:
+        is_same = np.abs(poses - poses[0]).max() <= _SAME
+        if is_same and np.abs(poses[0] - np.eye(4)).max() <= _SAME:
             return _IDENTITY
-        if len(poses) > 1:
+        if is_same and len(poses) > 1:
             return _SHARED
-        turn, shift = poses[0][:3, :3], poses[0][:3, 3]
-        is_shift = np.abs(turn - np.eye(3)).max() <= _SAME and np.abs(shift - shift.round()).max() <= _SAME
-        return _SHIFT if is_shift else ""
+        shifts = poses.copy()
+        shifts[:, :3, :3] = np.eye(3)
+        shifts[:, :3, 3] = shifts[:, :3, 3].round()
+        return _SHIFT if np.abs(poses - shifts).max() <= _SAME else ""
 
 
 def why_no_station(points: NDArray[np.float64]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,6 +23,9 @@ MAX_TRAJECTORY_BYTES = 500_000_000
 G2O_POSE = "VERTEX_SE3:QUAT"
 _SNIFFED_BYTES = 65_536
 _NAMED = "tx, ty, tz, qx, qy, qz, qw"
+_COMMENT = ("#", "%", "//")
+_COMMENTS = re.compile(rb"(?:#|%|//)[^\r\n]*")  # people write their own language in them
+_W_FIRST = re.compile(r"\bq?[\W_]*w\W*q?[\W_]*x\W*q?[\W_]*y\W*q?[\W_]*z\b", re.IGNORECASE)
 
 
 def read_trajectory(path: Path) -> NDArray[np.float64]:
@@ -86,28 +90,36 @@ def _from_g2o(raw: bytes) -> NDArray[np.float64]:
 def _from_text(raw: bytes, file_name: str) -> NDArray[np.float64]:
     """By the names of the columns, or by the number of them."""
     named: PoseColumns | None = None
+    says_w_first = False
     delimiter = None
     for line in _first_lines(raw):
         delimiter = next((mark for mark in ",;" if mark in line), None)
-        is_comment = line.startswith("#")
-        found = columns_of(line.lstrip("# \t"), delimiter)
+        is_comment = line.startswith(_COMMENT)
+        found = columns_of(line.lstrip("#%/ \t"), delimiter)
         if is_comment:
             named = found or named
+            says_w_first |= found is None and _W_FIRST.search(line) is not None
         elif found is not None:
-            return _from_table(raw, line, delimiter, found)
+            return _from_table(raw, delimiter, found, names_above=1)
         else:
             words = line.split(delimiter)
+            if named is not None and len(words) == named.width and not all(map(is_number, words)):
+                return _from_table(raw, delimiter, named, names_above=0)
             if len(words) > 1 and not any(map(is_number, words)):
                 raise MalformedData(f"poses: {line[:80]!r}, the line of names, does not name {_NAMED}")
             break
-    rows = parse_rows("poses", raw, delimiter=delimiter, comments="#")
-    if named is None or not len(rows):
-        return _by_width(rows, file_name)
-    if rows.shape[1] == named.width:
+    rows = parse_rows("poses", _COMMENTS.sub(b"", raw), delimiter=delimiter)
+    if named is not None and len(rows) and rows.shape[1] == named.width:
         return named.poses(rows)
-    if list(named.places) != sorted(named.places):  # such as w first: the width alone would misread it
+    # the width alone would misread what is named in another order, such as w first
+    if named is not None and len(rows) and list(named.places) != sorted(named.places):
         raise MalformedData(
             f"poses: a comment names {named.width} columns, and the rows have {rows.shape[1]} numbers"
+        )
+    if named is None and says_w_first:
+        raise MalformedData(
+            "poses: a comment says that w is the quaternion's first number: name all columns in one line, as "
+            "# timestamp x y z qw qx qy qz"
         )
     return _by_width(rows, file_name)
 
@@ -118,24 +130,28 @@ def _first_lines(raw: bytes) -> Iterator[str]:
         text = line.strip()
         if text:
             yield text
-        if text and not text.startswith("#"):
+        if text and not text.startswith(_COMMENT):
             return
 
 
-def _from_table(raw: bytes, header: str, delimiter: str | None, columns: PoseColumns) -> NDArray[np.float64]:
-    """Rows below a line of names. Rows with an empty pose are left out: "not in this map"."""
+def _from_table(
+    raw: bytes, delimiter: str | None, columns: PoseColumns, *, names_above: int
+) -> NDArray[np.float64]:
+    """Rows below the line of names, if it is no comment. Those with an empty pose are "not in this map"."""
     try:
         lines = raw.decode("utf-8").splitlines()
     except UnicodeDecodeError as error:
         raise MalformedData(f"poses: {error}") from error
-    first = next(number for number, line in enumerate(lines) if line.strip() == header) + 1
     if any(len(line) > MAX_LINE_BYTES for line in lines):
         raise MalformedData(f"poses: a line is longer than {MAX_LINE_BYTES} bytes")
-    rows = lines[first:]
+    rows = [line for line in lines if line.strip() and not line.lstrip().startswith(_COMMENT)][names_above:]
     try:
         table = list(csv.reader(rows, delimiter=delimiter)) if delimiter else [row.split() for row in rows]
     except csv.Error as error:
         raise MalformedData(f"poses: {error}") from error
+    if table and all(len(row) == 1 for row in table):
+        between = "spaces" if delimiter is None else repr(delimiter)
+        raise MalformedData(f"poses: the line of names has {between} between its columns, and no row has")
     numbers = []
     for number, row in enumerate((row for row in table if row), start=1):
         words = [row[place].strip() if place < len(row) else "" for place in columns.places]

@@ -10,16 +10,18 @@ SIZE = np.array([40.0, 16.0, 4.0])
 SENSOR_M, SPACING_M, NOISE_M = 1.0, 0.14, 0.01
 
 
-def sheet(low: tuple[float, float, float], high: tuple[float, float, float]) -> np.ndarray:
+def sheet(
+    low: tuple[float, float, float], high: tuple[float, float, float], spacing_m: float = SPACING_M
+) -> np.ndarray:
     """Even points, a little noisy, on a rectangle that is flat along one axis."""
     low_m, high_m = np.array(low), np.array(high)
-    counts = [max(1, round(one / SPACING_M)) for one in high_m - low_m]
+    counts = [max(1, round(one / spacing_m)) for one in high_m - low_m]
     axes = [low_m[k] + (np.arange(counts[k]) + 0.5) / counts[k] * (high_m - low_m)[k] for k in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     return points + np.random.default_rng(len(points)).normal(0, NOISE_M, points.shape)
 
 
-def hall() -> np.ndarray:
+def hall(spacing_m: float = SPACING_M) -> np.ndarray:
     """A hall with two rooms, a shelf with three boards, a table, and a step of 0.3 m over a quarter of it."""
     x, y, z = SIZE
     walls = [((0, 0, 0), (x, 0, z)), ((0, y, 0), (x, y, z)), ((0, 0, 0), (0, y, z)), ((x, 0, 0), (x, y, z))]
@@ -32,7 +34,7 @@ def hall() -> np.ndarray:
         ((30, 0, 0), (30, y, 0.3)),
     ]
     floors = [((0, 0, 0), (30, y, 0)), ((0, 0, z), (x, y, z))]
-    return np.concatenate([sheet(*one) for one in (*walls, *inner, *things, *floors)])
+    return np.concatenate([sheet(*one, spacing_m) for one in (*walls, *inner, *things, *floors)])
 
 
 def posed(positions: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from firstfix.findings.finding import Finding
+from firstfix.scan.reduction import voxel_means
 from firstfix.transform import make_transform, rotation_z
 from firstfix_builder.sources.check_map.check_map import check_map, has_fit_poses
 from firstfix_builder.sources.check_map.precision import check_precision
@@ -51,6 +52,11 @@ def storeys(points: np.ndarray) -> np.ndarray:
     return np.concatenate([points, points + [0, 0, SIZE[2] + 0.3]])
 
 
+def both_ways() -> np.ndarray:
+    """A way through each of both storeys."""
+    return np.concatenate([way(), way(SENSOR_M + SIZE[2] + 0.3)])
+
+
 def sunk(points: np.ndarray, by_m: float) -> np.ndarray:
     """And again what is between x = 0 and 28 m, by so much lower at its beginning."""
     again = points[points[:, 0] < 28].copy()
@@ -74,7 +80,7 @@ def there_and_sunk(by_m: float) -> np.ndarray:
         (lambda points: points + [450_000.0, 5_200_000.0, 300.0], None, []),
         (ramp, None, []),
         (ramp, lambda: ramp(way()), []),
-        (storeys, lambda: np.concatenate([way(), way(SENSOR_M + SIZE[2] + 0.3)]), []),
+        (storeys, both_ways, []),
         (lambda points: points, lambda: way(0.0), ["trajectory_of_base"]),
         (lambda points: points, lambda: way(-0.05), ["trajectory_of_base"]),
         (lambda points: points, lambda: way(0.1), ["trajectory_at_floor"]),
@@ -86,6 +92,7 @@ def there_and_sunk(by_m: float) -> np.ndarray:
         (lambda points: sunk(points, 0.6), None, ["map_doubled_floors"]),
         (lambda points: points[points[:, 2] > 0.35], way, ["map_no_ground"]),
         (lambda points: points[points[:, 2] > 0.35], None, ["map_no_ground"]),
+        (lambda points: storeys(points[points[:, 2] > 0.35]), both_ways, ["map_no_ground"]),
     ],
     ids=[
         *(
@@ -107,7 +114,7 @@ def there_and_sunk(by_m: float) -> np.ndarray:
             "sunk by 0.3",
             "sunk, no poses",
         ),
-        *("no ground", "no ground, no poses"),
+        *("no ground", "no ground, no poses", "no ground in two storeys"),
     ],
 )
 def test_a_map_has_the_findings(right: np.ndarray, change, positions, expected: list[str]):
@@ -153,9 +160,15 @@ def test_poses_that_came_with_the_map_refuse_it_never(right: np.ndarray):
     assert codes(right[right[:, 2] > 0.35], aside, "file") == ["trajectory_left_out", "map_no_ground"]
 
 
+def test_a_map_with_y_up_has_no_findings_of_what_lies_along_z():
+    scan = scanned(np.array([12.0, 8.0, SENSOR_M]), 0.0)
+    assert codes(scan) == ["map_single_scan"]
+    assert codes(scan[:, [1, 2, 0]]) == ["map_not_level"]
+
+
 def scanned(at: np.ndarray, turn_deg: float) -> np.ndarray:
     """The hall as one scan of 16 rings sees it: the nearest point in each direction."""
-    seen = np.concatenate([hall(), hall() + [0, 0, 0.003]]) - at
+    seen = hall(0.03) - at  # so dense that near directions have their points, too
     range_m = np.linalg.norm(seen, axis=1)
     turn = np.floor(np.degrees(np.arctan2(seen[:, 1], seen[:, 0])) / 0.5)
     rise = np.floor(np.degrees(np.arcsin(seen[:, 2] / range_m)) / 0.5)
@@ -173,6 +186,15 @@ def test_a_single_scan_is_named_in_its_own_frame_and_in_another(shift_m, turn_de
     np.testing.assert_allclose(found.places[0][:2], shift_m[:2], atol=1.5)
 
 
+def test_a_thin_map_of_one_room_is_no_single_scan(right: np.ndarray):
+    assert "map_single_scan" not in codes(voxel_means(right, 0.6))
+
+
+def with_some_twice(points: np.ndarray) -> np.ndarray:
+    """Two maps that overlap in a tenth."""
+    return np.concatenate([points, points[::10]])
+
+
 @every_case(
     ("write", "expected"),
     [
@@ -184,11 +206,13 @@ def test_a_single_scan_is_named_in_its_own_frame_and_in_another(shift_m, turn_de
         (lambda points: np.round(points * 4) / 4, "map_digits_lost"),
         (lambda points: np.unique(np.round(points, 1), axis=0), None),
         (lambda points: np.unique(np.round(points * 4), axis=0) / 4, None),
+        (lambda points: np.tile(np.unique(np.round(points * 4), axis=0) / 4, (2, 1)), None),
+        (lambda points: with_some_twice(np.unique(np.round(points * 4), axis=0) / 4), "map_digits_few"),
         (lambda points: (points + [450_000, 5_200_000, 0]).astype(np.float32).astype(float), "map_float32"),
     ],
     ids=[
         *("doubles", "centimetres", "1/32 m", "0.1 m in x and y", "0.1 m", "0.25 m", "voxels of 0.1 m"),
-        *("voxels of 0.25 m", "float32"),
+        *("voxels of 0.25 m", "twice the same", "some twice", "float32"),
     ],
 )
 def test_the_step_of_coordinates_is_measured(right: np.ndarray, write, expected: str | None):

@@ -31,6 +31,13 @@ def test_an_archive_of_one_folder_is_this_folder(tmp_path):
     assert sorted(path.name for path in found.iterdir()) == ["map.pcd", "p.txt"]
 
 
+def test_what_macos_adds_to_an_archive_does_not_count(tmp_path):
+    files = {"hall/map.pcd": b"1", "hall/.DS_Store": b"2", "__MACOSX/hall/._map.pcd": b"3", ".DS_Store": b"4"}
+    found = unpack(zipped(tmp_path / "a.zip", files), tmp_path / "out")
+    assert found.name == "hall"
+    assert sorted(path.name for path in found.iterdir()) == ["map.pcd"]
+
+
 def test_a_folder_of_mapping_scans_stays_in_the_folder_of_its_map(tmp_path):
     found = unpack(zipped(tmp_path / "a.zip", {"mapping_scans/poses.csv": b"1"}), tmp_path / "out")
     assert (found / "mapping_scans" / "poses.csv").exists()

@@ -98,6 +98,11 @@ STATIONS = {
     "merged, two of pye57": ([(ROOM, None), (CORNER, None)], 0, IS_IDENTITY),
     "shift of CloudCompare": ([(CORNER + UTM, at(512_300, 5_403_200, 0))], 0, SHIFTED),
     "shift inside the room": ([(ROOM + [100, 200, -1], at(100, 200, 0))], 0, SHIFTED),
+    "tiles, each about its middle": (
+        [(ROOM[ROOM[:, 0] < 0], at(-4, 0, 1)), (ROOM[ROOM[:, 0] >= 0], at(4, 0, 1))],
+        0,
+        SHIFTED,
+    ),
     "shared by two": ([(ROOM, SCANNER), (ROOM[::2], SCANNER)], 0, SHARED),
     "corner of the floor": ([(CORNER, at(0.5, 0.5, 0.0))], 0, "points lie within 0.3 m"),
     "on the floor": ([(ROOM, at(0.5, 0.5, 0.05))], 0, "points lie within 0.3 m"),

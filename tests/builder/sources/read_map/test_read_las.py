@@ -116,6 +116,15 @@ def test_poses_beside_a_map_in_feet_need_a_unit(tmp_path):
     np.testing.assert_allclose(data.trajectory[0, :3, 3], [3.048006, 6.096012, 0.914402], atol=1e-6)
 
 
+@pytest.mark.parametrize("k3076", [9001, 9002])
+def test_no_scale_is_advised_where_heights_have_a_unit_of_their_own(tmp_path, k3076):
+    path = write(tmp_path / "a.las", [keys(k3076=k3076, k4099=9003)])
+    poses = tmp_path / "poses.txt"
+    poses.write_text("0 10 20 3 0 0 0 1\n")
+    with pytest.raises(InvalidOption, match=r"heights in US survey foot, .*: give both files in metres$"):
+        read_map(path, trajectory=poses)
+
+
 @pytest.mark.parametrize("point_format", [1, 6])
 def test_withheld_points_and_noise_are_left_out(tmp_path, point_format):
     withheld, kinds = np.zeros(500, bool), np.full(500, 2)

@@ -48,6 +48,8 @@ def test_the_clouds_of_a_package_are_merged(tmp_path, parts, others):
     data = read_map(tmp_path)
     np.testing.assert_array_equal(data.points, np.concatenate([A, B][: len(parts)]))
     assert data.trajectory is None
+    named = [one.what for one in data.read.left_out]
+    assert named == (["SurfMap.pcd"] if parts == ("CornerMap.pcd",) else [])
 
 
 def test_lio_sams_poses(tmp_path):

@@ -52,6 +52,39 @@ def test_missing_and_unlisted_tiles_are_named(tmp_path):
         read_map(tmp_path)
 
 
+def test_a_damaged_projector_refuses_no_map(tmp_path):
+    written.write_divided_map(tmp_path, DEPOT)
+    (tmp_path / "map_projector_info.yaml").write_text("map_origin: [1\n")
+    data = read_map(tmp_path)
+    same_points(data.points, DEPOT)
+    (left_out,) = data.read.left_out
+    assert left_out.what == "map_projector_info.yaml"
+    assert "while parsing" in left_out.reason
+
+
+@pytest.mark.parametrize(
+    ("write", "lost", "reason"),
+    [
+        (written.write_sc_lio_sam, ["optimized_poses.txt"], "optimized_poses.txt is not beside Scans"),
+        (written.write_sc_lio_sam, ["Scans"], "Scans with its .pcd files is not there"),
+        (written.write_hdl_graph_slam, [f"00000{n}" for n in range(6)], "000000/data and .* are not there"),
+        (
+            lambda folder, scans, poses: written.write_kiss_slam(folder, scans, poses, DEPOT),
+            ["local_maps"],
+            "local_maps/plys with its .ply files is not there",
+        ),
+    ],
+    ids=["SC-LIO-SAM's poses", "SC-LIO-SAM's scans", "hdl_graph_slam's keyframes", "KISS-SLAM's local maps"],
+)
+def test_what_a_folder_lacks_is_named(tmp_path, write, lost, reason):
+    write(tmp_path, np.array_split(DEPOT, 6), POSES)
+    for name in lost:
+        lost_part = tmp_path / name
+        lost_part.unlink() if lost_part.is_file() else shutil.rmtree(lost_part)
+    with pytest.raises(UnsupportedFormat, match=reason):
+        read_map(tmp_path)
+
+
 @every_case(
     ("text", "reason"),
     [
@@ -84,6 +117,42 @@ def test_fast_lios_intervals_are_one_map_with_the_rest(tmp_path):
     data = read_map(tmp_path)
     np.testing.assert_array_equal(data.points, around_the_start)  # 10 comes after 9
     assert data.read.form == "FAST-LIO's folder"
+
+
+def test_missing_intervals_are_named(tmp_path):
+    written.write_intervals(tmp_path, np.array_split(DEPOT, 6))
+    for number in (2, 5):
+        (tmp_path / f"scans_{number}.pcd").unlink()
+    found = read_map(tmp_path).read.left_out
+    assert found == (LeftOut("intervals", "not there, as scans_2.pcd, though later ones are", 2),)
+
+
+HALVES = (DEPOT[:450], DEPOT[450:])
+FOLDERS = {
+    "Autoware": lambda folder: written.write_divided_map(folder, DEPOT),
+    "FAST-LIO": lambda folder: written.write_intervals(folder, HALVES),
+    "KISS-SLAM": lambda folder: written.write_kiss_slam(folder, HALVES, POSES, DEPOT),
+    "RTAB-Map": lambda folder: written.write_rtabmap(folder, DEPOT, POSES),
+    "HDMapping": lambda folder: written.write_hdmapping(folder, HALVES, (POSES[:3], POSES[3:])),
+    "one file": lambda folder: written.write_pcd(folder / "my map.pcd", DEPOT),
+    "two files": lambda folder: [written.write_ply(folder / f"{at}.ply", DEPOT + [30, 30, 0]) for at in "ab"],
+}
+_OF_MACOS = b"\0\5\x16\7\0\2\0\0Mac OS X        " + bytes(100)
+
+
+@pytest.mark.parametrize("program", FOLDERS)
+def test_hidden_files_are_no_part_of_a_map(tmp_path, program):
+    folder = tmp_path / "my map (2) ü"
+    FOLDERS[program](folder)
+    expected = read_map(folder)
+    for file in [path for path in folder.rglob("*") if path.is_file()]:
+        file.with_name(f"._{file.name}").write_bytes(_OF_MACOS)
+    (folder / ".DS_Store").write_bytes(b"Bud1")
+    found = read_map(folder)
+    np.testing.assert_array_equal(found.points, expected.points)
+    assert found.read == expected.read
+    with pytest.raises(UnsupportedFormat, match=r"no map file, but folders: my map \(2\) ü\. Give the one"):
+        read_map(tmp_path)
 
 
 def test_clouds_around_their_own_origins_or_far_apart_are_asked_about(tmp_path):

@@ -70,6 +70,26 @@ FILES = {
         + " om_rad\n"
         + with_time(np.c_[POSES[:, :3].reshape(5, 12), np.zeros(5)])
     ),
+    "named_in_its_own_language.csv": "Größe,"
+    + NAMES
+    + "".join(f"1,a.pcd,{row},\n" for row in rows(np.c_[T, Q], ",").splitlines()),
+    "commented_table.csv": NAMES
+    + "# the first part\n"
+    + "".join(f"a.pcd,{row},\n" for row in rows(np.c_[T, Q], ",").splitlines())
+    + "# end of file\n",
+    "commented.txt": "# Größe\n% and more\n" + with_time(np.c_[T, Q]) + "# end\n",
+    "stamped_topic.csv": (  # rostopic echo -p of a PoseStamped
+        "%time,field.header.frame_id,field.pose.position.x,field.pose.position.y,field.pose.position.z,"
+        "field.pose.orientation.x,field.pose.orientation.y,field.pose.orientation.z,field.pose.orientation.w\n"
+        + "".join(f"1,map,{row}\n" for row in rows(np.c_[T, Q], ",").splitlines())
+    ),
+    "named_scans.txt": "# scan x y z qx qy qz qw\n"
+    + "".join(f"{n}.pcd {row}\n" for n, row in enumerate(rows(np.c_[T, Q]).splitlines())),
+    "percent.txt": "% timestamp x y z qw qx qy qz\n" + with_time(W_FIRST),
+    "slashes.txt": "// timestamp x y z qw qx qy qz\n" + with_time(W_FIRST),
+    "format_w_first.txt": "# format: timestamp x y z qw qx qy qz\n" + with_time(W_FIRST),
+    "windows.txt": "\ufefftimestamp\tx\ty\tz\tqw\tqx\tqy\tqz\r\n"
+    + with_time(W_FIRST, "\t").replace("\n", "\r\n"),
     "kitti360.txt": rows(np.c_[np.arange(5) + 3, POSES[:, :3].reshape(5, 12)]),
     "kitti360_4x4.txt": rows(np.c_[np.arange(5) + 3, POSES.reshape(5, 16)]),
     "graph.g2o": g2o((0, 1, 2, 3, 4)),
@@ -80,7 +100,7 @@ FILES = {
 
 @pytest.mark.parametrize("name", FILES)
 def test_every_form_of_a_trajectory_is_read(tmp_path, name):
-    (tmp_path / name).write_text(FILES[name])
+    (tmp_path / name).write_bytes(FILES[name].encode())
     poses = read_trajectory(tmp_path / name)
     np.testing.assert_allclose(poses, POSES, atol=3e-4 if "coarse" in name else 1e-6)
 
@@ -121,7 +141,11 @@ def test_rows_without_a_pose_are_left_out(tmp_path):
         (NAMES + "a,1,2,3,0,0,0\n", "row 1"),
         ("1326030975726043,0,0,0,0,0,1\n", "the number 1.32603e.15, which is no length .* is it a time"),
         ("t,lat,lon\n1,2,3\n", "'t,lat,lon', the line of names, does not name tx, ty"),
-        ("# format: t x y z qw qx qy qz\n0 1 2 3 1 0 0 0\n", "a comment names 9 columns, .* have 8"),
+        ("# t x y z qw qx qy qz id\n0 1 2 3 1 0 0 0\n", "a comment names 9 columns, .* have 8"),
+        ("# t x y z\n# qw qx qy qz\n0 1 2 3 1 0 0 0\n", "a comment says that w is .* first"),
+        ("# time, position, quaternion (wxyz)\n0 1 2 3 1 0 0 0\n", "a comment says that w is .* first"),
+        ("t,x,y,z,qx,qy,qz,qw\n0 1 2 3 0 0 0 1\n", "the line of names has ',' between .* no row has"),
+        ("t x y z qx qy qz qw\n0,1,2,3,0,0,0,1\n", "the line of names has spaces between .* no row has"),
         (RTABMAP + "0 1 2 3 0 0 0 1 -12\n", "no pose"),
         ("VERTEX_SE3:QUAT 0 1 2 3\n", "with 4 numbers instead of 8"),
     ],

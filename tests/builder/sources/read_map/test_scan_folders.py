@@ -60,6 +60,35 @@ def test_a_scan_without_a_pose_is_left_out(tmp_path):
     assert sum(one.count for one in data.read.left_out) == 3
 
 
+def test_scans_have_the_pose_of_their_number_and_not_of_their_place(tmp_path):
+    write_sc_lio_sam(tmp_path, SCANS, POSES)
+    expected = read_map(tmp_path)
+    for file in (tmp_path / "Scans").iterdir():
+        file.rename(file.with_name(f"key_{int(file.stem)}.pcd"))  # key_10 stands before key_2
+    (tmp_path / "Scans" / "._key_0.pcd").write_bytes(b"of macOS")
+    found = read_map(tmp_path)
+    np.testing.assert_array_equal(found.points, expected.points)
+    assert found.read.left_out == ()
+    (tmp_path / "Scans" / "key_0.pcd").unlink()
+    np.testing.assert_allclose(read_map(tmp_path).trajectory, expected.trajectory[1:])
+
+
+@pytest.mark.parametrize(
+    ("rename", "reason"),
+    [
+        (lambda number: f"{number + 1:06d}.pcd", "numbered 1 to 24, and there are 24 poses"),
+        (lambda number: f"{chr(97 + number)}.pcd", "a.pcd has no number"),
+        (lambda number: f"{number}_{number // 2}.pcd", "two scans have the number"),
+    ],
+)
+def test_scans_whose_poses_cannot_be_told_are_refused(tmp_path, rename, reason):
+    write_sc_lio_sam(tmp_path, SCANS, POSES)
+    for file in sorted((tmp_path / "Scans").iterdir(), reverse=True):
+        file.rename(file.with_name(rename(int(file.stem))))
+    with pytest.raises(MalformedData, match=reason):
+        read_map(tmp_path)
+
+
 def test_a_damaged_pose_is_named(tmp_path):
     write_hdl_graph_slam(tmp_path, SCANS, POSES)
     (tmp_path / "000002" / "data").write_text("stamp 1 0\nestimate\n1 0 0\n")

@@ -54,17 +54,18 @@ def read_divided_map(path: Path) -> MapData:
     missing = [name for name, tile in found.items() if tile is None]
     if not tiles:
         raise MalformedData(f"{METADATA} lists {len(names)} tiles, and none is there: {missing[0]}")
-    unlisted = sorted({file.name for tile in tiles for file in tile.parent.glob("*.pcd")} - set(names))
+    unlisted = sorted({file.name for tile in tiles for file in tile.parent.glob("[!.]*.pcd")} - set(names))
     data = joined(read_clouds(tiles))
-    projector = path / PROJECTOR
+    georeference, unread = _georeference(path / PROJECTOR)
     read = replace(
         data.read,
         form=f"Autoware's divided map, {len(tiles)} of {len(names)} tiles",
         unit="metre",
-        georeference=_georeference(projector) if projector.is_file() else "",
+        georeference=georeference,
         clouds=tuple(tile.name for tile in tiles),
     ).without(
         *(LeftOut(f"tile {name}", "it is listed, and not there") for name in missing),
+        *(LeftOut(PROJECTOR, reason) for reason in unread),
         LeftOut("tiles", f"not listed in {METADATA}, as {unlisted[0] if unlisted else ''}", len(unlisted)),
     )
     return replace(data, read=read)
@@ -92,14 +93,18 @@ def _tile_names(listed: dict[str, Any]) -> list[str]:
     return names
 
 
-def _georeference(path: Path) -> str:
-    """The file's projection, in words."""
-    with naming(path):
+def _georeference(path: Path) -> tuple[str, tuple[str, ...]]:
+    """The file's projection in words; or why it cannot be read, which refuses no map."""
+    if not path.is_file():
+        return "", ()
+    try:
         told = _yaml(path)
+    except (MalformedData, TooLarge) as error:
+        return "", (plain(str(error)),)
     kind, datum = told.get("projector_type", ""), told.get("vertical_datum", "")
     origin = told.get("map_origin")
     words = [str(kind), str(told.get("mgrs_grid", ""))]
     if isinstance(origin, dict):
         words.append(f"origin {origin.get('latitude')}, {origin.get('longitude')}")
     words.append(f"heights {datum}" if datum else "")
-    return plain(" ".join(word for word in words if word))
+    return plain(" ".join(word for word in words if word)), ()

@@ -38,7 +38,7 @@ MAX_BYTES = 16 << 20  # of the session or its poses: of ten thousand chunks
 
 def is_hdmapping_session(path: Path) -> bool:
     """Whether a folder has poses of chunks (.reg) and LAZ files."""
-    return any(path.glob("*.reg")) and any(path.glob("*.la[sz]"))
+    return any(path.glob("[!.]*.reg")) and any(path.glob("[!.]*.la[sz]"))
 
 
 def read_hdmapping_session(path: Path) -> MapData:
@@ -69,7 +69,7 @@ def read_hdmapping_session(path: Path) -> MapData:
         raise MalformedData(f"none of the chunks that {poses_file.name} lists is there")
     trajectory = np.concatenate(ways)
     trajectory[:, :3, 3] += offset
-    unlisted = sorted({file.name for file in path.glob("*.la[sz]")} - set(names))
+    unlisted = sorted({file.name for file in path.glob("[!.]*.la[sz]")} - set(names))
     data = joined(clouds)
     read = replace(
         data.read,
@@ -87,7 +87,7 @@ def read_hdmapping_session(path: Path) -> MapData:
 
 def _settings(path: Path) -> dict[str, Any]:
     """Settings of the session; empty if no file has them."""
-    for file in sorted(path.glob("*.json")):
+    for file in sorted(path.glob("[!.]*.json")):
         with naming(file):
             try:
                 told = json.loads(_bytes(file))
@@ -109,7 +109,7 @@ def _poses_file(path: Path, settings: dict[str, Any]) -> Path:
     """The file that the session names, by its last part: it has paths of the machine that wrote it."""
     named = PureWindowsPath(str(settings.get("poses_file_name", ""))).name
     names = [name for name in (named, *_POSES) if name and (path / name).is_file()]
-    return path / names[0] if names else min(path.glob("*.reg"))
+    return path / names[0] if names else min(path.glob("[!.]*.reg"))
 
 
 def _offset(settings: dict[str, Any]) -> NDArray[np.float64]:

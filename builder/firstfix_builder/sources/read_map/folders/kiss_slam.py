@@ -33,7 +33,7 @@ def is_kiss_slam_run(path: Path) -> bool:
 
 def _run_in(path: Path) -> Path | None:
     runs = (path, path / "latest")
-    return next((run for run in runs if any((run / _LOCAL_MAPS).glob("*.ply"))), None)
+    return next((run for run in runs if any((run / _LOCAL_MAPS).glob("[!.]*.ply"))), None)
 
 
 def read_kiss_slam_run(path: Path) -> MapData:
@@ -44,9 +44,9 @@ def read_kiss_slam_run(path: Path) -> MapData:
         TooLarge: over the limits.
     """
     path = _run_in(path) or path
-    files = sorted((path / _LOCAL_MAPS).glob("*.ply"))
+    files = sorted((path / _LOCAL_MAPS).glob("[!.]*.ply"))
     data = joined(read_clouds(files))
-    found = [*sorted(path.glob("*_poses_tum.txt")), *sorted(path.glob("*_poses_kitti.txt"))]
+    found = [*sorted(path.glob("[!.]*_poses_tum.txt")), *sorted(path.glob("[!.]*_poses_kitti.txt"))]
     left_out = LeftOut(_OCCUPANCY, "levelled: it is not in the frame of the poses and the local maps")
     read = replace(
         data.read,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from firstfix.errors import UnsupportedFormat
 
 from ..map_data import MapData
 from ..stations import why_no_station
+from ..what_was_read import LeftOut
 from .joined_clouds import joined, read_clouds
 
 MAX_APART_M = 50.0  # between parts of one map
@@ -41,7 +43,12 @@ def intervals_in(path: Path) -> list[Path]:
 def read_intervals(path: Path) -> MapData:
     """The map that FAST-LIO saved by intervals; raises as ``read_parts_of_map`` does, but never asks."""
     files = intervals_in(path)
-    return _told(joined(read_clouds(files)), "FAST-LIO's folder", files)
+    data = _told(joined(read_clouds(files)), "FAST-LIO's folder", files)
+    numbers = {int(match[1]) for file in files if (match := _INTERVAL.fullmatch(file.name))}
+    missing = max(numbers) - min(numbers) + 1 - len(numbers)
+    first = next(number for number in count(min(numbers)) if number not in numbers)
+    gap = LeftOut("intervals", f"not there, as scans_{first}.pcd, though later ones are", missing)
+    return replace(data, read=data.read.without(gap))
 
 
 def read_parts_of_map(files: Sequence[Path]) -> MapData:

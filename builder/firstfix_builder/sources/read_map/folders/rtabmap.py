@@ -15,6 +15,7 @@ from pathlib import Path
 
 from ..map_data import MapData
 from ..trajectory import read_trajectory
+from ..visible_files import visible_files
 from ..what_was_read import LeftOut
 from .joined_clouds import read_cloud
 
@@ -54,7 +55,7 @@ def read_rtabmap_export(path: Path) -> MapData:
         notes=(*data.read.notes, _OF_BASE) if of_base else data.read.notes,
     )
     cameras = LeftOut(
-        "files of poses", "of cameras' optical frames", len(list(path.glob("*_camera_poses*.txt")))
+        "files of poses", "of cameras' optical frames", len(list(path.glob("[!.]*_camera_poses*.txt")))
     )
     return replace(data, trajectory=read_trajectory(poses), read=read.without(cameras))
 
@@ -64,7 +65,7 @@ def _stem(cloud: Path) -> str:
 
 
 def _cloud_in(path: Path) -> Path | None:
-    found = [file for file in path.iterdir() if file.name.endswith(_CLOUDS) and file.is_file()]
+    found = [file for file in visible_files(path) if file.name.endswith(_CLOUDS)]
     return found[0] if len(found) == 1 else None
 
 
