@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def missing_part(path: Path) -> str:
-    """What a program's folder lacks to be a map, of a folder without a map file; empty: it is none known."""
+    """Parts that a program's folder lacks to be a map; empty: it is no known program's."""
     poses, scans = path / "optimized_poses.txt", path / "Scans"
     if scans.is_dir() and any(scans.glob("[!.]*.pcd")):
         return f"SC-LIO-SAM's scans without their poses: {poses.name} is not beside Scans"
