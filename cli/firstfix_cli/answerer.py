@@ -69,7 +69,7 @@ def answerer(
 
 def _naming_times(ask: Answerer) -> Answerer:
     """Also name a field of the scan that was not understood as times: what is sent no longer has it."""
-    from firstfix.engine.diagnosis.time_findings import with_time_field
+    from firstfix.answer.time_findings import with_time_field
 
     def answer(scan: Scan | ScanSequence, options: LocalizeOptions) -> Localization:
         last = scan.scans[-1] if isinstance(scan, ScanSequence) else scan

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from firstfix.answer.time_findings import time_field_finding
 from firstfix.decode import scan_of_cloud
 from firstfix.engine.config import PreprocessConfig
 from firstfix.engine.diagnosis.facts import MEASURED, facts_of
 from firstfix.engine.diagnosis.input_findings import input_finding
 from firstfix.engine.diagnosis.place_findings import roll_pitch_deg
-from firstfix.engine.diagnosis.time_findings import time_field_finding
 from firstfix.engine.preprocess import preprocess
 from firstfix.findings.finding import Finding
 from firstfix.formats.point_cloud import INTENSITY_NAMES, RING_NAMES, PointCloud

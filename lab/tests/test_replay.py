@@ -134,7 +134,7 @@ def test_an_imu_that_moves_says_nothing(service, tmp_path):
 
 
 WRONG = {
-    "no such topic": (["--topic", "/camera"], "/camera has no sensor_msgs/msg/PointCloud2"),
+    "no such topic": (["--topic", "/camera"], "/camera has no clouds"),
     "an IMU topic that is none": (["--imu-topic", "/points"], "/points has no sensor_msgs/msg/Imu"),
     "a frame that nothing joins": (["--base-frame", "arm"], "no chain of static transforms"),
     "gravity twice": (["--imu-topic", "/imu", "--gravity", "0,0,-1"], "only one of --gravity"),

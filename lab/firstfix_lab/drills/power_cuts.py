@@ -148,7 +148,7 @@ def _torn(store: Store) -> list[str]:
     """
     torn = []
     for item in store.scan():
-        if item.key.endswith("/cancel") or item.key.startswith("callers/"):  # empty by their nature
+        if item.key.endswith(("/cancel", "/log.txt")) or item.key.startswith("callers/"):  # may be empty
             continue
         if not item.size_bytes or (
             "/versions/" not in item.key and not _is_right(item.key, store.get(item.key))

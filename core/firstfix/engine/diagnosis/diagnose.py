@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...answer.localization import Localization, Reason, Verdict
 from ...answer.options import LocalizeOptions
 from ...answer.scan_facts import ScanFacts
+from ...answer.time_findings import no_times_finding, time_field_finding
 from ...findings import scan_kinds
 from ...findings.finding import Finding
 from ...scan.compact import CompactScan
@@ -27,7 +28,6 @@ from .facts import MEASURED, facts_of
 from .input_findings import input_finding
 from .other_forms import BETTER, other_forms
 from .place_findings import mounting_finding, reasons_found
-from .time_findings import no_times_finding, time_field_finding
 from .viewpoint import best_viewpoint, is_elsewhere, is_even, is_map_origin, is_suspect
 
 FLAT = 0.01  # plane ratio of a 2-D LiDAR's scan

@@ -10,12 +10,12 @@ import pytest
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.scan_facts import ScanFacts
+from firstfix.answer.time_findings import no_times_finding, time_field_finding, with_time_field
 from firstfix.decode import scan_of_cloud
 from firstfix.engine.config import PreprocessConfig
 from firstfix.engine.diagnosis.facts import MEASURED, eigenvalue_bounds, facts_of, is_on_a_line
 from firstfix.engine.diagnosis.input_findings import input_finding
 from firstfix.engine.diagnosis.other_forms import MAX_SCALE, MIN_SCALE, from_polar, scales
-from firstfix.engine.diagnosis.time_findings import no_times_finding, time_field_finding, with_time_field
 from firstfix.errors import InvalidOption, InvalidScan
 from firstfix.findings import scan_kinds
 from firstfix.findings.finding import Finding, Severity

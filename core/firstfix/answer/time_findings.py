@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ...answer.localization import Localization, Reason
-from ...answer.scan_facts import ScanFacts
-from ...findings import scan_kinds
-from ...findings.finding import Finding
-from ...scan.compact import CompactScan
-from ...scan.scan import Scan
+from ..findings import scan_kinds
+from ..findings.finding import Finding
+from ..scan.compact import CompactScan
+from ..scan.scan import Scan
+from .localization import Localization, Reason
+from .scan_facts import ScanFacts
 
 # A scan that was taken in motion and has no times is bent: it fits, but not well.
 _BENT = (Reason.LOW_PROBABILITY, Reason.LOW_INLIER_RATIO)
