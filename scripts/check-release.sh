@@ -7,6 +7,7 @@
 #   BUILT=DIR scripts/check-release.sh        # with DIR/world and DIR/store, so that no map is built
 set -euo pipefail
 cd "$(dirname "$0")/.."
+. scripts/python-of.sh
 dist=$PWD/dist
 scratch=$(mktemp -d)
 service=
@@ -18,18 +19,6 @@ unset PYTHONPATH
 export XDG_CACHE_HOME=$scratch/cache PIP_DISABLE_PIP_VERSION_CHECK=1
 version=$(basename "$(compgen -G "$dist/firstfix_client-*.whl")" | cut -d- -f2)
 say() { printf 'check-release: %s\n' "$*"; }
-
-# A shim of pyenv is there for each interpreter, and runs those that are chosen alone.
-python_of() {
-  local found
-  for found in "$(command -v "python$1")" $(compgen -G "${PYENV_ROOT:-$HOME/.pyenv}/versions/$1.*/bin/python3" | sort -rV); do
-    if [ -n "$found" ] && "$found" -c "" 2>/dev/null; then
-      echo "$found"
-      return
-    fi
-  done
-  return 1
-}
 
 # An environment with the requirements, in which nothing is compiled.
 environment() {

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Protocol
 
-from firstfix.errors import InvalidOption, NotFound
+from firstfix.errors import NotFound
 from firstfix_client import BuildStatus
+
+from .administered import administered
 
 if TYPE_CHECKING:
     from firstfix.catalog.catalog import Catalog
@@ -38,27 +40,13 @@ class BuildAdmin(Protocol):
         """The end of the log of a build's processes."""
 
 
-@contextmanager
-def build_admin(url: str | None, store: str | None) -> Iterator[BuildAdmin]:
+def build_admin(url: str | None, store: str | None) -> AbstractContextManager[BuildAdmin]:
     """Give the builds of the service, or with ``store`` those of the store.
 
     Raises:
-        InvalidOption: both are given.
+        InvalidOption, NotFound: as ``administered``.
     """
-    if url is not None and store is not None:
-        raise InvalidOption("give only one of --url and --store")
-    if store is None:
-        from .operator_client import OperatorClient
-
-        client = OperatorClient.at(url)
-        with client:
-            yield _ServiceBuilds(client)
-        return
-    from firstfix.catalog.catalog import Catalog
-
-    from .stores import existing_store
-
-    yield _StoreBuilds(Catalog(existing_store(store)))
+    return administered(url, store, _ServiceBuilds, _StoreBuilds)
 
 
 class _ServiceBuilds:

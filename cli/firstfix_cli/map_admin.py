@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any, Protocol
 
 from firstfix.catalog.version_prefix import full_version
-from firstfix.errors import InvalidOption, NotFound
+from firstfix.errors import NotFound
+
+from .administered import administered
 
 if TYPE_CHECKING:
     from firstfix.builds.config import PatchMode
@@ -55,27 +56,13 @@ class MapAdmin(Protocol):
         """Remove unreferenced objects. Returns counts by kind."""
 
 
-@contextmanager
-def map_admin(url: str | None, store: str | None) -> Iterator[MapAdmin]:
+def map_admin(url: str | None, store: str | None) -> AbstractContextManager[MapAdmin]:
     """Give the administration of the service, or with ``store`` that of the store.
 
     Raises:
-        InvalidOption: both are given.
+        InvalidOption, NotFound: as ``administered``.
     """
-    if url is not None and store is not None:
-        raise InvalidOption("give only one of --url and --store")
-    if store is None:
-        from .operator_client import OperatorClient
-
-        client = OperatorClient.at(url)
-        with client:
-            yield _ServiceMaps(client)
-        return
-    from firstfix.catalog.catalog import Catalog
-
-    from .stores import existing_store
-
-    yield _StoreMaps(Catalog(existing_store(store)))
+    return administered(url, store, _ServiceMaps, _StoreMaps)
 
 
 class _ServiceMaps:

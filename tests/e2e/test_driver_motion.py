@@ -48,7 +48,7 @@ def pose_at(T_map_begin: np.ndarray, since_begin_s: float) -> np.ndarray:
 
 
 def why_wrong(answer: Localization, T_map_stamp: np.ndarray) -> str | None:
-    """What is wrong with an answer, or None. Times of the wrong sign give the pose, but not the motion."""
+    """The fault of an answer, or None. Times of the wrong sign give the pose, but not the motion."""
     if answer.verdict is not Verdict.LOCALIZED or answer.twist is None:
         return f"{answer.verdict} {answer.reasons} {answer.probability:.3f}"
     off_m, off_deg = pose_error(T_map_stamp, answer.T_map_sensor)

@@ -19,7 +19,7 @@ POSES = [from_quaternion([2.0 + 3 * n, 3.0, 1.2], [0, 0, 0.1 * n, 1.0]) for n in
 
 
 def same_points(found: np.ndarray | None, expected: np.ndarray) -> None:
-    """Whatever the order: tiles are read by their names."""
+    """Tiles are read by their names, in any order of the list."""
     assert found is not None
     ordered = [rows[np.lexsort(rows.round(3).T)] for rows in (found, np.asarray(expected, np.float64))]
     np.testing.assert_allclose(*ordered, atol=1e-5)
