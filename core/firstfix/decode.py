@@ -28,6 +28,7 @@ from .scan_formats import (
     ScanFormat,
     dataset_files_of,
     decode_cdr,
+    decode_las,
     decode_named_rows,
     decode_wire,
     scan_of_cloud,
@@ -90,7 +91,8 @@ def decoder_of(media_type: str) -> BodyDecoder:
             of raw rows.
 
     Raises:
-        UnsupportedFormat: unknown media type, or a ROS message that is not a PointCloud2.
+        UnsupportedFormat: unknown media type, a ROS message that is not a PointCloud2, or LAS where nothing
+            here reads it.
         InvalidOption: columns that are none.
     """
     name = media_type.split(";", 1)[0].strip().lower()
@@ -103,6 +105,8 @@ def decoder_of(media_type: str) -> BodyDecoder:
         )
     if decode is decode_cdr:
         check_cloud_type(media_type)
+    if decode is decode_las:
+        dataset_files_of(".las").check_installed()
     columns = _columns_of(media_type) if name == ROWS else None
     return BodyDecoder(decode if columns is None else partial(decode_named_rows, columns))
 

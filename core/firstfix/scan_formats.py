@@ -22,6 +22,7 @@ from .scan.scan import Scan
 from .scan.sequence import AnyScan, ScanSequence
 
 ROWS = "application/vnd.firstfix.xyzi"
+LAS = ("application/vnd.las", "application/vnd.laszip")
 # Types that say nothing of the body: none, those of programs that do not know it, curl's own, and zenoh's.
 GENERAL_TYPES = frozenset(
     {
@@ -83,6 +84,11 @@ def _decode_npy(body: Body) -> Scan:
 
 def _decode_text(body: Body) -> Scan:
     return scan_of_cloud(dataset_files_of("text").decode_text(body, SCAN_LIMITS))
+
+
+def decode_las(body: Body) -> Scan:
+    """The scan in a LAS or LAZ file, which a confined process reads."""
+    return scan_of_cloud(dataset_files_of(".las").decode_las_confined(body, SCAN_LIMITS))
 
 
 def _decode_cloud(decode: Callable[[Body, Limits], PointCloud], body: Body) -> Scan:
@@ -169,6 +175,12 @@ SCAN_FORMATS = (
         "several scans with the robot's motion between them: [scan.md](protocol/scan.md)",
         _decode_sequence,
         begins=begins_with(b"FFSS"),
+    ),
+    ScanFormat(
+        LAS,
+        "LAS and LAZ, by a confined process, where `firstfix[builder]` is installed",
+        decode_las,
+        begins=begins_with(b"LASF"),
     ),
     # The last: whatever is text and none of the others.
     ScanFormat(
