@@ -15,7 +15,6 @@ from .formats.ply import decode_ply
 from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
 from .formats.point_times import point_times
 from .formats.raw_xyz import decode_rows, decode_xyz, decode_xyzi
-from .formats.signature import Begins, begins_as_pcd, begins_as_text, begins_with
 from .ros.media_types import CDR, ZENOH_CDR
 from .ros.point_cloud2 import decode_point_cloud2
 from .scan.scan import Scan
@@ -23,16 +22,6 @@ from .scan.sequence import AnyScan, ScanSequence
 
 ROWS = "application/vnd.firstfix.xyzi"
 LAS = ("application/vnd.las", "application/vnd.laszip")
-# Types that say nothing of the body: none, those of programs that do not know it, curl's own, and zenoh's.
-GENERAL_TYPES = frozenset(
-    {
-        "",
-        "application/octet-stream",
-        "binary/octet-stream",
-        "application/x-www-form-urlencoded",
-        "zenoh/bytes",
-    }
-)
 
 
 def dataset_files_of(what: str) -> ModuleType:
@@ -125,14 +114,12 @@ class ScanFormat:
         encoding: the format in the words of clients/PROTOCOL.md.
         decode: makes a scan of a body. It can be pickled.
         suffix: ending of files that clients send without change.
-        begins: tells the format by the first bytes of a body; None: they say nothing.
     """
 
     media_types: tuple[str, ...]
     encoding: str
     decode: Callable[[Body], AnyScan]
     suffix: str | None = None
-    begins: Begins | None = None
 
 
 # What is told elsewhere is made from these rows: `python scripts/generate.py`.
@@ -142,7 +129,6 @@ SCAN_FORMATS = (
         "compressed, as points or as a [range image](protocol/range-image.md): [scan.md](protocol/scan.md)",
         decode_wire,
         ".ffscan",
-        begins_with(b"FFSC"),
     ),
     ScanFormat(("application/vnd.firstfix.xyz",), "raw little-endian float32, n x 3", _by(decode_xyz)),
     ScanFormat(
@@ -152,40 +138,31 @@ SCAN_FORMATS = (
         _by(decode_xyzi),
         ".bin",
     ),
-    ScanFormat(("application/x-pcd", "model/vnd.pcd"), "PCD", _by(decode_pcd), ".pcd", begins_as_pcd),
-    ScanFormat(("application/ply", "model/ply"), "PLY", _by(decode_ply), ".ply", begins_with(b"ply")),
+    ScanFormat(("application/x-pcd", "model/vnd.pcd"), "PCD", _by(decode_pcd), ".pcd"),
+    ScanFormat(("application/ply", "model/ply"), "PLY", _by(decode_ply), ".ply"),
     ScanFormat(
         (CDR, ZENOH_CDR),
         "a ROS 2 message `sensor_msgs/msg/PointCloud2` as CDR",
         decode_cdr,
-        begins=begins_with(b"\0\1\0\0"),  # little-endian; the other order's zeros may be a point
     ),
-    ScanFormat(
-        ("application/x-npy",), "NumPy's .npy: (n, m) numbers", _decode_npy, begins=begins_with(b"\x93NUMPY")
-    ),
+    ScanFormat(("application/x-npy",), "NumPy's .npy: (n, m) numbers", _decode_npy),
     ScanFormat(
         ("application/vnd.firstfix.query",),
         "a compact query, under 10 KB: some thousand points and the range view; or a descriptor alone, "
         "under 1.5 KB: [query.md](protocol/query.md)",
         _decode_compact,
-        begins=begins_with(b"FFQY"),
     ),
     ScanFormat(
         ("application/vnd.firstfix.scans",),
         "several scans with the robot's motion between them: [scan.md](protocol/scan.md)",
         _decode_sequence,
-        begins=begins_with(b"FFSS"),
     ),
     ScanFormat(
         LAS,
-        "LAS and LAZ, by a confined process, where `firstfix[builder]` is installed",
+        "LAS and LAZ, by a confined process, where the builder is installed",
         decode_las,
-        begins=begins_with(b"LASF"),
     ),
-    # The last: whatever is text and none of the others.
-    ScanFormat(
-        ("text/csv", "text/plain"), "rows of text: CSV, XYZ, PTS", _decode_text, begins=begins_as_text
-    ),
+    ScanFormat(("text/csv", "text/plain"), "rows of text: CSV, XYZ, PTS", _decode_text),
 )
 MEDIA_TYPES = {name: each.decode for each in SCAN_FORMATS for name in each.media_types}
 SUFFIXES = {each.suffix: each.media_types[0] for each in SCAN_FORMATS if each.suffix}

@@ -8,9 +8,10 @@ import laspy
 import numpy as np
 import pytest
 
-from firstfix.decode import decode_query, read_scan_file
+from firstfix.decode import decode_query
 from firstfix.errors import MalformedData, NotFound, TooLarge, UnsupportedFormat
 from firstfix.scan.scan import MAX_POINTS, Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.scan_formats import LAS, MEDIA_TYPES, SUFFIXES
 from firstfix.wire.content_encoding import undo_content_encoding
 from tests.core.formats.cloud_files import pcd, ply, random_cloud

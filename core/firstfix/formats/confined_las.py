@@ -61,7 +61,7 @@ def check_installed() -> None:
     """
     if find_spec("firstfix_builder") is None or find_spec("laspy") is None:
         raise UnsupportedFormat(
-            "LAS and LAZ are read where firstfix[builder] is installed, and it is not here: "
+            "LAS and LAZ are read where the builder is installed, and it is not here: "
             "`firstfix localize SCAN.laz --map MAP --url URL` converts the scan and asks"
         )
 

@@ -14,7 +14,13 @@ from .point_cloud import SCAN_LIMITS, PointCloud
 from .scanner_bin import decode_scanner_bin
 from .text import decode_text
 
-__all__ = ["check_installed", "decode_las_confined", "decode_npy", "decode_text", "read_dataset_file"]
+__all__ = [
+    "check_installed",
+    "decode_las_confined",
+    "decode_npy",
+    "decode_text",
+    "read_dataset_file",
+]
 
 
 def read_dataset_file(path: Path, columns: tuple[str, ...] | None) -> PointCloud:

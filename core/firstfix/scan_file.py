@@ -1,0 +1,91 @@
+"""Reading of scans from local files, whose ending names their format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from .errors import InputError, InvalidOption, MalformedData, NotFound, TooLarge, UnsupportedFormat
+from .formats.pcd import decode_pcd
+from .formats.ply import decode_ply
+from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
+from .scan.scan import Scan
+from .scan_formats import SUFFIXES, dataset_files_of, decode_wire, scan_of_cloud
+
+MAX_SCAN_FILE_BYTES = 1_000_000_000
+READABLE = (*SUFFIXES, ".npy", ".xyz", ".txt", ".pts", ".csv", ".las", ".laz")
+_CLOUD_FILES: dict[str, Callable[[Body, Limits], PointCloud]] = {".pcd": decode_pcd, ".ply": decode_ply}
+_Read = TypeVar("_Read")
+
+
+def read_scan_file(path: Path, columns: tuple[str, ...] | None = None) -> Scan:
+    """Read a scan from a local file. The ending of the name selects the format.
+
+    It reads the endings of SUFFIXES, .bin of data sets, .npy, .xyz, .txt, .pts, .csv, and, with laspy,
+    .las and .laz. For local files only: LAZ decoders are not safe for untrusted input.
+
+    Args:
+        columns: names of the columns of a .bin's rows of float32, as ``("x", "y", "z", "_", "ring")``; ``_``
+            is left out. None: told by evidence.
+
+    Raises:
+        NotFound: no such file.
+        InputError: a subclass; the message names the file.
+    """
+    return _named(Path(path), partial(_read_scan_file, columns=columns))
+
+
+def read_cloud_file(path: Path, columns: tuple[str, ...] | None = None) -> PointCloud:
+    """Read the columns of a scan's file, all that the format has: beams, too. As ``read_scan_file`` does.
+
+    Raises:
+        NotFound, InputError: as there.
+    """
+    return _named(Path(path), partial(_read_cloud_file, columns=columns))
+
+
+def _named(path: Path, read: Callable[[Path], _Read]) -> _Read:
+    """Read a file; an error names it."""
+    try:
+        return read(path)
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from error
+    except FileNotFoundError as error:
+        raise NotFound(f"{path}: no such file") from error
+
+
+def _read_scan_file(path: Path, columns: tuple[str, ...] | None) -> Scan:
+    if path.suffix.lower() == ".ffscan":
+        _check_file(path)
+        return decode_wire(path.read_bytes())
+    return scan_of_cloud(_read_cloud_file(path, columns))
+
+
+def _read_cloud_file(path: Path, columns: tuple[str, ...] | None) -> PointCloud:
+    suffix = _check_file(path)
+    if columns is not None and suffix != ".bin":
+        raise InvalidOption("columns are for .bin: the other formats say theirs")
+    if suffix == ".ffscan":
+        points = decode_wire(path.read_bytes()).points
+        return PointCloud(dict(zip("xyz", points.T, strict=True)))
+    if suffix in _CLOUD_FILES:
+        return _CLOUD_FILES[suffix](path.read_bytes(), SCAN_LIMITS)
+    return dataset_files_of(suffix).read_dataset_file(path, columns)
+
+
+def _check_file(path: Path) -> str:
+    """The ending of a scan's file."""
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        raise UnsupportedFormat("this is a folder, not the file of a scan")
+    if suffix not in READABLE:
+        ending = f"that end in {suffix!r}" if suffix else "without an ending"
+        raise UnsupportedFormat(f"scans cannot be read from files {ending}: use {', '.join(READABLE)}")
+    size = path.stat().st_size
+    if size > MAX_SCAN_FILE_BYTES:
+        raise TooLarge(f"{size} bytes, the limit is {MAX_SCAN_FILE_BYTES}")
+    if size == 0:
+        raise MalformedData("the file is empty (0 bytes)")
+    return suffix
