@@ -9,11 +9,11 @@ from functools import partial
 from .errors import MalformedData, UnsupportedFormat
 from .formats.point_cloud import Body
 from .formats.raw_xyz import parse_columns
-from .formats.signature import media_type_of
-from .formats.text_mode import STRIPPED, is_stripped
+from .formats.signature import STRIPPED, is_stripped, media_type_of
 from .ros.media_types import check_cloud_type
 from .scan.sequence import AnyScan
-from .scan_formats import MEDIA_TYPES, ROWS, dataset_files_of, decode_cdr, decode_las, decode_named_rows
+from .scan_file import dataset_files_of
+from .scan_formats import MEDIA_TYPES, ROWS, decode_cdr, decode_las, decode_named_rows
 
 # Types that say nothing of the body: none, those of programs that do not know it, curl's own, and zenoh's.
 GENERAL_TYPES = (

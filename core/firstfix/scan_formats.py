@@ -5,42 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from types import ModuleType
 
-import numpy as np
-
-from .errors import UnsupportedFormat
 from .formats.pcd import decode_pcd
 from .formats.ply import decode_ply
 from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
-from .formats.point_times import point_times
 from .formats.raw_xyz import decode_rows, decode_xyz, decode_xyzi
 from .ros.media_types import CDR, ZENOH_CDR
 from .ros.point_cloud2 import decode_point_cloud2
 from .scan.scan import Scan
 from .scan.sequence import AnyScan, ScanSequence
+from .scan_file import dataset_files_of, scan_of_cloud
 
 ROWS = "application/vnd.firstfix.xyzi"
 LAS = ("application/vnd.las", "application/vnd.laszip")
-
-
-def dataset_files_of(what: str) -> ModuleType:
-    """The module of formats that the robot's distribution leaves out.
-
-    Args:
-        what: is to be read, for the error.
-
-    Raises:
-        UnsupportedFormat: it is left out.
-    """
-    try:
-        from .formats import dataset_files
-    except ImportError as error:
-        raise UnsupportedFormat(
-            "the robot's client reads .ffscan, .pcd and .ply files, and arrays: install firstfix itself for "
-            f"{what}"
-        ) from error
-    return dataset_files
 
 
 def decode_wire(body: Body) -> Scan:
@@ -91,18 +68,6 @@ def decode_named_rows(columns: tuple[str, ...], body: Body) -> Scan:
 
 def _by(decode: Callable[[Body, Limits], PointCloud]) -> Callable[[Body], Scan]:
     return partial(_decode_cloud, decode)
-
-
-def scan_of_cloud(cloud: PointCloud) -> Scan:
-    """Make a scan of a file's columns, with the times of its points.
-
-    Raises:
-        InvalidScan, TooLarge: as ``Scan.from_columns``.
-    """
-    with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
-        x, y, z = (cloud.columns[axis] for axis in "xyz")
-        times = point_times(cloud.columns, None)
-        return Scan.from_columns(x, y, z, cloud.intensity, times.stamp_s, times.time_s, times.field)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,10 @@ _MAGIC = {
 }
 _COMPRESSED = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd"}
 
+# What curl -d takes out, nobody can bring back.
+_LONG_ENOUGH = 1000  # bytes: so many without CR, LF and zero are none of a scan
+STRIPPED = "It has no line end and no zero byte, as curl's -d takes them out: send it by --data-binary"
+
 
 def media_type_of(body: Body) -> str:
     """The media type of a body without its content encoding, by its first bytes.
@@ -55,3 +59,10 @@ def _first_word(head: bytes) -> str:
     lines = (line.split() for line in head.splitlines())
     first = next((words[0] for words in lines if words and not words[0].startswith(b"#")), b"")
     return first.decode("latin-1").upper()
+
+
+def is_stripped(data: bytes | memoryview) -> bool:
+    """Whether all CR, LF and zero bytes were taken out of data that cannot be read."""
+    head = bytes(data[:_LONG_ENOUGH])
+    is_header = head[:6] == b"# .PCD" or head[:3] == b"ply"
+    return (is_header or len(head) == _LONG_ENOUGH) and not any(byte in head for byte in b"\r\n\0")
