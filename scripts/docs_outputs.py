@@ -33,7 +33,7 @@ _BLOCK = re.compile(
     r"(?P<code>.*?)^(?P=indent)```\n"
     r"(?:\n(?P=indent)```text\n(?P<output>.*?)^(?P=indent)```\n)?"
 )
-_WITH_TIMES = re.compile(r"(?m)^ *ms .*\n")
+_WITH_TIMES = re.compile(r"(?m)^ *(?:ms|published) .*\n")  # a version's also names the machine
 
 
 def _free_port() -> int:

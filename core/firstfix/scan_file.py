@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from .errors import InputError, InvalidOption, MalformedData, NotFound, TooLarge, UnsupportedFormat
+from .errors import InputError, InvalidOption, MalformedData, NoSuchFile, TooLarge, UnsupportedFormat
 from .formats.pcd import decode_pcd
 from .formats.ply import decode_ply
 from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
@@ -34,7 +34,7 @@ def read_scan_file(path: Path, columns: tuple[str, ...] | None = None) -> Scan:
             is left out. None: told by evidence.
 
     Raises:
-        NotFound: no such file.
+        NoSuchFile: as said.
         InputError: a subclass; the message names the file.
     """
     return _named(Path(path), partial(_read_scan_file, columns=columns))
@@ -44,7 +44,7 @@ def read_cloud_file(path: Path, columns: tuple[str, ...] | None = None) -> Point
     """Read the columns of a scan's file, all that the format has: beams, too. As ``read_scan_file`` does.
 
     Raises:
-        NotFound, InputError: as there.
+        NoSuchFile, InputError: as there.
     """
     return _named(Path(path), partial(_read_cloud_file, columns=columns))
 
@@ -56,7 +56,7 @@ def _named(path: Path, read: Callable[[Path], _Read]) -> _Read:
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
     except FileNotFoundError as error:
-        raise NotFound(f"{path}: no such file") from error
+        raise NoSuchFile(f"{path}: no such file") from error
 
 
 def _read_scan_file(path: Path, columns: tuple[str, ...] | None) -> Scan:

@@ -124,6 +124,14 @@ def test_an_error_names_its_file(tmp_path: Path):
             read_scan_file(tmp_path / name)
 
 
+def test_a_file_that_is_not_there_is_also_pythons_own_error(tmp_path: Path):
+    for name in ("absent.pcd", "absent.las", "absent.ffscan"):
+        with pytest.raises(FileNotFoundError, match=name) as caught:
+            read_scan_file(tmp_path / name)
+        assert isinstance(caught.value, NotFound)
+        assert str(tmp_path) in str(caught.value)
+
+
 def test_a_cut_off_laz_is_malformed(tmp_path: Path):
     las = laspy.create(point_format=0)
     las.x, las.y, las.z = np.random.default_rng(0).uniform(0, 100, (3, 20_000))
