@@ -13,9 +13,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 
-from firstfix.decode import SCAN_FORMATS, SUFFIXES
 from firstfix.findings import map_kinds, scan_kinds
 from firstfix.findings.registry import kinds_of
+from firstfix.scan_formats import SCAN_FORMATS, SUFFIXES
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import struct
 import zlib
 from collections.abc import Iterator
@@ -63,9 +64,26 @@ def good_bodies(points: int = 60, seed: int = 0) -> list[Body]:
         Body("ply ascii", ply(xyz, "ascii"), "application/ply", statuses=ok),
         Body("ply binary", ply(xyz, "binary_little_endian"), "model/ply", statuses=ok),
         *(Body(name, point_cloud2(xyz), name, statuses=ok) for name in POINT_CLOUDS),
+        Body("npy", npy(xyzi), "application/x-npy", statuses=ok),
+        Body("csv", rows(xyzi, ","), "text/csv", statuses=ok),
+        Body("text", rows(xyz, " "), "text/plain", statuses=ok),
         Body("gzip", gzip.compress(xyz.tobytes()), raw, "gzip", ok),
         Body("zstd", zstandard.ZstdCompressor().compress(xyz.tobytes()), raw, "zstd", ok),
     ]
+
+
+def npy(array: NDArray[np.generic]) -> bytes:
+    """The array as an .npy file."""
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def rows(points: NDArray[np.float32], delimiter: str) -> bytes:
+    """The points as rows of text."""
+    file = io.BytesIO()
+    np.savetxt(file, points, fmt="%.6f", delimiter=delimiter)
+    return file.getvalue()
 
 
 def damaged(body: Body, rng: np.random.Generator) -> Body:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from firstfix.answer.time_findings import time_field_finding
-from firstfix.decode import scan_of_cloud
 from firstfix.engine.config import PreprocessConfig
 from firstfix.engine.diagnosis.facts import MEASURED, facts_of
 from firstfix.engine.diagnosis.input_findings import input_finding
@@ -21,6 +20,7 @@ from firstfix.scan.levelling import floor_height, turned
 from firstfix.scan.reduction import at_most
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
+from firstfix.scan_formats import scan_of_cloud
 from firstfix.transform import make_transform
 
 _CLOCKS = {

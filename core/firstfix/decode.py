@@ -1,4 +1,4 @@
-"""Decoding of request bodies and files to scans: one table of media types and decoders."""
+"""Decoding of request bodies and files to scans."""
 
 from __future__ import annotations
 
@@ -8,167 +8,117 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
 from .errors import InputError, InvalidOption, MalformedData, NotFound, TooLarge, UnsupportedFormat
+from .formats.file_kind import SNIFFED_BYTES
 from .formats.pcd import decode_pcd
 from .formats.ply import decode_ply
 from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
-from .formats.point_times import point_times
-from .formats.raw_xyz import decode_rows, decode_xyz, decode_xyzi, parse_columns
-from .ros.media_types import CDR, ZENOH_CDR, check_cloud_type
-from .ros.point_cloud2 import decode_point_cloud2
+from .formats.raw_xyz import parse_columns
+from .formats.signature import no_signature
+from .formats.text_mode import STRIPPED, is_stripped
+from .ros.media_types import check_cloud_type
 from .scan.scan import Scan
-from .scan.sequence import AnyScan, ScanSequence
-
-__all__ = [
-    "MEDIA_TYPES",
-    "SCAN_FORMATS",
-    "SUFFIXES",
-    "decode_query",
-    "decoder_of",
-    "is_point_cloud2",
-    "read_cloud_file",
-    "read_scan_file",
-    "scan_of_cloud",
-]
+from .scan.sequence import AnyScan
+from .scan_formats import (
+    GENERAL_TYPES,
+    MEDIA_TYPES,
+    ROWS,
+    SCAN_FORMATS,
+    SUFFIXES,
+    ScanFormat,
+    dataset_files_of,
+    decode_cdr,
+    decode_named_rows,
+    decode_wire,
+    scan_of_cloud,
+)
 
 MAX_SCAN_FILE_BYTES = 1_000_000_000
-ROWS = "application/vnd.firstfix.xyzi"
-
-
-def _decode_wire(body: Body) -> Scan:
-    from .wire import scan as wire  # imported late: the other decoders do not need zstandard
-
-    return wire.decode_scan(body)
-
-
-def _decode_sequence(body: Body) -> ScanSequence:
-    from .wire import sequence as wire_sequence
-
-    return wire_sequence.decode_scans(body)
-
-
-def _decode_compact(body: Body) -> AnyScan:
-    from .wire import query as wire_query
-
-    return wire_query.decode_query(body)
-
-
-def _decode_cdr(body: Body) -> Scan:
-    return decode_point_cloud2(body, SCAN_LIMITS).scan()
-
-
-def _decode_cloud(decode: Callable[[Body, Limits], PointCloud], body: Body) -> Scan:
-    return scan_of_cloud(decode(body, SCAN_LIMITS))
-
-
-def _decode_rows(columns: tuple[str, ...], body: Body) -> Scan:
-    return scan_of_cloud(decode_rows(body, columns, SCAN_LIMITS))
-
-
-def _by(decode: Callable[[Body, Limits], PointCloud]) -> Callable[[Body], Scan]:
-    return partial(_decode_cloud, decode)
-
-
-def scan_of_cloud(cloud: PointCloud) -> Scan:
-    """Make a scan of a file's columns, with the times of its points.
-
-    Raises:
-        InvalidScan, TooLarge: as ``Scan.from_columns``.
-    """
-    with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
-        x, y, z = (cloud.columns[axis] for axis in "xyz")
-        times = point_times(cloud.columns, None)
-        return Scan.from_columns(x, y, z, cloud.intensity, times.stamp_s, times.time_s, times.field)
-
-
-@dataclass(frozen=True)
-class ScanFormat:
-    """A format of scans.
-
-    Attributes:
-        media_types: the first is the one to send; the others mean the same.
-        encoding: the format in the words of clients/PROTOCOL.md.
-        decode: makes a scan of a body. It can be pickled.
-        suffix: ending of files that can be sent without change.
-    """
-
-    media_types: tuple[str, ...]
-    encoding: str
-    decode: Callable[[Body], AnyScan]
-    suffix: str | None = None
-
-
-# What is told elsewhere is made from these rows: `python scripts/generate.py`.
-SCAN_FORMATS = (
-    ScanFormat(
-        ("application/vnd.firstfix.scan",),
-        "compressed, as points or as a [range image](protocol/range-image.md): [scan.md](protocol/scan.md)",
-        _decode_wire,
-        ".ffscan",
-    ),
-    ScanFormat(("application/vnd.firstfix.xyz",), "raw little-endian float32, n x 3", _by(decode_xyz)),
-    ScanFormat(
-        (ROWS,),
-        "raw little-endian float32, n x 4, the fourth is the intensity; or n x m, with the columns' names: "
-        '`application/vnd.firstfix.xyzi; columns="x,y,z,intensity,ring,time"`',
-        _by(decode_xyzi),
-        ".bin",
-    ),
-    ScanFormat(("application/x-pcd", "model/vnd.pcd"), "PCD", _by(decode_pcd), ".pcd"),
-    ScanFormat(("application/ply", "model/ply"), "PLY", _by(decode_ply), ".ply"),
-    ScanFormat((CDR, ZENOH_CDR), "a ROS 2 message `sensor_msgs/msg/PointCloud2` as CDR", _decode_cdr),
-    ScanFormat(
-        ("application/vnd.firstfix.query",),
-        "a compact query, under 10 KB: some thousand points and the range view; or a descriptor alone, "
-        "under 1.5 KB: [query.md](protocol/query.md)",
-        _decode_compact,
-    ),
-    ScanFormat(
-        ("application/vnd.firstfix.scans",),
-        "several scans with the robot's motion between them: [scan.md](protocol/scan.md)",
-        _decode_sequence,
-    ),
-)
-MEDIA_TYPES = {name: each.decode for each in SCAN_FORMATS for name in each.media_types}
-SUFFIXES = {each.suffix: each.media_types[0] for each in SCAN_FORMATS if each.suffix}
 READABLE = (*SUFFIXES, ".npy", ".xyz", ".txt", ".pts", ".csv", ".las", ".laz")
 _CLOUD_FILES: dict[str, Callable[[Body, Limits], PointCloud]] = {".pcd": decode_pcd, ".ply": decode_ply}
 _Read = TypeVar("_Read")
+
+
+@dataclass(frozen=True)
+class BodyDecoder:
+    """The decoder of the bodies of one request. It can be pickled.
+
+    Attributes:
+        decode: makes a scan of a body; None: each body's signature decides.
+    """
+
+    decode: Callable[[Body], AnyScan] | None
+
+    def __call__(self, body: Body) -> AnyScan:
+        """The scan in a body without its content encoding. Safe with bytes from strangers.
+
+        Raises:
+            UnsupportedFormat: as ``format_by_signature``.
+            MalformedData, TooLarge, InvalidScan: as the decoder says.
+        """
+        try:
+            return self._of(body)(body)
+        except MalformedData as error:
+            if is_stripped(body):
+                raise MalformedData(f"{error}. {STRIPPED}") from error
+            raise
+
+    def is_point_cloud2(self, body: Body) -> bool:
+        """Whether a body that was decoded is a ROS PointCloud2, which has a stamp."""
+        return self._of(body) is decode_cdr
+
+    def _of(self, body: Body) -> Callable[[Body], AnyScan]:
+        return format_by_signature(body).decode if self.decode is None else self.decode
 
 
 def decode_query(body: Body, media_type: str) -> AnyScan:
     """The scan in a request body. Safe with bytes from strangers.
 
     Raises:
-        UnsupportedFormat: as ``decoder_of``.
+        UnsupportedFormat: as ``decoder_of``, and as ``format_by_signature`` for a general type.
         MalformedData, TooLarge, InvalidScan: as the decoder says.
     """
     return decoder_of(media_type)(body)
 
 
-def decoder_of(media_type: str) -> Callable[[Body], AnyScan]:
-    """The decoder of a media type. It can be pickled.
+def decoder_of(media_type: str) -> BodyDecoder:
+    """The decoder of a media type.
 
     Args:
-        media_type: one of MEDIA_TYPES, in any case. Parameters after a semicolon are ignored, except the
-            message type of CDR, and the columns of raw rows.
+        media_type: one of MEDIA_TYPES, in any case, or one of GENERAL_TYPES: then the body's own signature
+            decides. Parameters after a semicolon are ignored, except the message type of CDR, and the columns
+            of raw rows.
 
     Raises:
         UnsupportedFormat: unknown media type, or a ROS message that is not a PointCloud2.
         InvalidOption: columns that are none.
     """
     name = media_type.split(";", 1)[0].strip().lower()
-    decoder = MEDIA_TYPES.get(name)
-    if decoder is None:
+    if name in GENERAL_TYPES:
+        return BodyDecoder(None)
+    decode = MEDIA_TYPES.get(name)
+    if decode is None:
         raise UnsupportedFormat(
             f"unknown media type {name[:80]!r} of a scan: use one of {', '.join(MEDIA_TYPES)}"
         )
-    if decoder is _decode_cdr:
+    if decode is decode_cdr:
         check_cloud_type(media_type)
     columns = _columns_of(media_type) if name == ROWS else None
-    return decoder if columns is None else partial(_decode_rows, columns)
+    return BodyDecoder(decode if columns is None else partial(decode_named_rows, columns))
+
+
+def format_by_signature(body: Body) -> ScanFormat:
+    """The format of a body without its content encoding, by its first bytes.
+
+    Raises:
+        MalformedData: the body is empty.
+        UnsupportedFormat: they are of no format of scans, or of one without a signature, as raw rows are.
+    """
+    head = bytes(body[:SNIFFED_BYTES])
+    found = next((each for each in SCAN_FORMATS if each.begins is not None and each.begins(head)), None)
+    if found is None:
+        raise no_signature(head, MEDIA_TYPES)
+    return found
 
 
 def _columns_of(media_type: str) -> tuple[str, ...] | None:
@@ -177,11 +127,6 @@ def _columns_of(media_type: str) -> tuple[str, ...] | None:
         if key.strip().lower() == "columns":
             return parse_columns(value.strip().strip('"'))
     return None
-
-
-def is_point_cloud2(decoder: Callable[[Body], AnyScan]) -> bool:
-    """Whether a decoder of ``decoder_of`` reads PointCloud2 messages."""
-    return decoder is _decode_cdr
 
 
 def read_scan_file(path: Path, columns: tuple[str, ...] | None = None) -> Scan:
@@ -223,7 +168,7 @@ def _named(path: Path, read: Callable[[Path], _Read]) -> _Read:
 def _read_scan_file(path: Path, columns: tuple[str, ...] | None) -> Scan:
     if path.suffix.lower() == ".ffscan":
         _check_file(path)
-        return _decode_wire(path.read_bytes())
+        return decode_wire(path.read_bytes())
     return scan_of_cloud(_read_cloud_file(path, columns))
 
 
@@ -232,18 +177,11 @@ def _read_cloud_file(path: Path, columns: tuple[str, ...] | None) -> PointCloud:
     if columns is not None and suffix != ".bin":
         raise InvalidOption("columns are for .bin: the other formats say theirs")
     if suffix == ".ffscan":
-        points = _decode_wire(path.read_bytes()).points
+        points = decode_wire(path.read_bytes()).points
         return PointCloud(dict(zip("xyz", points.T, strict=True)))
     if suffix in _CLOUD_FILES:
         return _CLOUD_FILES[suffix](path.read_bytes(), SCAN_LIMITS)
-    try:
-        from .formats.dataset_files import read_dataset_file
-    except ModuleNotFoundError as error:  # the robot's distribution has no such module
-        raise UnsupportedFormat(
-            f"the robot's client reads .ffscan, .pcd and .ply files, and arrays: install firstfix itself for "
-            f"{suffix}"
-        ) from error
-    return read_dataset_file(path, columns)
+    return dataset_files_of(suffix).read_dataset_file(path, columns)
 
 
 def _check_file(path: Path) -> str:

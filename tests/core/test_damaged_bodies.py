@@ -30,6 +30,7 @@ from tests.core.fixtures import in_memory_of
 from tests.core.formats.cloud_files import pcd, ply, random_cloud, text_rows
 from tests.core.wire.samples import SEQUENCE, body_of, compact, described, image_of, spinning, street_scan
 from tests.every_case import every_case
+from tests.hostile_bodies import npy
 from tests.ros_samples import cdr, cloud
 
 NAN, INF = math.nan, math.inf
@@ -93,6 +94,9 @@ FORMATS = {
     "ply big": (ply(CLOUD, "binary_big_endian"), "application/ply"),
     "xyz": (np.zeros((12, 3), "<f4").tobytes(), "application/vnd.firstfix.xyz"),
     "xyzi": (np.zeros((12, 4), "<f4").tobytes(), "application/vnd.firstfix.xyzi"),
+    "npy": (npy(np.zeros((12, 4), "<f4")), "application/x-npy"),
+    "npy records": (npy(CLOUD), "application/octet-stream"),
+    "csv": (text_rows(CLOUD, ","), "text/csv"),
     "cdr": (cdr(cloud(CLOUD)), "application/vnd.ros2.cdr"),
     "cdr big": (cdr(cloud(CLOUD), little_endian=False), "application/cdr"),
 }

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.decode import SUFFIXES
+from firstfix.scan_formats import SUFFIXES
 from firstfix.store.store import Store
 from firstfix.transform import pose_error, pose_from_mapping
 from firstfix_cli.commands.localize import EXIT_CODES

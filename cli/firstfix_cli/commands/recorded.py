@@ -185,7 +185,7 @@ def _plain_body(stored: RecordedQueries, recorded: RecordedQuery) -> bytes:
 
 def _suffix(media_type: str) -> str:
     """The file suffix for such a body, ``.body`` for an unknown one."""
-    from firstfix.decode import SUFFIXES
+    from firstfix.scan_formats import SUFFIXES
 
     name = media_type.split(";", 1)[0].strip().lower()
     return next((suffix for suffix, known in SUFFIXES.items() if known == name), ".body")

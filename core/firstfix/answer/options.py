@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,7 @@ class LocalizeOptions:
         return math.inf if self.deadline_ms is None else start_s + self.deadline_ms / 1e3
 
     @classmethod
-    def from_strings(cls, values: Mapping[str, str]) -> LocalizeOptions:
+    def from_strings(cls, values: Mapping[str, str], beside: Iterable[str] = ()) -> LocalizeOptions:
         """Options from query parameters.
 
         Forms: ``gravity=x,y,z`` or ``gravity=roll_deg,pitch_deg``; ``prior=x,y,z,radius_m`` or
@@ -72,12 +73,18 @@ class LocalizeOptions:
         ``T_odom_base`` alike; ``twist=vx,vy,vz,wx,wy,wz``; ``dropped=not_finite,too_far,far_m,spread_m``; the
         others are plain numbers or text.
 
+        Args:
+            beside: other parameters that a query may have: a misspelt name may mean one of them.
+
         Raises:
             InvalidOption: an unknown name, or a value with a wrong form or out of range.
         """
-        unknown = set(values) - set(cls.__dataclass_fields__)
+        unknown = sorted(set(values) - set(cls.__dataclass_fields__))
         if unknown:
-            raise InvalidOption(f"no option {', '.join(sorted(unknown))[:200]}")
+            near = _nearest(unknown[0], (*cls.__dataclass_fields__, *beside))
+            raise InvalidOption(
+                f"no option {', '.join(unknown)[:200]}" + (f": did you mean {near}?" if near else "")
+            )
         options: dict[str, Any] = {}
         if "gravity" in values:
             options["gravity"] = _gravity(_numbers("gravity", values["gravity"], (2, 3)))
@@ -127,6 +134,14 @@ class LocalizeOptions:
         if self.dropped is not None:
             values["dropped"] = _joined(astuple(self.dropped))
         return values
+
+
+def _nearest(name: str, known: Sequence[str]) -> str | None:
+    """The known name that one most resembles; the longest with which it begins, as map of map_id."""
+    plain = {one.lower(): one for one in known}
+    near = get_close_matches(name[:40].lower(), plain, 1, cutoff=0.7)
+    begun = sorted((one for one in plain if name.lower().startswith(one)), key=len)
+    return plain[(near or begun)[-1]] if near or begun else None
 
 
 def _numbers(name: str, text: str, counts: tuple[int, ...]) -> list[float]:

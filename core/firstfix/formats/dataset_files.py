@@ -8,10 +8,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from .las import read_las
-from .npy import read_npy
+from .npy import decode_npy, read_npy
 from .point_cloud import SCAN_LIMITS, PointCloud
 from .scanner_bin import decode_scanner_bin
 from .text import decode_text
+
+__all__ = ["decode_npy", "decode_text", "read_dataset_file"]
 
 
 def read_dataset_file(path: Path, columns: tuple[str, ...] | None) -> PointCloud:

@@ -12,6 +12,10 @@ _KINDS = {
     b"\x1f\x8b": "compressed by gzip",
     b"\x93NUMPY": "an .npy array",
     b"LASF": "a LAS or LAZ file",
+    b"ASTM-E57": "an E57 file",
+    b"#ROSBAG": "a ROS 1 bag: `firstfix localize --bag` takes it",
+    b"\x89MCAP0\r\n": "an .mcap recording: `firstfix localize --bag` takes it",
+    b"SQLite format 3": "an SQLite database",
 }
 SNIFFED_BYTES = 512
 

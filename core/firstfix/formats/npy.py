@@ -2,37 +2,51 @@
 
 from __future__ import annotations
 
+import io
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import MalformedData
 from ..scan.scan import is_transposed
 from .file_kind import kind_of
-from .point_cloud import Limits, PointCloud, with_axes
+from .point_cloud import Body, Limits, PointCloud, with_axes
 from .row_layout import KITTI, names_of
 
 MAGIC = b"\x93NUMPY"
 _HEAD_BYTES = 256
+_MAX_HEADER_BYTES = 70_000
 
 
 def read_npy(path: Path, limits: Limits) -> PointCloud:
     """Read a file. The file is memory-mapped, so that a wrong size in the header takes no memory.
 
     Raises:
+        MalformedData, TooLarge: as ``decode_npy``.
+    """
+    is_empty = path.stat().st_size == 0  # which cannot be mapped
+    return decode_npy(b"" if is_empty else np.memmap(path, np.uint8, mode="r").data, limits)
+
+
+def decode_npy(body: Body, limits: Limits) -> PointCloud:
+    """Decode an array. Its columns are views of the body.
+
+    Raises:
         MalformedData: not an .npy file of points, or cut off.
         TooLarge: over the limits.
     """
-    with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
-    if kind_of(head) != kind_of(MAGIC):
+    if not len(body):
+        raise MalformedData("NPY: the file is empty (0 bytes)")
+    head = bytes(body[:_HEAD_BYTES])
+    if not head.startswith(MAGIC):
         raise MalformedData(f"NPY: the file is {kind_of(head)}, not {kind_of(MAGIC)}")
     if b"'|O'" in head:
         raise MalformedData("NPY: the array holds Python objects: save it as numbers, with dtype float32")
     try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except OSError:
-        raise
+        array = _array(body)
     except Exception as error:  # a damaged header makes Python's tokenizer raise various exceptions
         raise MalformedData("NPY: the header is damaged, or the file is cut off") from error
     if array.dtype.names is not None and array.ndim == 1:
@@ -49,3 +63,18 @@ def read_npy(path: Path, limits: Limits) -> PointCloud:
         raise MalformedData(f"NPY: {array.dtype} {array.shape} is not an (n, 3) array of numbers")
     limits.check("NPY", len(array), 8 * len(columns))
     return PointCloud(columns)
+
+
+def _array(body: Body) -> NDArray[Any]:
+    """The array, without a copy. NumPy reads the header alone: it takes memory for what a header says."""
+    header = io.BytesIO(bytes(body[:_MAX_HEADER_BYTES]))
+    version = np.lib.format.read_magic(header)
+    read = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }[version]
+    shape, by_column, dtype = read(header)
+    if dtype.hasobject:
+        raise ValueError("an array of objects")
+    flat = np.frombuffer(body, dtype, math.prod(shape), header.tell())
+    return flat.reshape(shape, order="F" if by_column else "C")

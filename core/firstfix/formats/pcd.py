@@ -21,7 +21,7 @@ _MAX_FIELDS = 256
 _MAX_COUNT = 100_000  # a histogram feature (SHOT, VFH) has some hundreds of numbers
 # LZF expands 3 bytes to at most 264 bytes.
 _MAX_LZF_RATIO = 88
-_KEYS = {"VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "POINTS"}
+HEADER_KEYS = {"VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "POINTS"}
 _NUMBER_TYPES = {
     (kind, size): np.dtype(f"<{code}{size}")
     for kind, code, sizes in (("F", "f", (4, 8)), ("I", "i", (1, 2, 4, 8)), ("U", "u", (1, 2, 4, 8)))
@@ -125,7 +125,7 @@ def _parse_header(body: Body) -> _Header:
     start = 0
     while "DATA" not in entries:
         end = head.find(b"\n", start)
-        if end < 0 and not _KEYS & set(entries):
+        if end < 0 and not HEADER_KEYS & set(entries):
             raise MalformedData(f"PCD: the file has no PCD header: it is {kind_of(head)}")
         if end < 0:
             raise MalformedData("PCD: the header has no DATA line, or the file is cut off")

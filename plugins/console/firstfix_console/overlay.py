@@ -12,11 +12,11 @@ from fastapi import APIRouter, Query, Request, Response
 from firstfix.access.permissions import Scope
 from firstfix.answer.options import LocalizeOptions
 from firstfix.catalog.version_prefix import check_prefix
-from firstfix.decode import MEDIA_TYPES
 from firstfix.engine.changes.overlay import OverlayMap
 from firstfix.errors import InvalidOption
 from firstfix.formats.point_cloud import Body
 from firstfix.ids import check_map_id
+from firstfix.scan_formats import MEDIA_TYPES
 from firstfix.transform import Matrix
 from firstfix_service.http_api.edge import CallerDep, needs
 from firstfix_service.http_api.parts import LocalizePartsDep

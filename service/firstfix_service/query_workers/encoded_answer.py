@@ -81,7 +81,7 @@ def _pose_message(
     if pose is None or answer.T_map_sensor is None:
         return None
     stamp = pose.stamp
-    if stamp is None and body_format.is_point_cloud2:
+    if stamp is None and body_format.decode.is_point_cloud2(plain):
         stamp = read_stamp(CdrReader("PointCloud2", plain))
     return to_pose_cdr(answer, stamp or Stamp(), pose.frame_id)
 

@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from firstfix.answer.localization import Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.catalog.version_prefix import check_prefix
-from firstfix.decode import decoder_of, is_point_cloud2
+from firstfix.decode import BodyDecoder, decoder_of
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.formats.point_cloud import Body
 from firstfix.ids import check_map_id
 from firstfix.ros.media_types import POSE
-from firstfix.scan.sequence import AnyScan
 from firstfix.wire.content_encoding import decompressor_of
 
 from ..auth.principal import Principal
 from ..limits.asker import Asker
-from .answer_form import JSON, AnswerForm
+from .answer_form import JSON, PARAMETERS, AnswerForm
 
+MAP_PARAMETER = "map"
 MAX_MAPS = 16  # that one query searches in full
 CHOSEN_MAPS = 8  # of all that a caller sees, if a query names none and they are more than MAX_MAPS
 SEVERAL_MAPS = "*"  # all searches of more than one map take turns as one
@@ -54,11 +54,11 @@ class BodyFormat(NamedTuple):
         decompress: of a body, up to so many bytes.
             Raises MalformedData or TooLarge.
         decode: of a body without its content encoding.
-            Raises MalformedData, TooLarge or InvalidScan.
+            Raises UnsupportedFormat, MalformedData, TooLarge or InvalidScan.
     """
 
     decompress: Callable[[Body, int], Body]
-    decode: Callable[[Body], AnyScan]
+    decode: BodyDecoder
 
     @classmethod
     def of(cls, media_type: str, content_encoding: str | None) -> BodyFormat:
@@ -68,11 +68,6 @@ class BodyFormat(NamedTuple):
             UnsupportedFormat: unknown media type or content encoding.
         """
         return cls(decompressor_of(content_encoding or ""), decoder_of(media_type))
-
-    @property
-    def is_point_cloud2(self) -> bool:
-        """True for a ROS PointCloud2, which has a stamp."""
-        return is_point_cloud2(self.decode)
 
 
 @dataclass(frozen=True)
@@ -172,7 +167,7 @@ class Query:
         """
         for map_id in given.map_ids:
             caller.check_map(check_map_id(map_id))
-        options = LocalizeOptions.from_strings(given.options)
+        options = LocalizeOptions.from_strings(given.options, (MAP_PARAMETER, *PARAMETERS))
         if options.version is not None:
             check_prefix(options.version)
         body_format = BodyFormat.of(given.media_type, given.content_encoding)

@@ -15,7 +15,7 @@ from .. import problems
 from ..auth.principal import Principal
 from ..problems import problem_of
 from ..query_workers.answer_form import AnswerForm
-from ..query_workers.query import AsGiven, Query, single_values, split_map_ids
+from ..query_workers.query import MAP_PARAMETER, AsGiven, Query, single_values, split_map_ids
 from ..telemetry.request_scope import Requests
 from .callers import ZenohCaller
 
@@ -26,7 +26,6 @@ PARAMETERS = (REQUEST_ID, TRACEPARENT)  # of every query, beside the options
 _METHOD = "GET"  # zenoh's word for a query
 CONTENT_ENCODING = "content_encoding"
 ACCEPT = "accept"
-MAP_PARAMETER = "map"
 ANY_MAP = "@any"
 UNSIGNED = ZenohCaller()
 

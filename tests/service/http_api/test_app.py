@@ -19,9 +19,9 @@ from firstfix.access.permissions import Scope
 from firstfix.answer.options import LocalizeOptions
 from firstfix.builds.config import BuildConfig
 from firstfix.catalog.catalog import Catalog
-from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import ReadOnly, StoreUnavailable
 from firstfix.ros.media_types import POSE
+from firstfix.scan_formats import MEDIA_TYPES
 from firstfix.store.store import Store
 from firstfix_service.app import create_app
 from firstfix_service.http_api.made_once import MadeOnce

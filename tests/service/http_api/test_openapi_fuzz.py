@@ -24,7 +24,7 @@ from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
 from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery, new_query_id
 from firstfix.catalog.uploads.uploads import Uploads
-from firstfix.decode import MEDIA_TYPES
+from firstfix.scan_formats import MEDIA_TYPES
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
 from tests.service.service_world import SCAN_BODY, XYZ, Service, publish, running_service

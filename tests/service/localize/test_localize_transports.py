@@ -20,6 +20,8 @@ from firstfix.scan.reduction import COLUMNS, ROWS
 from firstfix.scan.scan import Scan
 from firstfix.wire import query as wire_query
 from firstfix.wire import sequence as wire_sequence
+from tests.hostile_bodies import npy, pcd
+from tests.hostile_bodies import rows as rows_of_text
 from tests.ros_samples import ROS2, cdr, cloud_of_points
 from tests.service.service_world import SCAN_BODY, XYZ, Reply, Service, publish, serving
 from tests.waiting import wait_until
@@ -59,6 +61,36 @@ def test_several_scans_are_one_query(shared_service: Service, transport: str):
     body = wire_sequence.encode_scans([scan] * 3, [np.eye(4)] * 3)
     reply = shared_service.ask(transport, body=body, media_type=wire_sequence.MEDIA_TYPE)
     assert reply.json["T_map_sensor"]["position"][1] == 3  # the fake's y is the sequence's length
+
+
+@both
+def test_a_body_without_a_telling_media_type_says_itself_what_it_is(shared_service: Service, transport: str):
+    rows = np.random.default_rng(3).uniform(-9, 9, (100, 3)).astype("<f4")
+    for body in (npy(rows), pcd(rows, "binary"), rows_of_text(rows, ","), CLOUD):
+        for media_type in ("application/octet-stream", "application/x-www-form-urlencoded", ""):
+            assert shared_service.ask(transport, body=body, media_type=media_type).ok, (body[:20], media_type)
+    refused = shared_service.ask(transport, body=rows.tobytes(), media_type="application/octet-stream")
+    assert (refused.json["code"], refused.json["status"]) == ("unsupported_format", 415)
+    assert "application/vnd.firstfix.xyz" in refused.json["detail"]
+    stripped = pcd(rows, "ascii").replace(b"\n", b"")
+    refused = shared_service.ask(transport, body=stripped, media_type="application/x-pcd")
+    assert "--data-binary" in refused.json["detail"]
+
+
+@both
+def test_a_misspelt_option_is_answered_with_the_nearest_one(shared_service: Service, transport: str):
+    for name, meant in (
+        ("map_id", "map"),
+        ("mapp", "map"),
+        ("min_probabilty", "min_probability"),
+        ("t_base_sensor", "T_base_sensor"),
+        ("frame_id", "frame"),
+        ("Gravity", "gravity"),
+        ("deadline", "deadline_ms"),
+    ):
+        reply = shared_service.ask(transport, options={name: "1"})
+        assert f"no option {name}: did you mean {meant}?" in reply.json["detail"]
+    assert shared_service.ask(transport, options={"colour": "1"}).json["detail"] == "no option colour"
 
 
 @both
@@ -229,8 +261,11 @@ def test_the_pose_message_has_the_stamp_of_the_cloud_and_the_frame_of_the_map(
     ("encoding", "compress"), [("gzip", gzip.compress), ("zstd", zstandard.ZstdCompressor().compress)]
 )
 def test_the_stamp_is_found_under_a_content_encoding(shared_service, transport, encoding, compress):
-    message = pose_of(ask_for(shared_service, transport, POSE, compress(CLOUD), content_encoding=encoding))
-    assert message.header.stamp.nanosec == 123_456_789
+    for media_type in (POINT_CLOUD2, "application/octet-stream"):
+        reply = ask_for(
+            shared_service, transport, POSE, compress(CLOUD), media_type, content_encoding=encoding
+        )
+        assert pose_of(reply).header.stamp.nanosec == 123_456_789
 
 
 @both

@@ -7,8 +7,8 @@ import ssl
 
 import httpx
 
-from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import MalformedData, TooLarge
+from firstfix.scan_formats import MEDIA_TYPES
 
 MAX_SCAN_BYTES = 64 << 20
 TIMEOUT_S = 10.0

@@ -12,19 +12,25 @@ from starlette.requests import ClientDisconnect
 from firstfix.access.permissions import Scope
 from firstfix.answer.options import LocalizeOptions
 from firstfix.catalog.geopose import MEDIA_TYPE as GEOPOSE
-from firstfix.decode import MEDIA_TYPES
 from firstfix.ros.media_types import POSE
+from firstfix.scan_formats import MEDIA_TYPES
 
 from ...auth.principal import Principal
 from ...query_workers.answer_form import PARAMETERS, AnswerForm
-from ...query_workers.query import AsGiven, EncodedAnswer, Query, single_values, split_map_ids
+from ...query_workers.query import (
+    MAP_PARAMETER,
+    AsGiven,
+    EncodedAnswer,
+    Query,
+    single_values,
+    split_map_ids,
+)
 from ...thread_pools import READS
 from ..edge import DirectRoute, caller_of, cancel_on_disconnect, needs
 from ..parts import LocalizeParts, part_of
 from ..schema.answer_models import Answer, GeoPose
 from ..schema.bodies import BINARY, add_schema, binary_body
 
-MAP_PARAMETER = "map"
 _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
     "prior": "region of the map that contains the sensor: `x,y,z,radius_m`, optionally with "

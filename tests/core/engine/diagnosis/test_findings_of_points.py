@@ -11,7 +11,6 @@ from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.scan_facts import ScanFacts
 from firstfix.answer.time_findings import no_times_finding, time_field_finding, with_time_field
-from firstfix.decode import scan_of_cloud
 from firstfix.engine.config import PreprocessConfig
 from firstfix.engine.diagnosis.facts import MEASURED, eigenvalue_bounds, facts_of, is_on_a_line
 from firstfix.engine.diagnosis.input_findings import input_finding
@@ -23,6 +22,7 @@ from firstfix.findings.registry import KINDS
 from firstfix.formats.point_cloud import PointCloud
 from firstfix.scan.reduction import at_most
 from firstfix.scan.scan import Dropped, Scan
+from firstfix.scan_formats import scan_of_cloud
 from firstfix.sensor import preset
 
 RNG = np.random.default_rng(5)
