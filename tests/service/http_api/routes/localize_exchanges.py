@@ -317,7 +317,9 @@ def _each_once(found: dict[str, Any]) -> dict[str, Any]:
     """Of outcomes that are equal, the name of the first in place of the others."""
     first: dict[str, str] = {}
     return {
-        name: f"as: {first[text]}" if first.setdefault(text := json.dumps(outcome), name) != name else outcome
+        name: f"as: {first[text]}"
+        if first.setdefault(text := json.dumps(outcome, sort_keys=True), name) != name
+        else outcome
         for name, outcome in found.items()
     }
 
