@@ -11,6 +11,7 @@ import random
 import threading
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import structlog
@@ -20,6 +21,9 @@ from firstfix.errors import InvalidOption
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from .event import AnswerEvent, read_secrets, signed_headers
+
+if TYPE_CHECKING:
+    import httpx
 
 _log = structlog.get_logger(__name__)
 MAX_WAITING, MAX_WAITING_BYTES = 1000, 32 << 20  # for one URL, those that are tried again too

@@ -144,7 +144,8 @@ async def main(directory):
         while not {"zenoh", "firstfix.native"} <= set(sys.modules):  # a busy machine loads them later
             await asyncio.sleep(0.02)
         await asyncio.sleep(0.3)
-        heavy = {"open3d", "scipy", "faiss", "rich", "pygments", "httpx", "firstfix_builder", "firstfix_client"}
+        heavy = {"open3d", "scipy", "faiss", "rich", "pygments", "httpx"}
+        heavy |= {"firstfix_builder", "firstfix_client"}
         heavy &= set(sys.modules)
     print("heavy:", sorted(heavy))
 
