@@ -57,6 +57,13 @@ void bind_vectors(nb::module_& module) {
       },
       "points"_a, "voxel_m"_a, "at_most"_a);
   module.def(
+      "chosen_by_chance",
+      [](Vectors<T> points, std::uint64_t at_most) {
+        auto chosen = without_gil([&] { return chosen_by_chance(points.data(), points.shape(0), at_most); });
+        return array_of(std::move(chosen), {chosen.size() / 3, 3});
+      },
+      "points"_a, "at_most"_a);
+  module.def(
       "turned",
       [](Vectors<T> points, Rotation R) {
         std::vector<T> rotated(points.size());

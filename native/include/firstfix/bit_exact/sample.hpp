@@ -35,3 +35,19 @@ inline std::vector<std::int64_t> rows_by_chance(std::uint64_t count, std::uint64
 }
 
 }  // namespace firstfix::detail
+
+namespace firstfix {
+
+// The rows of (count, 3) numbers that rows_by_chance chooses.
+template <class T>
+std::vector<T> chosen_by_chance(const T* points, std::uint64_t count, std::uint64_t at_most) {
+  const std::vector<std::int64_t> rows = detail::rows_by_chance(count, at_most);
+  std::vector<T> chosen(3 * rows.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const T* point = points + 3 * rows[i];
+    for (std::size_t axis = 0; axis < 3; ++axis) chosen[3 * i + axis] = point[axis];
+  }
+  return chosen;
+}
+
+}  // namespace firstfix
