@@ -48,10 +48,12 @@ class Series:
         """Add the samples of this series."""
         with self._lock:
             counts, exemplars, total = self._counts[:], self._exemplars[:], self._sum
-        buckets, count = [], 0.0
+        buckets: list[tuple[str, float] | tuple[str, float, Exemplar]] = []
+        count = 0.0
         for bound, own, exemplar in zip(self._bounds, counts, exemplars, strict=True):
             count += own
-            buckets.append((floatToGoString(bound), count, exemplar))
+            name = floatToGoString(bound)  # type: ignore[no-untyped-call]
+            buckets.append((name, count) if exemplar is None else (name, count, exemplar))
         family.add_metric(labels, buckets, total)
         if _HAS_CREATED:
             family.add_sample(f"{family.name}_created", family.samples[-1].labels, self._created)
