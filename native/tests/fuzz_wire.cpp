@@ -96,7 +96,11 @@ bool decode_compact(Hostile& random) {
 void encode_compact(Hostile& random) {
   const auto count = static_cast<std::size_t>(random.number(0, 300));
   std::vector<float> points(3 * count);
-  for (float& v : points) v = static_cast<float>(random.real(random.chance(0.5) ? 1000 : 1));
+  const double reach_m = random.chance(0.5) ? 1000 : 1;
+  for (float& v : points) {
+    v = static_cast<float>(random.real(reach_m));
+    if (!(std::fabs(v) <= 1000.0F)) v = 0;  // the caller checks it
+  }
   const CompactPlanes made = compact_planes(points.data(), count, 0.005);
   CompactGrid grid{made.box.lowest, made.box.size, 0.005};
   std::vector<float> decoded(3 * count);
