@@ -153,9 +153,10 @@ def _compact_bytes(query: CompactScan, resolution_m: float) -> tuple[bytes, NDAr
     if np.abs(lowest).max() > 32_767 or size.max() > 65_535 or math.prod(size.tolist()) > 1 << 32:
         raise InvalidScan(f"the points are too far apart for steps of {resolution_m:g} m")
     compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
-    planes, ranges = compressor.compress(apart), compressor.compress(_range_bytes(query.nearest_m))
+    planes = compressor.compress(apart.tobytes())
+    ranges = compressor.compress(_range_bytes(query.nearest_m).tobytes())
     head = _COMPACT.pack(resolution_m, n, *lowest, *size, len(planes), len(ranges))
-    return b"".join((head, planes, ranges, low)), order
+    return head + planes + ranges + low.tobytes(), order
 
 
 @accelerated
