@@ -45,14 +45,14 @@ async def answer_directly(scope: Scope, receive: Receive, send: Send) -> None:
     An unexpected error is for the layer around it.
     """
     route: DirectRoute = scope["route"]
-    request: Request = Request(scope, receive, send)
+    request, methods = Request(scope, receive, send), route.methods or frozenset()
     response: Response
     try:
-        if scope["method"] in route.methods:
+        if scope["method"] in methods:
             await authorize(request)
             response = await route.endpoint(request)
         else:
-            response = method_not_allowed(route.methods).response()
+            response = method_not_allowed(methods).response()
     except FirstfixError as error:
         response = problem_of(error).response()
     await response(scope, receive, send)

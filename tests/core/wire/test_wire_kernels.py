@@ -157,7 +157,7 @@ def test_points_that_a_kernel_cannot_encode_are_refused():
         (few, 0.003),
         (few, np.nan),
     ):
-        with pytest.raises(ValueError, match="10,000|1000 m|a step"):
+        with pytest.raises(ValueError, match=r"10,000|1000 m|a step"):
             native.compact_planes(points, step_m)
 
 
