@@ -1,5 +1,5 @@
 # firstfix. `make demo` shows it, `make test` proves it; both set up what they need.
-.PHONY: setup native console release demo test test-slow test-all lint docs lab paper scoreboard bench faults lock test-servers all-test-servers clean
+.PHONY: setup native console release demo test test-slow test-all lint docs docs-outputs lab paper scoreboard bench faults lock test-servers all-test-servers clean
 .DEFAULT_GOAL := help
 bin := .venv/bin
 # Four files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
@@ -68,6 +68,9 @@ bench faults:  # until 0.2
 docs: setup  ## the documentation site, in build/site
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --strict --quiet
 	@echo "docs: open build/site/index.html, or: $(bin)/mkdocs serve"
+
+docs-outputs: setup  ## the printed outputs of the tutorials, made by running them (some minutes)
+	@$(bin)/python scripts/docs_outputs.py $(ARGS)
 
 lock: setup  ## resolve deploy/locks anew (LOCK_ARGS=--upgrade for newer releases)
 	@scripts/lock.sh $(LOCK_ARGS)

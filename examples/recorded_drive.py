@@ -7,7 +7,7 @@ time of the scan, in the odometry frame or, for a true pose, in the map frame.
 import csv
 from pathlib import Path
 
-from firstfix.decode import read_scan_file
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import from_quaternion
 
 

@@ -13,10 +13,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.decode import decode_query, read_scan_file
+from firstfix.decode import decode_query
 from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.recording.recording import open_recording
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import from_quaternion
 from firstfix_builder.sources.read_map import read_map
 from firstfix_builder.sources.read_map.archive import unpack

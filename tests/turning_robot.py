@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from firstfix.decode import read_scan_file
 from firstfix.scan.reduction import voxel_means
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import transform_points
 from firstfix_builder.sources.read_map import read_trajectory
 from tests.pose_rows import POSE, numbers_of, write_rows

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from firstfix.builds.limits import default_build_memory_bytes
-from firstfix.decode import read_cloud_file, read_scan_file
 from firstfix.errors import InputError, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.point_cloud import SCAN_LIMITS, PointCloud
 from firstfix.recording.recording import is_recording
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_cloud_file, read_scan_file
 
 from .bags.first_cloud import first_cloud
 

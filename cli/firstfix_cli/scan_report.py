@@ -20,7 +20,7 @@ from firstfix.scan.levelling import floor_height, turned
 from firstfix.scan.reduction import at_most
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
-from firstfix.scan_formats import scan_of_cloud
+from firstfix.scan_file import scan_of_cloud
 from firstfix.transform import make_transform
 
 _CLOCKS = {

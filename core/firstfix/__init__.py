@@ -47,7 +47,7 @@ _HOME = {
     "decode_query": ".decode",
     "describe": ".scan.condense",
     "localize_among": ".engine.localizer",
-    "read_scan_file": ".decode",
+    "read_scan_file": ".scan_file",
 }
 _MODULES = ("errors", "transform")
 

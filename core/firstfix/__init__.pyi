@@ -11,7 +11,6 @@ from .builds.config import BuildConfig as BuildConfig
 from .catalog.catalog import Catalog as Catalog
 from .catalog.manifest import Manifest as Manifest
 from .decode import decode_query as decode_query
-from .decode import read_scan_file as read_scan_file
 from .engine.index import MapIndex as MapIndex
 from .engine.localizer import Localizer as Localizer
 from .engine.localizer import localize_among as localize_among
@@ -23,6 +22,7 @@ from .scan.condense import describe as describe
 from .scan.descriptor_parameters import DescriptorParameters as DescriptorParameters
 from .scan.scan import Scan as Scan
 from .scan.sequence import ScanSequence as ScanSequence
+from .scan_file import read_scan_file as read_scan_file
 from .sensor import SensorModel as SensorModel
 from .store.store import Store as Store
 

@@ -1,42 +1,28 @@
-"""Decoding of request bodies and files to scans."""
+"""Decoding of request bodies to scans: by their media type, or by their own first bytes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import TypeVar
 
-from .errors import InputError, InvalidOption, MalformedData, NotFound, TooLarge, UnsupportedFormat
-from .formats.file_kind import SNIFFED_BYTES
-from .formats.pcd import decode_pcd
-from .formats.ply import decode_ply
-from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
+from .errors import MalformedData, UnsupportedFormat
+from .formats.point_cloud import Body
 from .formats.raw_xyz import parse_columns
-from .formats.signature import no_signature
-from .formats.text_mode import STRIPPED, is_stripped
+from .formats.signature import STRIPPED, is_stripped, media_type_of
 from .ros.media_types import check_cloud_type
-from .scan.scan import Scan
 from .scan.sequence import AnyScan
-from .scan_formats import (
-    GENERAL_TYPES,
-    MEDIA_TYPES,
-    ROWS,
-    SCAN_FORMATS,
-    SUFFIXES,
-    ScanFormat,
-    dataset_files_of,
-    decode_cdr,
-    decode_named_rows,
-    decode_wire,
-    scan_of_cloud,
-)
+from .scan_file import dataset_files_of
+from .scan_formats import MEDIA_TYPES, ROWS, decode_cdr, decode_las, decode_named_rows
 
-MAX_SCAN_FILE_BYTES = 1_000_000_000
-READABLE = (*SUFFIXES, ".npy", ".xyz", ".txt", ".pts", ".csv", ".las", ".laz")
-_CLOUD_FILES: dict[str, Callable[[Body, Limits], PointCloud]] = {".pcd": decode_pcd, ".ply": decode_ply}
-_Read = TypeVar("_Read")
+# Types that say nothing of the body: none, those of programs that do not know it, curl's own, and zenoh's.
+GENERAL_TYPES = (
+    "",
+    "application/octet-stream",
+    "binary/octet-stream",
+    "application/x-www-form-urlencoded",
+    "zenoh/bytes",
+)
 
 
 @dataclass(frozen=True)
@@ -53,7 +39,7 @@ class BodyDecoder:
         """The scan in a body without its content encoding. Safe with bytes from strangers.
 
         Raises:
-            UnsupportedFormat: as ``format_by_signature``.
+            UnsupportedFormat: as ``formats.signature.media_type_of``.
             MalformedData, TooLarge, InvalidScan: as the decoder says.
         """
         try:
@@ -68,14 +54,16 @@ class BodyDecoder:
         return self._of(body) is decode_cdr
 
     def _of(self, body: Body) -> Callable[[Body], AnyScan]:
-        return format_by_signature(body).decode if self.decode is None else self.decode
+        if self.decode is not None:
+            return self.decode
+        return MEDIA_TYPES[media_type_of(body)]
 
 
 def decode_query(body: Body, media_type: str) -> AnyScan:
     """The scan in a request body. Safe with bytes from strangers.
 
     Raises:
-        UnsupportedFormat: as ``decoder_of``, and as ``format_by_signature`` for a general type.
+        UnsupportedFormat: as ``decoder_of``, and as ``formats.signature.media_type_of`` for a general type.
         MalformedData, TooLarge, InvalidScan: as the decoder says.
     """
     return decoder_of(media_type)(body)
@@ -90,7 +78,8 @@ def decoder_of(media_type: str) -> BodyDecoder:
             of raw rows.
 
     Raises:
-        UnsupportedFormat: unknown media type, or a ROS message that is not a PointCloud2.
+        UnsupportedFormat: unknown media type, a ROS message that is not a PointCloud2, or LAS where nothing
+            here reads it.
         InvalidOption: columns that are none.
     """
     name = media_type.split(";", 1)[0].strip().lower()
@@ -103,22 +92,10 @@ def decoder_of(media_type: str) -> BodyDecoder:
         )
     if decode is decode_cdr:
         check_cloud_type(media_type)
+    if decode is decode_las:
+        dataset_files_of(".las").check_installed()
     columns = _columns_of(media_type) if name == ROWS else None
     return BodyDecoder(decode if columns is None else partial(decode_named_rows, columns))
-
-
-def format_by_signature(body: Body) -> ScanFormat:
-    """The format of a body without its content encoding, by its first bytes.
-
-    Raises:
-        MalformedData: the body is empty.
-        UnsupportedFormat: they are of no format of scans, or of one without a signature, as raw rows are.
-    """
-    head = bytes(body[:SNIFFED_BYTES])
-    found = next((each for each in SCAN_FORMATS if each.begins is not None and each.begins(head)), None)
-    if found is None:
-        raise no_signature(head, MEDIA_TYPES)
-    return found
 
 
 def _columns_of(media_type: str) -> tuple[str, ...] | None:
@@ -127,74 +104,3 @@ def _columns_of(media_type: str) -> tuple[str, ...] | None:
         if key.strip().lower() == "columns":
             return parse_columns(value.strip().strip('"'))
     return None
-
-
-def read_scan_file(path: Path, columns: tuple[str, ...] | None = None) -> Scan:
-    """Read a scan from a local file. The ending of the name selects the format.
-
-    It reads the endings of SUFFIXES, .bin of data sets, .npy, .xyz, .txt, .pts, .csv, and, with laspy,
-    .las and .laz. For local files only: LAZ decoders are not safe for untrusted input.
-
-    Args:
-        columns: names of the columns of a .bin's rows of float32, as ``("x", "y", "z", "_", "ring")``; ``_``
-            is left out. None: told by evidence.
-
-    Raises:
-        NotFound: no such file.
-        InputError: a subclass; the message names the file.
-    """
-    return _named(Path(path), partial(_read_scan_file, columns=columns))
-
-
-def read_cloud_file(path: Path, columns: tuple[str, ...] | None = None) -> PointCloud:
-    """Read the columns of a scan's file, all that the format has: beams, too. As ``read_scan_file`` does.
-
-    Raises:
-        NotFound, InputError: as there.
-    """
-    return _named(Path(path), partial(_read_cloud_file, columns=columns))
-
-
-def _named(path: Path, read: Callable[[Path], _Read]) -> _Read:
-    """Read a file; an error names it."""
-    try:
-        return read(path)
-    except InputError as error:
-        raise type(error)(f"{path}: {error}") from error
-    except FileNotFoundError as error:
-        raise NotFound(f"{path}: no such file") from error
-
-
-def _read_scan_file(path: Path, columns: tuple[str, ...] | None) -> Scan:
-    if path.suffix.lower() == ".ffscan":
-        _check_file(path)
-        return decode_wire(path.read_bytes())
-    return scan_of_cloud(_read_cloud_file(path, columns))
-
-
-def _read_cloud_file(path: Path, columns: tuple[str, ...] | None) -> PointCloud:
-    suffix = _check_file(path)
-    if columns is not None and suffix != ".bin":
-        raise InvalidOption("columns are for .bin: the other formats say theirs")
-    if suffix == ".ffscan":
-        points = decode_wire(path.read_bytes()).points
-        return PointCloud(dict(zip("xyz", points.T, strict=True)))
-    if suffix in _CLOUD_FILES:
-        return _CLOUD_FILES[suffix](path.read_bytes(), SCAN_LIMITS)
-    return dataset_files_of(suffix).read_dataset_file(path, columns)
-
-
-def _check_file(path: Path) -> str:
-    """The ending of a scan's file."""
-    suffix = path.suffix.lower()
-    if path.is_dir():
-        raise UnsupportedFormat("this is a folder, not the file of a scan")
-    if suffix not in READABLE:
-        ending = f"that end in {suffix!r}" if suffix else "without an ending"
-        raise UnsupportedFormat(f"scans cannot be read from files {ending}: use {', '.join(READABLE)}")
-    size = path.stat().st_size
-    if size > MAX_SCAN_FILE_BYTES:
-        raise TooLarge(f"{size} bytes, the limit is {MAX_SCAN_FILE_BYTES}")
-    if size == 0:
-        raise MalformedData("the file is empty (0 bytes)")
-    return suffix

@@ -13,6 +13,7 @@
     |  |- PreconditionFailed      the caller speaks another version of a protocol
     |  `- DescriptorMismatch      the query has other descriptor parameters than the map
     |- NotFound                   no such map, version or build
+    |  `- NoSuchFile              no such file on this machine; also a FileNotFoundError
     |- Conflict                   it already exists, or its state forbids this
     |  `- IdempotencyConflict     the key was used for another request
     |- ReadOnly                   this service or store is read-only
@@ -130,6 +131,12 @@ class NotFound(FirstfixError):
     """No such map, version or build."""
 
     code = "not_found"
+
+
+class NoSuchFile(NotFound, FileNotFoundError):
+    """No such file on this machine; also a FileNotFoundError."""
+
+    code = "no_such_file"
 
 
 class Conflict(FirstfixError):

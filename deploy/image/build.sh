@@ -11,8 +11,8 @@ revision=$(git rev-parse HEAD 2>/dev/null || echo unknown)
 # The commit's time, so that the same source gives the same labels.
 created=$(git log -1 --format=%cI 2>/dev/null || date -u +%Y-%m-%dT%H:%M:%SZ)
 for target in ${TARGETS:-service builder}; do
-  docker build --quiet "$@" --target "$target" \
+  docker build "$@" --target "$target" \
     --build-arg VERSION="$version" --build-arg REVISION="$revision" --build-arg CREATED="$created" \
-    -t "firstfix-$target:$version" -t "firstfix-$target:latest" . >/dev/null
+    -t "firstfix-$target:$version" -t "firstfix-$target:latest" . >&2
   docker image ls --no-trunc --format '{{.Repository}}:{{.Tag}}  {{.Size}}  {{.ID}}' "firstfix-$target:latest"
 done

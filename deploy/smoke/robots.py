@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.decode import read_scan_file
 from firstfix.errors import FirstfixError
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import pose_error
 from firstfix_cli.poses_csv import read_poses_csv
 from firstfix_client import Client, RetryPolicy, ZenohClient

@@ -23,7 +23,7 @@ from rich.table import Table
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.bit_exact.sample import rows_by_chance
-from firstfix.decode import read_scan_file
+from firstfix.scan_file import read_scan_file
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, pose_error, yaw_of
 from firstfix_cli.answerer import fetch_active_version

@@ -24,8 +24,8 @@ from PIL import Image
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.bit_exact.sample import rows_by_chance
-from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import transform_points
 from firstfix_cli.answerer import answerer, fetch_active_version
 from firstfix_cli.poses_csv import PosedScan, read_poses_csv

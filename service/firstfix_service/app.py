@@ -20,6 +20,7 @@ from .http_api.edge import RequestLog, authorize, check_routes
 from .http_api.openapi import DocumentedApp
 from .http_api.response_budget import CountedAnswers
 from .http_api.routes import (
+    api_page,
     builds,
     caller,
     changes,
@@ -47,6 +48,7 @@ from .telemetry.stall_watch import StallWatch
 
 _ROUTES = (
     operations,
+    api_page,
     caller,
     maps,
     versions,
@@ -111,7 +113,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
         version=firstfix.__version__,
         summary="The first fix for LiDAR robots: one scan in, the pose in the map out.",
         lifespan=lifespan,
-        docs_url=None,  # its page loads scripts from other hosts
+        docs_url=None,  # its page loads scripts from other hosts; routes/api_page has ours
         redoc_url=None,
         redirect_slashes=False,  # the target would come from the Host header
         dependencies=[Depends(authorize)],

@@ -34,6 +34,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.PreconditionFailed: 412,
     errors.DescriptorMismatch: 409,
     errors.NotFound: 404,
+    errors.NoSuchFile: 404,
     errors.Conflict: 409,
     errors.ReadOnly: 403,
     errors.IdempotencyConflict: 409,

@@ -105,6 +105,13 @@ def test_a_store_that_is_not_there_is_an_error(command: tuple[str, ...], tmp_pat
     assert not (tmp_path / "stroe").exists(), "and it is not made"
 
 
+def test_a_file_that_is_not_there_is_named_with_its_folder(tmp_path: Path):
+    path = tmp_path / "maps" / "nomap.pcd"
+    build = ("build", path, "--map-id", "a", "--store", tmp_path / "store")
+    for command in (("check", path), build, ("localize", path, "--map", "a", "--store", tmp_path)):
+        assert f"{path}: no such file" in run(*command, code=2).error
+
+
 def test_a_map_is_removed_with_its_name_said_twice(store: str):
     refused = run("maps", "rm", "hall", "--store", store, code=2)
     assert "give --force" in refused.error

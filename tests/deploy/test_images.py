@@ -13,6 +13,7 @@ import pytest
 
 import firstfix
 from firstfix import native
+from firstfix_service.http_api import static_page
 from tests.dds_loopback import LOOPBACK
 from tests.deploy.engine import BASE, build_images, docker
 from tests.waiting import wait_until
@@ -99,7 +100,7 @@ def test_the_container_is_healthy_without_root_on_a_read_only_disk(container: st
 
 def test_the_image_has_the_console(container: str):
     """The page is there with all of its files, as a browser asks for them."""
-    console = pytest.importorskip("firstfix_console.page", reason="needs the console: make setup")
+    pytest.importorskip("firstfix_console.page", reason="needs the console: make setup")
     page = fetched(container, "")
     assert (page["status"], page["type"]) == (200, "text/html; charset=utf-8")
     assert page["path"] == "/console/", "the address of the service leads to it"
@@ -115,7 +116,7 @@ def test_the_image_has_the_console(container: str):
     for name in {*named, *parts}:
         file = fetched(container, f"console/{name}")
         assert (file["status"], file["policy"]) == (200, page["policy"]), name
-        assert file["type"].partition(";")[0] == console.MEDIA_TYPES[Path(name).suffix], name
+        assert file["type"].partition(";")[0] == static_page.MEDIA_TYPES[Path(name).suffix], name
         assert file["text"], name
     assert fetched(container, "console/assets/other.js")["status"] == 404
 

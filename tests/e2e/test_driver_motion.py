@@ -15,7 +15,7 @@ from firstfix.builds.config import PerturbConfig
 from firstfix.decode import decode_query
 from firstfix.formats.point_cloud import PointCloud
 from firstfix.ros.media_types import POINT_CLOUD2
-from firstfix.scan_formats import scan_of_cloud
+from firstfix.scan_file import scan_of_cloud
 from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform, pose_error
 from firstfix_builder.simulation.moving import Motion, Sweep, poses_along

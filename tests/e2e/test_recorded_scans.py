@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from firstfix.answer.localization import Verdict
 from firstfix.builds.config import BuildConfig
-from firstfix.decode import read_scan_file
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.scan.reduction import voxel_means
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import (
     Matrix,
     from_quaternion,

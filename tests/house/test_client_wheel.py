@@ -162,7 +162,7 @@ def test_every_module_of_the_wheel_imports_without_the_rest(installed: Path):
 def test_a_file_that_no_robot_records_is_refused_with_what_reads_it(installed: Path, tmp_path: Path):
     file = tmp_path / "scan.npy"
     file.write_bytes(b"any")
-    program = "import pathlib, sys\nfrom firstfix.decode import read_scan_file\n"
+    program = "import pathlib, sys\nfrom firstfix.scan_file import read_scan_file\n"
     program += "read_scan_file(pathlib.Path(sys.argv[1]))"
     done = subprocess.run(
         [sys.executable, "-c", program, str(file)],

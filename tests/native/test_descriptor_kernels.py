@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from firstfix import native
 from firstfix.bit_exact.accelerated import REFERENCES
-from firstfix.decode import read_scan_file
 from firstfix.descriptor import LayeredOccupancy
 from firstfix.native import choice
 from firstfix.scan.levelling import levelling_rotation
+from firstfix.scan_file import read_scan_file
 from tests.every_case import every_case
 from tests.needs import recorded
 from tests.reference.spread_out import spread_out

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 import firstfix.native as native
 from firstfix.bit_exact.accelerated import REFERENCES
-from firstfix.decode import read_scan_file
 from firstfix.scan.condense import flat_patches
 from firstfix.scan.levelling import directions_about_z, levelling_rotation
 from firstfix.scan.reduction import least_of_neighbours, nearest_by_direction
+from firstfix.scan_file import read_scan_file
 from tests.every_case import every_case
 from tests.needs import recorded
 

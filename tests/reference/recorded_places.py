@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from firstfix.decode import read_scan_file
 from firstfix.engine.config import PreprocessConfig, RegistrationConfig
 from firstfix.engine.index import MapView
 from firstfix.engine.preprocess import PreparedQuery, preprocess
@@ -18,6 +17,7 @@ from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import Matrix, from_quaternion
 from tests.needs import recorded
 

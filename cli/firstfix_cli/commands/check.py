@@ -84,6 +84,7 @@ def _of_map(
     from tempfile import TemporaryDirectory
 
     from firstfix.builds.config import BuildConfig
+    from firstfix.errors import NoSuchFile
     from firstfix_builder.sources.check_map.check_map import check_map
     from firstfix_builder.sources.check_map.sensor_poses import with_sensor_poses
     from firstfix_builder.sources.check_map.shape import Shape
@@ -91,6 +92,8 @@ def _of_map(
     from firstfix_builder.sources.read_map.archive import SUFFIX, unpack
 
     BuildConfig.parse({"axis": axis.value, "scale": scale, "trajectory_mount_height_m": mount_height_m})
+    if not source.exists():
+        raise NoSuchFile(f"{source}: no such file")  # with its folder, which the reader leaves out
     with TemporaryDirectory() as scratch:
         is_packed = source.is_file() and source.suffix.lower() == SUFFIX
         read = unpack(source, Path(scratch) / "map") if is_packed else source

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 from ..answer.free_direction import free_directions
 from ..answer.localization import Hypothesis, Localization, Reason, Verdict
@@ -20,6 +21,9 @@ from .registration.covariance import pose_covariance
 # wrongly; no moving scan of another office reached the second (lab/docs/experiments.md, "Robots in motion
 # among look-alikes").
 _IN_MOTION = (0.997, 0.999)
+# Of support, to each side of the lead from which a place no longer ties. Points rounded to a centimetre move
+# leads by about half of it: a place that is just within would add .16 to the probability, and then not.
+_BLUR = 0.01
 
 
 def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:
@@ -33,15 +37,17 @@ def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Lo
     best, mounting = ranked[0], options.T_base_sensor
     calibration, features = best.index.calibration, features_of(ranked)
     probability = calibration.probability(features)
-    hypotheses = tuple(
-        Hypothesis(candidate.T_map_sensor, candidate.quality, share, candidate.template, candidate.map_id)
-        for candidate, share in zip(ranked, _shares(ranked, features.tied, probability), strict=True)
-    )
     reason = _why_not_localized(features, calibration, threshold_at(best, options))
     if reason in (None, Reason.SEVERAL_PLACES) and best.is_better_outside:
         reason = Reason.LOW_PROBABILITY  # a better place is known, and the prior excludes it
     if reason is None and not best.registration.rests:
         reason = Reason.NOT_CONVERGED
+    if reason is Reason.SEVERAL_PLACES:
+        probability = _of_several(ranked, features)
+    hypotheses = tuple(
+        Hypothesis(candidate.T_map_sensor, candidate.quality, share, candidate.template, candidate.map_id)
+        for candidate, share in zip(ranked, _shares(ranked, features.tied, probability), strict=True)
+    )
     if reason is not None:
         verdict = Verdict.AMBIGUOUS if reason is Reason.SEVERAL_PLACES else Verdict.REJECTED
         return Localization(verdict, (reason,), probability=probability, hypotheses=hypotheses)
@@ -114,6 +120,30 @@ def _why_not_localized(
     if would_do(replace(best, quality=replace(best.quality, free_space_violation=0.0))):
         return Reason.FREE_SPACE_VIOLATION
     return Reason.LOW_PROBABILITY
+
+
+def _of_several(ranked: Sequence[RegisteredCandidate], features: MatchFeatures) -> float:
+    """Probability that one of the places that tie is right, blurred over where a tie ends.
+
+    Each number of places counts as far as the next one's lead is beyond the end. So the same scan in another
+    encoding, whose leads differ by little, has nearly the same probability.
+
+    Args:
+        features: of the best one.
+    """
+    best, calibration = ranked[0], ranked[0].index.calibration
+    leads = sorted(best.support - one.support for one in ranked)
+    furthest = leads[features.tied - 1]
+    # known aliases tie further than others, and surely
+    end = calibration.min_margin if furthest < calibration.min_margin else furthest + _BLUR
+    ties = [1.0, *(min(max((end + _BLUR - lead) / (2 * _BLUR), 0.0), 1.0) for lead in leads[1:]), 0.0]
+    probability = 0.0
+    for tied, (within, beyond) in enumerate(pairwise(ties), 1):
+        if within > beyond:
+            margin = best.spots * leads[min(tied, len(leads) - 1)]
+            number = replace(features, tied=tied, margin=features.margin if len(leads) == 1 else margin)
+            probability += (within - beyond) * calibration.probability(number)
+    return probability
 
 
 def _shares(ranked: Sequence[RegisteredCandidate], tied: int, probability: float) -> list[float]:

@@ -1,8 +1,7 @@
-"""Data that went through a transfer for text: FTP's ASCII mode, a file opened as text on Windows, curl's -d.
+"""Binary data that went through a text-mode transfer: FTP's ASCII mode, or a file opened as text on Windows.
 
-The first two make CR LF of each byte LF. It shows for certain: no LF is without a CR before it, and the data
-is longer by one byte for each. Then taking out these CRs gives the data as it was. curl's option -d takes out
-all CR, LF and zero bytes, which nobody can bring back.
+Each byte LF has become CR LF. It shows for certain: no LF is without a CR before it, and the data is longer
+by one byte for each. Then taking out these CRs gives the data as it was.
 """
 
 from __future__ import annotations
@@ -10,8 +9,6 @@ from __future__ import annotations
 from ..errors import MalformedData
 
 _FEWEST = 8  # bytes LF: fewer may have a CR before them by chance
-_LONG_ENOUGH = 1000  # bytes: so many without CR, LF and zero are none of a scan
-STRIPPED = "It has no line end and no zero byte, as curl's -d takes them out: send it by --data-binary"
 
 
 def undo_text_mode(format_name: str, data: memoryview, need: int | None) -> memoryview:
@@ -37,10 +34,3 @@ def undo_text_mode(format_name: str, data: memoryview, need: int | None) -> memo
             "copy it again as binary"
         )
     return data
-
-
-def is_stripped(data: bytes | memoryview) -> bool:
-    """Whether all CR, LF and zero bytes were taken out of data that cannot be read."""
-    head = bytes(data[:_LONG_ENOUGH])
-    is_header = head[:6] == b"# .PCD" or head[:3] == b"ply"
-    return (is_header or len(head) == _LONG_ENOUGH) and not any(byte in head for byte in b"\r\n\0")

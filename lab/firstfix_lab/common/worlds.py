@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.builds.config import ViewpointConfig
-from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.store.sha256 import sha256_of
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.mesh.mesh import Mesh

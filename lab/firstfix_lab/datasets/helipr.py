@@ -17,7 +17,7 @@ import numpy as np
 from firstfix.errors import InvalidOption, MalformedData, NotFound
 from firstfix.formats.point_cloud import SCAN_LIMITS, PointCloud
 from firstfix.scan.scan import Scan
-from firstfix.scan_formats import scan_of_cloud
+from firstfix.scan_file import scan_of_cloud
 from firstfix_builder.sources.read_map.file_errors import naming
 from firstfix_builder.sources.read_map.rigid import rigid_from_quaternions
 

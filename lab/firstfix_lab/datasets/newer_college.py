@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from firstfix.decode import read_scan_file
 from firstfix.errors import NotFound
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import from_quaternion
 from firstfix_builder.sources.read_map.file_errors import naming
 from firstfix_builder.sources.read_map.rigid import rigid_from_quaternions

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.decode import MAX_SCAN_FILE_BYTES
 from firstfix.errors import InputError, MalformedData, NotFound, TooLarge
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import MAX_SCAN_FILE_BYTES
 from firstfix.transform import Matrix
 
 from .ground_truth import GroundTruth

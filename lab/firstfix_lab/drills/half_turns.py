@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.builds.config import BuildConfig
-from firstfix.decode import read_scan_file
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.findings.scan_kinds import NO_VIEWPOINT, OTHER_VIEWPOINT
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import Matrix, pose_error, transform_points
 from firstfix_builder.pipeline import build_version
 from firstfix_cli.poses_csv import read_poses_csv

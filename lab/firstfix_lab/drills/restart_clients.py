@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from firstfix.answer.localization import Localization
-from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix_client import AsyncClient, Client, ZenohClient
 from tests.claimed import free_port
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firstfix.decode import read_scan_file
 from firstfix.errors import InputError, InvalidOption, MalformedData, NotFound
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import from_quaternion, inverse, make_transform, pose_error, transform_points
 from firstfix_builder.sources.read_map import read_map
 from firstfix_lab.datasets.datasets import open_dataset

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firstfix.decode import read_scan_file
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import from_quaternion, pose_error, quaternion_of
 from firstfix_cli.poses_csv import read_poses_csv
 from tests import ros_samples

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -12,49 +10,15 @@ from fastapi.responses import RedirectResponse
 
 from firstfix.errors import NotFound
 from firstfix_service.http_api.edge import public
-from firstfix_service.http_api.routes.versions import FOREVER
+from firstfix_service.http_api.static_page import FOREVER, NEVER, READ, PageFile, page_file
 
 router = APIRouter(include_in_schema=False)
 FILES = Path(__file__).parent / "files"
 INDEX = "index.html"
-# Not those of the machine, which may know other names.
-MEDIA_TYPES = {
-    ".css": "text/css",
-    ".html": "text/html",
-    ".js": "text/javascript",
-    ".svg": "image/svg+xml",
-    ".txt": "text/plain",
-    ".woff2": "font/woff2",
-}
-_NEVER = "no-cache"  # asked for again each time: it names the files of this release
-_HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
-    "img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Vary": "Accept-Encoding",
-}
-_READ = ["GET", "HEAD"]
 
 
-@dataclass(frozen=True)
-class PageFile:
-    """One file of the page.
-
-    Attributes:
-        packed: the content with gzip.
-        caching: the value of Cache-Control.
-    """
-
-    content: bytes
-    packed: bytes
-    media_type: str
-    caching: str
-
-
-@router.api_route("/", methods=_READ)
-@router.api_route("/console", methods=_READ)
+@router.api_route("/", methods=READ)
+@router.api_route("/console", methods=READ)
 @public
 async def show_console() -> Response:
     """Leads to the page, under whatever prefix a proxy puts before it."""
@@ -62,7 +26,7 @@ async def show_console() -> Response:
     return RedirectResponse("console/", 307)
 
 
-@router.api_route("/console/{path:path}", methods=_READ)
+@router.api_route("/console/{path:path}", methods=READ)
 @public
 async def get_console_file(path: str, request: Request) -> Response:
     """A file of the page.
@@ -73,11 +37,7 @@ async def get_console_file(path: str, request: Request) -> Response:
     file = _page().get(path or INDEX)
     if file is None:
         raise NotFound("the console has no such file")
-    headers = {**_HEADERS, "Cache-Control": file.caching}
-    content = file.content
-    if takes_gzip(request.headers.get("accept-encoding", "")):
-        content, headers["Content-Encoding"] = file.packed, "gzip"
-    return Response(content, media_type=file.media_type, headers=headers)
+    return file.answer(request)
 
 
 @cache
@@ -88,25 +48,14 @@ def page_files() -> dict[str, PageFile]:
 
 def read_page(folder: Path) -> dict[str, PageFile]:
     """The page's files in a folder, by name; none where there is no folder."""
-    found = {}
-    for path in sorted(folder.rglob("*")):
-        if path.is_file():
-            content, name = path.read_bytes(), path.relative_to(folder).as_posix()
-            media_type = MEDIA_TYPES.get(path.suffix, "application/octet-stream")
-            # the names of the assets hold a hash of their content
-            caching = FOREVER if name.startswith("assets/") else _NEVER
-            found[name] = PageFile(content, gzip.compress(content, 9, mtime=0), media_type, caching)
-    return found
-
-
-def takes_gzip(accept_encoding: str) -> bool:
-    """Whether the value of an Accept-Encoding header allows gzip (RFC 9110)."""
-    weights = {}
-    for item in accept_encoding.lower().split(","):
-        name, _, parameter = item.partition(";")
-        weight = parameter.strip().removeprefix("q=").strip()
-        weights[name.strip()] = weight.strip("0.") != "" if parameter else True
-    return weights.get("gzip", weights.get("*", False))
+    names = {
+        path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()
+    }
+    # the names of the assets hold a hash of their content
+    return {
+        name: page_file(path, FOREVER if name.startswith("assets/") else NEVER)
+        for name, path in names.items()
+    }
 
 
 def _page() -> dict[str, PageFile]:

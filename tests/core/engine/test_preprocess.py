@@ -14,7 +14,6 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from firstfix.bit_exact.accelerated import REFERENCES
-from firstfix.decode import read_scan_file
 from firstfix.engine.config import OccupancyConfig, PreprocessConfig
 from firstfix.engine.preprocess import PreparedQuery, preprocess
 from firstfix.engine.ranking import RANKING
@@ -27,6 +26,7 @@ from firstfix.scan.levelling import levelling_rotation
 from firstfix.scan.reduction import COLUMNS, ROWS
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
+from firstfix.scan_file import read_scan_file
 from tests.every_case import every_case
 from tests.needs import recorded
 from tests.reference.preprocess import prepared

@@ -102,6 +102,25 @@ def test_the_probability_of_a_tie_is_that_the_truth_is_among_them():
     assert sum(h.probability for h in tied.hypotheses) <= 1
 
 
+def test_the_probability_of_a_tie_does_not_jump_where_a_place_ceases_to_tie():
+    """The same scan in another encoding moves leads by some thousandths."""
+    best, second = place(0, 0.9), place(1, 0.899)
+    calibration = claiming(0.97, best, second, place(2, 0.88), place(3, 0.6))
+    told = []
+    for inlier_ratio in np.linspace(0.74, 0.88, 400):
+        third = place(2, float(inlier_ratio))
+        answer = judged(best, second, third, place(3, 0.6), calibration=calibration)
+        assert answer.reasons == (Reason.SEVERAL_PLACES,)
+        told.append((best.support - third.support, answer.probability))
+    leads, probabilities = np.array(sorted(told)).T
+    end = CALIBRATION.min_margin
+    assert leads[0] < end - 0.02 < end + 0.02 < leads[-1], "it ties, and it does not"
+    steps = np.abs(np.diff(probabilities))
+    assert np.diff(leads).max() < 0.001
+    assert steps.max() < np.ptp(probabilities) / 5
+    assert np.ptp(probabilities) > 0.1, "it matters whether it ties"
+
+
 def claiming(probability: float, *places: RegisteredCandidate) -> Calibration:
     """A calibration that gives the best of the places, or those that tie with it, this probability."""
 

@@ -11,7 +11,7 @@ from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
 from firstfix.formats.raw_xyz import decode_xyz, decode_xyzi
 from firstfix.formats.scanner_bin import decode_scanner_bin
 from firstfix.formats.text import decode_text
-from firstfix.scan_formats import scan_of_cloud
+from firstfix.scan_file import scan_of_cloud
 from tests.every_case import every_case
 
 XYZ = np.array([[1.5, 2.0, -3.25], [512_345.678, 5_403_210.123, 295.5]])

@@ -5,8 +5,9 @@ import io
 import numpy as np
 import pytest
 
-from firstfix.decode import decode_query, read_scan_file
+from firstfix.decode import decode_query
 from firstfix.formats.point_times import point_times
+from firstfix.scan_file import read_scan_file
 from tests.core.formats.cloud_files import pcd, ply
 from tests.every_case import every_case
 

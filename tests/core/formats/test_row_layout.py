@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firstfix.decode import decode_query, read_cloud_file, read_scan_file
+from firstfix.decode import decode_query
 from firstfix.errors import InputError, InvalidOption, MalformedData, UnsupportedFormat
 from firstfix.formats.point_cloud import SCAN_LIMITS, PointCloud
 from firstfix.formats.raw_xyz import MAX_COLUMNS, parse_columns
 from firstfix.formats.scanner_bin import decode_scanner_bin
+from firstfix.scan_file import read_cloud_file, read_scan_file
 from firstfix.sensor import preset
 from tests.every_case import every_case
 from tests.needs import RECORDED, with_recorded

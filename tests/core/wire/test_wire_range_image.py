@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from firstfix.decode import read_scan_file
 from firstfix.errors import InvalidOption
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.wire.range_image import COLUMNS, ROWS
 from firstfix.wire.scan import decode_scan, encode_scan
 from tests.core.wire.samples import body_of, image_of, spinning

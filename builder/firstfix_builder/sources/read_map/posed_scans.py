@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from firstfix.decode import read_scan_file
 from firstfix.errors import InputError, MalformedData, NotFound
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import Matrix
 
 from .rigid import rigid_from_quaternions

@@ -43,7 +43,7 @@ def scan_of(scan: ScanLike) -> Scan:
     if isinstance(scan, Scan):
         return scan
     if isinstance(scan, (str, os.PathLike)):
-        from firstfix.decode import read_scan_file
+        from firstfix.scan_file import read_scan_file
 
         return read_scan_file(Path(scan))
     return Scan.from_points(scan)

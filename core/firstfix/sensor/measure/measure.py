@@ -23,6 +23,7 @@ _GRID_CELL_DEG = 3.0
 _MAX_OF_SCAN = 300_000  # points: 128 beams at 2048 columns
 _GRID_SLOPE = 1.0  # of a cell's points with range, as a power: 0 for a scan's rays, 2 for a grid's points
 _COUNTS_DIFFER = 0.8
+_SEEN_DIFFER = 0.6  # the same for rings that were told by elevation: in a deskewed scan some run together
 _ROSETTE_ROW_DEG = 1.5  # between the rows that stand for a rosette, as in the Mid-360's preset
 _STEP_BIN = 0.05  # of the logarithm of a gap between neighbours
 _FLAT_STEP_M = 0.1  # between neighbours on one surface
@@ -237,7 +238,8 @@ def _check_one_sensor(views: Sequence[_View]) -> None:
         InvalidScan: as said.
     """
     known = sorted((len(view.rings), view.name) for view in views if view.rings is not None)
-    if known and known[0][0] < _COUNTS_DIFFER * known[-1][0]:
+    are_seen = any(view.rings.way == "elevation" for view in views if view.rings is not None)
+    if known and known[0][0] < (_SEEN_DIFFER if are_seen else _COUNTS_DIFFER) * known[-1][0]:
         few, many = known[0], known[-1]
         raise InvalidScan(f"scans of different sensors: {few[1]} has {few[0]} rings, {many[1]} has {many[0]}")
 

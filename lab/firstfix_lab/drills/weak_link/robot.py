@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from firstfix.answer.localization import Localization
-from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix_client import AsyncClient, Client, ZenohClient
 
 XYZ = "application/vnd.firstfix.xyz"

@@ -18,9 +18,9 @@ from zlib import crc32
 
 import numpy as np
 
-from firstfix.decode import read_scan_file
 from firstfix.engine.index import MapIndex
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import Matrix
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_cli.poses_csv import read_poses_csv

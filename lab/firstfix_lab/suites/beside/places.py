@@ -11,11 +11,11 @@ from zlib import crc32
 import numpy as np
 
 from firstfix.builds.config import BuildConfig
-from firstfix.decode import read_scan_file
 from firstfix.engine.config import ENGINE_FILE
 from firstfix.engine.index import MapIndex
 from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_cli.poses_csv import read_poses_csv
 from firstfix_client.steps.scan_body import BodyForm, encoded

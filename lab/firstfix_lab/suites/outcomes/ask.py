@@ -13,10 +13,10 @@ from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.builds.config import BuildConfig
-from firstfix.decode import read_scan_file
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.sensor import preset
 from firstfix.transform import Matrix, pose_error
 from firstfix_builder.execution.stage_cache import StageCache

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import Matrix, inverse, make_transform, rotation_z, transform_points
 from firstfix_cli.poses_csv import read_poses_csv
 from tests.recorded_data import GARAGE, HALL, STREET, STREET_128, TURNING, YARD, Dataset

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from firstfix.answer.options import LocalizeOptions
-from firstfix.decode import read_scan_file
 from firstfix.engine.localizer import Localizer
+from firstfix.scan_file import read_scan_file
 from firstfix_cli.poses_csv import read_poses_csv
 from tests.recorded_data import Dataset
 

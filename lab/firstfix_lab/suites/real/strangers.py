@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from firstfix.answer.localization import Verdict
-from firstfix.decode import read_scan_file
 from firstfix.engine.localizer import Localizer
+from firstfix.scan_file import read_scan_file
 from tests.recorded_data import SHARED
 
 FOLDER = SHARED / "strangers"

@@ -50,7 +50,7 @@ def test_the_points_come_with_what_the_map_says(service: Service, version: str):
         ({}, XYZ, bytes(12), 400),
         ({"T_map_sensor": "1,2,3"}, XYZ, bytes(12), 400),
         ({"T_map_sensor": "1,2,3,0,0,0,0"}, XYZ, bytes(12), 400),
-        ({"T_map_sensor": PLACE}, "text/plain", bytes(12), 415),
+        ({"T_map_sensor": PLACE}, "image/png", bytes(12), 415),
         ({"T_map_sensor": PLACE}, XYZ, bytes(7), 400),
         ({"T_map_sensor": PLACE}, XYZ, b"", 400),
     ],

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.transform import Matrix, make_transform, pose_error, rotation_z
 from firstfix_cli.poses_csv import read_poses_csv
 from firstfix_lab.common.programs import replica

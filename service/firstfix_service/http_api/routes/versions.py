@@ -18,12 +18,11 @@ from ..response_budget import ResponseLeaseDep
 from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
 from ..schema.bodies import BINARY
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId, Version
+from ..static_page import FOREVER
 
 router = APIRouter(prefix="/maps/{map_id}", tags=["versions"])
 PICTURES = ("preview", "reliability", "localizability")
 MAX_PICTURE_BYTES = 64 << 20
-# Cache-Control of what never changes. Shared caches must not serve it: callers need permission.
-FOREVER = "private, max-age=31536000, immutable"
 _PICTURE: dict[int | str, dict[str, Any]] = {
     200: {
         "content": {"image/png": BINARY},

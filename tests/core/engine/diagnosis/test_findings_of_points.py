@@ -22,7 +22,7 @@ from firstfix.findings.registry import KINDS
 from firstfix.formats.point_cloud import PointCloud
 from firstfix.scan.reduction import at_most
 from firstfix.scan.scan import Dropped, Scan
-from firstfix.scan_formats import scan_of_cloud
+from firstfix.scan_file import scan_of_cloud
 from firstfix.sensor import preset
 
 RNG = np.random.default_rng(5)

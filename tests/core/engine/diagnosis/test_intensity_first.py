@@ -9,13 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from firstfix.answer.options import LocalizeOptions
-from firstfix.decode import read_scan_file
 from firstfix.engine.config import PreprocessConfig
 from firstfix.engine.diagnosis.facts import MEASURED, facts_of, is_intensity_first
 from firstfix.engine.diagnosis.input_findings import input_finding
 from firstfix.engine.diagnosis.other_forms import other_forms
 from firstfix.scan.reduction import at_most
 from firstfix.scan.scan import Scan
+from firstfix.scan_file import read_scan_file
 from firstfix.sensor import preset, presets
 from firstfix.wire.scan import decode_scan, encode_scan
 from tests.needs import RECORDED, of_recordings

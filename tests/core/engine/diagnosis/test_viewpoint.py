@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firstfix.decode import read_scan_file
 from firstfix.engine.diagnosis.facts import MEASURED
 from firstfix.engine.diagnosis.viewpoint import (
     AWAY_M,
@@ -23,6 +22,7 @@ from firstfix.engine.diagnosis.viewpoint import (
     is_suspect,
 )
 from firstfix.scan.reduction import at_most
+from firstfix.scan_file import read_scan_file
 from firstfix.sensor import SensorModel, preset
 from firstfix.transform import from_quaternion, make_transform, rotation_z
 from firstfix_builder.simulation.simulate import Simulator
