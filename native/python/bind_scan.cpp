@@ -57,6 +57,15 @@ void bind_vectors(nb::module_& module) {
       },
       "points"_a, "voxel_m"_a, "at_most"_a);
   module.def(
+      "chosen_by_chance",
+      [](Vectors<T> points, std::uint64_t at_most) {
+        const std::size_t count = points.shape(0), rows = static_cast<std::size_t>(std::min<std::uint64_t>(count, at_most));
+        auto chosen = memory<T>(3 * rows);
+        without_gil([&] { chosen_by_chance(points.data(), count, at_most, chosen.get()); });
+        return array_of(std::move(chosen), {rows, 3});
+      },
+      "points"_a, "at_most"_a);
+  module.def(
       "turned",
       [](Vectors<T> points, Rotation R) {
         std::vector<T> rotated(points.size());

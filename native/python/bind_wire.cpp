@@ -4,6 +4,8 @@
 
 #include "arrays.hpp"
 #include "firstfix/scan/usable_points.hpp"
+#include "firstfix/scan/compact.hpp"
+#include "firstfix/wire/compact_planes.hpp"
 #include "firstfix/wire/compact_points.hpp"
 #include "firstfix/wire/planes.hpp"
 #include "firstfix/wire/range_image_points.hpp"
@@ -143,6 +145,35 @@ void bind_wire(nb::module_& module) {
         return array_of(std::move(points), {count, 3});
       },
       "planes"_a.noconvert(), "low"_a.noconvert(), "lowest"_a, "size"_a, "resolution_m"_a);
+  module.def(
+      "compact_planes",
+      [](In<float, nb::shape<-1, 3>> points, double resolution_m) {
+        const std::size_t count = points.shape(0);
+        require(count <= kMaxCompactPoints, "a compact query has at most 10,000 points");
+        require(resolution_m >= 0.004 && resolution_m <= 1.0, "a step has 4 mm to 1 m");
+        CompactPlanes made;
+        const bool is_near = without_gil([&] {
+          const bool within = all_within(points.data(), count, kMaxAbsCoordinate);
+          if (within) made = compact_planes(points.data(), count, resolution_m);
+          return within;
+        });
+        require(is_near, "a coordinate is not finite, or beyond 1000 m");
+        std::vector<std::int64_t> box(made.box.lowest.begin(), made.box.lowest.end());
+        box.insert(box.end(), made.box.size.begin(), made.box.size.end());
+        return nb::make_tuple(array_of(std::move(box), {2, 3}), array_of(std::move(made.planes)),
+                              array_of(std::move(made.low)), array_of(std::move(made.order)));
+      },
+      "points"_a, "resolution_m"_a,
+      nb::sig("def compact_planes(points: NDArray[numpy.float32], resolution_m: float)"
+              " -> tuple[NDArray[numpy.int64], NDArray[numpy.uint8], NDArray[numpy.uint8], NDArray[numpy.int64]]"));
+  module.def(
+      "levels_of_ranges",
+      [](In<float, nb::shape<-1>> nearest_m, In<float, nb::shape<-1>> edges_m) {
+        require(edges_m.size() < 255, "a level has 8 bits");
+        return array_of(without_gil(
+            [&] { return levels_of_ranges(nearest_m.data(), nearest_m.size(), edges_m.data(), edges_m.size()); }));
+      },
+      "nearest_m"_a, "edges_m"_a);
   module.def(
       "ranges_of_levels",
       [](Octets content, In<float, nb::shape<256>> levels_m, std::uint32_t directions) {

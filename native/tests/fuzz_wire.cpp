@@ -2,11 +2,13 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <memory>
 #include <vector>
 
 #include "firstfix/errors.hpp"
 #include "firstfix/scan/usable_points.hpp"
+#include "firstfix/wire/compact_planes.hpp"
 #include "firstfix/wire/compact_points.hpp"
 #include "firstfix/wire/planes.hpp"
 #include "firstfix/wire/range_image_points.hpp"
@@ -91,6 +93,40 @@ bool decode_compact(Hostile& random) {
   return refused([&] { compact_points(planes.data(), low.data(), count, grid, points.data()); });
 }
 
+void encode_compact(Hostile& random) {
+  const auto count = static_cast<std::size_t>(random.number(0, 300));
+  std::vector<float> points(3 * count);
+  const double reach_m = random.chance(0.5) ? 1000 : 1;
+  for (float& v : points) {
+    v = static_cast<float>(random.real(reach_m));
+    if (!(std::fabs(v) <= 1000.0F)) v = 0;  // the caller checks it
+  }
+  const CompactPlanes made = compact_planes(points.data(), count, 0.005);
+  CompactGrid grid{made.box.lowest, made.box.size, 0.005};
+  std::vector<float> decoded(3 * count);
+  if (grid.size[0] * grid.size[1] * grid.size[2] > std::int64_t{1} << 32) return;
+  compact_points(made.planes.data(), made.low.data(), count, grid, decoded.data());
+  for (std::size_t k = 0; k < count; ++k) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const float given = points[3 * static_cast<std::size_t>(made.order[k]) + axis];
+      expect(std::fabs(decoded[3 * k + axis] - given) < 0.0027, "a point is where it was");
+    }
+  }
+}
+
+void encode_levels(Hostile& random) {
+  const auto directions = static_cast<std::size_t>(random.number(0, 999));
+  std::vector<float> edges_m(254), levels_m(256), nearest_m(directions), decoded(directions);
+  for (std::size_t i = 0; i < 256; ++i) levels_m[i] = static_cast<float>(i);
+  for (std::size_t i = 0; i < 254; ++i) edges_m[i] = static_cast<float>(i) + 1.5F;
+  for (float& v : nearest_m) {
+    v = random.chance(0.3) ? std::numeric_limits<float>::infinity() : static_cast<float>(random.number(1, 255));
+  }
+  const Bytes content = levels_of_ranges(nearest_m.data(), directions, edges_m.data(), edges_m.size());
+  ranges_of_levels({content.data(), content.size()}, levels_m.data(), directions, decoded.data());
+  expect(decoded == nearest_m, "the ranges are those that were encoded");
+}
+
 bool decode_levels(Hostile& random) {
   const auto directions = static_cast<std::size_t>(random.number(0, 999));
   Octets content = octets(random, (directions + 7) / 8);
@@ -118,6 +154,8 @@ int main() {
     clean<float>(random);
     clean<double>(random);
     decode_planes(random);
+    encode_compact(random);
+    encode_levels(random);
     images += decode_range_image(random);
     compact += decode_compact(random);
     levels += decode_levels(random);

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import Depends, FastAPI
+from starlette.types import ASGIApp
 
 import firstfix
 from firstfix.doors import ROUTES, absent, through
@@ -132,11 +133,15 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
         app.include_router(absent_routes(package))
     check_routes(app)
     problems.add_handlers(app)
-    app.add_middleware(WhilePermitted)
     answers = ByteBudget.of_answers(limits.max_unsent_bytes)
     metrics.unsent_bytes.set_function(lambda: answers.bytes)
-    app.add_middleware(CountedAnswers, budget=answers)
-    trusted = settings.trusted_proxies
-    app.add_middleware(RequestLog, metrics=metrics, requests=requests, trusted=trusted, turns=turns)
+
+    def layers(routes: ASGIApp) -> ASGIApp:
+        """Every request passes these, whichever way it goes."""
+        counted = CountedAnswers(WhilePermitted(routes), answers)
+        return RequestLog(counted, metrics, requests, settings.trusted_proxies, turns)
+
+    app.take_short_way(layers)
+    app.add_middleware(layers)
     app.add_middleware(PlainStartError)
     return app

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from http import HTTPStatus
 
@@ -62,6 +63,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.WorkerLost: 503,
     errors.DeadlineExceeded: 504,
 }
+_METHOD_NOT_ALLOWED = "method_not_allowed"
 TITLES = {460: "Checksum Mismatch"}  # of the tus protocol, not registered with IANA
 # Headers: when to try again; that the rest of a large body is not read.
 HEADERS: dict[type[FirstfixError], dict[str, str]] = {
@@ -121,6 +123,12 @@ def problem_of(error: BaseException) -> Problem:
     return Problem(error.code, STATUS[mapped], redact(str(error)), headers, members)
 
 
+def method_not_allowed(allowed: Iterable[str]) -> Problem:
+    """The problem of a method that a route does not have."""
+    status = HTTPStatus.METHOD_NOT_ALLOWED
+    return Problem(_METHOD_NOT_ALLOWED, int(status), status.phrase, {"Allow": ", ".join(sorted(allowed))})
+
+
 def add_handlers(app: FastAPI) -> None:
     """Turn every error of a route into a problem document."""
     app.add_exception_handler(FirstfixError, _on_firstfix_error)
@@ -141,6 +149,6 @@ async def _on_validation_error(request: Request, error: Exception) -> Response:
 async def _on_http_exception(request: Request, error: Exception) -> Response:
     """Refusals by the framework: unknown path or method."""
     assert isinstance(error, HTTPException)
-    codes = {404: errors.NotFound.code, 405: "method_not_allowed"}
+    codes = {404: errors.NotFound.code, 405: _METHOD_NOT_ALLOWED}
     code = codes.get(error.status_code, errors.InputError.code)
     return Problem(code, error.status_code, str(error.detail), dict(error.headers or {})).response()

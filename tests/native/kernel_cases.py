@@ -149,6 +149,8 @@ CASES: dict[str, Callable[[Any], Any]] = {
     ),
     "range_view": lambda n: n.range_view(n.nearest_by_direction(STREET)),
     "rows_by_chance": lambda n: n.rows_by_chance(120_000, 7_001),
+    "chosen_by_chance, float": lambda n: n.chosen_by_chance(STREET, 7_001),
+    "chosen_by_chance, double": lambda n: n.chosen_by_chance(WIDE, 700),
     "within_range": lambda n: n.within_range(STREET, 0.5, 30.0),
     "first_in_voxel, float": lambda n: n.first_in_voxel(STREET, 0.3),
     "first_in_voxel, double": lambda n: n.first_in_voxel(WIDE, 50.0),
@@ -195,6 +197,8 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "compact_points": lambda n: n.compact_points(
         OCTETS[:4] * np.uint8([[1], [0], [0], [0]]), OCTETS[4:6].ravel(), np.array([-9, 0, 7]), CELLS, 0.02
     ),
+    "compact_planes": lambda n: n.compact_planes(FEW, 0.02),
+    "levels_of_ranges": lambda n: n.levels_of_ranges(n.nearest_by_direction(STREET), EDGES_M),
     "ranges_of_levels": lambda n: n.ranges_of_levels(
         np.concatenate([np.full(50, 255, np.uint8), OCTETS[0, :400]]),
         np.arange(256, dtype=np.float32) / 3,

@@ -14,8 +14,8 @@ from firstfix.engine.candidates import SPOT_DEG, SPOT_M
 from firstfix.engine.config import AliasConfig
 from firstfix.engine.retrieval.alias_table import AliasTable
 from firstfix.engine.retrieval.cascade import Cascade, Matches
-from firstfix.engine.retrieval.key_search import FaissSearch
 from firstfix.engine.retrieval.key_search.faiss_indexes import FLAT_UP_TO
+from firstfix.engine.retrieval.key_search.faiss_search import FaissSearch
 from firstfix.engine.retrieval.key_search.key_lists import KeyLists
 from firstfix.native import spread_out
 

@@ -40,8 +40,14 @@ def is_within_range(points: NDArray[np.float32], min_range_m: float, max_range_m
 
 
 def at_most(points: NDArray[_Float], count: int) -> NDArray[_Float]:
-    """At most ``count`` of (n, d) points, in their order (``rows_by_chance``)."""
-    return points if len(points) <= count else points.take(rows_by_chance(len(points), count), axis=0)
+    """At most ``count`` of (n, 3) points, in their order (``rows_by_chance``)."""
+    return points if len(points) <= count else chosen_by_chance(points, count)
+
+
+@accelerated
+def chosen_by_chance(points: NDArray[_Float], at_most: int) -> NDArray[_Float]:
+    """The rows of (n, 3) points that ``rows_by_chance`` chooses."""
+    return points.take(rows_by_chance(len(points), at_most), axis=0)
 
 
 @accelerated
@@ -162,6 +168,8 @@ class TimedPoints:
 
     def at_most(self, count: int) -> TimedPoints:
         """At most ``count`` of the points, in their order (``rows_by_chance``)."""
+        if self.time_s is None:
+            return TimedPoints(at_most(self.points, count), None)
         return self if len(self.points) <= count else self.at(rows_by_chance(len(self.points), count))
 
     def voxel_means(self, voxel_m: float) -> TimedPoints:

@@ -66,11 +66,13 @@ def redact(text: str) -> str:
     Secrets are API keys (their id stays), JSON Web Tokens, values of Authorization, users and passwords in
     URLs, and values whose name implies a secret. The other text stays. Redacting twice changes nothing more.
     """
-    lower = text.lower()
+    lower, is_ascii = text.lower(), text.isascii()
     for words, pattern, shown in _PATTERNS:
-        # Beyond ASCII a pattern matches letters that are other ones in lower case, such as a long s.
-        if not text.isascii() or any(word in lower for word in words):
-            text = pattern.sub(shown, text)
+        for word in words:
+            # Beyond ASCII a pattern matches letters that are other ones in lower case, such as a long s.
+            if word in lower or not is_ascii:
+                text = pattern.sub(shown, text)
+                break
     return text
 
 

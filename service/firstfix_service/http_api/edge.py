@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Annotated, Any, TypeVar
 
 import structlog
-from fastapi import Depends, FastAPI, Request, Response
+from fastapi import Depends, FastAPI, Request
 from fastapi.routing import APIRoute, iter_route_contexts
-from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as ASGIScope
@@ -32,7 +30,6 @@ from ..thread_pools import AUTH
 from .parts import part_of
 from .turns import PROBES, Turn, turn_of
 
-T = TypeVar("T")
 Route = TypeVar("Route", bound=Callable[..., Any])
 
 _log = structlog.get_logger(__name__)
@@ -42,6 +39,7 @@ CLIENT_GONE = 499  # nginx's status for it; nobody reads the answer
 _READING = frozenset({"GET", "HEAD", "OPTIONS"})
 _METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
 _QUIET = {*PROBES, "/metrics"}
+_UNSAID = Needs(Scope.ADMIN)  # no route of this app
 _NOSNIFF = (b"x-content-type-options", b"nosniff")
 
 
@@ -67,7 +65,7 @@ def _marked(route: Route, what: Needs | None) -> Route:
 
 def needs_of(scope: ASGIScope) -> Needs | None:
     """Needs of the route's callers; None if it is public."""
-    found: Needs | None = getattr(scope.get("endpoint"), "needs", Needs(Scope.ADMIN))
+    found: Needs | None = getattr(scope.get("endpoint"), "needs", _UNSAID)
     return found
 
 
@@ -103,16 +101,17 @@ async def authorize(request: Request) -> None:
     if needs is None or (needs.scope is Scope.METRICS and metrics_are_open):
         await turn_of(request).wait_to_begin()
         return  # also before the store has answered
-    authenticator, map_id = part_of(request, Authenticator), request.path_params.get("map_id")
-    credential, address = _credential(request), request.state.address
+    state, in_path = request.scope["state"], request.path_params
+    authenticator, map_id = part_of(request, Authenticator), in_path.get("map_id")
+    credential, address = _credential(request), state["address"]
     caller = await authenticator.authenticate(credential, address)
     note(caller=caller.name)
     if not needs.has_queue and await turn_of(request).wait_to_begin(caller.name):
         caller = await authenticator.authenticate(credential, address)  # its key may be revoked by now
     authenticator.permit(caller, needs, map_id)
-    request.state.caller = caller
-    request.state.permission = Permission(authenticator, credential, address, needs.scope, map_id)
-    if (build_id := request.path_params.get("build_id")) is not None and not caller.sees_every_map:
+    state["caller"] = caller
+    state["permission"] = Permission(authenticator, credential, address, needs.scope, map_id)
+    if (build_id := in_path.get("build_id")) is not None and not caller.sees_every_map:
         status = await AUTH.run(part_of(request, Catalog).builds.shown_status, build_id)
         if not caller.sees(status["map_id"]):
             raise NotFound(f"no build {build_id}")
@@ -123,7 +122,7 @@ async def authorize(request: Request) -> None:
 
 async def caller_of(request: Request) -> Principal:
     """The caller of an authorized request."""
-    caller: Principal = request.state.caller
+    caller: Principal = request.scope["state"]["caller"]
     return caller
 
 
@@ -147,62 +146,13 @@ def _credential(request: Request) -> str | None:
     Raises:
         Unauthorized: the header is malformed.
     """
-    given = request.headers.getlist("authorization")
+    given = [value for name, value in request.scope["headers"] if name == b"authorization"]
     if not given:
         return None
-    scheme, _, credential = given[0].partition(" ")
+    scheme, _, credential = given[0].decode("latin-1").partition(" ")
     if len(given) > 1 or scheme.lower() != "bearer" or not credential.strip():
         raise Unauthorized("a credential comes in one header Authorization, after the word Bearer")
     return credential.strip()
-
-
-class DirectRoute(APIRoute):
-    """A route whose function gets the request and nothing else, right after ``authorize``.
-
-    The framework documents the route, but it resolves no dependencies: that takes as long as all else that
-    the service does for a query. The app's handlers answer its errors.
-    """
-
-    async def handle(self, scope: ASGIScope, receive: Receive, send: Send) -> None:
-        """Serve one request."""
-        methods = self.methods or set()
-        if scope["method"] not in methods:
-            raise HTTPException(405, headers={"Allow": ", ".join(sorted(methods))})
-        request: Request[Any] = Request(scope, receive, send)
-        await authorize(request)
-        response: Response = await self.endpoint(request)
-        await response(scope, receive, send)
-
-
-async def cancel_on_disconnect(request: Request, work: Coroutine[Any, Any, T]) -> T:
-    """The result of the work, or cancels the work when the connection closes.
-
-    Args:
-        request: its body was read to the end.
-
-    Raises:
-        ClientDisconnect: the caller has gone.
-    """
-    own = asyncio.current_task()
-    assert own is not None
-    has_gone = False
-
-    async def watch() -> None:
-        nonlocal has_gone
-        while (await request.receive())["type"] != "http.disconnect":
-            pass
-        has_gone = True
-        own.cancel()
-
-    watching = asyncio.ensure_future(watch())
-    try:
-        return await work
-    except asyncio.CancelledError:
-        if not has_gone or own.uncancel():  # cancelled by somebody else, too
-            raise
-        raise ClientDisconnect from None
-    finally:
-        watching.cancel()
 
 
 class RequestLog:

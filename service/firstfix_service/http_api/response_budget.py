@@ -69,9 +69,7 @@ class CountedAnswers:
             nonlocal is_refused
             if is_refused:
                 return
-            # public answers are in memory once, for all callers
-            is_counted = scope["method"] != "HEAD" and needs_of(scope) is not None
-            if message["type"] == "http.response.start" and is_counted:
+            if message["type"] == "http.response.start" and _is_counted(scope):
                 try:
                     lease.take(declared_bytes(message["headers"]))
                 except FirstfixError as error:
@@ -84,6 +82,11 @@ class CountedAnswers:
             await self._app(scope, receive, send_if_there_is_room)
         finally:
             lease.end()
+
+
+def _is_counted(scope: Scope) -> bool:
+    """False for public answers, which are in memory once, for all callers, and for those without a body."""
+    return scope["method"] != "HEAD" and needs_of(scope) is not None
 
 
 async def _lease_of(request: Request) -> ResponseLease:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections.abc import Callable
 from enum import Enum
 from functools import partial
 from typing import Any
@@ -20,6 +21,8 @@ from ..limits.connections import Connections, ConnectionUse, EndReason
 from .streams import (
     DELAY_ANSWER,
     RECEIVE_INTO,
+    RECEIVED,
+    WHEN_GONE,
     AnswerDelay,
     AnswerTransport,
     Arrived,
@@ -69,6 +72,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._is_half_closed = False  # the caller sends no more, and may still read
         self._closing_since: float | None = None
         self._body: asyncio.Future[None] | None = None  # set when a body was received into its buffer
+        self._when_gone: tuple[RequestResponseCycle, Callable[[], None]] | None = None
         self._delay = AnswerDelay()
         self._is_out_of_step = False  # the parser has missed a part of the body: it must not go on
 
@@ -135,6 +139,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """Give the place back."""
         self._all.leave(self)
         super().connection_lost(exc)
+        self._caller_is_gone()
         self._body_ended(ClientDisconnect())
         self._delay.end()
 
@@ -189,13 +194,15 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     def on_url(self, url: bytes) -> None:
         """Count the URL as part of the head."""
-        self._count_head(len(url))
+        self._head_bytes += len(url)
+        self._check_head()
         super().on_url(url)
 
     def on_header(self, name: bytes, value: bytes) -> None:
         """Count a header as part of the head."""
         self._headers += 1
-        self._count_head(len(name) + len(value) + 4)
+        self._head_bytes += len(name) + len(value) + 4
+        self._check_head()
         if self._reading is Reading.HEAD:  # otherwise it is a trailer, which is ignored
             super().on_header(name, value)
 
@@ -214,8 +221,12 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self.cycle.transport = AnswerTransport(  # type: ignore[assignment]
             self, self.cycle, self._pace, lambda: self._is_lingering, self._end_after_answer
         )
-        receive_into = partial(self._receive_into, self.cycle)
-        extensions: dict[str, Any] = {RECEIVE_INTO: receive_into, DELAY_ANSWER: self._delay.wait}
+        extensions: dict[str, Any] = {
+            RECEIVE_INTO: partial(self._receive_into, self.cycle),
+            RECEIVED: partial(self._received, self.cycle),
+            WHEN_GONE: partial(self._call_when_gone, self.cycle),
+            DELAY_ANSWER: self._delay.wait,
+        }
         self.scope["extensions"] = extensions
         self._wait_for(Reading.BODY)
 
@@ -311,6 +322,25 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         finally:
             self._body_ended(ClientDisconnect())  # where nobody waits for it any more
 
+    def _received(self, cycle: RequestResponseCycle) -> bytes | None:
+        """See ``Received``."""
+        if cycle.more_body or cycle.disconnected or cycle.response_complete or cycle.waiting_for_100_continue:
+            return None
+        self.flow.resume_reading()
+        body, cycle.body = bytes(cycle.body), bytearray()
+        return body
+
+    def _call_when_gone(self, cycle: RequestResponseCycle, call: Callable[[], None] | None) -> None:
+        """See ``WhenGone``."""
+        self._when_gone = None if call is None else (cycle, call)
+        self._caller_is_gone()
+
+    def _caller_is_gone(self) -> None:
+        """Tell the one who waits for it, if it is so."""
+        if self._when_gone is not None and self._when_gone[0].disconnected:
+            call, self._when_gone = self._when_gone[1], None
+            call()
+
     def _answer_begins(self, size_bytes: int) -> None:
         self._answer_bytes = size_bytes
         self._pace.begin(size_bytes, self.transport.get_write_buffer_size())
@@ -349,8 +379,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._reading = what
         self._since = self._checked_at = self.loop.time()
 
-    def _count_head(self, size: int) -> None:
-        self._head_bytes += size
+    def _check_head(self) -> None:
         if self._head_bytes > self._limits.max_head_bytes or self._headers > self._limits.max_headers:
             self._stop_parsing(*_TOO_LARGE)
 
@@ -381,6 +410,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if self._answering:  # tells the reader of the body that no more of it will arrive
             self.cycle.disconnected = True
             self.cycle.message_event.set()
+            self._caller_is_gone()
         self._body_ended(ClientDisconnect())
         self._wait_for(Reading.LINGER)
         self._unset_keepalive_if_required()

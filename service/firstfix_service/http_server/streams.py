@@ -28,6 +28,15 @@ Raises ClientDisconnect if the caller goes, or the error of ``Arrived``.
 """
 
 
+RECEIVED = "firstfix.received"  # extension of the ASGI scope: a ``Received``
+Received = Callable[[], bytes | None]
+"""The whole body, once, if all of it has arrived with the head; else None, and ``receive`` gives it."""
+
+WHEN_GONE = "firstfix.when_gone"  # extension of the ASGI scope: a ``WhenGone``
+WhenGone = Callable[[Callable[[], None] | None], None]
+"""Sets what is called, once, when the caller goes before its answer has begun; None: nothing any more."""
+
+
 def in_pieces(app: App, begins: Callable[[int], None]) -> App:
     """An app whose long bodies go out in pieces, as the caller takes them in.
 
@@ -58,7 +67,10 @@ def in_pieces(app: App, begins: Callable[[int], None]) -> App:
 
 def declared_bytes(headers: Iterable[tuple[bytes, bytes]]) -> int:
     """The Content-Length, or 0."""
-    return next((int(value) for name, value in headers if name.lower() == b"content-length"), 0)
+    for name, value in headers:
+        if name.lower() == b"content-length":
+            return int(value)
+    return 0
 
 
 def limit_kernel_buffer(connection: socket.socket | None) -> None:

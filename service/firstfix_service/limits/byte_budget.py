@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -52,7 +51,7 @@ class ByteBudget:
         self._refusal = refusal
         self._kept_bytes = max_bytes // kept if kept else 0
         self._is_strict = is_strict
-        self._taken: Counter[tuple[str, str]] = Counter()
+        self._taken: dict[tuple[str, str], int] = {}
         self._lock = threading.Lock()
         self.bytes = 0
 
@@ -75,7 +74,9 @@ class ByteBudget:
         size = lease.size + more
         with self._lock:
             for owner in owners:
-                others = self._taken[owner.what, owner.name] - (lease.size if owner in lease.owners else 0)
+                others = self._taken.get((owner.what, owner.name), 0) - (
+                    lease.size if owner in lease.owners else 0
+                )
                 if others > 0 and others + size > self._max_bytes // owner.part:
                     raise self._refusal(owner.what)
             kept_bytes = 0 if size < Limits.small_answer_bytes else self._kept_bytes
@@ -95,9 +96,9 @@ class ByteBudget:
     def _add(self, owners: tuple[Owner, ...], count: int) -> None:
         for owner in owners:
             name = owner.what, owner.name
-            self._taken[name] += count
-            if not self._taken[name]:
-                del self._taken[name]
+            taken = self._taken.pop(name, 0) + count
+            if taken:
+                self._taken[name] = taken
 
 
 class Lease:

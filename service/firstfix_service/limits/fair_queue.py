@@ -200,7 +200,8 @@ class FairQueue:
             return None
         callers = [one for one in self._present.values() if one.ready]
         for caller in _by_turns(callers):
-            for of_map in _by_turns(caller.ready):
+            ready = caller.ready
+            for of_map in _by_turns(ready):
                 job = of_map.first
                 job.charged_s = self._expected_s(of_map, job)
                 job.is_slow = self._slow.is_slow(job.charged_s)
@@ -208,7 +209,7 @@ class FairQueue:
                     continue
                 # Who may not use its turn now does not save it up.
                 self._virtual_time_s = _virtual_time_of(callers, caller)
-                caller.virtual_time_s = _virtual_time_of(caller.ready, of_map)
+                caller.virtual_time_s = _virtual_time_of(ready, of_map)
                 self._begin(job, caller, of_map)
                 return job
         return None
@@ -297,7 +298,10 @@ S = TypeVar("S", _Caller, _Map)
 
 def _by_turns(shares: Iterable[S]) -> list[S]:
     """Sort those who are ready: by the time that they have used, and by how long they wait."""
-    return sorted(shares, key=lambda one: (one.used_s, one.ready_since))
+    several = list(shares)
+    if len(several) > 1:
+        several.sort(key=lambda one: (one.used_s, one.ready_since))
+    return several
 
 
 def _virtual_time_of(shares: Iterable[_Share], chosen: _Share) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import Callable
 
 from .asker import Asker
@@ -28,36 +28,42 @@ class SlowShare:
     def may_begin(self, asker: Asker) -> bool:
         """Whether another slow query of this caller and map leaves a worker to the others."""
         return all(
-            names.slow[name] < self._workers - 1 or not names.has_others(name)
+            names.slow.get(name, 0) < self._workers - 1 or not names.has_others(name)
             for names, name in self._both(asker)
         )
 
     def entered(self, asker: Asker) -> None:
         """Note that a query came into the gate."""
         for names, name in self._both(asker):
-            names.present[name] += 1
+            names.present[name] = names.present.get(name, 0) + 1
 
     def left(self, asker: Asker) -> None:
         """Note that a query left the gate."""
         for names, name in self._both(asker):
-            names.present -= Counter((name,))
+            _take_one(names.present, name)
 
     def began(self, asker: Asker, is_slow: bool) -> None:
         """Note that a worker has a query."""
         for names, name in self._both(asker):
             names.answered_now(name)
             if is_slow:
-                names.slow[name] += 1
+                names.slow[name] = names.slow.get(name, 0) + 1
 
     def ended(self, asker: Asker, is_slow: bool) -> None:
         """Note that the worker has answered."""
         for names, name in self._both(asker):
             names.answered_now(name)
             if is_slow:
-                names.slow -= Counter((name,))
+                _take_one(names.slow, name)
 
     def _both(self, asker: Asker) -> tuple[tuple[_Names, str], tuple[_Names, str]]:
         return (self._callers, asker.caller), (self._maps, asker.map_id)
+
+
+def _take_one(counts: dict[str, int], name: str) -> None:
+    left = counts.pop(name, 1) - 1
+    if left:
+        counts[name] = left
 
 
 class _Names:
@@ -71,8 +77,8 @@ class _Names:
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock
         self._answered: OrderedDict[str, float] = OrderedDict()  # when; the latest last
-        self.present: Counter[str] = Counter()
-        self.slow: Counter[str] = Counter()
+        self.present: dict[str, int] = {}
+        self.slow: dict[str, int] = {}
 
     def answered_now(self, name: str) -> None:
         """Note that a query of this name runs. Names that are never answered may be invented."""

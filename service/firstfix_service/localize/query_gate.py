@@ -89,7 +89,7 @@ class QueryGate:
     async def run(
         self,
         asker: Asker,
-        prepare: Callable[[], Future[C]],
+        prepare: Callable[[], Future[C] | C],
         work: Callable[[AskWorker, C, float], Coroutine[Any, Any, T]],
         *,
         size_bytes: int = 0,
@@ -103,8 +103,8 @@ class QueryGate:
 
         Args:
             asker: takes turns with the others.
-            prepare: called once the query has a place. No worker waits for its future. The result is closed
-                when the query has ended in any way.
+            prepare: called once the query has a place; gives a result, or a future that no worker waits for.
+                The result is closed when the query has ended in any way.
             work: gets a function that asks the worker, the prepared resources, and the seconds that the query
                 then waited for its turn. If the worker dies, another one is asked.
             size_bytes: of the query's body. A larger one should take longer.
@@ -130,7 +130,9 @@ class QueryGate:
                 await check()
             if not job.result.done():
                 prepared = prepare()
-                if prepared.done():
+                if not isinstance(prepared, Future):
+                    self._begin_to_wait(job, prepared)
+                elif prepared.done():
                     self._prepared(job, prepared)
                 else:
                     prepared.add_done_callback(partial(_in, loop, self._prepared, job))
@@ -158,7 +160,10 @@ class QueryGate:
         if error is not None:
             self._refuse(job, error)
             return
-        job.prepared = future.result()
+        self._begin_to_wait(job, future.result())
+
+    def _begin_to_wait(self, job: Job, prepared: Closeable) -> None:
+        job.prepared = prepared
         self._queue.make_ready(job)
         self._dispatch()
 

@@ -105,13 +105,8 @@ class LocalizeUseCase:
             assert isinstance(sought, SoughtScan)
             return sought
 
-        def prepare() -> Future[Leases]:
-            ready: Future[Leases] = Future()
-            ready.set_result(Leases([]))
-            return ready
-
         sought = await self._gate.run(
-            query.asker, prepare, work, size_bytes=len(body), deadline=query.deadline, check=check
+            query.asker, lambda: Leases([]), work, size_bytes=len(body), deadline=query.deadline, check=check
         )
         visible = list(filter(query.caller.sees, self._maps.served.ids))
         if not visible:
@@ -120,10 +115,12 @@ class LocalizeUseCase:
         chosen = await CHOICES.run(self._coarse.choose, sought, visible) or tuple(visible[:1])
         return replace(query, map_ids=chosen, chosen_of=len(visible))
 
-    def _lease(self, query: Query) -> Future[Leases]:
+    def _lease(self, query: Query) -> Future[Leases] | Leases:
         """The versions of the query's maps. Of chosen maps, those that come in time are enough."""
         if not query.chosen_of:
-            return self._maps.served.lease(query.map_ids, query.options.version)
+            served, version = self._maps.served, query.options.version
+            loaded = served.lease_loaded(query.map_ids[0], version) if len(query.map_ids) == 1 else None
+            return loaded or served.lease(query.map_ids, version)
         some = self._maps.served.lease_some(query.map_ids)
         if query.deadline != math.inf and not some.future.done():
             left_s = max(0.0, query.deadline - time.monotonic())

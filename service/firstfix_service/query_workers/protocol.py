@@ -42,7 +42,7 @@ _ROOM_BYTES = 128 << 10
 def message_of(query: Query) -> list[Body]:
     """The parts of a query's message. A body over INLINE_BYTES is only announced."""
     size = len(query.body)
-    pickled = pickle.dumps(query.without_body(), pickle.HIGHEST_PROTOCOL)
+    pickled = pickle.dumps(query, pickle.HIGHEST_PROTOCOL)
     if size > INLINE_BYTES:
         return [_HEAD.pack(len(pickled), 0, size), pickled]
     return [_HEAD.pack(len(pickled), size, 0), pickled, query.body]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -61,6 +62,7 @@ class BodyFormat(NamedTuple):
     decode: BodyDecoder
 
     @classmethod
+    @lru_cache(64)
     def of(cls, media_type: str, content_encoding: str | None) -> BodyFormat:
         """The format that the headers name.
 
@@ -189,9 +191,9 @@ class Query:
         """The one whose turn it takes."""
         return Asker(self.caller.name, self.map_ids[0] if len(self.map_ids) == 1 else SEVERAL_MAPS)
 
-    def without_body(self) -> Query:
+    def __getstate__(self) -> dict[str, object]:
         """The part of the query that a worker process needs beside the body."""
-        return replace(self, body=b"", caller=_NOBODY, given=_NOTHING)
+        return {**self.__dict__, "body": b"", "caller": _NOBODY, "given": _NOTHING}
 
 
 def single_values(pairs: Sequence[tuple[str, str]]) -> dict[str, str]:

@@ -12,7 +12,7 @@ import structlog
 from firstfix.telemetry.library_logs import silence_libraries
 
 from ..settings import Settings
-from .request_scope import LAST_LINES_WITHIN_S, LogLines, LogStream, hiding_secrets
+from .request_scope import LAST_LINES_WITHIN_S, LogLines, LogStream, add_request_ids, hiding_secrets
 
 __all__ = ["LAST_LINES_WITHIN_S", "drain_log", "set_up_logging"]
 
@@ -21,7 +21,7 @@ def set_up_logging(settings: Settings) -> None:
     """Set up the logs of this process. Called by ``serve``, never by an import."""
     level, as_json = settings.log_level, settings.log_json
     shared: list[structlog.typing.Processor] = [
-        structlog.contextvars.merge_contextvars,
+        add_request_ids,
         structlog.stdlib.add_log_level,
         structlog.stdlib.add_logger_name,
         structlog.processors.TimeStamper(fmt="iso", utc=True),

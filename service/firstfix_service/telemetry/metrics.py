@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 from functools import partial
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info, ProcessCollector
+from prometheus_client import CollectorRegistry, Counter, Gauge, Info, ProcessCollector
 from prometheus_client.exposition import choose_encoder
 
 import firstfix
@@ -13,6 +13,8 @@ from firstfix.answer.localization import Reason, Verdict
 from firstfix.builds.records import FINAL_STATES
 from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded
 from firstfix.store.json_record import RecordKind
+
+from .histogram import Histogram
 
 TRANSPORTS = ("http", "zenoh")
 SIGHTINGS = ("counted", "repeated", "dropped", "full", "failed", "not_stored")

@@ -13,10 +13,11 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping, MutableMapping
+from contextlib import AbstractContextManager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import structlog
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 MAX_BYTES = 4 << 20  # of lines that wait for the reader
 MAX_WRITE_BYTES = 64 << 10  # lines that are written together
-GATHER_S = 0.005  # in which lines are gathered for one write
+GATHER_S = 0.05  # in which lines are gathered for one write: each wakes a thread, beside the event loop
 LAST_LINES_WITHIN_S = 2.0  # of the process
 _GOOD_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
@@ -106,11 +107,10 @@ class Requests:
     def __init__(self) -> None:
         self.tracing: Tracing | None = None
 
-    @contextmanager
     def scope(
         self, transport: str, name: str | None, *, request_id: str, traceparent: str | None, started: float
-    ) -> Iterator[RequestScope]:
-        """Open the scope of a request.
+    ) -> OpenRequest:
+        """The scope of a request, which a ``with`` statement opens and ends.
 
         Args:
             name: of the span; None: the request gets no span.
@@ -119,40 +119,62 @@ class Requests:
             started: time of arrival (``time.monotonic``).
         """
         caller = TraceContext.parse(traceparent)
-        span: Span | None = None
-        with ExitStack() as stack:
-            if self.tracing is not None and name is not None:
-                span = stack.enter_context(self.tracing.request(name, caller, started_ns(started)))
-            own = None if span is None else TraceContext.of(span)
-            chosen = request_id if _GOOD_ID.fullmatch(request_id) else uuid.uuid4().hex
-            scope = RequestScope(chosen, transport, started, own or caller, span)
-            stack.enter_context(structlog.contextvars.bound_contextvars(**_ids(scope)))
-            token = _current.set(scope)
-            try:
-                yield scope
-            finally:
-                _current.reset(token)
-                self._finish(scope)
+        span = None
+        if self.tracing is not None and name is not None:
+            span = self.tracing.request(name, caller, started_ns(started))
+        chosen = request_id if _GOOD_ID.fullmatch(request_id) else uuid.uuid4().hex
+        return OpenRequest(RequestScope(chosen, transport, started, caller, None), span, self.finish)
 
-    def _finish(self, scope: RequestScope) -> None:
+    def finish(self, scope: RequestScope) -> None:
+        """Tell the span of a request how it ended."""
         if self.tracing is None or scope.span is None:
             return
-        about = {**scope.fields, **_transport_ids(scope), "status": scope.status}
+        ids = {"request_id": scope.request_id, "transport": scope.transport}
+        about = {**scope.fields, **ids, "status": scope.status}
         scope.span.set_attributes({f"firstfix.{key}": value for key, value in about.items()})
         if scope.status >= 500:
             self.tracing.fail(scope.span, str(scope.fields.get("code", scope.status)))
 
 
-def _transport_ids(scope: RequestScope) -> dict[str, str]:
-    return {"request_id": scope.request_id, "transport": scope.transport}
+class OpenRequest:
+    """The scope of one request while it is served."""
+
+    def __init__(
+        self,
+        scope: RequestScope,
+        span: AbstractContextManager[Span] | None,
+        finish: Callable[[RequestScope], None],
+    ) -> None:
+        self._scope, self._span, self._finish = scope, span, finish
+
+    def __enter__(self) -> RequestScope:
+        if self._span is not None:
+            self._scope.span = self._span.__enter__()
+            self._scope.trace = TraceContext.of(self._scope.span)
+        self._token = _current.set(self._scope)
+        return self._scope
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        _current.reset(self._token)
+        try:
+            self._finish(self._scope)
+        finally:
+            if self._span is not None:
+                self._span.__exit__(kind, error, trace)
 
 
-def _ids(scope: RequestScope) -> dict[str, str]:
-    """Fields of every log line that is written during the request."""
-    ids = _transport_ids(scope)
-    if scope.trace is not None:
-        ids |= {"trace_id": scope.trace.trace_id, "span_id": scope.trace.span_id}
-    return ids
+def add_request_ids(logger: Any, name: str, line: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
+    """The log processor that adds the ids of the request that is being served to each line."""
+    scope = _current.get()
+    if scope is not None:
+        line.setdefault("request_id", scope.request_id)
+        line.setdefault("transport", scope.transport)
+        if scope.trace is not None:
+            line.setdefault("trace_id", scope.trace.trace_id)
+            line.setdefault("span_id", scope.trace.span_id)
+    return line
 
 
 class LogLines:
@@ -212,7 +234,8 @@ class LogStream:
             else:
                 self._waiting.append(line)
                 self._waiting_bytes += len(line)
-                self._changed.notify_all()
+                if len(self._waiting) == 1:  # else the thread is awake
+                    self._changed.notify_all()
         return len(text)
 
     def flush(self) -> None:
@@ -228,11 +251,12 @@ class LogStream:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting)
             time.sleep(GATHER_S)
-            lines, size = self._take()
-            self._write(lines)
-            with self._changed:
-                self._waiting_bytes -= size
-                self._changed.notify_all()
+            while self._waiting:
+                lines, size = self._take()
+                self._write(lines)
+                with self._changed:
+                    self._waiting_bytes -= size
+                    self._changed.notify_all()
 
     def _take(self) -> tuple[bytes, int]:
         """The next lines, with a line about lost ones, and the bytes that were counted for them."""

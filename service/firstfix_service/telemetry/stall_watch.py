@@ -24,8 +24,8 @@ from types import FrameType
 from typing import NoReturn
 
 import structlog
-from prometheus_client import Histogram
 
+from .histogram import Histogram
 from .log_setup import LAST_LINES_WITHIN_S, drain_log
 
 _log = structlog.get_logger(__name__)

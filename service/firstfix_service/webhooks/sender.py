@@ -11,9 +11,9 @@ import random
 import threading
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-import httpx
 import structlog
 
 from firstfix.errors import InvalidOption
@@ -21,6 +21,9 @@ from firstfix.errors import InvalidOption
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from .event import AnswerEvent, read_secrets, signed_headers
+
+if TYPE_CHECKING:
+    import httpx
 
 _log = structlog.get_logger(__name__)
 MAX_WAITING, MAX_WAITING_BYTES = 1000, 32 << 20  # for one URL, those that are tried again too
@@ -69,6 +72,8 @@ class WebhookPolicy:
 def _check_url(url: str, number: int) -> None:
     """Check a URL. A message does not show it: its path may be a secret."""
     try:
+        import httpx  # imported late: most services have no webhooks
+
         parts = urlsplit(url)
         valid = parts.scheme in ("http", "https") and bool(parts.hostname) and "@" not in parts.netloc
         httpx.URL(url)
@@ -144,6 +149,8 @@ class WebhookSender:
         self._metrics.webhook_events.labels(result).inc()
 
     def _run(self) -> None:
+        import httpx
+
         asyncio.set_event_loop(self._loop)
         try:
             self._client = httpx.AsyncClient(timeout=TIMEOUT_S, follow_redirects=False)
@@ -205,6 +212,8 @@ class WebhookSender:
 
     async def _post(self, receiver: _Receiver, event_id: str, body: bytes) -> str:
         """Make one attempt. Returns what went wrong; empty: nothing."""
+        import httpx
+
         assert self._client is not None
         headers = signed_headers(event_id, body, self._policy.secrets, int(time.time()))
         try:

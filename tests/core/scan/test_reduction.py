@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.scan.reduction import (
     BORDER_M,
     COLUMNS,
@@ -30,15 +31,18 @@ def test_means_do_not_depend_on_the_order_of_the_points():
 def test_scans_are_cut_by_range_and_count():
     points = np.float32([[0.4, 0, 0], [0, 0.6, 0], [3, 4, 0], [0, 0, -9]])
     assert within_range(points, 0.5, 6.0).tolist() == points[1:3].tolist()
-    assert len(at_most(np.arange(10), 4)) == 4
-    assert at_most(np.arange(4), 4).tolist() == [0, 1, 2, 3]
+    for dtype in (np.float32, np.float64):
+        many = np.arange(30, dtype=dtype).reshape(10, 3)
+        taken = at_most(many, 4)
+        assert (taken.dtype, taken.tolist()) == (dtype, many[rows_by_chance(10, 4)].tolist())
+        assert at_most(many[:4], 4).tolist() == many[:4].tolist()
 
 
 def test_a_part_of_a_scan_has_all_its_beams():
     # 64 beams, one after the other in each column: as an OS0-64 or an HDL-64E sends them
     beams = np.tile(np.arange(64), 1000)
     for count in (32_000, 16_000, 4_000, 1_000):
-        taken = np.bincount(at_most(beams, count), minlength=64)
+        taken = np.bincount(beams[rows_by_chance(len(beams), count)], minlength=64)
         assert taken.min() > 0.5 * count / 64
         assert taken.max() < 1.6 * count / 64
 

@@ -16,7 +16,7 @@ from firstfix.bit_exact.accelerated import REFERENCES
 from firstfix.errors import FirstfixError
 from firstfix.scan.reduction import COLUMNS, ROWS
 from firstfix.scan.scan import Scan
-from firstfix.wire.query import _LEVELS_M
+from firstfix.wire.query import _LEVEL_EDGES_M, _LEVELS_M
 from firstfix.wire.range_image import _cosines_and_sines
 from tests.every_case import every_case
 
@@ -125,6 +125,40 @@ def test_compact_points(seed: int, n: int, side: int):
     planes = np.diff(number, prepend=0).astype("<u4").view(np.uint8).reshape(n, 4).T.copy()
     lowest = rng.integers(-side, side, 3)
     check("compact_points", planes, octets(rng, -(-n // 2) * 3), lowest, size, rng.uniform(0.005, 0.1))
+
+
+@given(SEEDS, st.integers(0, 400), st.sampled_from([0.1, 40.0, 1000.0]))
+def test_compact_planes(seed: int, n: int, reach_m: float):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-reach_m, reach_m, (n, 3)).astype(np.float32)
+    points[rng.random(n) < 0.1] = points[:1]  # equal cells keep their order
+    check("compact_planes", points, rng.uniform(0.005, 0.1))
+
+
+@given(SEEDS, st.sampled_from([0.0, 0.3, 1.0]))
+def test_levels_of_ranges(seed: int, returned: float):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(0, 3000))
+    ranges = rng.choice([0.0, 0.31, 7.0, 104.9, 2000.0], count) + rng.exponential(
+        rng.choice([0, 0.1, 30]), count
+    )
+    on_edges = rng.random(count) < 0.2
+    ranges[on_edges] = rng.choice(_LEVEL_EDGES_M, on_edges.sum())
+    ranges[rng.random(count) >= returned] = np.inf
+    check("levels_of_ranges", ranges.astype(np.float32), _LEVEL_EDGES_M)
+
+
+def test_points_that_a_kernel_cannot_encode_are_refused():
+    few = np.zeros((3, 3), np.float32)
+    for points, step_m in (
+        (np.zeros((10_001, 3), np.float32), 0.02),
+        (few + np.float32(1001), 0.02),
+        (few * np.float32(np.nan), 0.02),
+        (few, 0.003),
+        (few, np.nan),
+    ):
+        with pytest.raises(ValueError, match=r"10,000|1000 m|a step"):
+            native.compact_planes(points, step_m)
 
 
 @given(SEEDS, st.integers(-2, 2))

@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import httpx
@@ -23,6 +24,7 @@ from tests.service.service_world import client_session, free_port
 from tests.waiting import LIMIT_S, wait_until
 
 CALL_LOG = Path(__file__).with_name("call_log")
+NUMBERS = count()
 SERVE = """
 from firstfix_service.server import serve
 from firstfix_service.settings import Settings
@@ -63,7 +65,7 @@ class LoggedService:
 
     def ask_http(self) -> bytes:
         parameters = {"map": "yard", "version": self.version, "deadline_ms": "600000"}
-        headers = {"Content-Type": MEDIA_TYPE}
+        headers = {"Content-Type": f"{MEDIA_TYPE}; number={next(NUMBERS)}"}  # none that was looked up before
         answer = httpx.post(
             f"{self.url}/localize", params=parameters, content=self.body, headers=headers, timeout=LIMIT_S
         )
@@ -76,7 +78,8 @@ class LoggedService:
         )
         session = client_session(self.endpoint)
         try:
-            (reply,) = session.get(selector, payload=self.body, encoding=MEDIA_TYPE, timeout=LIMIT_S)
+            encoding = f"{MEDIA_TYPE};number={next(NUMBERS)}"
+            (reply,) = session.get(selector, payload=self.body, encoding=encoding, timeout=LIMIT_S)
             assert reply.ok is not None, reply.err.payload.to_bytes()
             return reply.ok.payload.to_bytes()
         finally:

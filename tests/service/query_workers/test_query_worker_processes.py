@@ -263,10 +263,10 @@ time.sleep(3600)
     wait_until(lambda: all(not is_alive(pid) for pid in pids))
 
 
-def test_a_query_worker_starts_without_scipy():
+def test_a_query_worker_starts_without_what_it_may_never_need():
     code = "import sys, firstfix_service.query_workers.worker; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT_S)
     assert done.returncode == 0, done.stderr
     packages = {name.partition(".")[0] for name in done.stdout.split()}
-    assert {"firstfix", "faiss"} <= packages
-    assert "scipy" not in packages
+    assert "firstfix" in packages
+    assert not {"scipy", "faiss"} & packages, "a version that needs one brings it"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import logging
 import os
@@ -30,6 +29,7 @@ from firstfix_service.startup.settings_summary import settings_summary, without_
 from firstfix_service.telemetry import request_scope
 from firstfix_service.telemetry.log_setup import set_up_logging
 from firstfix_service.telemetry.request_scope import MAX_BYTES, LogStream
+from tests.service.json_log import JsonLog, json_log
 from tests.service.service_world import SCAN_BODY, XYZ, Service, free_port, is_ready, running_service, served
 from tests.waiting import LIMIT_S, wait_until
 
@@ -37,36 +37,14 @@ TRACE, CALLER = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 TRACEPARENT = f"00-{TRACE}-{CALLER}-01"
 
 
-class Log:
-    """Reads log lines written as JSON."""
-
-    def __init__(self) -> None:
-        self.stream = io.StringIO()
-
-    @property
-    def lines(self) -> list[dict[str, Any]]:
-        return [json.loads(line) for line in self.stream.getvalue().splitlines()]
-
-    def of(self, **fields: Any) -> list[dict[str, Any]]:
-        return [line for line in self.lines if fields.items() <= line.items()]
+@pytest.fixture
+def log(logging_as_before) -> Iterator[JsonLog]:
+    with json_log() as kept:
+        yield kept
 
 
 @pytest.fixture
-def log(monkeypatch, logging_as_before) -> Log:
-    """Sets up JSON logs like ``serve``, during the test."""
-    kept = Log()
-    monkeypatch.setattr(sys, "stderr", kept.stream)
-    set_up_logging(Settings(store="memory://"))
-    monkeypatch.undo()
-    # loggers that were used before keep their old format
-    for module in [m for name, m in sys.modules.items() if name.startswith("firstfix_service.")]:
-        if hasattr(module, "_log"):
-            monkeypatch.setattr(module, "_log", structlog.get_logger(module.__name__))
-    return kept
-
-
-@pytest.fixture
-def service(tmp_path: Path, log: Log) -> Iterator[Service]:
+def service(tmp_path: Path, log: JsonLog) -> Iterator[Service]:
     with served(tmp_path, poll_interval_s=0.1) as running:
         running.wait_until_loaded()
         yield running
@@ -80,13 +58,13 @@ def ask(service: Service, transport: str, request_id: str) -> None:
         service.ask_http()
 
 
-def line_of(log: Log, request_id: str) -> dict[str, Any]:
+def line_of(log: JsonLog, request_id: str) -> dict[str, Any]:
     wait_until(lambda: log.of(event="request", request_id=request_id))
     (line,) = log.of(event="request", request_id=request_id)
     return line
 
 
-def test_both_transports_log_the_same_fields(service: Service, log: Log):
+def test_both_transports_log_the_same_fields(service: Service, log: JsonLog):
     lines = {}
     for transport in ("http", "zenoh"):
         ask(service, transport, f"one-{transport}")
@@ -111,7 +89,7 @@ def test_both_transports_log_the_same_fields(service: Service, log: Log):
 
 
 @pytest.mark.parametrize("transport", ["http", "zenoh"])
-def test_every_line_of_a_request_has_its_ids(tmp_path: Path, log: Log, transport: str):
+def test_every_line_of_a_request_has_its_ids(tmp_path: Path, log: JsonLog, transport: str):
     with served(tmp_path, poll_interval_s=60) as service:
         ask(service, transport, "cold")  # this query loads the version, in another thread
         line_of(log, "cold")
@@ -122,7 +100,7 @@ def test_every_line_of_a_request_has_its_ids(tmp_path: Path, log: Log, transport
 
 
 @pytest.mark.parametrize("transport", ["http", "zenoh"])
-def test_a_failure_is_logged_with_its_code(service: Service, log: Log, transport: str):
+def test_a_failure_is_logged_with_its_code(service: Service, log: JsonLog, transport: str):
     service.behaviour.raises = StoreUnavailable("gone")
     ask(service, transport, "failing")
     line = line_of(log, "failing")
@@ -134,14 +112,14 @@ def test_a_failure_is_logged_with_its_code(service: Service, log: Log, transport
     assert "RuntimeError: odd" in trouble["exception"]
 
 
-def test_an_invalid_request_id_is_replaced(service: Service, log: Log):
+def test_an_invalid_request_id_is_replaced(service: Service, log: JsonLog):
     service.ask_zenoh(options={"request_id": 'a"b'})
     wait_until(lambda: log.of(event="request", transport="zenoh"))
     (line,) = log.of(event="request", transport="zenoh")
     assert len(line["request_id"]) == 32
 
 
-def test_the_first_line_shows_the_settings_without_secrets(service: Service, log: Log):
+def test_the_first_line_shows_the_settings_without_secrets(service: Service, log: JsonLog):
     (line,) = log.of(event="ready to take requests")
     assert line["settings"]["replica"] == "r1"
     assert line["settings"]["workers"] == 2

@@ -24,6 +24,7 @@ from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
 from firstfix_service.builds.runner import STAGE_LABELS, count_build
 from firstfix_service.limits.connections import EndReason
+from firstfix_service.telemetry.histogram import Histogram
 from firstfix_service.telemetry.metered_store import OPERATIONS, metered
 from firstfix_service.telemetry.metrics import Metrics
 from tests.service.service_world import (
@@ -294,7 +295,7 @@ def shown(registry: CollectorRegistry) -> dict[str, set[str]]:
     for collector in list(registry._collector_to_names):
         for name in registry._collector_to_names[collector]:
             found[name] = set(getattr(collector, "_labelnames", ()))
-            if getattr(collector, "_type", "") == "histogram":
+            if isinstance(collector, Histogram):
                 found[name].add("le")
     return found
 

@@ -17,9 +17,10 @@ from typing import Any
 
 import httpx
 import pytest
-from prometheus_client import CollectorRegistry, Histogram
+from prometheus_client import CollectorRegistry
 
 from firstfix_service.telemetry import stall_watch
+from firstfix_service.telemetry.histogram import Histogram
 from firstfix_service.telemetry.stall_watch import (
     EXIT_STALLED,
     MAX_STACKS_CHARS,
@@ -35,7 +36,7 @@ STALLING_SERVICE = Path(__file__).parents[1] / "stalling_process.py"
 
 
 def lag() -> Histogram:
-    return Histogram("lag", "Lag", registry=CollectorRegistry())
+    return Histogram("lag", "Lag", buckets=(0.1, 2.5, 10.0), registry=CollectorRegistry())
 
 
 @contextmanager
@@ -103,7 +104,7 @@ def test_a_limit_of_zero_ends_no_process():
         go_on.set()
         wait_until(lambda: "stood still" in (watch.why_unwell() or ""))
         watch.close()
-    below = {s.labels["le"]: s.value for s in seconds.collect()[0].samples if s.name == "lag_bucket"}
+    below = {s.labels["le"]: s.value for s in next(seconds.collect()).samples if s.name == "lag_bucket"}
     assert below["+Inf"] > below["2.5"], "the lag is in the histogram"
 
 

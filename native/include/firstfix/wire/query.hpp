@@ -12,10 +12,10 @@
 #include <vector>
 
 #include "firstfix/errors.hpp"
-#include "firstfix/scan/cell_box.hpp"
 #include "firstfix/scan/compact.hpp"
 #include "firstfix/scan/range_view.hpp"
 #include "firstfix/wire/bytes.hpp"
+#include "firstfix/wire/compact_planes.hpp"
 #include "firstfix/wire/compact_points.hpp"
 #include "firstfix/wire/scan.hpp"
 #include "firstfix/wire/times.hpp"
@@ -44,22 +44,12 @@ inline const std::array<float, 254>& level_edges() {
   return edges;
 }
 
-// A bit for each direction, then the levels' differences.
 inline Bytes range_view_content(const std::vector<float>& nearest_m) {
   if (nearest_m.size() != kDirections) throw Error("invalid_scan", "a compact scan must have 16,200 ranges");
-  Bytes content(kMaskBytes);
-  std::uint8_t before = 0;
-  for (std::size_t i = 0; i < kDirections; ++i) {
-    const float range = nearest_m[i];
+  for (const float range : nearest_m) {
     if (!(range >= 0)) throw Error("invalid_scan", "a range is NaN or below 0");
-    if (std::isinf(range)) continue;
-    content[i / 8] = static_cast<std::uint8_t>(content[i / 8] | (0x80U >> (i % 8)));
-    const auto& edges = level_edges();
-    const auto level = static_cast<std::uint8_t>(1 + (std::upper_bound(edges.begin(), edges.end(), range) - edges.begin()));
-    content.push_back(static_cast<std::uint8_t>(level - before));
-    before = level;
   }
-  return content;
+  return levels_of_ranges(nearest_m.data(), kDirections, level_edges().data(), level_edges().size());
 }
 
 inline std::uint16_t frame_length(const Bytes& frame) {
@@ -68,67 +58,40 @@ inline std::uint16_t frame_length(const Bytes& frame) {
 }
 
 // Returns the rows of the points in the order in which they are written.
-inline std::vector<std::size_t> put_compact(Bytes& body, const CompactScan& scan, double wanted_resolution_m) {
+inline std::vector<std::int64_t> put_compact(Bytes& body, const CompactScan& scan, double wanted_resolution_m) {
   const std::size_t n = scan.points.size();
   if (n > kMaxCompactPoints) throw Error("too_large", "the query has over 10,000 points");
-  const auto resolution = static_cast<float>(wanted_resolution_m);
-  const auto resolution_m = static_cast<double>(resolution);  // the value in the header
-  std::vector<Cell> cells(n), steps(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    if (!usable(scan.points[i])) throw Error("invalid_scan", "a coordinate is not finite, or beyond 1000 m");
-    const Vector3 p = vector_of(scan.points[i]);
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      steps[i][axis] = static_cast<std::int64_t>(std::nearbyint(p[axis] / resolution_m));
-      cells[i][axis] = static_cast<std::int64_t>(std::floor(static_cast<double>(steps[i][axis]) / 16.0));
-    }
+  for (const Point& point : scan.points) {
+    if (!usable(point)) throw Error("invalid_scan", "a coordinate is not finite, or beyond 1000 m");
   }
-  const CellBox box = CellBox::around(cells);
+  const auto resolution = static_cast<float>(wanted_resolution_m);
+  CompactPlanes points = compact_planes(numbers_of(scan.points), n, static_cast<double>(resolution));
   std::uint64_t product = 1;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const bool reached = std::abs(box.lowest[axis]) <= 32'767 && box.size[axis] <= 65'535;
-    product *= reached ? static_cast<std::uint64_t>(box.size[axis]) : 0;
+    const bool reached = std::abs(points.box.lowest[axis]) <= 32'767 && points.box.size[axis] <= 65'535;
+    product *= reached ? static_cast<std::uint64_t>(points.box.size[axis]) : 0;
     if (!reached || product > std::uint64_t{1} << 32) {
       throw Error("invalid_scan", "the points are too far apart for the resolution");
     }
   }
-  std::vector<std::size_t> order(n);
-  for (std::size_t i = 0; i < n; ++i) order[i] = i;
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t i, std::size_t j) { return box.number(cells[i]) < box.number(cells[j]); });
-  std::vector<std::uint32_t> apart(n);
-  std::vector<std::uint8_t> low;
-  std::int64_t before = 0;
-  for (std::size_t k = 0; k < n; ++k) {
-    const std::int64_t number = box.number(cells[order[k]]);
-    apart[k] = static_cast<std::uint32_t>(number - before);
-    before = number;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      low.push_back(static_cast<std::uint8_t>(steps[order[k]][axis] - 16 * cells[order[k]][axis]));
-    }
-  }
-  if (n % 2 == 1) low.insert(low.end(), 3, 0);
-  Bytes planes;
-  put_planes(planes, apart, 4);
-  const Bytes first = compressed(planes, kQueryZstdLevel, false);
+  const Bytes first = compressed(points.planes, kQueryZstdLevel, false);
   const Bytes second = compressed(range_view_content(scan.nearest_m), kQueryZstdLevel, false);
   put(body, resolution);
   put(body, static_cast<std::uint16_t>(n));
-  for (const std::int64_t v : box.lowest) put(body, static_cast<std::int16_t>(v));
-  for (const std::int64_t v : box.size) put(body, static_cast<std::uint16_t>(v));
+  for (const std::int64_t v : points.box.lowest) put(body, static_cast<std::int16_t>(v));
+  for (const std::int64_t v : points.box.size) put(body, static_cast<std::uint16_t>(v));
   put(body, frame_length(first));
   put(body, frame_length(second));
   append(body, first);
   append(body, second);
-  for (std::size_t i = 0; i < low.size(); i += 2) {
-    body.push_back(static_cast<std::uint8_t>((low[i] << 4) | low[i + 1]));
-  }
-  return order;
+  append(body, points.low);
+  return std::move(points.order);
 }
 
-inline void put_compact_times(Bytes& body, const CompactScan& scan, const std::vector<std::size_t>& order) {
+inline void put_compact_times(Bytes& body, const CompactScan& scan, const std::vector<std::int64_t>& order) {
   const Times times = times_of(*scan.time_s, scan.points.size());
   Times sorted{times.first_s, times.step_s, {}};
-  for (const std::size_t row : order) sorted.level.push_back(times.level[row]);
+  for (const std::int64_t row : order) sorted.level.push_back(times.level[static_cast<std::size_t>(row)]);
   put_times(body, sorted, kQueryZstdLevel, false);
 }
 
@@ -216,7 +179,7 @@ inline Bytes encode_query(const CompactScan& scan, double resolution_m = 0.02) {
   const int parts = detail::kCompactPart + (scan.described ? detail::kDescriptorPart : 0) +
                     (scan.time_s ? detail::kTimesPart : 0);
   Bytes body{'F', 'F', 'Q', 'Y', 1, static_cast<std::uint8_t>(parts), 0, 0};
-  const std::vector<std::size_t> order = detail::put_compact(body, scan, resolution_m);
+  const std::vector<std::int64_t> order = detail::put_compact(body, scan, resolution_m);
   if (scan.described) detail::put_descriptor(body, *scan.described);
   if (scan.time_s) detail::put_compact_times(body, scan, order);
   return body;

@@ -18,7 +18,7 @@ from firstfix.errors import DeadlineExceeded, Overloaded, TooLarge
 from firstfix.formats.point_cloud import Body
 
 from ...auth.authenticate import CHECK_S, Permission
-from ...http_server.streams import RECEIVE_INTO, Arrived, ReceiveInto, declared_bytes
+from ...http_server.streams import RECEIVE_INTO, RECEIVED, Arrived, ReceiveInto, declared_bytes
 from ...limits.byte_budget import ByteBudget, owners_of_body
 from ...limits.limits import Limits
 
@@ -42,7 +42,9 @@ class BodyReader:
             DeadlineExceeded: it did not arrive in time.
         """
         declared = checked_length(request, self._max_bytes)
-        is_long = declared >= LONG_BYTES and RECEIVE_INTO in request.scope.get("extensions", {})
+        extensions = request.scope.get("extensions", {})
+        is_long = declared >= LONG_BYTES and RECEIVE_INTO in extensions
+        received: bytes | None = None if is_long or RECEIVED not in extensions else extensions[RECEIVED]()
         lease = self._budget.lease(*owners_of_body(caller))
 
         def arrived(count: int) -> None:
@@ -51,6 +53,9 @@ class BodyReader:
                 raise TooLarge(f"the body has over {self._max_bytes} bytes")
 
         try:
+            if received is not None:
+                arrived(len(received))
+                return received
             async with asyncio.timeout(self._timeout_s):
                 return await (_long(request, declared, arrived) if is_long else _joined(request, arrived))
         except BaseException as error:
@@ -118,13 +123,32 @@ class WhilePermitted:
             return message
 
         async def receive_into_while_permitted(buffer: memoryview, arrived: Arrived) -> None:
-            receiving = asyncio.ensure_future(receive_into(buffer, arrived))
+            refusal: list[Exception] = []
+            own = asyncio.current_task()
+            assert own is not None
+
+            async def go_on_checking() -> None:
+                try:
+                    while True:
+                        await check()
+                        await asyncio.sleep(CHECK_S)
+                except Exception as error:
+                    refusal.append(error)
+                    own.cancel()
+
+            checking: list[asyncio.Task[None]] = []  # most bodies have come before the first check
+            loop = asyncio.get_running_loop()
+            timer = loop.call_later(CHECK_S, lambda: checking.append(loop.create_task(go_on_checking())))
             try:
-                while not (await asyncio.wait({receiving}, timeout=CHECK_S))[0]:
-                    await check()
-                receiving.result()
+                await receive_into(buffer, arrived)
+            except asyncio.CancelledError:
+                if not refusal or own.uncancel():  # cancelled by somebody else, too
+                    raise
+                raise refusal[0] from None
             finally:
-                receiving.cancel()
+                timer.cancel()
+                for task in checking:
+                    task.cancel()
 
         extensions = scope.get("extensions", {})
         if RECEIVE_INTO in extensions:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import time
+from functools import lru_cache
 from typing import Any
+from urllib.parse import parse_qsl
 
 from fastapi import FastAPI, Request, Response
 from starlette.requests import ClientDisconnect
@@ -26,11 +28,15 @@ from ...query_workers.query import (
     split_map_ids,
 )
 from ...thread_pools import READS
-from ..edge import DirectRoute, caller_of, cancel_on_disconnect, needs
+from ..edge import caller_of, needs
+from ..gone import cancel_when_gone
 from ..parts import LocalizeParts, part_of
 from ..schema.answer_models import Answer, GeoPose
 from ..schema.bodies import BINARY, add_schema, binary_body
+from ..short_way import DirectRoute
 
+REMEMBERED = 256  # heads: a robot asks the same way again and again
+REMEMBERED_BYTES = 500  # in a longer head a prior or a motion is, which does not come again
 _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
     "prior": "region of the map that contains the sensor: `x,y,z,radius_m`, optionally with "
@@ -96,7 +102,7 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
 
 
 def add_route(app: FastAPI) -> None:
-    """Add the route to the app itself: the framework finds routes of a router in more steps."""
+    """Add the route to the app."""
     app.router.add_api_route(
         "/localize",
         localize,
@@ -135,21 +141,21 @@ async def _localize(
     request: Request, parts: LocalizeParts, caller: Principal, arrived: float
 ) -> tuple[EncodedAnswer, bytes, str]:
     """The answer, its bytes and their media type."""
-    options, headers = single_values(request.query_params.multi_items()), request.headers
-    form = AnswerForm.of(headers.get("accept", ""), options, may_be_geographic=True)
-    given = AsGiven(
-        split_map_ids(options.pop(MAP_PARAMETER, "")),
-        headers.get("content-type", ""),
-        headers.get("content-encoding", ""),
-        options,
+    headers = dict(reversed(request.scope["headers"]))  # of several, the first counts
+    texts = (
+        request.scope["query_string"],
+        headers.get(b"accept", b""),
+        headers.get(b"content-type", b""),
+        headers.get(b"content-encoding", b""),
     )
+    given, form = (_read_again if sum(map(len, texts)) <= REMEMBERED_BYTES else _read)(*texts)
     query = Query.read(given, form, caller, parts.use_case.served, arrived)
     parts.use_case.check_room(query)
     if form.geographic and len(given.map_ids) == 1:  # of several maps, one has to answer first
         await READS.run(parts.georeference_cache.of, given.map_ids[0])
     body = await parts.bodies.read(request, caller.name)
     try:
-        answer = await cancel_on_disconnect(request, parts.use_case.localize(query, body))
+        answer = await cancel_when_gone(request.scope, parts.use_case.localize(query, body))
         if answer.T_map_body is not None:
             georeference = await READS.run(parts.georeference_cache.of, answer.map_id)
             return answer, json.dumps(georeference.geopose(answer.T_map_body)).encode(), GEOPOSE
@@ -158,6 +164,25 @@ async def _localize(
         parts.bodies.release(body, caller.name)
 
 
+def _read(*head: bytes) -> tuple[AsGiven, AnswerForm]:
+    """What a head asks for, by itself.
+
+    Args:
+        head: query string, and the values of Accept, Content-Type and Content-Encoding.
+
+    Raises:
+        InvalidOption: a parameter is given twice, or as ``AnswerForm.of``.
+        NotAcceptable: as ``AnswerForm.of``.
+    """
+    query, accept, media_type, encoding = (text.decode("latin-1") for text in head)
+    options = single_values(parse_qsl(query, keep_blank_values=True))
+    form = AnswerForm.of(accept, options, may_be_geographic=True)
+    return AsGiven(split_map_ids(options.pop(MAP_PARAMETER, "")), media_type, encoding, options), form
+
+
+_read_again = lru_cache(REMEMBERED)(_read)
+
+
 def server_timing(answer: EncodedAnswer) -> str:
     """The stages as a Server-Timing header, which browsers and proxies show."""
-    return ", ".join(f"{stage};dur={ms:.3f}" for stage, ms in answer.timings_ms.items())
+    return ", ".join([f"{stage};dur={ms:.3f}" for stage, ms in answer.timings_ms.items()])

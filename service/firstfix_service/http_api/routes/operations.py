@@ -12,10 +12,11 @@ from firstfix.errors import Overloaded
 from ...telemetry.metrics import Metrics
 from ...telemetry.stall_watch import StallWatch
 from ...thread_pools import METRICS
-from ..edge import DirectRoute, needs, public
+from ..edge import needs, public
 from ..health import HealthCheck
 from ..parts import part_of
 from ..schema.api_models import Health, Readiness
+from ..short_way import DirectRoute
 
 router = APIRouter(tags=["operations"], route_class=DirectRoute)  # everybody may probe, and often
 

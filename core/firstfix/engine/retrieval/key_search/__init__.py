@@ -10,20 +10,13 @@ from numpy.typing import NDArray
 from ...config import SearchConfig
 from .base import KeySearch
 from .exhaustive import Exhaustive
-from .faiss_search import FaissSearch
 from .kd_tree import KdTree
 from .lsh_kd_tree import LshKdTree
 
-ENGINES: dict[str, type[KeySearch]] = {
-    "auto": FaissSearch,
-    "exhaustive": Exhaustive,
-    "kdtree": KdTree,
-    "lsh_kdtree": LshKdTree,
-    "faiss_sq8": FaissSearch,
-    "faiss_ivf_sq8": FaissSearch,
-}
+_OWN: dict[str, type[KeySearch]] = {"exhaustive": Exhaustive, "kdtree": KdTree, "lsh_kdtree": LshKdTree}
+ENGINES = ("auto", *_OWN, "faiss_sq8", "faiss_ivf_sq8")
 
-__all__ = ["ENGINES", "FaissSearch", "KeySearch", "build_key_search", "load_key_search"]
+__all__ = ["ENGINES", "KeySearch", "build_key_search", "load_key_search"]
 
 
 def build_key_search(
@@ -36,7 +29,7 @@ def build_key_search(
         config: of the search.
         position_m: (n, 3) positions of the keys, to split them by tile; None: they are not split.
     """
-    return ENGINES[config.engine].build(keys, config, position_m)
+    return _engine(config.engine).build(keys, config, position_m)
 
 
 def load_key_search(directory: Path, config: SearchConfig) -> KeySearch:
@@ -45,4 +38,12 @@ def load_key_search(directory: Path, config: SearchConfig) -> KeySearch:
     Raises:
         ValueError, RuntimeError, OSError: a file is missing or damaged, or belongs to another search.
     """
-    return ENGINES[config.engine].load(directory, config)
+    return _engine(config.engine).load(directory, config)
+
+
+def _engine(name: str) -> type[KeySearch]:
+    if name in _OWN:
+        return _OWN[name]
+    from .faiss_search import FaissSearch  # imported late: the process that listens searches no keys
+
+    return FaissSearch

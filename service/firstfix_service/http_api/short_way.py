@@ -1,0 +1,58 @@
+"""The short way of a request: routes of fixed paths whose functions get the request and nothing else.
+
+The framework documents them, and takes no part in an answer: its own layers, the search for the route and the
+dependencies take longer than all else that the service does for a query.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from fastapi import Request, Response
+from fastapi.routing import APIRoute
+from starlette.types import Receive, Scope, Send
+
+from firstfix.errors import FirstfixError
+
+from ..problems import method_not_allowed, problem_of
+from .edge import authorize
+
+
+class DirectRoute(APIRoute):
+    """A route in the framework's words, for its document. ``answer_directly`` calls its function."""
+
+
+def direct_routes(routes: Iterable[Any]) -> dict[str, DirectRoute]:
+    """Those of the routes that go the short way, by path.
+
+    Raises:
+        TypeError: the path of one has parameters, or another one has the same path.
+    """
+    found: dict[str, DirectRoute] = {}
+    paths = [route.path for route in routes]
+    for route in routes:
+        if isinstance(route.original_route, DirectRoute):
+            if "{" in route.path or paths.count(route.path) > 1:
+                raise TypeError(f"{route.path} cannot be direct: its path has parameters, or two routes")
+            found[route.path] = route.original_route
+    return found
+
+
+async def answer_directly(scope: Scope, receive: Receive, send: Send) -> None:
+    """Answer a request to the ``DirectRoute`` in its scope, as an ASGI app.
+
+    An unexpected error is for the layer around it.
+    """
+    route: DirectRoute = scope["route"]
+    request, methods = Request(scope, receive, send), route.methods or frozenset()
+    response: Response
+    try:
+        if scope["method"] in methods:
+            await authorize(request)
+            response = await route.endpoint(request)
+        else:
+            response = method_not_allowed(methods).response()
+    except FirstfixError as error:
+        response = problem_of(error).response()
+    await response(scope, receive, send)
