@@ -14,6 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.answer.quality import AlignmentQuality
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.config import EngineConfig
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf, tables_around
@@ -132,6 +135,49 @@ def _seen_free(native: Any) -> Any:
     return free.shares(FEW, np.array([np.eye(4), T_MAP_SENSOR])), free.holds(FEW, T_MAP_SENSOR)
 
 
+def _searched(native: Any) -> Any:
+    """The map of ``_grid`` and ``_tiles``, and what was seen free in it."""
+    brick, *_, bits = _free(native)
+    free = SeenFree.of_bricks(brick, bits, 0.25)
+    return native.SearchedMap(
+        _grid(native),
+        _grid(native, 1.5),
+        *(_tiles(native, 0.2), _tiles(native, 0.4)),
+        native.SeenFree(0.25, free.corner, free.group, free.brick, free.bits),
+        30.0,
+        *(CONFIG.registration, CONFIG.nearby, CONFIG.search.aliases, CONFIG.ranking, CALIBRATION),
+        20,
+    )
+
+
+def _search(native: Any, times: NDArray[np.float32] | None = None) -> Any:
+    """Poses found by two runs, and what is asked of known aliases, of a scan as in ``_aligned``."""
+    timed = None if times is None else (FEW, times)
+    few = None if times is None else times[::5]
+    search = native.Search(
+        _searched(native),
+        [(np.eye(4), *_view(), timed)],
+        (*_aligned(), few),
+        (*_aligned(), few),
+        1,
+        lambda T: T[:, 0, 3] < 4,
+    )
+    starts, (_, twist) = _starts()
+    rows, score = np.arange(2), np.array([0.5, 0.4])
+    first = search.run(rows, starts, score, None, starts[:0], True)
+    second = search.run(rows + 2, starts @ T_MAP_SENSOR, score, twist, starts, False)
+    return (
+        *(tuple(one for pose in found for one in pose) for found in (first, second)),
+        search.is_settled(),
+        search.leaves_out(starts),
+        search.untried(rows, starts, score, None),
+        search.rivals(rows, starts, score, 0.99),
+        search.not_far_behind(starts, T_MAP_SENSOR, twist),
+    )
+
+
+CONFIG, CALIBRATION = EngineConfig(), Calibration(cases=5, among_tied=(-8.0, 1.0, 1.5, 2.0, 1.0, 9.0))
+QUALITY = AlignmentQuality(0.8, 0.7, 0.02, 0.01, 0.05, 0.2, 0.1)
 LIMITS = (0.5, 60.0, 0.25, 10)
 UP = np.array([0.1, -0.05, 0.9])
 
@@ -234,6 +280,18 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "unexplained_returns": lambda n: n.unexplained_returns(
         _returns(), FEW, _grid(n), _grid(n, 1.5), T_MAP_SENSOR, FEW[:5] / 40, FEW[5:7] / 40, 25.0
     ),
+    "SearchedMap": lambda n: (_searched(n), None)[1],
+    "Search": _search,
+    "Search, a scan in motion": lambda n: _search(n, TIMES),
+    "support": lambda n: n.support(CONFIG.ranking, QUALITY),
+    "contradiction": lambda n: n.contradiction(CONFIG.ranking, QUALITY),
+    "discounted_score": lambda n: n.discounted_score(CONFIG.ranking, 0.8, TWIST),
+    "margin_and_tied": lambda n: n.margin_and_tied([0.5, 0.45, 0.3, 0.1], 0, 0.1, 0.25),
+    "match_inputs": lambda n: n.match_inputs(CONFIG.ranking, QUALITY, 0.2),
+    "probability": lambda n: n.probability(CALIBRATION, CONFIG.ranking, QUALITY, 0.2, 1),
+    "accepts": lambda n: n.accepts(CALIBRATION, CONFIG.ranking, QUALITY, 0.2, 1, 0.5),
+    "is_stacked": lambda n: n.is_stacked(np.zeros(3), FEW[:300].astype(np.float64) / 9),
+    "is_any_of": lambda n: n.is_any_of(*[_starts()[0]] * 2, 1.0, 0.2),
     "cell_counts": lambda n: n.cell_counts(
         *(R_LEVEL_SENSOR.astype(np.float32) * 2, np.float32([51.2, 51.7, 51.5]), 103),
         *(FEW, NORMALS[:, 0] > 0, NORMALS[:, 1] > 0, FEW, NORMALS[:, 2] > 0),

@@ -140,6 +140,25 @@ class MapIndex:
         T.setflags(write=False)
         return T
 
+    @cached_property
+    def searched(self) -> native.SearchedMap:
+        """The map as the compiled search reads it."""
+        config, seen_free = self.config, self.seen_free
+        return native.SearchedMap(
+            self.surface.fine.tables,
+            self.surface.coarse.tables,
+            self.view.near.tables,
+            self.view.far.tables,
+            None if seen_free is None else seen_free.tables,
+            self.view.reach_m,
+            config.registration,
+            config.nearby,
+            config.search.aliases,
+            config.ranking,
+            self.calibration,
+            config.verification.compared,
+        )
+
     @classmethod
     def load(cls, directory: Path, calibration: Calibration | None = None) -> MapIndex:
         """Read a version's files. Arrays are memory-mapped.

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import native
+from ...native import SLOW_M_S, SLOW_RAD_S
 from ...transform import Matrix
 from ..config import RegistrationConfig
 from ..ranking import RANKING, RankingConfig
@@ -24,7 +25,6 @@ from .surface_grid import SurfaceGrid
 
 # Where walls face one way only, an alignment creeps a few centimetres an iteration. A dozen do elsewhere.
 _FINE_ITERATIONS = 60
-SLOW_M_S, SLOW_RAD_S = 0.2, 0.05  # slower, a motion during a scan moves its points by a few centimetres
 _FINE_FILE, _COARSE_FILE = "surface_fine.safetensors", "surface_coarse.safetensors"
 
 

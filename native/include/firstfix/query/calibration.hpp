@@ -39,6 +39,17 @@ inline MatchFeatures match_features(const Fit& fit, const std::vector<double>& s
   return {fit, margin, supports.size() - rivals};
 }
 
+// Inputs of the logistic model (equation 7.2). A larger value never lowers the probability. A removed surface does not count
+// here, but in the margin: things leave, wherever the scan was taken.
+inline std::array<double, 5> inputs_of(const MatchFeatures& features, const ProbabilityNumbers& numbers) {
+  const Fit& fit = features.fit;
+  return {std::log((numbers.worst_score + fit.alignment_score) / (numbers.best_score - fit.alignment_score)),
+          -std::log(numbers.violation_offset + fit.free_space_violation),
+          -std::log(numbers.beside_offset + fit.beside_surface),
+          -std::log(numbers.same_plane_offset + fit.same_plane),
+          std::min(features.margin, numbers.max_margin)};
+}
+
 // firstfix.engine.calibration.Calibration, under the same names.
 struct Calibration {
   using Model = std::array<double, 6>;  // bias, alignment_score, free_space, beside_surface, same_plane, margin
@@ -49,30 +60,29 @@ struct Calibration {
   bool is_prior;  // fitted on no case of its own
 
   // Probability, 0..1, that the pose or one that ties with it is right.
-  double probability(const MatchFeatures& features, const Ranking& ranking) const {
+  double probability(const MatchFeatures& features, const ProbabilityNumbers& numbers) const {
     const Model& weights = features.tied > 1 && among_tied ? *among_tied : model;
-    const Fit& fit = features.fit;
-    const double score = fit.alignment_score;
-    const double inputs[5] = {std::log((ranking.worst_score + score) / (ranking.best_score - score)),
-                              -std::log(ranking.violation_offset + fit.free_space_violation),
-                              -std::log(ranking.beside_offset + fit.beside_surface),
-                              -std::log(ranking.same_plane_offset + fit.same_plane),
-                              std::min(features.margin, ranking.max_margin)};
+    const std::array<double, 5> inputs = inputs_of(features, numbers);
     double odds = 0;
     for (std::size_t k = 0; k < 5; ++k) odds += inputs[k] * weights[k + 1];
     odds += weights[0];
     return 1 / (1 + std::exp(-std::min(std::max(odds, -50.0), 50.0)));
   }
 
+  // The probability that the pose has at most, whatever its rivals.
+  double most(const Fit& fit, const ProbabilityNumbers& numbers) const {
+    return std::max(probability({fit, numbers.max_margin, 1}, numbers), probability({fit, numbers.max_margin, 2}, numbers));
+  }
+
   // Whether the verdict may be `localized`.
-  bool accepts(const MatchFeatures& features, const Ranking& ranking, double needed) const {
+  bool accepts(const MatchFeatures& features, const ProbabilityNumbers& numbers, double needed) const {
     return features.fit.inlier_ratio >= min_inlier_ratio && features.fit.free_space_violation <= max_free_space_violation &&
-           features.tied == 1 && probability(features, ranking) >= needed;
+           features.tied == 1 && probability(features, numbers) >= needed;
   }
 
   // Whether a pose is so surely right that nothing else is searched for.
-  bool ends_search(const MatchFeatures& features, const Ranking& ranking) const {
-    return accepts(features, ranking, search_until);
+  bool ends_search(const MatchFeatures& features, const ProbabilityNumbers& numbers) const {
+    return accepts(features, numbers, search_until);
   }
 };
 

@@ -76,6 +76,42 @@ class MovingAligner {
   Vector6 twist_scale_;
 };
 
+// A few points of a query on the map's coarse grid.
+class ScanOnCells {
+ public:
+  // sparse: of the query. count: of the points, at most.
+  ScanOnCells(const SearchedMap& map, const ScannedSurface& sparse, std::size_t count)
+      : map_(map), sparse_(sparse), count_(count), taken_(few_of(sparse)), as_taken_(map.coarse, taken_) {}
+
+  // Poses near the starts, with their scores within one coarse cell. twist: by which the points are deskewed, if they have
+  // times.
+  std::vector<Registration> align(const std::vector<PoseMatrix>& T_start, const KnownTwist& twist,
+                                  const AlignParameters& parameters) {
+    if (!twist || sparse_.at.times() == nullptr) return align_all(as_taken_, T_start, parameters);
+    const ScannedSurface few = few_of(deskewed(sparse_, *twist));
+    Aligner still(map_.coarse, few);
+    return align_all(still, T_start, parameters);
+  }
+
+ private:
+  ScannedSurface few_of(const ScannedSurface& surface) const {
+    return at_most(surface, count_, map_.registration.coarse_voxel_m);
+  }
+
+  std::vector<Registration> align_all(Aligner& aligner, const std::vector<PoseMatrix>& T_start,
+                                      const AlignParameters& parameters) const {
+    std::vector<Registration> made;
+    for (const PoseMatrix& T : T_start) made.push_back(aligner.align(T, parameters, map_.registration.coarse_voxel_m));
+    return made;
+  }
+
+  const SearchedMap& map_;
+  const ScannedSurface& sparse_;
+  std::size_t count_;
+  ScannedSurface taken_;
+  Aligner as_taken_;
+};
+
 // Points of a query on the map's fine grid, as they were taken, or as a motion deskews them.
 class ScanOnMap {
  public:

@@ -6,16 +6,17 @@
 #include <cstddef>
 #include <cstdint>
 #include <map>
+#include <functional>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include "firstfix/query/free_space_order.hpp"
+#include "firstfix/query/known_aliases.hpp"
 #include "firstfix/query/local_search.hpp"
 #include "firstfix/query/minima_beside.hpp"
 #include "firstfix/query/motion_at_places.hpp"
 #include "firstfix/query/place_measures.hpp"
-#include "firstfix/query/prior.hpp"
 #include "firstfix/query/registered_pose.hpp"
 #include "firstfix/query/scan_on_map.hpp"
 #include "firstfix/query/searched_map.hpp"
@@ -30,29 +31,26 @@ constexpr double kHopefulFrom = 0.85;
 // explains needs them: they tell that it is of another place.
 constexpr double kExplainedFrom = 0.85;
 
-// A pose that a template implies, where an alignment begins.
-struct Candidate {
-  std::int64_t template_row;
-  PoseMatrix T_level_sensor;
-};
+// Tells of each of some poses, T_level_sensor, whether what the caller knows allows it. Empty: all are allowed.
+using Allows = std::function<std::vector<std::uint8_t>(const std::vector<PoseMatrix>&)>;
 
 // Aligns the candidates of one query in one map and keeps the poses that compete for the answer. It keeps what it found: a
 // later run adds to it, and repeats none of its work. Not thread-safe. The map, the query and the tables must outlive it.
 class Search {
  public:
-  Search(const SearchedMap& map, const SearchedQuery& query, std::optional<Prior> prior)
+  Search(const SearchedMap& map, const SearchedQuery& query, Allows allows)
       : map_(map),
         query_(query),
-        prior_(prior),
-        coarsest_(at_most(query.sparse, map.ranking.coarse_points, map.registration.coarse_voxel_m)),
-        fewest_(at_most(query.sparse, map.nearby.points, map.registration.map_voxel_m)),
-        coarse_(map.coarse, coarsest_),
-        fewest_on_map_(map, fewest_),
+        allows_(std::move(allows)),
+        fewest_points_(at_most(query.sparse, map.nearby.points, map.registration.map_voxel_m)),
+        coarse_(map, query.sparse, map.ranking.coarse_points),
+        fewest_(map, fewest_points_),
         few_(map, query.sparse),
         many_(map, query.dense),
         measures_(map, query, few_, many_),
         order_(map, measures_, query.spots),
-        minima_(map, few_, many_) {
+        minima_(map, few_, many_),
+        aliases_(map, query, coarse_, few_) {
     if (query.is_in_time()) in_motion_.emplace(map, few_, kHopefulFrom);
   }
   Search(const Search&) = delete;
@@ -86,11 +84,11 @@ class Search {
     if (offsets.empty()) return;
     const auto [beside, is_first] = beside_.try_emplace(placed.T_level_sensor);
     if (is_first) {
-      const auto better = best_near(map_, fewest_on_map_, many_, placed, offsets);
+      const auto better = best_near(map_, fewest_, many_, placed, offsets);
       if (better) beside->second = found_.front().moved(map_.ranking, *better);
       if (better) beside_in_order_.push_back(*beside->second);
     }
-    if (!beside->second || !allows(*beside->second)) return;
+    if (!beside->second || allowed({*beside->second}).empty()) return;
     found_.front() = *beside->second;
     measures_.check_free_space(found_.front());
     measure_finely();
@@ -102,9 +100,22 @@ class Search {
            map_.calibration.ends_search(features_of(found_, map_, query_.spots), map_.ranking);
   }
 
-  // Whether the last run left out a place that would tie with a pose, as a known alias.
-  bool leaves_out(const RegisteredPose& best, const std::vector<PoseMatrix>& aliases) const {
-    return !order_.tied_aliases(best, aliases).empty();
+  // Whether the last run left out a place that would tie with the best pose, as a known alias.
+  bool leaves_out(const std::vector<PoseMatrix>& aliases) const {
+    return !found_.empty() && !order_.tied_aliases(found_.front(), aliases).empty();
+  }
+
+  // Of known aliases of the best pose, the rows of those that could change the answer. needed: probability from which on a
+  // pose is accepted.
+  std::vector<std::int64_t> rivals(const std::vector<Candidate>& aliases, double needed) {
+    if (found_.empty()) return {};
+    return aliases_.rivals(aliases, found_.front(), needed);
+  }
+
+  // Of aliases of a pose, the rows of the few at which a probe finds the scan to fit nearly as well, best first.
+  std::vector<std::int64_t> not_far_behind(const std::vector<PoseMatrix>& aliases, const PoseMatrix& T_level_sensor,
+                                           const KnownTwist& twist) {
+    return aliases_.not_far_behind(aliases, T_level_sensor, twist);
   }
 
   // Rows of the candidates that start near no start, and no aligned pose, of an earlier run. With a motion, starts are where
@@ -120,9 +131,7 @@ class Search {
     const double within_m = map_.ranking.same_start_m, cosine = std::cos(radians(map_.ranking.same_start_deg));
     std::vector<std::int64_t> fresh;
     for (std::size_t i = 0; i < candidates.size(); ++i) {
-      const PoseMatrix& T = candidates[i].T_level_sensor;
-      const bool is_known = std::any_of(known.begin(), known.end(),
-                                        [&](const PoseMatrix& other) { return is_same_pose(T, other, within_m, cosine); });
+      const bool is_known = is_any_of(candidates[i].T_level_sensor, known, within_m, cosine);
       if (!is_known) fresh.push_back(static_cast<std::int64_t>(i));
     }
     return fresh;
@@ -134,10 +143,12 @@ class Search {
     std::vector<Candidate> fresh;
     for (const auto row : untried(candidates, twist)) fresh.push_back(candidates[static_cast<std::size_t>(row)]);
     if (fresh.empty()) return;
-    std::vector<Registration> near = aligned_coarsely(fresh, twist);
+    std::vector<PoseMatrix> starts;
+    for (const Candidate& one : fresh) starts.push_back(one.T_level_sensor);
+    const std::vector<Registration> near = coarse_.align(starts, twist, map_.coarsely());
+    tried_.insert(tried_.end(), starts.begin(), starts.end());
     double best = near.front().alignment_score;
     for (const Registration& one : near) best = std::max(best, one.alignment_score);
-    for (const Candidate& one : fresh) tried_.push_back(one.T_level_sensor);
     few_.seen(twist, [&](Aligner& few) {
       for (const bool hopeful : {true, false}) {
         double explained = 0;
@@ -155,27 +166,11 @@ class Search {
     });
   }
 
-  std::vector<Registration> aligned_coarsely(const std::vector<Candidate>& candidates, const KnownTwist& twist) {
-    const auto align_all = [&](Aligner& coarse) {
-      std::vector<Registration> made;
-      for (const Candidate& one : candidates) {
-        made.push_back(coarse.align(one.T_level_sensor, map_.coarsely(), map_.registration.coarse_voxel_m));
-      }
-      return made;
-    };
-    if (!twist || !query_.is_in_time()) return align_all(coarse_);
-    const ScannedSurface still =
-        at_most(deskewed(query_.sparse, *twist), map_.ranking.coarse_points, map_.registration.coarse_voxel_m);
-    Aligner coarse(map_.coarse, still);
-    return align_all(coarse);
-  }
-
   // The best ones that may compete, of all runs: distinct poses that the prior allows, best first.
   RegisteredPoses registered() {
-    std::vector<std::size_t> rows;
-    for (std::size_t i = 0; i < aligned_.size(); ++i) {
-      if (allows(aligned_[i].rigid.T_level_sensor)) rows.push_back(i);
-    }
+    std::vector<PoseMatrix> all;
+    for (const AlignedStart& one : aligned_) all.push_back(one.rigid.T_level_sensor);
+    std::vector<std::size_t> rows = allowed_rows(all);
     std::stable_sort(rows.begin(), rows.end(), [&](std::size_t a, std::size_t b) {
       return aligned_[a].rigid.alignment_score > aligned_[b].rigid.alignment_score;
     });
@@ -194,9 +189,7 @@ class Search {
       made.emplace_back(map_.ranking, one.template_row, one.T_start[11], in_motion_ ? solved[k] : one.rigid);
     }
     if (aligned_.empty()) return made;
-    for (const RegisteredPose& one : beside_in_order_) {
-      if (allows(one)) made.push_back(one);
-    }
+    for (const RegisteredPose& one : allowed(beside_in_order_)) made.push_back(one);
     // the motion may have changed the order, and an unlikely one counts against a place
     std::stable_sort(made.begin(), made.end(), [](const RegisteredPose& a, const RegisteredPose& b) {
       return a.fit.alignment_score > b.fit.alignment_score;
@@ -223,31 +216,42 @@ class Search {
 
   // The poses that the prior allows, best first, the best one's agreement with many points.
   void measure_finely() {
-    RegisteredPoses allowed;
-    for (const RegisteredPose& one : found_) {
-      if (allows(one)) allowed.push_back(one);
-    }
-    found_ = ranked(std::move(allowed), map_.ranking);
+    found_ = ranked(allowed(found_), map_.ranking);
     for (std::size_t i = 0; i < found_.size(); ++i) {
       if (i == 0) measures_.measure_finely(found_[i]);
       else measures_.measure(found_[i]);
     }
   }
 
-  bool allows(const PoseMatrix& T_level_sensor) const {
-    return !prior_ || prior_->allows(detail::product(map_.T_map_level, T_level_sensor));
+  std::vector<std::size_t> allowed_rows(const std::vector<PoseMatrix>& T_level_sensor) const {
+    std::vector<std::uint8_t> is_allowed(T_level_sensor.size(), 1);
+    if (allows_ && !is_allowed.empty()) is_allowed = allows_(T_level_sensor);
+    std::vector<std::size_t> rows;
+    for (std::size_t i = 0; i < is_allowed.size(); ++i) {
+      if (is_allowed[i] != 0) rows.push_back(i);
+    }
+    return rows;
   }
-  bool allows(const RegisteredPose& one) const { return allows(one.registration.T_level_sensor); }
+
+  RegisteredPoses allowed(const RegisteredPoses& poses) const {
+    if (!allows_) return poses;
+    std::vector<PoseMatrix> T;
+    for (const RegisteredPose& one : poses) T.push_back(one.registration.T_level_sensor);
+    RegisteredPoses kept;
+    for (const std::size_t row : allowed_rows(T)) kept.push_back(poses[row]);
+    return kept;
+  }
 
   const SearchedMap& map_;
   const SearchedQuery& query_;
-  std::optional<Prior> prior_;
-  ScannedSurface coarsest_, fewest_;  // parts of the sparse points
-  Aligner coarse_;
-  ScanOnMap fewest_on_map_, few_, many_;
+  Allows allows_;
+  ScannedSurface fewest_points_;  // a part of the sparse ones
+  ScanOnCells coarse_;
+  ScanOnMap fewest_, few_, many_;
   PlaceMeasures measures_;
   FreeSpaceOrder order_;
   MinimaBeside minima_;
+  KnownAliases aliases_;
   std::optional<MotionAtPlaces> in_motion_;
   std::vector<PoseMatrix> tried_;  // all starts
   std::vector<AlignedStart> aligned_;

@@ -29,23 +29,29 @@ struct NearbyNumbers {
   double apart_m, apart_deg, better_by;
 };
 
+// firstfix.engine.config.AliasConfig, under the same names.
+struct AliasNumbers {
+  double behind;
+  std::size_t tried;
+};
+
 struct SearchedMap {
   SurfaceGrid fine, coarse;
   PointTiles near, far;
   std::optional<SeenFree> seen_free;
   double reach_m;  // of the free-space check
-  PoseMatrix T_map_level;
   RegistrationNumbers registration;
   NearbyNumbers nearby;
+  AliasNumbers aliases;
   Ranking ranking;
   Calibration calibration;
   std::size_t compared;  // candidates that compete, at most
 
+  // A little towards the map, on the coarse grid: without it a start half a metre off scores no better than a wrong one.
+  AlignParameters barely() const { return on_cells(ranking.screen_iterations); }
+
   // From starts within about a metre, on the coarse grid.
-  AlignParameters coarsely() const {
-    return {registration.coarse_iterations, static_cast<float>(1.5 * registration.coarse_voxel_m),
-            static_cast<float>(ranking.coarse_angle)};
-  }
+  AlignParameters coarsely() const { return on_cells(registration.coarse_iterations); }
 
   // From starts within a few decimetres.
   AlignParameters usually() const { return on_points(registration.align_iterations, ranking.align_angle); }
@@ -57,6 +63,10 @@ struct SearchedMap {
   AlignParameters finely() const { return on_points(60, ranking.fine_angle); }
 
  private:
+  AlignParameters on_cells(int iterations) const {
+    return {iterations, static_cast<float>(1.5 * registration.coarse_voxel_m), static_cast<float>(ranking.coarse_angle)};
+  }
+
   AlignParameters on_points(int iterations, double half_angle) const {
     return {iterations, static_cast<float>(registration.fine_distance_m), static_cast<float>(half_angle)};
   }

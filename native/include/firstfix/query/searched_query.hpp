@@ -3,19 +3,17 @@
 
 #include <cstddef>
 #include <limits>
-#include <optional>
 #include <vector>
 
 #include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/query/prepared_scan.hpp"
+#include "firstfix/query/ranking.hpp"
 #include "firstfix/scan/deskew.hpp"
 #include "firstfix/scan/points_in_time.hpp"
 #include "firstfix/scan/range_view.hpp"
 #include "firstfix/scan/voxel_filter.hpp"
 
 namespace firstfix {
-
-using KnownTwist = std::optional<Vector6>;  // of the sensor during a scan, linear then angular; nothing: not known
 
 // A scan's ranges by direction, and its pose in the frame of the query's last scan.
 struct ViewedScan {
