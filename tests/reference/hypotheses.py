@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import product
 
 import numpy as np
@@ -23,7 +23,6 @@ from firstfix.engine.registered_candidate import (
     RegisteredCandidate,
     distinct,
     features_of,
-    ranked,
 )
 from firstfix.engine.registration.align import Agreement, Registration, Registrations
 from firstfix.engine.registration.surface import Surface
@@ -173,7 +172,7 @@ class HypothesisSearch:
         self._align(self.untried(candidates, twist), twist)
         if not self._aligned:
             return []
-        aligned = Registrations.together(self._aligned)
+        aligned = _together(self._aligned)
         rows = np.argsort(-aligned.alignment_score, kind="stable")
         if self._prior is not None:
             rows = rows[self._prior.allows_each(self._index.T_map_level @ aligned.T_level_sensor[rows])]
@@ -398,7 +397,7 @@ class HypothesisSearch:
         pose = T_level_last.tobytes()
         if pose not in self._free_space:
             surface, view = self._index.surface, self._index.view
-            shares = FreeSpaceShares.mean(
+            shares = _mean(
                 [
                     view.seen_through(surface, scan.view_deskewed(twist), T_level_last @ scan.T_last_scan)
                     for scan in self._prepared.scans
@@ -418,3 +417,28 @@ class HypothesisSearch:
             return None
         scan = self._prepared.sparse.deskewed(registration.twist)
         return float(seen_free.shares(scan.points, registration.T_level_sensor[None])[0])
+
+
+def ranked(candidates: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
+    """Candidates of one map by support, best first; of nearly the same pose only the best is kept."""
+    best_first = sorted(candidates, key=lambda candidate: -candidate.support)
+    if not best_first:
+        return []
+    T_level_sensor = np.array([candidate.registration.T_level_sensor for candidate in best_first])
+    rows = distinct(T_level_sensor, best_first[0].index.config.ranking)
+    return [best_first[row] for row in rows.tolist()]
+
+
+def _together(parts: Sequence[Registrations]) -> Registrations:
+    """Registrations of all parts, in order. None of them has a twist."""
+    names = [field.name for field in fields(Registrations) if field.name != "twist"]
+    return Registrations(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _mean(shares: Sequence[FreeSpaceShares]) -> FreeSpaceShares:
+    """Mean over several scans, at least one."""
+    count = len(shares)
+    return FreeSpaceShares(
+        sum(one.free_space_violation for one in shares) / count,
+        sum(one.removed_surface for one in shares) / count,
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -41,15 +40,6 @@ class FreeSpaceShares:
     free_space_violation: float
     removed_surface: float
     seen_free: float | None = None
-
-    @classmethod
-    def mean(cls, shares: Sequence[FreeSpaceShares]) -> FreeSpaceShares:
-        """Mean over several scans, at least one."""
-        count = len(shares)
-        return cls(
-            sum(one.free_space_violation for one in shares) / count,
-            sum(one.removed_surface for one in shares) / count,
-        )
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ the map's own points. The kernel is ``native/include/firstfix/registration/align
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -106,14 +106,6 @@ class Registrations:
             bool(self.rests[number]),
             None if self.twist is None else self.twist[number],
         )
-
-    @classmethod
-    def together(cls, parts: Sequence[Registrations]) -> Registrations:
-        """Registrations of all parts, in order. None of them has a twist."""
-        if len(parts) == 1:
-            return parts[0]
-        names = [field.name for field in fields(cls) if field.name != "twist"]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def __iter__(self) -> Iterator[Registration]:
         return (self[number] for number in range(len(self)))
