@@ -146,32 +146,27 @@ def _searched(native: Any) -> Any:
         native.SeenFree(0.25, free.corner, free.group, free.brick, free.bits),
         30.0,
         *(CONFIG.registration, CONFIG.nearby, CONFIG.search.aliases, CONFIG.ranking, CALIBRATION),
-        20,
+        4,
     )
 
 
 def _search(native: Any, times: NDArray[np.float32] | None = None) -> Any:
     """Poses found by two runs, and what is asked of known aliases, of a scan as in ``_aligned``."""
-    timed = None if times is None else (FEW, times)
-    few = None if times is None else times[::5]
-    search = native.Search(
-        _searched(native),
-        [(np.eye(4), *_view(), timed)],
-        (*_aligned(), few),
-        (*_aligned(), few),
-        1,
-        lambda T: T[:, 0, 3] < 4,
-    )
+    few = tuple(part[::8].copy() for part in _aligned())
+    few = (*few, None if times is None else times[::40].copy())
+    scan = np.eye(4), *_view(), None if times is None else (few[0], few[3])
+    search = native.Search(_searched(native), [scan], few, few, 1, lambda T: T[:, 0, 3] < 4)
     starts, (_, twist) = _starts()
+    far = starts + 9 * np.eye(4, k=3)
     rows, score = np.arange(2), np.array([0.5, 0.4])
     first = search.run(rows, starts, score, None, starts[:0], True)
     second = search.run(rows + 2, starts @ T_MAP_SENSOR, score, twist, starts, False)
     return (
-        *(tuple(one for pose in found for one in pose) for found in (first, second)),
+        *(one for found in (first, second) for pose in found for one in pose),
         search.is_settled(),
         search.leaves_out(starts),
-        search.untried(rows, starts, score, None),
-        search.rivals(rows, starts, score, 0.99),
+        search.untried(rows, far, score, None),
+        len(search.rivals(rows, starts, score, 1.0)),
         search.not_far_behind(starts, T_MAP_SENSOR, twist),
     )
 
@@ -280,7 +275,6 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "unexplained_returns": lambda n: n.unexplained_returns(
         _returns(), FEW, _grid(n), _grid(n, 1.5), T_MAP_SENSOR, FEW[:5] / 40, FEW[5:7] / 40, 25.0
     ),
-    "SearchedMap": lambda n: (_searched(n), None)[1],
     "Search": _search,
     "Search, a scan in motion": lambda n: _search(n, TIMES),
     "support": lambda n: n.support(CONFIG.ranking, QUALITY),
