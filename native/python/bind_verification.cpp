@@ -12,6 +12,7 @@
 #include "firstfix/verification/free_space.hpp"
 #include "firstfix/verification/map_view.hpp"
 #include "firstfix/verification/seen_free.hpp"
+#include "free_tables.hpp"
 #include "grid.hpp"
 #include "rooms.hpp"
 #include "tiles.hpp"
@@ -22,7 +23,6 @@ namespace {
 
 using PoseArray = In<double, nb::shape<4, 4>>;
 using Directions = nb::shape<static_cast<nb::ssize_t>(kDirections)>;
-using Bits = In<std::int32_t, nb::shape<-1, 8, 2>>;  // the halves of 64 bits, the lower one first
 
 void require_cell(double cell_m) {
   require(cell_m >= 1e-6 && cell_m <= 1e6, "the edge of a cell is less than 1e-6 m, or over 1e6 m");
@@ -51,37 +51,6 @@ std::vector<BrickBits> bits_of_array(const Bits& array) {
   }
   return bits;
 }
-
-// The tables of cells that were seen free, kept as long as a kernel may read them. Their contents are not read here: a
-// large map's file is mapped, and loading it must stay quick.
-class FreeTables {
- public:
-  FreeTables(float cell_m, In<float, nb::shape<3>> corner, In<std::int32_t, nb::ndim<3>> group,
-             In<std::int32_t, nb::shape<-1, 8, 8, 8>> brick, Bits bits)
-      : group_(group), brick_(brick), bits_(bits) {
-    require(cell_m > 0 && cell_m < 1e6F, "the width of a cell must be positive");
-    require(brick.shape(0) > 0 && bits.shape(0) > 0, "a table is empty");
-    view.cell_m = cell_m;
-    view.group = group.data();
-    view.brick = brick.data();
-    view.groups = count_of(brick.shape(0));
-    view.bits = bits.data();
-    view.bricks = count_of(bits.shape(0));
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      view.corner_m[axis] = corner.data()[axis];
-      require(group.shape(axis) > 0 && group.shape(axis) <= static_cast<std::size_t>(SeenFree::kMostGroups),
-              "the table of groups is empty or too large");
-      view.shape[axis] = static_cast<std::int32_t>(group.shape(axis));
-    }
-  }
-
-  SeenFree view{};
-
- private:
-  In<std::int32_t, nb::ndim<3>> group_;
-  In<std::int32_t, nb::shape<-1, 8, 8, 8>> brick_;
-  Bits bits_;
-};
 
 }  // namespace
 

@@ -13,6 +13,8 @@ void bind_index(nanobind::module_& module);
 void bind_query(nanobind::module_& module);
 void bind_retrieval(nanobind::module_& module);
 void bind_scan(nanobind::module_& module);
+void bind_ranking(nanobind::module_& module);
+void bind_search(nanobind::module_& module);
 void bind_simulation(nanobind::module_& module);
 void bind_surface(nanobind::module_& module);
 void bind_verification(nanobind::module_& module);

@@ -14,6 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.answer.quality import AlignmentQuality
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.config import EngineConfig
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf, tables_around
@@ -132,6 +135,44 @@ def _seen_free(native: Any) -> Any:
     return free.shares(FEW, np.array([np.eye(4), T_MAP_SENSOR])), free.holds(FEW, T_MAP_SENSOR)
 
 
+def _searched(native: Any) -> Any:
+    """The map of ``_grid`` and ``_tiles``, and what was seen free in it."""
+    brick, *_, bits = _free(native)
+    free = SeenFree.of_bricks(brick, bits, 0.25)
+    return native.SearchedMap(
+        _grid(native),
+        _grid(native, 1.5),
+        *(_tiles(native, 0.2), _tiles(native, 0.4)),
+        native.SeenFree(0.25, free.corner, free.group, free.brick, free.bits),
+        30.0,
+        *(CONFIG.registration, CONFIG.nearby, CONFIG.search.aliases, CONFIG.ranking, CALIBRATION),
+        4,
+    )
+
+
+def _search(native: Any, times: NDArray[np.float32] | None = None) -> Any:
+    """Poses found by two runs, and what is asked of known aliases, of a scan as in ``_aligned``."""
+    few = tuple(part[::8].copy() for part in _aligned())
+    few = (*few, None if times is None else times[::40].copy())
+    scan = np.eye(4), *_view(), None if times is None else (few[0], few[3])
+    search = native.Search(_searched(native), [scan], few, few, 1, lambda T: T[:, 0, 3] < 4)
+    starts, (_, twist) = _starts()
+    far = starts + 9 * np.eye(4, k=3)
+    rows, score = np.arange(2), np.array([0.5, 0.4])
+    first = search.run(rows, starts, score, None, starts[:0], True)
+    second = search.run(rows + 2, starts @ T_MAP_SENSOR, score, twist, starts, False)
+    return (
+        *(one for found in (first, second) for pose in found for one in pose),
+        search.is_settled(),
+        search.leaves_out(starts),
+        search.untried(rows, far, score, None),
+        len(search.rivals(rows, starts, score, 1.0)),
+        search.not_far_behind(starts, T_MAP_SENSOR, twist),
+    )
+
+
+CONFIG, CALIBRATION = EngineConfig(), Calibration(cases=5, among_tied=(-8.0, 1.0, 1.5, 2.0, 1.0, 9.0))
+QUALITY = AlignmentQuality(0.8, 0.7, 0.02, 0.01, 0.05, 0.2, 0.1)
 LIMITS = (0.5, 60.0, 0.25, 10)
 UP = np.array([0.1, -0.05, 0.9])
 
@@ -238,6 +279,17 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "unexplained_returns": lambda n: n.unexplained_returns(
         _returns(), FEW, _grid(n), _grid(n, 1.5), T_MAP_SENSOR, FEW[:5] / 40, FEW[5:7] / 40, 25.0
     ),
+    "Search": _search,
+    "Search, a scan in motion": lambda n: _search(n, TIMES),
+    "support": lambda n: n.support(CONFIG.ranking, QUALITY),
+    "contradiction": lambda n: n.contradiction(CONFIG.ranking, QUALITY),
+    "discounted_score": lambda n: n.discounted_score(CONFIG.ranking, 0.8, TWIST),
+    "margin_and_tied": lambda n: n.margin_and_tied([0.5, 0.45, 0.3, 0.1], 0, 0.1, 0.25),
+    "match_inputs": lambda n: n.match_inputs(CONFIG.ranking, QUALITY, 0.2),
+    "probability": lambda n: n.probability(CALIBRATION, CONFIG.ranking, QUALITY, 0.2, 1),
+    "accepts": lambda n: n.accepts(CALIBRATION, CONFIG.ranking, QUALITY, 0.2, 1, 0.5),
+    "is_stacked": lambda n: n.is_stacked(np.zeros(3), FEW[:300].astype(np.float64) / 9),
+    "is_any_of": lambda n: n.is_any_of(*[_starts()[0]] * 2, 1.0, 0.2),
     "cell_counts": lambda n: n.cell_counts(
         *(R_LEVEL_SENSOR.astype(np.float32) * 2, np.float32([51.2, 51.7, 51.5]), 103),
         *(FEW, NORMALS[:, 0] > 0, NORMALS[:, 1] > 0, FEW, NORMALS[:, 2] > 0),

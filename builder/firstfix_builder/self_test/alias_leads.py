@@ -17,7 +17,7 @@ from firstfix.builds.config import PerturbConfig
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.hypotheses import HypothesisSearch
 from firstfix.engine.index import MapIndex
-from firstfix.engine.known_aliases import is_any_of, known_aliases, not_far_behind
+from firstfix.engine.known_aliases import is_any_of, known_aliases
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.stopwatch import Stopwatch
 from firstfix.engine.told_apart import are_parted, is_one_thing, may_lack
@@ -100,11 +100,12 @@ def _lead(
     prepared = localizer.prepare(ScanSequence.single(scan), options, Stopwatch(math.inf))
     if prepared is None:
         return None
-    aliases = not_far_behind(index, aliases, T_level_sensor, prepared.sparse)
+    hypotheses = HypothesisSearch(index, prepared)
+    aliases = hypotheses.not_far_behind(aliases, T_level_sensor)
     if not len(aliases):
         return None
     own = Candidates(aliases.template[:1], T_level_sensor[None], np.ones(1))
-    placed = HypothesisSearch(index, prepared).run(Candidates.merged([own, aliases]))
+    placed = hypotheses.run(Candidates.merged([own, aliases]))
     off = [pose_error(T_level_sensor, one.registration.T_level_sensor) for one in placed]
     true = [
         one.support for one, (m, deg) in zip(placed, off, strict=True) if m < _FOUND_M and deg < _FOUND_DEG

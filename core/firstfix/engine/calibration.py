@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import cached_property
-from math import exp
-from operator import mul
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import native
 from ..errors import REBUILD, IncompatibleVersion
 from .ranking import MatchFeatures
 
@@ -70,11 +68,7 @@ class Calibration:
     @property
     def weights(self) -> NDArray[np.float64]:
         """(6,) weights of the model, bias first."""
-        return np.array(self._model)
-
-    @cached_property
-    def _model(self) -> tuple[float, ...]:
-        return tuple(getattr(self, name) for name in WEIGHTS)
+        return np.array([getattr(self, name) for name in WEIGHTS])
 
     def with_ties_as_in(self, other: Calibration) -> Calibration:
         """This calibration, with the other one's weights for poses that tie."""
@@ -82,10 +76,8 @@ class Calibration:
 
     def probability(self, features: MatchFeatures) -> float:
         """Probability, 0..1, that the pose or one that ties with it is right."""
-        bias, *weights = (features.tied > 1 and self.among_tied) or self._model
-        # plain floats: a query asks a dozen times, and of five numbers an array takes longer than the sum
-        log_odds = bias + sum(map(mul, features.inputs, weights))
-        return 1 / (1 + exp(-min(max(log_odds, -50.0), 50.0)))
+        asked = features.ranking, features.quality, features.margin, features.tied
+        return native.probability(self, *asked)
 
     def accepts(self, features: MatchFeatures, min_probability: float | None = None) -> bool:
         """Whether the verdict may be ``localized``.
@@ -94,10 +86,8 @@ class Calibration:
             min_probability: threshold to use instead of the calibration's own.
         """
         needed = self.min_probability if min_probability is None else min_probability
-        quality = features.quality
-        explains = quality.inlier_ratio >= self.min_inlier_ratio
-        explains &= quality.free_space_violation <= self.max_free_space_violation
-        return explains and features.tied == 1 and self.probability(features) >= needed
+        asked = features.ranking, features.quality, features.margin, features.tied
+        return native.accepts(self, *asked, needed)
 
     def ends_search(self, features: MatchFeatures) -> bool:
         """Whether a pose is so surely right that nothing else is searched for."""

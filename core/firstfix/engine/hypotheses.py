@@ -1,71 +1,56 @@
-"""From candidates of one map to the few poses at which the scan fits it (docs/method.md section 7)."""
+"""From candidates of one map to the few poses at which the scan fits it (docs/method.md section 7).
+
+The search is compiled: ``native/include/firstfix/query/search.hpp``.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from itertools import product
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import native
 from ..answer.prior import Prior
+from ..transform import Matrix
 from .candidates import Candidates
 from .index import FreeSpaceShares, MapIndex
-from .known_aliases import is_any_of, may_tie
-from .local_search import best_near
-from .motion_at_places import MotionAtPlaces, together
-from .preprocess import PreparedQuery, spots_of
-from .registered_candidate import (
-    NOT_CHECKED,
-    NOT_MEASURED,
-    RegisteredCandidate,
-    distinct,
-    features_of,
-    ranked,
-)
-from .registration.align import Agreement, Registration, Registrations
+from .preprocess import PreparedQuery, PreparedScan, spots_of
+from .registered_candidate import RegisteredCandidate
+from .registration.align import Agreement, Registration
 from .registration.surface import Surface
 
-# Share of a search's best coarse alignment score, below which a candidate is hopeless. The right place had
-# 0.905 or more in 729 searches (lab/docs/experiments.md, "Hopeless candidates").
-_HOPEFUL_FROM = 0.85
-# Alignment score from which on a place explains a scan so well that hopeless ones are no rivals. A scan that
-# no place explains needs them: they tell that it is of another place.
-_EXPLAINED_FROM = 0.85
 NO_POSES = np.empty((0, 4, 4))
-_BESIDE = np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
+_Floats: TypeAlias = NDArray[np.float32]
 
 
 class HypothesisSearch:
-    """Aligns the candidates of one query in one map and keeps the poses that compete for the answer."""
+    """Aligns the candidates of one query in one map and keeps the poses that compete for the answer.
+
+    A later run adds to what the runs before it found, and repeats none of their work.
+    """
 
     def __init__(
         self, index: MapIndex, prepared: PreparedQuery, prior: Prior | None = None, map_id: str = ""
     ) -> None:
-        self._index, self._prepared, self._prior, self._map_id = index, prepared, prior, map_id
-        self._ranking = index.config.ranking
-        self._tried = np.empty((0, 4, 4))  # all starts
-        self._starts = np.empty((0, 4, 4))  # of those that were aligned
-        self._twist_start = np.empty((0, 6))  # by which the scan was deskewed then; 0: it was not
-        self._template = np.empty(0, np.int64)
-        self._aligned: list[Registrations] = []  # batch by batch
-        self._in_motion = (
-            None
-            if prepared.sparse.time_s is None
-            else MotionAtPlaces(index.surface, prepared.sparse, _HOPEFUL_FROM)
+        self._index, self._map_id = index, map_id
+        self._spots = spots_of(prepared.scans, index.config.ranking.spots_apart_m)
+        self._search = native.Search(
+            index.searched,
+            [_viewed(scan) for scan in prepared.scans],
+            _surface(prepared.dense),
+            _surface(prepared.sparse),
+            self._spots,
+            None if prior is None else lambda T: prior.allows_each(index.T_map_level @ T),
         )
-        self._free_space: dict[bytes, FreeSpaceShares] = {}  # by pose: a later run does not check it again
-        self._agreement: dict[bytes, Agreement] = {}  # the same, of the few points
-        self._beside: dict[bytes, RegisteredCandidate | None] = {}  # by pose: the better one beside it
-        self._unchecked: Sequence[RegisteredCandidate] = ()  # of the last run, where it stopped
 
     def run(
         self,
         candidates: Candidates,
         twist: NDArray[np.float64] | None = None,
         aliases: NDArray[np.float64] = NO_POSES,
+        *,
+        nearby: bool = False,
     ) -> list[RegisteredCandidate]:
         """Distinct poses that the prior allows, best first: of these candidates and of all earlier runs.
 
@@ -74,59 +59,50 @@ class HypothesisSearch:
         Args:
             twist: (6,) motion of the scan where these candidates come from; None: not known.
             aliases: (k, 4, 4) known aliases of the best pose.
+            nearby: the best pose moves to a better minimum beside it, if there is one.
         """
-        checked = ranked(self._check_free_space(self._register(candidates, twist), aliases))
-        if not checked or not self._may_be_accepted(checked):
-            return self._with_agreements(checked)
-        return self._finely_measured(self._refine(checked))
+        found = self._search.run(*_rows(candidates), twist, aliases, nearby)
+        return [self._candidate(*one) for one in found]
 
-    def search_near(
-        self, found: Sequence[RegisteredCandidate], offsets_m: NDArray[np.float64]
-    ) -> list[RegisteredCandidate]:
-        """The poses that ``run`` found, best first. The first one moves to a better minimum beside it.
+    def _candidate(
+        self,
+        template: int,
+        start_z_m: float,
+        T_level_sensor: Matrix,
+        inlier_ratio: float,
+        alignment_score: float,
+        information: NDArray[np.float64],
+        rests: bool,
+        twist: NDArray[np.float64] | None,
+        violation: float,
+        removed: float,
+        seen_free: float | None,
+        beside_surface: float,
+        same_plane: float,
+    ) -> RegisteredCandidate:
+        return RegisteredCandidate(
+            self._index,
+            self._map_id,
+            template,
+            Registration(T_level_sensor, inlier_ratio, alignment_score, information, rests, twist),
+            FreeSpaceShares(violation, removed, seen_free),
+            Agreement(beside_surface, same_plane),
+            start_z_m,
+            self._spots,
+        )
 
-        Free space does not choose between the two: they are one place, seen from nearly the same spot.
+    @property
+    def is_settled(self) -> bool:
+        """Whether the best pose is so surely right that nothing else is searched for."""
+        return self._search.is_settled()
 
-        Args:
-            offsets_m: see ``best_near``.
-        """
-        pose = found[0].registration.T_level_sensor.tobytes()
-        if pose not in self._beside:
-            registration = best_near(
-                self._index.surface,
-                self._prepared,
-                found[0].registration,
-                offsets_m,
-                self._index.config.nearby,
-            )
-            self._beside[pose] = (
-                None
-                if registration is None
-                else replace(
-                    found[0], registration=registration, free_space=NOT_CHECKED, agreement=NOT_MEASURED
-                )
-            )
-        beside = self._beside[pose]
-        if beside is None or not self._allowed([beside]):
-            return list(found)
-        return self._finely_measured([self._with_free_space(beside), *found[1:]])
-
-    def _finely_measured(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
-        """The candidates that the prior allows, best first, the best one's agreement with many points."""
-        best_first = ranked(self._allowed(registered))
-        agreements = self._agreements(self._prepared.dense, [one.registration for one in best_first[:1]])
-        best = [
-            replace(one, agreement=agreement) for one, agreement in zip(best_first, agreements, strict=False)
-        ]
-        return [*best, *self._with_agreements(best_first[1:])]
-
-    def leaves_out(self, best: RegisteredCandidate, aliases: NDArray[np.float64]) -> bool:
+    def leaves_out(self, aliases: NDArray[np.float64]) -> bool:
         """Whether the last run left out a place that would tie with the best, as a known alias.
 
         Args:
             aliases: (k, 4, 4) known aliases of the best pose.
         """
-        return bool(self._tied_aliases(best, aliases))
+        return self._search.leaves_out(aliases)
 
     def untried(self, candidates: Candidates, twist: NDArray[np.float64] | None = None) -> Candidates:
         """The candidates that start near no start, and no aligned pose, of an earlier run.
@@ -134,255 +110,43 @@ class HypothesisSearch:
         Args:
             twist: as for ``run``.
         """
-        return candidates.at(self._untried(candidates.T_level_sensor, twist))
+        return candidates.at(self._search.untried(*_rows(candidates), twist))
 
-    def _register(
-        self, candidates: Candidates, twist: NDArray[np.float64] | None
-    ) -> list[RegisteredCandidate]:
-        """Align all new candidates with few points: coarsely, then the good ones on the map's own points.
-
-        Returns the best ones that may compete, of all runs: distinct poses that the prior allows, best first.
-        """
-        self._align(self.untried(candidates, twist), twist)
-        if not self._aligned:
-            return []
-        aligned = Registrations.together(self._aligned)
-        rows = np.argsort(-aligned.alignment_score, kind="stable")
-        if self._prior is not None:
-            rows = rows[self._prior.allows_each(self._index.T_map_level @ aligned.T_level_sensor[rows])]
-        rows = rows[
-            distinct(
-                aligned.T_level_sensor[rows], self._ranking, most=self._index.config.verification.compared
-            )
-        ]
-        spots = spots_of(self._prepared.scans, self._ranking.spots_apart_m)
-        registered = [
-            RegisteredCandidate(
-                self._index,
-                self._map_id,
-                int(self._template[row]),
-                registration,
-                start_z_m=float(self._starts[row, 2, 3]),
-                spots=spots,
-            )
-            for row, registration in zip(rows.tolist(), self._with_motion(aligned, rows), strict=True)
-        ]
-        registered += self._allowed(one for one in self._beside.values() if one is not None)
-        # the motion may have changed the order, and an unlikely one counts against a place
-        registered.sort(key=lambda one: -one.quality.alignment_score)
-        return registered
-
-    def _align(self, candidates: Candidates, twist: NDArray[np.float64] | None) -> None:
-        if not len(candidates):
-            return
-        surface, T = self._index.surface, candidates.T_level_sensor
-        sparse = self._prepared.sparse.deskewed(twist)
-        near, score = surface.align_coarse(sparse, T)
-        self._tried = np.concatenate([self._tried, T])
-        is_hopeful = score >= _HOPEFUL_FROM * score.max()
-        for rows in (np.flatnonzero(is_hopeful), np.flatnonzero(~is_hopeful)):
-            if not len(rows):
-                return
-            self._starts = np.concatenate([self._starts, T[rows]])
-            known = np.tile(np.zeros(6) if twist is None else twist, (len(rows), 1))
-            self._twist_start = np.concatenate([self._twist_start, known])
-            self._template = np.concatenate([self._template, candidates.template[rows]])
-            self._aligned.append(surface.align(sparse, near[rows]))
-            if self._aligned[-1].alignment_score.max() >= _EXPLAINED_FROM:
-                return
-
-    def _untried(
-        self, T_level_sensor: NDArray[np.float64], twist: NDArray[np.float64] | None
-    ) -> NDArray[np.intp]:
-        """Rows of (k, 4, 4) starts that are near no start, and no aligned pose, of an earlier run.
-
-        With a motion, starts are where the sensor would be, and not where the skewed scan would lie.
-        """
-        if not self._aligned:
-            return np.arange(len(T_level_sensor))
-        if twist is None or self._in_motion is None:
-            known = np.concatenate([self._tried, *(part.T_level_sensor for part in self._aligned)])
-        else:
-            known = self._in_motion.T_level_sensor
-        off_m = np.linalg.norm(T_level_sensor[:, None, :3, 3] - known[None, :, :3, 3], axis=2)
-        trace = np.einsum("kij,nij->kn", T_level_sensor[:, :3, :3], known[:, :3, :3])
-        same_cosine = math.cos(math.radians(self._ranking.same_start_deg))
-        is_known = (off_m < self._ranking.same_start_m) & (trace > 1 + 2 * same_cosine)
-        return np.flatnonzero(~is_known.any(axis=1))
-
-    def _with_motion(self, aligned: Registrations, rows: NDArray[np.integer]) -> Iterable[Registration]:
-        """The given rows, with the motion during the scan where the times of its points are known.
-
-        Wrong places gain by it as well as the right one, so all that are compared get it.
-        """
-        if self._in_motion is None:
-            return (aligned[row] for row in rows.tolist())
-        return self._in_motion.solve(aligned, self._twist_start, rows)
-
-    def _allowed(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
-        """The candidates that the prior allows."""
-        prior = self._prior
-        return [one for one in registered if prior is None or prior.allows(one.T_map_sensor)]
-
-    def _check_free_space(
-        self, registered: Sequence[RegisteredCandidate], aliases: NDArray[np.float64]
-    ) -> list[RegisteredCandidate]:
-        """The candidates that may be the best or its best rival, with their free space checked.
-
-        The check only lowers support. So it stops at the first candidate that is too weak already, or that
-        could not keep the best one from being accepted. Known aliases of the best one tie sooner: of what is
-        left they are checked, too.
+    def rivals_among(self, aliases: Candidates, min_probability: float | None) -> Candidates:
+        """The known aliases of the best pose that could change the answer, to be tried.
 
         Args:
-            registered: in the order of the support that they have at most.
+            min_probability: threshold to use instead of the calibration's own.
         """
-        checked: list[RegisteredCandidate] = []
-        self._unchecked = ()
-        for number, candidate in enumerate(registered):
-            if len(checked) > 1:
-                checked[:1] = self._with_agreements(checked[:1])
-                if self._is_settled(checked, candidate):
-                    self._unchecked = registered[number:]
-                    checked += map(self._with_free_space, self._tied_aliases(checked[0], aliases))
-                    break
-            checked.append(self._with_free_space(candidate))
-            checked.sort(key=lambda one: -one.support)
-        checked[:1] = self._with_agreements(checked[:1])
-        return checked
+        needed = self._index.calibration.min_probability if min_probability is None else min_probability
+        return aliases.at(self._search.rivals(*_rows(aliases), needed))
 
-    def _is_settled(self, checked: Sequence[RegisteredCandidate], following: RegisteredCandidate) -> bool:
-        """Whether no candidate from the following one on can change the answer, but known aliases.
+    def not_far_behind(
+        self, aliases: Candidates, T_level_sensor: Matrix, twist: NDArray[np.float64] | None = None
+    ) -> Candidates:
+        """The few aliases of a pose at which a probe finds the scan to fit nearly as well.
 
         Args:
-            checked: best first.
+            T_level_sensor: (4, 4) the pose.
+            twist: as for ``run``.
         """
-        supports = [other.support for other in checked]
-        if following.support < min(supports[1], supports[0] - self._ranking.rival_within):
-            return True
-        return self._index.calibration.ends_search(features_of([*checked, following]))
+        return aliases.at(self._search.not_far_behind(aliases.T_level_sensor, T_level_sensor, twist))
 
-    def _tied_aliases(
-        self, best: RegisteredCandidate, aliases: NDArray[np.float64]
-    ) -> list[RegisteredCandidate]:
-        """The unchecked candidates at (k, 4, 4) known aliases of the best one, near enough to it to tie."""
-        near = [one for one in self._unchecked if may_tie(best, one)]
-        if not near or not len(aliases):
-            return []
-        at = is_any_of(aliases, np.array([one.registration.T_level_sensor for one in near]), self._ranking)
-        return [one for one, is_alias in zip(near, at.tolist(), strict=True) if is_alias]
 
-    def _may_be_accepted(self, checked: Sequence[RegisteredCandidate]) -> bool:
-        """Whether fine alignment is worth its time. Always so while the calibration is the prior."""
-        calibration = self._index.calibration
-        return (
-            not calibration.cases or calibration.probability(features_of(checked)) >= self._ranking.promising
-        )
+def _rows(
+    candidates: Candidates,
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    template, score = candidates.template.astype(np.int64), candidates.score.astype(np.float64)
+    return template, candidates.T_level_sensor, score
 
-    def _refine(self, checked: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
-        """The candidates, the best and its close rivals aligned again with many points.
 
-        A rival that is a little worse may only have been aligned worse: it gets the same chance.
-        """
-        close = checked[0].support - self._ranking.rival_within
-        near = [candidate for candidate in checked if candidate.support > close][: self._ranking.max_refined]
-        T_level_sensor, twist = self._best_minima_near(near), together(one.registration for one in near)
-        aligned = self._index.surface.align_fine(self._prepared.dense, T_level_sensor, twist=twist)
-        refined = (
-            self._with_free_space(replace(candidate, registration=registration, agreement=NOT_MEASURED))
-            for candidate, registration in zip(near, aligned, strict=True)
-        )
-        return [*refined, *checked[len(near) :]]
+def _surface(surface: Surface) -> tuple[_Floats, _Floats, NDArray[np.bool_], _Floats | None]:
+    return surface.points, surface.normals, surface.oriented, surface.time_s
 
-    def _best_minima_near(self, candidates: Sequence[RegisteredCandidate]) -> NDArray[np.float64]:
-        """Each candidate's pose, or one beside it that is clearly better, aligned smoothly: (k, 4, 4).
 
-        One beside a pose that slid up or down is on the floor again. A scan in motion is compared as each
-        candidate's own motion deskews it: a skewed one fits best where it is askew.
-        """
-        sparse, dense = self._prepared.sparse, self._prepared.dense
-        if self._in_motion is None:
-            return self._best_minima(candidates, sparse, dense)
-        return np.concatenate(
-            [
-                self._best_minima([one], sparse.deskewed(twist), dense.deskewed(twist))
-                for one in candidates
-                for twist in [one.registration.twist]
-            ]
-        )
-
-    def _best_minima(
-        self, candidates: Sequence[RegisteredCandidate], sparse: Surface, dense: Surface
-    ) -> NDArray[np.float64]:
-        surface, count = self._index.surface, len(candidates)
-        risen_m = np.array([one.start_z_m - one.registration.T_level_sensor[2, 3] for one in candidates])
-        slid = np.abs(risen_m) > self._ranking.slid_m
-        number = len(_BESIDE) + int(slid.any())
-        starts = np.array([one.registration.T_level_sensor for one in candidates])[:, None]
-        starts = starts.repeat(number, axis=1)  # (k, starts of each, 4, 4)
-        starts[:, : len(_BESIDE), :2, 3] += self._ranking.neighbour_m * _BESIDE
-        starts[slid, -1, 2, 3] += risen_m[slid]
-        aligned = surface.align(sparse, starts.reshape(-1, 4, 4))
-        T, score = aligned.T_level_sensor.reshape(starts.shape), aligned.alignment_score.reshape(count, -1)
-        beside = 1 + score[:, 1:].argmax(axis=1)  # the first column is the pose itself
-        rivalled = np.flatnonzero(score.max(axis=1) > score[:, 0] + self._ranking.maybe_better_by)
-        # few points may mistake which is better, and by how much: many points decide
-        both = np.concatenate([T[:, 0], T[rivalled, beside[rivalled]]])
-        smooth = surface.align_smoothly(dense, both)
-        own, other = smooth.alignment_score[:count], smooth.alignment_score[count:]
-        is_better = other > own[rivalled] + self._ranking.better_by
-        best = np.arange(count)
-        best[rivalled[is_better]] = count + np.flatnonzero(is_better)
-        return smooth.T_level_sensor[best]
-
-    def _with_agreements(self, candidates: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
-        """The candidates with how the few points agree with the map there, measured where it was not yet."""
-        keys = [candidate.registration.T_level_sensor.tobytes() for candidate in candidates]
-        missing = [
-            (key, one.registration)
-            for key, one in zip(keys, candidates, strict=True)
-            if one.agreement is NOT_MEASURED and key not in self._agreement
-        ]
-        if missing:
-            found = self._agreements(self._prepared.sparse, [registration for _, registration in missing])
-            self._agreement.update(zip((key for key, _ in missing), found, strict=True))
-        return [
-            replace(one, agreement=self._agreement[key]) if one.agreement is NOT_MEASURED else one
-            for key, one in zip(keys, candidates, strict=True)
-        ]
-
-    def _agreements(self, scan: Surface, registrations: Sequence[Registration]) -> list[Agreement]:
-        """Agreement of the scan, deskewed by each registration's own motion, with the map there."""
-        surface = self._index.surface
-        if scan.time_s is None:
-            T_level_sensor = np.array([one.T_level_sensor for one in registrations])
-            return surface.agreements(scan, T_level_sensor.reshape(-1, 4, 4))
-        return [
-            surface.agreements(scan.deskewed(one.twist), one.T_level_sensor[None])[0] for one in registrations
-        ]
-
-    def _with_free_space(self, candidate: RegisteredCandidate) -> RegisteredCandidate:
-        """The candidate with the shares of directions that pass through the map, over the query's scans."""
-        T_level_last, twist = candidate.registration.T_level_sensor, candidate.registration.twist
-        pose = T_level_last.tobytes()
-        if pose not in self._free_space:
-            surface, view = self._index.surface, self._index.view
-            shares = FreeSpaceShares.mean(
-                [
-                    view.seen_through(surface, scan.view_deskewed(twist), T_level_last @ scan.T_last_scan)
-                    for scan in self._prepared.scans
-                ]
-            )
-            self._free_space[pose] = FreeSpaceShares(
-                shares.free_space_violation,
-                shares.removed_surface,
-                self._seen_free(candidate.registration),
-            )
-        return replace(candidate, free_space=self._free_space[pose])
-
-    def _seen_free(self, registration: Registration) -> float | None:
-        """Share of the few points, of all scans, in space that the mapping run saw free; None: not known."""
-        seen_free = self._index.seen_free
-        if seen_free is None:
-            return None
-        scan = self._prepared.sparse.deskewed(registration.twist)
-        return float(seen_free.shares(scan.points, registration.T_level_sensor[None])[0])
+def _viewed(
+    scan: PreparedScan,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], _Floats, tuple[_Floats, _Floats] | None]:
+    returns = scan.returns
+    timed = None if returns is None or returns.time_s is None else (returns.points, returns.time_s)
+    return scan.T_last_scan, scan.view.returned, scan.view.least, timed

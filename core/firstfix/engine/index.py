@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -41,15 +40,6 @@ class FreeSpaceShares:
     free_space_violation: float
     removed_surface: float
     seen_free: float | None = None
-
-    @classmethod
-    def mean(cls, shares: Sequence[FreeSpaceShares]) -> FreeSpaceShares:
-        """Mean over several scans, at least one."""
-        count = len(shares)
-        return cls(
-            sum(one.free_space_violation for one in shares) / count,
-            sum(one.removed_surface for one in shares) / count,
-        )
 
 
 @dataclass(frozen=True)
@@ -139,6 +129,25 @@ class MapIndex:
         T = np.array(self.config.T_map_level, np.float64).reshape(4, 4)
         T.setflags(write=False)
         return T
+
+    @cached_property
+    def searched(self) -> native.SearchedMap:
+        """The map as the compiled search reads it."""
+        config, seen_free = self.config, self.seen_free
+        return native.SearchedMap(
+            self.surface.fine.tables,
+            self.surface.coarse.tables,
+            self.view.near.tables,
+            self.view.far.tables,
+            None if seen_free is None else seen_free.tables,
+            self.view.reach_m,
+            config.registration,
+            config.nearby,
+            config.search.aliases,
+            config.ranking,
+            self.calibration,
+            config.verification.compared,
+        )
 
     @classmethod
     def load(cls, directory: Path, calibration: Calibration | None = None) -> MapIndex:

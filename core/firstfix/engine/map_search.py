@@ -17,9 +17,8 @@ from .candidates import Candidates, candidates_of_scan, find_candidates
 from .config import EffortConfig
 from .hypotheses import NO_POSES, HypothesisSearch
 from .index import MapIndex
-from .known_aliases import known_aliases, rivals_among, with_look_alikes_marked
+from .known_aliases import known_aliases, with_look_alikes_marked
 from .level_hypotheses import level_hypotheses
-from .local_search import offsets_along, offsets_around
 from .outside_prior import aliases_outside, lead_outside
 from .preprocess import PreparedQuery, PreparedScan
 from .registered_candidate import RegisteredCandidate, distinct, features_of
@@ -56,19 +55,19 @@ class MapSearch:
         map_id: str = "",
     ) -> None:
         self._index, self._prepared, self._options, self._watch = index, prepared, options, watch
-        self._hypotheses = HypothesisSearch(index, prepared, options.prior, map_id)
+        self._map_id = map_id
+        self._hypotheses = self.new_hypotheses(options.prior)
         self._narrow_s = 0.0
         self.registered: list[RegisteredCandidate] = []
+
+    def new_hypotheses(self, prior: Prior | None) -> HypothesisSearch:
+        """A search for poses that a prior allows, which has found nothing yet."""
+        return HypothesisSearch(self._index, self._prepared, prior, self._map_id)
 
     @property
     def is_settled(self) -> bool:
         """Whether the best pose is so surely right that nothing else is searched for."""
-        best = self.registered
-        return (
-            bool(best)
-            and best[0].registration.rests
-            and self._index.calibration.ends_search(features_of(best))
-        )
+        return self._hypotheses.is_settled
 
     def take(self, step: Step) -> None:
         """Search with the effort of one step, if the caller's deadline leaves time for it."""
@@ -121,27 +120,27 @@ class MapSearch:
         self.registered = with_look_alikes_marked(self.registered, self._options.prior)
 
     def _register_aliases(self, min_probability: float | None) -> None:
-        index, best = self._index, self.registered
+        placed = self.registered[0].registration
         with self._watch.stage("aliases"):
-            placed = best[0].registration
-            aliases = known_aliases(index, placed.T_level_sensor, self._options.prior)
+            aliases = known_aliases(self._index, placed.T_level_sensor, self._options.prior)
             untried = self._hypotheses.untried(aliases, placed.twist)
-            rivals = rivals_among(untried, best[0], self._prepared.sparse, min_probability)
-        if len(rivals) or self._hypotheses.leaves_out(best[0], aliases.T_level_sensor):
+            rivals = self._hypotheses.rivals_among(untried, min_probability)
+        if len(rivals) or self._hypotheses.leaves_out(aliases.T_level_sensor):
             self._register(rivals, placed.twist, aliases.T_level_sensor)
 
     def _compare_outside(self, prior: Prior) -> None:
         """Compare the best pose with places outside the prior, if an alias there fits nearly as well."""
         index, best, prepared = self._index, self.registered[0], self._prepared
         with self._watch.stage("aliases"):
-            aliases = aliases_outside(best, prior, prepared.sparse)
+            aliases = aliases_outside(best, prior, self._hypotheses)
             if not len(aliases):
                 return
             described = [one.described_by(index.cascade.descriptor) for one in prepared.scans]
             anywhere = replace(self._options, prior=None)
             similar = find_candidates(index, described, prepared.scans, anywhere)
-            apart = HypothesisSearch(index, prepared, map_id=best.map_id)
-            found = apart.run(Candidates.merged([aliases, similar]), best.registration.twist)
+            found = self.new_hypotheses(None).run(
+                Candidates.merged([aliases, similar]), best.registration.twist
+            )
             lead = lead_outside(found, best, prior)
             self.registered = [replace(best, outside_lead=lead), *self.registered[1:]]
 
@@ -186,16 +185,8 @@ class MapSearch:
         aliases: NDArray[np.float64] = NO_POSES,
     ) -> None:
         with self._watch.stage("register"):
-            self.registered = self._hypotheses.run(candidates, twist, aliases)
-            if self.registered and self._index.config.search.widened > 1:
-                self._search_near()
-
-    def _search_near(self) -> None:
-        """Searches beside the best place: along its free direction if it would be the answer, else around."""
-        best, config = self.registered[0].registration, self._index.config.nearby
-        offsets_m = offsets_along(config, best) if self.is_settled else offsets_around(config)
-        if len(offsets_m):
-            self.registered = self._hypotheses.search_near(self.registered, offsets_m)
+            nearby = self._index.config.search.widened > 1
+            self.registered = self._hypotheses.run(candidates, twist, aliases, nearby=nearby)
 
     def _expected_up(self) -> NDArray[np.float64] | None:
         """(3,) up by the mounting, or None: gravity is known."""

@@ -13,25 +13,23 @@ import numpy as np
 
 from ..answer.prior import Prior
 from .candidates import Candidates
-from .known_aliases import known_aliases, not_far_behind
+from .hypotheses import HypothesisSearch
+from .known_aliases import known_aliases
 from .registered_candidate import RegisteredCandidate
-from .registration.surface import Surface
 
 
-def aliases_outside(best: RegisteredCandidate, prior: Prior, sparse: Surface) -> Candidates:
+def aliases_outside(best: RegisteredCandidate, prior: Prior, hypotheses: HypothesisSearch) -> Candidates:
     """The known aliases of a pose that a prior excludes, if the scan may fit them as well.
 
     Args:
         best: the pose, in the prior.
-        sparse: the scan's few points.
+        hypotheses: of the scan.
     """
-    index, T_level_sensor = best.index, best.registration.T_level_sensor
-    found = known_aliases(index, T_level_sensor, None)
+    index, placed = best.index, best.registration
+    found = known_aliases(index, placed.T_level_sensor, None)
     is_outside = ~prior.allows_each(index.T_map_level @ found.T_level_sensor)
     found = found.at(np.flatnonzero(is_outside))
-    if not len(found):
-        return found
-    return not_far_behind(index, found, T_level_sensor, sparse.deskewed(best.registration.twist))
+    return hypotheses.not_far_behind(found, placed.T_level_sensor, placed.twist)
 
 
 def lead_outside(found: Sequence[RegisteredCandidate], best: RegisteredCandidate, prior: Prior) -> float:

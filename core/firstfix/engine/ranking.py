@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, log, nextafter
+from math import inf, nextafter
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
+from .. import native
 from ..answer.quality import AlignmentQuality
 from ..errors import REBUILD, IncompatibleVersion
 
@@ -47,17 +48,11 @@ class SupportConfig(_Numbers):
 
         Logarithms of the misfit spread good values: from 98 to 99 % is as far as from 80 to 90 %.
         """
-        misfit = self.alignment_weight * log(self.best_score - quality.alignment_score)
-        return -(misfit + self.contradiction(quality))
+        return native.support(self, quality)
 
     def contradiction(self, quality: AlignmentQuality) -> float:
         """The support that is lost where the scan does not show what the map has, or saw free."""
-        seen_free = quality.seen_free or 0.0
-        return (
-            self.removed_weight * log(self.least_share + quality.removed_surface)
-            + self.violation_weight * log(self.least_share + quality.free_space_violation)
-            + self.seen_free_weight * log(1 + seen_free / self.seen_free_offset)
-        )
+        return native.contradiction(self, quality)
 
 
 class ProbabilityConfig(SupportConfig):
@@ -92,12 +87,7 @@ class ProbabilityConfig(SupportConfig):
             alignment_score: 0..1.
             twist: (6,) m/s then rad/s; None: the scan was aligned rigidly.
         """
-        if twist is None:
-            return alignment_score
-        linear, angular = twist[:3] / self.unlikely_m_s, twist[3:] / self.unlikely_rad_s
-        odds = float((1 + linear @ linear) * (1 + angular @ angular))
-        misfit = (self.best_score - alignment_score) * odds ** (1 / self.motion_score_weight)
-        return max(self.best_score - misfit, 0.0)
+        return native.discounted_score(self, alignment_score, twist)
 
     def match_features(
         self,
@@ -127,9 +117,8 @@ class ProbabilityConfig(SupportConfig):
         apart = [abs(supports[alias] - own) for alias in aliases]
         furthest = max((by for by in apart if by < aliases_tied_within), default=0.0)
         tied_within = max(tied_within, nextafter(furthest, inf))
-        rivals = [support for support in supports if abs(support - own) >= tied_within]
-        margin = self.max_margin if len(supports) == 1 else own - (max(rivals) if rivals else min(supports))
-        return MatchFeatures(qualities[number], margin, len(supports) - len(rivals), self)
+        margin, tied = native.margin_and_tied(supports, number, tied_within, self.max_margin)
+        return MatchFeatures(qualities[number], margin, tied, self)
 
 
 class CandidatesConfig(_Numbers):
@@ -229,14 +218,6 @@ class MatchFeatures:
         return np.array(self.inputs)
 
     @property
-    def inputs(self) -> tuple[float, ...]:
+    def inputs(self) -> tuple[float, float, float, float, float]:
         """The numbers of ``vector``."""
-        ranking, quality = self.ranking, self.quality
-        score = quality.alignment_score
-        return (
-            log((ranking.worst_score + score) / (ranking.best_score - score)),
-            -log(ranking.violation_offset + quality.free_space_violation),
-            -log(ranking.beside_offset + quality.beside_surface),
-            -log(ranking.same_plane_offset + quality.same_plane),
-            min(self.margin, ranking.max_margin),
-        )
+        return native.match_inputs(self.ranking, self.quality, self.margin)

@@ -90,16 +90,6 @@ class RegisteredCandidate:
         return self.index.T_map_level @ self.registration.T_level_sensor
 
 
-def ranked(candidates: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
-    """Candidates of one map by support, best first; of nearly the same pose only the best is kept."""
-    best_first = sorted(candidates, key=lambda candidate: -candidate.support)
-    if not best_first:
-        return []
-    T_level_sensor = np.array([candidate.registration.T_level_sensor for candidate in best_first])
-    rows = distinct(T_level_sensor, best_first[0].index.config.ranking)
-    return [best_first[row] for row in rows.tolist()]
-
-
 def distinct(
     T_level_sensor: NDArray[np.float64], ranking: CandidatesConfig, most: int | None = None
 ) -> NDArray[np.int64]:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import native
+from ..native import STACKED_WITHIN_M, STOREY_M
 from ..transform import Matrix
 from .candidates import Candidates
 from .index import MapIndex
 
-NEAR_M = 2.0  # on the level: templates stand a metre apart
-STOREY_M = 1.5  # in height, at least: of a floor above another
 _MOST = 4  # floors, nearest first: of a tower
 
 
@@ -28,7 +28,7 @@ def stacked_places(index: MapIndex, T_level_sensor: Matrix) -> Candidates:
         Candidates of score 1; none where there is one floor.
     """
     templates, at_m = index.cascade.templates, T_level_sensor[:3, 3]
-    rows = index.cascade.tiles.near_on_level(templates.position_m, at_m, NEAR_M)
+    rows = index.cascade.tiles.near_on_level(templates.position_m, at_m, STACKED_WITHIN_M)
     if not len(rows):
         return Candidates.merged([])
     position_m = np.array(templates.position_m[rows], np.float64)
@@ -48,6 +48,4 @@ def stacked_places(index: MapIndex, T_level_sensor: Matrix) -> Candidates:
 
 def is_stacked(at_m: NDArray[np.float64], others_m: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(k,) which of (k, 3) positions are above or below one, (3,)."""
-    away_m = np.abs(others_m - at_m)
-    found: NDArray[np.bool_] = (np.hypot(away_m[:, 0], away_m[:, 1]) < NEAR_M) & (away_m[:, 2] > STOREY_M)
-    return found
+    return native.is_stacked(at_m, others_m)

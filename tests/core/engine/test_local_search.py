@@ -7,16 +7,16 @@ import pytest
 
 from firstfix.answer.prior import Prior
 from firstfix.bit_exact.sample import rows_by_chance
-from firstfix.engine import hypotheses as hypotheses_module
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig, NearbyConfig, RegistrationConfig
-from firstfix.engine.hypotheses import HypothesisSearch
 from firstfix.engine.index import FreeSpaceShares, MapIndex
-from firstfix.engine.local_search import best_near, offsets_along, offsets_around
 from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Agreement, MapSurface, Registration
 from firstfix.engine.registration.surface import Surface
 from firstfix.transform import make_transform, pose_error
+from tests.reference import hypotheses as hypotheses_module
+from tests.reference.hypotheses import HypothesisSearch
+from tests.reference.local_search import best_near, offsets_along, offsets_around
 
 NEARBY = NearbyConfig()
 STEP_M = 0.9  # from pilaster to pilaster

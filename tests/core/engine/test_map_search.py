@@ -9,10 +9,12 @@ import pytest
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine import localizer as localizer_module
+from firstfix.engine import map_search as map_search_module
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.map_search import MapSearch, Step
 from firstfix.engine.ranking import RANKING
+from firstfix.engine.registered_candidate import features_of
 from firstfix.engine.stopwatch import Stopwatch
 
 
@@ -44,6 +46,8 @@ def search_by(monkeypatch, clock):
     ):
         taken: list[Step] = []
         cascade = SimpleNamespace(templates=range(5000))
+        hypotheses = SimpleNamespace(is_settled=False)
+        monkeypatch.setattr(map_search_module, "HypothesisSearch", lambda *given: hypotheses)
         index = SimpleNamespace(config=EngineConfig(), calibration=calibration, cascade=cascade)
         search = MapSearch(
             index,
@@ -65,6 +69,7 @@ def search_by(monkeypatch, clock):
             }
             candidate = SimpleNamespace(index=index, quality=quality, support=support, spots=1, **told)
             search.registered = [candidate]
+            hypotheses.is_settled = calibration.ends_search(features_of([candidate]))
 
         monkeypatch.setattr(
             search,

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from firstfix.engine.motion_at_places import MotionAtPlaces
 from firstfix.engine.ranking import RANKING
 from firstfix.engine.registration.align import Registrations
 from firstfix.engine.registration.surface import Surface
 from firstfix.transform import make_transform, rotation_z
+from tests.reference.motion_at_places import MotionAtPlaces
 
 POINTS = np.zeros((4, 3), np.float32)
 SCAN = Surface(POINTS, POINTS, np.zeros(4, np.bool_), np.linspace(0, 0.1, 4, dtype=np.float32))

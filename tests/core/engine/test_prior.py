@@ -10,6 +10,7 @@ import pytest
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
+from firstfix.engine import map_search as map_search_module
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import FreeSpaceShares, MapIndex
@@ -59,7 +60,8 @@ def test_a_stored_calibration_has_that_of_priors():
     assert "with_prior" not in TAUGHT.to_mapping()
 
 
-def test_a_search_with_a_prior_asks_its_calibration():
+def test_a_search_with_a_prior_asks_its_calibration(monkeypatch):
+    monkeypatch.setattr(map_search_module, "HypothesisSearch", lambda *given: None)
     localizer = Localizer(INDEX)
 
     prepared = SimpleNamespace(scans=(), sparse=SimpleNamespace(time_s=None))

@@ -7,14 +7,15 @@ the map's own points. The kernel is ``native/include/firstfix/registration/align
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ... import native
+from ...native import SLOW_M_S, SLOW_RAD_S
 from ...transform import Matrix
 from ..config import RegistrationConfig
 from ..ranking import RANKING, RankingConfig
@@ -24,7 +25,6 @@ from .surface_grid import SurfaceGrid
 
 # Where walls face one way only, an alignment creeps a few centimetres an iteration. A dozen do elsewhere.
 _FINE_ITERATIONS = 60
-SLOW_M_S, SLOW_RAD_S = 0.2, 0.05  # slower, a motion during a scan moves its points by a few centimetres
 _FINE_FILE, _COARSE_FILE = "surface_fine.safetensors", "surface_coarse.safetensors"
 
 
@@ -106,14 +106,6 @@ class Registrations:
             bool(self.rests[number]),
             None if self.twist is None else self.twist[number],
         )
-
-    @classmethod
-    def together(cls, parts: Sequence[Registrations]) -> Registrations:
-        """Registrations of all parts, in order. None of them has a twist."""
-        if len(parts) == 1:
-            return parts[0]
-        names = [field.name for field in fields(cls) if field.name != "twist"]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def __iter__(self) -> Iterator[Registration]:
         return (self[number] for number in range(len(self)))

@@ -11,11 +11,17 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
+from firstfix.engine.map_search import MapSearch
+from firstfix.engine.preprocess import PreparedQuery
 from firstfix.engine.registration.align import MapSurface, Registrations
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
+from firstfix.engine.stopwatch import Stopwatch
+from firstfix.engine.with_prior import judging
+from tests.reference.hypotheses import HypothesisSearch as PlainHypothesisSearch
 
 FIXED_THRESHOLD = 0.995  # of every map, before each had its own
 WIDER = 2  # cells of the step before the coarse alignment, against its own
@@ -30,16 +36,36 @@ class Part:
         section: of docs/method.md.
         without: a version's index to the same without the part.
         options: of the queries that are asked without it; None: the usual ones.
+        is_plain: the search is the plain one, whose steps are those of the index's surface.
     """
 
     name: str
     section: str
     without: Callable[[MapIndex], MapIndex]
     options: LocalizeOptions | None = None
+    is_plain: bool = False
 
     def localizer(self, index: MapIndex) -> Localizer:
         """Localizer of a version, without the part."""
-        return Localizer(self.without(index))
+        return (PlainLocalizer if self.is_plain else Localizer)(self.without(index))
+
+
+class PlainMapSearch(MapSearch):
+    """A map search whose hypotheses are found step by step: the compiled search has no step to replace."""
+
+    def new_hypotheses(self, prior: Prior | None) -> Any:
+        """See ``MapSearch.new_hypotheses``."""
+        return PlainHypothesisSearch(self._index, self._prepared, prior, self._map_id)
+
+
+class PlainLocalizer(Localizer):
+    """A localizer with the plain search."""
+
+    def search(
+        self, prepared: PreparedQuery, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
+    ) -> MapSearch:
+        """See ``Localizer.search``."""
+        return PlainMapSearch(judging(self.index, options), prepared, options, watch, map_id)
 
 
 class HastySurface(MapSurface):
@@ -129,8 +155,8 @@ PARTS = (
     WHOLE,
     Part("wider search of unconvincing scans", "7.1", _searched_once),
     Part("local search beside the best place", "7.2", _without_local_search),
-    Part("local search, for a wider basin", "7.2", _with_a_wider_basin),
-    Part("alignment until it rests", "7.2", _hasty),
+    Part("local search, for a wider basin", "7.2", _with_a_wider_basin, is_plain=True),
+    Part("alignment until it rests", "7.2", _hasty, is_plain=True),
     Part("known aliases", "7.1", lambda index: replace(index, aliases=None)),
     Part("seen-free space", "7.1", lambda index: replace(index, seen_free=None)),
     Part("free space in the ranking", "7.1", _ranked_without_free_space),

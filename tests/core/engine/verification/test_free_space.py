@@ -99,12 +99,6 @@ def test_far_from_the_map_everything_contradicts():
     assert seen_through(WALLS, nothing, np.eye(4)) == FreeSpaceShares(1.0, 0.0)
 
 
-def test_shares_of_several_scans_are_averaged():
-    assert FreeSpaceShares.mean([FreeSpaceShares(0.25, 0.5), FreeSpaceShares(0.75, 0.0)]) == FreeSpaceShares(
-        0.5, 0.25
-    )
-
-
 def test_tiles_give_the_shares_of_all_points():
     rng = np.random.default_rng(2)
     points = rng.uniform([-60, -40, 0], [60, 40, 5], (60_000, 3))

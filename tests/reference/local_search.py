@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import native
-from .config import NearbyConfig
-from .preprocess import PreparedQuery
-from .registration.align import MapSurface, Registration
+from firstfix import native
+from firstfix.engine.config import NearbyConfig
+from firstfix.engine.preprocess import PreparedQuery
+from firstfix.engine.registration.align import MapSurface, Registration
 
 
 def offsets_around(config: NearbyConfig) -> NDArray[np.float64]:

@@ -11,9 +11,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..transform import Matrix, inverse
-from .registration.align import SLOW_M_S, SLOW_RAD_S, MapSurface, Registration, Registrations
-from .registration.surface import Surface
+from firstfix.engine.registration.align import SLOW_M_S, SLOW_RAD_S, MapSurface, Registration, Registrations
+from firstfix.engine.registration.surface import Surface
+from firstfix.transform import Matrix, inverse
 
 
 class MotionAtPlaces:

@@ -1,0 +1,263 @@
+// From candidates of one map to the few poses at which a scan fits it (docs/method.md section 7).
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <functional>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "firstfix/query/free_space_order.hpp"
+#include "firstfix/query/known_aliases.hpp"
+#include "firstfix/query/local_search.hpp"
+#include "firstfix/query/minima_beside.hpp"
+#include "firstfix/query/motion_at_places.hpp"
+#include "firstfix/query/place_measures.hpp"
+#include "firstfix/query/registered_pose.hpp"
+#include "firstfix/query/scan_on_map.hpp"
+#include "firstfix/query/searched_map.hpp"
+#include "firstfix/query/searched_query.hpp"
+
+namespace firstfix {
+
+// Share of a search's best coarse alignment score, below which a candidate is hopeless. The right place had 0.905 or more in
+// 729 searches (lab/docs/experiments.md, "Hopeless candidates").
+constexpr double kHopefulFrom = 0.85;
+// Alignment score from which on a place explains a scan so well that hopeless ones are no rivals. A scan that no place
+// explains needs them: they tell that it is of another place.
+constexpr double kExplainedFrom = 0.85;
+
+// Tells of each of some poses, T_level_sensor, whether what the caller knows allows it. Empty: all are allowed.
+using Allows = std::function<std::vector<std::uint8_t>(const std::vector<PoseMatrix>&)>;
+
+// Aligns the candidates of one query in one map and keeps the poses that compete for the answer. It keeps what it found: a
+// later run adds to it, and repeats none of its work. Not thread-safe. The map, the query and the tables must outlive it.
+class Search {
+ public:
+  Search(const SearchedMap& map, const SearchedQuery& query, Allows allows)
+      : map_(map),
+        query_(query),
+        allows_(std::move(allows)),
+        fewest_points_(at_most(query.sparse, map.nearby.points, map.registration.map_voxel_m)),
+        coarse_(map, query.sparse, map.ranking.coarse_points),
+        fewest_(map, fewest_points_),
+        few_(map, query.sparse),
+        many_(map, query.dense),
+        measures_(map, query, few_, many_),
+        order_(map, measures_, query.spots),
+        minima_(map, few_, many_),
+        aliases_(map, query, coarse_, few_) {
+    if (query.is_in_time()) in_motion_.emplace(map, few_, kHopefulFrom);
+  }
+  Search(const Search&) = delete;
+  Search& operator=(const Search&) = delete;
+
+  // Distinct poses that the prior allows, best first: of all runs.
+  const RegisteredPoses& found() const { return found_; }
+
+  // Finds poses from these candidates and those of all earlier runs. Only the best and its close rivals are aligned finely,
+  // and only if the best may still be accepted.
+  //
+  // twist: motion of the scan where these candidates come from. aliases: poses of the known aliases of the best pose.
+  void run(const std::vector<Candidate>& candidates, const KnownTwist& twist, const std::vector<PoseMatrix>& aliases) {
+    align(candidates, twist);
+    found_ = ranked(order_.checked(registered(), aliases), map_.ranking);
+    if (found_.empty() || !may_be_accepted()) {
+      for (RegisteredPose& one : found_) measures_.measure(one);
+      return;
+    }
+    refine();
+    measure_finely();
+  }
+
+  // Moves the best pose to a better minimum beside it, if there is one: along the direction that the scan constrains least
+  // where the pose would be the answer, else all around. Free space does not choose between the two: they are one place, seen
+  // from nearly the same spot.
+  void search_near() {
+    if (found_.empty()) return;
+    const Registration& placed = found_.front().registration;
+    const auto offsets = is_settled() ? offsets_along(map_.nearby, placed.information) : offsets_around(map_.nearby);
+    if (offsets.empty()) return;
+    const auto [beside, is_first] = beside_.try_emplace(placed.T_level_sensor);
+    if (is_first) {
+      const auto better = best_near(map_, fewest_, many_, placed, offsets);
+      if (better) beside->second = found_.front().moved(map_.ranking, *better);
+      if (better) beside_in_order_.push_back(*beside->second);
+    }
+    if (!beside->second || allowed({*beside->second}).empty()) return;
+    found_.front() = *beside->second;
+    measures_.check_free_space(found_.front());
+    measure_finely();
+  }
+
+  // Whether the best pose is so surely right that nothing else is searched for.
+  bool is_settled() const {
+    return !found_.empty() && found_.front().registration.rests &&
+           map_.calibration.ends_search(features_of(found_, map_, query_.spots), map_.ranking);
+  }
+
+  // Whether the last run left out a place that would tie with the best pose, as a known alias.
+  bool leaves_out(const std::vector<PoseMatrix>& aliases) const {
+    return !found_.empty() && !order_.tied_aliases(found_.front(), aliases).empty();
+  }
+
+  // Of known aliases of the best pose, the rows of those that could change the answer. needed: probability from which on a
+  // pose is accepted.
+  std::vector<std::int64_t> rivals(const std::vector<Candidate>& aliases, double needed) {
+    if (found_.empty()) return {};
+    return aliases_.rivals(aliases, found_.front(), needed);
+  }
+
+  // Of aliases of a pose, the rows of the few at which a probe finds the scan to fit nearly as well, best first.
+  std::vector<std::int64_t> not_far_behind(const std::vector<PoseMatrix>& aliases, const PoseMatrix& T_level_sensor,
+                                           const KnownTwist& twist) {
+    return aliases_.not_far_behind(aliases, T_level_sensor, twist);
+  }
+
+  // Rows of the candidates that start near no start, and no aligned pose, of an earlier run. With a motion, starts are where
+  // the sensor would be, and not where the skewed scan would lie.
+  std::vector<std::int64_t> untried(const std::vector<Candidate>& candidates, const KnownTwist& twist) const {
+    std::vector<PoseMatrix> known;
+    if (!twist || !in_motion_) {
+      known = tried_;
+      for (const AlignedStart& one : aligned_) known.push_back(one.rigid.T_level_sensor);
+    } else {
+      known = in_motion_->poses();
+    }
+    const double within_m = map_.ranking.same_start_m, cosine = std::cos(radians(map_.ranking.same_start_deg));
+    std::vector<std::int64_t> fresh;
+    for (std::size_t i = 0; i < candidates.size(); ++i) {
+      const bool is_known = is_any_of(candidates[i].T_level_sensor, known, within_m, cosine);
+      if (!is_known) fresh.push_back(static_cast<std::int64_t>(i));
+    }
+    return fresh;
+  }
+
+ private:
+  // Aligns all new candidates with few points: coarsely, then the good ones on the map's own points.
+  void align(const std::vector<Candidate>& candidates, const KnownTwist& twist) {
+    std::vector<Candidate> fresh;
+    for (const auto row : untried(candidates, twist)) fresh.push_back(candidates[static_cast<std::size_t>(row)]);
+    if (fresh.empty()) return;
+    std::vector<PoseMatrix> starts;
+    for (const Candidate& one : fresh) starts.push_back(one.T_level_sensor);
+    const std::vector<Registration> near = coarse_.align(starts, twist, map_.coarsely());
+    tried_.insert(tried_.end(), starts.begin(), starts.end());
+    double best = near.front().alignment_score;
+    for (const Registration& one : near) best = std::max(best, one.alignment_score);
+    few_.seen(twist, [&](Aligner& few) {
+      for (const bool hopeful : {true, false}) {
+        double explained = 0;
+        bool is_any = false;
+        for (std::size_t i = 0; i < fresh.size(); ++i) {
+          if ((near[i].alignment_score >= kHopefulFrom * best) != hopeful) continue;
+          const Registration rigid =
+              few.align(near[i].T_level_sensor, map_.usually(), map_.registration.inlier_distance_m);
+          explained = std::max(explained, rigid.alignment_score);
+          is_any = true;
+          aligned_.push_back({fresh[i].template_row, fresh[i].T_level_sensor, twist, rigid});
+        }
+        if (!is_any || explained >= kExplainedFrom) return;
+      }
+    });
+  }
+
+  // The best ones that may compete, of all runs: distinct poses that the prior allows, best first.
+  RegisteredPoses registered() {
+    std::vector<PoseMatrix> all;
+    for (const AlignedStart& one : aligned_) all.push_back(one.rigid.T_level_sensor);
+    std::vector<std::size_t> rows = allowed_rows(all);
+    std::stable_sort(rows.begin(), rows.end(), [&](std::size_t a, std::size_t b) {
+      return aligned_[a].rigid.alignment_score > aligned_[b].rigid.alignment_score;
+    });
+    std::vector<PoseMatrix> T;
+    for (const std::size_t row : rows) T.push_back(aligned_[row].rigid.T_level_sensor);
+    std::vector<std::size_t> compared;
+    for (const auto k : distinct_poses(T, map_.ranking.same_pose_m, radians(map_.ranking.same_pose_deg), map_.compared)) {
+      compared.push_back(rows[static_cast<std::size_t>(k)]);
+    }
+    // wrong places gain by the motion as well as the right one, so all that are compared get it
+    std::vector<Registration> solved;
+    if (in_motion_ && !compared.empty()) solved = in_motion_->solve(aligned_, compared);
+    RegisteredPoses made;
+    for (std::size_t k = 0; k < compared.size(); ++k) {
+      const AlignedStart& one = aligned_[compared[k]];
+      made.emplace_back(map_.ranking, one.template_row, one.T_start[11], in_motion_ ? solved[k] : one.rigid);
+    }
+    if (aligned_.empty()) return made;
+    for (const RegisteredPose& one : allowed(beside_in_order_)) made.push_back(one);
+    // the motion may have changed the order, and an unlikely one counts against a place
+    std::stable_sort(made.begin(), made.end(), [](const RegisteredPose& a, const RegisteredPose& b) {
+      return a.fit.alignment_score > b.fit.alignment_score;
+    });
+    return made;
+  }
+
+  // Whether fine alignment is worth its time. Always so while the calibration is the prior.
+  bool may_be_accepted() const {
+    return map_.calibration.is_prior ||
+           map_.calibration.probability(features_of(found_, map_, query_.spots), map_.ranking) >= map_.ranking.promising;
+  }
+
+  // Aligns the best and its close rivals again with many points. A rival that is a little worse may only have been aligned
+  // worse: it gets the same chance.
+  void refine() {
+    const double close = found_.front().support - map_.ranking.rival_within;
+    for (std::size_t i = 0; i < std::min(found_.size(), map_.ranking.max_refined) && found_[i].support > close; ++i) {
+      RegisteredPose& one = found_[i];
+      one = one.moved(map_.ranking, minima_.refined(one));
+      measures_.check_free_space(one);
+    }
+  }
+
+  // The poses that the prior allows, best first, the best one's agreement with many points.
+  void measure_finely() {
+    found_ = ranked(allowed(found_), map_.ranking);
+    for (std::size_t i = 0; i < found_.size(); ++i) {
+      if (i == 0) measures_.measure_finely(found_[i]);
+      else measures_.measure(found_[i]);
+    }
+  }
+
+  std::vector<std::size_t> allowed_rows(const std::vector<PoseMatrix>& T_level_sensor) const {
+    std::vector<std::uint8_t> is_allowed(T_level_sensor.size(), 1);
+    if (allows_ && !is_allowed.empty()) is_allowed = allows_(T_level_sensor);
+    std::vector<std::size_t> rows;
+    for (std::size_t i = 0; i < is_allowed.size(); ++i) {
+      if (is_allowed[i] != 0) rows.push_back(i);
+    }
+    return rows;
+  }
+
+  RegisteredPoses allowed(const RegisteredPoses& poses) const {
+    if (!allows_) return poses;
+    std::vector<PoseMatrix> T;
+    for (const RegisteredPose& one : poses) T.push_back(one.registration.T_level_sensor);
+    RegisteredPoses kept;
+    for (const std::size_t row : allowed_rows(T)) kept.push_back(poses[row]);
+    return kept;
+  }
+
+  const SearchedMap& map_;
+  const SearchedQuery& query_;
+  Allows allows_;
+  ScannedSurface fewest_points_;  // a part of the sparse ones
+  ScanOnCells coarse_;
+  ScanOnMap fewest_, few_, many_;
+  PlaceMeasures measures_;
+  FreeSpaceOrder order_;
+  MinimaBeside minima_;
+  KnownAliases aliases_;
+  std::optional<MotionAtPlaces> in_motion_;
+  std::vector<PoseMatrix> tried_;  // all starts
+  std::vector<AlignedStart> aligned_;
+  std::map<PoseMatrix, std::optional<RegisteredPose>> beside_;  // by pose: the better one beside it
+  RegisteredPoses beside_in_order_;                             // as they were found
+  RegisteredPoses found_;
+};
+
+}  // namespace firstfix

@@ -1,0 +1,221 @@
+"""The compiled search, against the plain one: every pose, and every number of it, run after run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firstfix import native
+from firstfix.answer.prior import Prior
+from firstfix.bit_exact.sample import rows_by_chance
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.candidates import Candidates
+from firstfix.engine.config import EngineConfig
+from firstfix.engine.hypotheses import HypothesisSearch
+from firstfix.engine.index import MapIndex, MapView
+from firstfix.engine.preprocess import PreparedQuery, PreparedScan
+from firstfix.engine.registered_candidate import RegisteredCandidate
+from firstfix.engine.registration.align import MapSurface
+from firstfix.engine.registration.surface import Surface
+from firstfix.engine.verification.seen_free import SeenFree
+from firstfix.scan.reduction import RangeView, TimedPoints
+from firstfix.transform import Matrix, make_transform, rotation_z
+from tests.core.engine.test_local_search import TRUE, facade
+from tests.reference import hypotheses as reference
+from tests.reference.recorded_places import recorded_place
+
+CONFIG = EngineConfig()
+UNSURE = Calibration(bias=-100.0, cases=1, search_until=0.999)
+SURE = Calibration(bias=0.0, cases=1, among_tied=(0.0, 1.0, 1.0, 1.0, 1.0, 1.0))
+CALIBRATIONS = {"prior": Calibration(), "unsure": UNSURE, "sure": SURE}
+SEEDS = (1, 2)
+MOTION = np.array([1.2, 0.1, 0.0, 0.0, 0.0, 0.4])
+
+
+@pytest.fixture(scope="module")
+def index() -> MapIndex:
+    points = facade()
+    surface = MapSurface.of(Surface.around(points, np.array([0, -4, 1.5]) - points), CONFIG.registration)
+    rng = np.random.default_rng(4)
+    brick = np.unique(rng.integers(-8, 8, (60, 3)).astype(np.int32), axis=0)
+    bits = rng.integers(-(2**31), 2**31, (len(brick), 8, 2)).astype(np.int32)
+    return MapIndex(
+        CONFIG,
+        Calibration(),
+        None,
+        surface,
+        MapView.of(points, 25.0),
+        seen_free=SeenFree.of_bricks(brick, bits, 0.2),
+    )
+
+
+def seen_from(T: Matrix, seed: int, *, in_motion: bool = False) -> PreparedScan:
+    """What a sensor sees of the facade, with noise."""
+    rng = np.random.default_rng(seed)
+    seen = (facade() - T[:3, 3]) @ T[:3, :3]
+    seen = seen[np.abs(seen[:, 0]) < 7]
+    points = (seen + rng.normal(0, 0.01, seen.shape)).astype(np.float32)
+    time_s = rng.uniform(-0.1, 0.0, len(points)).astype(np.float32) if in_motion else None
+    if time_s is not None:
+        points = native.deskew(points, -time_s, MOTION)
+    rows = rows_by_chance(len(points), 4000)
+    thinned = Surface.around(points[rows], -points[rows])
+    if time_s is None:
+        returns = None
+    else:
+        thinned, returns = replace(thinned, time_s=time_s[rows]), TimedPoints(points, time_s)
+    return PreparedScan(np.eye(4), np.eye(3), 1.5, points, None, RangeView.of(points), thinned, returns)
+
+
+def query_of(*scans: PreparedScan) -> PreparedQuery:
+    together = Surface.together([scan.thinned.moved(scan.T_last_scan) for scan in scans])
+    return PreparedQuery(scans, together.at_most(4000, 0.25), together.at_most(400, 0.25))
+
+
+def starts_around(T: Matrix, seed: int, count: int = 12, reach_m: float = 4.0) -> Candidates:
+    rng = np.random.default_rng(seed)
+    off = [
+        make_transform(
+            rotation_z(rng.uniform(-0.1, 0.1)), [*rng.uniform(-reach_m, reach_m, 2), rng.uniform(0, 0.5)]
+        )
+        for _ in range(count)
+    ]
+    score = rng.uniform(0, 1, count)
+    return Candidates(np.arange(count), np.array([T @ one for one in off]), score)
+
+
+def numbers_of(one: RegisteredCandidate) -> list[float]:
+    placed = one.registration
+    twist = [] if placed.twist is None else placed.twist.tolist()
+    seen_free = -1.0 if one.free_space.seen_free is None else one.free_space.seen_free
+    return [
+        *placed.T_level_sensor.ravel().tolist(),
+        *placed.information.ravel().tolist(),
+        placed.inlier_ratio,
+        placed.alignment_score,
+        *twist,
+        one.free_space.free_space_violation,
+        one.free_space.removed_surface,
+        seen_free,
+        one.agreement.beside_surface,
+        one.agreement.same_plane,
+        one.start_z_m,
+        one.support,
+    ]
+
+
+def are_same(found: list[RegisteredCandidate], wanted: list[RegisteredCandidate], off: float = 0.0) -> None:
+    assert [one.template for one in found] == [one.template for one in wanted]
+    for mine, its in zip(found, wanted, strict=True):
+        assert mine.registration.rests == its.registration.rests
+        assert (mine.spots, mine.map_id) == (its.spots, its.map_id)
+        np.testing.assert_allclose(numbers_of(mine), numbers_of(its), rtol=off, atol=off)
+
+
+def search_both(
+    index: MapIndex, query: PreparedQuery, seed: int, prior: Prior | None = None, off: float = 0.0
+) -> list[RegisteredCandidate]:
+    """Runs both searches, wider and wider, with what aliases ask of them, and compares all they say."""
+    compiled = HypothesisSearch(index, query, prior, "yard")
+    plain = reference.HypothesisSearch(index, query, prior, "yard")
+    found: list[RegisteredCandidate] = []
+    for step, count in enumerate((12, 20, 8)):
+        starts = starts_around(TRUE, 10 * seed + step, count)
+        np.testing.assert_array_equal(compiled.untried(starts).template, plain.untried(starts).template)
+        found, wanted = compiled.run(starts, nearby=step != 1), plain.run(starts, nearby=step != 1)
+        are_same(found, wanted, off)
+        assert compiled.is_settled == plain.is_settled
+    if not found:
+        return found
+    best = found[0].registration
+    near = starts_around(best.T_level_sensor, seed, 10)
+    aliases = np.concatenate([near.T_level_sensor, [one.registration.T_level_sensor for one in found]])
+    assert compiled.leaves_out(aliases) == plain.leaves_out(aliases)
+    for needed in (None, 0.5, 1.0):
+        mine, its = compiled.rivals_among(near, needed), plain.rivals_among(near, needed)
+        np.testing.assert_array_equal(mine.template, its.template)
+    mine = compiled.not_far_behind(near, best.T_level_sensor, best.twist)
+    its = plain.not_far_behind(near, best.T_level_sensor, best.twist)
+    np.testing.assert_array_equal(mine.template, its.template)
+    are_same(compiled.run(near, best.twist, aliases), plain.run(near, best.twist, aliases), off)
+    return found
+
+
+@pytest.mark.parametrize("name", CALIBRATIONS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_every_bit_is_that_of_the_plain_search(index: MapIndex, name: str, seed: int):
+    judged = replace(index, calibration=CALIBRATIONS[name])
+    assert search_both(judged, query_of(seen_from(TRUE, seed)), seed)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_map_that_was_never_seen_free(index: MapIndex, seed: int):
+    assert search_both(replace(index, seen_free=None), query_of(seen_from(TRUE, seed)), seed)
+
+
+@pytest.mark.parametrize("radius_m", [0.01, 1.0, 3.0])
+def test_a_prior_leaves_out_the_same_poses(index: MapIndex, radius_m: float):
+    prior = Prior(TRUE[:3, 3] + [0.5, 0, 0], radius_m, 5.0, 20.0)
+    found = search_both(index, query_of(seen_from(TRUE, 3)), 3, prior)
+    assert all(prior.allows(one.T_map_sensor) for one in found)
+
+
+def test_scans_of_several_spots_add_up(index: MapIndex):
+    moved = make_transform(rotation_z(0.2), [1.5, -0.4, 0.0])
+    first = replace(seen_from(TRUE @ moved, 5), T_last_scan=moved)
+    assert search_both(index, query_of(first, seen_from(TRUE, 6)), 5, off=1e-9)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_motion_is_solved_at_the_same_places(index: MapIndex, seed: int):
+    found = search_both(index, query_of(seen_from(TRUE, seed, in_motion=True)), seed, off=1e-6)
+    assert all(one.registration.twist is not None for one in found)
+
+
+@pytest.mark.parametrize("name", ["hall", "street"])
+def test_recorded_scans_have_the_same_poses(name: str):
+    place = recorded_place(name)
+    index = MapIndex(CONFIG, Calibration(), None, place.surface, place.view)
+    for seed, (query, T_map_sensor) in enumerate(place.scans):
+        compiled, plain = HypothesisSearch(index, query), reference.HypothesisSearch(index, query)
+        for reach_m in (0.7, 5.0):
+            starts = starts_around(T_map_sensor, seed, 20, reach_m)
+            are_same(compiled.run(starts, nearby=True), plain.run(starts, nearby=True))
+
+
+def test_without_candidates_nothing_is_found(index: MapIndex):
+    search = HypothesisSearch(index, query_of(seen_from(TRUE, 1)))
+    nothing = Candidates(np.empty(0, np.int64), np.empty((0, 4, 4)), np.empty(0))
+    assert search.run(nothing, nearby=True) == []
+    assert not search.is_settled
+    assert not search.leaves_out(TRUE[None])
+    assert not len(search.rivals_among(starts_around(TRUE, 1), None))
+
+
+def test_what_a_prior_raises_comes_through(index: MapIndex):
+    class Broken(Prior):
+        def allows_each(self, T_map_sensor, slack_m=0.0, slack_deg=0.0):
+            raise RuntimeError("out of order")
+
+    search = HypothesisSearch(index, query_of(seen_from(TRUE, 1)), Broken(np.zeros(3), 1.0))
+    with pytest.raises(RuntimeError, match="out of order"):
+        search.run(starts_around(TRUE, 1))
+
+
+def test_arrays_that_do_not_fit_are_refused(index: MapIndex):
+    query = query_of(seen_from(TRUE, 1))
+    search = HypothesisSearch(index, query)
+    starts = starts_around(TRUE, 1)
+    with pytest.raises(ValueError, match="differ in length"):
+        search.run(replace(starts, template=starts.template[1:]))
+    with pytest.raises(ValueError, match="too fast"):
+        search.run(starts, np.array([1e9, 0, 0, 0, 0, 0]))
+    with pytest.raises(ValueError, match="no scan"):
+        HypothesisSearch(index, replace(query, scans=()))
+    config = CONFIG.model_copy(
+        update={"ranking": CONFIG.ranking.model_copy(update={"fine_angle": float("nan")})}
+    )
+    with pytest.raises(ValueError, match="not finite"):
+        HypothesisSearch(replace(index, config=config), query)
