@@ -9,6 +9,8 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
+from functools import lru_cache
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from ..ros.header import Header, read_header
 from ..ros.point_cloud2 import StampedCloud, decode_point_cloud2
 from ..wire.content_encoding import unpack_zstd
 from .clouds import check_axes
+from .confined_process import ConfinedProcess
 from .messages import RawMessage
 from .struct_reader import StructReader
 
@@ -124,20 +127,31 @@ def _remedy(form: str) -> str:
     return f"play the bag, and record what this sends: {_REPUBLISH.format(form[:40] or 'NAME')}"
 
 
-def _of_draco(header: Header, names: list[str], packed: memoryview, limits: Limits) -> StampedCloud:
-    """The columns of a Draco cloud: of each field its publisher makes the attribute of its number."""
+@lru_cache
+def _process() -> ConfinedProcess:
+    """The process in which DracoPy runs: it trusts sizes within the data."""
+    return ConfinedProcess()
+
+
+def _draco_attributes(packed: bytes) -> dict[int, Column | None]:
+    """The values of a Draco cloud's attributes by their numbers. It runs in a confined process."""
+    import DracoPy
+
     try:
-        import DracoPy
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            f"clouds that Draco packed need the package DracoPy: {pip_install('.[draco]')}", name=error.name
-        ) from error
-    _check_draco(bytes(packed[: _DRACO_HEAD.size]), limits)
-    try:
-        decoded = DracoPy.decode(bytes(packed))
-        attributes = {int(one["unique_id"]): _values(one) for one in decoded.attributes}
+        decoded = DracoPy.decode(packed)
+        return {int(one["unique_id"]): _values(one) for one in decoded.attributes}
     except Exception as error:  # its own, and those of NumPy, on damaged data
         raise MalformedData(f"draco: {str(error) or type(error).__name__}") from error
+
+
+def _of_draco(header: Header, names: list[str], packed: memoryview, limits: Limits) -> StampedCloud:
+    """The columns of a Draco cloud: of each field its publisher makes the attribute of its number."""
+    if find_spec("DracoPy") is None:
+        raise ModuleNotFoundError(
+            f"clouds that Draco packed need the package DracoPy: {pip_install('.[draco]')}", name="DracoPy"
+        )
+    _check_draco(bytes(packed[: _DRACO_HEAD.size]), limits)
+    attributes = _process().run(_draco_attributes, bytes(packed))
     columns: dict[str, Column] = {}
     for number, name in enumerate(names):
         values = attributes.get(number)

@@ -52,6 +52,38 @@ def test_missing_and_unlisted_tiles_are_named(tmp_path):
         read_map(tmp_path)
 
 
+def listed_by_path(folder, begin: str) -> None:
+    """A divided map whose list has the tiles with their folder."""
+    written.write_divided_map(folder, DEPOT)
+    list_file = folder / "pointcloud_map_metadata.yaml"
+    list_file.write_text(list_file.read_text().replace("map_", f"{begin}map_"))
+
+
+def test_tiles_listed_by_paths_inside_of_the_folder_are_read(tmp_path):
+    listed_by_path(tmp_path, "pointcloud_map.pcd/")
+    data = read_map(tmp_path)
+    same_points(data.points, DEPOT)
+    assert data.read.form == "Autoware's divided map, 4 of 4 tiles"
+    assert data.read.left_out == ()
+
+
+@pytest.mark.parametrize("begin", ["../pointcloud_map.pcd/", "/etc/", "a//", "./", ".hidden/", "a/../../"])
+def test_paths_out_of_the_folder_are_refused(tmp_path, begin):
+    listed_by_path(tmp_path, begin)
+    with pytest.raises(MalformedData, match=r"is not the name of a tile, or a path to one inside of the fol"):
+        read_map(tmp_path)
+
+
+def test_a_link_in_a_path_leads_not_out_of_the_folder(tmp_path):
+    folder, aside = tmp_path / "map", tmp_path / "aside"
+    folder.mkdir()
+    listed_by_path(folder, "tiles/")
+    (folder / "pointcloud_map.pcd").rename(aside)
+    (folder / "tiles").symlink_to(aside)
+    with pytest.raises(MalformedData, match="none is there"):
+        read_map(folder)
+
+
 def test_a_damaged_projector_refuses_no_map(tmp_path):
     written.write_divided_map(tmp_path, DEPOT)
     (tmp_path / "map_projector_info.yaml").write_text("map_origin: [1\n")
