@@ -139,8 +139,8 @@ TRAJECTORY_W_FIRST = _kind(
     "trajectory_w_first",
     Severity.WARNING,
     "The poses lie on their side or on their back",
-    "Of {poses:,.0f} poses {upright_share:.0%} stand upright as they were read, with the quaternion's w last, "
-    "and {w_first_share:.0%} with w first.",
+    "Of {poses:,.0f} poses {upright_share:.0%} stand upright as they were read, with the quaternion's w last,"
+    " and {w_first_share:.0%} with w first.",
     "Name the columns in a first line of the file: # timestamp x y z qw qx qy qz. If the sensor hangs upside "
     "down, and drove straight on, all is well.",
 )

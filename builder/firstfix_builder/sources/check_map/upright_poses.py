@@ -1,8 +1,8 @@
 """Poses whose quaternions begin with w and were read as if they ended with it.
 
 Without names of the columns nobody can tell from one row. But a robot stands upright: where the poses lie on
-their side or on their back as they were read, and stand upright with w first, it is first. A sensor that hangs
-upside down and turns is upright in neither order.
+their side or on their back as they were read, and stand upright with w first, it is first. A sensor that
+hangs upside down and turns is upright in neither order.
 """
 
 from __future__ import annotations
