@@ -143,8 +143,9 @@ def _of_topic(path: Path, found: FirstCloud) -> dict[str, Any]:
         return _record(Path(file), f"not read: {found.why}", [])
     stamped = found.stamped
     said = report_of_cloud(stamped.cloud, stamped.scan(), stamped.header.frame_id).to_mapping()
-    if found.notes:
-        said["understood"] = {"recording": "; ".join(found.notes), **said["understood"]}
+    notes = [*found.notes, *([stamped.note] if stamped.note else [])]
+    if notes:
+        said["understood"] = {"recording": "; ".join(notes), **said["understood"]}
     return {"file": file, **said}
 
 

@@ -12,7 +12,7 @@ from .clouds import Decode
 from .messages import CDR, RawMessage
 
 DECODERS: dict[str, Decode] = {
-    compressed_cloud.TYPE: compressed_cloud.decode_compressed_cloud,
+    compressed_cloud.TYPE: compressed_cloud.compressed_decoder(),
     **dict.fromkeys(livox.TYPES, livox.decode_livox),
 }
 

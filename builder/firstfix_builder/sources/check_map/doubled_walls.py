@@ -21,11 +21,11 @@ from .surfaces import surfaces
 from .told_places import in_words, marked
 
 VOXEL_M = 0.1
-MAX_POINTS = 1_500_000  # of a third of a street, one fence is a tenth of all walls
+MAX_POINTS = 400_000
 APART_M = tuple(0.25 + 0.1 * k for k in range(5))  # thicker than a wall, nearer than the next one
 MAX_APART_M = 0.65
 PLACE_M = 8.0
-DOUBLED_SHARE = 0.06  # of all walls: garden walls and fences that are seen from both sides are under 0.06
+DOUBLED_SHARE = 0.1  # of all walls: garden walls that are seen from both sides are up to 0.09 of a street
 MIN_PLACES = 3
 _SAMPLED_WALLS = 9_000
 _MIN_WALLS = 200  # fewer say nothing

@@ -9,6 +9,7 @@ import pytest
 from firstfix.errors import InputError, MalformedData, UnsupportedFormat
 from firstfix.transform import from_quaternion, transform_points
 from firstfix_builder.sources.read_map import read_map
+from firstfix_builder.sources.read_map.folders.autoware_projection import projection_of
 from firstfix_builder.sources.read_map.what_was_read import LeftOut
 from tests.builder.sources.read_map import program_folders as written
 from tests.every_case import every_case
@@ -92,6 +93,35 @@ def test_a_damaged_projector_refuses_no_map(tmp_path):
     (left_out,) = data.read.left_out
     assert left_out.what == "map_projector_info.yaml"
     assert "while parsing" in left_out.reason
+
+
+ORIGIN = {"latitude": 35.6762, "longitude": 139.6503, "altitude": 12.0}
+TANGENT = {"projector_type": "LocalCartesian", "vertical_datum": "WGS84", "map_origin": ORIGIN}
+BODY = '{"latitude_deg": 35.6762, "longitude_deg": 139.6503, "height_m": 0.0, "x_axis_deg": 0.0}'
+
+
+@every_case(
+    ("told", "note"),
+    [
+        ({"projector_type": "Local"}, ""),
+        ({}, ""),
+        (TANGENT, f"takes {BODY}"),
+        (TANGENT | {"vertical_datum": "EGM2008"}, "heights are EGM2008"),
+        (TANGENT | {"map_origin": {}}, "map_origin is not one"),
+        (
+            TANGENT | {"map_origin": ORIGIN | {"latitude": 91}},
+            "map_origin is not one: a latitude is within 90",
+        ),
+        ({"projector_type": "MGRS", "vertical_datum": "WGS84", "mgrs_grid": "54SUE"}, "MGRS is a projection"),
+        (
+            {"projector_type": "TransverseMercator", "map_origin": ORIGIN},
+            "TransverseMercator is a projection",
+        ),
+    ],
+)
+def test_the_projector_gives_the_georeference_where_it_is_a_frame(told, note):
+    notes = projection_of(told).notes
+    assert (notes == ()) if not note else (note in notes[0])
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from firstfix.errors import MalformedData, TooLarge
 from ..file_errors import naming
 from ..map_data import MapData
 from ..what_was_read import LeftOut, plain
+from .autoware_projection import Projection, projection_of
 from .joined_clouds import joined, read_clouds
 
 METADATA, PROJECTOR = "pointcloud_map_metadata.yaml", "map_projector_info.yaml"
@@ -60,12 +61,13 @@ def read_divided_map(path: Path) -> MapData:
         - {Path(name).name for name in names}
     )
     data = joined(read_clouds(tiles))
-    georeference, unread = _georeference(path / PROJECTOR)
+    projection, unread = _projection(path / PROJECTOR)
     read = replace(
         data.read,
         form=f"Autoware's divided map, {len(tiles)} of {len(names)} tiles",
         unit="metre",
-        georeference=georeference,
+        georeference=projection.words,
+        notes=projection.notes,
         clouds=tuple(tile.name for tile in tiles),
     ).without(
         *(LeftOut(f"tile {name}", "it is listed, and not there") for name in missing),
@@ -106,18 +108,11 @@ def _is_tile(at: Path, name: str, folder: Path) -> bool:
     return tile.is_file() and ("/" not in name or tile.resolve().is_relative_to(folder.resolve()))
 
 
-def _georeference(path: Path) -> tuple[str, tuple[str, ...]]:
-    """The file's projection in words; or why it cannot be read, which refuses no map."""
+def _projection(path: Path) -> tuple[Projection, tuple[str, ...]]:
+    """The file's projection; or why it cannot be read, which refuses no map."""
     if not path.is_file():
-        return "", ()
+        return Projection("", ()), ()
     try:
-        told = _yaml(path)
+        return projection_of(_yaml(path)), ()
     except (MalformedData, TooLarge) as error:
-        return "", (plain(str(error)),)
-    kind, datum = told.get("projector_type", ""), told.get("vertical_datum", "")
-    origin = told.get("map_origin")
-    words = [str(kind), str(told.get("mgrs_grid", ""))]
-    if isinstance(origin, dict):
-        words.append(f"origin {origin.get('latitude')}, {origin.get('longitude')}")
-    words.append(f"heights {datum}" if datum else "")
-    return plain(" ".join(word for word in words if word)), ()
+        return Projection("", ()), (plain(str(error)),)
