@@ -10,7 +10,7 @@ say() { echo "test-servers: $*"; }
 bin=$PWD/.venv/bin
 interfaces=plugins/fleet/tests/robots/interfaces
 # In this order: a package comes after those that it needs.
-packages=(tf2_msgs autoware_common_msgs autoware_localization_msgs)
+packages=(tf2_msgs autoware_common_msgs autoware_localization_msgs point_cloud_interfaces livox_ros_driver2)
 # Of a ROS that is sourced where this runs.
 unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 

@@ -1,6 +1,8 @@
-"""The remedy after an error about a map: one line, and the page that tells more."""
+"""The remedy after an error about a map or a scan: one line, and the page that tells more."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 from firstfix.errors import (
     BuildFailed,
@@ -33,12 +35,28 @@ _HELP: dict[type[FirstfixError], tuple[str, str]] = {
     CorruptVersion: ("Build the version again: firstfix maps rebuild MAP", "docs/how-to/operate.md"),
     IncompatibleVersion: ("Build the version again: firstfix maps rebuild MAP", "docs/how-to/operate.md"),
 }
+_SCANS = "docs/how-to/my-scan-is-not-localized.md"
+_SCAN_HELP: dict[type[FirstfixError], tuple[str, str]] = {
+    MalformedData: ("Write the scan again, as PCD, PLY or .npy.", _SCANS),
+    UnsupportedFormat: (
+        "Scans are PCD, PLY, LAS, LAZ, NumPy, text, KITTI's .bin or a bag.",
+        "docs/how-to/bags.md#what-can-be-read",
+    ),
+    TooLarge: ("A scan is one turn of the sensor: a map, or many turns, is none.", _SCANS),
+}
 OF_MAPS = ("build", "check", "maps")  # commands whose files are maps
 
 
 def help_line(error: Exception, command: str) -> str | None:
     """A line after the error of a command; None for errors that say all themselves."""
-    if command not in OF_MAPS:
-        return None
-    found = next((_HELP[cls] for cls in type(error).__mro__ if cls in _HELP), None)
+    return _line(error, _HELP) if command in OF_MAPS else None
+
+
+def scan_help_line(error: Exception) -> str | None:
+    """A line after the error of a scan's file; None for errors that say all themselves."""
+    return _line(error, _SCAN_HELP)
+
+
+def _line(error: Exception, helps: Mapping[type[FirstfixError], tuple[str, str]]) -> str | None:
+    found = next((helps[cls] for cls in type(error).__mro__ if cls in helps), None)
     return None if found is None else f"{found[0]} (see {found[1]})"

@@ -6,7 +6,7 @@ from modulefinder import ModuleFinder
 from pathlib import Path
 
 PACKAGES = ("firstfix", "firstfix_client")
-LEFT_OUT = ["firstfix.formats.dataset_files"]  # with what only it imports
+LEFT_OUT = ["firstfix.formats.dataset_files", "firstfix.recording"]  # with what only it imports
 
 
 def import_closure(

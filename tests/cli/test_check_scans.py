@@ -112,3 +112,25 @@ def test_a_cut_recording_says_so(tmp_path: Path, capsys):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     _, (said,) = checked(capsys, str(path))
     assert "was cut off while it was recorded" in said["understood"]["recording"]
+
+
+def test_a_file_that_cannot_be_read_is_told_of_and_the_next_ones_are_read(tmp_path: Path, capsys):
+    good = write(tmp_path / "a.pcd", "t", (SWEEP_S * 1e9).astype(np.uint32))
+    (tmp_path / "cut.pcd").write_bytes(Path(good).read_bytes()[:2000])
+    (tmp_path / "a.doc").write_bytes(b"text")
+    (tmp_path / "cut.mcap").write_bytes(b"not an mcap")
+    bad = [str(tmp_path / name) for name in ("cut.pcd", "a.doc", "cut.mcap", "none.pcd")]
+    code, said = checked(capsys, bad[0], good, *bad[1:], good)
+    assert code == 2
+    assert [one["file"] for one in said] == [bad[0], good, *bad[1:], good]
+    assert ["error" in one for one in said] == [True, False, True, True, True, False]
+    codes = [one["error"]["code"] for one in said if "error" in one]
+    assert codes == ["malformed_data", "unsupported_format", "malformed_data", "not_found"]
+    with pytest.raises(SystemExit) as ended:
+        run(["check", "--scans", bad[0], good])
+    assert ended.value.code == 2
+    out = capsys.readouterr().out
+    assert f"{bad[0]}: not read: PCD: " in out
+    assert "Write the scan again" in out
+    assert "CloudCompare" not in out
+    assert f"{good}: " in out

@@ -11,13 +11,15 @@ import pytest
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import UnsupportedFormat
+from firstfix.recording.compressed_cloud import DRACO_LOSES
 from firstfix.scan.scan import Scan
 from firstfix_cli.bags.replay import Replay, Replayed, replay
 from firstfix_cli.limited_reader import read_scan
 from firstfix_cli.main import run
 from tests import ros_samples
 from tests.captures import vlp16_packets, write_pcap
-from tests.lidar_messages import STAMP_NS, livox
+from tests.core.recording.test_compressed_cloud import draco
+from tests.lidar_messages import STAMP_NS, compressed, livox
 from tests.ros_samples import cloud, write_bag
 
 MS = 10**6
@@ -47,6 +49,18 @@ def of_livox(number: int) -> object:
     message = livox(points)
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(STAMP_NS + number * 100 * MS, 10**9)
     return message
+
+
+def test_what_draco_has_lost_is_said_once(tmp_path: Path):
+    points = np.zeros(300, [(axis, "<f4") for axis in "xyz"])
+    for number, axis in enumerate("xyz"):
+        points[axis] = np.random.default_rng(number).uniform(-9, 9, 300)
+    plain = cloud(points, stamp_ns=STAMP_NS, frame_id="lidar")
+    packed = compressed(plain, "draco", draco(points))
+    messages = [("/points/draco", STAMP_NS + number * 100 * MS, packed) for number in range(3)]
+    asked, _, said = replayed(write_bag(tmp_path, "mcap", messages))
+    assert len(asked) == 3
+    assert [line for line in said if "loss" in line] == [f"/points/draco: {DRACO_LOSES}"]
 
 
 def test_a_livox_is_replayed_beside_another_lidar(tmp_path: Path):

@@ -62,6 +62,13 @@ def test_the_yaml_on_standard_output_is_a_sensor_of_a_build(scans: list[str], ca
     assert "64 rings, told by the field of the format" in out
 
 
+def test_a_sixteen_beam_velodyne_looks_like_itself_first(tmp_path: Path, capsys):
+    points, rings = room_scan(preset("vlp-16"), 1)[:2]
+    path = write_pcd(tmp_path / "a.pcd", points, rings // round(360 / preset("vlp-16").azimuth_step_deg))
+    _, out, _ = said(capsys, str(path))
+    assert "# looks like vlp-16 (or rs-helios-16p, xt16, which cannot be told from it): use" in out
+
+
 def test_a_file_is_written_and_replaced_only_by_force(scans: list[str], tmp_path: Path, capsys):
     written = tmp_path / "new" / "front.yaml"
     code, out, _ = said(capsys, *scans, "--name", "front", "-o", str(written))

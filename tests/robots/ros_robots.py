@@ -12,6 +12,9 @@ import queue
 import sys
 import threading
 import time
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -19,6 +22,8 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, TransformStamped
+from livox_ros_driver2.msg import CustomMsg, CustomPoint
+from point_cloud_interfaces.msg import CompressedPointCloud2
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
@@ -36,6 +41,35 @@ HEARD = {
 FIELDS = [PointField(name=name, offset=4 * i, datatype=7, count=1) for i, name in enumerate(("x", "y", "z"))]
 
 
+@dataclass(frozen=True)
+class Form:
+    """A form of clouds: the type of its messages, and what makes one of a PointCloud2."""
+
+    kind: Any
+    made: Callable[[PointCloud2], Any]
+
+
+def zlib_of(cloud: PointCloud2) -> CompressedPointCloud2:
+    made = CompressedPointCloud2(format="zlib", is_dense=cloud.is_dense)
+    for name in ("header", "height", "width", "fields", "is_bigendian", "point_step", "row_step"):
+        setattr(made, name, getattr(cloud, name))
+    made.compressed_data = array.array("B", zlib.compress(cloud.data.tobytes()))
+    return made
+
+
+def livox_of(cloud: PointCloud2) -> CustomMsg:
+    rows = np.frombuffer(cloud.data, np.uint8).reshape(-1, cloud.point_step)[:, :12].copy().view("<f4")
+    points = [CustomPoint(x=float(x), y=float(y), z=float(z)) for x, y, z in rows]
+    return CustomMsg(header=cloud.header, point_num=len(points), points=points)
+
+
+FORMS = {
+    "plain": Form(PointCloud2, lambda cloud: cloud),
+    "zlib": Form(CompressedPointCloud2, zlib_of),
+    "livox": Form(CustomMsg, livox_of),
+}
+
+
 class Robot(Node):
     """One robot: publishes what a driver publishes, and tells what it hears.
 
@@ -48,6 +82,7 @@ class Robot(Node):
         every_s: between two rounds of messages.
         point_step: bytes of a point; x, y and z are its first twelve.
         rows: of the cloud.
+        form: of its clouds: plain, zlib or livox.
     """
 
     def __init__(
@@ -63,13 +98,15 @@ class Robot(Node):
         every_s: float = 0.1,
         point_step: int = 16,
         rows: int = 1,
+        form: str = "plain",
     ) -> None:
         super().__init__("robot", namespace=namespace)
         self._name, self._late_ns, self._odometry = namespace, int(late_s * 1e9), odometry
         self._point_step, self._rows = point_step, rows
         reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        self._form = FORMS[form]
         self._clouds = self.create_publisher(
-            PointCloud2, points, QoSProfile(depth=5, reliability=reliability)
+            self._form.kind, points, QoSProfile(depth=5, reliability=reliability)
         )
         self._samples = self.create_publisher(Imu, "imu", qos_profile_sensor_data)
         self._tf = self.create_publisher(TFMessage, tf, 100)
@@ -150,7 +187,7 @@ class Robot(Node):
         if self._cloud is not None:
             self._sample.header.stamp = self._cloud.header.stamp = stamp
             self._samples.publish(self._sample)
-            self._clouds.publish(self._cloud)
+            self._clouds.publish(self._form.made(self._cloud))
         self._ask()
 
     def _ask(self) -> None:

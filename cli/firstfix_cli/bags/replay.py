@@ -137,6 +137,9 @@ def _answers(
         if number % wanted.every:
             continue
         clouds = [recorded.cloud() for recorded in found]
+        for one, cloud in zip(found, clouds, strict=True):
+            if cloud.note:
+                say(f"{one.topic}: {cloud.note}")
         header = clouds[0].header
         asked = _with_gravity_and_mounting(options, header, window, frames, wanted.base_frame)
         with named(_where(recording, found[0])):

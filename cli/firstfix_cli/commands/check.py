@@ -8,9 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from firstfix.errors import FirstfixError
+
 from ..arguments import AsJson, Columns, columns_of, examples
 from ..finding_lines import finding_lines
+from ..help_pages import scan_help_line
 from ..map_facts import read_lines, what_was_read
+from ..missing_package import missing_package
 from .build import Axis
 
 if TYPE_CHECKING:
@@ -64,17 +68,23 @@ def check(
     another frame and the like. Each finding comes with its remedy. Of a map it says what it read, of a scan
     what it understood: fields, times, beams, mounting. Nothing is built, stored or sent.
 
+    A scan that cannot be read is told of, and the next ones are read.
+
     Exit codes: 0 nothing that prevents a build or a query, 2 something does.
     """
     paths = [source, *(scans or ())] if only_scans else scans or ()
     said = [] if only_scans else [_of_map(source, trajectory, axis, scale, mount_height)]
     for path in paths:
-        said += _of_scans(path, columns)
+        try:
+            said += _of_scans(path, columns)
+        except (FirstfixError, ModuleNotFoundError) as error:  # of one file: the others are told of
+            said.append(_unread(path, error))
     if as_json:
         typer.echo(json.dumps({"files": said}))
     else:
         typer.echo("\n".join(line for one in said for line in _lines(one)))
-    if any(finding["severity"] == "error" for one in said for finding in one["findings"]):
+    errors = (finding["severity"] == "error" for one in said for finding in one["findings"])
+    if any(errors) or any("error" in one for one in said):
         raise typer.Exit(UNFIT_EXIT_CODE)
 
 
@@ -118,6 +128,16 @@ def _of_scans(path: Path, columns: str | None) -> list[dict[str, Any]]:
     return [_of_topic(path, found) for found in first_clouds(path)]
 
 
+def _unread(path: Path, error: FirstfixError | ModuleNotFoundError) -> dict[str, Any]:
+    """What is said of a scan or a recording that cannot be read."""
+    if isinstance(error, ModuleNotFoundError):
+        code, text = "not_installed", missing_package(error)
+    else:
+        code, text = error.code, str(error).removeprefix(f"{path}: ")
+    told = {"code": code, "message": text, "help": scan_help_line(error)}
+    return {**_record(path, f"not read: {text}", []), "error": told}
+
+
 def _of_topic(path: Path, found: FirstCloud) -> dict[str, Any]:
     from ..scan_report import report_of_cloud
 
@@ -126,8 +146,9 @@ def _of_topic(path: Path, found: FirstCloud) -> dict[str, Any]:
         return _record(Path(file), f"not read: {found.why}", [])
     stamped = found.stamped
     said = report_of_cloud(stamped.cloud, stamped.scan(), stamped.header.frame_id).to_mapping()
-    if found.notes:
-        said["understood"] = {"recording": "; ".join(found.notes), **said["understood"]}
+    notes = [*found.notes, *([stamped.note] if stamped.note else [])]
+    if notes:
+        said["understood"] = {"recording": "; ".join(notes), **said["understood"]}
     return {"file": file, **said}
 
 
@@ -148,6 +169,9 @@ def _record(path: Path, facts: str, findings: list[Finding]) -> dict[str, Any]:
 def _lines(said: dict[str, Any]) -> list[str]:
     from firstfix.findings.finding import Finding
 
+    if "error" in said:
+        helped = said["error"]["help"]
+        return [f"{said['file']}: {said['facts']}", *([f"  {helped}"] if helped else [])]
     found = finding_lines(Finding.from_mapping(one) for one in said["findings"])
     read = read_lines(said["read"]) if "read" in said else []
     understood = [

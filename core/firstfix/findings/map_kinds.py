@@ -135,6 +135,15 @@ TRAJECTORY_AT_FLOOR = _kind(
     "If they are, give --mount-height (build config: trajectory_mount_height_m): the metres of the sensor "
     "over the base. If the sensor is so low, all is well.",
 )
+TRAJECTORY_W_FIRST = _kind(
+    "trajectory_w_first",
+    Severity.WARNING,
+    "The poses lie on their side or on their back",
+    "Of {poses:,.0f} poses {upright_share:.0%} stand upright as they were read, with the quaternion's w last,"
+    " and {w_first_share:.0%} with w first.",
+    "Name the columns in a first line of the file: # timestamp x y z qw qx qy qz. If the sensor hangs upside "
+    "down, and drove straight on, all is well.",
+)
 TRAJECTORY_LEANS = _kind(
     "trajectory_leans",
     Severity.WARNING,

@@ -1,4 +1,7 @@
-"""A capture of a LiDAR's packets (.pcap) or an .osf file: a library makes clouds of it, one for each turn."""
+"""A capture of a LiDAR's packets (.pcap) or an .osf file: a library makes clouds of it, one for each turn.
+
+The library runs in a confined process.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +14,11 @@ from pathlib import Path
 from ..errors import MalformedData
 from ..ros.point_cloud2 import StampedCloud
 from . import ouster, velodyne
+from .confined_process import ConfinedProcess
 from .messages import RawMessage, Topic
 from .pcap_kind import VELODYNE, kind_of
 from .time_order import Part, in_time_order
+from .whole_turns import whole_turns
 
 ENDINGS = (".pcap", ".osf", ".pcapng")  # the last one is named with what makes a plain one of it
 TYPE, ENCODING = "firstfix.CapturedTurn", "capture"
@@ -35,17 +40,15 @@ class CaptureFile:
 
     def __init__(self, path: Path) -> None:
         self.notes: list[str] = []
-        self._read: dict[str, Callable[[], Iterator[StampedCloud]]]
-        if path.suffix.lower() != ".osf" and kind_of(path) == VELODYNE:
-            self._read = {"/velodyne_points": partial(velodyne.clouds_of_pcap, path)}
-        else:
-            count = ouster.sensors_of_file(path)
-            self._read = {
-                "/ouster/points" if count == 1 else f"/ouster{number}/points": partial(
-                    ouster.clouds_of_file, path, number
-                )
-                for number in range(count)
-            }
+        self._process = ConfinedProcess()
+        try:
+            self._read = _topics(path, self._process)
+            self._look_at_firsts()
+        except BaseException:
+            self._process.close()
+            raise
+
+    def _look_at_firsts(self) -> None:
         firsts = [cloud for read in self._read.values() for cloud in islice(read(), 1)]
         if not firsts:
             raise MalformedData("it holds no turn of a LiDAR")
@@ -67,4 +70,19 @@ class CaptureFile:
                 yield time_ns, CapturedTurn(name, time_ns, b"", TYPE, ENCODING, cloud)
 
     def close(self) -> None:
-        """Nothing stays open."""
+        """End the library's process."""
+        self._process.close()
+
+
+def _topics(path: Path, process: ConfinedProcess) -> dict[str, Callable[[], Iterator[StampedCloud]]]:
+    """The topics, and what yields the whole turns of each."""
+    if path.suffix.lower() != ".osf" and kind_of(path) == VELODYNE:
+        velodyne.check_installed()
+        return {"/velodyne_points": lambda: whole_turns(process.talk(velodyne.clouds_of_pcap, path))}
+    file = ouster.OusterFile(path, process)
+    return {
+        "/ouster/points" if file.sensors == 1 else f"/ouster{number}/points": partial(
+            lambda sensor: whole_turns(file.turns(sensor)), number
+        )
+        for number in range(file.sensors)
+    }

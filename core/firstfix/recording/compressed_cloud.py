@@ -9,6 +9,8 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -18,19 +20,35 @@ from ..formats.point_cloud import Column, Limits, PointCloud
 from ..ros.header import Header, read_header
 from ..ros.point_cloud2 import StampedCloud, decode_point_cloud2
 from ..wire.content_encoding import unpack_zstd
-from .clouds import check_axes
+from .clouds import Decode, check_axes
+from .confined_process import ConfinedProcess
 from .messages import RawMessage
 from .struct_reader import StructReader
 
 TYPE = "point_cloud_interfaces/msg/CompressedPointCloud2"
 _NAME = "CompressedPointCloud2"
+DRACO_LOSES = (
+    "Draco packs with loss: of equal points one is left, coordinates may be rounded, times in float64 are lost"
+)
 _MAX_FIELDS = 256
 _MAX_WINDOW_BYTES = 1 << 27
 _REPUBLISH = "ros2 run point_cloud_transport republish --ros-args -p in_transport:={0} -p out_transport:=raw"
 
 
-def decode_compressed_cloud(message: RawMessage, limits: Limits) -> StampedCloud:
+def compressed_decoder(process: ConfinedProcess | None = None) -> Decode:
+    """Make a decoder of clouds, see ``decode_compressed_cloud``.
+
+    Args:
+        process: in which DracoPy runs, which trusts sizes within the data; None: one of its own.
+    """
+    return partial(decode_compressed_cloud, process or ConfinedProcess())
+
+
+def decode_compressed_cloud(process: ConfinedProcess, message: RawMessage, limits: Limits) -> StampedCloud:
     """Decode a cloud of the formats zstd, zlib and draco.
+
+    Args:
+        process: in which DracoPy runs.
 
     Raises:
         MalformedData: cut off, or the sizes contradict each other.
@@ -52,7 +70,7 @@ def decode_compressed_cloud(message: RawMessage, limits: Limits) -> StampedCloud
     form = reader.text()
     reader.end()
     if form == "draco":
-        return _of_draco(header, names, packed, limits)
+        return _of_draco(process, header, names, packed, limits)
     unpack = _UNPACK.get(form)
     if unpack is None:
         raise UnsupportedFormat(f"{_NAME}: no reader for its format {form[:40]!r}: {_remedy(form)}")
@@ -124,20 +142,27 @@ def _remedy(form: str) -> str:
     return f"play the bag, and record what this sends: {_REPUBLISH.format(form[:40] or 'NAME')}"
 
 
-def _of_draco(header: Header, names: list[str], packed: memoryview, limits: Limits) -> StampedCloud:
-    """The columns of a Draco cloud: of each field its publisher makes the attribute of its number."""
+def _draco_attributes(packed: bytes) -> dict[int, Column | None]:
+    """The values of a Draco cloud's attributes by their numbers. It runs in a confined process."""
+    import DracoPy
+
     try:
-        import DracoPy
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            f"clouds that Draco packed need the package DracoPy: {pip_install('.[draco]')}", name=error.name
-        ) from error
-    _check_draco(bytes(packed[: _DRACO_HEAD.size]), limits)
-    try:
-        decoded = DracoPy.decode(bytes(packed))
-        attributes = {int(one["unique_id"]): _values(one) for one in decoded.attributes}
+        decoded = DracoPy.decode(packed)
+        return {int(one["unique_id"]): _values(one) for one in decoded.attributes}
     except Exception as error:  # its own, and those of NumPy, on damaged data
         raise MalformedData(f"draco: {str(error) or type(error).__name__}") from error
+
+
+def _of_draco(
+    process: ConfinedProcess, header: Header, names: list[str], packed: memoryview, limits: Limits
+) -> StampedCloud:
+    """The columns of a Draco cloud: of each field its publisher makes the attribute of its number."""
+    if find_spec("DracoPy") is None:
+        raise ModuleNotFoundError(
+            f"clouds that Draco packed need the package DracoPy: {pip_install('.[draco]')}", name="DracoPy"
+        )
+    _check_draco(bytes(packed[: _DRACO_HEAD.size]), limits)
+    attributes = process.run(_draco_attributes, bytes(packed))
     columns: dict[str, Column] = {}
     for number, name in enumerate(names):
         values = attributes.get(number)
@@ -147,4 +172,4 @@ def _of_draco(header: Header, names: list[str], packed: memoryview, limits: Limi
     limits.check(_NAME, len(columns["x"]), 8 * len(columns))
     if len({len(values) for values in columns.values()}) > 1:
         raise MalformedData("draco: its attributes have different numbers of values")
-    return StampedCloud(header, PointCloud(columns))
+    return StampedCloud(header, PointCloud(columns), DRACO_LOSES)

@@ -22,6 +22,10 @@ def _each(decode: Decode) -> _Open:
     return lambda recording, _: OneByOne(decode, str(recording.path))
 
 
+def _compressed(recording: Recording, _: Topic) -> CloudReader:
+    return OneByOne(compressed_cloud.compressed_decoder(), str(recording.path))
+
+
 def _velodyne(recording: Recording, _: Topic) -> CloudReader:
     return OneByOne(velodyne.velodyne_decoder(), str(recording.path))
 
@@ -68,7 +72,7 @@ READERS: dict[str, tuple[frozenset[str], _Open]] = {
     **dict.fromkeys(livox.TYPES, (_ROS, _each(livox.decode_livox))),
     foxglove.TYPE: (frozenset({PROTOBUF}), _foxglove),
     point_cloud1.TYPE: (_ROS, _each(point_cloud1.decode_point_cloud1)),
-    compressed_cloud.TYPE: (_ROS, _each(compressed_cloud.decode_compressed_cloud)),
+    compressed_cloud.TYPE: (_ROS, _compressed),
     velodyne.TYPE: (_ROS, _velodyne),
     **dict.fromkeys(ouster.TYPES, (_ROS, _ouster)),
     capture_file.TYPE: (frozenset({capture_file.ENCODING}), lambda *_: _Captured()),

@@ -34,10 +34,15 @@ _OTHER_NAMES = {"x", "y", "z", *INTENSITY_NAMES, *RING_NAMES}
 
 @dataclass(frozen=True)
 class StampedCloud:
-    """The points of a message with their time and frame."""
+    """The points of a message with their time and frame.
+
+    Attributes:
+        note: what the form of the message has lost, in words.
+    """
 
     header: Header
     cloud: PointCloud
+    note: str = ""
 
     def scan(self) -> Scan:
         """Make a scan. Points that are not finite are dropped, whatever ``is_dense`` says.

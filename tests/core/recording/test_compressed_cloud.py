@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import zstandard
 from firstfix.errors import InputError, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
 from firstfix.recording.compressed_cloud import decode_compressed_cloud
+from firstfix.recording.confined_process import ConfinedProcess
 from firstfix.recording.messages import CDR, ROS1, RawMessage
 from firstfix.recording.recording import open_recording
 from firstfix.ros.point_cloud2 import StampedCloud, decode_point_cloud2
@@ -31,8 +33,17 @@ POINTS["t"] = np.linspace(0, 99_000_000, COUNT)
 PACK = {"zstd": zstandard.compress, "zlib": zlib.compress}
 
 
+PROCESS = ConfinedProcess()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def process() -> Iterator[None]:
+    yield
+    PROCESS.close()
+
+
 def decode(message: object, encoding: str = CDR, limits: Limits = SCAN_LIMITS) -> StampedCloud:
-    return decode_compressed_cloud(raw(message, encoding), limits)
+    return decode_compressed_cloud(PROCESS, raw(message, encoding), limits)
 
 
 @every_case("form, encoding, padding", [(f, e, p) for f in PACK for e in (CDR, ROS1) for p in (0, 5)])
@@ -128,7 +139,7 @@ def test_damage_is_an_input_error(form: str):
         else:
             body = body[: rng.integers(len(body))]
         with suppress(InputError):
-            decode_compressed_cloud(RawMessage("/p", 0, bytes(body), good.type, CDR), SCAN_LIMITS)
+            decode_compressed_cloud(PROCESS, RawMessage("/p", 0, bytes(body), good.type, CDR), SCAN_LIMITS)
 
 
 def test_plain_clouds_are_preferred_to_packed_ones(tmp_path: Path):

@@ -54,7 +54,7 @@ def of_foxglove(folder: Path) -> None:
         ("DracoPy", "draco", of_draco),
         ("velodyne_decoder", "velodyne", of_velodyne),
         ("velodyne_decoder", "velodyne", of_velodyne_capture),
-        ("ouster.sdk.core", "ouster", of_ouster),
+        ("ouster", "ouster", of_ouster),
         ("google.protobuf", "service", of_foxglove),
     ],
 )

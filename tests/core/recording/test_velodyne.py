@@ -61,8 +61,9 @@ def test_a_capture_gives_what_the_library_gives(tmp_path_factory: pytest.TempPat
         topic = recording.cloud_topic(None)
         assert topic.name == "/velodyne_points"
         clouds = list(recording.clouds(topic))
-    assert len(clouds) == len(expected) >= 4
-    for recorded, (stamp, points) in zip(clouds, expected, strict=True):
+    assert len(expected) == 4
+    assert len(clouds) == 3  # the last one is half a turn
+    for recorded, (stamp, points) in zip(clouds, expected[:3], strict=True):
         cloud = recorded.cloud()
         assert cloud.header.stamp.seconds == pytest.approx(stamp.host, abs=1e-6)
         for name in ("x", "y", "z", "intensity", "ring", "time"):

@@ -20,7 +20,7 @@ from firstfix.findings.map_kinds import (
 )
 
 from ..read_map.map_data import MapData
-from . import doubled_walls, up
+from . import up
 from .base_poses import check_base_poses
 from .doubled_floors import check_doubled_floors
 from .doubled_walls import check_doubled_walls
@@ -36,6 +36,7 @@ from .trajectory import check_trajectory
 from .turned_trajectory import check_turned
 from .unit import check_unit
 from .up import check_up
+from .upright_poses import check_upright
 
 MIN_POINTS = 200
 MIN_HEIGHT_M = 0.4  # of a map with walls
@@ -80,11 +81,11 @@ def _checks(
         yield lambda: check_trajectory(points, given, is_given=is_given)
         poses = given if has_fit_poses(found) else None
     if poses is not None:
+        stand = poses
+        yield lambda: check_upright(stand)
         yield lambda: check_turned(points, given, -origin)
     yield lambda: check_up(surfaces(points, up.VOXEL_M, up.MAX_POINTS), poses)
-    yield lambda: check_doubled_walls(
-        surfaces(points, doubled_walls.VOXEL_M, doubled_walls.MAX_POINTS), origin
-    )
+    yield lambda: check_doubled_walls(points, origin)
     if any(one.code == MAP_NOT_LEVEL.code for one in found):
         return  # the checks that follow look along z
     yield lambda: check_single_scan(points, poses, origin)

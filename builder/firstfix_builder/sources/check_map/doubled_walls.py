@@ -14,7 +14,10 @@ from scipy.spatial import cKDTree
 from firstfix.engine.registration.surface import Surface
 from firstfix.findings.finding import Finding
 from firstfix.findings.map_kinds import MAP_DOUBLED_WALLS
+from firstfix.transform import inverse, transform_points
 
+from .own_axes import own_axes
+from .surfaces import surfaces
 from .told_places import in_words, marked
 
 VOXEL_M = 0.1
@@ -22,63 +25,91 @@ MAX_POINTS = 400_000
 APART_M = tuple(0.25 + 0.1 * k for k in range(5))  # thicker than a wall, nearer than the next one
 MAX_APART_M = 0.65
 PLACE_M = 8.0
-DOUBLED_SHARE = 0.1  # of all walls
+DOUBLED_SHARE = 0.1  # of all walls: garden walls that are seen from both sides are up to 0.09 of a street
 MIN_PLACES = 3
 _SAMPLED_WALLS = 9_000
 _MIN_WALLS = 200  # fewer say nothing
 _UPRIGHT_COSINE, _PARALLEL_COSINE = 0.26, 0.95
 _NEIGHBOURS, _MIN_PARALLEL, _PLANE_M = 20, 0.8, 0.04
-_MIN_IN_PLACE, _MAX_OF_PLACE, _SAME_M, _MIN_SAME = 20, 0.6, 0.1, 0.7
-_DIRECTIONS = 4
+_MIN_IN_PLACE, _MIN_PAIRED, _SAME_M, _MIN_SAME = 20, 0.6, 0.1, 0.7
+_ALONG_COSINE = float(np.cos(np.radians(22.5)))
+_SAMPLED_CENTRES = 1_500
 _SEED = 34
 
 
-def check_doubled_walls(surface: Surface, origin: NDArray[np.float64]) -> Finding | None:
+def check_doubled_walls(points: NDArray[np.float64], origin: NDArray[np.float64]) -> Finding | None:
     """Finding of a map in which walls have parallel twins, with the places.
 
+    It looks along the map's own axes: how the map is turned in its frame does not matter.
+
     Args:
-        surface: points VOXEL_M apart.
-        origin: (3,) what brings its coordinates to those of the file.
+        points: (n, 3) with z up.
+        origin: (3,) what brings their coordinates to those of the file.
     """
-    walls = _plane_walls(surface)
+    T_own_map = own_axes(points)
+    surface = surfaces(transform_points(T_own_map, points), VOXEL_M, MAX_POINTS)
+    tree = cKDTree(surface.points, balanced_tree=False, compact_nodes=False)  # asked little, so made quickly
+    walls = _plane_walls(surface, tree)
     if len(walls) < _MIN_WALLS:
         return None
-    apart_m = _twin_distances(surface, walls)
-    points, normals = surface.points[walls], surface.normals[walls]
-    cell = np.floor(points[:, :2] / PLACE_M).astype(np.int64)
-    turn = np.arctan2(normals[:, 1], normals[:, 0]) % np.pi
-    direction = np.round(turn / (np.pi / _DIRECTIONS)).astype(np.int64) % _DIRECTIONS
-    _, place = np.unique(np.column_stack([cell, direction]), axis=0, return_inverse=True)
-    twins: list[NDArray[np.intp]] = []
-    for number in range(place.max() + 1):
-        members = np.flatnonzero(place == number)
-        paired = members[np.isfinite(apart_m[members])]
-        if len(members) < _MIN_IN_PLACE or len(paired) < _MAX_OF_PLACE * len(members):
-            continue
-        middle_m = np.median(apart_m[paired])
-        if middle_m <= MAX_APART_M and np.mean(np.abs(apart_m[paired] - middle_m) < _SAME_M) > _MIN_SAME:
-            twins.append(paired)
-    share = sum(map(len, twins)) / len(walls)
-    if len(twins) < MIN_PLACES or share < DOUBLED_SHARE:
+    apart_m = _twin_distances(surface, tree, walls)
+    own, normals = surface.points[walls].astype(np.float64), surface.normals[walls].astype(np.float64)
+    centre = np.random.default_rng(_SEED).permutation(len(walls))[:_SAMPLED_CENTRES]
+    twin_m = _agreed_distances(own, normals, apart_m, centre)
+    doubled = np.isfinite(twin_m)
+    share = float(doubled.mean())
+    at = own[centre[doubled]]
+    _, first, count = np.unique(
+        np.floor(at[:, :2] / PLACE_M).astype(np.int64), axis=0, return_index=True, return_counts=True
+    )
+    if len(first) < MIN_PLACES or share < DOUBLED_SHARE:
         return None
-    centres = np.array([points[one].mean(axis=0) for one in sorted(twins, key=len, reverse=True)])
-    told = marked(centres, origin)
-    numbers = {
-        "doubled_share": share,
-        "apart_m": float(np.mean(apart_m[np.concatenate(twins)])),
-        "count": len(twins),
-    }
+    told = marked(transform_points(inverse(T_own_map), at[first[np.argsort(-count)]]), origin)
+    numbers = {"doubled_share": share, "apart_m": float(np.mean(twin_m[doubled])), "count": len(first)}
     return MAP_DOUBLED_WALLS.found(numbers, near=in_words(told)).at(told)
 
 
-def _plane_walls(surface: Surface) -> NDArray[np.intp]:
+def _agreed_distances(
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    apart_m: NDArray[np.float64],
+    centre: NDArray[np.intp],
+) -> NDArray[np.float64]:
+    """Distance (c,) of the twins around each of some wall points (n, 3); infinite: they do not agree on one.
+
+    Around a centre is the wall within half of PLACE_M that runs as the wall does there.
+
+    Args:
+        apart_m: (n,) of each wall point's twin, see ``_twin_distances``.
+        centre: (c,) rows of the points.
+    """
+    near = cKDTree(points[:, :2]).query_ball_point(points[centre, :2], PLACE_M / 2)
+    of = np.repeat(np.arange(len(centre)), list(map(len, near)))
+    row = np.concatenate([np.asarray(one, np.intp) for one in near])
+    along = np.abs(np.einsum("ij,ij->i", normals[row], normals[centre[of]])) > _ALONG_COSINE
+    of, row = of[along], row[along]
+    members = np.bincount(of, minlength=len(centre))
+    paired = np.isfinite(apart_m[row])
+    of, twin_m = of[paired], apart_m[row[paired]]
+    order = np.lexsort((twin_m, of))
+    of, twin_m = of[order], twin_m[order]
+    pairs = np.bincount(of, minlength=len(centre))
+    middle_m = np.full(len(centre), np.inf)
+    some = pairs > 0
+    middle_m[some] = twin_m[(np.cumsum(pairs) - pairs + pairs // 2)[some]]
+    same = np.bincount(of[np.abs(twin_m - middle_m[of]) < _SAME_M], minlength=len(centre))
+    agreed = (members >= _MIN_IN_PLACE) & (pairs >= _MIN_PAIRED * members) & (same > _MIN_SAME * pairs)
+    return np.where(agreed & (middle_m <= MAX_APART_M), middle_m, np.inf)
+
+
+def _plane_walls(surface: Surface, tree: cKDTree) -> NDArray[np.intp]:
     """Rows of points on upright planes, of a sample."""
     upright = np.flatnonzero(np.abs(surface.normals[:, 2]) < _UPRIGHT_COSINE)
     if len(upright) < _MIN_WALLS:
         return upright[:0]
     rng = np.random.default_rng(_SEED)
     rows = rng.choice(upright, min(_SAMPLED_WALLS, len(upright)), replace=False)
-    _, around = cKDTree(surface.points).query(surface.points[rows], _NEIGHBOURS)
+    _, around = tree.query(surface.points[rows], _NEIGHBOURS)
     normal = surface.normals[rows]
     parallel = np.abs(np.einsum("ijk,ik->ij", surface.normals[around], normal)) > _PARALLEL_COSINE
     offset_m = np.abs(np.einsum("ijk,ik->ij", surface.points[around] - surface.points[rows][:, None], normal))
@@ -86,9 +117,8 @@ def _plane_walls(surface: Surface) -> NDArray[np.intp]:
     return rows[is_plane]
 
 
-def _twin_distances(surface: Surface, walls: NDArray[np.intp]) -> NDArray[np.float64]:
+def _twin_distances(surface: Surface, tree: cKDTree, walls: NDArray[np.intp]) -> NDArray[np.float64]:
     """Distance (k,) of each wall point's nearest parallel twin across an empty gap; infinite without one."""
-    tree = cKDTree(surface.points)
     points, normals = surface.points[walls].astype(np.float64), surface.normals[walls].astype(np.float64)
     found = np.full(len(walls), np.inf)
     for apart_m in APART_M:

@@ -14,8 +14,9 @@ from .floors_under import FloorsUnder
 from .map_places import BELOW_M, MapPlaces
 from .told_places import in_words, marked
 
-LEAST_UNDER = 0.4  # of the poses with a floor below them: of right maps nearly all have one
-LEAST_AT_PLACES = 0.3  # of the places with a level surface at their foot: of right maps half and more
+# Of the poses with a floor below them, of right maps nearly all; of the places with a level surface at their
+# foot, of right maps half and more.
+LEAST_LEVEL = 0.4
 BARE_PLACES = 0.5  # where the poses tell it: so many places agree
 MIN_POSES = 5
 # Of a map whose walls show in few places so few points are left that no floor would show either.
@@ -24,6 +25,7 @@ _WALL_M = (0.6, 2.1)  # over the ground
 _STRETCH_M = 0.25  # of a wall, with points
 _FLOOR_M = 0.8  # over the lowest points around: ground slopes
 _THICK = 4
+MIN_POINTS_A_CELL = 1.0  # in the middle of all places: of a thinner map no floor fills its cells
 STOREY_M, _SAME_PLACE_M = 2.0, 6.0  # between the poses of two storeys, and across: ways in them differ
 
 
@@ -35,20 +37,22 @@ def check_ground(under: FloorsUnder | None, places: MapPlaces, origin: NDArray[n
         places: of the map.
         origin: (3,) what brings coordinates of the map to those of the file.
     """
+    if _is_thin(places):
+        return None
     bare = _bare(places)
     if under is not None and len(under.at) >= MIN_POSES:
         if bare.mean() < BARE_PLACES:
             return None  # there is ground, and poses that are not over it are no poses of this map
         lowest = _lowest(under.at)
         bare = ~np.isfinite(under.height_m[lowest])
-        at, least, what = under.at[lowest], LEAST_UNDER, "poses"
+        at, what = under.at[lowest], "poses"
     else:
         walled = _walled(places)
         if walled.sum() < max(MIN_WALLED, MIN_WALLED_SHARE * len(walled)):
             return None
-        at, least, what = places.at, LEAST_AT_PLACES, "places that have points"
+        at, what = places.at, "places that have points"
     share = float(bare.mean())
-    if share <= 1 - least:
+    if share <= 1 - LEAST_LEVEL:
         return None
     told = marked(at[bare], origin)
     numbers = {"bare_share": share, "count": len(at)}
@@ -62,6 +66,12 @@ def _lowest(at: NDArray[np.float64]) -> NDArray[np.bool_]:
     is_lowest = np.ones(len(at), bool)
     is_lowest[upper[at[upper, 2] - at[lower, 2] > STOREY_M]] = False
     return is_lowest
+
+
+def _is_thin(places: MapPlaces) -> bool:
+    """Whether most columns have fewer points than cells: with a floor or without, they show none."""
+    cells = places.columns.met.shape[2]
+    return bool(np.median(places.columns.count.sum(axis=1)) < MIN_POINTS_A_CELL * cells)
 
 
 def _bare(places: MapPlaces) -> NDArray[np.bool_]:

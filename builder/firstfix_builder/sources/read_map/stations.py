@@ -21,7 +21,7 @@ NEAR_POINTS = 3  # fewer are noise
 _SAME = 1e-6
 
 _IDENTITY = "the identity, which merged files have"
-_SHIFT = "no turn, and a shift by whole metres: it tells where the coordinates begin"
+_SHIFT = "no turn, and a shift: it tells where the coordinates begin"
 _SHARED = "all scans have the same"
 _OUTSIDE = "outside the scan's own points: no scanner stood there"
 _NEAR = f"points lie within {LEAST_RANGE_M} m of it: no scanner stood there"
@@ -63,7 +63,8 @@ class Stations:
             return _SHARED
         shifts = poses.copy()
         shifts[:, :3, :3] = np.eye(3)
-        shifts[:, :3, 3] = shifts[:, :3, 3].round()
+        if len(poses) > 1:  # of several stations by whole metres; of one alone nobody knows more
+            shifts[:, :3, 3] = shifts[:, :3, 3].round()
         return _SHIFT if np.abs(poses - shifts).max() <= _SAME else ""
 
 
@@ -71,7 +72,8 @@ def why_no_station(points: NDArray[np.float64]) -> str:
     """Reason why no scanner stood at the origin of (n, 3) points; empty if one may have."""
     low = np.array([np.fmin.reduce(points[:, axis]) for axis in range(3)])  # whatever is NaN
     high = np.array([np.fmax.reduce(points[:, axis]) for axis in range(3)])
-    if (low > 0).any() or (high[:2] < 0).any():  # outdoors nothing may be above a scanner
+    # Within its least range of a scan's edge no scanner stands; outdoors nothing may be above it.
+    if (low > -LEAST_RANGE_M).any() or (high[:2] < LEAST_RANGE_M).any():
         return _OUTSIDE
     some = points
     for axis in range(3):

@@ -14,9 +14,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from firstfix.errors import InvalidOption
-from firstfix.ros import point_cloud2
 
 from ..robot.answerer import Answerer
+from ..robot.cloud_types import CLOUD_TYPES
 from ..robot.config import GatewayConfig
 from ..robot.topics import REINITIALIZE, RELOCALIZE, Input, Output, Topics, full_name
 from .robot import LOOK_S, Names, RclpyRobot
@@ -106,7 +106,8 @@ class RclpyFleet:
         found = set()
         for topic, types in self._node.get_topic_names_and_types():
             namespace = self._topics.namespace_of(topic)
-            if namespace is not None and point_cloud2.TYPE in types and self._node.count_publishers(topic):
+            is_cloud = not set(CLOUD_TYPES).isdisjoint(types)
+            if namespace is not None and is_cloud and self._node.count_publishers(topic):
                 found.add(namespace)
         return found
 

@@ -13,14 +13,16 @@ from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 from std_srvs.srv import Empty, Trigger
 
 from ..robot.answerer import Answerer
+from ..robot.cloud_types import missing_messages
 from ..robot.config import GatewayConfig
 from ..robot.gateway import RobotGateway
 from ..robot.topics import Input, Output
-from .messages import INPUTS, OUTPUTS
+from .messages import INPUTS, OUTPUTS, cloud_class
 from .publishers import Publishers
 from .qos import input_qos, output_qos
 
 LOOK_S = 0.1  # between two calls of ``look``
+_Way = tuple[bool, str]  # whether it is reliable, and the type of the messages
 _OVERRIDABLE = (
     QoSPolicyKind.HISTORY,
     QoSPolicyKind.DEPTH,
@@ -69,7 +71,7 @@ class RclpyRobot:
         self._node, self._names, self._overridable = node, names, overridable
         self._clouds = Publishers(node, names.inputs[Input.CLOUD])
         self._overriding = QoSOverridingOptions(_OVERRIDABLE if overridable else ())
-        self._subscriptions: dict[Input, tuple[bool, Any]] = {}
+        self._subscriptions: dict[Input, tuple[_Way, Any]] = {}
         self._publishers = {
             output: node.create_publisher(
                 kind, names.outputs[output], output_qos(), qos_overriding_options=self._overriding
@@ -99,13 +101,16 @@ class RclpyRobot:
         if self._clouds.rivals:  # a cloud of one robot would move the other one, too
             self.gateway.tell(self._clouds.rivals)
             needs -= {Input.CLOUD}
+        elif cloud_class(self._clouds.cloud_type) is None:
+            self.gateway.tell(missing_messages(self._clouds.cloud_type))
+            needs -= {Input.CLOUD}
         for kind in reversed(tuple(Input)):  # the frames before the clouds, which they connect
-            wanted = self._is_reliable(kind) if kind in needs and kind in self._names.inputs else None
+            wanted = self._way(kind) if kind in needs and kind in self._names.inputs else None
             have = self._subscriptions.get(kind)
-            if have is not None and have[0] is not wanted:
+            if have is not None and have[0] != wanted:
                 self._node.destroy_subscription(self._subscriptions.pop(kind)[1])
             if wanted is not None and kind not in self._subscriptions:
-                self._subscriptions[kind] = wanted, self._subscribe(kind)
+                self._subscriptions[kind] = wanted, self._subscribe(kind, *wanted)
         self.gateway.tick()
 
     def subscribers(self, output: Output) -> int:
@@ -133,15 +138,18 @@ class RclpyRobot:
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
 
-    def _is_reliable(self, kind: Input) -> bool:
-        return kind is Input.CLOUD and self._clouds.are_reliable and not self._overridable
+    def _way(self, kind: Input) -> _Way:
+        """How an input is subscribed to now."""
+        if kind is not Input.CLOUD:
+            return False, kind.ros_type
+        return self._clouds.are_reliable and not self._overridable, self._clouds.cloud_type
 
-    def _subscribe(self, kind: Input) -> Any:
+    def _subscribe(self, kind: Input, reliable: bool, ros_type: str) -> Any:
         return self._node.create_subscription(
-            INPUTS[kind],
+            cloud_class(ros_type) if kind is Input.CLOUD else INPUTS[kind],
             self._names.inputs[kind],
-            partial(self.gateway.take, kind),
-            input_qos(kind, reliable=self._is_reliable(kind)),
+            partial(self.gateway.take, kind, cloud_type=ros_type),
+            input_qos(kind, reliable=reliable),
             qos_overriding_options=self._overriding,
             raw=True,
         )

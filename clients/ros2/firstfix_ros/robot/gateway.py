@@ -9,9 +9,8 @@ from dataclasses import replace
 
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.errors import FirstfixError, InputError, MalformedData
-from firstfix.formats.point_cloud import SCAN_LIMITS
+from firstfix.ros import point_cloud2
 from firstfix.ros.header import Header, Stamp
-from firstfix.ros.point_cloud2 import decode_point_cloud2
 from firstfix.ros.pose_message import encode_pose
 from firstfix.transform import inverse
 
@@ -19,6 +18,7 @@ from ..messages.diagnostic_array import encode_diagnostic_array
 from ..messages.pose_array import encode_pose_array
 from .answerer import Answerer
 from .check import Checker
+from .cloud_types import decode_cloud
 from .config import GatewayConfig
 from .first_fix import FirstFix
 from .late_odometry import LateOdometry
@@ -73,7 +73,7 @@ class RobotGateway:
         self._map_to_odom = MapToOdom(config, self._senses)
         self._late_odometry = LateOdometry(config, self._senses)
         self._first_fix = FirstFix(name, config, self._senses, publish, subscribers, log_line, clock, wall_ns)
-        self._cloud: bytes | None = None
+        self._cloud: tuple[str, bytes] | None = None  # its type, and the message
         self._status = Status(health=Health.UNKNOWN if config.watch_s else None)
         self._wanted, self._is_asked, self._closed, self._searches = False, False, False, 0
         self._next_try_s = self._next_check_s = self._next_status_s = clock()
@@ -152,20 +152,24 @@ class RobotGateway:
             if self._wanted and self._status.state is not State.ASKING:
                 self._status = replace(self._status, state=State.FAILED, error=error)
 
-    def take(self, kind: Input, body: bytes | memoryview) -> None:
+    def take(self, kind: Input, body: bytes | memoryview, cloud_type: str = point_cloud2.TYPE) -> None:
         """Take a message, returns at once. A message that cannot be used is told once in a row, and dropped.
 
         A cloud replaces the one before, so a slow answer lets no queue grow.
+
+        Args:
+            cloud_type: of a cloud, one of CLOUD_TYPES.
         """
         try:
             most = MAX_CLOUD_BYTES if kind is Input.CLOUD else MAX_BODY_BYTES
             if len(body) > most:
-                raise MalformedData(f"{kind.ros_type}: {len(body)} bytes, the limit is {most}")
+                named = cloud_type if kind is Input.CLOUD else kind.ros_type
+                raise MalformedData(f"{named}: {len(body)} bytes, the limit is {most}")
             if kind is not Input.CLOUD:
                 self._senses.take(kind, body)
             elif kind in self.needs:
                 with self._changed:
-                    self._cloud = bytes(body)
+                    self._cloud = cloud_type, bytes(body)
                     self._changed.notify_all()
         except InputError as error:
             if str(error) != self._bad_message:
@@ -273,10 +277,10 @@ class RobotGateway:
     def _is_ready(self) -> bool:
         return self._cloud is not None and self._clock() >= self._due_s()
 
-    def _tried(self, cloud: bytes, status: Status, *, searching: bool) -> Status:
+    def _tried(self, cloud: tuple[str, bytes], status: Status, *, searching: bool) -> Status:
         """The status after a try."""
         try:
-            query = Query(decode_point_cloud2(cloud, SCAN_LIMITS), self._senses, self._config)
+            query = Query(decode_cloud(*cloud), self._senses, self._config)
             checker = self._checker
             if searching or checker is None:
                 answer = query.ask(self._ask)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model import SensorModel, preset, presets
+from ..model import SensorModel, preset
+from ..presets import PRESETS
 
 _OFF_SHARE = 0.04  # mean error of a beam, in parts of the vertical field of view: units differ from the sheet
 _FEWER = 0.7  # share of the beams that must have returned: those to the sky and the floor may not
@@ -14,18 +15,21 @@ _FOV_OFF_DEG = 15.0
 
 
 def nearest_presets(measured: SensorModel) -> tuple[str, ...]:
-    """Names of the presets with such beams, the nearest one first; several if only the columns differ."""
-    found: list[tuple[float, float, str]] = []
-    for name in presets():
+    """Names of the presets with such beams, the nearest one first; several if only the columns differ.
+
+    Of equal ones that stands first which is first in the table: a 16-beam Velodyne before what follows it.
+    """
+    found: list[tuple[float, float, int, str]] = []
+    for number, name in enumerate(PRESETS):
         known = preset(name)
         off = _off(measured, known)
         if off is not None:
             columns = abs(np.log(known.azimuth_step_deg / measured.azimuth_step_deg))
-            found.append((round(off, 1), float(columns), name))
+            found.append((round(off, 1), round(float(columns), 2), number, name))
     if not found:
         return ()
     found.sort()
-    return tuple(name for off, _, name in found if off == found[0][0])
+    return tuple(name for off, _, _, name in found if off == found[0][0])
 
 
 def _off(measured: SensorModel, known: SensorModel) -> float | None:

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from typing import Any
 
 from firstfix.errors import FirstfixError
-from firstfix.ros import point_cloud2
 from firstfix.ros.rmw_zenoh import dds_type
 from firstfix_ros.robot.answerer import Answerer
+from firstfix_ros.robot.cloud_types import CLOUD_TYPES
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
 
@@ -20,6 +20,7 @@ from .robot import Robot
 
 MAX_ROBOTS = 1000
 _LOOK_S = 0.1
+_TYPES = {dds_type(ros_type): ros_type for ros_type in CLOUD_TYPES}
 
 
 class DdsFleet:
@@ -42,7 +43,6 @@ class DdsFleet:
         self._participant, self._ask, self._config, self._log_line = participant, ask, config, log_line
         self._topics = topics or Topics()
         self._namespaces: dict[Any, str] = {}  # by the key of a publisher
-        self._type = dds_type(point_cloud2.TYPE)
 
     def run(self, stop: threading.Event) -> None:
         """Block until ``stop`` is set, then remove all robots."""
@@ -73,15 +73,18 @@ class DdsFleet:
         key = publication.key
         if not publication.sample_info.valid_data:
             self._forget(key)
-        elif publication.type_name == self._type and publication.topic_name.startswith(TOPIC + "/"):
+        elif publication.type_name in _TYPES and publication.topic_name.startswith(TOPIC + "/"):
             namespace = self._topics.namespace_of(publication.topic_name.removeprefix(TOPIC))
-            if namespace is not None and self._is_room_for(namespace):
+            if namespace is not None and self._is_room_for(namespace, _TYPES[publication.type_name]):
                 self._namespaces[key] = namespace
                 self.robots[namespace].publishers[key] = qos.is_reliable(publication.qos)
 
-    def _is_room_for(self, namespace: str) -> bool:
+    def _is_room_for(self, namespace: str, cloud_type: str) -> bool:
         if namespace in self.robots:
-            return True
+            had = self.robots[namespace].cloud_type
+            if had != cloud_type:
+                self._log_line(namespace, f"its clouds are {had}, and those of {cloud_type} are not taken")
+            return had == cloud_type
         if len(self.robots) >= MAX_ROBOTS:
             self._log_line(namespace, f"more than {MAX_ROBOTS} robots: this one is not served")
             return False
@@ -91,7 +94,7 @@ class DdsFleet:
 
         try:
             self.robots[namespace] = Robot(
-                self._participant, namespace, self._topics, self._ask, self._config, log_line
+                self._participant, namespace, cloud_type, self._topics, self._ask, self._config, log_line
             )
         except ConnectionError as error:  # strange names of one robot: the others go on
             log_line(str(error))

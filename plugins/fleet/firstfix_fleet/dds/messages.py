@@ -8,9 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 from cyclonedds.idl import IdlStruct, make_idl_struct
-from cyclonedds.idl.types import array, float64, int32, int64, sequence, uint8, uint32, uint64
+from cyclonedds.idl.types import array, float32, float64, int32, int64, sequence, uint8, uint32, uint64
 
 from firstfix.ros.rmw_zenoh import dds_type
+from firstfix_ros.robot.cloud_types import COMPRESSED, LIVOX
 
 Fields = dict[str, Any]
 
@@ -43,18 +44,38 @@ DiagnosticStatus = _struct(
     {"level": uint8, "name": str, "message": str, "hardware_id": str, "values": sequence[KeyValue]},
 )
 
+_CLOUD_HEAD: Fields = {
+    "header": Header,
+    "height": uint32,
+    "width": uint32,
+    "fields": sequence[PointField],
+    "is_bigendian": bool,
+    "point_step": uint32,
+    "row_step": uint32,
+}
+
+
+def _livox(package: str) -> Fields:
+    point = {"offset_time": uint32, **dict.fromkeys("xyz", float32)}
+    point |= dict.fromkeys(("reflectivity", "tag", "line"), uint8)
+    return {
+        "header": Header,
+        "timebase": uint64,
+        "point_num": uint32,
+        "lidar_id": uint8,
+        "rsvd": array[uint8, 3],
+        "points": sequence[_struct(f"{package}/msg/CustomPoint", point)],
+    }
+
+
 FIELDS: dict[str, Fields] = {
     "sensor_msgs/msg/PointCloud2": {
-        "header": Header,
-        "height": uint32,
-        "width": uint32,
-        "fields": sequence[PointField],
-        "is_bigendian": bool,
-        "point_step": uint32,
-        "row_step": uint32,
+        **_CLOUD_HEAD,
         "data": sequence[uint8],
         "is_dense": bool,
     },
+    COMPRESSED: {**_CLOUD_HEAD, "compressed_data": sequence[uint8], "is_dense": bool, "format": str},
+    **{ros_type: _livox(ros_type.partition("/")[0]) for ros_type in LIVOX},
     "sensor_msgs/msg/Imu": {
         "header": Header,
         "orientation": Quaternion,

@@ -26,8 +26,9 @@ def latched(depth: int) -> Qos:
 
 
 def with_type_hash(qos: Qos, ros_type: str) -> Qos:
-    """The quality of service of an endpoint, with its type's hash where ROS 2 looks for it."""
-    return Qos(Policy.Userdata(f"typehash={TYPE_HASHES[ros_type]};".encode()), base=qos)
+    """The quality of service of an endpoint, with its type's hash, if known, where ROS 2 looks for it."""
+    known = TYPE_HASHES.get(ros_type)
+    return qos if known is None else Qos(Policy.Userdata(f"typehash={known};".encode()), base=qos)
 
 
 def is_reliable(qos: Qos) -> bool:

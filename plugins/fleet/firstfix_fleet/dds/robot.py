@@ -28,18 +28,21 @@ class Robot:
 
     Attributes:
         publishers: of its clouds, by their key: whether they are reliable.
+        cloud_type: of their messages.
     """
 
     def __init__(
         self,
         participant: Participant,
         namespace: str,
+        cloud_type: str,
         topics: Topics,
         ask: Answerer,
         config: GatewayConfig,
         log_line: Callable[[str], None],
     ) -> None:
         self.publishers: dict[Any, bool] = {}
+        self.cloud_type = cloud_type
         self._participant, self._namespace, self._topics, self._log_line = (
             participant,
             namespace,
@@ -73,7 +76,8 @@ class Robot:
                 self._participant.stop_reading(self._readers.pop(kind)[1])
             if wanted is not None and kind not in self._readers:
                 take = partial(self._take, kind)
-                reader = self._participant.read(f"{TOPIC}{topic}", kind.ros_type, self._qos(kind), take)
+                ros_type = self.cloud_type if kind is Input.CLOUD else kind.ros_type
+                reader = self._participant.read(f"{TOPIC}{topic}", ros_type, self._qos(kind), take)
                 self._readers[kind] = wanted, reader
         self._service.send_waiting()
         self.gateway.tick()
@@ -104,7 +108,7 @@ class Robot:
         return qos.reliable(1) if self._is_reliable(kind) else qos.sensor_data(_DEPTHS[kind])
 
     def _take(self, kind: Input, body: bytes, info: Any) -> None:
-        self.gateway.take(kind, body)
+        self.gateway.take(kind, body, self.cloud_type)
 
     def _publish(self, kind: Output, body: bytes) -> None:
         self._writers[kind].write(body)

@@ -16,17 +16,18 @@ from typing import Any
 import zenoh
 
 from firstfix.errors import InvalidOption
-from firstfix.ros import point_cloud2
-from firstfix.ros.rmw_zenoh import Endpoint, parse_token, publishers_pattern
+from firstfix.ros.rmw_zenoh import Endpoint, dds_type, parse_token, publishers_pattern
 from firstfix.wire.endpoints import ENDPOINT_FORM, said_by_zenoh
 from firstfix_client.errors import ServiceUnreachable
 from firstfix_ros.robot.answerer import Answerer
+from firstfix_ros.robot.cloud_types import CLOUD_TYPES
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
 
 from .graph import Graph
 from .robot import Robot
 
+_TYPES = {dds_type(ros_type): ros_type for ros_type in CLOUD_TYPES}
 _LOOK_S = 0.1  # poll interval of requests and tokens
 
 
@@ -56,9 +57,13 @@ class RosGateway:
 
     def run(self, stop: threading.Event) -> None:
         """Block until ``stop`` is set, then remove all endpoints."""
-        subscriber = self._graph.session.liveliness().declare_subscriber(
-            publishers_pattern(self._graph.domain, point_cloud2.TYPE), self._on_token, history=True
-        )
+        liveliness = self._graph.session.liveliness()
+        subscribers = [
+            liveliness.declare_subscriber(
+                publishers_pattern(self._graph.domain, ros_type), self._on_token, history=True
+            )
+            for ros_type in CLOUD_TYPES
+        ]
         try:
             while not stop.is_set():
                 with suppress(queue.Empty):
@@ -66,7 +71,8 @@ class RosGateway:
                 for robot in self.robots.values():
                     robot.look()
         finally:
-            subscriber.undeclare()
+            for subscriber in subscribers:
+                subscriber.undeclare()
             for robot in self.robots.values():
                 robot.close()
             for robot in self.robots.values():
@@ -83,7 +89,13 @@ class RosGateway:
         if clouds is None or namespace is None:
             return
         if came:
-            self._robot(namespace, clouds).publishers.add(token)
+            served = self._robot(namespace, clouds)
+            if served.clouds.dds_type == clouds.dds_type:
+                served.publishers.add(token)
+            else:
+                self._log_line(
+                    namespace, f"its clouds of {clouds.dds_type} are not taken: it has others, too"
+                )
         elif (robot := self.robots.get(namespace)) is not None:
             robot.publishers.discard(token)
             if not robot.publishers:
@@ -97,7 +109,14 @@ class RosGateway:
                 self._log_line(namespace, line)
 
             self.robots[namespace] = Robot(
-                self._graph, clouds, namespace, self._topics, self._ask, self._config, log_line
+                self._graph,
+                clouds,
+                _TYPES[clouds.dds_type],
+                namespace,
+                self._topics,
+                self._ask,
+                self._config,
+                log_line,
             )
         return self.robots[namespace]
 

@@ -33,20 +33,27 @@ from .subscribers import Subscribers
 
 
 class Robot:
-    """One robot: subscribes to what its gateway needs now, publishes, and answers the service."""
+    """One robot: subscribes to what its gateway needs now, publishes, and answers the service.
+
+    Attributes:
+        publishers: tokens of those of its clouds.
+        clouds: the first of them.
+    """
 
     def __init__(
         self,
         graph: Graph,
         clouds: Endpoint,
+        cloud_type: str,
         namespace: str,
         topics: Topics,
         ask: Answerer,
         config: GatewayConfig,
         log_line: Callable[[str], None],
     ) -> None:
-        self.publishers: set[str] = set()  # their tokens
-        self._graph, self._clouds, self._namespace, self._topics = graph, clouds, namespace, topics
+        self.publishers: set[str] = set()
+        self._graph, self.clouds, self._namespace, self._topics = graph, clouds, namespace, topics
+        self._cloud_type = cloud_type
         self._outputs = {
             kind: self._endpoint(PUBLISHER, topics.output(kind, namespace), kind.ros_type) for kind in Output
         }
@@ -76,7 +83,7 @@ class Robot:
             if kind in needs and topic is not None and kind not in self._listening:
                 self._listening[kind] = self._graph.subscribe(
                     self._publisher_of(kind, topic),
-                    partial(self.gateway.take, kind),
+                    partial(self.gateway.take, kind, cloud_type=self._cloud_type),
                     latched=kind is Input.TF_STATIC,
                 )
             elif kind not in needs:
@@ -102,10 +109,10 @@ class Robot:
         self._thread.join()
 
     def _endpoint(self, kind: str, topic: str, ros_type: str) -> Endpoint:
-        return endpoint(self._graph.domain, kind, topic, ros_type, humble=self._clouds.is_humble)
+        return endpoint(self._graph.domain, kind, topic, ros_type, humble=self.clouds.is_humble)
 
     def _publisher_of(self, kind: Input, topic: str) -> Endpoint:
-        return self._clouds if kind is Input.CLOUD else self._endpoint(PUBLISHER, topic, kind.ros_type)
+        return self.clouds if kind is Input.CLOUD else self._endpoint(PUBLISHER, topic, kind.ros_type)
 
     def _rest(self, kind: Input) -> None:
         for declared in self._listening.pop(kind, []):

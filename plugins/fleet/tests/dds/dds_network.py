@@ -19,12 +19,15 @@ HERE = Path(__file__).resolve().parent
 class RobotProgram:
     """A running ``dds_robot``."""
 
-    def __init__(self, domain: int, namespace: str = "", *, best_effort: bool = False) -> None:
+    def __init__(
+        self, domain: int, namespace: str = "", *, best_effort: bool = False, form: str = "plain"
+    ) -> None:
         arguments = {
             "domain": domain,
             "config": LOOPBACK,
             "namespace": namespace,
             "best_effort": best_effort,
+            "form": form,
         }
         path = os.pathsep.join(sys.path)
         self.program = subprocess.Popen(

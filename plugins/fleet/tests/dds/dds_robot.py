@@ -25,6 +25,7 @@ from rosbags.typesys import get_types_from_msg
 from firstfix.transform import make_transform, rotation_z
 from firstfix_fleet.dds.messages import TYPES, body_of, sample_of
 from tests import ros_samples
+from tests.live_clouds import TYPE_OF, live_cloud
 from tests.ros_samples import ROS2, cdr
 
 POSE, TF = "geometry_msgs/msg/PoseWithCovarianceStamped", "tf2_msgs/msg/TFMessage"
@@ -46,12 +47,15 @@ T_BASE_LIDAR = make_transform(rotation_z(0.3), [0.1, 0.0, 0.4])
 class Robot:
     """One robot."""
 
-    def __init__(self, domain: int, config: str, namespace: str, best_effort: bool) -> None:
+    def __init__(
+        self, domain: int, config: str, namespace: str, best_effort: bool, form: str = "plain"
+    ) -> None:
         self.namespace = namespace
         self.domain = Domain(domain, config)
         self.participant = DomainParticipant(domain)
         sensor = Policy.Reliability.BestEffort if best_effort else RELIABLE
-        self.clouds = self.writer("rt", "points", "sensor_msgs/msg/PointCloud2", sensor, 5)
+        self.clouds = self.writer("rt", "points", TYPE_OF[form], sensor, 5)
+        self.form = form
         self.imu = self.writer("rt", "imu", "sensor_msgs/msg/Imu", sensor, 5)
         self.tf = self.writer("rt", "tf", TF, RELIABLE, 100)
         self.fixed = self.writer("rt", "tf_static", TF, RELIABLE, 1, Policy.Durability.TransientLocal)
@@ -102,9 +106,11 @@ class Robot:
         )
         self.write(self.tf, cdr(odometry))
         if self.points is not None:
-            wrong = {"point_step": 5} if self.broken else {}  # Cyclone DDS sends only well-formed bytes
-            cloud = ros_samples.cloud_of_points(self.points, stamp_ns=now_ns, frame_id="lidar", **wrong)
-            self.write(self.clouds, cdr(cloud))
+            body = live_cloud(self.form, self.points, now_ns, "lidar")
+            if self.broken:  # Cyclone DDS sends only well-formed bytes
+                cloud = ros_samples.cloud_of_points(self.points, stamp_ns=now_ns, point_step=5)
+                body = cdr(cloud)
+            self.write(self.clouds, body)
         for name, (reader, ros_type) in self.heard.items():
             for sample in reader.take(100):
                 if body_of(sample) is not None:

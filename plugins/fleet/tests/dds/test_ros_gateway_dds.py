@@ -28,6 +28,7 @@ from firstfix_fleet.dds.messages import FIELDS, TYPES, body_of
 from firstfix_fleet.dds.participant import Participant
 from firstfix_fleet.dds.qos import reliable
 from firstfix_fleet.dds.trigger_service import request_header, trigger_reply
+from firstfix_ros.robot.cloud_types import LIVOX
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Output, Topics
 from plugins.fleet.tests.dds.dds_network import RobotProgram
@@ -37,6 +38,8 @@ from tests import ros_samples
 from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
 from tests.fake_service import FakeService
+from tests.lidar_messages import COMPRESSED_CLOUD, compressed, livox
+from tests.live_clouds import TYPE_OF
 from tests.ros_samples import ROS2, cdr
 from tests.waiting import LIMIT_S, wait_until
 
@@ -161,6 +164,20 @@ def test_a_robot_gets_its_first_fix(robots: Any, domain: int, points: Any, best_
     status = robot.of("first_fix/status")[-1]
     assert (status["level"], status["hardware_id"]) == (0, "/fleet/robot1")
     assert ("/fleet/robot1", "localized") in gateway.told
+
+
+@pytest.mark.parametrize("form", ["zstd", "livox"])
+def test_clouds_that_are_no_pointcloud2_are_told_by_discovery(
+    robots: Any, domain: int, points: Any, form: str
+):
+    plain, other = robots("/plain"), robots("/other", form=form)
+    with Gateway(domain) as gateway:
+        for robot in (plain, other):
+            robot.tell(points=points(LOCALIZED))
+            robot.wait_for("initialpose")
+        assert gateway.fleet.robots["/other"].cloud_type == TYPE_OF[form]
+        assert gateway.fleet.robots["/plain"].cloud_type == TYPE_OF["plain"]
+    assert {count for count, _ in gateway.asked} == {LOCALIZED}
 
 
 def test_a_localizer_that_subscribes_late_gets_the_pose(robots: Any, domain: int, points: Any):
@@ -294,6 +311,10 @@ def test_types_have_the_names_and_bytes_of_ros():
     of_ros["diagnostic_msgs/msg/DiagnosticArray"] = types["diagnostic_msgs/msg/DiagnosticArray"](
         header, [one]
     )
+    of_ros[COMPRESSED_CLOUD] = compressed(of_ros["sensor_msgs/msg/PointCloud2"], "zlib", b"packed")
+    rows = np.ones(3, [("t", "u4"), *((axis, "f4") for axis in "xyz"), ("i", "u1"), ("g", "u1"), ("l", "u1")])
+    for ros_type in LIVOX:
+        of_ros[ros_type] = livox(rows, ros_type.partition("/")[0])
     assert set(of_ros) == {name for name in FIELDS if "/msg/" in name}
     for ros_type, message in of_ros.items():
         body = cdr(message)

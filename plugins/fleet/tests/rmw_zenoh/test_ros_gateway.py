@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from firstfix.ros.rmw_zenoh import (
     SUBSCRIPTION,
     Attachment,
     Node,
+    dds_type,
     endpoint,
     parse_token,
 )
@@ -40,7 +42,8 @@ from firstfix_fleet.rmw_zenoh.fleet import RosGateway, open_session
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Output, Topics
 from tests.fake_service import FakeService
-from tests.ros_samples import ROS2, cdr, cloud_of_points, transforms
+from tests.live_clouds import TYPE_OF, live_cloud
+from tests.ros_samples import ROS2, cdr, transforms
 from tests.ros_samples import imu as imu_message
 from tests.servers import free_port
 from tests.waiting import LIMIT_S, wait_until
@@ -65,7 +68,9 @@ def router() -> Iterator[str]:
 class Robot:
     """A robot as rmw_zenoh shows it: publishes clouds, records poses, calls the service."""
 
-    def __init__(self, router: str, namespace: str, *, domain: int = 0, humble: bool = False) -> None:
+    def __init__(
+        self, router: str, namespace: str, *, domain: int = 0, humble: bool = False, form: str = "plain"
+    ) -> None:
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps([router]))
@@ -73,7 +78,10 @@ class Robot:
         config.insert_json5("timestamping/enabled", "true")  # as in rmw_zenoh's own configuration
         self.session = zenoh.open(config)
         node = Node(domain, str(self.session.info.zid()), "lidar_driver")
+        self.form = form
         self.clouds = endpoint(domain, PUBLISHER, f"{namespace}/points", point_cloud2.TYPE, humble=humble)
+        if form != "plain":
+            self.clouds = replace(self.clouds, dds_type=dds_type(TYPE_OF[form]), type_hash=f"RIHS01_{0:064}")
         pose = endpoint(domain, PUBLISHER, f"{namespace}/initialpose", pose_message.TYPE, humble=humble)
         self.locate = endpoint(domain, SERVICE, f"{namespace}/first_fix/relocalize", TRIGGER, humble=humble)
         self.poses: list[tuple[Any, Attachment]] = []
@@ -95,7 +103,7 @@ class Robot:
         self.poses.append((message, Attachment.from_bytes(sample.attachment.to_bytes())))
 
     def publish(self, points: int) -> None:
-        body = cdr(cloud_of_points(np.ones((points, 3)), stamp_ns=7 * 10**9, frame_id="lidar"))
+        body = live_cloud(self.form, np.ones((points, 3)), 7 * 10**9, "lidar")
         attachment = Attachment(next(self._sequence), time.time_ns(), GID)
         self.publisher.put(body, attachment=attachment.to_bytes())
 
@@ -170,6 +178,19 @@ def test_a_robot_gets_its_first_fix_and_then_rest(router: str, namespace: str, h
     assert abs(attachment.stamp_ns - time.time_ns()) < 60e9
     assert gateway.asked == [50, 100]
     robot.session.close()
+
+
+@pytest.mark.parametrize("form", ["zstd", "livox"])
+def test_clouds_that_are_no_pointcloud2_are_told_by_discovery(router: str, form: str):
+    plain, other = Robot(router, "/plain"), Robot(router, "/other", form=form)
+    with Gateway(router) as gateway:
+        for robot in (plain, other):
+            wait_until(lambda of=robot: of.is_heard)
+            robot.publish(100)
+            wait_until(lambda of=robot: of.poses)
+    assert gateway.asked == [100, 100]
+    for robot in (plain, other):
+        robot.session.close()
 
 
 def test_a_localizer_that_subscribes_late_gets_the_pose(router: str):

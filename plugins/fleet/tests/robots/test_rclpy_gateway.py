@@ -75,6 +75,8 @@ def test_robots_of_all_kinds_get_their_pose(robots: RosRobots, gateway: Gateway,
         "/fleet/reliable": {"reliable": True},
         "/fleet/ouster": {"point_step": 48, "rows": 2},
         "/late_clock": {"late_s": 2.0},
+        "/packed": {"form": "zlib"},
+        "/livox": {"form": "livox", "every_s": 1.0},
         "": {},
     }
     for number, (namespace, options) in enumerate(kinds.items()):

@@ -7,7 +7,9 @@ import pytest
 
 from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.errors import UnfitMap
+from firstfix.transform import rotation_z
 from firstfix_builder.sources.check_map.check_map import check_map, refuse
+from firstfix_builder.sources.check_map.doubled_walls import check_doubled_walls
 from firstfix_builder.sources.read_map.map_data import MapData, local_origin, subtract_origin
 from firstfix_builder.sources.read_map.map_file import read_map_file
 from firstfix_builder.sources.read_map.map_limits import MapLimits
@@ -84,6 +86,16 @@ def on_the_way(right: np.ndarray) -> np.ndarray:
 )
 def test_a_map_has_the_findings(right: np.ndarray, change, poses, expected: list[str]):
     assert codes(change(right), None if poses is None else poses(right)) == expected
+
+
+def test_how_a_map_is_turned_does_not_matter_for_doubled_walls(right: np.ndarray):
+    R, away_m, twice = rotation_z(np.radians(37.0)), np.array([3.0, -7.0, 0.0]), doubled(right)
+    at_first = check_doubled_walls(twice, np.zeros(3))
+    turned = check_doubled_walls(twice @ R.T + away_m, np.zeros(3))
+    assert at_first is not None
+    assert turned is not None
+    assert turned.numbers == pytest.approx(at_first.numbers, rel=1e-6)
+    np.testing.assert_allclose((np.array(turned.places) - away_m) @ R, at_first.places, atol=0.02)
 
 
 def test_a_way_that_is_flat_along_y_tells_that_y_points_up_where_walls_hide_it(right: np.ndarray):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.findings.finding import Finding
 from firstfix.scan.reduction import voxel_means
 from firstfix.transform import make_transform, rotation_z
@@ -12,7 +13,9 @@ from firstfix_builder.sources.check_map.check_map import check_map, has_fit_pose
 from firstfix_builder.sources.check_map.precision import check_precision
 from firstfix_builder.sources.check_map.sensor_poses import with_sensor_poses
 from firstfix_builder.sources.check_map.shape import Shape
+from firstfix_builder.sources.check_map.upright_poses import check_upright
 from firstfix_builder.sources.read_map.map_data import MapData, local_origin, subtract_origin
+from firstfix_builder.sources.read_map.rigid import rigid_from_quaternions
 from tests.builder.sources.check_map.even_hall import SENSOR_M, SIZE, hall, posed, way
 from tests.every_case import every_case
 
@@ -244,3 +247,37 @@ def test_above_ten_thousand_kilometres_no_unit_is_named(right: np.ndarray):
     (found,) = check_map(MapData(points=rng.uniform(-2e7, 2e7, (5_000, 3))))
     assert found.code == "map_garbled"
     assert "--scale" not in found.remedy
+
+
+def quaternions(way: np.ndarray, hangs: bool) -> np.ndarray:
+    """Of poses that look along their way: (m, 4) x y z w; of a sensor that hangs upside down or stands."""
+    step = np.gradient(way, axis=0)
+    half = np.arctan2(step[:, 1], step[:, 0]) / 2
+    zero = np.zeros(len(way))
+    if hangs:
+        return np.column_stack([np.cos(half), np.sin(half), zero, zero])
+    return np.column_stack([zero, zero, np.sin(half), np.cos(half)])
+
+
+@every_case(
+    ("hangs", "w_first", "expected"),
+    [(False, False, None), (False, True, "trajectory_w_first"), (True, False, None), (True, True, None)],
+)
+def test_poses_that_stand_upright_with_w_first_alone_are_named(hangs: bool, w_first: bool, expected):
+    turn = np.linspace(0, 1.9 * np.pi, 50)
+    positions = np.column_stack([4 * np.cos(turn), 3 * np.sin(turn), np.ones(50)])
+    q = quaternions(positions, hangs)
+    poses = rigid_from_quaternions(positions, np.roll(q, 1, axis=1) if w_first else q)
+    found = check_upright(poses)
+    assert (None if found is None else found.code) == expected
+    straight = rigid_from_quaternions(positions, np.tile([1.0, 0, 0, 0], (50, 1)))
+    named = check_upright(straight)  # hangs, or drives straight on with w first: asked
+    assert named is not None
+    assert "qw qx qy qz" in named.remedy
+    assert check_upright(poses[:2]) is None
+
+
+def test_a_map_too_thin_to_show_a_floor_is_not_without_ground(right: np.ndarray):
+    some = right[rows_by_chance(len(right), 1200)]
+    assert "map_no_ground" not in codes(some, way())
+    assert "map_no_ground" in codes(right[right[:, 2] > 0.35], way())

@@ -82,10 +82,14 @@ def at(x: float, y: float, z: float) -> np.ndarray:
     return from_quaternion([x, y, z], [0, 0, 0, 1])
 
 
+def turned(x: float, y: float, z: float) -> np.ndarray:
+    return from_quaternion([x, y, z], [0, 0, 0.6, 0.8])
+
+
 SCANNER = from_quaternion(AT, TURN)
 OTHER = from_quaternion([-4.0, 3.0, 1.2], [0.0, 0.0, 1.0, 0.2])
 CORNER = ROOM + [8.0, 6.0, 0.0]
-IS_IDENTITY, SHIFTED, SHARED = "the identity", "a shift by whole metres", "all scans have the same"
+IS_IDENTITY, SHIFTED, SHARED = "the identity", "no turn, and a shift", "all scans have the same"
 # The file, how many of its poses are stations, and the reasons for the others. Merged files: pye57 0.4.19
 # writes the identity where none is given, CloudCompare 2.13 its global shift (of all coordinates).
 STATIONS = {
@@ -103,11 +107,18 @@ STATIONS = {
         0,
         SHIFTED,
     ),
+    "shift to the corner, no whole metres": ([(CORNER, at(0.25, 0.75, 0.5))], 0, SHIFTED),
+    "shift to the middle, no whole metres": ([(ROOM, at(0.37, -1.21, 1.13))], 0, SHIFTED),
+    "tiles from their corners": (
+        [(ROOM[ROOM[:, 0] < 0], at(*ROOM.min(axis=0))), (CORNER + 0.25, at(*CORNER.min(axis=0) + 0.25))],
+        0,
+        "outside the scan's own points",
+    ),
     "shared by two": ([(ROOM, SCANNER), (ROOM[::2], SCANNER)], 0, SHARED),
-    "corner of the floor": ([(CORNER, at(0.5, 0.5, 0.0))], 0, "points lie within 0.3 m"),
-    "on the floor": ([(ROOM, at(0.5, 0.5, 0.05))], 0, "points lie within 0.3 m"),
-    "outside a wall": ([(ROOM, at(15.5, 0.5, 1.0))], 0, "outside the scan's own points"),
-    "under the floor": ([(ROOM, at(1.5, 0.5, -0.4))], 0, "outside the scan's own points"),
+    "corner of the floor": ([(CORNER, turned(0.5, 0.5, 0.0))], 0, "outside the scan's own points"),
+    "on the floor": ([(ROOM, turned(0.5, 0.5, 0.05))], 0, ""),
+    "outside a wall": ([(ROOM, turned(15.5, 0.5, 1.0))], 0, "outside the scan's own points"),
+    "under the floor": ([(ROOM, turned(1.5, 0.5, -0.4))], 0, "outside the scan's own points"),
     "one of two": ([(ROOM, SCANNER), (ROOM, at(15.5, 0.5, 1.0))], 1, "outside the scan's own points"),
 }
 

@@ -9,6 +9,7 @@ import pytest
 from firstfix.errors import InputError, MalformedData, UnsupportedFormat
 from firstfix.transform import from_quaternion, transform_points
 from firstfix_builder.sources.read_map import read_map
+from firstfix_builder.sources.read_map.folders.autoware_projection import projection_of
 from firstfix_builder.sources.read_map.what_was_read import LeftOut
 from tests.builder.sources.read_map import program_folders as written
 from tests.every_case import every_case
@@ -52,6 +53,38 @@ def test_missing_and_unlisted_tiles_are_named(tmp_path):
         read_map(tmp_path)
 
 
+def listed_by_path(folder, begin: str) -> None:
+    """A divided map whose list has the tiles with their folder."""
+    written.write_divided_map(folder, DEPOT)
+    list_file = folder / "pointcloud_map_metadata.yaml"
+    list_file.write_text(list_file.read_text().replace("map_", f"{begin}map_"))
+
+
+def test_tiles_listed_by_paths_inside_of_the_folder_are_read(tmp_path):
+    listed_by_path(tmp_path, "pointcloud_map.pcd/")
+    data = read_map(tmp_path)
+    same_points(data.points, DEPOT)
+    assert data.read.form == "Autoware's divided map, 4 of 4 tiles"
+    assert data.read.left_out == ()
+
+
+@pytest.mark.parametrize("begin", ["../pointcloud_map.pcd/", "/etc/", "a//", "./", ".hidden/", "a/../../"])
+def test_paths_out_of_the_folder_are_refused(tmp_path, begin):
+    listed_by_path(tmp_path, begin)
+    with pytest.raises(MalformedData, match=r"is not the name of a tile, or a path to one inside of the fol"):
+        read_map(tmp_path)
+
+
+def test_a_link_in_a_path_leads_not_out_of_the_folder(tmp_path):
+    folder, aside = tmp_path / "map", tmp_path / "aside"
+    folder.mkdir()
+    listed_by_path(folder, "tiles/")
+    (folder / "pointcloud_map.pcd").rename(aside)
+    (folder / "tiles").symlink_to(aside)
+    with pytest.raises(MalformedData, match="none is there"):
+        read_map(folder)
+
+
 def test_a_damaged_projector_refuses_no_map(tmp_path):
     written.write_divided_map(tmp_path, DEPOT)
     (tmp_path / "map_projector_info.yaml").write_text("map_origin: [1\n")
@@ -60,6 +93,35 @@ def test_a_damaged_projector_refuses_no_map(tmp_path):
     (left_out,) = data.read.left_out
     assert left_out.what == "map_projector_info.yaml"
     assert "while parsing" in left_out.reason
+
+
+ORIGIN = {"latitude": 35.6762, "longitude": 139.6503, "altitude": 12.0}
+TANGENT = {"projector_type": "LocalCartesian", "vertical_datum": "WGS84", "map_origin": ORIGIN}
+BODY = '{"latitude_deg": 35.6762, "longitude_deg": 139.6503, "height_m": 0.0, "x_axis_deg": 0.0}'
+
+
+@every_case(
+    ("told", "note"),
+    [
+        ({"projector_type": "Local"}, ""),
+        ({}, ""),
+        (TANGENT, f"takes {BODY}"),
+        (TANGENT | {"vertical_datum": "EGM2008"}, "heights are EGM2008"),
+        (TANGENT | {"map_origin": {}}, "map_origin is not one"),
+        (
+            TANGENT | {"map_origin": ORIGIN | {"latitude": 91}},
+            "map_origin is not one: a latitude is within 90",
+        ),
+        ({"projector_type": "MGRS", "vertical_datum": "WGS84", "mgrs_grid": "54SUE"}, "MGRS is a projection"),
+        (
+            {"projector_type": "TransverseMercator", "map_origin": ORIGIN},
+            "TransverseMercator is a projection",
+        ),
+    ],
+)
+def test_the_projector_gives_the_georeference_where_it_is_a_frame(told, note):
+    notes = projection_of(told).notes
+    assert (notes == ()) if not note else (note in notes[0])
 
 
 @pytest.mark.parametrize(

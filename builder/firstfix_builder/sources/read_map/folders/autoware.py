@@ -1,7 +1,8 @@
 """Autoware's divided map: tiles in one frame, which ``pointcloud_map_metadata.yaml`` lists.
 
     map_projector_info.yaml              how map coordinates and degrees belong together
-    pointcloud_map_metadata.yaml         x_resolution, y_resolution, and NAME.pcd: [x, y] for each tile
+    pointcloud_map_metadata.yaml         x_resolution, y_resolution, and NAME.pcd: [x, y] for each tile;
+                                         NAME may be a path inside of the folder
     pointcloud_map.pcd/  or  pointcloud_map/   a folder with the tiles; or they lie beside the list
 
 Autoware documentation, "Map component design"; map_loader of autoware_core 1.0.
@@ -20,6 +21,7 @@ from firstfix.errors import MalformedData, TooLarge
 from ..file_errors import naming
 from ..map_data import MapData
 from ..what_was_read import LeftOut, plain
+from .autoware_projection import Projection, projection_of
 from .joined_clouds import joined, read_clouds
 
 METADATA, PROJECTOR = "pointcloud_map_metadata.yaml", "map_projector_info.yaml"
@@ -49,19 +51,23 @@ def read_divided_map(path: Path) -> MapData:
     with naming(listed):
         names = _tile_names(_yaml(listed))
     here = [path, listed.parent, *(path / folder for folder in _FOLDERS)]
-    found = {name: next((at / name for at in here if (at / name).is_file()), None) for name in names}
+    found = {name: next((at / name for at in here if _is_tile(at, name, path)), None) for name in names}
     tiles = [tile for tile in found.values() if tile is not None]
     missing = [name for name, tile in found.items() if tile is None]
     if not tiles:
         raise MalformedData(f"{METADATA} lists {len(names)} tiles, and none is there: {missing[0]}")
-    unlisted = sorted({file.name for tile in tiles for file in tile.parent.glob("[!.]*.pcd")} - set(names))
+    unlisted = sorted(
+        {file.name for tile in tiles for file in tile.parent.glob("[!.]*.pcd")}
+        - {Path(name).name for name in names}
+    )
     data = joined(read_clouds(tiles))
-    georeference, unread = _georeference(path / PROJECTOR)
+    projection, unread = _projection(path / PROJECTOR)
     read = replace(
         data.read,
         form=f"Autoware's divided map, {len(tiles)} of {len(names)} tiles",
         unit="metre",
-        georeference=georeference,
+        georeference=projection.words,
+        notes=projection.notes,
         clouds=tuple(tile.name for tile in tiles),
     ).without(
         *(LeftOut(f"tile {name}", "it is listed, and not there") for name in missing),
@@ -88,23 +94,25 @@ def _tile_names(listed: dict[str, Any]) -> list[str]:
     if not names:
         raise MalformedData("it lists no tile (NAME.pcd: [x, y])")
     for name in names:
-        if "/" in name or "\\" in name or "\0" in name or name.startswith("."):
-            raise MalformedData(f"{plain(name)[:100]!r} is not the name of a tile")
+        parts = name.split("/")
+        if "\\" in name or "\0" in name or any(not part or part[0] == "." for part in parts):
+            raise MalformedData(
+                f"{plain(name)[:100]!r} is not the name of a tile, or a path to one inside of the folder"
+            )
     return names
 
 
-def _georeference(path: Path) -> tuple[str, tuple[str, ...]]:
-    """The file's projection in words; or why it cannot be read, which refuses no map."""
+def _is_tile(at: Path, name: str, folder: Path) -> bool:
+    """Whether a file is there; by a path only in the folder: a link on the way may lead out of it."""
+    tile = at / name
+    return tile.is_file() and ("/" not in name or tile.resolve().is_relative_to(folder.resolve()))
+
+
+def _projection(path: Path) -> tuple[Projection, tuple[str, ...]]:
+    """The file's projection; or why it cannot be read, which refuses no map."""
     if not path.is_file():
-        return "", ()
+        return Projection("", ()), ()
     try:
-        told = _yaml(path)
+        return projection_of(_yaml(path)), ()
     except (MalformedData, TooLarge) as error:
-        return "", (plain(str(error)),)
-    kind, datum = told.get("projector_type", ""), told.get("vertical_datum", "")
-    origin = told.get("map_origin")
-    words = [str(kind), str(told.get("mgrs_grid", ""))]
-    if isinstance(origin, dict):
-        words.append(f"origin {origin.get('latitude')}, {origin.get('longitude')}")
-    words.append(f"heights {datum}" if datum else "")
-    return plain(" ".join(word for word in words if word)), ()
+        return Projection("", ()), (plain(str(error)),)
