@@ -18,6 +18,7 @@ from firstfix.ros.media_types import POSE
 from ...auth.principal import Principal
 from ...query_workers.answer_form import PARAMETERS, AnswerForm
 from ...query_workers.query import AsGiven, EncodedAnswer, Query, single_values, split_map_ids
+from ...telemetry.request_scope import note_robot
 from ...thread_pools import READS
 from ..edge import DirectRoute, caller_of, cancel_on_disconnect, needs
 from ..parts import LocalizeParts, part_of
@@ -49,6 +50,12 @@ _OPTION_TEXT = {
 }
 
 
+_ROBOT_TEXT = (
+    "name of the robot, for people who watch answers and for the log: up to 64 of `A-Z a-z 0-9 . _ : @ / -`. "
+    "Of robots that share a key or an address"
+)
+
+
 def _openapi() -> dict[str, Any]:
     """The operation's parameters: the core parses the options, so FastAPI cannot derive them."""
     names = [MAP_PARAMETER, *LocalizeOptions.__dataclass_fields__, *PARAMETERS]
@@ -68,6 +75,15 @@ def _openapi() -> dict[str, Any]:
                 "schema": {"type": "string"},
             }
             for name in names
+        ]
+        + [
+            {
+                "name": "X-Robot",
+                "in": "header",
+                "required": False,
+                "description": _ROBOT_TEXT,
+                "schema": {"type": "string"},
+            }
         ],
         **binary_body(MEDIA_TYPES),
     }
@@ -130,6 +146,7 @@ async def _localize(
 ) -> tuple[EncodedAnswer, bytes, str]:
     """The answer, its bytes and their media type."""
     options, headers = single_values(request.query_params.multi_items()), request.headers
+    note_robot(headers.get("x-robot"))
     form = AnswerForm.of(headers.get("accept", ""), options, may_be_geographic=True)
     given = AsGiven(
         split_map_ids(options.pop(MAP_PARAMETER, "")),
