@@ -64,9 +64,14 @@ def check_robot_name(name: str) -> str:
     Raises:
         InvalidOption: not 1 to 64 of ``A-Z a-z 0-9 . _ : @ / -``, starting with a letter, a digit or ``/``.
     """
-    if not _ROBOT.fullmatch(name):
+    if not is_robot_name(name):
         raise InvalidOption(f"not a robot's name (1 to 64 of A-Z a-z 0-9 . _ : @ / -): {name[:80]!r}")
     return name
+
+
+def is_robot_name(text: str) -> bool:
+    """Whether a text has the form of a robot's name."""
+    return _ROBOT.fullmatch(text) is not None
 
 
 def is_name(text: str) -> bool:

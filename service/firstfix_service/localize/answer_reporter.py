@@ -99,7 +99,8 @@ class AnswerReporter:
         if scope is not None:
             scope.status = _OK
             said = scope.fields
-            self._recent.add(said.get("caller", ""), transport, scope.seconds, answer, said.get("robot", ""))
+            robot = said.get("robot") or said.get("key_name", "")
+            self._recent.add(said.get("caller", ""), transport, scope.seconds, answer, robot)
             if answer.map_id and not scope.request_id.startswith(REPLAY):
                 self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED)
         note(

@@ -27,7 +27,7 @@ class RecentAnswer:
         replica: name of the one that gave it.
         time_s: when it was given, since the epoch.
         caller: name of who asked.
-        robot: name of the robot as the caller gave it; empty if it gave none.
+        robot: name of the robot as the caller gave it, else of its key; empty if there is none.
         seconds: from the query's arrival to its answer.
         map_id: the map of the answer; empty if there is none.
         json: the answer; of another replica only its main fields.

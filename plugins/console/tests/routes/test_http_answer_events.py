@@ -107,6 +107,7 @@ def test_a_watcher_sees_only_its_maps(tmp_path: Path):
         seen = watched(service, 1, hall)
         assert [one["answer"]["map_id"] for one in seen] == ["hall"]
         assert seen[0]["caller"].startswith("key:")
+        assert seen[0]["robot"] == "test", "the name of its key"
         assert service.http.get("/answers/events?map_id=attic", headers=hall).status_code == 403
         assert service.http.get("/answers/events", headers=robot).status_code == 403
 

@@ -20,7 +20,7 @@ from firstfix.ros import point_cloud2
 from firstfix.ros.rmw_zenoh import Endpoint, parse_token, publishers_pattern
 from firstfix.wire.endpoints import ENDPOINT_FORM, said_by_zenoh
 from firstfix_client.errors import ServiceUnreachable
-from firstfix_ros.robot.answerer import Answerer
+from firstfix_ros.robot.answerer import Answerer, of_robot
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
 
@@ -97,7 +97,13 @@ class RosGateway:
                 self._log_line(namespace, line)
 
             self.robots[namespace] = Robot(
-                self._graph, clouds, namespace, self._topics, self._ask, self._config, log_line
+                self._graph,
+                clouds,
+                namespace,
+                self._topics,
+                of_robot(self._ask, namespace),
+                self._config,
+                log_line,
             )
         return self.robots[namespace]
 

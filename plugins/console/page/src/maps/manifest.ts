@@ -103,6 +103,15 @@ export function judged(manifest: Manifest): Judgement {
   };
 }
 
+/** As `judged`, by what a list of maps tells of the active version. */
+export function judgedBySummary({ provisional, summary }: Schemas["MapSummary"]): Judgement {
+  const { localized, found, false_accepts } = summary;
+  return judged({
+    provisional,
+    self_test: { localized: localized ?? undefined, found: found ?? undefined, false_accepts: false_accepts ?? undefined },
+  });
+}
+
 export function bytesOf(manifest: Manifest): number {
   return Object.values(manifest.files ?? {}).reduce((sum, file) => sum + file.bytes, 0);
 }
