@@ -30,6 +30,7 @@ KEPT = 500  # pictures in memory, some kilobytes each
 MAX_DRAWN = 200_000  # points of the root
 STRAYS = 0.5  # percent on each side of an axis: seen through a window, or made by a mirror
 MARGIN = 1.05
+MAX_REACH_PX = 3  # of a point to each side
 GROUND = (16, 22, 27)  # as ``--picture-ground`` of the page
 # Turbo (Mikhailov 2019), from low to high, as the page's legend has it.
 TURBO = np.array(
@@ -79,7 +80,7 @@ def drawn(points: NDArray[np.void]) -> NDArray[np.uint8]:
     """Draw packed points from above, without what looks down, such as ceilings.
 
     Returns:
-        (HEIGHT_PX, WIDTH_PX, 3) colours, north (y) up, the highest point of each pixel on top.
+        (HEIGHT_PX, WIDTH_PX, 3) colours, north (y) up, with the highest point of each pixel.
     """
     at = points["at"].astype(np.float64)  # (n, 3)
     bend = points["normal"].astype(int)
@@ -93,13 +94,20 @@ def drawn(points: NDArray[np.void]) -> NDArray[np.uint8]:
     column = np.round((at[:, 0] - middle[0]) * scale + (WIDTH_PX - 1) / 2).astype(int)
     row = np.round((middle[1] - at[:, 1]) * scale + (HEIGHT_PX - 1) / 2).astype(int)
     inside = (column >= 0) & (column < WIDTH_PX) & (row >= 0) & (row < HEIGHT_PX)
-    order = np.flatnonzero(inside)[np.argsort(at[inside, 2], kind="stable")]
-    share = np.clip((at[order, 2] - low[2]) / size[2], 0, 1) * (len(TURBO) - 1)
-    colours = np.stack([np.interp(share, np.arange(len(TURBO)), TURBO[:, i]) for i in range(3)], axis=1)
-    picture = np.empty((HEIGHT_PX, WIDTH_PX, 3), np.uint8)
-    picture[:] = GROUND
-    picture[row[order], column[order]] = colours.astype(np.uint8)  # the last of a pixel is the highest
-    return picture
+    heights = np.full((HEIGHT_PX, WIDTH_PX), -np.inf)
+    np.maximum.at(heights, (row[inside], column[inside]), at[inside, 2])
+    heights = _closed(heights, apart_px=scale * np.sqrt(size[0] * size[1] / len(at)))
+    share = np.clip((heights - low[2]) / size[2], 0, 1) * (len(TURBO) - 1)
+    colours = np.stack([np.interp(share, np.arange(len(TURBO)), TURBO[:, i]) for i in range(3)], axis=2)
+    return np.where(np.isinf(heights)[..., None], GROUND, colours).astype(np.uint8)
+
+
+def _closed(heights: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
+    """The heights with each point as large as the distance to the next one, so that a floor has no holes."""
+    reach = min(int(np.ceil(apart_px / 2)), MAX_REACH_PX)
+    padded = np.pad(heights, reach, constant_values=-np.inf)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * reach + 1, 2 * reach + 1))
+    return np.asarray(windows.max(axis=(2, 3)))
 
 
 def png(picture: NDArray[np.uint8]) -> bytes:

@@ -63,7 +63,7 @@ function Row({ robot, now_s, isShown, look }: { robot: Robot; now_s: number; isS
             title={lastFix.answer.fix_id ? `fix ${lastFix.answer.fix_id}` : undefined}
             onClick={() => look(pose.position)}
           >
-            {pose.position.map((m) => m.toFixed(1)).join(", ")} m
+            {pose.position.slice(0, 2).map((m) => m.toFixed(1)).join(", ")} m
           </button>
         ) : (
           "none yet"

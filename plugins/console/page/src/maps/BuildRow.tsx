@@ -58,8 +58,8 @@ export function BuildRow({ build, isNamed, done, again }: BuildRowProps) {
       ) : (
         <>
           <Going build={now.value} />
-          <GoingStages times={timesOfStages(seen.value, Date.now())} />
           <button onClick={() => (isAsked.value = true)}>Cancel</button>
+          <GoingStages times={timesOfStages(seen.value, Date.now())} />
         </>
       )}
       {isAsked.value ? (

@@ -47,7 +47,7 @@ export function VersionRow({ map, one, isCompared, compare, ask }: VersionRowPro
       <td class="number" data-name="Sure and wrong">
         {wrong ?? ""}
       </td>
-      <td class="number" data-name="Localized from">
+      <td class="number" data-name="Threshold">
         {threshold ? chance(threshold.min_probability, 0) : ""}
       </td>
       <td data-name="Sensor">{sensor ?? ""}</td>

@@ -52,7 +52,7 @@ export function VersionsView({ map }: { map: string }) {
             <th>Made of</th>
             <th class="number">Localized in its self-test</th>
             <th class="number">Sure and wrong</th>
-            <th class="number">Localized from</th>
+            <th class="number">Threshold</th>
             <th>Sensor</th>
             <th>Published</th>
             <th>State</th>
