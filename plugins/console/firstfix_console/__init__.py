@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from fastapi import FastAPI
+from typing import TYPE_CHECKING
 
-from . import answer_counts, answer_events, cloud, overlay, page, scan_report, thumbnail, viewer_file
+if TYPE_CHECKING:
+    from fastapi import FastAPI
 
 
 def add_routes(app: FastAPI) -> None:
     """Add the console to a service; without its page where the setting ``console`` is off."""
+    # not above: the shell loads the commands of this package without a web framework
+    from . import answer_counts, answer_events, cloud, overlay, page, scan_report, thumbnail, viewer_file
+
     for module in (overlay, scan_report, cloud, thumbnail, viewer_file, answer_counts, answer_events):
         app.include_router(module.router)
     if app.state.settings.console:

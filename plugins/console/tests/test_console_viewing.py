@@ -7,9 +7,9 @@ from PIL import ImageColor
 
 from firstfix.catalog.provenance import Provenance
 from firstfix_client import Client
+from plugins.console.tests.export.test_export_command import messages, points_in
 from plugins.console.tests.pictures import difference, drawn_pixels, place_in, view_of
 from plugins.console.tests.routes.test_http_scan_report import pcd
-from plugins.console.tests.test_export_command import messages, points_in
 from tests.waiting import wait_until
 
 GREY = ImageColor.getrgb("#8fa3ad")  # of points in one colour

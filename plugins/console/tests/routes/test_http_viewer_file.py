@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from firstfix_console import viewer_file
-from plugins.console.tests.exported_world import ExportedWorld, make_exported_world
-from plugins.console.tests.test_export_command import messages, points_in
+from plugins.console.tests.export.exported_world import ExportedWorld, make_exported_world
+from plugins.console.tests.export.test_export_command import messages, points_in
 from tests.service.access_world import KEYED, bearer, known
 from tests.service.service_world import Service, running_service
 

@@ -46,7 +46,7 @@ function Row({ robot, now_s, isShown, look }: { robot: Robot; now_s: number; isS
     <tr class={isShown ? "shown-robot" : ""}>
       <th scope="row">
         {name}
-        {caller === name ? null : <small>{caller}</small>}
+        {caller === name ? null : <small title={caller}>{caller}</small>}
       </th>
       <td>
         <Verdict verdict={last.answer.verdict} /> <small>{ageText(now_s - last.time_s)} ago</small>

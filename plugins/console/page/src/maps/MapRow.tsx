@@ -46,7 +46,7 @@ export function MapRow({ one, counts, hasPicture, remove }: MapRowProps) {
         {one.provisional ? <span class="tag">provisional</span> : null}
         {published ? <When iso={published} /> : null}
       </td>
-      <td data-name="Size">
+      <td class="nowrap" data-name="Size">
         {size_m ? `${size_m.map((m) => m.toFixed(0)).join(" × ")} m` : ""}
         {typeof templates === "number" ? <small class="last">{count(templates)} templates</small> : null}
       </td>

@@ -118,5 +118,5 @@ export function bytesOf(manifest: Manifest): number {
 
 /** Length, width and height, metres. */
 export function extentOf({ bounds }: Manifest): number[] {
-  return bounds ? bounds[1].map((high, axis) => high - bounds[0][axis]!) : [];
+  return bounds?.length === 2 ? bounds[1].map((high, axis) => high - bounds[0][axis]!) : []; // other programs may give none
 }

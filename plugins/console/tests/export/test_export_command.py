@@ -13,7 +13,7 @@ import pytest
 from firstfix.catalog.recorded_queries import RecordedQueries
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion
-from plugins.console.tests.exported_world import (
+from plugins.console.tests.export.exported_world import (
     GUESSES,
     POSE,
     T0_NS,
