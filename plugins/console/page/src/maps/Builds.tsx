@@ -51,18 +51,22 @@ export function Builds({ map, maps, done, again }: BuildsProps) {
   if (!builds.value.length) return null;
   return (
     <section aria-label="Builds">
-      {shown.length ? <h2>Builds</h2> : null}
-      <ul class="builds">
-        {shown.slice(0, SHOWN).map((one) => (
-          <BuildRow
-            key={one.build_id}
-            build={one}
-            isNamed={map === undefined}
-            done={done}
-            again={() => again(one.map_id)}
-          />
-        ))}
-      </ul>
+      {shown.length ? (
+        <>
+          <h2>Builds</h2>
+          <ul class="builds">
+            {shown.slice(0, SHOWN).map((one) => (
+              <BuildRow
+                key={one.build_id}
+                build={one}
+                isNamed={map === undefined}
+                done={done}
+                again={() => again(one.map_id)}
+              />
+            ))}
+          </ul>
+        </>
+      ) : null}
       <EarlierBuilds builds={builds.value.filter((one) => !isGoing(one) && !shown.includes(one))} isNamed={map === undefined} />
     </section>
   );
