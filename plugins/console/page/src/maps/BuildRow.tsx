@@ -105,7 +105,7 @@ function Failed({ build, again }: { build: Build; again: () => void }) {
         <ErrorText error={new Error(build.error?.detail ?? "The build failed.")} />
         <small>
           {remedyOf(build.error?.code ?? "")} {stage ? `Failed at: ${stage}. ` : ""}
-          {begun ? `Handed in ${moment(begun)}, ${age(begun)}.` : ""}
+          {begun ? `Handed in ${age(begun)}, ${moment(begun)}.` : ""}
         </small>
         <EndedStages build={build.build_id} />
       </div>
