@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from firstfix.scan.sequence import AnyScan, ScanSequence
 from .arguments import PATIENCE_S, cache_directory, client_of
 
 if TYPE_CHECKING:
+    from firstfix_client import Client, ZenohClient
     from firstfix_client.steps.scan_body import Encoding
 
 Answerer = Callable[[Scan | ScanSequence, LocalizeOptions], Localization]
@@ -55,16 +57,31 @@ def answerer(
 
         retry = RetryPolicy(patience_s=PATIENCE_S)
         with ZenohClient(zenoh, timeout_s=timeout_s, retry=retry) as zenoh_client:
-            yield _naming_times(
-                lambda scan, options: zenoh_client.localize(
-                    scan, map_id=map_id, options=options, encoding=encoding
-                )
-            )
+            yield _AskedService(zenoh_client, map_id, encoding)
     else:
         with client_of(url, timeout_s) as client:
-            yield _naming_times(
-                lambda scan, options: client.localize(scan, map_id=map_id, options=options, encoding=encoding)
-            )
+            yield _AskedService(client, map_id, encoding)
+
+
+@dataclass(frozen=True)
+class _AskedService:
+    """Answers of a service about one map, in a robot's name where there are several."""
+
+    client: Client | ZenohClient
+    map_id: str
+    encoding: Encoding
+    robot: str | None = None
+
+    def __call__(self, scan: Scan | ScanSequence, options: LocalizeOptions) -> Localization:
+        return _naming_times(self._ask)(scan, options)
+
+    def of_robot(self, name: str) -> _AskedService:
+        return replace(self, robot=name)
+
+    def _ask(self, scan: Scan | ScanSequence, options: LocalizeOptions) -> Localization:
+        return self.client.localize(
+            scan, map_id=self.map_id, options=options, encoding=self.encoding, robot=self.robot
+        )
 
 
 def _naming_times(ask: Answerer) -> Answerer:

@@ -57,6 +57,7 @@ PACKAGES = (
     Package(
         "firstfix-console",
         "./plugins/console",
+        commands=("export",),
         routes=(
             "/",
             "/console",
@@ -66,13 +67,17 @@ PACKAGES = (
             "/maps/{map_id}/versions/{version}/cloud",
             "/maps/{map_id}/versions/{version}/cloud/points",
             "/maps/{map_id}/versions/{version}/overlay",
+            "/maps/{map_id}/versions/{version}/thumbnail",
+            "/maps/{map_id}/versions/{version}/viewer-file",
+            "/scan-report",
+            "/viewer-formats",
         ),
     ),
     Package("firstfix-fleet", "./plugins/fleet", commands=("ros-gateway", "vda5050-gateway")),
     Package(
         "firstfix-lab",
         "./lab",
-        commands=("dataset", "evaluate", "export"),
+        commands=("dataset", "evaluate"),
         worlds=("campus", "city", "farm", "office"),
     ),
 )

@@ -1,4 +1,4 @@
-"""Ids of maps, builds, uploads and versions."""
+"""Ids of maps, builds, uploads and versions, and names of robots."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from .errors import InvalidOption
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,62}")
 _VERSION = re.compile(r"[0-9a-f]{64}")
+_ROBOT = re.compile(
+    r"[A-Za-z0-9/][A-Za-z0-9._:@/-]{0,63}"
+)  # also a ROS namespace, and a serial number of VDA 5050
 
 
 def check_map_id(map_id: str) -> str:
@@ -53,6 +56,22 @@ def check_version(version: str) -> str:
     if not _VERSION.fullmatch(version):
         raise InvalidOption(f"not a map version: {version[:80]!r}")
     return version
+
+
+def check_robot_name(name: str) -> str:
+    """A valid name of a robot, by which people tell it from others.
+
+    Raises:
+        InvalidOption: not 1 to 64 of ``A-Z a-z 0-9 . _ : @ / -``, starting with a letter, a digit or ``/``.
+    """
+    if not is_robot_name(name):
+        raise InvalidOption(f"not a robot's name (1 to 64 of A-Z a-z 0-9 . _ : @ / -): {name[:80]!r}")
+    return name
+
+
+def is_robot_name(text: str) -> bool:
+    """Whether a text has the form of a robot's name."""
+    return _ROBOT.fullmatch(text) is not None
 
 
 def is_name(text: str) -> bool:

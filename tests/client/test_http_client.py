@@ -52,6 +52,17 @@ def test_a_fix_is_a_typed_answer(server):
     assert sent.stamp_s == SCAN.stamp_s
 
 
+def test_a_robot_is_named_and_a_malformed_name_is_not_sent(server):
+    server.answers = [ok(answer_bytes()), ok(answer_bytes())]
+    with Client(server.url) as client:
+        client.localize(SCAN, map_id="hall", robot="/hall/cart-07")
+        client.localize(SCAN, map_id="hall")
+        assert [request[3].get("x-robot") for request in server.requests] == ["/hall/cart-07", None]
+        with pytest.raises(InvalidOption, match="not a robot's name"):
+            client.localize(SCAN, map_id="hall", robot="cart 07")
+    assert len(server.requests) == 2
+
+
 def test_not_localized_is_no_exception(server):
     server.answers = [ok(answer_bytes(REJECTED))]
     answer = Client(server.url).localize(SCAN.points, map_id="hall")

@@ -20,7 +20,7 @@ import tomllib
 REPO = Path(__file__).resolve().parents[2]
 CLIENT = REPO / "clients" / "python"
 THREE = {"numpy", "httpx", "zstandard"}
-MAX_WHEEL_BYTES = 157_000
+MAX_WHEEL_BYTES = 158_000
 # of three dependencies, and of what these bring themselves
 KNOWN = {"anyio", "certifi", "h11", "httpcore", "idna", "sniffio", "typing_extensions", *THREE}
 EXTRAS = {"zenoh", "lzf"}  # imported where they are used, with a word on what to install

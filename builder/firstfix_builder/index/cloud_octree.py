@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.catalog.viewer_cloud import NO_NORMAL, POINT
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.align import MapSurface
 from firstfix.transform import Matrix, transform_points
@@ -25,10 +26,6 @@ LEAF_POINTS = 20_000  # so few stay together in one node
 MAX_LEVELS = 20
 MAX_POINTS = 50_000_000
 SPARE_M = 0.01  # around the points, so that none lies on the root's border
-POINT = np.dtype(
-    [("at", "<u2", 3), ("normal", "i1", 2)]
-)  # at: in 1/65535 of the node's edge from its low corner
-NO_NORMAL = -128  # both numbers, where a point has none
 AT_ONCE = 1 << 20  # points of which there are float64 copies
 _HALF = CELLS.bit_length() - 2  # cell >> _HALF is 1 in the upper half of a node
 _TAKEN = 8  # in place of an octant: the node itself keeps this point

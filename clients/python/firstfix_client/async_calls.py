@@ -62,11 +62,12 @@ class AsyncFixCalls(AsyncHttpCalls):
         options: LocalizeOptions | None = None,
         encoding: Encoding = "scan",
         parameters: DescriptorParameters | None = None,
+        robot: str | None = None,
     ) -> Localization:
         """The pose of a scan in a map, or why there is none."""
         form = BodyForm(encoding, parameters)
         return await self._http.run(
-            self._http.steps.fixes.localize(scan, map_id, options_of(options, prior, gravity), form)
+            self._http.steps.fixes.localize(scan, map_id, options_of(options, prior, gravity), form, robot)
         )
 
     async def localize_body(
@@ -78,11 +79,12 @@ class AsyncFixCalls(AsyncHttpCalls):
         options: LocalizeOptions | None = None,
         content_encoding: str | None = None,
         request_id: str | None = None,
+        robot: str | None = None,
     ) -> Localization:
         """The answer to an encoded query, as ``localize`` does. The bytes are sent unchanged."""
         return await self._http.run(
             self._http.steps.ask(
-                body, media_type, map_id, options or LocalizeOptions(), content_encoding, request_id
+                body, media_type, map_id, options or LocalizeOptions(), robot, content_encoding, request_id
             )
         )
 

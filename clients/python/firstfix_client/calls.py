@@ -62,6 +62,7 @@ class FixCalls(HttpCalls):
         options: LocalizeOptions | None = None,
         encoding: Encoding = "scan",
         parameters: DescriptorParameters | None = None,
+        robot: str | None = None,
     ) -> Localization:
         """The pose of a scan in a map, or why there is none.
 
@@ -81,6 +82,7 @@ class FixCalls(HttpCalls):
                 ``descriptor`` sends under 1.5 KB and gets candidates, never ``localized``.
             parameters: the map's, for the last two. A descriptor needs those of its one map. If they are
                 not given, the client asks the service for them once, and again when the map changes.
+            robot: its name, for people who watch the answers of robots that share a key or an address.
 
         Raises:
             NotFound: no such map or version, or no such file.
@@ -88,7 +90,7 @@ class FixCalls(HttpCalls):
         """
         form = BodyForm(encoding, parameters)
         return self._http.run(
-            self._http.steps.fixes.localize(scan, map_id, options_of(options, prior, gravity), form)
+            self._http.steps.fixes.localize(scan, map_id, options_of(options, prior, gravity), form, robot)
         )
 
     def localize_body(
@@ -100,16 +102,18 @@ class FixCalls(HttpCalls):
         options: LocalizeOptions | None = None,
         content_encoding: str | None = None,
         request_id: str | None = None,
+        robot: str | None = None,
     ) -> Localization:
         """The answer to an encoded query, as ``localize`` does. The bytes are sent unchanged.
 
         Args:
             media_type, content_encoding: format of the bytes, see clients/PROTOCOL.md.
             request_id: id of the query in the service's log.
+            robot: its name, as in ``localize``.
         """
         return self._http.run(
             self._http.steps.ask(
-                body, media_type, map_id, options or LocalizeOptions(), content_encoding, request_id
+                body, media_type, map_id, options or LocalizeOptions(), robot, content_encoding, request_id
             )
         )
 

@@ -14,7 +14,7 @@ from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.errors import FirstfixError, InvalidOption, pip_install
-from firstfix.ids import check_map_id
+from firstfix.ids import check_map_id, check_robot_name
 from firstfix.scan.sequence import ScanSequence
 from firstfix.wire.endpoints import ENDPOINT_FORM, Links, said_by_zenoh
 from firstfix.wire.signature import SigningKey
@@ -119,6 +119,7 @@ class ZenohClient(MapCalls, BuildCalls):
         options: LocalizeOptions | None = None,
         encoding: Encoding = "scan",
         parameters: DescriptorParameters | None = None,
+        robot: str | None = None,
     ) -> Localization:
         """The pose of a scan in a map, see ``Client.localize``.
 
@@ -130,7 +131,7 @@ class ZenohClient(MapCalls, BuildCalls):
             ServiceUnreachable: no replica answered.
         """
         form = BodyForm(encoding, parameters)
-        steps = self._fixes.localize(scan, map_id, options_of(options, prior, gravity), form)
+        steps = self._fixes.localize(scan, map_id, options_of(options, prior, gravity), form, robot)
         return blocking.run(steps, self._ask)
 
     def maps(self) -> list[MapInfo]:
@@ -167,11 +168,13 @@ class ZenohClient(MapCalls, BuildCalls):
         return VersionWatch(self._session, look_every_s)
 
     def _ask_body(
-        self, body: bytes, media_type: str, map_id: str, options: LocalizeOptions
+        self, body: bytes, media_type: str, map_id: str, options: LocalizeOptions, robot: str | None
     ) -> Steps[Localization]:
         names = [check_map_id(name) for name in map_id.split(",")] if map_id else []
         shared = f"firstfix/{names[0] if len(names) == 1 else '@any'}/localize"
         asked = options.to_strings() | ({"map": ",".join(names)} if len(names) > 1 else {})
+        if robot is not None:
+            asked["robot"] = check_robot_name(robot)
 
         def make(left_s: float) -> ZenohQuery:
             query = {"deadline_ms": str(max(1, int(left_s * 1000))), **asked}

@@ -57,7 +57,7 @@ class FirstFixNode(Node):  # type: ignore[misc]
         self._robot = RclpyRobot(
             self,
             _names(self._given),
-            self._given.answerer(client),
+            self._given.answerer(client, self.get_namespace()),
             self._given.config(),
             hardware_id=self.get_namespace(),
             log_line=self.get_logger().info,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from firstfix.errors import InvalidOption
-from firstfix.ids import check_map_id
+from firstfix.ids import check_map_id, is_robot_name
 from firstfix_client import Client, ZenohClient
 
 from .robot.answerer import Answerer
@@ -131,9 +131,10 @@ class Parameters:
             return ZenohClient(self.zenoh, timeout_s=self.timeout_s, voxel_m=voxel_m)
         return Client(self.url, timeout_s=self.timeout_s, voxel_m=voxel_m)
 
-    def answerer(self, client: Client | ZenohClient) -> Answerer:
-        """The client's ``localize`` for the map."""
-        return lambda scan, options: client.localize(scan, map_id=self.map_id, options=options)
+    def answerer(self, client: Client | ZenohClient, robot: str = "") -> Answerer:
+        """The client's ``localize`` for the map, in the robot's name if it has one."""
+        named = robot if is_robot_name(robot) and robot != "/" else None
+        return lambda scan, options: client.localize(scan, map_id=self.map_id, options=options, robot=named)
 
 
 def _domain() -> int:

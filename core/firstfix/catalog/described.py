@@ -42,6 +42,7 @@ def map_summary(map_id: str, state: MapState) -> dict[str, Any]:
         "map_id": map_id,
         "active_version": state.active,
         "published_time": None if active is None else active.published_time,
+        "provisional": active is not None and active.provisional,
         "summary": {} if active is None else dict(active.summary),
     }
 

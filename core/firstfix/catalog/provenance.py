@@ -85,8 +85,8 @@ def summary_of(manifest: Manifest) -> dict[str, Any]:
 
     Returns:
         ``sensor``, ``size_m`` (x, y, z; None: not known), ``templates``, the shares ``found`` and
-        ``localized`` of the self-test (None: there was none), and ``threshold``: ``min_probability``,
-        ``max_false_accept``, ``bound`` and ``kept_by``, or None.
+        ``localized`` of the self-test and its number of ``false_accepts`` (None: there was none), and
+        ``threshold``: ``min_probability``, ``max_false_accept``, ``bound`` and ``kept_by``, or None.
     """
     tested, size_m = manifest.self_test, None
     if len(manifest.bounds) == 2:
@@ -101,6 +101,7 @@ def summary_of(manifest: Manifest) -> dict[str, Any]:
         "templates": manifest.counts.get("templates"),
         "found": tested.get("found"),
         "localized": tested.get("localized"),
+        "false_accepts": tested.get("false_accepts"),
         "threshold": threshold,
     }
 

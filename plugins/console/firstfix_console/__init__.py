@@ -1,15 +1,19 @@
-"""The console: routes for people who look at maps and answers, and the page that asks them."""
+"""The console: routes for people who look at maps and answers, files for viewers, and the page that asks."""
 
 from __future__ import annotations
 
-from fastapi import FastAPI
+from typing import TYPE_CHECKING
 
-from . import answer_counts, answer_events, cloud, overlay, page
+if TYPE_CHECKING:
+    from fastapi import FastAPI
 
 
 def add_routes(app: FastAPI) -> None:
     """Add the console to a service; without its page where the setting ``console`` is off."""
-    for module in (overlay, cloud, answer_counts, answer_events):
+    # not above: the shell loads the commands of this package without a web framework
+    from . import answer_counts, answer_events, cloud, overlay, page, scan_report, thumbnail, viewer_file
+
+    for module in (overlay, scan_report, cloud, thumbnail, viewer_file, answer_counts, answer_events):
         app.include_router(module.router)
     if app.state.settings.console:
         if page.page_files():  # packed here, not while queries wait

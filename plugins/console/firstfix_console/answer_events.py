@@ -24,7 +24,8 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "First `event: watching`, `data`: `replica`, and `all_replicas`: whether answers of "
         "others come, too. Then `event: answer`, `id` its number, `data`: `number`, `replica`, `time_s` "
-        "since the epoch, `caller`, `transport`, `ms`, and `answer` as `POST /localize` gave it. Of other "
+        "since the epoch, `caller`, `robot` (as `X-Robot` said, else the name of its key), "
+        "`transport`, `ms`, and `answer` as `POST /localize` gave it. Of other "
         "replicas it has only `verdict`, `reasons`, `probability`, `map_id`, `map_version` and "
         "`T_map_sensor`",
         "content": {"text/event-stream": {"schema": {"type": "string"}}},

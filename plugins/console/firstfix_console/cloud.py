@@ -8,6 +8,7 @@ from fastapi import APIRouter, Query, Response
 
 from firstfix.access.permissions import Scope
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.catalog.viewer_cloud import MAX_INDEX_BYTES, POINT
 from firstfix.errors import NotFound
 from firstfix_service.http_api.edge import needs
 from firstfix_service.http_api.parts import CatalogDep
@@ -19,9 +20,7 @@ from firstfix_service.http_api.schema.parameters import MapId, Version
 from firstfix_service.thread_pools import LISTS
 
 router = APIRouter(prefix="/maps/{map_id}/versions/{version}/cloud", tags=["versions"])
-POINT_BYTES = 8
 MAX_POINTS = 500_000  # of one request
-MAX_INDEX_BYTES = 64 << 20
 
 
 @router.get(
@@ -69,8 +68,8 @@ def get_cloud_points(
     where it is not known.
     """
     given, version = version, catalog.full_version(map_id, version)
-    lease.take(count * POINT_BYTES)
-    data = catalog.read_part(map_id, version, CLOUD_POINTS, first * POINT_BYTES, count * POINT_BYTES)
+    lease.take(count * POINT.itemsize)
+    data = catalog.read_part(map_id, version, CLOUD_POINTS, first * POINT.itemsize, count * POINT.itemsize)
     return Response(
         data, media_type="application/octet-stream", headers={"Cache-Control": kept_for(given, version)}
     )

@@ -159,7 +159,7 @@ def with_maps(
         return show
 
     gallery.take("signed-out", world.origin, None, opened("", "button", "Sign in"))
-    gallery.take("maps", world.origin, admin, opened("", "a", "yard"))
+    gallery.take("maps", world.origin, admin, _listed)
     gallery.take("map", world.origin, admin, mapped("#/maps/yard"))
     gallery.take("versions", world.origin, admin, opened("#/maps/yard/versions", "td", "%"))
     gallery.take("activate", world.origin, admin, _asked("tr button", "Activate"))
@@ -181,7 +181,16 @@ def with_maps(
     gallery.take("failed", world.origin, admin, opened("", ".builds [role=alert]"))
     for number in range(6):
         world.service.catalog.publish(f"hall-{number + 1}", version.directory, version.manifest)
-    gallery.take("many-maps", world.origin, admin, opened("", "a", "hall-6"))
+    gallery.take("many-maps", world.origin, admin, _listed)
+
+
+def _listed(page: Page) -> None:
+    """The list of maps with their pictures."""
+    page.open()
+    page.until(
+        "document.querySelectorAll('.thumbnail').length > 1"
+        " && [...document.querySelectorAll('.thumbnail')].every((one) => one.querySelector('img')?.complete)"
+    )
 
 
 def _asked(*button: str) -> Callable[[Page], None]:

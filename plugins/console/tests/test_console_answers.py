@@ -46,7 +46,7 @@ def test_what_a_key_may_not_do_is_not_shown(visitor, world):
     visitor.open()
     visitor.wait("td", world.versions[1][:12])
     assert visitor.has("a", "Try a scan")
-    for words in ("Build a map", "Delete", "Recorded queries", "Live", "Keys"):
+    for words in ("Build a map", "Delete", "Recorded queries", "Live", "API keys"):
         assert not visitor.has("button, a", words), words
     visitor.expected += ["403"]
     for view in ("recorded-queries", "live", "keys"):
@@ -454,8 +454,38 @@ def test_a_robot_that_is_seldom_localized_has_an_alert_with_a_link(page, world, 
     address = page.js("location.hash")
     page.open(address)  # as from a message
     page.wait(".alerts a[aria-current=true]", "answers were localized")
+    assert page.has(".robots th", "a robot"), "the name of its key"
     page.open("#/live?map=yard&alert=silent%3Anobody")
     page.wait(".alerts li", "silent:nobody, is over")
+
+
+def test_robots_behind_one_key_have_a_row_each_on_the_map_that_was_asked_last(page, world, house):
+    page.size(1440, 900)
+    file, _, _ = localized_scan(world)
+    for robot in ("/hall/cart-07", "/hall/cart-12"):
+        headers = {
+            "X-Robot": robot,
+            "Content-Type": "application/vnd.firstfix.scan",
+            **world.headers("reader"),
+        }
+        asked = world.service.http.post("/localize?map=yard", content=file.read_bytes(), headers=headers)
+        assert asked.json()["verdict"] == "localized"
+    page.open("#/live")
+    page.until(
+        "find('select', '')?.value === 'yard'", "the map that was asked, and not the first of the alphabet"
+    )
+    for robot in ("/hall/cart-07", "/hall/cart-12"):
+        page.wait(".robots th", robot)
+        page.wait(".fixes td", robot)
+    page.map_picture()
+    canvas, panel = page.box(".map-canvas"), page.box(".panel")
+    assert canvas[0] == 0, "the map is at the left"
+    assert canvas[3] > 0.9 * 900, "as high as the window below the bar"
+    assert panel[0] >= canvas[2] - 1, "the list is at the right"
+    ago_s = 3600
+    page.js(f"{{ const now = Date.now; Date.now = () => now() + {ago_s * 1000}; }}")
+    page.wait(".robots small", "60 min ago")
+    assert not page.has(".alerts li", "/hall/cart"), "a robot that has its fix may rest"
 
 
 def test_answers_that_somebody_judged_wrong_have_alerts_until_they_are_judged_right(page, world, tmp_path):

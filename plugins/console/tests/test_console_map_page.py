@@ -144,7 +144,7 @@ def test_versions_and_recorded_queries_of_a_map_are_on_its_page(page, world):
 def test_the_keys_of_the_picture_are_listed_and_work_from_the_page(page):
     page.open("#/maps/yard?layers=")
     before = page.map_picture()
-    page.wait(".keys button", "Keys: ?")
+    page.wait(".keys button", "Keyboard: ?")
     page.press("?")
     page.wait("dialog kbd", "Shift and arrow keys")
     page.press("Escape")

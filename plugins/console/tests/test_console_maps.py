@@ -53,7 +53,7 @@ def test_a_map_is_built_from_a_dropped_file(page, world, house_file, tmp_path):
     page.fill("Name of the map", "broken")
     page.click("dialog button.primary", "Build")
     page.wait(".builds [role=alert]", "ply")
-    assert page.count("img:not(.preview img)") == 0
+    assert page.count("img:not(.thumbnail img)") == 0
     assert "Failed at: " in page.text(".builds .failed")
     assert "Handed in just now" in page.text(".builds .failed")
     page.click(".builds button", "Try again")

@@ -202,7 +202,7 @@ def test_the_list_of_maps_says_what_happens_and_what_needs_a_person(page, world,
     few.write_bytes(encode_scan(Scan.from_points(np.eye(3) * 5)))
     page.open()
     page.wait("tr:has([href='#/maps/lost']) td", "none")
-    page.until("document.querySelector('.preview img')?.naturalWidth > 0")
+    page.until("document.querySelector('.thumbnail img')?.naturalWidth > 0")
     assert not page.has(".needs li", "lost")
     for _ in range(6):
         world.ask(few, map="lost")

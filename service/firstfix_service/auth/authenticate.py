@@ -128,6 +128,8 @@ class Authenticator:
             RateLimited: there were too many.
         """
         note(caller=caller.name)
+        if caller.key_name:
+            note(key_name=caller.key_name)
         caller.check(needs.scope, map_id)
         limit = self._rates.get(needs.rate)
         if limit is not None:

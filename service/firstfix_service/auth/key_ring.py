@@ -122,4 +122,4 @@ def principal_of(key: ApiKey) -> Principal:
     """
     if key.is_expired(datetime.now(timezone.utc)):
         raise Unauthorized(f"API key {key.key_id} has expired")
-    return Principal(f"key:{key.key_id}", key.grant)
+    return Principal(f"key:{key.key_id}", key.grant, key.name)

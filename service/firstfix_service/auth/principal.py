@@ -38,10 +38,12 @@ class Principal:
         name: for logs, limits and ownership: ``key:<key id>``, ``jwt:<subject>`` or ``address:<address>``. It
             is unique to the caller.
         grant: the permissions of the credential; everything if authentication is off.
+        key_name: that its API key has for people; empty: it has none.
     """
 
     name: str
     grant: Grant = EVERYTHING
+    key_name: str = ""
 
     def check(self, scope: Scope, map_id: str | None = None) -> None:
         """Check the permission for a request.

@@ -98,7 +98,9 @@ class AnswerReporter:
             self._stage_seconds(stage).observe(ms / 1e3, exemplar)
         if scope is not None:
             scope.status = _OK
-            self._recent.add(scope.fields.get("caller", ""), transport, scope.seconds, answer)
+            said = scope.fields
+            robot = said.get("robot") or said.get("key_name", "")
+            self._recent.add(said.get("caller", ""), transport, scope.seconds, answer, robot)
             if answer.map_id and not scope.request_id.startswith(REPLAY):
                 self._counts.add(answer.map_id, answer.verdict is Verdict.LOCALIZED)
         note(

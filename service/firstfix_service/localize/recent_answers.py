@@ -27,6 +27,7 @@ class RecentAnswer:
         replica: name of the one that gave it.
         time_s: when it was given, since the epoch.
         caller: name of who asked.
+        robot: name of the robot as the caller gave it, else of its key; empty if there is none.
         seconds: from the query's arrival to its answer.
         map_id: the map of the answer; empty if there is none.
         json: the answer; of another replica only its main fields.
@@ -36,6 +37,7 @@ class RecentAnswer:
     replica: str
     time_s: float
     caller: str
+    robot: str
     transport: str
     seconds: float
     map_id: str
@@ -50,6 +52,7 @@ class RecentAnswer:
                 "replica": self.replica,
                 "time_s": self.time_s,
                 "caller": self.caller,
+                "robot": self.robot,
                 "transport": self.transport,
                 "ms": self.seconds * 1e3,
             }
@@ -76,14 +79,16 @@ class RecentAnswers:
         self._watchers = 0
         self._lock = threading.Lock()
 
-    def add(self, caller: str, transport: str, seconds: float, answer: EncodedAnswer) -> None:
+    def add(
+        self, caller: str, transport: str, seconds: float, answer: EncodedAnswer, robot: str = ""
+    ) -> None:
         """Keep an answer of this replica, and forget the oldest if there are too many."""
         now = time.time()
         with self._lock:
             number = next(self._numbers)
             self._own.append(
                 RecentAnswer(
-                    number, self.replica, now, caller, transport, seconds, answer.map_id, answer.json
+                    number, self.replica, now, caller, robot, transport, seconds, answer.map_id, answer.json
                 )
             )
 
@@ -93,6 +98,7 @@ class RecentAnswers:
         *,
         time_s: float,
         caller: str,
+        robot: str,
         transport: str,
         seconds: float,
         map_id: str,
@@ -102,7 +108,7 @@ class RecentAnswers:
         with self._lock:
             number = next(self._numbers)
             self._heard.append(
-                RecentAnswer(number, replica, time_s, caller, transport, seconds, map_id, json)
+                RecentAnswer(number, replica, time_s, caller, robot, transport, seconds, map_id, json)
             )
 
     def after(self, number: int) -> list[RecentAnswer]:

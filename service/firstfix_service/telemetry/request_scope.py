@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import structlog
 
+from firstfix.ids import check_robot_name
 from firstfix.telemetry.redact import redactor
 from firstfix.telemetry.trace_context import TraceContext
 
@@ -87,6 +88,16 @@ def note(**fields: Any) -> None:
     scope = _current.get()
     if scope is not None:
         scope.fields.update(fields)
+
+
+def note_robot(name: str | None) -> None:
+    """Note the name that the robot of this request goes by, if it was given.
+
+    Raises:
+        InvalidOption: it is malformed.
+    """
+    if name:
+        note(robot=check_robot_name(name))
 
 
 def with_traceparent(record: Mapping[str, Any]) -> dict[str, Any]:

@@ -52,6 +52,7 @@ class _Answer(BaseModel):
 class _Record(BaseModel):
     time_s: FiniteFloat
     caller: Annotated[str, Field(max_length=_LONGEST_NAME)]
+    robot: Annotated[str, Field(max_length=_LONGEST_NAME)] = ""  # a replica of an earlier release says none
     transport: Literal["http", "zenoh"]
     ms: FiniteFloat
     answer: _Answer
@@ -146,6 +147,7 @@ class ZenohAnswers:
                 replica[:_LONGEST_NAME],
                 time_s=one.time_s,
                 caller=one.caller,
+                robot=one.robot,
                 transport=one.transport,
                 seconds=one.ms / 1e3,
                 map_id=one.answer.map_id,
@@ -167,6 +169,7 @@ def _record_of(one: RecentAnswer) -> dict[str, Any]:
     return {
         "time_s": one.time_s,
         "caller": one.caller[:_LONGEST_NAME],
+        "robot": one.robot,
         "transport": one.transport,
         "ms": one.seconds * 1e3,
         "answer": {name: answer[name] for name in _Answer.model_fields},

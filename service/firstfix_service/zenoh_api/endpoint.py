@@ -8,8 +8,8 @@
 
 No map can have the id ``@any``, and no wildcard matches it. The options are selector parameters. The payload
 has the same bytes as the HTTP body; its encoding is the media type. The parameters ``content_encoding``,
-``accept``, ``request_id`` and ``traceparent`` replace the HTTP headers. The attachment is a signature with
-the caller's API key (``callers``). Errors are the same problem documents.
+``accept``, ``request_id``, ``traceparent`` and ``robot`` replace the HTTP headers. The attachment is a
+signature with the caller's API key (``callers``). Errors are the same problem documents.
 """
 
 from __future__ import annotations

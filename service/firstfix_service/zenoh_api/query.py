@@ -1,6 +1,6 @@
 """One zenoh query: its scope and log line, its key, selector parameters and encoding, and its replies.
 
-zenoh has no headers: two selector parameters replace X-Request-Id and traceparent.
+zenoh has no headers: three selector parameters replace X-Request-Id, traceparent and X-Robot.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from ..auth.principal import Principal
 from ..problems import problem_of
 from ..query_workers.answer_form import AnswerForm
 from ..query_workers.query import MAP_PARAMETER, AsGiven, Query, single_values, split_map_ids
-from ..telemetry.request_scope import Requests
+from ..telemetry.request_scope import Requests, note_robot
 from .callers import ZenohCaller
 
 _log = structlog.get_logger(__name__)
 TRANSPORT = "zenoh"
-REQUEST_ID, TRACEPARENT = "request_id", "traceparent"
-PARAMETERS = (REQUEST_ID, TRACEPARENT)  # of every query, beside the options
+REQUEST_ID, TRACEPARENT, ROBOT = "request_id", "traceparent", "robot"
+PARAMETERS = (REQUEST_ID, TRACEPARENT, ROBOT)  # of every query, beside the options
 _METHOD = "GET"  # zenoh's word for a query
 CONTENT_ENCODING = "content_encoding"
 ACCEPT = "accept"
@@ -63,10 +63,11 @@ def read_query(
         The key that all replicas share, and the query.
 
     Raises:
-        FirstfixError: as ``Query.read``, and a parameter is given twice.
+        FirstfixError: as ``Query.read``, and a parameter is given twice, or the robot's name is malformed.
     """
     # Names that begin with an underscore are zenoh's own.
     parameters = single_values(list(query.parameters))
+    note_robot(parameters.get(ROBOT))
     options = {k: v for k, v in parameters.items() if not k.startswith("_") and k not in PARAMETERS}
     parts = str(query.key_expr).split("/")
     named = parts[1] if len(parts) > 1 else ""

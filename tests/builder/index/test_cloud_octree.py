@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.catalog.viewer_cloud import NO_NORMAL, POINT
 from firstfix.transform import make_transform, rotation_z
 from firstfix_builder.index import cloud_octree
-from firstfix_builder.index.cloud_octree import CELLS, LEAF_POINTS, NO_NORMAL, POINT, CloudOctree, octahedral
+from firstfix_builder.index.cloud_octree import CELLS, LEAF_POINTS, CloudOctree, octahedral
 
 
 def hall(count: int, seed: int = 1) -> np.ndarray:

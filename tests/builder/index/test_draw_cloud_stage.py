@@ -12,10 +12,10 @@ from scipy.spatial import KDTree
 
 from firstfix.builds.config import BuildConfig
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.catalog.viewer_cloud import NO_NORMAL, POINT
 from firstfix.engine.index import MAP_FILE
 from firstfix.transform import make_transform, rotation_angle_deg, transform_points
 from firstfix_builder.execution.stage_cache import StageResult
-from firstfix_builder.index.cloud_octree import NO_NORMAL, POINT
 from firstfix_builder.job.build_job import BuildResult
 from firstfix_builder.stage_results import IndexFiles, LevelMap
 from tests.builder.stages import stages_below

@@ -67,6 +67,7 @@ def test_a_version_says_what_it_was_made_of(catalog: Catalog, tmp_path: Path):
         "templates": 7,
         "found": 0.99,
         "localized": 0.9,
+        "false_accepts": None,
         "threshold": {"min_probability": 0.95, "max_false_accept": 0.005, "bound": 0.0027, "kept_by": "rate"},
     }
     summary = map_summary("hall", again.state("hall"))

@@ -13,6 +13,7 @@ from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.errors import DescriptorMismatch
+from firstfix.ids import check_robot_name
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
     from firstfix.scan.descriptor_parameters import DescriptorParameters
 
 
-# (body, media type, map ids, options) to the steps of a query.
-AskBody = Callable[[bytes, str, str, LocalizeOptions], Steps[Localization]]
+# (body, media type, map ids, options, name of the robot) to the steps of a query.
+AskBody = Callable[[bytes, str, str, LocalizeOptions, "str | None"], Steps[Localization]]
 ParametersOf = Callable[[str], "Steps[DescriptorParameters]"]
 
 
@@ -61,25 +62,27 @@ class LocalizeSteps:
         map_id: str,
         options: LocalizeOptions,
         form: BodyForm,
+        robot: str | None = None,
     ) -> Steps[Localization]:
         """Encode a scan and ask for its pose.
 
         Args:
             form: encoding and parameters of this query; the client's resolutions are used.
+            robot: its name, if it has one.
         """
         form = replace(self._form, encoding=form.encoding, parameters=form.parameters)
         if form.encoding != "descriptor" or form.parameters is not None or self._parameters_of is None:
-            return (yield from self._encode_and_ask(scan, map_id, options, form))
+            return (yield from self._encode_and_ask(scan, map_id, options, form, robot))
         known = map_id in self._known
         form = replace(form, parameters=(yield from self._looked_up(map_id)))
         try:
-            return (yield from self._encode_and_ask(scan, map_id, options, form))
+            return (yield from self._encode_and_ask(scan, map_id, options, form, robot))
         except DescriptorMismatch:
             if not known:
                 raise
             self._known.pop(map_id, None)  # another version has become active
         form = replace(form, parameters=(yield from self._looked_up(map_id)))
-        return (yield from self._encode_and_ask(scan, map_id, options, form))
+        return (yield from self._encode_and_ask(scan, map_id, options, form, robot))
 
     def _looked_up(self, map_id: str) -> Steps[DescriptorParameters]:
         found = self._known.get(map_id)
@@ -89,7 +92,12 @@ class LocalizeSteps:
         return found
 
     def _encode_and_ask(
-        self, scan: ScanLike | ScanSequence, map_id: str, options: LocalizeOptions, form: BodyForm
+        self,
+        scan: ScanLike | ScanSequence,
+        map_id: str,
+        options: LocalizeOptions,
+        form: BodyForm,
+        robot: str | None,
     ) -> Steps[Localization]:
         if not isinstance(scan, ScanSequence):
             given = scan
@@ -97,7 +105,7 @@ class LocalizeSteps:
         media_type, body = yield from work(lambda: encoded(scan, form, options.gravity))
         if isinstance(scan, Scan) and scan.dropped.points > len(scan):  # else they are not what is wrong
             options = replace(options, dropped=scan.dropped)
-        return (yield from self._ask(body, media_type, map_id, options))
+        return (yield from self._ask(body, media_type, map_id, options, robot))
 
 
 def ask_over_http(
@@ -106,16 +114,23 @@ def ask_over_http(
     media_type: str,
     map_id: str,
     options: LocalizeOptions,
+    robot: str | None = None,
     content_encoding: str | None = None,
     request_id: str | None = None,
 ) -> Steps[Localization]:
-    """Send an encoded query."""
+    """Send an encoded query.
+
+    Raises:
+        InvalidOption: the robot's name is malformed.
+    """
     params = {"map": map_id, **options.to_strings()}
     headers = {"Content-Type": media_type}
     if content_encoding:
         headers["Content-Encoding"] = content_encoding
     if request_id:
         headers["X-Request-Id"] = request_id
+    if robot is not None:
+        headers["X-Robot"] = check_robot_name(robot)
 
     def make(left_s: float) -> HttpRequest:
         query = {"deadline_ms": str(max(1, int(left_s * 1000))), **params}

@@ -15,7 +15,7 @@ from rclpy.node import Node
 
 from firstfix.errors import InvalidOption
 
-from ..robot.answerer import Answerer
+from ..robot.answerer import Answerer, of_robot
 from ..robot.cloud_types import CLOUD_TYPES
 from ..robot.config import GatewayConfig
 from ..robot.topics import REINITIALIZE, RELOCALIZE, Input, Output, Topics, full_name
@@ -126,7 +126,7 @@ class RclpyFleet:
         return RclpyRobot(
             self._node,
             _names(self._topics, namespace),
-            self._ask,
+            of_robot(self._ask, namespace),
             self._config,
             hardware_id=namespace or "/",
             log_line=log_line,

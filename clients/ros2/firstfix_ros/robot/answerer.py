@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
+from firstfix.ids import is_robot_name
 from firstfix.scan.scan import Scan
 
 
@@ -22,3 +24,27 @@ class Answerer(Protocol):
             FirstfixError, ConnectionError: no answer. The gateway reports it and tries again with a new scan.
         """
         ...
+
+
+Asking = TypeVar("Asking", bound=Callable[..., Localization])
+
+
+@runtime_checkable
+class NamesRobots(Protocol):
+    """Answerer that can tell a service which robot asks."""
+
+    def of_robot(self, name: str) -> Any:
+        """The answerer of one robot."""
+        ...
+
+
+def of_robot(ask: Asking, name: str) -> Asking:
+    """The answerer of one robot of a fleet, which names it where somebody else answers.
+
+    Args:
+        name: its namespace or serial number. One that a service would not take is left out.
+    """
+    if not isinstance(ask, NamesRobots) or not is_robot_name(name):
+        return ask
+    named: Asking = ask.of_robot(name)
+    return named

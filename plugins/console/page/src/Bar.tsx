@@ -19,7 +19,7 @@ export function Bar() {
         {mayBuild.value ? <Way path={["recorded-queries"]} name="Recorded queries" isHere={first === "recorded-queries"} /> : null}
         {mayBuild.value ? <Way path={["live"]} name="Live" isHere={first === "live"} /> : null}
         {mayAdminister.value && caller.value?.maps.includes("*") ? (
-          <Way path={["keys"]} name="Keys" isHere={first === "keys"} />
+          <Way path={["keys"]} name="API keys" isHere={first === "keys"} />
         ) : null}
         {isMap ? (
           <span class="crumbs">

@@ -64,6 +64,28 @@ def test_answers_come_in_order_with_their_poses(service: Service):
     assert [one["number"] for one in watched(service, 1, after=last, map_id="attic")] == [last + 3]
 
 
+def test_answers_have_the_names_that_robots_gave(service: Service):
+    wait_until(lambda: service.ask("http").ok)
+    last = watched(service, 1)[-1]["number"]
+    headers = {"Content-Type": XYZ, "X-Robot": "/hall/cart-07"}
+    assert service.http.post("/localize?map=hall", content=SCAN_BODY, headers=headers).is_success
+    assert service.ask_zenoh(options={"robot": "cart-12"}).ok
+    assert service.ask("http").ok
+    assert [one["robot"] for one in watched(service, 3, after=last)] == ["/hall/cart-07", "cart-12", ""]
+
+
+@pytest.mark.parametrize("name", ["a b", "x" * 65, "<img>", "-7", "\u00e9"])
+def test_a_malformed_name_is_refused_and_said(service: Service, name: str):
+    headers = {"Content-Type": XYZ, "X-Robot": name.encode("latin-1")}
+    answer = service.http.post("/localize?map=hall", content=SCAN_BODY, headers=headers)
+    assert answer.status_code == 400
+    assert answer.json()["code"] == "invalid_option"
+    assert "not a robot's name (1 to 64 of A-Z a-z 0-9 . _ : @ / -)" in answer.json()["detail"]
+    refused = service.ask_zenoh(options={"robot": name})
+    assert not refused.ok
+    assert b"not a robot's name" in refused.body
+
+
 def test_a_watcher_sees_only_its_maps(tmp_path: Path):
     with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as service:
         for number, map_id in enumerate(("hall", "attic")):
@@ -85,6 +107,7 @@ def test_a_watcher_sees_only_its_maps(tmp_path: Path):
         seen = watched(service, 1, hall)
         assert [one["answer"]["map_id"] for one in seen] == ["hall"]
         assert seen[0]["caller"].startswith("key:")
+        assert seen[0]["robot"] == "test", "the name of its key"
         assert service.http.get("/answers/events?map_id=attic", headers=hall).status_code == 403
         assert service.http.get("/answers/events", headers=robot).status_code == 403
 

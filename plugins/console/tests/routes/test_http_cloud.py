@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from firstfix.catalog.manifest import Manifest
-from firstfix_builder.index.cloud_octree import POINT, CloudOctree
+from firstfix.catalog.viewer_cloud import POINT
+from firstfix_builder.index.cloud_octree import CloudOctree
 from tests.service.service_world import Service
 
 

@@ -99,8 +99,19 @@ def test_each_replica_shows_the_answers_of_both(tmp_path: Path):
                 assert told["answer"]["map_id"] == "hall"
                 assert told["answer"]["T_map_sensor"]["position"][0] == 1
                 assert "hypotheses" not in told["answer"]
+                assert told["robot"] == ""
                 numbers = [one["number"] for one in watch.answers]
                 assert numbers == sorted(set(numbers))
+
+
+def test_the_name_of_a_robot_comes_from_the_other_replica(tmp_path: Path):
+    with two_replicas(tmp_path) as (first, second), watching(first) as watch:
+
+        def told() -> bool:
+            assert second.ask_zenoh(key="firstfix/hall/localize/r2", options={"robot": "cart-07"}).ok
+            return any(one["robot"] == "cart-07" for one in watch.of("r2"))
+
+        wait_until(told)
 
 
 def test_a_stream_about_one_map_has_no_other(tmp_path: Path):
@@ -131,6 +142,7 @@ def test_foreign_answers_displace_no_own_answers(service: Service):
         b"[" * 50_000,
         orjson.dumps([{**RECORD, "ms": "soon"}]),
         orjson.dumps([{**RECORD, "caller": "x" * 1000}]),
+        orjson.dumps([{**RECORD, "robot": "x" * 1000}]),
         orjson.dumps([RECORD] * (MAX_RECORDS + 1)),
         b'[{"time_s": NaN}]',
         b" " * MAX_BYTES + orjson.dumps([RECORD]),

@@ -9,7 +9,7 @@ from typing import Any
 
 from firstfix.errors import FirstfixError
 from firstfix.ros.rmw_zenoh import dds_type
-from firstfix_ros.robot.answerer import Answerer
+from firstfix_ros.robot.answerer import Answerer, of_robot
 from firstfix_ros.robot.cloud_types import CLOUD_TYPES
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
@@ -94,7 +94,13 @@ class DdsFleet:
 
         try:
             self.robots[namespace] = Robot(
-                self._participant, namespace, cloud_type, self._topics, self._ask, self._config, log_line
+                self._participant,
+                namespace,
+                cloud_type,
+                self._topics,
+                of_robot(self._ask, namespace),
+                self._config,
+                log_line,
             )
         except ConnectionError as error:  # strange names of one robot: the others go on
             log_line(str(error))

@@ -19,7 +19,7 @@ from firstfix.errors import InvalidOption
 from firstfix.ros.rmw_zenoh import Endpoint, dds_type, parse_token, publishers_pattern
 from firstfix.wire.endpoints import ENDPOINT_FORM, said_by_zenoh
 from firstfix_client.errors import ServiceUnreachable
-from firstfix_ros.robot.answerer import Answerer
+from firstfix_ros.robot.answerer import Answerer, of_robot
 from firstfix_ros.robot.cloud_types import CLOUD_TYPES
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
@@ -114,7 +114,7 @@ class RosGateway:
                 _TYPES[clouds.dds_type],
                 namespace,
                 self._topics,
-                self._ask,
+                of_robot(self._ask, namespace),
                 self._config,
                 log_line,
             )

@@ -19,6 +19,7 @@ from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.telemetry.redact import redact
 from firstfix_cli.answerer import Answerer
+from firstfix_ros.robot.answerer import of_robot
 
 from .fleets_file import FleetEntry
 from .http_scan import MAX_SCAN_BYTES, fetch_scan
@@ -228,7 +229,7 @@ class FixSeeker:
             try:
                 scan = _decoded(*take())
                 has_scan = True
-                result = _asked(fleet, scan)
+                result = _asked(fleet, seek[0], scan)
             except (FirstfixError, ConnectionError) as error:
                 result = NoFix(redact(str(error))[:300])
             except Exception as error:  # a defect must not leave the vehicle without an outcome
@@ -245,6 +246,7 @@ def _decoded(body: bytes, media_type: str) -> Scan | ScanSequence:
     return scan
 
 
-def _asked(fleet: Fleet, scan: Scan | ScanSequence) -> PlanarFix | NoFix:
-    answer = fleet.ask(scan, LocalizeOptions(T_base_sensor=fleet.entry.mounting))
+def _asked(fleet: Fleet, vehicle: VehicleName, scan: Scan | ScanSequence) -> PlanarFix | NoFix:
+    ask = of_robot(fleet.ask, f"{vehicle.manufacturer}/{vehicle.serial}")
+    answer = ask(scan, LocalizeOptions(T_base_sensor=fleet.entry.mounting))
     return planar_fix(answer, fleet.entry.max_tilt_deg)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx
 import numpy as np
 import pytest
 
@@ -66,6 +68,10 @@ def test_a_robot_is_found_where_it_stands(
             error_m, error_deg = pose_error(T_map_lidar @ inverse(T_BASE_LIDAR), T_map_base)
             assert error_m < 0.2, number
             assert error_deg < 2.0, number
+        with httpx.stream("GET", f"{service.url}/answers/events", timeout=LIMIT_S) as told:
+            seen = (line for line in told.iter_lines() if '"answer":' in line)
+            robots = {json.loads(next(seen).removeprefix("data: "))["robot"] for _ in range(len(answers) + 1)}
+        assert robots == {"", "/robot1"}, "the namespace names the robot to those who watch"
     finally:
         robot.stop()
         gateway.terminate()

@@ -27,6 +27,7 @@ from ...query_workers.query import (
     single_values,
     split_map_ids,
 )
+from ...telemetry.request_scope import note_robot
 from ...thread_pools import READS
 from ..edge import caller_of, needs
 from ..gone import cancel_when_gone
@@ -61,6 +62,12 @@ _OPTION_TEXT = {
 }
 
 
+_ROBOT_TEXT = (
+    "name of the robot, for people who watch answers and for the log: up to 64 of `A-Z a-z 0-9 . _ : @ / -`. "
+    "Of robots that share a key or an address"
+)
+
+
 def _openapi() -> dict[str, Any]:
     """The operation's parameters: the core parses the options, so FastAPI cannot derive them."""
     names = [MAP_PARAMETER, *LocalizeOptions.__dataclass_fields__, *PARAMETERS]
@@ -80,6 +87,15 @@ def _openapi() -> dict[str, Any]:
                 "schema": {"type": "string"},
             }
             for name in names
+        ]
+        + [
+            {
+                "name": "X-Robot",
+                "in": "header",
+                "required": False,
+                "description": _ROBOT_TEXT,
+                "schema": {"type": "string"},
+            }
         ],
         **binary_body(MEDIA_TYPES),
     }
@@ -142,6 +158,7 @@ async def _localize(
 ) -> tuple[EncodedAnswer, bytes, str]:
     """The answer, its bytes and their media type."""
     headers = dict(reversed(request.scope["headers"]))  # of several, the first counts
+    note_robot(headers.get(b"x-robot", b"").decode("latin-1"))
     texts = (
         request.scope["query_string"],
         headers.get(b"accept", b""),

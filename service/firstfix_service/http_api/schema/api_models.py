@@ -33,6 +33,9 @@ class VersionNumbers(BaseModel):
     templates: int | None = None
     found: float | None = Field(None, description="share of the self-test's scans whose place was found")
     localized: float | None = Field(None, description="share of the self-test's scans that were localized")
+    false_accepts: int | None = Field(
+        None, description="number of the self-test's answers that were localized and wrong"
+    )
     threshold: Threshold | None = None
 
 
@@ -72,7 +75,8 @@ class MapSummary(BaseModel):
     map_id: str
     active_version: str | None = Field(description="version that answers; null: every version is retired")
     published_time: str | None = Field(None, description="of the active version: UTC, ISO 8601")
-    summary: VersionNumbers = Field(default_factory=VersionNumbers, description="of the active version")
+    provisional: bool = Field(False, description="the active version is coarse and untested")
+    summary: VersionNumbers = Field(description="of the active version")
 
 
 class MapPage(BaseModel):
@@ -112,8 +116,8 @@ class VersionSummary(BaseModel):
     provisional: bool = Field(
         False, description="coarse and untested: served until the build's full version takes its place"
     )
-    provenance: Provenance = Field(default_factory=Provenance)
-    summary: VersionNumbers = Field(default_factory=VersionNumbers)
+    provenance: Provenance
+    summary: VersionNumbers
 
 
 class VersionPage(BaseModel):

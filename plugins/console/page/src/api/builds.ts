@@ -15,6 +15,11 @@ export function lastBuilds(limit: number, map_id?: string) {
   return said(api.GET("/builds", { params: { query: { limit, map_id } } }));
 }
 
+/** One build, with its stages once it has ended, and what it was made of. */
+export function buildDetails(build_id: string, signal?: AbortSignal) {
+  return said(api.GET("/builds/{build_id}", { params: { path: { build_id } }, signal }));
+}
+
 /** Begins a build from files that were uploaded. */
 export function beginBuild(map_id: string, source: string, trajectory: string | null, config: BuildOptions) {
   return said(

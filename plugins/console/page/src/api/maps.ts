@@ -39,13 +39,28 @@ export function versionReport(map_id: string, version: string, signal?: AbortSig
   return said(api.GET("/maps/{map_id}/versions/{version}/report", { params: { path: { map_id, version } }, signal }));
 }
 
-/** The picture that the build of a version made of its map. */
-export function versionPreview(map_id: string, version: string, signal?: AbortSignal) {
+/** A small picture of a version's map from above. */
+export function thumbnail(map_id: string, version: string, signal?: AbortSignal) {
   return said(
-    api.GET("/maps/{map_id}/versions/{version}/preview", {
+    api.GET("/maps/{map_id}/versions/{version}/thumbnail", {
       params: { path: { map_id, version } },
       parseAs: "blob",
       signal,
+    }),
+  );
+}
+
+/** The files for viewers that the service writes. */
+export function viewerFormats(signal?: AbortSignal) {
+  return said(api.GET("/viewer-formats", { signal }));
+}
+
+/** A version's map with the newest recorded queries, for Foxglove, RViz or rerun. */
+export function viewerFile(map_id: string, version: string, format: Schemas["ViewerFormat"]["format"], queries: number) {
+  return said(
+    api.GET("/maps/{map_id}/versions/{version}/viewer-file", {
+      params: { path: { map_id, version }, query: { format, queries } },
+      parseAs: "blob",
     }),
   );
 }

@@ -27,6 +27,13 @@ export async function localize({ type, encoding, body }: ScanBody, query: Locali
   return answer;
 }
 
+/** What the service understands of a scan, without asking a map. */
+export function scanReport({ type, encoding, body }: ScanBody, signal?: AbortSignal) {
+  const headers: Record<string, string> = { "Content-Type": type };
+  if (encoding) headers["Content-Encoding"] = encoding;
+  return said(api.POST("/scan-report", { body: "", bodySerializer: () => body, fetch: asRead, headers, signal }));
+}
+
 /** The points of a scan at a pose, with what the map says about each, packed. */
 export async function overlayPoints(
   map_id: string,
@@ -57,6 +64,12 @@ export function answerEvents(query: EventsQuery, signal?: AbortSignal) {
 /** How many queries of each map were answered lately, by the replica that gives the page. */
 export function answerCounts(signal?: AbortSignal) {
   return said(api.GET("/answers/counts", { signal }));
+}
+
+/** The map that the replica answered about last; "": it answered none since it started. */
+export async function lastAskedMap(signal?: AbortSignal): Promise<string> {
+  const { maps } = await answerCounts(signal);
+  return maps.reduce((last, one) => (one.last_time > last.last_time ? one : last), { map_id: "", last_time: "" }).map_id;
 }
 
 export function recordedPage(query: RecordedFilter, signal?: AbortSignal) {

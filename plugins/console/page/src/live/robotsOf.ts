@@ -2,12 +2,13 @@
 
 import type { Fix } from "./seconds";
 
-export const SILENT_S = 60; // without a question from a robot that asked before
+export const SILENT_S = 60; // without a question from a robot that was not localized
 export const MIN_LOCALIZED = 0.8; // share of a robot's answers
 const MIN_ANSWERS = 5; // before a share says something
 
 export interface Robot {
-  name: string; // of the caller
+  name: string; // of the robot, else of the caller
+  caller: string; // who asks for it
   last: Fix;
   lastFix: Fix | null; // the last answer with a pose
   answers: number;
@@ -18,9 +19,11 @@ export interface Robot {
 export function robotsOf(fixes: readonly Fix[]): Robot[] {
   const found = new Map<string, Robot>();
   for (const fix of fixes) {
-    const before = found.get(fix.caller);
-    found.set(fix.caller, {
-      name: fix.caller,
+    const key = `${fix.caller} ${fix.robot}`; // two gateways may have a robot of one name each
+    const before = found.get(key);
+    found.set(key, {
+      name: nameOf(fix),
+      caller: fix.caller,
       last: fix,
       lastFix: fix.answer.T_map_sensor ? fix : (before?.lastFix ?? null),
       answers: (before?.answers ?? 0) + 1,
@@ -28,6 +31,11 @@ export function robotsOf(fixes: readonly Fix[]): Robot[] {
     });
   }
   return [...found.values()].sort((a, b) => b.last.time_s - a.last.time_s);
+}
+
+/** What people call the robot that an answer was for. */
+export function nameOf({ robot, caller }: Fix): string {
+  return robot || caller;
 }
 
 export interface Alert {
@@ -45,8 +53,9 @@ export function alertsOf(robots: readonly Robot[], now_s: number): Alert[] {
       found.push({ id: `localized:${robot.name}`, text });
     }
     const silent_s = now_s - robot.last.time_s;
-    if (silent_s > SILENT_S) {
-      const text = `${robot.name} has not asked for ${ageText(silent_s)}. See whether it is on and reaches the service.`;
+    if (silent_s > SILENT_S && robot.last.answer.verdict !== "localized") {
+      // one that is localized rests: it asks again when it is lost
+      const text = `${robot.name} was not localized, and has not asked for ${ageText(silent_s)}. See whether it is on and reaches the service.`;
       found.push({ id: `silent:${robot.name}`, text });
     }
     return found;

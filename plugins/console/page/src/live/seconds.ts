@@ -7,6 +7,7 @@ export interface Fix {
   replica: string;
   time_s: number;
   caller: string;
+  robot: string; // as it was named by itself, its gateway or its key; "": nobody named it
   transport: string;
   ms: number;
   answer: Pick<Schemas["Answer"], "verdict" | "probability" | "T_map_sensor"> & Partial<Pick<Schemas["Answer"], "fix_id">>; // of other replicas not much more

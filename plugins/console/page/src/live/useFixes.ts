@@ -65,5 +65,5 @@ export function useFixes(map: string): FixesState {
 
 /** Whether both tell of one answer: after a break it may come once more, with another number. */
 function isSame(a: Fix, b: Fix): boolean {
-  return a.time_s === b.time_s && a.replica === b.replica && a.caller === b.caller;
+  return a.time_s === b.time_s && a.replica === b.replica && a.caller === b.caller && a.robot === b.robot;
 }

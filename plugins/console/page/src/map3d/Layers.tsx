@@ -2,12 +2,13 @@
 
 import type { Signal } from "@preact/signals";
 import { mayBuild } from "../access/session";
-import type { Colouring } from "./material";
+import { type Colouring, SIZES_PX } from "./material";
 import type { Storey } from "./storeys";
 
-export type LayerName = "trajectory" | "templates" | "localizability" | "aliases" | "changes" | "recorded";
+export type LayerName = "grid" | "trajectory" | "templates" | "localizability" | "aliases" | "changes" | "recorded";
 
 const LAYERS: Record<LayerName, string> = {
+  grid: "Grid on the floor",
   trajectory: "Mapping run",
   templates: "Templates",
   localizability: "Where a robot finds itself",
@@ -17,6 +18,7 @@ const LAYERS: Record<LayerName, string> = {
 };
 export const LAYER_NAMES = Object.keys(LAYERS) as LayerName[];
 const NOTHING: Record<LayerName, string> = {
+  grid: "",
   trajectory: "this version was built without one",
   templates: "this version has none",
   localizability: "this version has no self-test",
@@ -28,15 +30,17 @@ const COLOURS: Record<Colouring, string> = { height: "Height above the floor", s
 
 export interface LayersProps {
   colouring: Signal<Colouring>;
+  largestPx: Signal<number>; // of a point that is near
   layers: Signal<LayerName[]>;
   empty: LayerName[]; // those that are on and have nothing to show
+  gridM: number | null; // between the lines of the grid
   storeys: Storey[];
   storey: Signal<string>;
   whole: () => void;
   above: () => void;
 }
 
-export function Layers({ colouring, layers, empty, storeys, storey, whole, above }: LayersProps) {
+export function Layers({ colouring, largestPx, layers, empty, gridM, storeys, storey, whole, above }: LayersProps) {
   const toggle = (name: LayerName) => {
     const on = layers.value.includes(name);
     layers.value = on ? layers.value.filter((one) => one !== name) : [...layers.value, name];
@@ -62,6 +66,17 @@ export function Layers({ colouring, layers, empty, storeys, storey, whole, above
           ))}
         </select>
       </label>
+      {layers.value.includes("localizability") ? <small>The points are grey while the places are coloured.</small> : null}
+      <label>
+        Point size, at most {largestPx.value} px
+        <input
+          type="range"
+          min={SIZES_PX[0]}
+          max={SIZES_PX[1]}
+          value={largestPx.value}
+          onInput={(event) => (largestPx.value = Number(event.currentTarget.value))}
+        />
+      </label>
       {storeys.length > 1 ? (
         <label>
           Storeys shown
@@ -80,6 +95,7 @@ export function Layers({ colouring, layers, empty, storeys, storey, whole, above
         <label class="check" key={name}>
           <input type="checkbox" checked={layers.value.includes(name)} onChange={() => toggle(name)} />
           {LAYERS[name]}
+          {name === "grid" && gridM ? <small>a line each {gridM} m</small> : null}
           {empty.includes(name) ? <small role="status">{NOTHING[name]}</small> : null}
         </label>
       ))}

@@ -16,11 +16,14 @@ import { Scale } from "./Scale";
 import { MapScene } from "./scene";
 import { heightsOf, type Storey, storeysOf } from "./storeys";
 
+type Position = [number, number, number];
+const MOUSE_RESTS_MS = 60; // before the point below it is sought
+
 export interface CanvasProps {
   map: string;
   version: string;
   ready: (scene: MapScene | null, cloud: Cloud | null, storeys: Storey[]) => void;
-  clicked?: (position: [number, number, number]) => void;
+  clicked?: (position: Position) => void;
   /** A click at a place of the window, before it is taken for one on the cloud. True: it was on something else. */
   clickedAt?: (clientX: number, clientY: number) => boolean;
 }
@@ -32,6 +35,7 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
   const orientation = useSignal<Orientation | null>(null);
   const isByHeight = useSignal(false);
   const isAsked = useSignal(false); // for the list of keys
+  const under = useSignal<Position | null>(null); // the mouse
   const problem = useSignal<unknown>(null);
   const opened = useLoaded((signal) => open(map, version, signal), [map, version]);
   const cloud = opened.value?.cloud;
@@ -68,11 +72,13 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
       const position = scene.pick(event.clientX, event.clientY);
       if (position) click.current(position);
     };
+    const unwatch = watchMouse(canvas, (x, y) => (under.value = x === null ? null : scene.pick(x, y)));
     canvas.addEventListener("pointerdown", down);
     canvas.addEventListener("pointerup", up);
     showStorey(scene, cloud, opened.value.storeys, null);
     ready(scene, cloud, opened.value.storeys);
     return () => {
+      unwatch();
       ready(null, null, []);
       scene.dispose();
     };
@@ -93,6 +99,7 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
         <div class="shown">
           {isByHeight.value ? <HeightLegend high={opened.value!.floor.high} /> : null}
           {orientation.value ? <Scale orientation={orientation.value} /> : null}
+          {under.value ? <p class="under-mouse">{under.value.map((m) => m.toFixed(2)).join(", ")} m</p> : null}
           <p>
             {count(shown.value)} of {count(cloud.index.points)} points
           </p>
@@ -101,6 +108,26 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
       {cloud ? <Keys isAsked={isAsked} /> : null}
     </div>
   );
+}
+
+/** Says where the mouse has come to rest over the canvas; null: it has left. Returns what ends it. */
+function watchMouse(canvas: HTMLCanvasElement, rests: (x: number | null, y: number) => void): () => void {
+  let timer = 0;
+  const moved = ({ buttons, clientX, clientY }: PointerEvent) => {
+    clearTimeout(timer);
+    if (!buttons) timer = window.setTimeout(() => rests(clientX, clientY), MOUSE_RESTS_MS);
+  };
+  const left = () => {
+    clearTimeout(timer);
+    rests(null, 0);
+  };
+  canvas.addEventListener("pointermove", moved);
+  canvas.addEventListener("pointerleave", left);
+  return () => {
+    clearTimeout(timer);
+    canvas.removeEventListener("pointermove", moved);
+    canvas.removeEventListener("pointerleave", left);
+  };
 }
 
 /** Draws one storey, or all of them without the uppermost ceiling. */

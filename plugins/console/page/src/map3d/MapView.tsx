@@ -12,6 +12,7 @@ import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
 import { ChangesPanel } from "./ChangesPanel";
 import type { Cloud } from "./cloud";
+import { gridStep } from "./gridStep";
 import { HeatLegend } from "./HeatLegend";
 import { Layers } from "./Layers";
 import { changeMarks } from "./layerMarks";
@@ -23,6 +24,7 @@ import { MapVersions } from "./MapVersions";
 import { Quality } from "./Quality";
 import type { MapScene } from "./scene";
 import { ShareLink } from "./ShareLink";
+import { ViewerFiles } from "./ViewerFiles";
 import { chosen } from "./spotMarks";
 import { SpotPanel } from "./SpotPanel";
 import type { SpotCell } from "./spots";
@@ -40,7 +42,7 @@ export function MapView({ map }: { map: string }) {
   const scene = useRef<MapScene | null>(null);
   const cloud = useRef<Cloud | null>(null);
   const isReady = useSignal(0);
-  const { colouring, layers, storey } = useMapState(scene, isReady.value);
+  const { colouring, largestPx, layers, storey } = useMapState(scene, isReady.value);
   const storeys = useSignal<Storey[]>([]);
   const measuring = useSignal(false);
   const measure = useRef<Measure | null>(null);
@@ -68,9 +70,10 @@ export function MapView({ map }: { map: string }) {
   useEffect(() => {
     const here = scene.current;
     if (!here) return;
-    here.material.colouring = colouring.value;
+    here.material.colouring = isHeated ? "plain" : colouring.value; // over a rainbow no heat could be read
+    here.material.largestPx = largestPx.value;
     showStorey(here, cloud.current!, storeys.value, storeys.value[Number(storey.value) - 1] ?? null);
-  }, [isReady.value, colouring.value, storey.value]);
+  }, [isReady.value, isHeated, colouring.value, largestPx.value, storey.value]);
 
   const empty = useLayerMarks(map, scene, cloud, isReady.value, version, layers.value, grid.load, problem);
 
@@ -133,8 +136,10 @@ export function MapView({ map }: { map: string }) {
         />
         <Layers
           colouring={colouring}
+          largestPx={largestPx}
           layers={layers}
           empty={empty}
+          gridM={layers.value.includes("grid") && scene.current ? gridStep(scene.current.bulk) : null}
           storeys={storeys.value}
           storey={storey}
           whole={() => scene.current?.lookAtAll()}
@@ -154,6 +159,7 @@ export function MapView({ map }: { map: string }) {
         />
         {mayBuild.value ? <MapQueries map={map} /> : null}
         <ShareLink version={version} />
+        <ViewerFiles map={map} version={version} />
         <MeasureTool measuring={measuring} length={length} clear={() => measure.current?.clear()} />
         {problem.value ? <ErrorText error={problem.value} /> : null}
       </aside>

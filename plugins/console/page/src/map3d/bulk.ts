@@ -6,7 +6,7 @@ import type { Cloud, CloudNode } from "./cloud";
 type Triple = [number, number, number];
 export type Box = [Triple, Triple]; // low and high corner, metres from the cloud's low corner
 
-const STRAY_SHARE = 0.005; // of the points, on each side
+const STRAY_SHARE = 0.02; // of the points, on each side: an end wall has more
 const POINT_BYTES = 8;
 
 /** `root` holds the points of the cloud's root, `templates` (x, y, z) of its templates: where robots stand is no stray. */

@@ -7,6 +7,7 @@ import { answerOf, placeIn } from "../recorded/place";
 import { token } from "../ui/token";
 import { colourOf } from "../ui/verdict";
 import { type Cloud, mark } from "./cloud";
+import { gridMark } from "./gridMark";
 import type { LayerName } from "./Layers";
 import { cellsMark, dotsMark, onTop, pathMark } from "./marks";
 import type { MapScene } from "./scene";
@@ -33,6 +34,7 @@ export async function layerOf(
     return tested.cells.length ? squares(scene, tested) : null;
   }
   if (name === "recorded") return recordedMarks(map, scene, signal);
+  if (name === "grid") return gridMark(scene.bulk, scene.origin);
   const positions = await mark(cloud, name, signal);
   if (!positions.length) return null;
   return name === "templates" ? dotsMark(positions, token("mark-template"), 2) : pathMark(positions, token("mark-path"));

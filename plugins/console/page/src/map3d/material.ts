@@ -8,12 +8,16 @@ export type Colouring = "height" | "storey" | "normal" | "plain";
 const MODES: Record<Colouring, number> = { height: 0, normal: 1, plain: 2, storey: 3 };
 export const COLOURINGS = Object.keys(MODES) as Colouring[];
 const OVERLAP = 1.1; // of a point over the gap to the next
+const SMALLEST_PX = 1.6;
+export const LARGEST_PX = 5; // of a point that is near, unless somebody asks for others
+export const SIZES_PX = [2, 14] as const; // smallest and largest of that choice
 const MAX_STOREYS = 32; // further ones have the colour of the last
 
 const VERTEX = `
   in vec2 bend;
   uniform int mode;
-  uniform float size, ratio, edge, high;
+  uniform float size, ratio, edge, high, largest;
+  uniform int storeys;
   uniform vec2 slice;
   uniform highp sampler2D ground; // the floor's grid: one of each storey, above each other
   uniform vec3 plain;
@@ -36,7 +40,7 @@ const VERTEX = `
 
   float storeyOf(float z) {
     float storey = 0.0;
-    for (int i = 1; i < ${MAX_STOREYS}; i++) storey += step(floors[i], z);
+    for (int i = 1; i < storeys; i++) storey += step(floors[i], z);
     return storey;
   }
 
@@ -68,7 +72,7 @@ const VERTEX = `
     vec4 seen = viewMatrix * at;
     gl_Position = projectionMatrix * seen;
     if (at.z < slice.x || at.z > slice.y) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
-    gl_PointSize = clamp(size * ratio / -seen.z, 1.6, 14.0);
+    gl_PointSize = clamp(size * ratio / -seen.z, ${SMALLEST_PX}, largest);
     bool known = bend.x > -0.9999 || bend.y > -0.9999; // (-128, -128): no normal
     float light = known ? 0.75 + 0.25 * abs(dot(unfolded(bend), normalize(vec3(0.3, 0.5, 0.8)))) : 0.9;
     if (mode == 0) tint = turbo((at.z - floorAt(at.xyz)) / high) * light;
@@ -105,6 +109,8 @@ export class PointMaterial extends ShaderMaterial {
         slice: { value: new Vector2(-1e9, 1e9) },
         plain: { value: new Color(token("points-plain")) },
         floors: { value: new Array<number>(MAX_STOREYS).fill(1e9) },
+        storeys: { value: 1 },
+        largest: { value: LARGEST_PX },
       },
     });
   }
@@ -128,6 +134,7 @@ export class PointMaterial extends ShaderMaterial {
   /** z at which each storey begins, from below. */
   set floors(z: number[]) {
     this.uniforms.floors!.value = Array.from({ length: MAX_STOREYS }, (_, i) => z[i] ?? 1e9);
+    this.uniforms.storeys!.value = Math.min(z.length, MAX_STOREYS);
   }
 
   /** Lowest and highest z that is drawn. */
@@ -142,6 +149,11 @@ export class PointMaterial extends ShaderMaterial {
   /** Height of the picture in pixels over twice the tangent of half the angle of view. */
   set pixelsPerTangent(ratio: number) {
     this.uniforms.ratio!.value = ratio;
+  }
+
+  /** Pixels that a point has at most, however near it is. */
+  set largestPx(px: number) {
+    this.uniforms.largest!.value = px;
   }
 
   /** Metres between the points that are drawn next. */

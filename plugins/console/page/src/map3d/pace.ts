@@ -1,8 +1,8 @@
 // How many points a frame draws: all at rest, and while the camera moves as many as the machine draws fast enough.
 
 export const MIN_POINTS = 40_000;
-const SLOW_MS = 66; // a frame that took longer: fewer points
-const QUICK_MS = 25; // one that took less: more of them
+const SLOW_MS = 33; // a frame that took longer: fewer points, for 30 frames a second
+const QUICK_MS = 20; // one that took less: more of them
 const GROWTH = 1.3;
 
 export class Pace {

@@ -1,6 +1,6 @@
 // What is drawn at a place of the picture.
 
-import { Matrix4, type PerspectiveCamera, type Points, Vector3 } from "three";
+import { Box3, Matrix4, type PerspectiveCamera, type Points, Ray, Vector3 } from "three";
 
 export interface Picture {
   camera: PerspectiveCamera;
@@ -23,7 +23,9 @@ export function pointAt(
   const at = new Vector3();
   let best: Vector3 | null = null;
   let bestCost = Infinity;
+  const mayHold = nearTheRay(camera, box, px, py, withinPx);
   for (const object of drawn) {
+    if (!mayHold(object)) continue;
     project.multiplyMatrices(whole, object.matrixWorld);
     const packed = object.geometry.getAttribute("position");
     for (let i = 0; i < packed.count; i++) {
@@ -42,6 +44,27 @@ export function pointAt(
     }
   }
   return best;
+}
+
+/** Whether a node's cube is within some pixels of a place of the picture: the points of all others need no look. */
+function nearTheRay(
+  camera: PerspectiveCamera,
+  box: DOMRect,
+  px: number,
+  py: number,
+  withinPx: number,
+): (object: Points) => boolean {
+  const eye = camera.getWorldPosition(new Vector3());
+  const there = new Vector3((2 * px) / box.width - 1, 1 - (2 * py) / box.height, 0.5).unproject(camera);
+  const ray = new Ray(eye, there.sub(eye).normalize());
+  const metresAside = (withinPx * 2 * Math.tan((camera.fov * Math.PI) / 360)) / box.height; // a metre away
+  const cube = new Box3();
+  return ({ position, scale }) => {
+    cube.min.copy(position);
+    cube.max.copy(position).addScalar(scale.x);
+    const farthest = cube.distanceToPoint(eye) + 2 * scale.x;
+    return ray.intersectsBox(cube.expandByScalar(metresAside * farthest));
+  };
 }
 
 /** Which of some positions of the scene is drawn nearest to a place of the window, within some pixels; -1: none. */

@@ -40,7 +40,7 @@ export class MapScene {
   /** `bulk` is the part of the map that is framed. */
   constructor(
     private readonly cloud: Cloud,
-    private readonly bulk: Box,
+    readonly bulk: Box,
     private readonly element: HTMLElement,
   ) {
     this.points = new DrawnPoints(cloud, () => this.redraw(), (error) => this.failed(error));
@@ -158,6 +158,11 @@ export class MapScene {
     clear(this.overlay);
     this.renderer.dispose();
     this.canvas.remove();
+  }
+
+  /** The low corner of the cloud in the map's frame: what the scene counts from. */
+  get origin(): [number, number, number] {
+    return this.cloud.index.low_m;
   }
 
   private act(action: KeyAction): void {

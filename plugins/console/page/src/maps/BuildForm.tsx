@@ -7,13 +7,14 @@ import { Dialog } from "../ui/Dialog";
 import { ErrorText } from "../ui/ErrorText";
 import { Progress } from "../ui/Progress";
 import { BuildFiles } from "./BuildFiles";
+import type { ActiveMap } from "./buildRecords";
 import { folderOf, type MapFile } from "./files";
 import { type SensorConfig, SensorFields } from "./SensorFields";
 import { handIn } from "./handIn";
 
 export interface BuildFormProps {
   named: string; // the map that gets a new version; "": a new map
-  maps: Schemas["MapSummary"][]; // those that are there
+  maps: ActiveMap[]; // those that are there
   close: () => void;
 }
 
@@ -124,7 +125,7 @@ export function BuildForm({ named, maps, close }: BuildFormProps) {
 }
 
 /** A name that no map has yet: a file's name must not replace a map that robots use. */
-function freeId(fileName: string, maps: Schemas["MapSummary"][]): string {
+function freeId(fileName: string, maps: ActiveMap[]): string {
   const wanted = fileName
     .toLowerCase()
     .replace(/\.[a-z0-9]+$/, "")

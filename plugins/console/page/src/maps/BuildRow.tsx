@@ -9,9 +9,11 @@ import { link } from "../router";
 import { Confirm } from "../ui/Confirm";
 import { ErrorText } from "../ui/ErrorText";
 import { Progress } from "../ui/Progress";
-import { age, duration } from "../ui/text";
+import { age, duration, moment } from "../ui/text";
 import { begunAt, hide, isGoing, isHeldBack, patchOf, timesOf } from "./buildRecords";
 import { remedyOf } from "./remedy";
+import { EndedStages, GoingStages } from "./Stages";
+import { seenWith, type SeenStage, timesOfStages } from "./stageTimes";
 
 type Build = Schemas["Build"];
 
@@ -25,12 +27,14 @@ export interface BuildRowProps {
 export function BuildRow({ build, isNamed, done, again }: BuildRowProps) {
   const now = useSignal(build);
   const isAsked = useSignal(false);
+  const seen = useSignal<SeenStage[]>(seenWith([], build, Date.now()));
   useEffect(() => {
     if (!isGoing(build)) return;
     const stop = new AbortController();
     const take = (told: Build, isEnd: boolean) => {
       const isServed = told.provisional_version !== now.value.provisional_version;
       now.value = told;
+      seen.value = seenWith(seen.value, told, Date.now());
       if (isServed || isEnd) done();
       if (isEnd) stop.abort();
     };
@@ -55,6 +59,7 @@ export function BuildRow({ build, isNamed, done, again }: BuildRowProps) {
         <>
           <Going build={now.value} />
           <button onClick={() => (isAsked.value = true)}>Cancel</button>
+          <GoingStages times={timesOfStages(seen.value, Date.now())} />
         </>
       )}
       {isAsked.value ? (
@@ -100,8 +105,9 @@ function Failed({ build, again }: { build: Build; again: () => void }) {
         <ErrorText error={new Error(build.error?.detail ?? "The build failed.")} />
         <small>
           {remedyOf(build.error?.code ?? "")} {stage ? `Failed at: ${stage}. ` : ""}
-          {begun ? `Handed in ${age(begun)}.` : ""}
+          {begun ? `Handed in ${age(begun)}, ${moment(begun)}.` : ""}
         </small>
+        <EndedStages build={build.build_id} />
       </div>
       <button onClick={again}>Try again</button>
       <button onClick={() => hide(build.build_id)}>Hide</button>
@@ -119,6 +125,7 @@ function HeldBack({ build }: { build: Build }) {
             {one.text} <small>{one.remedy}</small>
           </p>
         ))}
+        <EndedStages build={build.build_id} />
       </div>
       {patch ? <a href={patchAddress(build.map_id, patch)}>Before and after</a> : null}
       <a href={link(["maps", build.map_id, "versions"])}>Versions</a>

@@ -6,7 +6,8 @@ import { lastBuilds } from "../api/builds";
 import type { Schemas } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
 import { BuildRow } from "./BuildRow";
-import { hasFailed, hidden, isGoing, isHeldBack } from "./buildRecords";
+import { EarlierBuilds } from "./EarlierBuilds";
+import { type ActiveMap, hasFailed, hidden, isGoing, isHeldBack } from "./buildRecords";
 
 type Build = Schemas["Build"];
 const LOOK_MS = 3000;
@@ -15,7 +16,7 @@ const SHOWN = 10;
 
 export interface BuildsProps {
   map?: string; // alone; undefined: of all
-  maps: Schemas["MapSummary"][]; // with their active versions
+  maps: ActiveMap[]; // with their active versions
   done: () => void;
   again: (map: string) => void; // begins another build of the map
 }
@@ -47,21 +48,26 @@ export function Builds({ map, maps, done, again }: BuildsProps) {
     (one) => !hidden.value.includes(one.build_id) && (isGoing(one) || hasFailed(one) || isHeldBack(one, maps)),
   );
   if (problem.value) return <ErrorText error={problem.value} />;
-  if (!shown.length) return null;
+  if (!builds.value.length) return null;
   return (
     <section aria-label="Builds">
-      <h2>Builds</h2>
-      <ul class="builds">
-        {shown.slice(0, SHOWN).map((one) => (
-          <BuildRow
-            key={one.build_id}
-            build={one}
-            isNamed={map === undefined}
-            done={done}
-            again={() => again(one.map_id)}
-          />
-        ))}
-      </ul>
+      {shown.length ? (
+        <>
+          <h2>Builds</h2>
+          <ul class="builds">
+            {shown.slice(0, SHOWN).map((one) => (
+              <BuildRow
+                key={one.build_id}
+                build={one}
+                isNamed={map === undefined}
+                done={done}
+                again={() => again(one.map_id)}
+              />
+            ))}
+          </ul>
+        </>
+      ) : null}
+      <EarlierBuilds builds={builds.value.filter((one) => !isGoing(one) && !shown.includes(one))} isNamed={map === undefined} />
     </section>
   );
 }

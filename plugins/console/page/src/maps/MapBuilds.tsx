@@ -1,8 +1,8 @@
 import { useSignal } from "@preact/signals";
 import { mayBuild } from "../access/session";
-import type { Schemas } from "../api/client";
 import { BuildForm } from "./BuildForm";
 import { Builds } from "./Builds";
+import type { ActiveMap } from "./buildRecords";
 
 export interface MapBuildsProps {
   map: string;
@@ -14,7 +14,7 @@ export interface MapBuildsProps {
 export function MapBuilds({ map, active, done }: MapBuildsProps) {
   const isTriedAgain = useSignal(false);
   if (!mayBuild.value) return null;
-  const maps: Schemas["MapSummary"][] = active ? [{ map_id: map, active_version: active }] : [];
+  const maps: ActiveMap[] = active ? [{ map_id: map, active_version: active }] : [];
   return (
     <>
       <Builds map={map} maps={maps} done={done} again={() => (isTriedAgain.value = true)} />

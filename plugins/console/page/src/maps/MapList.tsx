@@ -5,26 +5,42 @@ import { mayBuild } from "../access/session";
 import { mapPage } from "../api/maps";
 import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
+import { SortHead } from "../ui/SortHead";
 import { usePolled } from "../ui/usePolled";
 import { useAnswerCounts } from "./answerCounts";
 import { BuildForm } from "./BuildForm";
 import { Builds } from "./Builds";
 import { DeleteMap } from "./DeleteMap";
-import type { Manifest } from "./manifest";
 import { MapRow } from "./MapRow";
 import { Needs } from "./Needs";
+import { type Column, type Order, sorted } from "./sorted";
 
 const LOOK_MS = 5000;
-const PICTURES = 30; // of the first maps: each is a request
+const PICTURES = 60; // of the first maps: each is a request
+const NUMBERS: Column[] = ["localized", "wrong"];
 
 export function MapList() {
   const maps = usePolled(mapPage, [], LOOK_MS);
   const counts = useAnswerCounts();
-  const manifests = useSignal(new Map<string, Manifest>());
+  const words = useSignal("");
+  const order = useSignal<Order>({ column: "map", isDown: false });
   const building = useSignal<string | null>(null); // the map that gets a new version; "": a new map
   const doomed = useSignal<string | null>(null);
   if (maps.error && !maps.value) return <ErrorText error={maps.error} again={maps.again} />;
   if (!maps.value) return <p role="status">Reading the maps …</p>;
+  const shown = sorted(maps.value.maps, counts, words.value, order.value);
+  const sortBy = (column: Column) => {
+    const isAgain = order.value.column === column;
+    order.value = { column, isDown: isAgain ? !order.value.isDown : column !== "map" };
+  };
+  const columns: [Column, string][] = [
+    ["map", "Map"],
+    ["localized", "Localized in its self-test"],
+    ["wrong", "Sure and wrong"],
+    ...(mayBuild.value ? ([["hour", "Asked in the last hour"], ["day", "in the last day"]] as [Column, string][]) : []),
+    ["published", "Active version"],
+    ["size", "Size"],
+  ];
   return (
     <main class="page">
       <header class="row">
@@ -34,47 +50,53 @@ export function MapList() {
             Build a map
           </button>
         ) : null}
+        {maps.value.maps.length > 1 ? (
+          <label class="find">
+            Find
+            <input type="search" placeholder="a part of the name" onInput={(event) => (words.value = event.currentTarget.value)} />
+          </label>
+        ) : null}
       </header>
       {maps.error ? <ErrorText error={maps.error} again={maps.again} /> : null}
-      <Needs maps={maps.value.maps} manifests={manifests.value} counts={counts} />
+      <Needs maps={maps.value.maps} counts={counts} />
       {building.value !== null ? (
         <BuildForm named={building.value} maps={maps.value.maps} close={() => (building.value = null)} />
       ) : null}
       {mayBuild.value ? <Builds maps={maps.value.maps} done={maps.again} again={(map) => (building.value = map)} /> : null}
-      {maps.value.maps.length ? (
-        <table class="cards">
+      {shown.length ? (
+        <table class="cards maps">
           <thead>
             <tr>
-              <th>Map</th>
-              <th class="number">Localized in its self-test</th>
-              <th class="number">Sure and wrong</th>
-              <th class="number">Best place within 0.2 m</th>
-              {mayBuild.value ? (
-                <>
-                  <th>Asked in the last hour</th>
-                  <th>in the last day</th>
-                </>
-              ) : null}
-              <th>Active version</th>
-              <th class="number">Size</th>
+              {columns.map(([column, name]) => (
+                <SortHead
+                  key={column}
+                  isSorted={order.value.column === column}
+                  isDown={order.value.isDown}
+                  isNumber={NUMBERS.includes(column)}
+                  sort={() => sortBy(column)}
+                >
+                  {name}
+                </SortHead>
+              ))}
               <th>
                 <span class="unseen">Actions</span>
               </th>
             </tr>
           </thead>
           <tbody>
-            {maps.value.maps.map((one, i) => (
+            {shown.map((one, i) => (
               <MapRow
                 key={`${one.map_id} ${one.active_version}`}
                 one={one}
                 counts={counts.get(one.map_id)}
                 hasPicture={i < PICTURES}
-                read={(manifest) => (manifests.value = new Map(manifests.value).set(one.map_id, manifest))}
                 remove={() => (doomed.value = one.map_id)}
               />
             ))}
           </tbody>
         </table>
+      ) : maps.value.maps.length ? (
+        <p role="status">No map has {words.value} in its name.</p>
       ) : (
         <Empty title="No map yet">
           <p>

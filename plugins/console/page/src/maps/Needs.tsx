@@ -1,19 +1,17 @@
 import type { Schemas } from "../api/client";
 import { link } from "../router";
 import type { MapCounts } from "./answerCounts";
-import type { Manifest } from "./manifest";
 import { needOf } from "./needOf";
 
 export interface NeedsProps {
   maps: Schemas["MapSummary"][];
-  manifests: Map<string, Manifest>;
   counts: Map<string, MapCounts>;
 }
 
 /** What needs a person now, each with the way to where it is dealt with. */
-export function Needs({ maps, manifests, counts }: NeedsProps) {
+export function Needs({ maps, counts }: NeedsProps) {
   const found = maps.flatMap((map) => {
-    const need = needOf(map, manifests.get(map.map_id) ?? null, counts.get(map.map_id));
+    const need = needOf(map, counts.get(map.map_id));
     return need ? [{ map: map.map_id, ...need }] : [];
   });
   if (!found.length) return null;

@@ -3,6 +3,9 @@
 import { signal } from "@preact/signals";
 import type { Schemas } from "../api/client";
 
+/** A map with the version that answers. */
+export type ActiveMap = Pick<Schemas["MapSummary"], "map_id" | "active_version">;
+
 const PLACE = "firstfix.hidden-builds";
 const MAX_HIDDEN = 200;
 const TOLD_FROM = 0.05; // of the progress: before, the time that is left cannot be told
@@ -36,7 +39,7 @@ export function isGoing({ state }: Schemas["Build"]): boolean {
  * Whether the version was published and not activated, because its self-test says that it is not good. One that
  * somebody has activated since, as `maps` say, is not held back any more.
  */
-export function isHeldBack(build: Schemas["Build"], maps: readonly Schemas["MapSummary"][] = []): boolean {
+export function isHeldBack(build: Schemas["Build"], maps: readonly ActiveMap[] = []): boolean {
   const isActive = maps.some((one) => one.map_id === build.map_id && one.active_version === build.version);
   return build.state === "succeeded" && build.activated === false && !isActive;
 }

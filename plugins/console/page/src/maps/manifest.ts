@@ -103,11 +103,20 @@ export function judged(manifest: Manifest): Judgement {
   };
 }
 
+/** As `judged`, by what a list of maps tells of the active version. */
+export function judgedBySummary({ provisional, summary }: Schemas["MapSummary"]): Judgement {
+  const { localized, found, false_accepts } = summary;
+  return judged({
+    provisional,
+    self_test: { localized: localized ?? undefined, found: found ?? undefined, false_accepts: false_accepts ?? undefined },
+  });
+}
+
 export function bytesOf(manifest: Manifest): number {
   return Object.values(manifest.files ?? {}).reduce((sum, file) => sum + file.bytes, 0);
 }
 
 /** Length, width and height, metres. */
 export function extentOf({ bounds }: Manifest): number[] {
-  return bounds ? bounds[1].map((high, axis) => high - bounds[0][axis]!) : [];
+  return bounds?.length === 2 ? bounds[1].map((high, axis) => high - bounds[0][axis]!) : []; // other programs may give none
 }

@@ -2,7 +2,7 @@
 
 import type { Schemas } from "../api/client";
 import type { MapCounts } from "./answerCounts";
-import { judged, type Manifest } from "./manifest";
+import { judgedBySummary } from "./manifest";
 
 const MIN = 5; // answers: fewer say nothing
 const LOST = 0.5; // of the answers of an hour
@@ -13,7 +13,7 @@ export interface Need {
   query?: Record<string, string>;
 }
 
-export function needOf(map: Schemas["MapSummary"], manifest: Manifest | null, counts: MapCounts | undefined): Need | null {
+export function needOf(map: Schemas["MapSummary"], counts: MapCounts | undefined): Need | null {
   const { map_id: id, active_version: version } = map;
   if (!version) return { text: "has no active version: robots that ask it are refused", path: ["maps", id, "versions"] };
   const { answered = 0, localized = 0 } = counts?.hour ?? {};
@@ -21,7 +21,7 @@ export function needOf(map: Schemas["MapSummary"], manifest: Manifest | null, co
     const lost = answered - localized;
     return { text: `${lost} of ${answered} queries of the last hour were not localized`, path: ["recorded-queries"], query: { map: id } };
   }
-  if (manifest && judged(manifest).grade === "poor") {
+  if (judgedBySummary(map).grade === "poor") {
     return { text: "is poor by its self-test", path: ["maps", id], query: { layers: "localizability" } };
   }
   return null;

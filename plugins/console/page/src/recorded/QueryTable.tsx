@@ -1,7 +1,8 @@
 import { mayAdminister } from "../access/session";
 import { link } from "../router";
 import { whyOf } from "../scan/why";
-import { age, chance, size } from "../ui/text";
+import { chance, size } from "../ui/text";
+import { When } from "../ui/When";
 import { Verdict } from "../ui/Verdict";
 import { answerOf, mapOf, type RecordedQuery } from "./place";
 
@@ -32,14 +33,16 @@ export function QueryTable({ queries, remove, point }: QueryTableProps) {
       <tbody>
         {queries.map((one) => (
           <tr key={one.query_id} onPointerEnter={() => point(one.query_id)} onPointerLeave={() => point("")}>
-            <td data-name="When" title={one.time}>{age(one.time)}</td>
+            <td data-name="When">
+              <When iso={one.time} />
+            </td>
             <td data-name="Map">{one.map_id || "any"}</td>
             <td data-name="Verdict">
               <Verdict verdict={answerOf(one).verdict} />
             </td>
             <td data-name="Why">{whyOf(answerOf(one), leastAsked(one)).join(" ")}</td>
             <td class="number" data-name="Probability">{chance(answerOf(one).probability)}</td>
-            <td class="number" data-name="Size">{size(one.body_bytes)}</td>
+            <td class="number nowrap" data-name="Size">{size(one.body_bytes)}</td>
             <td data-name="Truth">{one.truth ? (one.truth.T_map_sensor ? "known" : "not in the map") : ""}</td>
             <td class="actions">
               {mapOf(one) ? (

@@ -5,6 +5,7 @@ import { recordedBody, recordedPage } from "../api/scans";
 import type { MapFile } from "../maps/files";
 import { zipped } from "../maps/zip";
 import { suffixOf } from "../scan/media";
+import { save } from "../ui/save";
 
 /** Collects the recorded queries of a map and offers the zip to be saved. */
 export async function exported(map: string, told: (share: number) => void): Promise<void> {
@@ -28,12 +29,4 @@ export async function exported(map: string, told: (share: number) => void): Prom
   }
   files.push({ path: "poses.csv", file: new File([`${rows.join("\n")}\n`], "poses.csv") });
   save(await zipped(files), `${map}-test-set.zip`);
-}
-
-function save(file: Blob, name: string): void {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(file);
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }

@@ -22,6 +22,7 @@ import { Programs } from "./Programs";
 import { ScanKey } from "./ScanKey";
 import { TakeScan } from "./TakeScan";
 import { Truth } from "./Truth";
+import { Understood } from "./Understood";
 import { useAnswer } from "./useAnswer";
 import { useAsked } from "./useAsked";
 import { useHandle } from "./useHandle";
@@ -127,6 +128,7 @@ export function TryView({ map }: { map: string }) {
           <Check value={areOthersShown}>Show the other places on the map</Check>
         ) : null}
         {overlay.shares.value ? <ScanKey shares={overlay.shares.value} /> : null}
+        {asked.value && !asked.value.spot ? <Understood asked={asked.value} isAnswered={answer.value !== null} /> : null}
         {queryId && mayBuild.value ? <Truth queryId={queryId} map={map} place={place} hand={byHand} /> : null}
         <h3>How it is asked</h3>
         <VersionChoice map={map} active={active} />

@@ -51,6 +51,16 @@ export function age(iso: string, now = Date.now()): string {
   return "just now";
 }
 
+/** The time of day, to the second. */
+export function clock(ms: number): string {
+  return new Date(ms).toLocaleTimeString("en-GB");
+}
+
+/** Day and time where the page is looked at: "29 Nov 2026, 14:02". */
+export function moment(iso: string): string {
+  return new Date(iso).toLocaleString("en-GB", { day: "numeric", month: "short", year: "numeric", hour: "2-digit", minute: "2-digit" });
+}
+
 /** A length of time: "2 h 05 min", "3 min", "20 s". */
 export function duration(seconds: number): string {
   if (seconds < 60) return `${Math.round(seconds)} s`;

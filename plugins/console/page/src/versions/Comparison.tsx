@@ -7,10 +7,13 @@ import { count, percent, short } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 import { Changed } from "./Changed";
 import { Difference } from "./Difference";
+import { whyDifferent } from "./whyDifferent";
 
 type Report = Schemas["VersionReport"];
+type Version = Schemas["VersionSummary"];
 
-export function Comparison({ map, versions }: { map: string; versions: [string, string] }) {
+export function Comparison({ map, versions: compared }: { map: string; versions: [Version, Version] }) {
+  const versions = compared.map(({ version }) => version) as [string, string];
   const reports = useLoaded(
     (signal) => Promise.all(versions.map((one) => versionReport(map, one, signal))),
     [map, ...versions],
@@ -23,6 +26,7 @@ export function Comparison({ map, versions }: { map: string; versions: [string, 
     ["Map points", (report) => count(report.counts.map_points ?? 0)],
     ["Sensor", (report) => String(report.sensor.name)],
     ["Within 0.2 m", (report) => shareOf(report, "success", "0.2m")],
+    ["Right place first, or among those that tie", (report) => share(report.self_test.found)],
     ["Localized", (report) => share(report.self_test.localized)],
     ["False accepts", (report) => numberOf(report.self_test.false_accepts)],
   ];
@@ -50,6 +54,12 @@ export function Comparison({ map, versions }: { map: string; versions: [string, 
           ))}
         </tbody>
       </table>
+      <h3>Why they differ</h3>
+      <ul class="findings" aria-label="Why they differ">
+        {whyDifferent(...compared).map((text) => (
+          <li key={text}>{text}</li>
+        ))}
+      </ul>
       <Changed map={map} versions={versions} />
       <Difference key={versions.join()} map={map} versions={versions} />
     </section>

@@ -6,9 +6,11 @@ import { versionDetails } from "../api/maps";
 import { manifestOf } from "../maps/manifest";
 import { patchAddress } from "../patch/PatchLink";
 import { link } from "../router";
-import { age, percent, short } from "../ui/text";
+import { chance, percent, short } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
+import { When } from "../ui/When";
 import type { Change } from "./changeOf";
+import { MadeOf } from "./MadeOf";
 
 type Version = Schemas["VersionSummary"];
 
@@ -22,7 +24,8 @@ export interface VersionRowProps {
 
 export function VersionRow({ map, one, isCompared, compare, ask }: VersionRowProps) {
   const details = useLoaded((signal) => versionDetails(map, one.version, signal), [map, one.version]);
-  const { self_test: test, sensor, source } = manifestOf(details.value);
+  const { source } = manifestOf(details.value);
+  const { localized, false_accepts: wrong, sensor, threshold } = one.summary;
   return (
     <tr>
       {compare ? (
@@ -35,15 +38,21 @@ export function VersionRow({ map, one, isCompared, compare, ask }: VersionRowPro
           <code>{short(one.version)}</code>
         </a>
       </th>
+      <td data-name="Made of">
+        <MadeOf {...one.provenance} />
+      </td>
       <td class="number" data-name="Localized in its self-test">
-        {test?.localized === undefined ? "" : <strong>{percent(test.localized)}</strong>}
+        {typeof localized === "number" ? <strong>{percent(localized)}</strong> : ""}
       </td>
       <td class="number" data-name="Sure and wrong">
-        {test?.false_accepts ?? ""}
+        {wrong ?? ""}
       </td>
-      <td data-name="Sensor">{sensor?.name ?? ""}</td>
-      <td data-name="Published" title={one.published_time}>
-        {age(one.published_time)}
+      <td class="number" data-name="Threshold">
+        {threshold ? chance(threshold.min_probability, 0) : ""}
+      </td>
+      <td data-name="Sensor">{sensor ?? ""}</td>
+      <td data-name="Published">
+        <When iso={one.published_time} />
       </td>
       <td data-name="State">
         {one.active ? <span class="tag on">active</span> : null}

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { mayBuild } from "../access/session";
+import type { Schemas } from "../api/client";
 import { versionPage } from "../api/maps";
 import { useAnswerCounts } from "../maps/answerCounts";
 import { MapProblem } from "../maps/MapProblem";
@@ -12,6 +13,7 @@ import { type Change, callOf } from "./changeOf";
 import { Comparison } from "./Comparison";
 import { VersionRow } from "./VersionRow";
 
+type Version = Schemas["VersionSummary"];
 const LISTED = 20; // at first: the figures of each are read one by one
 
 export function VersionsView({ map }: { map: string }) {
@@ -47,8 +49,10 @@ export function VersionsView({ map }: { map: string }) {
           <tr>
             {areMany ? <th>Compare</th> : null}
             <th>Version</th>
+            <th>Made of</th>
             <th class="number">Localized in its self-test</th>
             <th class="number">Sure and wrong</th>
+            <th class="number">Threshold</th>
             <th>Sensor</th>
             <th>Published</th>
             <th>State</th>
@@ -86,7 +90,7 @@ export function VersionsView({ map }: { map: string }) {
         </ConfirmChange>
       ) : null}
       {chosen.length === 2 ? (
-        <Comparison map={map} versions={chosen as [string, string]} />
+        <Comparison map={map} versions={chosen.map((one) => all.find(({ version }) => version === one)!) as [Version, Version]} />
       ) : areMany ? (
         <p class="hint">Choose two versions to compare them.</p>
       ) : null}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,18 +75,44 @@ def export(
     if path.suffix not in ENDINGS:
         raise InvalidOption(f"{path}: the file's name must end with {' or '.join(ENDINGS)}")
     with new_file(path, force=force) as folder:
-        found = Exported(source.full_version(version) if version else source.active_version())
-        cloud = _cloud_of(source, found, most_points)
-        with _viewer_file(folder, path.suffix, map_id) as file:
-            first_ns = None
-            for query in exported_queries(source, map_id, count):
-                file.write_query(query)
-                first_ns = min(first_ns or query.time_ns, query.time_ns)
-                found.queries += 1
-                found.localized += query.localized
-                found.unreadable += bool(query.unreadable)
-            if cloud is not None:
-                file.write_map(cloud, first_ns or time.time_ns())
+        shown = source.full_version(version) if version else source.active_version()
+        return write_viewer_file(source, map_id, shown, folder, path.suffix, most_points, count)
+
+
+def write_viewer_file(
+    source: ExportSource,
+    map_id: str,
+    version: str,
+    folder: Path,
+    ending: str,
+    most_points: int,
+    count: int | None,
+    room: Callable[[ExportedQuery], None] = lambda query: None,
+) -> Exported:
+    """Write the file ``out`` into a folder.
+
+    Args:
+        version: all of its characters.
+        ending: of ENDINGS.
+        room: called before each query is written; what it raises ends the export.
+
+    Raises:
+        NotFound: no such version.
+        ModuleNotFoundError: what writes such a file is not installed.
+    """
+    found = Exported(version)
+    cloud = _cloud_of(source, found, most_points)
+    with _viewer_file(folder, ending, map_id) as file:
+        first_ns = None
+        for query in exported_queries(source, map_id, count):
+            room(query)
+            file.write_query(query)
+            first_ns = min(first_ns or query.time_ns, query.time_ns)
+            found.queries += 1
+            found.localized += query.localized
+            found.unreadable += bool(query.unreadable)
+        if cloud is not None:
+            file.write_map(cloud, first_ns or time.time_ns())
     return found
 
 

@@ -13,7 +13,14 @@ import pytest
 from firstfix.catalog.recorded_queries import RecordedQueries
 from firstfix.store.store import Store
 from firstfix.transform import from_quaternion
-from lab.tests.exported_world import GUESSES, POSE, T0_NS, TRUTH, ExportedWorld, make_exported_world
+from plugins.console.tests.export.exported_world import (
+    GUESSES,
+    POSE,
+    T0_NS,
+    TRUTH,
+    ExportedWorld,
+    make_exported_world,
+)
 from tests.commands import firstfix
 from tests.service.access_world import KEYED, known
 from tests.service.service_world import Service, running_service, served
@@ -151,7 +158,7 @@ def one_of(world: ExportedWorld, number: int) -> str:
 
 
 def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorld, tmp_path: Path):
-    pytest.importorskip("rerun", reason="needs rerun-sdk (170 MB): pip install './lab[rerun]'")
+    pytest.importorskip("rerun", reason="needs rerun-sdk (170 MB): pip install './plugins/console[rerun]'")
     from rerun.chunk import RrdReader
 
     out = tmp_path / "hall.rrd"
@@ -210,7 +217,9 @@ def test_the_newest_queries_and_an_even_part_of_the_map(way, world, tmp_path):
 @pytest.mark.parametrize("ending", [".mcap", ".rrd"])
 def test_an_existing_file_is_kept_without_force(way: list[str], tmp_path: Path, ending: str):
     if ending == ".rrd":
-        pytest.importorskip("rerun", reason="needs rerun-sdk (170 MB): pip install './lab[rerun]'")
+        pytest.importorskip(
+            "rerun", reason="needs rerun-sdk (170 MB): pip install './plugins/console[rerun]'"
+        )
     out = tmp_path / f"hall{ending}"
     out.write_text("mine")
     assert "--force replaces it" in firstfix("export", out, "--map", "hall", *way, code=2).error
@@ -262,7 +271,7 @@ def test_a_failed_export_leaves_no_file(world: ExportedWorld, tmp_path: Path, mo
 
 
 def test_one_body_is_in_memory_at_a_time(world: ExportedWorld, tmp_path: Path, monkeypatch):
-    from firstfix_lab.export import mcap_file
+    from firstfix_console.export import mcap_file
 
     steps: list[str] = []
     read, write = RecordedQueries.body, mcap_file.McapFile.write_query

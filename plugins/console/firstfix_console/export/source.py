@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
 from firstfix.catalog.version_prefix import full_version
+from firstfix.catalog.viewer_cloud import MAX_INDEX_BYTES, POINT
 from firstfix.errors import InvalidOption, NotFound
-from firstfix_builder.index.cloud_octree import POINT
 
 if TYPE_CHECKING:
     from firstfix.catalog.catalog import Catalog
     from firstfix_cli.viewer_client import ViewerClient
-
-MAX_INDEX_BYTES = 64 << 20
 
 
 class ExportSource(Protocol):
@@ -86,7 +84,7 @@ def export_source(
 
     opened = Store.open(store, read_only=True)
     kept = opened if recorded is None else Store.open(recorded, read_only=True)
-    yield _StoredMap(Catalog(opened), RecordedQueries(kept), map_id)
+    yield StoredMap(Catalog(opened), RecordedQueries(kept), map_id)
 
 
 class _ServiceMap:
@@ -121,36 +119,44 @@ class _ServiceMap:
         return self._client.recorded_body(query_id)
 
 
-class _StoredMap:
+class StoredMap:
+    """A map in a store, with the queries that are recorded about it."""
+
     def __init__(self, catalog: Catalog, recorded_queries: RecordedQueries, map_id: str) -> None:
         self._catalog = catalog
         self._recorded_queries = recorded_queries
         self._map_id = map_id
 
     def active_version(self) -> str:
+        """The version that answers."""
         version = self._catalog.active_version(self._map_id)
         if version is None:
             raise NotFound(f"the store has no map {self._map_id}, or it has no active version")
         return version
 
     def full_version(self, given: str) -> str:
+        """The only version that begins so."""
         return self._catalog.full_version(self._map_id, given)
 
     def cloud(self, version: str) -> dict[str, Any] | None:
+        """The index of a version's cloud; None if it has none."""
         if CLOUD_INDEX not in self._catalog.manifest(self._map_id, version).files:
             return None
         data = self._catalog.read_file(self._map_id, version, CLOUD_INDEX, max_bytes=MAX_INDEX_BYTES)
         return dict(json.loads(data))
 
     def cloud_points(self, version: str, first: int, count: int) -> bytes:
+        """Some of the cloud's points, packed."""
         start, length = first * POINT.itemsize, count * POINT.itemsize
         return self._catalog.read_part(self._map_id, version, CLOUD_POINTS, start, length)
 
     def recorded_queries(self) -> Iterator[RecordedQuery]:
+        """Yield the recorded queries about the map, newest first."""
         for query_id in reversed(self._recorded_queries.ids()):
             recorded = self._recorded_queries.find(query_id)
             if recorded is not None and recorded.is_about(self._map_id):
                 yield recorded
 
     def body(self, query_id: str) -> bytes:
+        """The body of a recorded query as it came."""
         return self._recorded_queries.body(query_id)

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.catalog.viewer_cloud import POINT, STEPS
 from firstfix.errors import CorruptVersion
-from firstfix_builder.index.cloud_octree import POINT
 
 AT_ONCE = 500_000  # points of one request
 SEED = 0
-STEPS = 65535  # along the edge of a node
 
 ReadPoints = Callable[[int, int], bytes]
 

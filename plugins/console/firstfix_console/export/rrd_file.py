@@ -82,7 +82,7 @@ def rrd_file(folder: Path, name: str) -> Iterator[RrdFile]:
         import rerun
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            f"an .rrd file needs rerun: {pip_install('./lab[rerun]')}", name=error.name
+            f"an .rrd file needs rerun: {pip_install('./plugins/console[rerun]')}", name=error.name
         ) from None
 
     recording = rerun.RecordingStream(name)

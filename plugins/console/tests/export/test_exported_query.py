@@ -18,8 +18,8 @@ from firstfix.transform import make_transform, rotation_z
 from firstfix.wire.scan import encode_scan
 from firstfix.wire.sequence import encode_scans
 from firstfix_builder.index.cloud_octree import CloudOctree
-from firstfix_lab.export.exported_query import UNPLACED_FRAME, exported_queries, points_of
-from firstfix_lab.export.map_cloud import read_map_cloud
+from firstfix_console.export.exported_query import UNPLACED_FRAME, exported_queries, points_of
+from firstfix_console.export.map_cloud import read_map_cloud
 
 ANSWERED_S = 1_767_225_600.0  # 2026-01-01
 REJECTED = Localization(Verdict.REJECTED).to_mapping()

@@ -1,0 +1,42 @@
+// What the service understood of the scan that is tried: a wrong unit or times that were left out are seen here.
+
+import { scanReport } from "../api/scans";
+import { ErrorText } from "../ui/ErrorText";
+import { useLoaded } from "../ui/useLoaded";
+import type { Asked } from "./scanFile";
+
+export interface UnderstoodProps {
+  asked: Asked;
+  isAnswered: boolean; // its findings are in the answer
+}
+
+export function Understood({ asked, isAnswered }: UnderstoodProps) {
+  const report = useLoaded((signal) => scanReport(asked, signal), [asked]);
+  if (report.error) return <ErrorText error={report.error} again={report.again} />;
+  if (!report.value) return <p role="status">Reading the scan …</p>;
+  const { facts, understood, findings } = report.value;
+  return (
+    <section aria-label="What was understood of the scan">
+      <h3>What was understood</h3>
+      <p>{facts}</p>
+      {asked.isConverted ? <p class="hint">The browser read {asked.name}, and sent x, y and z alone.</p> : null}
+      <dl class="facts understood">
+        {Object.entries(understood).map(([name, text]) => (
+          <div key={name}>
+            <dt>{name.replaceAll("_", " ")}</dt>
+            <dd>{text}</dd>
+          </div>
+        ))}
+      </dl>
+      {isAnswered ? null : (
+        <ul class="findings" aria-label="Findings of the scan">
+          {findings.map((one) => (
+            <li key={one.code}>
+              {one.text} <small>{one.remedy}</small>
+            </li>
+          ))}
+        </ul>
+      )}
+    </section>
+  );
+}

@@ -1,0 +1,3 @@
+from tests.client.answer_server import server
+
+__all__ = ["server"]
