@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
@@ -51,13 +52,19 @@ def alias_tie_width(
 
 
 def lead_lost(
-    localizer: Localizer, simulation: ScanSimulation, case: ScanCase, scan: Scan, options: LocalizeOptions
+    localizer: Localizer,
+    simulation: ScanSimulation,
+    case: ScanCase,
+    clean: NDArray[np.float32],
+    scan: Scan,
+    options: LocalizeOptions,
 ) -> float | None:
     """Support that a scan's disturbances take from the lead of its place over the best known alias.
 
     None if no known alias explains the scan nearly as well, or the true place cannot be aligned.
 
     Args:
+        clean: ``ScanSimulation.clean_ranges`` of the case.
         scan: of the case, disturbed.
     """
     undisturbed = PerturbConfig(
@@ -72,7 +79,7 @@ def lead_lost(
     aliases = known_aliases(localizer.index, case.T_level_sensor, None)
     if not len(aliases):
         return None
-    before = _lead(localizer, calm.scan(case), case.T_level_sensor, aliases, options)
+    before = _lead(localizer, calm.scan(case, clean=clean), case.T_level_sensor, aliases, options)
     if before is None:
         return None
     after = _lead(localizer, scan, case.T_level_sensor, aliases, options)

@@ -105,7 +105,9 @@ class Asks:
         if isinstance(query.of, CompactScan):
             return Asked(Outcome.nowhere(query.number, self.localizer.localize(query.of)), query.of)
         index, taken = self.localizer.index, query.of
-        case, scan, ranking = taken.case, taken.simulation.scan(taken.case), index.config.ranking
+        simulation, case, ranking = taken.simulation, taken.case, index.config.ranking
+        clean = simulation.clean_ranges(case)
+        scan = simulation.scan(case, clean=clean)
         answer = self.localizer.localize(scan, self.options)
         T_level_map = inverse(index.T_map_level)
         outcome = replace(
@@ -115,7 +117,7 @@ class Asks:
             ),
             lead_lost=None
             if taken.is_rough
-            else lead_lost(self.localizer, taken.simulation, case, scan, self.options),
+            else lead_lost(self.localizer, simulation, case, clean, scan, self.options),
             aliases=aliases_among(index, answer),
             is_rough=taken.is_rough,
         )

@@ -62,7 +62,15 @@ def test_what_moved_costs_the_true_room_a_part_of_its_lead(version: BuildResult)
         simulation = ScanSimulation(simulator, sensor, config)
         cases = simulation.cases(at_m, 1.0, 12, np.random.default_rng(2))
         lost[name] = [
-            lead_lost(localizer, simulation, case, simulation.scan(case), LocalizeOptions()) for case in cases
+            lead_lost(
+                localizer,
+                simulation,
+                case,
+                simulation.clean_ranges(case),
+                simulation.scan(case),
+                LocalizeOptions(),
+            )
+            for case in cases
         ]
     assert {by for by in lost["calm"] if by is not None} == {0.0}
     assert max(abs(by) for by in lost["moved"] if by is not None) > 0.005

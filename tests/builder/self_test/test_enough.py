@@ -103,7 +103,7 @@ def asked(coarse_version: BuildResult, small_world: SmallWorld):
                 Localizer(MapIndex.load(coarse_version.directory, Calibration()), explains=False),
                 Simulator(small_world.vertices, small_world.triangles),
                 BuildConfig.parse(COARSE_CONFIG).sensor_model,
-                SelfTestConfig(queries=18, outside=6, **config),
+                SelfTestConfig(queries=6, outside=6, **config),
                 ActivateConfig(),
                 RealScans(),
                 executor,
@@ -118,29 +118,31 @@ def asked(coarse_version: BuildResult, small_world: SmallWorld):
 
 def test_it_ends_at_the_look_where_nothing_is_open_and_says_so(asked):
     found, calibration = asked([(THRESHOLD, PLACES), ()])
-    assert (found.queries, found.outside) == (12, 4)
-    assert (found.parts["roughly"]["queries"], found.parts["as real"]["queries"]) == (4, 8)
-    told = {"planned": 24, "share": round(16 / 24, 4), "ended": "decided"}
+    assert (found.queries, found.outside) == (5, 4)
+    assert (found.parts["roughly"]["queries"], found.parts["as real"]["queries"]) == (2, 3)
+    told = {"planned": 12, "share": round(9 / 12, 4), "ended": "decided"}
     assert found.asked == {**told, "still_open": [THRESHOLD, PLACES]}
     assert asked([(THRESHOLD, PLACES), ()]) == (found, calibration), "equal inputs give equal results"
 
 
+@pytest.mark.slow
 def test_it_asks_all_where_something_stays_open_or_the_config_wants_it(asked):
     looks = ROUNDS - FIRST_LOOK
     found, calibration = asked([(FOUND,)] * looks)
-    assert (found.queries, found.outside) == (18, 6)
-    assert found.asked == {"planned": 24, "share": 1.0, "ended": "all asked", "still_open": [FOUND]}
+    assert (found.queries, found.outside) == (6, 6)
+    assert found.asked == {"planned": 12, "share": 1.0, "ended": "all asked", "still_open": [FOUND]}
     whole, same = asked([()] * looks, until_decided=False)
-    assert (whole.queries, whole.asked["ended"]) == (18, "all asked")
+    assert (whole.queries, whole.asked["ended"]) == (6, "all asked")
     assert same == calibration
 
 
+@pytest.mark.slow
 def test_where_only_the_map_is_left_to_know_no_stranger_and_no_prior_is_asked(asked):
     found, _ = asked([(TIES,), (TIES, PLACES), (PLACES,)])
-    assert (found.queries, found.outside) == (18, 3)
+    assert (found.queries, found.outside) == (6, 3)
     assert found.asked == {
-        "planned": 24,
-        "share": round(21 / 24, 4),
+        "planned": 12,
+        "share": round(9 / 12, 4),
         "ended": "all asked",
         "still_open": [PLACES],
     }
