@@ -380,6 +380,7 @@ class BuildStages:
 
         chosen = {
             "self_test": self.config.self_test.model_dump(mode="json"),
+            "activate": self.config.activate.model_dump(mode="json"),
             "sensor": self.config.sensor_model.to_mapping(),
         }
         inputs = {"map": read, "mesh": mesh, "viewpoints": viewpoints, "index": index}

@@ -65,6 +65,7 @@ def write_self_test(
         simulator,
         sensor,
         config.self_test,
+        config.activate,
         results.real_scans(),
         executor,
         progress,

@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
@@ -31,7 +32,9 @@ _TIED, _MIN_SCANS = 0.9, 20  # share of the losses that is less than the width, 
 _FOUND_M, _FOUND_DEG = 0.5, 5.0  # from the true pose
 
 
-def alias_tie_width(lost: Sequence[float | None], min_margin: float, max_margin: float) -> float:
+def alias_tie_width(
+    lost: Sequence[float | None], min_margin: float, max_margin: float, asked: float = 1.0
+) -> float:
     """Difference of support below which known aliases tie, from what the scans' ``lead_lost`` were.
 
     Of few places with aliases nothing is learned.
@@ -39,20 +42,30 @@ def alias_tie_width(lost: Sequence[float | None], min_margin: float, max_margin:
     Args:
         min_margin: below which all places tie.
         max_margin: a larger one counts as this.
+        asked: 0..1, share of the planned scans that these are.
     """
     found = [by for by in lost if by is not None]
-    if len(found) < _MIN_SCANS:
+    if len(found) < _MIN_SCANS * asked:
         return min_margin
     most = min(float(np.quantile(found, _TIED)), max_margin)
     return max(min_margin, math.ceil(most * 1e4) / 1e4)
 
 
 def lead_lost(
-    localizer: Localizer, simulation: ScanSimulation, case: ScanCase, options: LocalizeOptions
+    localizer: Localizer,
+    simulation: ScanSimulation,
+    case: ScanCase,
+    clean: NDArray[np.float32],
+    scan: Scan,
+    options: LocalizeOptions,
 ) -> float | None:
     """Support that a scan's disturbances take from the lead of its place over the best known alias.
 
     None if no known alias explains the scan nearly as well, or the true place cannot be aligned.
+
+    Args:
+        clean: ``ScanSimulation.clean_ranges`` of the case.
+        scan: of the case, disturbed.
     """
     undisturbed = PerturbConfig(
         noise_m=simulation.config.noise_m,
@@ -66,10 +79,10 @@ def lead_lost(
     aliases = known_aliases(localizer.index, case.T_level_sensor, None)
     if not len(aliases):
         return None
-    before = _lead(localizer, calm.scan(case), case.T_level_sensor, aliases, options)
+    before = _lead(localizer, calm.scan(case, clean=clean), case.T_level_sensor, aliases, options)
     if before is None:
         return None
-    after = _lead(localizer, simulation.scan(case), case.T_level_sensor, aliases, options)
+    after = _lead(localizer, scan, case.T_level_sensor, aliases, options)
     return None if after is None else before - after
 
 

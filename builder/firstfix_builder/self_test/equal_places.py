@@ -31,13 +31,16 @@ _COMPARED = 3  # rivals of one scan that are no equals: more will hardly be
 _TIE, _MIN_SCANS = 0.95, 20  # share of the equal places that tie, and scans of such places to learn it from
 
 
-def tie_width(unequal: Sequence[float | None]) -> float:
+def tie_width(unequal: Sequence[float | None], asked: float = 1.0) -> float:
     """Difference of support below which poses of a map tie, from its scans' ``EqualPlaces.unequal_by``.
 
     So wide that all but one in twenty equal places tie. Of few equal places nothing is learned.
+
+    Args:
+        asked: 0..1, share of the planned scans that these are.
     """
     found = [by for by in unequal if by is not None]
-    if len(found) < _MIN_SCANS:
+    if len(found) < _MIN_SCANS * asked:
         return Calibration().min_margin
     most = float(np.quantile(found, _TIE, method="lower"))
     return max(Calibration().min_margin, math.floor(most * 1e4 + 1) / 1e4)

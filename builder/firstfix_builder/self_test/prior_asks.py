@@ -8,7 +8,7 @@ can teach how good a fit must be: without a prior, every answer ties.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
 
@@ -27,9 +27,10 @@ from firstfix.sensor import SensorModel
 from firstfix.transform import inverse, yaw_of
 
 from ..simulation.simulate import Simulator
+from .asks import Asked
 from .equal_places import EQUAL, share_seen_alike
 from .outcome import RIGHT_M, Outcome
-from .reliability import Case, fit, judged
+from .reliability import Case, CrossValidated, fit
 from .threshold import ABSENT_SHARE, Judged, choose
 
 YAW_RANGE_DEG = 45.0  # of the priors with a heading: every other one
@@ -77,19 +78,39 @@ class PriorOutcome:
         return not self.is_equal and (self.behind is None or self.behind >= min_margin)
 
 
-def worth_a_prior(free: Sequence[Outcome], rng: np.random.Generator) -> list[Outcome]:
-    """Queries that are asked again with priors, by chance: those whose best places tie, and some others.
+@dataclass
+class WorthAPrior:
+    """Choice of the queries that are asked again with priors: those whose best places tie, and some others.
 
     A prior changes most where places tie. Elsewhere few are enough to see what it changes.
 
     Args:
-        free: outcomes without a prior.
+        rng: chooses where there are more.
+        is_enough: choose no more.
     """
-    chosen: dict[bool, list[Outcome]] = {True: [], False: []}
-    for row in rng.permutation(len(free)).tolist():
-        evidence = free[row].evidence
-        chosen[evidence is not None and evidence.tied > 1].append(free[row])
-    return [*chosen[True][: MAX - OTHERS], *chosen[False][:OTHERS]]
+
+    rng: np.random.Generator
+    is_enough: bool = False
+    _chosen: dict[bool, int] = field(default_factory=lambda: {True: 0, False: 0})
+
+    def of(self, free: Sequence[Asked], share: float) -> list[Asked]:
+        """The chosen ones of further queries without a prior.
+
+        Args:
+            share: 0..1, of all planned queries, that has been asked with these.
+        """
+        found: dict[bool, list[Asked]] = {True: [], False: []}
+        for row in self.rng.permutation(len(free)).tolist():
+            evidence = free[row].outcome.evidence
+            found[evidence is not None and evidence.tied > 1].append(free[row])
+        chosen: list[Asked] = []
+        if self.is_enough:
+            return chosen
+        for is_tied, most in ((True, MAX - OTHERS), (False, OTHERS)):
+            several = found[is_tied][: round(most * share) - self._chosen[is_tied]]
+            self._chosen[is_tied] += len(several)
+            chosen += several
+        return chosen
 
 
 @dataclass(frozen=True)
@@ -214,7 +235,8 @@ def teach_with_prior(
         return None
     calibration = replace(fit(cases), min_margin=of_all.min_margin, alias_margin=of_all.alias_margin)
     never = [one.outcome for one in told if _case(one, of_wrong) is None]
-    seen = judged(cases, calibration) + [Judged(-1.0, one.right, one.is_in_map) for one in never]
+    seen = CrossValidated.of(cases).judged(calibration)
+    seen += [Judged(-1.0, one.right, one.is_in_map) for one in never]
     chosen = choose(seen, max_false_accept, None).min_probability
     threshold = max(chosen, round(1 - max_false_accept, 6))
     calibration = replace(calibration, min_probability=threshold, search_until=threshold)

@@ -62,28 +62,78 @@ def _fit(cases: Sequence[Case]) -> Calibration:
     return Calibration.fit(*zip(*((c.evidence, c.right, c.weight) for c in cases), strict=True))
 
 
-def reliability_of(cases: Sequence[Case]) -> dict[str, Any]:
-    """Cross-validates the calibration.
+@dataclass(frozen=True)
+class CrossValidated:
+    """Cases, each with a calibration that was not fitted on its query.
 
-    Returns ``expected_calibration_error`` and ``bins``: the number of ``cases`` in each, the mean probability
-    that was ``claimed`` for them, and the share that was ``right``.
+    Attributes:
+        cases: (n,) of them.
+        models: (n,) that of each case.
+        claims: (n,) probability that it claims for the case.
     """
-    asked = [(claim, float(case.right)) for case, claim, _ in _held_out(cases) if case.asked]
-    claimed, right = np.array(asked).reshape(-1, 2).T
-    number = np.minimum((claimed * BINS).astype(int), BINS - 1)
-    bins = []
-    for k in np.unique(number):
-        here = number == k
-        bins.append(
-            {
-                "cases": int(here.sum()),
-                "claimed": round(float(claimed[here].mean()), 4),
-                "right": round(float(right[here].mean()), 4),
-            }
-        )
-    gaps = np.bincount(number, claimed - right, minlength=BINS)
-    error = round(float(np.abs(gaps).sum() / len(claimed)), 4) if len(claimed) else None
-    return {"expected_calibration_error": error, "bins": bins}
+
+    cases: tuple[Case, ...]
+    models: tuple[Calibration, ...]
+    claims: tuple[float, ...]
+
+    @classmethod
+    def of(cls, cases: Sequence[Case]) -> CrossValidated:
+        """Fit FOLDS calibrations, each without a fold of the queries."""
+        folds = [fit([case for case in cases if case.query % FOLDS != fold]) for fold in range(FOLDS)]
+        models = tuple(folds[case.query % FOLDS] for case in cases)
+        claims = tuple(model.probability(one.evidence) for one, model in zip(cases, models, strict=True))
+        return cls(tuple(cases), models, claims)
+
+    def reliability(self) -> dict[str, Any]:
+        """How the claims came true.
+
+        Returns ``expected_calibration_error`` and ``bins``: the number of ``cases`` in each, the mean
+        probability that was ``claimed`` for them, and the share that was ``right``.
+        """
+        every = zip(self.cases, self.claims, strict=True)
+        asked = [(claim, float(case.right)) for case, claim in every if case.asked]
+        claimed, right = np.array(asked).reshape(-1, 2).T
+        number = np.minimum((claimed * BINS).astype(int), BINS - 1)
+        bins = []
+        for k in np.unique(number):
+            here = number == k
+            bins.append(
+                {
+                    "cases": int(here.sum()),
+                    "claimed": round(float(claimed[here].mean()), 4),
+                    "right": round(float(right[here].mean()), 4),
+                }
+            )
+        gaps = np.bincount(number, claimed - right, minlength=BINS)
+        error = round(float(np.abs(gaps).sum() / len(claimed)), 4) if len(claimed) else None
+        return {"expected_calibration_error": error, "bins": bins}
+
+    def bound(self, unanswered: int = 0) -> FalseAcceptBound:
+        """The bound on false accepts that the wrong cases show, asked or not.
+
+        Args:
+            unanswered: number of further wrong cases that no calibration would accept.
+        """
+        claimed = [
+            claim if model.accepts(case.evidence, 0.0) else -1.0
+            for case, model, claim in zip(self.cases, self.models, self.claims, strict=True)
+            if not case.right
+        ]
+        return FalseAcceptBound.of(claimed + [-1.0] * unanswered)
+
+    def judged(self, calibration: Calibration) -> list[Judged]:
+        """The cases as the choice of the threshold sees them.
+
+        A wrong case counts by the larger of two probabilities: of a model that has not seen it, and of the
+        calibration that the map gets.
+        """
+        found = []
+        for case, model, claim in zip(self.cases, self.models, self.claims, strict=True):
+            if not case.right:
+                claim = max(claim, calibration.probability(case.evidence))
+            claimed = claim if model.accepts(case.evidence, 0.0) else -1.0
+            found.append(Judged(claimed, case.right, case.is_in_map, case.weight, case.asked))
+        return found
 
 
 def draw_reliability(reliability: dict[str, Any], path: Path) -> None:
@@ -105,41 +155,3 @@ def draw_reliability(reliability: dict[str, Any], path: Path) -> None:
     axes.set_title(f"expected calibration error {reliability['expected_calibration_error']}", fontsize=9)
     axes.set_aspect("equal")
     figure.savefig(path, metadata={"Software": None})
-
-
-def bound_of(cases: Sequence[Case], unanswered: int = 0) -> FalseAcceptBound:
-    """The bound on false accepts that the wrong cases show, asked or not.
-
-    Each is judged by a calibration that was not fitted on its query.
-
-    Args:
-        unanswered: number of further wrong cases that no calibration would accept.
-    """
-    claimed = [
-        claim if model.accepts(case.evidence, 0.0) else -1.0
-        for case, claim, model in _held_out(cases)
-        if not case.right
-    ]
-    return FalseAcceptBound.of(claimed + [-1.0] * unanswered)
-
-
-def judged(cases: Sequence[Case], calibration: Calibration) -> list[Judged]:
-    """The cases as the choice of the threshold sees them.
-
-    A wrong case counts by the larger of two probabilities: of a model that has not seen it, and of the
-    calibration that the map gets.
-    """
-    found = []
-    for case, claim, model in _held_out(cases):
-        if not case.right:
-            claim = max(claim, calibration.probability(case.evidence))
-        claimed = claim if model.accepts(case.evidence, 0.0) else -1.0
-        found.append(Judged(claimed, case.right, case.is_in_map, case.weight, case.asked))
-    return found
-
-
-def _held_out(cases: Sequence[Case]) -> list[tuple[Case, float, Calibration]]:
-    """Each case with its probability and the calibration that says so, of a fold that did not train on it."""
-    models = [fit([case for case in cases if case.query % FOLDS != fold]) for fold in range(FOLDS)]
-    by_case = [(case, models[case.query % FOLDS]) for case in cases]
-    return [(case, model.probability(case.evidence), model) for case, model in by_case]

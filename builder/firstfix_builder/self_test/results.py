@@ -16,7 +16,7 @@ from firstfix.transform import Matrix
 from .localizability import QueriedPlace
 from .outcome import RIGHT_M, Outcome
 from .real_scans import RealScans, disagreeing
-from .reliability import Case, reliability_of
+from .reliability import CrossValidated
 
 LIMITS_M = (0.05, 0.2, 0.5, 1)
 
@@ -35,11 +35,13 @@ class SelfTest:
             and of those disturbed "roughly".
         median_error_m: of the best hypotheses; None if half of the queries or more have none.
         false_accepts: number of answers ``localized`` that were off by over 1 m or 10 degrees, or outside.
-        reliability: result of ``reliability.reliability_of`` for all of them.
-        false_accept_bound: result of ``reliability.bound_of``, with hard negatives.
+        reliability: ``CrossValidated.reliability`` of all of them.
+        false_accept_bound: ``CrossValidated.bound``, with hard negatives.
         threshold: result of ``threshold.choose`` for the config's promise; ``others``: for those of ``TOLD``.
         localizability: result of ``localizability.grid_of`` for the queries; the build adds what
             ``mapped_places.MappedPlaces`` knows.
+        asked: ``Ended.to_mapping``: how many queries were planned, what share of them was asked, and why the
+            test ended.
         real: the same of the real scans that were asked too: their number ``asked``, the ``weight`` of each
             among the calibration's cases, ``success``, ``localized``, ``median_error_m`` and
             ``false_accepts``; ``of_source``, how many of the scans came with the map's source, and how many
@@ -62,6 +64,7 @@ class SelfTest:
     false_accept_bound: dict[str, Any]
     threshold: dict[str, Any]
     localizability: list[dict[str, object]]
+    asked: dict[str, Any] = field(default_factory=dict)
     real: dict[str, Any] = field(default_factory=dict)
     with_prior: dict[str, Any] = field(default_factory=dict)
 
@@ -91,16 +94,18 @@ def queried_places(
 def summary_of(
     outcomes: Sequence[Outcome],
     calibration: Calibration,
-    cases: Sequence[Case],
+    checked: CrossValidated,
     bound: FalseAcceptBound,
     threshold: dict[str, Any],
     localizability: list[dict[str, object]],
+    asked: dict[str, Any],
 ) -> SelfTest:
     """The results of the simulated scans; those of real ones are added to them.
 
     Args:
         outcomes: of the simulated scans, in the map and elsewhere.
-        cases: of all scans.
+        checked: cases of all scans.
+        asked: see ``SelfTest``.
     """
     inside = [outcome for outcome in outcomes if outcome.T_level_sensor is not None]
     errors = np.array([outcome.first_error_m for outcome in inside])
@@ -118,10 +123,11 @@ def summary_of(
         },
         median_error_m=_median(errors),
         false_accepts=sum(not o.right for o in accepted),
-        reliability=reliability_of(cases),
+        reliability=checked.reliability(),
         false_accept_bound=bound.to_mapping(),
         threshold=threshold,
         localizability=localizability,
+        asked=asked,
     )
 
 

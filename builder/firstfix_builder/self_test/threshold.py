@@ -2,26 +2,29 @@
 
 A user says how many of these answers may be wrong. The self-test finds the lowest threshold that keeps this,
 with all its cases: scans of the map, and scans whose place the map lacks. Its few cases can rarely show it,
-so many maps have taught a ceiling.
+so many maps have taught a ceiling, and how often a negative is accepted at all.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.engine.false_accept_bound import THRESHOLDS, upper_bound
+from firstfix.engine.false_accept_bound import CONFIDENCE, THRESHOLDS, upper_bound
 
 FLOOR = 0.9  # an answer more doubtful than this is never `localized`, however right the others are
 ABSENT_SHARE = 1 / 9  # of queries come from a place that the map lacks (docs/method.md section 7)
 TOLD = (0.01, 0.005, 0.001)  # what else the report tells of
 RATE, MANY_MAPS, EACH = "rate", "many maps", "each answer"
 STEPS = 1_000_000  # in which a threshold is told
+# Beta distribution of the share of a map's negatives that are accepted at FLOOR, over many maps: 7 % in the
+# mean, and none of a hundred in a third of the maps (docs/method.md section 11).
+USUAL_ACCEPTED, USUAL_REFUSED = 0.35, 4.65
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,9 @@ class Threshold:
         return asdict(self)
 
 
-def choose(cases: Sequence[Judged], max_false_accept: float, ceiling: Ceiling | None) -> Threshold:
+def choose(
+    cases: Sequence[Judged], max_false_accept: float, ceiling: Ceiling | None, asked: float = 1.0
+) -> Threshold:
     """The lowest threshold that keeps a promise. Who allows more is never given a higher one.
 
     The map's own cases may show the rate of wrong answers: then it is the lowest one that keeps the promise
@@ -90,16 +95,45 @@ def choose(cases: Sequence[Judged], max_false_accept: float, ceiling: Ceiling | 
     than the most probable wrong case. But it is never above the ceiling, unless the map's own scans refute
     that.
 
+    Of a self-test that ended early the cases count as they are and as if all had been asked: the threshold is
+    none that the whole test would not show.
+
     Args:
         max_false_accept: largest share of the answers ``localized`` that may be wrong.
         ceiling: for this share; None: many maps have taught none.
+        asked: 0..1, share of the planned queries that were asked.
     """
     seen = _Seen.of(cases)
+
+    def bound(threshold: float) -> float:
+        return max(seen.bound(threshold, asked), seen.bound_by_all(threshold, asked))
+
+    return _lowest(cases, seen, max_false_accept, ceiling, bound)
+
+
+def is_settled(
+    cases: Sequence[Judged], max_false_accept: float, ceiling: Ceiling | None, asked: float
+) -> bool:
+    """Whether ``choose`` finds what it would find if the queries left to ask came out as those asked did."""
+    seen = _Seen.of(cases)
+    foreseen = _lowest(
+        cases, seen, max_false_accept, ceiling, lambda threshold: seen.bound_by_all(threshold, asked)
+    )
+    return foreseen.min_probability == choose(cases, max_false_accept, ceiling, asked).min_probability
+
+
+def _lowest(
+    cases: Sequence[Judged],
+    seen: _Seen,
+    max_false_accept: float,
+    ceiling: Ceiling | None,
+    bound_at: Callable[[float], float],
+) -> Threshold:
     least = max(FLOOR, seen.above_the_worst)
     each = max(least, round(1 - max_false_accept, 6))
-    shown = (one for one in THRESHOLDS if one >= least and seen.bound(one) <= max_false_accept)
+    shown = (one for one in THRESHOLDS if one >= least and bound_at(one) <= max_false_accept)
     chosen = min(next(shown, each), each)
-    bound = seen.bound(chosen)
+    bound = bound_at(chosen)
     kept_by = RATE if bound <= max_false_accept else EACH
     if (
         ceiling is not None
@@ -150,14 +184,39 @@ class _Seen:
         """Share of the cases in the map that it accepts."""
         return self._share(self.claimed >= threshold)
 
-    def bound(self, threshold: float) -> float:
-        """Upper bound of the wrong share of the answers ``localized`` (equation 11.2)."""
-        accepted = int((self.wrong >= threshold).sum())
+    def bound(self, threshold: float, asked: float) -> float:
+        """Upper bound of the wrong share of the answers ``localized`` (equation 11.2).
+
+        Where not all queries were asked, by what is usual of maps (equation 11.4).
+        """
+        accepted, negatives = self._accepted(threshold), len(self.wrong)
+        return self._wrong_share(
+            threshold, upper_bound(accepted, negatives) if asked == 1 else _usually(accepted, negatives)
+        )
+
+    def bound_by_all(self, threshold: float, asked: float) -> float:
+        """The bound that all queries would show if the rest of them came out as those that were asked."""
+        accepted, negatives = self._accepted(threshold), len(self.wrong)
+        return self._wrong_share(threshold, upper_bound(round(accepted / asked), round(negatives / asked)))
+
+    def _accepted(self, threshold: float) -> int:
+        return int((self.wrong >= threshold).sum())
+
+    def _wrong_share(self, threshold: float, of_negatives: float) -> float:
+        """Wrong share of the answers ``localized``, given the share of the negatives that is accepted."""
         in_map = 1 - ABSENT_SHARE
         negatives = ABSENT_SHARE + in_map * self._share(~self.right)
-        false = negatives * upper_bound(accepted, len(self.wrong))
+        false = negatives * of_negatives
         right = in_map * self._share(self.right & (self.claimed >= threshold))
         return math.ceil(false / (false + right) * STEPS) / STEPS
 
     def _share(self, chosen: NDArray[np.bool_]) -> float:
         return float(self.weight @ chosen / self.weight.sum()) if len(chosen) else 0.0
+
+
+def _usually(accepted: int, negatives: int) -> float:
+    """Share of negatives that is accepted, at most, with 95 % probability, in a map drawn from many."""
+    from scipy.special import betaincinv  # imported late, as in ``upper_bound``
+
+    exact = float(betaincinv(USUAL_ACCEPTED + accepted, USUAL_REFUSED + negatives - accepted, CONFIDENCE))
+    return math.ceil(exact * STEPS) / STEPS

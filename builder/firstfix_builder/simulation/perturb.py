@@ -90,16 +90,30 @@ class ScanSimulation:
                 found.append(ScanCase(make_transform(R, spot), seed, _elsewhere(around_m, spot, seed)))
         return found
 
-    def scan(self, case: ScanCase, motion: Motion | None = None) -> Scan:
+    def clean_ranges(self, case: ScanCase) -> NDArray[np.float32]:
+        """(n,) ranges of a case's rays in the world as it was mapped: all disturbances begin with them."""
+        rays = Rays.of_scan(self.sensor, self._moment(np.random.default_rng(case.seed)))
+        return next(self.simulator.ranges(case.T_level_sensor[None], self.sensor, rays))[0]
+
+    def scan(
+        self,
+        case: ScanCase,
+        motion: Motion | None = None,
+        *,
+        clean: NDArray[np.float32] | None = None,
+    ) -> Scan:
         """Simulate the scan of a case.
 
         With a motion during it, its points have times, and the world is as it was mapped.
+
+        Args:
+            clean: ``clean_ranges`` of the case, if they are there already.
         """
-        rng, config, moments = np.random.default_rng(case.seed), self.config, self.sensor.moments
-        moment = int(rng.integers(moments)) if moments > 1 else 0
+        rng, config = np.random.default_rng(case.seed), self.config
+        moment = self._moment(rng)
         rays, time_s = Rays.of_scan(self.sensor, moment), None
         if motion is None:
-            ranges = self._ranges(case, rays)
+            ranges = self._ranges(case, rays, self.clean_ranges(case) if clean is None else clean)
         else:
             time_s = motion.sweep.times(rays.directions)
             ranges = moving_ranges(self.simulator, self.sensor, case.T_level_sensor, motion, rays)
@@ -113,13 +127,15 @@ class ScanSimulation:
         taken_s = None if time_s is None else time_s[seen]
         return Scan.from_points(rays.directions[seen] * ranges[seen, None], time_s=taken_s)
 
-    def _ranges(self, case: ScanCase, rays: Rays) -> NDArray[np.float32]:
-        """(n,) clean ranges in the changed world."""
+    def _moment(self, rng: np.random.Generator) -> int:
+        return int(rng.integers(self.sensor.moments)) if self.sensor.moments > 1 else 0
+
+    def _ranges(self, case: ScanCase, rays: Rays, clean: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(n,) ranges without noise in the changed world."""
         config = self.config
-        ranges = next(self.simulator.ranges(case.T_level_sensor[None], self.sensor, rays))[0]
         if not config.unmapped and not config.vanished:
-            return ranges
-        sight = Sight(case.T_level_sensor, rays.turned(case.T_level_sensor), ranges)
+            return clean.copy()
+        sight = Sight(case.T_level_sensor, rays.turned(case.T_level_sensor), clean)
         changes = np.random.default_rng((case.seed, 1))
         return changed_ranges(self.simulator, self.sensor, sight, case.elsewhere_m, config, changes)
 

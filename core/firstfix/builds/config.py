@@ -165,6 +165,7 @@ class SelfTestConfig(Stage):
     """Numbers of simulated queries of the self-test, inside and outside the map.
 
     Attributes:
+        until_decided: end as soon as what the self-test decides will hardly change; else ask all.
         queries: scans in the map, at places between the templates.
         rough: share of the queries that are disturbed more than real scans are.
         outside: scans of strange places, at most as many as ship with the release.
@@ -175,6 +176,7 @@ class SelfTestConfig(Stage):
             their scans were taken; 0: none. Only builds of a map in a store find them.
     """
 
+    until_decided: bool = True
     queries: int = Field(120, ge=0, le=100_000)
     rough: float = Field(1 / 3, ge=0, le=1)
     outside: int = Field(24, ge=0, le=100_000)

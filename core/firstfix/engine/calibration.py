@@ -20,6 +20,8 @@ from .ranking import MatchFeatures
 
 # Standard deviation of a map's weights around the prior's: SPREAD times the weight, for the bias SPREAD_BIAS.
 SPREAD, SPREAD_BIAS = 0.4, 4.0
+# Newton's method: steps at most, the part of its promise that a step must keep, and when it rests.
+_MOST_STEPS, _ENOUGH, _LEAST_SHARE, _RESTS = 100, 1e-4, 1e-9, 1e-8
 # Fields of ``Calibration``, in the order of ``MatchFeatures.vector``.
 WEIGHTS = ("bias", "alignment_score", "free_space", "beside_surface", "same_plane", "margin")
 
@@ -102,22 +104,9 @@ class Calibration:
             right: (n,) whether that pose, or one that ties with it, was right.
             weight: (n,) number of real cases that each stands for.
         """
-        # Imported late: it takes a worker half its start, and no query fits.
-        from scipy.optimize import minimize
-
         truth, counts = np.asarray(right, np.float64), np.asarray(weight, np.float64)
-        prior = cls().weights
-        spread = SPREAD * np.array([SPREAD_BIAS, *prior[1:]])
-        inputs = np.array([[1.0, *one.vector] for one in features]).reshape(-1, len(prior))
-
-        def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-            log_odds, off = inputs @ weights, (weights - prior) / spread
-            value = counts @ (np.logaddexp(0, log_odds) - truth * log_odds) + off @ off / 2
-            gradient = inputs.T @ (counts * (_logistic(log_odds) - truth)) + off / spread
-            return float(value), gradient
-
-        bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
-        found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
+        inputs = np.array([[1.0, *one.vector] for one in features]).reshape(-1, len(WEIGHTS))
+        found = _most_likely(inputs, truth, counts, cls().weights)
         rounded: dict[str, Any] = {
             name: round(float(value), 4) for name, value in zip(WEIGHTS, found, strict=True)
         }
@@ -152,6 +141,50 @@ class Calibration:
         taught = values["with_prior"]
         with_prior = None if taught is None else cls.from_mapping(taught)
         return cls(**{**values, "among_tied": among_tied, "with_prior": with_prior})
+
+
+def _most_likely(
+    inputs: NDArray[np.float64],
+    truth: NDArray[np.float64],
+    counts: NDArray[np.float64],
+    prior: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Weights (k,) of the largest posterior, none but the first negative: Newton's method, projected.
+
+    Args:
+        inputs: (n, k) of the cases, the first column 1.
+        truth, counts: (n,) 0 or 1, and the number of cases that each stands for.
+        prior: (k,) weights, the mean of a normal distribution.
+    """
+    spread = SPREAD * np.array([SPREAD_BIAS, *prior[1:]])
+    bounded = np.arange(len(prior)) > 0
+
+    def loss(weights: NDArray[np.float64]) -> float:
+        log_odds, off = inputs @ weights, (weights - prior) / spread
+        return float(counts @ (np.logaddexp(0, log_odds) - truth * log_odds) + off @ off / 2)
+
+    weights = prior.copy()
+    value = loss(weights)
+    for _ in range(_MOST_STEPS):
+        chance = _logistic(inputs @ weights)
+        gradient = inputs.T @ (counts * (chance - truth)) + (weights - prior) / spread**2
+        curvature = (inputs.T * (counts * chance * (1 - chance))) @ inputs + np.diag(spread**-2)
+        free = ~(bounded & (weights <= 0) & (gradient > 0))
+        step = np.zeros_like(weights)
+        step[free] = -np.linalg.solve(curvature[np.ix_(free, free)], gradient[free])
+        share = 1.0
+        while True:
+            reached = np.where(bounded, np.maximum(weights + share * step, 0), weights + share * step)
+            there = loss(reached)
+            if there <= value + _ENOUGH * gradient @ (reached - weights) or share < _LEAST_SHARE:
+                break
+            share /= 2
+        moved = float(np.abs(reached - weights).max())
+        if there < value:
+            weights, value = reached, there
+        if moved < _RESTS:
+            break
+    return weights
 
 
 def _logistic(x: ArrayLike) -> NDArray[np.float64]:

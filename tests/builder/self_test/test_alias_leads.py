@@ -61,7 +61,17 @@ def test_what_moved_costs_the_true_room_a_part_of_its_lead(version: BuildResult)
     for name, config in (("calm", calm), ("moved", SelfTestConfig().perturb)):
         simulation = ScanSimulation(simulator, sensor, config)
         cases = simulation.cases(at_m, 1.0, 12, np.random.default_rng(2))
-        lost[name] = [lead_lost(localizer, simulation, case, LocalizeOptions()) for case in cases]
+        lost[name] = [
+            lead_lost(
+                localizer,
+                simulation,
+                case,
+                simulation.clean_ranges(case),
+                simulation.scan(case),
+                LocalizeOptions(),
+            )
+            for case in cases
+        ]
     assert {by for by in lost["calm"] if by is not None} == {0.0}
     assert max(abs(by) for by in lost["moved"] if by is not None) > 0.005
 

@@ -9,7 +9,7 @@ import pytest
 
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.quality import AlignmentQuality
-from firstfix.builds.config import BuildConfig, SelfTestConfig
+from firstfix.builds.config import ActivateConfig, BuildConfig, SelfTestConfig
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
@@ -17,8 +17,8 @@ from firstfix.engine.ranking import RANKING
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, make_transform, rotation_z
 from firstfix_builder.job.build_job import BuildResult
+from firstfix_builder.self_test import asks, run
 from firstfix_builder.self_test import equal_places as equal_places_module
-from firstfix_builder.self_test import run
 from firstfix_builder.self_test.equal_places import EqualPlaces, equal_places, share_seen_alike, tie_width
 from firstfix_builder.self_test.real_scans import RealScans
 from firstfix_builder.simulation.boxes import Boxes
@@ -99,7 +99,7 @@ def test_of_few_equal_places_nothing_is_learned():
 def test_a_maps_own_width_is_measured_by_its_self_test(
     coarse_version: BuildResult, small_world: SmallWorld, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(run, "equal_places", lambda *_: EqualPlaces((), 0.12))
+    monkeypatch.setattr(asks, "equal_places", lambda *_: EqualPlaces((), 0.12))
     monkeypatch.setattr(equal_places_module, "_MIN_SCANS", 2)
     with ThreadPoolExecutor(1) as executor:
         _, calibration, _, _ = run.run_self_test(
@@ -107,6 +107,7 @@ def test_a_maps_own_width_is_measured_by_its_self_test(
             Simulator(small_world.vertices, small_world.triangles),
             BuildConfig.parse(COARSE_CONFIG).sensor_model,
             SelfTestConfig(queries=2, outside=1),
+            ActivateConfig(),
             RealScans(),
             executor,
             lambda done: None,

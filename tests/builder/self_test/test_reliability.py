@@ -8,9 +8,8 @@ from firstfix.engine.ranking import MatchFeatures
 from firstfix_builder.self_test.reliability import (
     ABSENT_WEIGHT,
     Case,
-    bound_of,
+    CrossValidated,
     fit,
-    reliability_of,
 )
 
 TRUE = Calibration(bias=-12.0, alignment_score=3.0, free_space=1.5, margin=15.0)
@@ -31,20 +30,20 @@ def cases(n: int, seed: int, honest: bool = True) -> list[Case]:
 
 
 def test_honest_cases_are_reliable_and_every_case_is_counted():
-    found = reliability_of(cases(1500, 1))
+    found = CrossValidated.of(cases(1500, 1)).reliability()
     assert found["expected_calibration_error"] < 0.05
     assert sum(part["cases"] for part in found["bins"]) == 1500
     assert all(0 <= part["claimed"] <= 1 and 0 <= part["right"] <= 1 for part in found["bins"])
 
 
 def test_too_few_cases_to_learn_a_coin_from_are_called_unreliable():
-    assert reliability_of(cases(25, 2, honest=False))["expected_calibration_error"] > 0.1
+    assert CrossValidated.of(cases(25, 2, honest=False)).reliability()["expected_calibration_error"] > 0.1
 
 
 def test_what_was_not_asked_teaches_but_is_not_counted():
     asked = cases(200, 3)
     twins = [Case(c.query, MatchFeatures(c.evidence.quality, 0.01), False, 0.25, asked=False) for c in asked]
-    found = reliability_of(asked + twins)
+    found = CrossValidated.of(asked + twins).reliability()
     assert sum(part["cases"] for part in found["bins"]) == 200
     assert fit(asked + twins).probability(twins[0].evidence) < fit(asked).probability(twins[0].evidence)
 
@@ -56,7 +55,7 @@ def test_equal_places_do_not_move_the_calibration_of_others():
     ]
     assert replace(fit(asked + ties), among_tied=()) == fit(asked)
     assert replace(fit(ties), among_tied=()) == Calibration()
-    found = reliability_of(asked + ties)
+    found = CrossValidated.of(asked + ties).reliability()
     assert sum(part["cases"] for part in found["bins"]) == 400  # that they come true is still measured
 
 
@@ -76,16 +75,16 @@ def test_equal_places_teach_how_likely_one_of_them_is_right():
 
 def test_nothing_asked_leaves_the_prior_and_no_claim():
     assert fit([]) == Calibration()
-    assert reliability_of([]) == {"expected_calibration_error": None, "bins": []}
+    assert CrossValidated.of([]).reliability() == {"expected_calibration_error": None, "bins": []}
 
 
 def test_the_bound_counts_wrong_cases_asked_or_not_and_those_without_an_answer():
     asked = cases(200, 6)
     wrong = [case for case in asked if not case.right]
     absent = [Case(c.query, MatchFeatures(c.evidence.quality, 0.01), False, 0.25, asked=False) for c in asked]
-    found = bound_of([*asked, *absent], unanswered=7)
+    found = CrossValidated.of([*asked, *absent]).bound(unanswered=7)
     assert found.negatives == len(wrong) + len(absent) + 7
-    alone = bound_of(asked)
+    alone = CrossValidated.of(asked).bound()
     assert alone.negatives == len(wrong)
     assert all(
         row.accepted <= other.accepted + len(absent)
@@ -100,7 +99,7 @@ def test_the_bound_is_judged_by_a_calibration_that_has_not_seen_the_case():
     ]
     liar = Case(40, MatchFeatures(AlignmentQuality(0.95, 0.9, 0.001), 0.2), False, weight=50.0)
     unseen, seen = fit(good), fit([*good, liar])
-    threshold = [row for row in bound_of([*good, liar]).rows if row.accepted]
+    threshold = [row for row in CrossValidated.of([*good, liar]).bound().rows if row.accepted]
     assert threshold[-1].min_probability <= unseen.probability(liar.evidence)
     assert threshold[-1].min_probability > seen.probability(liar.evidence)
 
@@ -110,4 +109,4 @@ def test_what_no_threshold_accepts_is_no_false_accept():
     quality = AlignmentQuality(0.95, 0.95, 0.0)
     tied = [Case(n, MatchFeatures(quality, 0.5, tied=2), False) for n in range(10)]
     little = [Case(n, MatchFeatures(AlignmentQuality(0.3, 0.95, 0.0), 0.5), False) for n in range(10, 20)]
-    assert [row.accepted for row in bound_of([*tied, *little]).rows] == [0] * 10
+    assert [row.accepted for row in CrossValidated.of([*tied, *little]).bound().rows] == [0] * 10

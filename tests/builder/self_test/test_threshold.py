@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firstfix_builder.self_test.threshold import FLOOR, Ceiling, Judged, choose
+from firstfix_builder.self_test.threshold import FLOOR, Ceiling, Judged, choose, is_settled
 
 
 def cases(in_map: list[float], wrong: list[float], absent: list[float]) -> list[Judged]:
@@ -89,3 +89,49 @@ def test_hard_negatives_that_nobody_asked_refute_nothing():
     hard = [Judged(0.9995, False, False, 0.1, asked=False)] * 20
     found = choose([*cases([0.9999] * 117, [], []), *hard], 0.005, Ceiling(0.99, 0.004))
     assert found.kept_by == "many maps"
+
+
+def half(claimed: list[float], absent: list[float]) -> list[Judged]:
+    """Half of a self-test's cases, all of whose places in the map are right."""
+    return cases(claimed, [], absent)
+
+
+def test_half_of_the_cases_choose_what_all_would_if_they_came_out_alike():
+    some = half([0.9999] * 50 + [0.93] * 10, [0.5] * 60)
+    early, whole = choose(some, 0.005, None, 0.5), choose([*some, *some], 0.005, None)
+    assert early.min_probability == whole.min_probability == FLOOR
+    assert is_settled(some, 0.005, None, 0.5)
+    assert choose(some, 0.005, None).min_probability == 0.995, "as a whole self-test it would be too small"
+
+
+def test_the_bound_of_half_of_the_cases_is_told_as_it_is():
+    some = half([0.9999] * 60, [0.5] * 60)
+    early, whole = choose(some, 0.005, None, 0.5), choose([*some, *some], 0.005, None)
+    assert whole.bound < early.bound + 0.002
+    assert early.kept_by == "rate"
+    assert early.bound <= 0.005
+    fewer = choose(half([0.9999] * 60, [0.5] * 40), 0.005, None, 0.5)
+    assert fewer.bound > early.bound, "fewer negatives show less"
+
+
+def test_a_threshold_is_not_settled_while_its_own_cases_do_not_carry_it():
+    """All of them would show the rate at 0.9, so few do not yet: it goes on."""
+    few = half([0.9999] * 20, [0.5] * 20)
+    assert not is_settled(few, 0.005, None, 1 / 6)
+    assert choose(few, 0.005, None, 1 / 6).min_probability == 0.995
+
+
+def test_what_no_further_case_can_lower_is_settled():
+    """A negative above the ceiling: whatever the rest is, the threshold is what many maps have taught."""
+    some = half([0.9999] * 20, [0.5] * 20 + [0.9998])
+    assert is_settled(some, 0.005, Ceiling(0.99, 0.004), 1 / 6)
+    assert choose(some, 0.005, Ceiling(0.99, 0.004), 1 / 6).kept_by == "many maps"
+
+
+def test_an_early_end_never_tells_a_lower_threshold_than_all_cases_like_these_would():
+    rng = np.random.default_rng(5)
+    for _ in range(40):
+        n = int(rng.integers(10, 80))
+        some = half((1 - 0.05 * rng.beta(0.2, 2, n)).tolist(), rng.beta(0.3, 6, n).tolist())
+        early, whole = choose(some, 0.005, None, 0.5), choose([*some, *some], 0.005, None)
+        assert early.min_probability >= whole.min_probability

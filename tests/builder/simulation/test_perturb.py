@@ -118,3 +118,13 @@ def test_what_stands_in_the_way_stops_rays_at_every_azimuth():
     begins = stopped & ~np.roll(stopped, 1, axis=1)
     assert (stopped[:, 0] & stopped[:, -1]).any()  # one thing, seen on both sides of the jump
     assert begins.sum() > 150
+
+
+@pytest.mark.parametrize("config", [CLEAN, PerturbConfig(), PerturbConfig(unmapped=0, vanished=0)])
+def test_a_scan_of_given_clean_ranges_is_the_same_and_leaves_them_as_they_are(config: PerturbConfig):
+    simulation, found = cases(config, 3)
+    for case in found:
+        clean = simulation.clean_ranges(case)
+        kept = clean.copy()
+        np.testing.assert_array_equal(simulation.scan(case, clean=clean).points, simulation.scan(case).points)
+        np.testing.assert_array_equal(clean, kept)
