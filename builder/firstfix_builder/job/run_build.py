@@ -172,6 +172,7 @@ def run_build(
                         taken_back = reporter.provisional_version[:12]
                         _log.warning("map %s: its provisional version %s answers no more", map_id, taken_back)
             except (StoreUnavailable, ClusterUnavailable, OutOfSpace) as error:
+                reporter.stop()
                 with suppress(StoreError):  # not the build's fault: it is to be run again
                     catalog.builds.set_status(build_id, reporter.waiting_status(error_record(error, work)))
                 raise
