@@ -19,6 +19,7 @@ from firstfix.engine.registration.surface import Surface
 from firstfix.engine.retrieval.cascade import Clusters, Templates
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.errors import BuildFailed
+from firstfix.scan.reduction import first_in_voxel
 
 from ..index.index_files import write_search, write_surface
 from ..mesh.clean_cloud import voxel_means
@@ -54,15 +55,12 @@ class QuickPlaces:
 
     @classmethod
     def along(cls, run: NDArray[np.float64], spacing_m: float) -> QuickPlaces:
-        """Some of (m, 3) positions, each at least so far from the one before.
+        """Some of (m, 3) positions: the first in each cube of so large an edge, however often it is passed.
 
         Raises:
             BuildFailed: the run is so long that templates would take minutes.
         """
-        kept = [0]
-        for row, position in enumerate(run):
-            if np.linalg.norm(position - run[kept[-1]]) >= spacing_m:
-                kept.append(row)
+        kept = first_in_voxel(run, spacing_m)
         if len(kept) > MAX_PLACES:
             raise BuildFailed(f"the mapping run is longer than {MAX_PLACES} templates")
         at = run[kept]
