@@ -37,6 +37,7 @@ from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
 from .self_test.compare_versions import COMPARED_FILE, ComparedVersions, compare
 from .sources.patch_reader import PatchedMap
+from .sources.read_map.posed_cloud import OnPosedCloud
 from .sources.read_map.read_map import content_hash
 from .sources.read_source import read_source
 from .sources.reading import Reading
@@ -85,9 +86,17 @@ class BuildStages:
         """The stages of another build."""
         return replace(self, config=config, runner=replace(self.runner, progress=progress))
 
-    def read_map(self, source: Path, trajectory: Path | None) -> LevelMap:
-        """The map in its levelled local frame, by the reader of its kind of source."""
-        reading = Reading(self.runner, self.config, self.threads, self.for_config)
+    def read_map(
+        self, source: Path, trajectory: Path | None, on_posed_cloud: OnPosedCloud | None = None
+    ) -> LevelMap:
+        """The map in its levelled local frame, by the reader of its kind of source.
+
+        Args:
+            on_posed_cloud: see ``Reading``.
+        """
+        reading = Reading(
+            self.runner, self.config, self.threads, self.for_config, on_posed_cloud=on_posed_cloud
+        )
         return read_source(source, trajectory, reading)
 
     def index_map(self, read: LevelMap) -> IndexedMap:

@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
@@ -24,6 +24,7 @@ from firstfix.engine.config import ENGINE_FILE
 from firstfix.engine.index import MAP_FILE
 from firstfix.engine.retrieval.cascade import Clusters
 from firstfix.errors import BuildFailed
+from firstfix.transform import Matrix
 
 from .build_stages import BuildStages
 from .execution.chunks import ChunkCache, ChunkExecutor
@@ -31,9 +32,11 @@ from .execution.local_executor import LocalExecutor, die_with_parent
 from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
 from .execution.stage_runner import Progress, StageRunner
 from .job.build_job import BuildResult
+from .quick.quick_version import QuickVersion, posed_cloud_of
 from .self_test.compare_versions import ComparedVersions
 from .self_test.confirmed_scans import decode_confirmed
 from .sources.patch_reader import PATCH_FILE, PatchedMap
+from .sources.read_map.posed_cloud import PosedCloud
 from .stage_files import link
 from .stage_results import REPORT_FILE, LevelMap
 from .viewpoints.workload import Workload
@@ -88,11 +91,10 @@ def build_version(
         workload = Workload(options.max_templates)
         runner = StageRunner(cache, chunks, progress, cancelled)
         build = BuildStages(runner, config, threads, workload=workload)
-        read = build.read_map(source, trajectory)
-        if publish_provisional is not None:
-            early = _provisional(build, read, work)
-            if early is not None:
-                publish_provisional(early)
+        if publish_provisional is None:
+            read = build.read_map(source, trajectory)
+        else:
+            read = _read_and_publish_early(build, source, trajectory, work, publish_provisional)
         made = build.index_map(read)
         drawn = build.draw_cloud(read, made.index)
         with _decoded(confirmed, work) as scans:
@@ -101,8 +103,36 @@ def build_version(
         return _collect(config, read, [made.index, drawn, tested], work / "version", compared=compared)
 
 
+def _read_and_publish_early(
+    build: BuildStages,
+    source: Path,
+    trajectory: Path | None,
+    work: Path,
+    publish: Callable[[BuildResult], None],
+) -> LevelMap:
+    """The map that was read, of which a provisional version is published as soon as there can be one.
+
+    Where it has the poses of a mapping run, that is while it is read. Else it is made of the map's surface.
+    """
+
+    def publish_quick(made: Path, cloud: PosedCloud) -> None:
+        record = {"findings": list(cloud.findings)}
+        publish(BuildResult(made, _manifest(made, build.config, cloud.T_map_level, record, provisional=True)))
+
+    quick = QuickVersion(build.config, work / PROVISIONAL, build.threads, publish_quick)
+    read = build.read_map(source, trajectory, quick.make)
+    build.runner.progress(PROVISIONAL, 0.0)
+    if not quick.is_tried and (cloud := posed_cloud_of(read)) is not None:  # the map was read before
+        quick.make(cloud)
+    if not quick.is_published:
+        early = _provisional(build, read, work)
+        if early is not None:
+            publish(early)
+    return read
+
+
 def _provisional(build: BuildStages, read: LevelMap, work: Path) -> BuildResult | None:
-    """The provisional version of the map; None if it cannot be made: the full build then reports the reason.
+    """The provisional version of a map's surface; None if it cannot be made: the full build says why.
 
     Its stages count as one.
     """
@@ -118,7 +148,7 @@ def _provisional(build: BuildStages, read: LevelMap, work: Path) -> BuildResult 
     except BuildFailed as error:
         _log.warning("no provisional version: %s", error)
         return None
-    return _collect(coarse.config, read, [index, tested], work / "provisional", provisional=True)
+    return _collect(coarse.config, read, [index, tested], work / PROVISIONAL, provisional=True)
 
 
 def provisional_config(config: BuildConfig) -> BuildConfig:
@@ -223,26 +253,42 @@ def _collect(
         link(path, directory / path.name)
     if compared is not None:
         link(PatchedMap.of(read).patch, directory / PATCH_FILE)
+    source = _source_record(read, compared)
+    return BuildResult(
+        directory, _manifest(directory, config, read.T_map_level, source, provisional=provisional)
+    )
+
+
+def _manifest(
+    directory: Path,
+    config: BuildConfig,
+    T_map_level: Matrix,
+    source: Mapping[str, Any],
+    *,
+    provisional: bool,
+) -> Manifest:
+    """The manifest of a version's files, which is written beside them."""
     points = np.load(directory / MAP_FILE, mmap_mode="r")
     clusters = Clusters.load(directory)
+    report = directory / REPORT_FILE
     manifest = Manifest.for_directory(
         directory,
         engine=json.loads((directory / ENGINE_FILE).read_text()),
         config=config.to_mapping(),
         sensor=config.sensor_model.to_mapping(),
-        origin=read.T_map_level[:3, 3],
-        source=_source_record(read, compared),
+        origin=T_map_level[:3, 3],
+        source=source,
         counts={
             "templates": len(clusters.member),
             "clusters": len(clusters),
             "map_points": len(points),
         },
-        self_test={} if provisional else json.loads((directory / REPORT_FILE).read_text()),
+        self_test=json.loads(report.read_text()) if report.exists() else {},
         provisional=provisional,
         bounds=(points.min(axis=0), points.max(axis=0)),
     )
     (directory / "manifest.json").write_bytes(manifest.to_json())
-    return BuildResult(directory, manifest)
+    return manifest
 
 
 def _source_record(read: LevelMap, compared: ComparedVersions | None) -> dict[str, Any]:

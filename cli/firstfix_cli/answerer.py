@@ -96,7 +96,7 @@ def _naming_times(ask: Answerer) -> Answerer:
 
 
 def is_provisional(store: str, map_id: str, version: str) -> bool:
-    """Whether a version is coarse and untested, until a full one takes its place."""
+    """Whether a version is coarse and little tested, until a full one takes its place."""
     from firstfix.catalog.catalog import Catalog
 
     from .stores import existing_store

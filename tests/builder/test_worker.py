@@ -297,6 +297,29 @@ def test_a_build_that_has_ended_is_left_alone(place: Place) -> None:
     assert pipeline.calls == []
 
 
+def test_a_status_under_way_does_not_cover_that_the_build_waits(place: Place, monkeypatch) -> None:
+    """A slow store takes the reporter's status of a running build while the build fails."""
+    put, under_way, queued = BuildRecords.set_status, threading.Event(), threading.Event()
+
+    def set_status(self: BuildRecords, build_id: str, status: dict[str, Any]) -> None:
+        if threading.current_thread().name == "build-reporter":
+            under_way.set()
+            queued.wait(1.0)  # where the writer below waits for this thread, it does not come
+        put(self, build_id, status)
+        if status["state"] == "queued":
+            queued.set()
+
+    def act(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
+        progress("one", 0.5)
+        assert under_way.wait(LIMIT_S)
+        raise StoreUnavailable("gone")
+
+    monkeypatch.setattr(BuildRecords, "set_status", set_status)
+    with pytest.raises(StoreUnavailable):
+        place.run(TinyPipeline(act))
+    assert place.catalog.builds.status("b1")["state"] == "queued"
+
+
 @pytest.mark.parametrize(
     ("error", "code"),
     [

@@ -97,7 +97,7 @@ def test_a_provisional_version_is_marked(tmp_path, capsys):
     assert ended(["maps", "versions", "hall", *store, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["versions"][0]["provisional"] is True
     assert ended(["maps", "show", "hall", *store]) == 0
-    assert "provisional: coarse and untested" in capsys.readouterr().out
+    assert "provisional: coarse and little tested" in capsys.readouterr().out
     assert is_provisional(str(tmp_path / "store"), "hall", version)
 
 

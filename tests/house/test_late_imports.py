@@ -8,7 +8,8 @@ import pytest
 PROCESSES = {
     "firstfix_service.server": ("scipy", "matplotlib", "open3d"),
     "firstfix_service.query_workers.worker": ("scipy", "fastapi", "httpx", "zenoh"),
-    "firstfix_builder.pipeline": ("scipy.stats", "matplotlib.pyplot"),
+    "firstfix_builder.worker": ("scipy", "faiss", "httpx"),
+    "firstfix_builder.pipeline": ("scipy.stats", "matplotlib.pyplot", "open3d"),
     "firstfix_cli.main": ("scipy", "faiss", "fastapi", "httpx", "numpy"),
 }
 

@@ -14,6 +14,7 @@ from firstfix.descriptor import Descriptor
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import MAP_FILE, MapView
 from firstfix.engine.registration.align import MapSurface
+from firstfix.engine.registration.surface import Surface
 from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates, load_projection
 from firstfix.engine.retrieval.key_search import build_key_search
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
@@ -75,11 +76,22 @@ def write_index_files(
         look: returns what is seen from (n, 3) positions of templates, as results of ``views.view_chunks``.
     """
     templates = Templates.load(directory, engine.descriptor.make())
-    _write_search(directory, templates, engine, provisional)
+    write_search(directory, templates, engine, provisional=provisional)
     surface = map_surface(
         cloud, look(templates.position_m), engine.registration.map_voxel_m, directory.parent
     )
     progress(0.7)
+    write_surface(directory, surface, engine, templates, provisional=provisional)
+
+
+def write_surface(
+    directory: Path, surface: Surface, engine: EngineConfig, templates: Templates, *, provisional: bool
+) -> None:
+    """Write the map's points, what scans are registered against, and the view of it.
+
+    Args:
+        provisional: draw no picture.
+    """
     with ThreadPoolExecutor(1) as beside:
         viewed = beside.submit(_write_view, directory, surface.points, engine, templates, provisional)
         if len(surface) > MAX_BESIDE:
@@ -101,7 +113,12 @@ def _write_view(
         draw_preview(points, templates.position_m, directory / "preview.png")
 
 
-def _write_search(directory: Path, templates: Templates, engine: EngineConfig, provisional: bool) -> None:
+def write_search(directory: Path, templates: Templates, engine: EngineConfig, *, provisional: bool) -> None:
+    """Write the key search and the tiles of templates, of a folder that has their clusters.
+
+    Args:
+        provisional: find no aliases.
+    """
     standing = Clusters.load(directory).representative
     projection = load_projection(directory)
     keys = make_keys(templates, standing, engine.descriptor.make(), projection, directory)

@@ -88,14 +88,18 @@ class BuildReporter:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._ended = True
-        os.write(self._wake_write, b"\0")
-        self._thread.join()
+        self.stop()
         if self._own_process:
             # From here on the signals do nothing: the caller records how the build ended, and exits.
             signal.set_wakeup_fd(-1)
         os.close(self._wake_read)
         os.close(self._wake_write)
+
+    def stop(self) -> None:
+        """Write no further status. So what the caller writes afterwards stays."""
+        self._ended = True
+        os.write(self._wake_write, b"\0")
+        self._thread.join()
 
     def tick(self, stage: str, fraction: float) -> None:
         """Note the completed share of a stage, 0..1."""

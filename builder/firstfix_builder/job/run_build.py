@@ -168,7 +168,11 @@ def run_build(
                 )
                 if held is not None:
                     _log.warning("build %s: %s", build_id, held.text)
+                    if reporter.provisional_version is not None:
+                        taken_back = reporter.provisional_version[:12]
+                        _log.warning("map %s: its provisional version %s answers no more", map_id, taken_back)
             except (StoreUnavailable, ClusterUnavailable, OutOfSpace) as error:
+                reporter.stop()
                 with suppress(StoreError):  # not the build's fault: it is to be run again
                     catalog.builds.set_status(build_id, reporter.waiting_status(error_record(error, work)))
                 raise

@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from .open3d_core import o3d
-
 STOREY_M = 2.0  # height of the slices in which places are searched, so that both sides of a slab have some
 PER_STOREY = 3
 SIGHT_START_VOXELS = 1.5  # the point's own surface must not hide the scanner
@@ -25,6 +23,8 @@ FLAT_COSINE = 0.9
 
 def estimate_normals(points: NDArray[np.float64], radius_m: float, neighbours: int) -> NDArray[np.float64]:
     """(n, 3) unit normals of unknown sign, each from the plane through its neighbours."""
+    from .open3d_core import o3d  # imported late: a first version does not wait for it
+
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(radius_m, neighbours))
     return np.asarray(cloud.normals).copy()

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .mesh import Mesh
-from .open3d_core import o3d
 from .orient_normals import estimate_normals, orient_normals
 
 
@@ -119,6 +118,8 @@ def poisson_surface(
     points: NDArray[np.float64], normals: NDArray[np.float64], cell_m: float, point_weight: float
 ) -> Mesh:
     """The closed surface through (n, 3) points with (n, 3) outward normals."""
+    from .open3d_core import o3d  # imported late: a first version does not wait for it
+
     # Relative to its centre: the solver has single precision, and a map may lie far from the origin.
     middle = np.round(points.mean(axis=0))
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points - middle))

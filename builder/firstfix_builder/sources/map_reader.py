@@ -21,7 +21,7 @@ class MapReader:
         """The map, as its file or folder has it."""
 
         def produce(out: Path) -> None:
-            write_level_map(path, trajectory, reading.config, out)
+            write_level_map(path, trajectory, reading.config, out, on_posed_cloud=reading.on_posed_cloud)
 
         held_out = reading.config.self_test.held_out if is_map_of_scans(path) else None
         return reading.stage(path, trajectory, produce, held_out=held_out)

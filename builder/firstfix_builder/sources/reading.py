@@ -14,6 +14,7 @@ from firstfix.errors import UnsupportedFormat
 from ..execution.build_trace import within_a_stage
 from ..execution.stage_runner import Progress, StageRunner
 from ..stage_results import IndexedMap, LevelMap, MapMesh
+from .read_map.posed_cloud import OnPosedCloud
 from .read_map.read_map import content_hash
 
 
@@ -66,6 +67,8 @@ class Reading:
         stages_for: makes the stages of another build, by its config and progress.
         reader: name of the reader, of another package with its version: a part of the stage's key.
         readers: by name, of sources within the source.
+        on_posed_cloud: called with a cloud that has poses, as soon as nothing refuses it and before it is
+            cleaned; None: nobody waits for it. It is not called where the result of reading is cached.
     """
 
     runner: StageRunner
@@ -74,11 +77,12 @@ class Reading:
     stages_for: StagesFor
     reader: str = ""
     readers: Mapping[str, SourceReader] = field(default_factory=dict)
+    on_posed_cloud: OnPosedCloud | None = None
 
     def with_config(self, config: BuildConfig) -> Reading:
-        """The same by another config, without progress."""
+        """The same by another config, of a part of the map: without progress, and nobody waits for it."""
         quiet = replace(self.runner, progress=lambda stage, fraction: None)
-        return replace(self, config=config, runner=quiet)
+        return replace(self, config=config, runner=quiet, on_posed_cloud=None)
 
     def first_of(self, readers: Mapping[str, SourceReader], path: Path, trajectory: Path | None) -> LevelMap:
         """The map of a source, by the first of the readers that can; sources within it by those after it.

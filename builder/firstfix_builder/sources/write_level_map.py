@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from functools import cache
 from itertools import chain
 from pathlib import Path
 
@@ -23,11 +24,13 @@ from ..stage_files import TRAJECTORY_FILE, write_json
 from ..stage_results import FINDINGS_FILE, MOVING_FILE, T_MAP_LEVEL_FILE
 from .check_map.check_map import check_map, has_fit_poses, refuse
 from .check_map.sensor_poses import with_sensor_poses
+from .check_map.shape import Shape
 from .read_map import MapData, read_parts
 from .read_map.file_errors import naming
-from .read_map.held_out import read_held_out
+from .read_map.held_out import HeldOut, read_held_out
 from .read_map.map_of_scans import MapOfScans, is_map_of_scans, read_map_of_scans
 from .read_map.mapping_scans import MappingScans
+from .read_map.posed_cloud import OnPosedCloud, PosedCloud
 from .read_map.read_map import in_local_frame
 from .read_map.without_moving import Moving, without_moving
 
@@ -41,6 +44,7 @@ def write_level_map(
     out: Path,
     *,
     read: Callable[[Path], MapData] | None = None,
+    on_posed_cloud: OnPosedCloud | None = None,
 ) -> None:
     """Write points or a mesh, the trajectory, held-out scans, findings, and T_map_level.
 
@@ -49,6 +53,7 @@ def write_level_map(
         trajectory: poses of the mapping run, if they are not in the source.
         out: the stage's folder.
         read: reads a source of another kind, in its own frame.
+        on_posed_cloud: called, where the map is a cloud with poses, as soon as nothing refuses it.
 
     Raises:
         InputError: the source or the trajectory cannot be read.
@@ -64,13 +69,26 @@ def write_level_map(
     else:
         parts = iter([in_local_frame(made.data, axis, scale, trajectory)])
     data = with_sensor_poses(next(parts), config.trajectory_mount_height_m)
-    findings = check_map(data, data.trajectory)
+    held_out = _held_out(source, made, config)
+
+    @cache
+    def level() -> Matrix:
+        assert data.points is not None
+        return level_frame(data.points) if config.level else np.eye(4)
+
+    def before_warnings(found: Sequence[Finding], shape: Shape) -> None:
+        if on_posed_cloud is None or data.points is None or data.trajectory is None:
+            return
+        if shape.spacing_m and has_fit_poses(found):
+            on_posed_cloud(_posed_cloud(data, level(), shape.spacing_m, found, held_out or HeldOut()))
+
+    findings = check_map(data, data.trajectory, before_warnings)
     refuse(findings)
     poses = data.trajectory if has_fit_poses(findings) else None
     write_findings(findings, out)
     T_map_level = np.eye(4)
     if data.points is not None:
-        T_map_level = level_frame(data.points) if config.level else T_map_level
+        T_map_level = level()
         T_level_map = inverse(T_map_level)
         cloud = clean_cloud(transform_points(T_level_map, data.points), config.clean)
         to_origin = make_transform(np.eye(3), -data.origin)
@@ -85,11 +103,35 @@ def write_level_map(
     # answers are in the file's own coordinates: the local origin goes back in here
     T_map_level = make_transform(np.eye(3), data.origin) @ T_map_level
     np.save(out / T_MAP_LEVEL_FILE, T_map_level)
-    held_out = read_held_out(source, axis, scale)
-    if made is not None:
-        held_out = made.held_out if held_out is None else made.held_out.with_those(held_out)
     if held_out is not None:
         held_out.moved(inverse(T_map_level)).save(out)
+
+
+def _held_out(source: Path, made: MapOfScans | None, config: BuildConfig) -> HeldOut | None:
+    """Scans of the source that are not among the map's points; None: it has no place for any."""
+    brought = read_held_out(source, config.axis, config.scale)
+    if made is None:
+        return brought
+    return made.held_out if brought is None else made.held_out.with_those(brought)
+
+
+def _posed_cloud(
+    data: MapData, T_map_level: Matrix, spacing_m: float, found: Sequence[Finding], held_out: HeldOut
+) -> PosedCloud:
+    """A map's points with its poses, in the level frame."""
+    assert data.points is not None
+    assert data.trajectory is not None
+    T_level_map = inverse(T_map_level)
+    is_level = np.array_equal(T_map_level, np.eye(4))
+    T_source_level = make_transform(np.eye(3), data.origin) @ T_map_level
+    return PosedCloud(
+        data.points if is_level else transform_points(T_level_map, data.points),
+        T_level_map @ data.trajectory,
+        spacing_m,
+        T_source_level,
+        [one.to_mapping() for one in found],
+        held_out.moved(inverse(T_source_level)),
+    )
 
 
 def write_findings(findings: Sequence[Finding], out: Path) -> None:

@@ -323,7 +323,7 @@ def _lines(details: dict[str, Any]) -> list[str]:
     counts = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in manifest["counts"].items())
     megabytes = sum(entry["bytes"] for entry in manifest["files"].values()) / 1e6
     if manifest.get("provisional"):
-        lines.append("  provisional: coarse and untested, until the full version takes its place")
+        lines.append("  provisional: coarse and little tested, until the full version takes its place")
     lines.append(f"  {counts}, {megabytes:,.1f} MB, made for a {manifest['sensor'].get('name', '?')}")
     if manifest["bounds"]:
         low, high = manifest["bounds"]

@@ -37,7 +37,7 @@ class VersionInfo:
 
     Attributes:
         published_time: UTC, ISO 8601.
-        provisional: coarse and untested, until the full version takes its place.
+        provisional: coarse and little tested, until the full version takes its place.
         details: the service's whole record, unchanged.
     """
 

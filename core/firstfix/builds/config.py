@@ -247,8 +247,8 @@ class BuildConfig(Stage):
         trajectory_mount_height_m: height of the sensor over the poses of the trajectory, where those are
             of the robot's base: along each pose's own z. 0: they are the sensor's.
         level: rotate a tilted map so that z points up in the index.
-        provisional: a map without a full version gets a provisional one first: coarse, untested, and served
-            until the full one takes its place. This option does not change the full version.
+        provisional: a map without a full version gets a provisional one first: coarse, little tested, and
+            served until the full one takes its place. This option does not change the full version.
         patch: what becomes of patches of this map by recorded queries: "off": none is made; "propose": the
             patched version waits until somebody activates it; "activate": it is activated, unless it is
             worse.

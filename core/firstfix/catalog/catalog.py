@@ -51,7 +51,7 @@ class VersionInfo:
 
     Attributes:
         published_time: UTC, ISO 8601.
-        provisional: coarse and untested, until the full version takes its place.
+        provisional: coarse and little tested, until the full version takes its place.
         provenance: what it was made of, and by whom.
         summary: its numbers, as ``summary_of`` gives them; empty: they were not recorded.
     """

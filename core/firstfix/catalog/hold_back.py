@@ -35,7 +35,8 @@ def reason_to_hold(
 ) -> Finding | None:
     """Finding because of which a version is not activated; None: it is activated.
 
-    A patched version has further reasons. A provisional one has no self-test, and a config may want none.
+    A patched version has further reasons. A provisional one is judged by its findings alone, and a config may
+    want no self-test.
 
     Args:
         active: manifest of the active version; None: the map has none.
@@ -69,7 +70,7 @@ def _reason_of_self_test(
     real = (tested.get("real") or {}).get("of_source") or {"asked": 0, "found": 0}
     if _chance_of_so_few(real["found"], real["asked"], config.min_real_found) < REAL_BY_CHANCE:
         return SELF_TEST_REAL_LOW.found({**real, "least": config.min_real_found}, **words)
-    if active is None or not active.self_test.get("queries"):
+    if active is None or active.provisional or not active.self_test.get("queries"):
         return None
     before = float(active.self_test["found"])
     if found < before - config.max_loss - _ROUNDING:

@@ -32,7 +32,7 @@ def end_build(catalog: Catalog, build_id: str, status: Mapping[str, Any]) -> Non
     Raises:
         StoreError: the end is not recorded.
     """
-    made_full = _retire_provisional(catalog, build_id, str(status["map_id"]))
+    made_full = _retire_provisional(catalog, build_id, str(status["map_id"]), str(status["state"]))
     catalog.builds.set_status(build_id, status)
     if made_full:  # it was published, but its process was killed before it could say so
         return
@@ -42,8 +42,12 @@ def end_build(catalog: Catalog, build_id: str, status: Mapping[str, Any]) -> Non
         _log.warning("the sources of build %s were not removed: %s", build_id, error)
 
 
-def _retire_provisional(catalog: Catalog, build_id: str, map_id: str) -> bool:
-    """Take the build's provisional version out of service. Returns whether it has published a full one."""
+def _retire_provisional(catalog: Catalog, build_id: str, map_id: str, end: str) -> bool:
+    """Take the build's provisional version out of service. Returns whether it has published a full one.
+
+    Args:
+        end: how the build ended, for the log.
+    """
     if not map_id:
         return False
     state = catalog.state(map_id)
@@ -54,6 +58,13 @@ def _retire_provisional(catalog: Catalog, build_id: str, map_id: str) -> bool:
         if not _is_of_another(catalog, build_id, version):
             with suppress(NotFound):  # somebody has just retired it
                 catalog.retire(map_id, version, force=True)
+                _log.warning(
+                    "map %s: its provisional version %s answers no more, as its build %s has %s",
+                    map_id,
+                    version[:12],
+                    build_id,
+                    "failed" if end == "failed" else f"been {end}",
+                )
     return bool(own - state.provisional)
 
 

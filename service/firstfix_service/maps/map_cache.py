@@ -47,6 +47,15 @@ def _of_damage(state: MapState) -> str:
     return f": in its log these entries are damaged or missing: {numbers} (`firstfix maps verify --repair`)"
 
 
+def _why_not_served(map_id: str, state: MapState) -> str:
+    """The reason why a map has no active version. A robot may have had answers in one that was taken back."""
+    if state.published:
+        return f"map {map_id} has no active version"
+    if not state.exists:
+        return f"no map {map_id}"
+    return f"map {map_id} has no version any more: its last one was taken out of service"
+
+
 class MapCache:
     """The versions that answer queries. Thread-safe.
 
@@ -207,8 +216,7 @@ class MapCache:
         """Load and serve the active version, or the last one before it that is not refused."""
         if not state.activated:
             self._forget(map_id)
-            message = f"map {map_id} has no active version" if state.published else f"no map {map_id}"
-            raise NotFound(f"{message}{_of_damage(state)}")
+            raise NotFound(f"{_why_not_served(map_id, state)}{_of_damage(state)}")
         first_error: VersionError | None = None
         for version in state.activated:
             try:

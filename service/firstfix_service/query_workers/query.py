@@ -39,7 +39,7 @@ class ServedVersion:
     """A map version whose files are on this machine and verified.
 
     Attributes:
-        provisional: coarse and untested, until a full version takes its place.
+        provisional: coarse and little tested, until a full version takes its place.
     """
 
     map_id: str

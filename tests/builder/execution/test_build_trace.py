@@ -27,7 +27,7 @@ from firstfix_builder.execution.build_trace import (
     within_a_stage,
 )
 from firstfix_builder.execution.stage_cache import StageCache
-from firstfix_builder.job import fetch_source
+from firstfix_builder.job import fetch_http
 from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
 from tests.builder.fixtures import queue_build
@@ -215,14 +215,14 @@ def test_the_log_has_no_secret(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, as_json: bool
 ):
     """The log of a failed build is kept, and its last line may be the build's error."""
-    monkeypatch.setattr(fetch_source, "PAUSE_S", 0.0)
+    monkeypatch.setattr(fetch_http, "PAUSE_S", 0.0)
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "wJalrXUtnFEMI")
     root = logging.getLogger()
     before, level = root.handlers[:], root.level
     try:
         set_up_build_log(BuildOptions(build_id="b1", log_json=as_json, log_level="debug"))
         with refusing_server() as url, pytest.raises(BuildFailed, match="answered 501"):
-            fetch_source.fetch_http(f"{url}/pathsecret/map.pcd", tmp_path / "map.pcd", 1000)
+            fetch_http.fetch_http(f"{url}/pathsecret/map.pcd", tmp_path / "map.pcd", 1000)
         try:
             raise BuildFailed("it refused wJalrXUtnFEMI and token=hunter2")
         except BuildFailed:

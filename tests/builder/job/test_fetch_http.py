@@ -13,8 +13,9 @@ import pytest
 from firstfix.builds.options import BuildOptions
 from firstfix.errors import BuildFailed, InvalidOption, NotFound, TooLarge
 from firstfix.store.store import Store
-from firstfix_builder.job import fetch_source as module
-from firstfix_builder.job.fetch_source import SourceFetch, fetch_http
+from firstfix_builder.job import fetch_http as module
+from firstfix_builder.job.fetch_http import fetch_http
+from firstfix_builder.job.fetch_source import SourceFetch
 
 DATA = bytes(range(256)) * 500
 Answer = Callable[[BaseHTTPRequestHandler], None]

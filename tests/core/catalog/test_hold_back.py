@@ -83,6 +83,12 @@ def test_a_first_map_that_fails_serves_nothing_not_even_provisionally(maker: Mak
     assert len(maker.catalog.versions("hall")) == 1, "the provisional version is retired"
 
 
+def test_a_full_version_is_not_measured_by_the_few_scans_of_a_provisional_one(maker: Maker):
+    assert maker.build(1.0, provisional=True) is None
+    assert maker.build(0.8) is None, "the provisional one was asked between its own templates alone"
+    assert maker.build(0.69) == "self_test_low"
+
+
 @pytest.mark.parametrize("provisional", [False, True])
 def test_a_finding_of_a_holding_kind_holds_every_version_back(maker: Maker, provisional: bool):
     findings = [MAP_DOUBLED_WALLS_FOUND, MAP_NOT_LEVEL.found({"level_y_share": 0.4, "level_z_share": 0.1})]

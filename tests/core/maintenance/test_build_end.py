@@ -40,12 +40,16 @@ def ended(state: str = "cancelled", **changes: Any) -> dict[str, Any]:
     return {**new_status(state, map_id="hall"), **changes}
 
 
-@pytest.mark.parametrize("state", ["cancelled", "failed"])
-def test_the_provisional_version_and_the_source_of_an_ended_build_go(any_catalog, tmp_path, state: str):
+@pytest.mark.parametrize(("state", "words"), [("cancelled", "been cancelled"), ("failed", "failed")])
+def test_the_provisional_version_and_the_source_of_an_ended_build_go(
+    any_catalog, tmp_path, state: str, words: str, caplog
+):
     recorded(any_catalog, tmp_path, "b1")
-    published(any_catalog, tmp_path, "b1", provisional=True)
+    version = published(any_catalog, tmp_path, "b1", provisional=True)
     for _ in range(2):
         end_build(any_catalog, "b1", ended(state))
+        told = f"its provisional version {version[:12]} answers no more, as its build b1 has {words}"
+        assert [told in record.getMessage() for record in caplog.records] == [True], "once, and loudly"
         assert any_catalog.active_version("hall") is None
         assert any_catalog.builds.status("b1")["state"] == state
         assert any_catalog.store.list("maps/hall/sources") == []

@@ -121,13 +121,13 @@ def test_a_map_without_a_good_version_is_corrupt(world: World):
 def test_unknown_maps_and_versions_are_not_found(world: World):
     version = world.publish("hall", "1")
     cache = world.cache()
-    with pytest.raises(NotFound):
+    with pytest.raises(NotFound, match="no map attic"):
         cache.get("attic")
     with pytest.raises(NotFound):
         cache.get("hall", "0" * 64)
     world.catalog.retire("hall", version, force=True)
     cache.poll()
-    with pytest.raises(NotFound):
+    with pytest.raises(NotFound, match="map hall has no version any more"):
         cache.get("hall")
 
 

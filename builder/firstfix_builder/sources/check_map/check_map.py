@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,17 +41,24 @@ from .upright_poses import check_upright
 
 MIN_POINTS = 200
 MIN_HEIGHT_M = 0.4  # of a map with walls
+BeforeWarnings: TypeAlias = Callable[[Sequence[Finding], Shape], None]
 
 
-def check_map(data: MapData, poses: NDArray[np.float64] | None = None) -> list[Finding]:
+def check_map(
+    data: MapData,
+    poses: NDArray[np.float64] | None = None,
+    before_warnings: BeforeWarnings = lambda found, shape: None,
+) -> list[Finding]:
     """Findings of a map; one alone where it is an error.
 
     Args:
         data: the map with z up and in metres, as the build's options say.
         poses: (m, 4, 4) T_map_sensor of the mapping run, in the frame of ``data``.
+        before_warnings: called with the findings so far and the map's rough figures, before the check that
+            takes as long as all others. It only warns: what refuses a map or holds it back is known by then.
     """
     found: list[Finding] = []
-    for check in _checks(data, poses, found):
+    for check in _checks(data, poses, found, before_warnings):
         one = check()
         if one is not None and one.severity is Severity.ERROR:
             return [one]  # what follows from it is no news
@@ -65,7 +73,10 @@ def has_fit_poses(findings: Iterable[Finding]) -> bool:
 
 
 def _checks(
-    data: MapData, poses: NDArray[np.float64] | None, found: Sequence[Finding]
+    data: MapData,
+    poses: NDArray[np.float64] | None,
+    found: Sequence[Finding],
+    before_warnings: BeforeWarnings,
 ) -> Iterator[Callable[[], Finding | None]]:
     """The checks, the quick ones first; ``found`` grows meanwhile. A mesh has neither spacing nor layers."""
     shape, points, origin = Shape.of(data), data.points, data.origin
@@ -85,13 +96,12 @@ def _checks(
         yield lambda: check_upright(stand)
         yield lambda: check_turned(points, given, -origin)
     yield lambda: check_up(surfaces(points, up.VOXEL_M, up.MAX_POINTS), poses)
+    if all(one.code != MAP_NOT_LEVEL.code for one in found):  # these checks look along z
+        yield lambda: check_single_scan(points, poses, origin)
+        if all(one.code != MAP_SINGLE_SCAN.code for one in found):  # it has few floors
+            yield from _of_heights(points, poses, shape, origin, found)
+    before_warnings(found, shape)
     yield lambda: check_doubled_walls(points, origin)
-    if any(one.code == MAP_NOT_LEVEL.code for one in found):
-        return  # the checks that follow look along z
-    yield lambda: check_single_scan(points, poses, origin)
-    if any(one.code == MAP_SINGLE_SCAN.code for one in found):
-        return  # it has few floors
-    yield from _of_heights(points, poses, shape, origin, found)
 
 
 def _of_heights(

@@ -11,7 +11,7 @@ from firstfix.scan.reduction import voxel_means
 COLUMN_M = 16.0  # a large map is looked at in some of such columns
 _MAX_POINTS_READ = 3_000_000
 _SEED = 34
-_MAX_TABLE = 1 << 22  # cells that are counted in a table: sorting takes ten times as long
+MAX_TABLE = 1 << 22  # cells that are counted in a table, which is quicker than sorting them
 
 
 def surfaces(points: NDArray[np.float64], voxel_m: float, max_points: int) -> Surface:
@@ -20,7 +20,7 @@ def surfaces(points: NDArray[np.float64], voxel_m: float, max_points: int) -> Su
     The columns stand in the plane of the two larger extents, so that it does not matter which axis is up.
     """
     flat = np.sort(np.argsort(np.ptp(points, axis=0))[1:])
-    column, count = _columns(np.floor(points[:, flat] / COLUMN_M).astype(np.int64))
+    column, count = numbered(np.floor(points[:, flat] / COLUMN_M).astype(np.int64))
     order = np.random.default_rng(_SEED).permutation(len(count))
     kept = np.zeros(len(count), bool)
     kept[order[np.cumsum(count[order]) <= max(_MAX_POINTS_READ, count.max())]] = True
@@ -33,14 +33,12 @@ def surfaces(points: NDArray[np.float64], voxel_m: float, max_points: int) -> Su
     return Surface.around(thinned)
 
 
-def _columns(cells: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Number (n,) of each (n, 2) cell among those with points, by x and then y, and how many these have."""
-    cells = cells - cells.min(axis=0)
-    size = cells.max(axis=0) + 1
-    number = cells[:, 0] * size[1] + cells[:, 1]
-    if size[0] * size[1] > _MAX_TABLE:
-        _, column, count = np.unique(number, return_inverse=True, return_counts=True)
-        return column, count
-    held = np.bincount(number, minlength=int(size[0] * size[1]))
-    is_held = held > 0
-    return (np.cumsum(is_held) - 1)[number], held[is_held]
+def numbered(cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Number (n,) of each of (n, 2) cells, ascending by their coordinates, and how often (k,) each occurs."""
+    low, size = cells.min(axis=0), np.ptp(cells, axis=0) + 1
+    if size[0] > MAX_TABLE // size[1]:  # stray points far away: most of the table would be empty
+        _, number, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+        return number.ravel(), count
+    key = (cells[:, 0] - low[0]) * size[1] + cells[:, 1] - low[1]
+    occurs = np.bincount(key)
+    return (np.cumsum(occurs > 0) - 1)[key], occurs[occurs > 0]

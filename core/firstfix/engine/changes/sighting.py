@@ -7,6 +7,7 @@ them ends there. A return is not explained if nothing is mapped near it, though 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,12 @@ from ...scan.reduction import RangeView, TimedPoints, directions
 from ...scan.scan import Scan
 from ...scan.sequence import ScanSequence
 from ...transform import Matrix, inverse, transform_points
-from ..index import MapIndex
 from ..preprocess import deskewed
 from .block import REACH_M, SIZE, Block
 from .cells import CELL_M, Spot, cells_of, keys_of, spot_of
+
+if TYPE_CHECKING:  # who reads tallies needs no index, and no library of its searches
+    from ..index import MapIndex
 
 TOLERANCE_M, TOLERANCE = 0.2, 0.02  # along a ray, for the errors of map, pose and range
 FINE_COLUMNS, COARSE_COLUMNS = 360, 180  # directions around the sensor; near it the coarse ones are compared

@@ -114,7 +114,7 @@ class VersionSummary(BaseModel):
     active: bool
     published_time: str = Field(description="UTC, ISO 8601")
     provisional: bool = Field(
-        False, description="coarse and untested: served until the build's full version takes its place"
+        False, description="coarse and little tested: served until the build's full version takes its place"
     )
     provenance: Provenance
     summary: VersionNumbers

@@ -80,7 +80,7 @@ struct Localization {
   std::map<std::string, double> timings_ms;
   std::optional<Twist> twist{};  // of the sensor during the scan, if it was solved with the pose or given by the caller
   std::vector<FreeDirection> degenerate{};  // the pose is right but for these
-  bool map_provisional = false;  // the version is coarse and untested, until a full one takes its place
+  bool map_provisional = false;  // the version is coarse and little tested, until a full one takes its place
   std::vector<Finding> findings{};  // the cause first
   std::optional<ScanFacts> scan{};  // absent of a query without points
   std::string fix_id{};  // the same for the same pose in the same version; empty without one

@@ -87,7 +87,7 @@ export interface Judgement {
 export function judged(manifest: Manifest): Judgement {
   const { localized, found, false_accepts: wrong = 0 } = manifest.self_test ?? {};
   if (manifest.provisional) {
-    return { grade: "unknown", text: "It is provisional: coarse and untested, until its build has ended." };
+    return { grade: "unknown", text: "It is provisional: coarse and little tested, until its build has ended." };
   }
   if (localized === undefined) return { grade: "unknown", text: "It has no self-test, so nobody knows." };
   if (wrong > 0) {
