@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...descriptor import Described, Descriptor, rows_of
+from ... import native
+from ...descriptor import Described, Descriptor, LayeredOccupancy, rows_of
 from ..array_file import check_numbers
 from ..config import EngineConfig
-from .key_search import KeySearch, load_key_search
+from .key_search import FaissSearch, KeySearch, load_key_search
 from .template_tiles import TemplateTiles
 
 PREFIX = "template_"
@@ -195,6 +196,8 @@ class Cascade:
 
     def search(self, described: Described, clusters: int) -> Matches:
         """Compare one described scan with all templates of the ``clusters`` nearest by key."""
+        if self._compiled is not None:
+            return Matches(*self._compiled.search(described["occupancy"][0], clusters))
         if clusters >= len(self.clusters):
             return self.compare(described, np.arange(len(self.templates)))
         return self.match(described, self.nearest(described, clusters))
@@ -217,6 +220,9 @@ class Cascade:
         Args:
             centre: (3,) metres.
         """
+        if self._compiled is not None:
+            occupancy = described["occupancy"][0]
+            return Matches(*self._compiled.search_near(occupancy, centre, radius_m, clusters))
         rows = self.tiles.within(self.templates.position_m, centre, radius_m)
         if len(rows) <= clusters:
             return self.compare(described, rows)
@@ -244,6 +250,26 @@ class Cascade:
         """(numbers,) key of one scan, projected if the version has a projection."""
         key = self.descriptor.keys(described)[0]
         return key if self.projection is None else key @ self.projection
+
+    @cached_property
+    def _compiled(self) -> native.Cascade | None:
+        """The same as one compiled call, for the default descriptor and keys in one list of 8-bit codes."""
+        descriptor, keys = self.descriptor, self.keys
+        codes = keys.codes() if isinstance(keys, FaissSearch) else None
+        if codes is None or not isinstance(descriptor, LayeredOccupancy):
+            return None
+        clusters, tiles = self.clusters, self.tiles
+        return native.Cascade(
+            self.templates.position_m,
+            self.templates.described["occupancy"],
+            descriptor.rows,
+            descriptor.grid.sectors,
+            descriptor.coefficients,
+            *(clusters.representative, clusters.start, clusters.member),
+            *(tiles.row, tiles.begin, tiles.low),
+            self.projection,
+            *(codes.codes, codes.lowest, codes.range),
+        )
 
     @classmethod
     def load(cls, directory: Path, config: EngineConfig) -> Cascade:
