@@ -32,7 +32,8 @@ class CascadeTables {
       : position_m_(position_m), occupancy_(occupancy), representative_(representative), start_(start), member_(member),
         tile_row_(tile_row), tile_begin_(tile_begin), projection_(projection), codes_(codes), lowest_(lowest), range_(range) {
     require_grid(rings, sectors);
-    const std::size_t count = occupancy.shape(0), clusters = representative.shape(0), spectra = std::min(coefficients, sectors / 2 + 1);
+    const std::size_t count = occupancy.shape(0), clusters = representative.shape(0);
+    const std::size_t spectra = std::min(coefficients, sectors / 2 + 1);
     require(occupancy.shape(1) == (rings * sectors + 7) / 8, "an occupancy has another number of cells");
     require(position_m.shape(0) == count && member.shape(0) == count && tile_row.shape(0) == count,
             "there is not one row for each template");
@@ -69,7 +70,8 @@ class CascadeTables {
 };
 
 auto arrays_of(Matches&& found) {
-  return std::make_tuple(array_of(std::move(found.rows)), array_of(std::move(found.yaw_rad)), array_of(std::move(found.score)));
+  return std::make_tuple(array_of(std::move(found.rows)), array_of(std::move(found.yaw_rad)),
+                         array_of(std::move(found.score)));
 }
 
 detail::Vector3 vector_of(const Position& position) { return {position(0), position(1), position(2)}; }
@@ -122,14 +124,6 @@ void bind_retrieval(nb::module_& module) {
            nb::arg("member").noconvert(), nb::arg("tile_row").noconvert(), nb::arg("tile_begin").noconvert(),
            nb::arg("tile_low").noconvert(), nb::arg("projection").noconvert().none(), nb::arg("codes").noconvert(),
            nb::arg("lowest"), nb::arg("range"))
-      .def(
-          "nearest",
-          [](const CascadeTables& cascade, Bits occupancy, std::size_t most) {
-            const std::uint8_t* bits = cascade.checked(occupancy);
-            return array_of(without_gil(
-                [&] { return nearest_keys(cascade.view.keys, cascade.view.key_of(bits).data(), most); }));
-          },
-          nb::arg("occupancy"), nb::arg("most"))
       .def(
           "search",
           [](const CascadeTables& cascade, Bits occupancy, std::size_t most) {

@@ -145,8 +145,7 @@ def _cascade(native: Any) -> Any:
         *(position_m, OCCUPANCY, 100, 60, 8, every[:-1], every, every[:-1]),
         *(tiles.row, tiles.begin, tiles.low, PROJECTION, KEYS, -(NORMALS[:33, 0] ** 2), NORMALS[:33, 0] ** 2),
     )
-    near = cascade.search_near(OCCUPANCY[3], np.zeros(3), 6.0, 5)
-    return cascade.nearest(OCCUPANCY[3], 7), cascade.search(OCCUPANCY[3], 9), near
+    return cascade.search(OCCUPANCY[3], 9), cascade.search_near(OCCUPANCY[3], np.zeros(3), 6.0, 5)
 
 
 def _candidates(native: Any, *how: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from functools import cached_property
 
@@ -125,6 +126,13 @@ def test_candidates_are_those_of_numpy(seed: int, count: int, has_prior: bool, h
     assert rows.tolist() == expected[0]
     np.testing.assert_allclose(poses, expected[1], atol=1e-12)
     assert score.tolist() == expected[2]
+
+
+def test_a_cascade_goes_to_another_process():
+    cascade = make_cascade(np.random.default_rng(7), 30, projected=True, clustered=False)
+    query = {"occupancy": cascade.templates.described["occupancy"][:1]}
+    expected = cascade.search(query, 5)
+    assert_same(pickle.loads(pickle.dumps(cascade)).search(query, 5), expected)
 
 
 def test_tables_that_do_not_fit_are_refused():

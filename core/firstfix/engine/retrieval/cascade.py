@@ -194,6 +194,9 @@ class Cascade:
     keys: KeySearch
     projection: NDArray[np.float32] | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     def search(self, described: Described, clusters: int) -> Matches:
         """Compare one described scan with all templates of the ``clusters`` nearest by key."""
         if self._compiled is not None:
@@ -288,7 +291,9 @@ class Cascade:
         if len(keys) != len(clusters):
             raise ValueError(f"{len(keys)} keys for {len(clusters)} clusters")
         tiles = TemplateTiles.load(directory, templates.position_m)
-        return cls(descriptor, templates, tiles, clusters, keys, load_projection(directory))
+        cascade = cls(descriptor, templates, tiles, clusters, keys, load_projection(directory))
+        _ = cascade._compiled  # checks that the tables fit
+        return cascade
 
 
 def save_projection(projection: NDArray[np.float32], directory: Path) -> None:

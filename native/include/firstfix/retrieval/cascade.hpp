@@ -98,7 +98,8 @@ struct Cascade {
 
   // Compares one occupancy with templates inside a sphere: with all of them if they are few, else with those of the `most`
   // clusters nearest by key.
-  Matches search_near(const std::uint8_t* occupancy, const detail::Vector3& centre, double radius_m, std::size_t most) const {
+  Matches search_near(const std::uint8_t* occupancy, const detail::Vector3& centre, double radius_m,
+                      std::size_t most) const {
     const std::vector<std::int64_t> inside = tiles.within(position_m, centre, radius_m);
     if (inside.size() <= most) return compare(occupancy, inside);
     if (inside.size() == templates.count) return search(occupancy, most);

@@ -72,7 +72,8 @@ inline std::vector<std::int64_t> nearest_keys(const KeyCodes& keys, const float*
     found.resize(most);
   }
   std::vector<std::int64_t> rows(found.size());
-  std::transform(found.begin(), found.end(), rows.begin(), [](std::uint64_t one) { return static_cast<std::int64_t>(one & 0xffffffffU); });
+  const auto row_of = [](std::uint64_t one) { return static_cast<std::int64_t>(one & 0xffffffffU); };
+  std::transform(found.begin(), found.end(), rows.begin(), row_of);
   std::sort(rows.begin(), rows.end());
   return rows;
 }
