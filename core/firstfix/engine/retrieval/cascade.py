@@ -172,9 +172,9 @@ class Matches:
         score: (k,) similarity, 0..1.
     """
 
-    rows: NDArray[np.integer]
-    yaw_rad: NDArray[np.floating]
-    score: NDArray[np.floating]
+    rows: NDArray[np.int64]
+    yaw_rad: NDArray[np.float64]
+    score: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -244,10 +244,10 @@ class Cascade:
     def compare(self, described: Described, rows: NDArray[np.integer]) -> Matches:
         """Compare one described scan with (k,) templates, in ascending order as on the disk."""
         if not len(rows):
-            return Matches(rows, np.empty(0), np.empty(0))
+            return Matches(np.empty(0, np.int64), np.empty(0), np.empty(0, np.float32))
         yaw, score = self.descriptor.match(described, self.templates.described, rows)
         best = np.argsort(-score, kind="stable")
-        return Matches(rows[best], yaw[best], score[best])
+        return Matches(rows[best].astype(np.int64), yaw[best].astype(np.float64), score[best])
 
     def key_of(self, described: Described) -> NDArray[np.float32]:
         """(numbers,) key of one scan, projected if the version has a projection."""
