@@ -1,11 +1,82 @@
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/tuple.h>
+
 #include <algorithm>
+#include <optional>
+#include <tuple>
 
 #include "arrays.hpp"
+#include "firstfix/retrieval/candidates.hpp"
+#include "firstfix/retrieval/cascade.hpp"
 #include "firstfix/retrieval/nearest_in_lists.hpp"
 #include "firstfix/retrieval/spread_out.hpp"
+#include "layered_grid.hpp"
 #include "rooms.hpp"
 
 namespace firstfix::python {
+
+namespace {
+
+using Table = In<std::int32_t, nb::ndim<1>>;
+using Position = In<double, nb::shape<3>>;
+using Bits = In<std::uint8_t, nb::ndim<1>>;
+
+// The tables of a version's retrieval, kept as long as a kernel may read them.
+class CascadeTables {
+ public:
+  CascadeTables(In<float, nb::shape<-1, 3>> position_m, In<std::uint8_t, nb::ndim<2>> occupancy, std::size_t rings,
+                std::size_t sectors, std::size_t coefficients, Table representative, Table start, Table member, Table tile_row,
+                In<std::int32_t, nb::ndim<2>> tile_begin, In<std::int32_t, nb::shape<2>> tile_low,
+                std::optional<In<float, nb::ndim<2>>> projection, In<std::uint8_t, nb::ndim<2>> codes,
+                In<float, nb::ndim<1>> lowest, In<float, nb::ndim<1>> range)
+      : position_m_(position_m), occupancy_(occupancy), representative_(representative), start_(start), member_(member),
+        tile_row_(tile_row), tile_begin_(tile_begin), projection_(projection), codes_(codes), lowest_(lowest), range_(range) {
+    require_grid(rings, sectors);
+    const std::size_t count = occupancy.shape(0), clusters = representative.shape(0);
+    const std::size_t spectra = std::min(coefficients, sectors / 2 + 1);
+    require(occupancy.shape(1) == (rings * sectors + 7) / 8, "an occupancy has another number of cells");
+    require(position_m.shape(0) == count && member.shape(0) == count && tile_row.shape(0) == count,
+            "there is not one row for each template");
+    require(coefficients >= 1, "a key keeps at least one coefficient");
+    require(start.shape(0) == clusters + 1, "the starts of the clusters do not fit the clusters");
+    require(tile_begin.shape(0) > 0 && tile_begin.shape(1) > 0, "the table of tiles is empty");
+    require(!projection || projection->shape(0) == rings * spectra, "the projection does not fit the key");
+    require(lowest.shape(0) == codes.shape(1) && range.shape(0) == codes.shape(1), "the codes have not one range a number");
+    view.templates = {occupancy.data(), count, rings, sectors};
+    view.position_m = position_m.data();
+    view.tiles = {tile_row.data(), tile_begin.data(), tile_begin.shape(0), tile_begin.shape(1) - 1,
+                  {tile_low.data()[0], tile_low.data()[1]}};
+    view.clusters = {representative.data(), start.data(), member.data(), clusters};
+    view.form = {coefficients, projection ? projection->data() : nullptr, projection ? projection->shape(1) : 0};
+    view.keys = {codes.data(), codes.shape(0), codes.shape(1), lowest.data(), range.data()};
+    view.check();
+  }
+
+  const std::uint8_t* checked(const Bits& occupancy) const {
+    require(occupancy.shape(0) == view.templates.bytes(), "the occupancy has another number of cells");
+    return occupancy.data();
+  }
+
+  Cascade view{};
+
+ private:
+  In<float, nb::shape<-1, 3>> position_m_;
+  In<std::uint8_t, nb::ndim<2>> occupancy_;
+  Table representative_, start_, member_, tile_row_;
+  In<std::int32_t, nb::ndim<2>> tile_begin_;
+  std::optional<In<float, nb::ndim<2>>> projection_;
+  In<std::uint8_t, nb::ndim<2>> codes_;
+  In<float, nb::ndim<1>> lowest_, range_;
+};
+
+auto arrays_of(Matches&& found) {
+  return std::make_tuple(array_of(std::move(found.rows)), array_of(std::move(found.yaw_rad)),
+                         array_of(std::move(found.score)));
+}
+
+detail::Vector3 vector_of(const Position& position) { return {position(0), position(1), position(2)}; }
+
+}  // namespace
 
 void bind_retrieval(nb::module_& module) {
   module.def(
@@ -43,6 +114,64 @@ void bind_retrieval(nb::module_& module) {
       },
       nb::arg("position_m"), nb::arg("yaw_rad"), nb::arg("at_most"), nb::arg("spot_m"), nb::arg("spot_cosine"),
       nb::arg("at_most_a_spot"));
+  nb::class_<CascadeTables>(module, "Cascade")
+      .def(nb::init<In<float, nb::shape<-1, 3>>, In<std::uint8_t, nb::ndim<2>>, std::size_t, std::size_t, std::size_t, Table,
+                    Table, Table, Table, In<std::int32_t, nb::ndim<2>>, In<std::int32_t, nb::shape<2>>,
+                    std::optional<In<float, nb::ndim<2>>>, In<std::uint8_t, nb::ndim<2>>, In<float, nb::ndim<1>>,
+                    In<float, nb::ndim<1>>>(),
+           nb::arg("position_m").noconvert(), nb::arg("occupancy").noconvert(), nb::arg("rings"), nb::arg("sectors"),
+           nb::arg("coefficients"), nb::arg("representative").noconvert(), nb::arg("start").noconvert(),
+           nb::arg("member").noconvert(), nb::arg("tile_row").noconvert(), nb::arg("tile_begin").noconvert(),
+           nb::arg("tile_low").noconvert(), nb::arg("projection").noconvert().none(), nb::arg("codes").noconvert(),
+           nb::arg("lowest"), nb::arg("range"))
+      .def(
+          "search",
+          [](const CascadeTables& cascade, Bits occupancy, std::size_t most) {
+            const std::uint8_t* bits = cascade.checked(occupancy);
+            return arrays_of(without_gil([&] { return cascade.view.search(bits, most); }));
+          },
+          nb::arg("occupancy"), nb::arg("most"))
+      .def(
+          "search_near",
+          [](const CascadeTables& cascade, Bits occupancy, Position centre, double radius_m, std::size_t most) {
+            const std::uint8_t* bits = cascade.checked(occupancy);
+            const detail::Vector3 middle = vector_of(centre);
+            return arrays_of(without_gil([&] { return cascade.view.search_near(bits, middle, radius_m, most); }));
+          },
+          nb::arg("occupancy"), nb::arg("centre"), nb::arg("radius_m"), nb::arg("most"));
+  module.def(
+      "candidates_of",
+      [](In<std::int64_t, nb::ndim<1>> rows, In<double, nb::ndim<1>> yaw_rad, In<float, nb::ndim<1>> score,
+         In<float, nb::shape<-1, 3>> position_m, In<float, nb::ndim<1>> height_m, In<double, nb::shape<3, 3>> R_level_sensor,
+         double sensor_height_m, In<double, nb::shape<4, 4>> T_scan_last,
+         std::optional<std::tuple<In<double, nb::shape<4, 4>>, double, double>> headings, std::size_t most,
+         std::optional<std::tuple<double, double, std::size_t>> spot) {
+        const std::size_t count = rows.shape(0);
+        require(yaw_rad.shape(0) == count && score.shape(0) == count, "a match has one row, one yaw and one score");
+        require(position_m.shape(0) == height_m.shape(0), "a template has one position and one height");
+        const auto known = static_cast<std::int64_t>(height_m.shape(0));
+        require(std::all_of(rows.data(), rows.data() + count, [&](auto row) { return 0 <= row && row < known; }),
+                "the row of a template is out of range");
+        const Matches matches{{rows.data(), rows.data() + count},
+                              {yaw_rad.data(), yaw_rad.data() + count},
+                              {score.data(), score.data() + count}};
+        LevelledFrame scan{{}, sensor_height_m, pose_of(T_scan_last)};
+        for (std::size_t i = 0; i < 9; ++i) scan.R_level_sensor[i / 3][i % 3] = R_level_sensor.data()[i];
+        std::optional<HeadingPrior> prior;
+        if (headings) prior = HeadingPrior{pose_of(std::get<0>(*headings)), std::get<1>(*headings), std::get<2>(*headings)};
+        std::optional<Spot> limit;
+        if (spot) limit = Spot{std::get<0>(*spot), std::get<1>(*spot), std::get<2>(*spot)};
+        Candidates made = without_gil([&] {
+          return candidates_of(matches, position_m.data(), height_m.data(), scan, prior ? &*prior : nullptr, most,
+                               limit ? &*limit : nullptr);
+        });
+        const std::size_t left = made.templates.size();
+        return std::make_tuple(array_of(std::move(made.templates)), array_of(std::move(made.T_level_sensor), {left, 4, 4}),
+                               array_of(std::move(made.score)));
+      },
+      nb::arg("rows"), nb::arg("yaw_rad"), nb::arg("score"), nb::arg("position_m").noconvert(),
+      nb::arg("height_m").noconvert(), nb::arg("R_level_sensor"), nb::arg("sensor_height_m"), nb::arg("T_scan_last"),
+      nb::arg("headings").none(), nb::arg("most"), nb::arg("spot").none());
 }
 
 }  // namespace firstfix::python

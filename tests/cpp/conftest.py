@@ -32,3 +32,22 @@ def sanitised(once_a_run: OnceARun) -> Build:
     require_toolchain()
     once_a_run.folder("cpp-sanitised", lambda folder: build(SANITISED_FOLDER, SANITISED, "firstfix_tests"))
     return Build(SANITISED_FOLDER)
+
+
+PLACES = "firstfix_similar_places"
+
+
+@pytest.fixture(scope="session")
+def places(once_a_run: OnceARun) -> Build:
+    """The example that finds similar places, with optimisation."""
+    require_toolchain()
+    once_a_run.folder("cpp-places", lambda folder: build(OPTIMISED_FOLDER, OPTIMISED, PLACES))
+    return Build(OPTIMISED_FOLDER)
+
+
+@pytest.fixture(scope="session")
+def sanitised_places(once_a_run: OnceARun) -> Build:
+    """The same with checks of every memory access and operation."""
+    require_toolchain()
+    once_a_run.folder("cpp-sanitised-places", lambda folder: build(SANITISED_FOLDER, SANITISED, PLACES))
+    return Build(SANITISED_FOLDER)

@@ -20,6 +20,7 @@ from firstfix.engine.config import EngineConfig
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf, tables_around
+from firstfix.engine.retrieval.template_tiles import TemplateTiles
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.engine.verification.seen_free import SeenFree
 from firstfix.scan.reduction import RangeView, directions
@@ -173,6 +174,27 @@ def _search(native: Any, times: NDArray[np.float32] | None = None) -> Any:
 
 CONFIG, CALIBRATION = EngineConfig(), Calibration(cases=5, among_tied=(-8.0, 1.0, 1.5, 2.0, 1.0, 9.0))
 QUALITY = AlignmentQuality(0.8, 0.7, 0.02, 0.01, 0.05, 0.2, 0.1)
+KEYS = _RNG.integers(0, 256, (40, 33), np.uint8)
+PROJECTION = _RNG.normal(size=(100 * 8, 33)).astype(np.float32) / 99
+
+
+def _cascade(native: Any) -> Any:
+    every = np.arange(41, dtype=np.int32)
+    position_m = (STREET[:40] / 4).astype(np.float32)
+    tiles = TemplateTiles.of(position_m)
+    cascade = native.Cascade(
+        *(position_m, OCCUPANCY, 100, 60, 8, every[:-1], every, every[:-1]),
+        *(tiles.row, tiles.begin, tiles.low, PROJECTION, KEYS, -(NORMALS[:33, 0] ** 2), NORMALS[:33, 0] ** 2),
+    )
+    return cascade.search(OCCUPANCY[3], 9), cascade.search_near(OCCUPANCY[3], np.zeros(3), 6.0, 5)
+
+
+def _candidates(native: Any, *how: Any) -> Any:
+    rows, height_m = np.arange(100, 0, -1), np.abs(STREET[:300, 2])
+    matches = rows, YAWS_RAD[:100].copy(), NORMALS[:100, 0] ** 2
+    return native.candidates_of(*matches, STREET[:300], height_m, R_LEVEL_SENSOR, 1.5, T_MAP_SENSOR, *how)
+
+
 LIMITS = (0.5, 60.0, 0.25, 10)
 UP = np.array([0.1, -0.05, 0.9])
 
@@ -226,6 +248,9 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "nearest_in_lists": lambda n: n.nearest_in_lists(
         FEW[:30], np.arange(90).reshape(30, 3) % 5, FEW, np.array([0, 7, 7, 60, 61, len(FEW)]), 40
     ),
+    "Cascade": _cascade,
+    "candidates_of": lambda n: _candidates(n, None, 20, (3.0, 0.9, 2)),
+    "candidates_of, with headings": lambda n: _candidates(n, (T_MAP_SENSOR, 20.0, 50.0), 9, None),
     "usable_points, float": lambda n: n.usable_points(*STREET.T),
     "usable_points, double": lambda n: n.usable_points(*WIDE.T / 9e3),
     "all_within": lambda n: n.all_within(STREET, 30.0),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..answer.options import LocalizeOptions
 from ..answer.prior import Prior
 from ..descriptor import Described
-from ..native import spread_out
+from ..native import candidates_of
 from ..transform import Matrix, inverse, transform_points
 from .index import MapIndex
 from .retrieval.cascade import Matches
@@ -70,6 +70,8 @@ class Candidates:
         """The candidates of all parts, most similar first. No parts have none."""
         if not parts:
             return cls(np.empty(0, np.int64), np.empty((0, 4, 4)), np.empty(0))
+        if len(parts) == 1:
+            return parts[0]
         template, T_level_sensor, score = (
             np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)
         )
@@ -115,39 +117,27 @@ def candidates_of_scan(
         count: at most.
         clusters: whose templates are compared, nearest by key.
         per_spot: candidates of one spot at most; None: any number.
+
+    The template's floor counts, not its mount: this sensor may stand higher.
     """
     templates, matches = index.cascade.templates, _matches(index, described, scan, prior, clusters)
-    # the template's floor counts, not its mount: this sensor may sit higher
-    position_m = np.array(templates.position_m[matches.rows], np.float64)
-    position_m[:, 2] += scan.height_m - templates.height_m[matches.rows]
-    yaw_rad, T_scan_last = matches.yaw_rad.astype(np.float64), inverse(scan.T_last_scan)
-
-    def poses(rows: NDArray[np.integer]) -> NDArray[np.float64]:
-        """T_level_sensor (k, 4, 4) of the query's last scan."""
-        T_level_scan = _upright_poses(position_m[rows], yaw_rad[rows], scan.R_level_sensor)
-        return T_level_scan @ T_scan_last
-
-    rows = np.arange(len(matches.rows))
+    headings = None
     if prior is not None:
-        rows = rows[prior.allows_each(index.T_map_level @ poses(rows), np.inf, YAW_SLACK_DEG)]
-    if per_spot is None:
-        rows = rows[:count]
-    else:
-        rows = rows[spread_out(position_m[rows], yaw_rad[rows], count, SPOT_M, _SPOT_COS, per_spot)]
-    return Candidates(matches.rows[rows], poses(rows), matches.score[rows])
-
-
-def _upright_poses(
-    position_m: NDArray[np.float64], yaw_rad: NDArray[np.floating], R_level_sensor: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Poses (k, 4, 4) of a levelled sensor that is turned about z."""
-    c, s = np.cos(yaw_rad)[:, None], np.sin(yaw_rad)[:, None]
-    x, y, z = R_level_sensor
-    T = np.zeros((len(position_m), 4, 4))
-    T[:, 0, :3], T[:, 1, :3], T[:, 2, :3] = c * x - s * y, s * x + c * y, z
-    T[:, :3, 3] = position_m
-    T[:, 3, 3] = 1
-    return T
+        headings = index.T_map_level, prior.yaw_deg, prior.yaw_range_deg + YAW_SLACK_DEG
+    found = candidates_of(
+        matches.rows,
+        matches.yaw_rad,
+        matches.score,
+        templates.position_m,
+        templates.height_m,
+        scan.R_level_sensor,
+        scan.height_m,
+        inverse(scan.T_last_scan),
+        headings,
+        count,
+        None if per_spot is None else (SPOT_M, _SPOT_COS, per_spot),
+    )
+    return Candidates(*found)
 
 
 def _matches(

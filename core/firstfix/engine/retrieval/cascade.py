@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...descriptor import Described, Descriptor, rows_of
+from ... import native
+from ...descriptor import Described, Descriptor, LayeredOccupancy, rows_of
 from ..array_file import check_numbers
 from ..config import EngineConfig
-from .key_search import KeySearch, load_key_search
+from .key_search import FaissSearch, KeySearch, load_key_search
 from .template_tiles import TemplateTiles
 
 PREFIX = "template_"
@@ -171,9 +172,9 @@ class Matches:
         score: (k,) similarity, 0..1.
     """
 
-    rows: NDArray[np.integer]
-    yaw_rad: NDArray[np.floating]
-    score: NDArray[np.floating]
+    rows: NDArray[np.int64]
+    yaw_rad: NDArray[np.float64]
+    score: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -193,8 +194,13 @@ class Cascade:
     keys: KeySearch
     projection: NDArray[np.float32] | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     def search(self, described: Described, clusters: int) -> Matches:
         """Compare one described scan with all templates of the ``clusters`` nearest by key."""
+        if self._compiled is not None:
+            return Matches(*self._compiled.search(described["occupancy"][0], clusters))
         if clusters >= len(self.clusters):
             return self.compare(described, np.arange(len(self.templates)))
         return self.match(described, self.nearest(described, clusters))
@@ -217,6 +223,9 @@ class Cascade:
         Args:
             centre: (3,) metres.
         """
+        if self._compiled is not None:
+            occupancy = described["occupancy"][0]
+            return Matches(*self._compiled.search_near(occupancy, centre, radius_m, clusters))
         rows = self.tiles.within(self.templates.position_m, centre, radius_m)
         if len(rows) <= clusters:
             return self.compare(described, rows)
@@ -235,15 +244,35 @@ class Cascade:
     def compare(self, described: Described, rows: NDArray[np.integer]) -> Matches:
         """Compare one described scan with (k,) templates, in ascending order as on the disk."""
         if not len(rows):
-            return Matches(rows, np.empty(0), np.empty(0))
+            return Matches(np.empty(0, np.int64), np.empty(0), np.empty(0, np.float32))
         yaw, score = self.descriptor.match(described, self.templates.described, rows)
         best = np.argsort(-score, kind="stable")
-        return Matches(rows[best], yaw[best], score[best])
+        return Matches(rows[best].astype(np.int64), yaw[best].astype(np.float64), score[best])
 
     def key_of(self, described: Described) -> NDArray[np.float32]:
         """(numbers,) key of one scan, projected if the version has a projection."""
         key = self.descriptor.keys(described)[0]
         return key if self.projection is None else key @ self.projection
+
+    @cached_property
+    def _compiled(self) -> native.Cascade | None:
+        """The same as one compiled call, for the default descriptor and keys in one list of 8-bit codes."""
+        descriptor, keys = self.descriptor, self.keys
+        codes = keys.codes() if isinstance(keys, FaissSearch) else None
+        if codes is None or not isinstance(descriptor, LayeredOccupancy):
+            return None
+        clusters, tiles = self.clusters, self.tiles
+        return native.Cascade(
+            self.templates.position_m,
+            self.templates.described["occupancy"],
+            descriptor.rows,
+            descriptor.grid.sectors,
+            descriptor.coefficients,
+            *(clusters.representative, clusters.start, clusters.member),
+            *(tiles.row, tiles.begin, tiles.low),
+            self.projection,
+            *(codes.codes, codes.lowest, codes.range),
+        )
 
     @classmethod
     def load(cls, directory: Path, config: EngineConfig) -> Cascade:
@@ -262,7 +291,9 @@ class Cascade:
         if len(keys) != len(clusters):
             raise ValueError(f"{len(keys)} keys for {len(clusters)} clusters")
         tiles = TemplateTiles.load(directory, templates.position_m)
-        return cls(descriptor, templates, tiles, clusters, keys, load_projection(directory))
+        cascade = cls(descriptor, templates, tiles, clusters, keys, load_projection(directory))
+        _ = cascade._compiled  # checks that the tables fit
+        return cascade
 
 
 def save_projection(projection: NDArray[np.float32], directory: Path) -> None:

@@ -164,6 +164,31 @@ inline float most_of_lanes(FloatLanes values) {
   return most_of(wide);
 }
 
+// The sum of all lanes: halves are added until one is left.
+template <int N>
+inline float sum_of(const Wide<N>& values) {
+  typedef float Quarter __attribute__((vector_size(16)));
+  Quarter sum[N / 4];
+  std::memcpy(sum, &values, sizeof sum);
+  for (int half = N / 8; half; half /= 2) {
+    for (int i = 0; i < half; ++i) sum[i] += sum[i + half];
+  }
+  return (sum[0][0] + sum[0][2]) + (sum[0][1] + sum[0][3]);
+}
+
+// Whole numbers of 8 bits as floats.
+template <int N>
+inline Wide<N> floats_of(const std::uint8_t* bytes) {
+  typedef std::uint8_t Bytes __attribute__((vector_size(Wide<N>::kLanes)));
+  Wide<N> made;
+  for (int i = 0; i < Wide<N>::kParts; ++i) {
+    Bytes part;
+    std::memcpy(&part, bytes + i * Wide<N>::kLanes, sizeof part);
+    made.part[i] = __builtin_convertvector(__builtin_convertvector(part, typename Wide<N>::Mask), typename Wide<N>::Part);
+  }
+  return made;
+}
+
 // One bit for each lane whose mask is set.
 template <int N>
 inline std::uint32_t bits_of(const WideMask<N>& mask) {

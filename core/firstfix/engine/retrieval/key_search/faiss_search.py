@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...config import SearchConfig
 from .faiss_indexes import empty_index, probes_for
+from .key_codes import KeyCodes
 from .key_lists import KeyLists
 from .tile_shards import TileShards
 
@@ -73,6 +74,10 @@ class FaissSearch:
             return found[found >= 0]
         found = _merged(self._of_every_shard(key[None], count), count)[0]
         return found[found >= 0]
+
+    def codes(self) -> KeyCodes | None:
+        """Codes of all keys, for the compiled cascade; None: they are in shards or in lists."""
+        return KeyCodes.of(self._indexes[0]) if self._shards is None else None
 
     def key_lists(self) -> KeyLists | None:
         """All keys, for many searches at once; None: they are not in lists."""
@@ -161,6 +166,8 @@ def _in_lists(
 
 def _among(index: faiss.Index, key: NDArray[np.float32], rows: NDArray[np.integer], count: int) -> _Found:
     """Search the given rows only, in all inverted lists. Returns the nearest first."""
+    if not len(rows):  # a search for nothing is an error
+        return np.empty(0, np.float32), np.empty(0, np.int64)
     chosen = np.zeros(index.ntotal, np.bool_)
     chosen[rows] = True
     selector = faiss.IDSelectorBitmap(np.packbits(chosen, bitorder="little"))
