@@ -28,7 +28,7 @@ from .struct_reader import StructReader
 TYPE = "point_cloud_interfaces/msg/CompressedPointCloud2"
 _NAME = "CompressedPointCloud2"
 DRACO_LOSES = (
-    "Draco packs with loss: of equal points one is left, coordinates may be rounded, times in float64 are lost"
+    "Draco packs with loss: of equal points one is left, coordinates may be rounded, float64 times are lost"
 )
 _MAX_FIELDS = 256
 _MAX_WINDOW_BYTES = 1 << 27

@@ -51,13 +51,13 @@ def _note(kind: str, datum: str, origin: Mapping[str, Any]) -> str:
         return ""
     if kind != TANGENT:
         return (
-            f"georeference: none, since {kind} is a projection and no frame at one point. For poses in degrees "
-            f"give latitude, longitude and heading of a point in the map's middle: {_PUT}"
+            f"georeference: none, since {kind} is a projection and no frame at one point. For poses in "
+            f"degrees give latitude, longitude and heading of a point in the map's middle: {_PUT}"
         )
     if datum != HEIGHTS:
         return (
-            f"georeference: none, since heights are {datum or 'of no datum'}, and a georeference has them over "
-            f"the ellipsoid of {HEIGHTS}: {_PUT} with the height there"
+            f"georeference: none, since heights are {datum or 'of no datum'}, and a georeference has them "
+            f"over the ellipsoid of {HEIGHTS}: {_PUT} with the height there"
         )
     try:
         at = Georeference.with_heading(float(origin["latitude"]), float(origin["longitude"]), 0.0, 0.0)
