@@ -23,7 +23,9 @@ from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, make_transform, rotation_z
 
+from ..self_test.enough import Ended
 from ..self_test.outcome import Outcome
+from ..self_test.reliability import CrossValidated
 from ..self_test.results import SelfTest, summary_of
 from ..self_test.threshold import Judged, choose
 from ..sources.read_map.held_out import HeldOutScan
@@ -109,7 +111,9 @@ def judged(outcomes: Sequence[Outcome], config: BuildConfig) -> QuickTested:
     calibration = replace(prior, min_probability=least, search_until=least)
     bound = FalseAcceptBound.of([case.claimed for case in seen if not case.right])
     told = {**replace(threshold, min_probability=least).to_mapping(), "others": []}
-    return QuickTested(calibration, bound, summary_of(outcomes, calibration, [], bound, told, []))
+    unchecked = CrossValidated((), (), ())  # nothing is fitted
+    asked = Ended(len(outcomes), 1.0, (), is_decided=False).to_mapping()
+    return QuickTested(calibration, bound, summary_of(outcomes, calibration, unchecked, bound, told, [], asked))
 
 
 def _between(

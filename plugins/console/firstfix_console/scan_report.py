@@ -9,7 +9,6 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
 from firstfix.access.permissions import Scope
-from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import UnsupportedFormat
 from firstfix.formats.pcd import decode_pcd
 from firstfix.formats.ply import decode_ply
@@ -17,6 +16,7 @@ from firstfix.formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
 from firstfix.formats.raw_xyz import decode_xyzi
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
+from firstfix.scan_formats import MEDIA_TYPES
 from firstfix_cli.scan_report import ScanReport, report_of_cloud
 from firstfix_service.http_api.edge import CallerDep, needs
 from firstfix_service.http_api.parts import LocalizePartsDep

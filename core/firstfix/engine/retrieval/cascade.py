@@ -15,7 +15,7 @@ from ... import native
 from ...descriptor import Described, Descriptor, LayeredOccupancy, rows_of
 from ..array_file import check_numbers
 from ..config import EngineConfig
-from .key_search import FaissSearch, KeySearch, load_key_search
+from .key_search import KeySearch, load_key_search
 from .template_tiles import TemplateTiles
 
 PREFIX = "template_"
@@ -258,7 +258,7 @@ class Cascade:
     def _compiled(self) -> native.Cascade | None:
         """The same as one compiled call, for the default descriptor and keys in one list of 8-bit codes."""
         descriptor, keys = self.descriptor, self.keys
-        codes = keys.codes() if isinstance(keys, FaissSearch) else None
+        codes = keys.codes()
         if codes is None or not isinstance(descriptor, LayeredOccupancy):
             return None
         clusters, tiles = self.clusters, self.tiles

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...config import SearchConfig
+
+if TYPE_CHECKING:  # it loads faiss
+    from .key_codes import KeyCodes
 
 
 class KeySearch(Protocol):
@@ -33,6 +36,10 @@ class KeySearch(Protocol):
         self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
     ) -> NDArray[np.int64]:
         """The ``count`` nearest of (m,) ascending rows, or all of them. Every engine finds all."""
+        ...
+
+    def codes(self) -> KeyCodes | None:
+        """Codes of all keys, for the compiled cascade; None: it has none in one list of 8-bit codes."""
         ...
 
     def save(self, directory: Path) -> None:

@@ -39,6 +39,9 @@ class Exhaustive:
         nearest = _least(self._half_norm2[rows] - self._keys[rows] @ key, count)
         return rows[nearest].astype(np.int64)
 
+    def codes(self) -> None:
+        """None: the compiled cascade reads other keys."""
+
     def save(self, directory: Path) -> None:
         """Write the keys."""
         save_keys(self._keys, directory)

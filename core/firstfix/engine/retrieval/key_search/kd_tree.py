@@ -40,6 +40,9 @@ class KdTree:
         """The ``count`` nearest of (m,) ascending rows, or all of them."""
         return nearest_of(self._tree.data, key, rows, count)
 
+    def codes(self) -> None:
+        """None: the compiled cascade reads other keys."""
+
     def save(self, directory: Path) -> None:
         """Write the keys, without the tree."""
         save_keys(self._tree.data.astype(np.float32), directory)

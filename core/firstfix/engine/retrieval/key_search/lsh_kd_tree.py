@@ -67,6 +67,9 @@ class LshKdTree:
         rows, first = np.unique(rows, return_index=True)
         return rows[np.argsort(distance[first], kind="stable")[:count]]
 
+    def codes(self) -> None:
+        """None: the compiled cascade reads other keys."""
+
     def save(self, directory: Path) -> None:
         """Write the keys, without the tables."""
         save_keys(self._keys, directory)
