@@ -17,6 +17,7 @@ from firstfix.engine.localizer import Localizer
 from firstfix.errors import BuildFailed
 from firstfix.transform import inverse
 
+from ..self_test.results import SelfTest
 from ..sources.read_map.held_out import HeldOut
 from ..sources.read_map.posed_cloud import PosedCloud
 from ..stage_files import write_json
@@ -52,26 +53,32 @@ class QuickVersion:
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(parents=True)
         try:
-            places = write_quick_index(cloud, self.config, self.threads, self.folder)
+            tested = self._made(cloud)
         except BuildFailed as error:
             _log.warning("no first version from the poses of the run: %s", error)
             return
-        index = MapIndex.load(self.folder, Calibration())
-        localizer = Localizer(index, explains=False)
-        tested = quick_test(localizer, cloud.held_out.scans, places, self.config, self.threads)
-        report = tested.report
-        if not report.queries or report.found < self.config.activate.min_found:
+        except Exception:  # the full version may not fail for it
+            _log.exception("no first version from the poses of the run")
+            return
+        if not tested.queries or tested.found < self.config.activate.min_found:
             _log.warning(
                 "no first version from the poses of the run: its self-test found %.0f %% of %d places",
-                100 * report.found,
-                report.queries,
+                100 * tested.found,
+                tested.queries,
             )
             return
-        write_json(self.folder / CALIBRATION_FILE, tested.calibration.to_mapping())
-        write_json(self.folder / BOUND_FILE, tested.bound.to_mapping())
-        write_json(self.folder / REPORT_FILE, report.to_mapping())
         self.publish(self.folder, cloud)
         self.is_published = True
+
+    def _made(self, cloud: PosedCloud) -> SelfTest:
+        """Write all files of the version. Returns the results of its self-test."""
+        places = write_quick_index(cloud, self.config, self.threads, self.folder)
+        localizer = Localizer(MapIndex.load(self.folder, Calibration()), explains=False)
+        tested = quick_test(localizer, cloud.held_out.scans, places, self.config, self.threads)
+        write_json(self.folder / CALIBRATION_FILE, tested.calibration.to_mapping())
+        write_json(self.folder / BOUND_FILE, tested.bound.to_mapping())
+        write_json(self.folder / REPORT_FILE, tested.report.to_mapping())
+        return tested.report
 
 
 def posed_cloud_of(read: LevelMap) -> PosedCloud | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,15 @@ import pytest
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
+from firstfix.errors import BuildCancelled
 from firstfix.scan.scan import Scan
 from firstfix.transform import pose_error, rotation_z
 from firstfix_builder.pipeline import build_version
+from firstfix_builder.quick.quick_version import QuickVersion
 from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.sources.read_map.held_out import HeldOut
+from firstfix_builder.sources.read_map.posed_cloud import PosedCloud
 from tests.changed_yard import write_cloud
 from tests.small_world import COARSE_CONFIG, SmallWorld
 
@@ -132,3 +137,24 @@ def test_a_first_version_that_its_test_does_not_show_is_not_published(config, cl
     versions = first_of(cloud, poses, tmp_path / "work", config).versions
     assert all(manifest.self_test == {} for manifest, _ in versions), "those are made of the surface"
     assert "no first version from the poses of the run" in caplog.text
+
+
+@pytest.mark.parametrize("points", [np.zeros((1, 3)), np.full((3, 3), 500.0), np.eye(3)], ids=str)
+def test_a_cloud_that_no_version_can_be_made_of_fails_no_build(points, tmp_path, caplog):
+    cloud = PosedCloud(points, np.tile(np.eye(4), (2, 1, 1)), 0.1, np.eye(4), [], HeldOut())
+    with ThreadPoolExecutor(2) as threads:
+        quick = QuickVersion(BuildConfig.parse(CONFIG), tmp_path / "quick", threads, pytest.fail)
+        quick.make(cloud)
+    assert quick.is_tried
+    assert not quick.is_published
+    assert "no first version from the poses of the run" in caplog.text
+
+
+def test_what_happens_as_it_is_published_ends_the_build(cloud, poses, tmp_path):
+    def publish(built) -> None:
+        raise BuildCancelled("now")
+
+    with pytest.raises(BuildCancelled, match="now"):
+        build_version(
+            cloud, BuildConfig.parse(CONFIG), tmp_path / "work", trajectory=poses, publish_provisional=publish
+        )
