@@ -76,6 +76,7 @@ def test_what_real_scans_showed_is_beside_the_simulated_ones(page, world, small_
 
 
 def test_places_mapped_in_part_are_crossed_in_the_heat(page, world, small_version):
+    page.size(1200, 600)  # the bar has one line, whatever the map is called
     page.open("#/maps/yard?layers=localizability")
     page.wait("[aria-label='Colours of the places']", "half")
     before = page.map_picture()

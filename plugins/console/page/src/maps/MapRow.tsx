@@ -22,7 +22,7 @@ export function MapRow({ one, counts, hasPicture, remove }: MapRowProps) {
     <tr>
       <th scope="row">
         <a href={link(["maps", map])}>
-          {hasPicture ? <Thumbnail map={map} version={version} /> : null}
+          {hasPicture ? <Thumbnail map={map} version={one.provisional ? null : version} /> : null}
           {map}
         </a>
       </th>

@@ -1,7 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { thumbnail } from "../api/maps";
 
-/** The map from above, in the colours of its picture in 3D. It has its place before it is there. */
+/** The map from above, in the colours of its picture in 3D. Its place is there before it. `version`: null: there is none. */
 export function Thumbnail({ map, version }: { map: string; version: string | null }) {
   const [address, setAddress] = useState("");
   useEffect(() => {
@@ -14,7 +14,7 @@ export function Thumbnail({ map, version }: { map: string; version: string | nul
         made = URL.createObjectURL(picture);
         setAddress(made);
       })
-      .catch(() => {}); // a provisional version has none: the list says what matters without it
+      .catch(() => {}); // the list says what matters without it
     return () => {
       stop.abort();
       if (made) URL.revokeObjectURL(made);
