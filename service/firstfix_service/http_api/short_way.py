@@ -45,7 +45,8 @@ async def answer_directly(scope: Scope, receive: Receive, send: Send) -> None:
     An unexpected error is for the layer around it.
     """
     route: DirectRoute = scope["route"]
-    request, methods = Request(scope, receive, send), route.methods or frozenset()
+    request: Request = Request(scope, receive, send)
+    methods: set[str] = route.methods or set()
     response: Response
     try:
         if scope["method"] in methods:
