@@ -6,7 +6,7 @@ dependencies take longer than all else that the service does for a query.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 from fastapi import Request, Response
@@ -45,8 +45,8 @@ async def answer_directly(scope: Scope, receive: Receive, send: Send) -> None:
     An unexpected error is for the layer around it.
     """
     route: DirectRoute = scope["route"]
-    request = Request(scope, receive, send)
-    methods: Collection[str] = route.methods or ()
+    request: Request = Request(scope, receive, send)
+    methods: set[str] = route.methods or set()
     response: Response
     try:
         if scope["method"] in methods:
