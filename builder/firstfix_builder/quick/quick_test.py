@@ -112,8 +112,10 @@ def judged(outcomes: Sequence[Outcome], config: BuildConfig) -> QuickTested:
     bound = FalseAcceptBound.of([case.claimed for case in seen if not case.right])
     told = {**replace(threshold, min_probability=least).to_mapping(), "others": []}
     unchecked = CrossValidated((), (), ())  # nothing is fitted
-    asked = Ended(len(outcomes), 1.0, (), is_decided=False).to_mapping()
-    return QuickTested(calibration, bound, summary_of(outcomes, calibration, unchecked, bound, told, [], asked))
+    ended = Ended(len(outcomes), 1.0, (), is_decided=False).to_mapping()
+    return QuickTested(
+        calibration, bound, summary_of(outcomes, calibration, unchecked, bound, told, [], ended)
+    )
 
 
 def _between(
