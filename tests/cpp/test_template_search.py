@@ -16,12 +16,12 @@ import pytest
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.catalog.manifest import FILE_NAME, Manifest
-from firstfix.decode import read_scan_file
 from firstfix.engine.candidates import Candidates, find_candidates
 from firstfix.engine.index import MapIndex
 from firstfix.engine.preprocess import preprocess
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
+from firstfix.scan_file import read_scan_file
 from tests.cpp.cpp_build import Build
 from tests.needs import recorded
 

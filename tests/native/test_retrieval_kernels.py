@@ -16,7 +16,7 @@ from firstfix import native
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.engine.config import SearchConfig
 from firstfix.engine.retrieval.cascade import Cascade, Clusters, Matches, Templates
-from firstfix.engine.retrieval.key_search import FaissSearch
+from firstfix.engine.retrieval.key_search.faiss_search import FaissSearch
 from firstfix.engine.retrieval.key_search.key_codes import KeyCodes
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
 from firstfix.transform import make_transform
