@@ -34,7 +34,7 @@ def collect_version(
     provisional: bool = False,
     compared: ComparedVersions | None = None,
 ) -> BuildResult:
-    """Make a version's folder, with its manifest, of the files of all parts. They are linked where that works."""
+    """Make a version's folder of the files of all parts, linked where that works, and write its manifest."""
     shutil.rmtree(directory, ignore_errors=True)
     directory.mkdir(parents=True)
     for path in sorted(path for part in parts for path in part.directory.iterdir()):
