@@ -2,49 +2,39 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from firstfix.builds.config import BuildConfig, LearnKeysConfig
 from firstfix.builds.options import PROVISIONAL, STAGES, BuildOptions
-from firstfix.catalog.manifest import Manifest
-from firstfix.engine.config import ENGINE_FILE
-from firstfix.engine.index import MAP_FILE
-from firstfix.engine.retrieval.cascade import Clusters
 from firstfix.errors import BuildFailed
-from firstfix.transform import Matrix
 
 from .build_stages import BuildStages
 from .execution.chunks import ChunkCache, ChunkExecutor
 from .execution.local_executor import LocalExecutor, die_with_parent
-from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
+from .execution.stage_cache import StageCache, StagesElsewhere
 from .execution.stage_runner import Progress, StageRunner
 from .job.build_job import BuildResult
 from .quick.quick_version import QuickVersion, posed_cloud_of
-from .self_test.compare_versions import ComparedVersions
 from .self_test.confirmed_scans import decode_confirmed
-from .sources.patch_reader import PATCH_FILE, PatchedMap
 from .sources.read_map.posed_cloud import PosedCloud
-from .stage_files import link
-from .stage_results import REPORT_FILE, LevelMap
+from .stage_results import LevelMap
+from .version_folder import collect_version, write_manifest
 from .viewpoints.workload import Workload
 
 _log = logging.getLogger(__name__)
 _ALONE = BuildOptions()
 CONFIRMED = "confirmed"  # folder below the work folder
-# Of a provisional version: coarse, untested, made in seconds, served until the full one is there.
+# Of the provisional version that is made of a map's surface.
 COARSER = 1.5  # cells of the surface, against those that follow the points' spacing
 BLOCK_CELLS = 128  # edge of a block of the surface: small ones, so that all processors work
 MAX_RAYS = 4096  # of a simulated scan
@@ -100,7 +90,7 @@ def build_version(
         with _decoded(confirmed, work) as scans:
             tested = build.self_test(read, made.mesh, made.viewpoints, made.index, scans)
         compared = build.compare_patch(source, read, made.mesh, made.index, tested)
-        return _collect(config, read, [made.index, drawn, tested], work / "version", compared=compared)
+        return collect_version(config, read, [made.index, drawn, tested], work / "version", compared=compared)
 
 
 def _read_and_publish_early(
@@ -117,7 +107,8 @@ def _read_and_publish_early(
 
     def publish_quick(made: Path, cloud: PosedCloud) -> None:
         record = {"findings": list(cloud.findings)}
-        publish(BuildResult(made, _manifest(made, build.config, cloud.T_map_level, record, provisional=True)))
+        manifest = write_manifest(made, build.config, cloud.T_map_level, record, provisional=True)
+        publish(BuildResult(made, manifest))
 
     quick = QuickVersion(build.config, work / PROVISIONAL, build.threads, publish_quick)
     read = build.read_map(source, trajectory, quick.make)
@@ -148,7 +139,7 @@ def _provisional(build: BuildStages, read: LevelMap, work: Path) -> BuildResult 
     except BuildFailed as error:
         _log.warning("no provisional version: %s", error)
         return None
-    return _collect(coarse.config, read, [index, tested], work / PROVISIONAL, provisional=True)
+    return collect_version(coarse.config, read, [index, tested], work / PROVISIONAL, provisional=True)
 
 
 def provisional_config(config: BuildConfig) -> BuildConfig:
@@ -235,67 +226,3 @@ def _chunk_executor(options: BuildOptions, work: Path, threads: Executor) -> Ite
         near = LocalExecutor(work, threads, processes)
         yield near
         near.prune()
-
-
-def _collect(
-    config: BuildConfig,
-    read: LevelMap,
-    parts: Sequence[StageResult],
-    directory: Path,
-    *,
-    provisional: bool = False,
-    compared: ComparedVersions | None = None,
-) -> BuildResult:
-    """The version's folder with its manifest, of the files of all parts. They are linked where that works."""
-    shutil.rmtree(directory, ignore_errors=True)
-    directory.mkdir(parents=True)
-    for path in sorted(path for part in parts for path in part.directory.iterdir()):
-        link(path, directory / path.name)
-    if compared is not None:
-        link(PatchedMap.of(read).patch, directory / PATCH_FILE)
-    source = _source_record(read, compared)
-    return BuildResult(
-        directory, _manifest(directory, config, read.T_map_level, source, provisional=provisional)
-    )
-
-
-def _manifest(
-    directory: Path,
-    config: BuildConfig,
-    T_map_level: Matrix,
-    source: Mapping[str, Any],
-    *,
-    provisional: bool,
-) -> Manifest:
-    """The manifest of a version's files, which is written beside them."""
-    points = np.load(directory / MAP_FILE, mmap_mode="r")
-    clusters = Clusters.load(directory)
-    report = directory / REPORT_FILE
-    manifest = Manifest.for_directory(
-        directory,
-        engine=json.loads((directory / ENGINE_FILE).read_text()),
-        config=config.to_mapping(),
-        sensor=config.sensor_model.to_mapping(),
-        origin=T_map_level[:3, 3],
-        source=source,
-        counts={
-            "templates": len(clusters.member),
-            "clusters": len(clusters),
-            "map_points": len(points),
-        },
-        self_test=json.loads(report.read_text()) if report.exists() else {},
-        provisional=provisional,
-        bounds=(points.min(axis=0), points.max(axis=0)),
-    )
-    (directory / "manifest.json").write_bytes(manifest.to_json())
-    return manifest
-
-
-def _source_record(read: LevelMap, compared: ComparedVersions | None) -> dict[str, Any]:
-    """Record of the source: its digest and findings, the transform of each session, and the patch."""
-    found: dict[str, Any] = {"sha256": read.digest, "findings": read.findings}
-    if (sessions := read.sessions) is not None:
-        found["sessions"] = sessions
-    if compared is not None:
-        found["patch"] = {**PatchedMap.of(read).record, "compared": compared.record}
-    return found

@@ -1,4 +1,4 @@
-"""The remedy after an error about a map or a scan: one line, and the page that tells more."""
+"""The remedy after an error about a map, a scan or a service: one line, and the page that tells more."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from firstfix.errors import (
     UnfitMap,
     UnsupportedFormat,
 )
+from firstfix_client.errors import ServiceUnreachable
 
 _FILES = "docs/how-to/my-map.md"
 _HELP: dict[type[FirstfixError], tuple[str, str]] = {
@@ -44,11 +45,17 @@ _SCAN_HELP: dict[type[FirstfixError], tuple[str, str]] = {
     ),
     TooLarge: ("A scan is one turn of the sensor: a map, or many turns, is none.", _SCANS),
 }
+_NO_SERVICE = (
+    "Start one: firstfix serve --store STORE; or name another by --url, or a store by --store "
+    "(see docs/quickstart.md)"
+)
 OF_MAPS = ("build", "check", "maps")  # commands whose files are maps
 
 
 def help_line(error: Exception, command: str) -> str | None:
     """A line after the error of a command; None for errors that say all themselves."""
+    if isinstance(error, ServiceUnreachable):
+        return _NO_SERVICE
     return _line(error, _HELP) if command in OF_MAPS else None
 
 

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import resource
-import signal
-import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import cache, partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
 
 from firstfix.builds.limits import default_build_memory_bytes
-from firstfix.errors import InputError, MalformedData, TooLarge, UnsupportedFormat
+from firstfix.errors import InputError, UnsupportedFormat
 from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.point_cloud import SCAN_LIMITS, PointCloud
+from firstfix.recording.confined_process import ConfinedProcess, Limits
 from firstfix.recording.recording import is_recording
 from firstfix.scan.scan import Scan
 from firstfix.scan_file import read_cloud_file, read_scan_file
@@ -27,7 +23,7 @@ from .bags.first_cloud import first_cloud
 MAX_MEMORY_BYTES = 4 << 30  # a file may have 1 GB
 MAX_PROCESSOR_S = 60
 BY_LIBRARY = (".las", ".laz")
-_Read = TypeVar("_Read")
+_Result = TypeVar("_Result")
 
 
 def read_scan(path: Path, columns: tuple[str, ...] | None = None) -> Scan:
@@ -42,7 +38,7 @@ def read_scan(path: Path, columns: tuple[str, ...] | None = None) -> Scan:
         NotFound: no such file.
         InputError: a subclass; the message names the file.
         UnsupportedFormat: a recording: ``localize --bag`` takes it.
-        MalformedData: the library crashed, or did not end.
+        MalformedData, TooLarge: the library crashed, did not end, or needs more memory than it may.
     """
     if is_recording(path):
         raise UnsupportedFormat(f"{path}: no scan: `firstfix localize --bag {path.name}` takes recordings")
@@ -61,18 +57,13 @@ def read_cloud(path: Path, columns: tuple[str, ...] | None = None) -> PointCloud
     return _limited(path, partial(read_cloud_file, columns=columns))
 
 
-def _limited(path: Path, read: Callable[[Path], _Read]) -> _Read:
+def _limited(path: Path, read: Callable[[Path], _Result]) -> _Result:
     if path.suffix.lower() not in BY_LIBRARY or not path.is_file():
         return read(path)
     try:
-        return _reader().submit(_read, path, read).result()
-    except BrokenProcessPool:
-        _reader.cache_clear()
-        raise MalformedData(
-            f"{path}: its reader crashed, or took more than {MAX_PROCESSOR_S} s of processor time"
-        ) from None
-    except MemoryError:
-        raise TooLarge(f"{path}: its reader needs more than {_memory_bytes()} bytes of memory") from None
+        return _reader().run(_read, path, read)
+    except InputError as error:
+        raise type(error)(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
 @contextmanager
@@ -90,26 +81,11 @@ def limited_memory() -> Iterator[None]:
 
 
 @cache
-def _reader() -> ProcessPoolExecutor:
+def _reader() -> ConfinedProcess:
     """The process, which starts with the first file and then reads all of them."""
-    return ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_limit)
+    return ConfinedProcess(Limits(min(MAX_MEMORY_BYTES, default_build_memory_bytes()), MAX_PROCESSOR_S))
 
 
-def _memory_bytes() -> int:
-    return min(MAX_MEMORY_BYTES, default_build_memory_bytes())
-
-
-def _limit() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_DATA, (_memory_bytes(), _memory_bytes()))
-
-
-def _read(path: Path, read: Callable[[Path], _Read]) -> _Read:
-    used_s = int(time.process_time())
-    resource.setrlimit(resource.RLIMIT_CPU, (used_s + MAX_PROCESSOR_S, resource.RLIM_INFINITY))
-    try:
-        check_las(path, SCAN_LIMITS, 8 * 5)
-    except InputError as error:
-        raise type(error)(f"{path}: {error}") from None
+def _read(path: Path, read: Callable[[Path], _Result]) -> _Result:
+    check_las(path, SCAN_LIMITS, 8 * 5)
     return read(path)

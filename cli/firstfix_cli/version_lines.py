@@ -85,6 +85,11 @@ def minute_of(time: str | None) -> str:
     return "-" if not time else time[:16].replace("T", " ")
 
 
+def counted(count: int, thing: str) -> str:
+    """A number of things in words."""
+    return f"{count:,} {thing}" + ("" if count == 1 else "s")
+
+
 def _size(size_m: Sequence[float] | None) -> str:
     return "-" if not size_m else " x ".join(f"{edge:.1f}" for edge in size_m)
 

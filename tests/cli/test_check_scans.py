@@ -125,7 +125,7 @@ def test_a_file_that_cannot_be_read_is_told_of_and_the_next_ones_are_read(tmp_pa
     assert [one["file"] for one in said] == [bad[0], good, *bad[1:], good]
     assert ["error" in one for one in said] == [True, False, True, True, True, False]
     codes = [one["error"]["code"] for one in said if "error" in one]
-    assert codes == ["malformed_data", "unsupported_format", "malformed_data", "not_found"]
+    assert codes == ["malformed_data", "unsupported_format", "malformed_data", "no_such_file"]
     with pytest.raises(SystemExit) as ended:
         run(["check", "--scans", bad[0], good])
     assert ended.value.code == 2

@@ -89,10 +89,12 @@ def test_files_that_cannot_be_read_are_named(service, tmp_path, capsys):
     assert "bad.pcd" in capsys.readouterr().err
 
 
-def test_no_service_is_one_line(scan, capsys):
+def test_no_service_is_named_with_a_remedy(scan, capsys):
     arguments = ["localize", scan(LOCALIZED), "--map", "hall", "--url", "http://127.0.0.1:9", "--timeout", 1]
     assert ended(arguments) == 1, "it may be there later"
-    assert capsys.readouterr().err.startswith("firstfix: no answer from http://127.0.0.1:9")
+    said = capsys.readouterr().err
+    assert said.startswith("firstfix: no answer from http://127.0.0.1:9")
+    assert "firstfix serve --store STORE" in said, "the remedy"
 
 
 @pytest.mark.parametrize("arguments", [[], ["localize"], ["localize", "x.pcd"], ["fly"]])
@@ -107,7 +109,7 @@ def test_maps_of_a_service(service, capsys):
     assert line.split()[:2] == ["hall", VERSIONS[0][:12]]
     assert ended(["maps", "show", "hall", "--url", service.url]) == 0
     out = capsys.readouterr().out
-    assert "12 templates, 2.0 MB, made for a xt32" in out
+    assert "12 templates, 2.0 MB, made for xt32" in out
     assert "10.0 x 20.0 x 3.0 m" in out
     assert ended(["maps", "versions", "hall", "--url", service.url]) == 0
     header, active, older = capsys.readouterr().out.splitlines()

@@ -115,7 +115,7 @@ def test_a_file_that_is_not_there_is_named_with_its_folder(tmp_path: Path):
 def test_a_map_is_removed_with_its_name_said_twice(store: str):
     refused = run("maps", "rm", "hall", "--store", store, code=2)
     assert "give --force" in refused.error
-    assert run("maps", "rm", "hall", "--store", store, "--force").out == "hall: removed, with 1 versions\n"
+    assert run("maps", "rm", "hall", "--store", store, "--force").out == "hall: removed, with 1 version\n"
     assert len(run("maps", "ls", "--store", store).out.splitlines()) == 1, "the header"
     assert "no map hall" in run("maps", "rm", "hall", "--store", store, "--force", code=2).error
 
@@ -127,6 +127,9 @@ def test_builds_are_listed_shown_and_cancelled(store: str):
     shown = run("builds", "show", BUILD, "--store", store).out
     assert all(word in shown for word in ("queued", "made of hall.laz", "by key:1", "note: again"))
     assert run("builds", "ls", "--map", "yard", "--store", store, "--json").out == '{"builds": []}\n'
+    nothing = run("builds", "ls", "--map", "yard", "--store", store)
+    assert len(nothing.out.splitlines()) == 1, "the header"
+    assert "no such builds" in nothing.error
     run("builds", "cancel", BUILD, "--store", store)
     assert "was cancelled" in run("builds", "follow", BUILD, "--store", store, code=2).error
     assert "has cancelled" in run("builds", "cancel", BUILD, "--store", store, code=2).error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import time
 from pathlib import Path
 
 import laspy
@@ -37,7 +38,7 @@ def reader(monkeypatch: pytest.MonkeyPatch):
     """A reader of its own, which is the worse for what a test does to it."""
     limited_reader._reader.cache_clear()
     yield limited_reader
-    limited_reader._reader().shutdown()
+    limited_reader._reader().close()
     limited_reader._reader.cache_clear()
 
 
@@ -50,8 +51,10 @@ def _take_memory(path: Path, read: object) -> None:
 
 
 def _never_end(path: Path, read: object) -> None:
-    limited_reader.MAX_PROCESSOR_S = 1
-    limited_reader._read(path, lambda path: [None for _ in iter(int, 1)])
+    used_s = int(time.process_time())
+    resource.setrlimit(resource.RLIMIT_CPU, (used_s + 1, resource.RLIM_INFINITY))
+    while True:
+        pass
 
 
 def test_the_scan_is_that_of_this_process(tmp_path: Path, reader):

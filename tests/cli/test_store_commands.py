@@ -75,7 +75,7 @@ def test_maps_of_a_store(versions, tmp_path, capsys):
     assert ended(["maps", "show", "hall", *store]) == 0
     out = capsys.readouterr().out
     assert f"active {versions[1]}" in out
-    assert "7 templates, 0.0 MB, made for a vlp-16" in out
+    assert "7 templates, 0.0 MB, made for vlp-16" in out
     assert "median error 0.020 m" in out
     assert ended(["maps", "versions", "hall", *store]) == 0
     lines = capsys.readouterr().out.splitlines()

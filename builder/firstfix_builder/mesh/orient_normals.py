@@ -23,7 +23,7 @@ FLAT_COSINE = 0.9
 
 def estimate_normals(points: NDArray[np.float64], radius_m: float, neighbours: int) -> NDArray[np.float64]:
     """(n, 3) unit normals of unknown sign, each from the plane through its neighbours."""
-    from .open3d_core import o3d  # imported late: a first version does not wait for it
+    from .open3d_core import o3d  # imported late: a provisional version does not wait for it
 
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(radius_m, neighbours))

@@ -118,7 +118,7 @@ def poisson_surface(
     points: NDArray[np.float64], normals: NDArray[np.float64], cell_m: float, point_weight: float
 ) -> Mesh:
     """The closed surface through (n, 3) points with (n, 3) outward normals."""
-    from .open3d_core import o3d  # imported late: a first version does not wait for it
+    from .open3d_core import o3d  # imported late: a provisional version does not wait for it
 
     # Relative to its centre: the solver has single precision, and a map may lie far from the origin.
     middle = np.round(points.mean(axis=0))

@@ -1,1 +1,1 @@
-"""A first version of a map within seconds, from its points and the poses of its mapping run alone."""
+"""A provisional version of a map within seconds, from its points and the poses of its mapping run alone."""

@@ -1,4 +1,4 @@
-"""The index of a first version: templates are the map's own points, as they are seen from the mapping run."""
+"""The index of a provisional version: its templates are the map's own points, seen from the mapping run."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _thinned(cloud: PosedCloud) -> tuple[float, NDArray[np.float64]]:
 
 
 def _view_m(tiles: PointTiles, run: NDArray[np.float64], view: SensorView, config: BuildConfig) -> float:
-    """How far one sees from the run: of some places, the furthest point in each horizontal direction."""
+    """Metres that one sees from the run: of some places, the furthest point in each horizontal direction."""
     furthest = []
     for position in run[rows_by_chance(len(run), LOOKS)]:
         near = tiles.around(position[:2], view.max_range_m) - position.astype(np.float32)

@@ -1,4 +1,4 @@
-"""The self-test of a first version: a few scans between its templates, real ones where the map has some."""
+"""The self-test of a provisional version: a few scans between its templates, and real ones of the map."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ HIDDEN, HIDDEN_DEG = 3, 20.0  # sectors that passers-by hide, and the width of e
 
 @dataclass(frozen=True)
 class QuickTested:
-    """Results of the self-test of a first version.
+    """Results of the self-test of a provisional version.
 
     Attributes:
         calibration: the prior's, with a threshold above every wrong place that the test saw.

@@ -1,4 +1,4 @@
-"""The first version of a map with a trajectory: made, tested, and handed on, before the map is cleaned."""
+"""The provisional version of a map with a trajectory: made, tested and handed on before it is cleaned."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass
 class QuickVersion:
-    """The first version of one build. It is made once, of what is there first.
+    """The provisional version of one build. It is made once, of what is there first.
 
     Attributes:
         folder: of its files; what is in it is removed.
@@ -55,14 +55,14 @@ class QuickVersion:
         try:
             tested = self._made(cloud)
         except BuildFailed as error:
-            _log.warning("no first version from the poses of the run: %s", error)
+            _log.warning("no provisional version from the poses of the run: %s", error)
             return
         except Exception:  # the full version may not fail for it
-            _log.exception("no first version from the poses of the run")
+            _log.exception("no provisional version from the poses of the run")
             return
         if not tested.queries or tested.found < self.config.activate.min_found:
             _log.warning(
-                "no first version from the poses of the run: its self-test found %.0f %% of %d places",
+                "no provisional version from the poses of the run: its self-test found %.0f %% of %d places",
                 100 * tested.found,
                 tested.queries,
             )

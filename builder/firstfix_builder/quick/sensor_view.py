@@ -38,7 +38,7 @@ class SensorView:
         return cls(low, high, sensor.min_range_m, sensor.max_range_m)
 
     def seen(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Those of (n, 3) points that the sensor at the origin sees: all that no nearer point hides."""
+        """Points, of (n, 3), that the sensor at the origin sees: all that no nearer point hides."""
         x, y, z = points.T
         range_m = np.sqrt(x * x + y * y + z * z)
         rise = z / np.maximum(range_m, np.float32(1e-6))

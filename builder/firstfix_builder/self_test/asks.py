@@ -89,7 +89,7 @@ def planned_rounds(
 
 @dataclass(frozen=True)
 class Asks:
-    """Asks scans of the localizer, and judges the answers. Thread-safe."""
+    """The asking side of a self-test: the localizer answers scans, and each answer is judged. Thread-safe."""
 
     localizer: Localizer
     simulator: Simulator

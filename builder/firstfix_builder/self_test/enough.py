@@ -1,4 +1,4 @@
-"""When the self-test has asked enough: what it decides will hardly change by more queries.
+"""The end of the self-test: more queries would hardly change what it decides.
 
 Queries are asked in rounds, in an order that chance draws beforehand. From FIRST_LOOK on, each round's end is
 a look at what is still open (docs/method.md section 11). Nothing else ends the test, so equal inputs end it
@@ -27,7 +27,7 @@ _SILENT = 0.2  # share of the scans that are not localized, from which on they t
 
 @dataclass(frozen=True)
 class Ended:
-    """How the self-test ended.
+    """The end of a self-test.
 
     Attributes:
         planned: number of queries, those in the map and those of strange places.
@@ -58,7 +58,7 @@ def still_open(
     *,
     is_threshold_settled: bool,
 ) -> tuple[str, ...]:
-    """What more queries may decide otherwise.
+    """Name what more queries may decide otherwise.
 
     A map that is held back anyway has no weak places and no ties to look for.
 

@@ -85,7 +85,7 @@ class CrossValidated:
         return cls(tuple(cases), models, claims)
 
     def reliability(self) -> dict[str, Any]:
-        """How the claims came true.
+        """Shares of the claims that came true.
 
         Returns ``expected_calibration_error`` and ``bins``: the number of ``cases`` in each, the mean
         probability that was ``claimed`` for them, and the share that was ``right``.

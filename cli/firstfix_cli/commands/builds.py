@@ -64,6 +64,8 @@ def list_builds(
             (one.build_id, one.map_id, _begun(one.build_id), one.state, one.stage, f"{one.progress:.0%}", why)
         )
     typer.echo("\n".join(table(rows)))
+    if not found:
+        typer.echo("no such builds: only services record theirs, `firstfix build --store` does not", err=True)
 
 
 @app.command()

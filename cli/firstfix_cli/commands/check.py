@@ -129,7 +129,7 @@ def _of_scans(path: Path, columns: str | None) -> list[dict[str, Any]]:
 
 
 def _unread(path: Path, error: FirstfixError | ModuleNotFoundError) -> dict[str, Any]:
-    """What is said of a scan or a recording that cannot be read."""
+    """The record of a scan or a recording that cannot be read."""
     if isinstance(error, ModuleNotFoundError):
         code, text = "not_installed", missing_package(error)
     else:

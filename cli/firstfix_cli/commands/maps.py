@@ -12,7 +12,7 @@ import typer
 
 from ..arguments import AsJson, Store, Url, examples
 from ..build_report import self_test_lines
-from ..version_lines import map_lines, provenance_lines, version_lines
+from ..version_lines import counted, map_lines, provenance_lines, version_lines
 
 app = typer.Typer(
     help="List, inspect, switch and remove maps.",
@@ -218,7 +218,7 @@ def remove(
         confirm(f"remove map {map_id} with {count} versions", force=force)
         retired = admin.remove(map_id)
     said = {"map_id": map_id, "retired": retired}
-    typer.echo(json.dumps(said) if as_json else f"{map_id}: removed, with {len(retired)} versions")
+    typer.echo(json.dumps(said) if as_json else f"{map_id}: removed, with {counted(len(retired), 'version')}")
 
 
 @app.command()
@@ -313,7 +313,8 @@ def _print_state(map_id: str, version: str, state: str, as_json: bool) -> None:
 def _lines(details: dict[str, Any]) -> list[str]:
     """A summary of a map as text; ``--json`` has all details."""
     version = details.get("version") or details["active_version"]
-    lines = [f"{details['map_id']}: {details['versions']} versions, active {details['active_version']}"]
+    versions = counted(details["versions"], "version")
+    lines = [f"{details['map_id']}: {versions}, active {details['active_version']}"]
     manifest = details.get("manifest")
     if manifest is None:
         return lines
@@ -324,7 +325,7 @@ def _lines(details: dict[str, Any]) -> list[str]:
     megabytes = sum(entry["bytes"] for entry in manifest["files"].values()) / 1e6
     if manifest.get("provisional"):
         lines.append("  provisional: coarse and little tested, until the full version takes its place")
-    lines.append(f"  {counts}, {megabytes:,.1f} MB, made for a {manifest['sensor'].get('name', '?')}")
+    lines.append(f"  {counts}, {megabytes:,.1f} MB, made for {manifest['sensor'].get('name', '?')}")
     if manifest["bounds"]:
         low, high = manifest["bounds"]
         size = " x ".join(f"{b - a:,.1f}" for a, b in zip(low, high, strict=True))

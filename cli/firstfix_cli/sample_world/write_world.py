@@ -38,7 +38,7 @@ def write_sample(world: World, directory: Path) -> str:
     write_world(world, directory)
     return (
         f"{len(world.cloud):,} map points, {len(world.trajectory):,} poses of the mapping drive, "
-        f"{len(world.queries)} query scans of a {world.sensor.name}"
+        f"{len(world.queries)} query scans of {world.sensor.name}"
     )
 
 

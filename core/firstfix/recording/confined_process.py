@@ -43,7 +43,7 @@ class Limits:
 
 
 class ConfinedProcess:
-    """Runs functions in one process, which starts anew where it has ended. Thread-safe.
+    """One process for functions, which starts anew where it has ended. Thread-safe.
 
     Functions are those of modules, and what they take and give can be pickled. All methods raise what the
     function raises of this project's errors, and ModuleNotFoundError; and

@@ -1,4 +1,4 @@
-"""What ouster-sdk makes of packets and files. It runs in a confined process.
+"""Clouds that ouster-sdk makes of packets and files. It runs in a confined process.
 
 A cloud is in the sensor's frame: the LiDAR's own, which the beams are given in, is turned by 180 degrees and
 lies 36 mm higher. Each column of the picture has its time. Pixels without a return are left out: the SDK puts

@@ -21,7 +21,7 @@ INDEX = "index.html"
 @router.api_route("/console", methods=READ)
 @public
 async def show_console() -> Response:
-    """Leads to the page, under whatever prefix a proxy puts before it."""
+    """Redirect to the page, under whatever prefix a proxy puts before it."""
     _page()
     return RedirectResponse("console/", 307)
 

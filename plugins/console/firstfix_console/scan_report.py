@@ -50,7 +50,7 @@ class UnderstoodScan(BaseModel):
 @router.post("/scan-report", openapi_extra=binary_body(MEDIA_TYPES))
 @needs(Scope.LOCALIZE, "localize")
 async def post_scan_report(request: Request, parts: LocalizePartsDep, caller: CallerDep) -> UnderstoodScan:
-    """What was understood of a scan: its format, fields, times, rings, mounting, and what was left out.
+    """Report what is understood of a scan: format, fields, times, rings, mounting, and what is left out.
 
     The body is that of `POST /localize`. No map is asked.
     """

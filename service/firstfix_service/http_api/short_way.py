@@ -24,7 +24,7 @@ class DirectRoute(APIRoute):
 
 
 def direct_routes(routes: Iterable[Any]) -> dict[str, DirectRoute]:
-    """Those of the routes that go the short way, by path.
+    """Routes that go the short way, by path.
 
     Raises:
         TypeError: the path of one has parameters, or another one has the same path.

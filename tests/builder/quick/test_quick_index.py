@@ -1,4 +1,4 @@
-"""The places of a first version's templates."""
+"""The places of a provisional version's templates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The self-test of a first version: its threshold lies above every wrong place that it saw."""
+"""The self-test of a provisional version: its threshold lies above every wrong place that it saw."""
 
 from __future__ import annotations
 

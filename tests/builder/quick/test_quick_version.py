@@ -1,4 +1,4 @@
-"""The first version of a map with a trajectory, in the flow of a build."""
+"""The provisional version of a map with a trajectory, in the flow of a build."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_a_map_without_poses_has_a_provisional_version_of_its_surface(cloud, tmp
 def test_a_first_version_that_its_test_does_not_show_is_not_published(config, cloud, poses, tmp_path, caplog):
     versions = first_of(cloud, poses, tmp_path / "work", config).versions
     assert all(manifest.self_test == {} for manifest, _ in versions), "those are made of the surface"
-    assert "no first version from the poses of the run" in caplog.text
+    assert "no provisional version from the poses of the run" in caplog.text
 
 
 @pytest.mark.parametrize("points", [np.zeros((1, 3)), np.full((3, 3), 500.0), np.eye(3)], ids=str)
@@ -147,7 +147,7 @@ def test_a_cloud_that_no_version_can_be_made_of_fails_no_build(points, tmp_path,
         quick.make(cloud)
     assert quick.is_tried
     assert not quick.is_published
-    assert "no first version from the poses of the run" in caplog.text
+    assert "no provisional version from the poses of the run" in caplog.text
 
 
 def test_what_happens_as_it_is_published_ends_the_build(cloud, poses, tmp_path):

@@ -1,4 +1,4 @@
-"""A map's points with the poses of its mapping run, as they are read: what a first version is made of."""
+"""A map's points with the poses of its mapping run, as they are read, for a provisional version."""
 
 from __future__ import annotations
 

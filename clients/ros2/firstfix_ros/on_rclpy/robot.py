@@ -139,7 +139,7 @@ class RclpyRobot:
             self._node.destroy_publisher(publisher)
 
     def _way(self, kind: Input) -> _Way:
-        """How an input is subscribed to now."""
+        """The way in which an input is to be subscribed to now: whether reliably, and by which type."""
         if kind is not Input.CLOUD:
             return False, kind.ros_type
         return self._clouds.are_reliable and not self._overridable, self._clouds.cloud_type

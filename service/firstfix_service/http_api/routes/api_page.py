@@ -50,7 +50,7 @@ async def get_api_file(name: str, request: Request) -> Response:
 @router.api_route("/swagger", methods=READ)
 @public
 async def lead_to_docs() -> Response:
-    """Where others have the page."""
+    """Redirect to the page, from where other services have theirs."""
     return RedirectResponse("docs", 307)
 
 

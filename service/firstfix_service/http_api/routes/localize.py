@@ -182,7 +182,7 @@ async def _localize(
 
 
 def _read(*head: bytes) -> tuple[AsGiven, AnswerForm]:
-    """What a head asks for, by itself.
+    """Parse what a head asks for, by itself.
 
     Args:
         head: query string, and the values of Accept, Content-Type and Content-Encoding.
