@@ -12,7 +12,6 @@ from firstfix_client import Client, RetryPolicy
 from .arguments import PATIENCE_S, service_url
 
 TIMEOUT_S = 60.0
-MAX_DECODED_BYTES = 1 << 30  # of a recorded query, decoded in this process
 
 
 class ViewerClient(Client):

@@ -21,6 +21,7 @@ HEADERS = {"Content-Type": XYZ}
 CONSOLE = {"/", "/console", "/console/{path:path}"} | {
     path for package in absent() for path in package.routes
 }
+API_PAGE = {"/docs", "/docs/{name}", "/redoc", "/swagger"}
 KEYED: dict[str, Any] = {
     "auth": "on",
     "keys_refresh_s": 0.1,

@@ -24,6 +24,7 @@ from firstfix.errors import (
     FirstfixError,
     InvalidOption,
     InvalidScan,
+    NoSuchFile,
     NotFound,
 )
 from firstfix.scan.descriptor_parameters import DescriptorParameters
@@ -145,7 +146,7 @@ def test_all_clients_get_the_same_answers(clients: dict[str, Any], query: str, t
         "no such map": NotFound,
         "no map's name": InvalidOption,
         "no points": InvalidScan,
-        "no file": NotFound,
+        "no file": NoSuchFile,
         "no such version": NotFound,
         "no such encoding": InvalidOption,
     }

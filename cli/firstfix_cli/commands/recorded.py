@@ -175,9 +175,8 @@ def _recorded_queries(store: str) -> RecordedQueries:
 
 
 def _plain_body(stored: RecordedQueries, recorded: RecordedQuery) -> bytes:
+    from firstfix.catalog.recorded_queries import MAX_DECODED_BYTES
     from firstfix.wire.content_encoding import undo_content_encoding
-
-    from ..viewer_client import MAX_DECODED_BYTES
 
     body = stored.body(recorded.query_id)
     return bytes(undo_content_encoding(body, recorded.content_encoding, MAX_DECODED_BYTES))

@@ -21,6 +21,7 @@ from ..store.json_record import RecordKind, read_record, record_json, text_of, t
 from ..store.store import Store
 
 FOLDER = "recorded-queries"
+MAX_DECODED_BYTES = 1 << 30  # of a body, where a tool decodes it in its own process
 REPLAY = "replay-"  # prefix of the request id of a replayed query, which is not recorded again
 TOLD_BY, TOLD_AT = "told_by", "told_at"
 _ID = re.compile(r"(\d{8}t\d{12})-[0-9a-f]{8}")

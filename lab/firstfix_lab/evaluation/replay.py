@@ -12,12 +12,11 @@ import numpy as np
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
-from firstfix.catalog.recorded_queries import REPLAY, RecordedQueries, RecordedQuery
+from firstfix.catalog.recorded_queries import MAX_DECODED_BYTES, REPLAY, RecordedQueries, RecordedQuery
 from firstfix.errors import FirstfixError
 from firstfix.transform import Matrix, pose_error
 from firstfix_cli.answerer import fetch_active_version, is_provisional
 from firstfix_cli.arguments import client_of
-from firstfix_cli.viewer_client import MAX_DECODED_BYTES
 
 BodyAnswerer = Callable[[RecordedQuery, bytes, LocalizeOptions], Localization]
 

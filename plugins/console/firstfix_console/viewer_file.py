@@ -15,7 +15,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import CLOUD_INDEX
 from firstfix.catalog.recorded_queries import RecordedQueries
 from firstfix.errors import InvalidOption, NotFound, TooLarge, pip_install
-from firstfix_service.http_api.edge import CallerDep, needs, public
+from firstfix_service.http_api.edge import CallerDep, needs
 from firstfix_service.http_api.parts import CatalogDep, RecordedQueriesDep
 from firstfix_service.http_api.response_budget import ResponseLeaseDep
 from firstfix_service.http_api.schema.bodies import binary_answer
@@ -44,7 +44,7 @@ class ViewerFormat(BaseModel):
 
 
 @router.get("/viewer-formats")
-@public
+@needs(Scope.LOCALIZE)
 async def get_viewer_formats() -> list[ViewerFormat]:
     """The files for viewers that this service writes, and what is missing for others."""
     return [ViewerFormat(format=one, opened_by=FORMATS[one], remedy=_remedy(one)) for one in FORMATS]

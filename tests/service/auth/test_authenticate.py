@@ -24,7 +24,17 @@ from firstfix_service.auth.key_ring import KeyRing
 from firstfix_service.http_api.edge import authorize, check_routes, needs
 from firstfix_service.http_api.routes import garbage
 from firstfix_service.settings import Settings
-from tests.service.access_world import CONSOLE, LaterClock, ask_zenoh, bearer, get, give, known, localize
+from tests.service.access_world import (
+    API_PAGE,
+    CONSOLE,
+    LaterClock,
+    ask_zenoh,
+    bearer,
+    get,
+    give,
+    known,
+    localize,
+)
 from tests.service.service_world import Service, publish, running_service, serving
 from tests.waiting import wait_until
 
@@ -63,7 +73,7 @@ def test_every_route_is_behind_the_gate():
 def test_few_routes_are_public():
     routes = iter_route_contexts(create_app(Settings(store="memory://")).routes)
     public = {route.path for route in routes if route.endpoint.needs is None}
-    assert public - CONSOLE == {"/healthz", "/readyz", "/openapi.json"}
+    assert public - CONSOLE == {"/healthz", "/readyz", "/openapi.json", *API_PAGE}
 
 
 async def _forgotten(request: Request) -> None:

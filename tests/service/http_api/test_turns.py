@@ -22,7 +22,7 @@ from firstfix_service.http_server.streams import AnswerDelay
 from firstfix_service.limits.limits import Limits
 from firstfix_service.limits.turns import Turns
 from firstfix_service.settings import Settings
-from tests.service.access_world import CONSOLE, known, localize
+from tests.service.access_world import API_PAGE, CONSOLE, known, localize
 from tests.service.raw_connection import all_of, connect
 from tests.service.service_world import Service, publish, running_service
 from tests.waiting import wait_until
@@ -177,7 +177,7 @@ def test_the_checked_routes_are_all_but_the_public_ones():
         routes
     )
     others = {path for _, path in every_route()} - {path for _, path in routes} - CONSOLE
-    assert others == {"/localize", "/healthz", "/readyz", "/openapi.json"}
+    assert others == {"/localize", "/healthz", "/readyz", "/openapi.json", *API_PAGE}
 
 
 def test_a_waiting_request_does_no_work(slow: Service, waiting, worked, flooder: str):

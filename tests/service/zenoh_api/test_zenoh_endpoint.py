@@ -110,10 +110,11 @@ def test_a_key_of_no_or_several_maps_is_refused(service: Service, key: str):
 
 
 def test_a_query_needs_a_payload_and_single_options(service: Service):
-    (reply,) = service.session.get("firstfix/hall/localize", encoding=XYZ, timeout=LIMIT_S)
-    assert b'"malformed_data"' in reply.err.payload.to_bytes()
-    (reply,) = service.session.get("firstfix/hall/localize", timeout=LIMIT_S)
-    assert b'"unsupported_format"' in reply.err.payload.to_bytes()
+    for encoding in (XYZ, None):
+        (reply,) = service.session.get("firstfix/hall/localize", encoding=encoding, timeout=LIMIT_S)
+        assert b'"malformed_data"' in reply.err.payload.to_bytes()
+    (reply,) = service.session.get("firstfix/hall/localize", payload=SCAN_BODY, timeout=LIMIT_S)
+    assert b'"unsupported_format"' in reply.err.payload.to_bytes(), "rows of numbers have no signature"
     selector = "firstfix/hall/localize?version=a;version=b"
     (reply,) = service.session.get(selector, payload=SCAN_BODY, encoding=XYZ, timeout=LIMIT_S)
     assert b"more than once" in reply.err.payload.to_bytes()

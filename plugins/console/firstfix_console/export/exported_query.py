@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.answer.localization import Localization
-from firstfix.catalog.recorded_queries import RecordedQuery
+from firstfix.catalog.recorded_queries import MAX_DECODED_BYTES, RecordedQuery
 from firstfix.decode import decode_query
 from firstfix.errors import InputError, NotFound
 from firstfix.scan.compact import CompactScan, ScanDescriptor
@@ -19,7 +19,6 @@ from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import AnyScan
 from firstfix.transform import Matrix, pose_from_mapping, transform_points, yaw_of
 from firstfix.wire.content_encoding import undo_content_encoding
-from firstfix_cli.viewer_client import MAX_DECODED_BYTES
 
 from .source import ExportSource
 

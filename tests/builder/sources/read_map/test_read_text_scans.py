@@ -19,7 +19,7 @@ from tests.every_case import every_case
 
 ROOM = np.random.default_rng(3).uniform([-9, -7, 0], [9, 7, 3], (60, 3)).round(3)
 STATION = from_quaternion([4.0, 2.0, 1.5], [0, 0, 0.3, 0.9])
-OTHER = from_quaternion([-3.0, 1.0, 1.25], [0, 0, 1.0, 0.1])
+OTHER = from_quaternion([-3.0, 1.0, 1.75], [0, 0, 1.0, 0.1])
 
 
 def ptx(scans: list[tuple[np.ndarray, np.ndarray]], sizes: tuple[int, int] = (10, 6)) -> str:
