@@ -284,10 +284,8 @@ def test_few_routes_of_the_scope_localize_may_change_something():
         and route.endpoint.needs is not None
         and route.endpoint.needs.scope is Scope.LOCALIZE
     }
-    of_the_console = {
-        "/maps/{map_id}/versions/{version}/overlay",
-        "/scan-report",
-    }  # they compute, and change nothing
+    # they compute, and change nothing
+    of_the_console = {"/maps/{map_id}/versions/{version}/overlay", "/scan-report"}
     assert passing - of_the_console == {"/localize"}
 
 

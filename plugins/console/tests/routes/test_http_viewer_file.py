@@ -67,10 +67,10 @@ def test_a_file_that_is_too_large_is_refused_with_the_way_to_it(exported, monkey
 def test_what_is_not_installed_is_said_with_the_remedy(exported, monkeypatch: pytest.MonkeyPatch):
     service, world = exported
     monkeypatch.setattr(viewer_file, "find_spec", lambda name: None if name == "rerun" else find_spec(name))
-    formats = {one["format"]: one for one in service.http.get("/viewer-formats").json()}
+    headers = bearer(known(service, "localize"))
+    formats = {one["format"]: one for one in service.http.get("/viewer-formats", headers=headers).json()}
     assert formats["mcap"]["remedy"] == ""
     assert "./plugins/console[rerun]" in formats["rrd"]["remedy"]
-    headers = bearer(known(service, "localize"))
     answer = service.http.get(address(world), params={"format": "rrd"}, headers=headers)
     assert answer.status_code == 400
     assert "./plugins/console[rerun]" in answer.json()["detail"]
