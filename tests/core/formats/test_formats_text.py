@@ -199,3 +199,11 @@ def test_times_and_beams_of_named_columns_are_read():
 def test_names_that_are_not_understood_are_shown():
     with pytest.raises(MalformedData, match="names x, y, z, and not '# range, azimuth"):
         decode_text(b"# range, azimuth\n" + b"1," * 11 + b"2\n", SCAN_LIMITS)
+
+
+@pytest.mark.timeout(60)  # not a measurement: what it guards against takes days
+@every_case("name", [b"a" + b" " * 60_000 + b"b", b"(" * 60_000, b"a (" * 20_000])
+def test_a_long_name_of_a_column_takes_no_time(name):
+    for mark in (b"# ", b""):
+        text = mark + b"x (m),y(m), z  (m)," + name + b"\n1.5,2,-3.25,0\n512345.678,5403210.123,295.5,0\n"
+        np.testing.assert_array_equal(decode_text(text, SCAN_LIMITS).xyz, XYZ)
