@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firstfix.errors import MalformedData, TooLarge, UnsupportedFormat
-from firstfix.formats.npy import read_npy
+from firstfix.formats.npy import decode_npy, read_npy
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
 from firstfix.formats.raw_xyz import decode_xyz, decode_xyzi
 from firstfix.formats.scanner_bin import decode_scanner_bin
@@ -110,6 +110,13 @@ def test_damaged_and_pickled_npy_files_are_malformed(tmp_path):
 
 
 ROWS = np.random.default_rng(3).uniform(-80, 80, (500, 4)).astype("<f4")
+
+
+@every_case("rows", [b"-1", b"-20"])
+def test_an_npy_file_of_a_negative_length_is_malformed(rows):
+    header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (" + rows + b", 3), }\n"
+    with pytest.raises(MalformedData, match="header is damaged"):
+        decode_npy(b"\x93NUMPY\1\0" + len(header).to_bytes(2, "little") + header + bytes(240), SCAN_LIMITS)
 
 
 def test_rows_of_floats_come_back():
