@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cache
 from http import HTTPStatus
 
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
+from fastapi.routing import iter_route_contexts
 from starlette.exceptions import HTTPException
+from starlette.routing import compile_path
 
 from firstfix import errors
 from firstfix.errors import FirstfixError
@@ -149,6 +153,19 @@ async def _on_validation_error(request: Request, error: Exception) -> Response:
 async def _on_http_exception(request: Request, error: Exception) -> Response:
     """Refusals by the framework: unknown path or method."""
     assert isinstance(error, HTTPException)
-    codes = {404: errors.NotFound.code, 405: _METHOD_NOT_ALLOWED}
-    code = codes.get(error.status_code, errors.InputError.code)
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        return method_not_allowed(_methods_of(request)).response()
+    code = errors.NotFound.code if error.status_code == HTTPStatus.NOT_FOUND else errors.InputError.code
     return Problem(code, error.status_code, str(error.detail), dict(error.headers or {})).response()
+
+
+def _methods_of(request: Request) -> set[str]:
+    """All methods that the request's path has: each has a route of its own, and the framework names one."""
+    path, routes = request.scope["path"], iter_route_contexts(request.app.routes)
+    with_path = (route for route in routes if route.path and _pattern_of(route.path).match(path))
+    return {method for route in with_path for method in route.methods or ()}
+
+
+@cache
+def _pattern_of(route_path: str) -> re.Pattern[str]:
+    return compile_path(route_path)[0]

@@ -58,3 +58,17 @@ def test_refusals_are_problem_documents(shared_service, method, path, status, co
     assert response.headers["content-type"] == "application/problem+json"
     assert (response.status_code, response.json()["code"]) == (status, code)
     assert response.json()["status"] == status
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "allowed"),
+    [
+        ("PUT", "/maps", {"GET", "POST"}),
+        ("PUT", "/maps/hall", {"DELETE", "GET"}),
+        ("GET", "/localize", {"POST"}),
+    ],
+)
+def test_a_method_that_is_not_allowed_is_told_all_that_are(shared_service, method, path, allowed):
+    response: httpx.Response = shared_service.http.request(method, path)
+    assert response.status_code == 405
+    assert set(response.headers["allow"].split(", ")) == allowed

@@ -48,7 +48,11 @@ def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float
     try:
         return column_means(points, voxel_m)
     except ValueError:
-        raise BuildFailed(f"the map is too large for voxels of {voxel_m} m") from None
+        width_m = float(np.ptp(points[:, :3], axis=0).max())
+        raise BuildFailed(
+            f"the map is {width_m:,.0f} m wide: too large for voxels of {voxel_m} m. "
+            "Remove stray points far away from all others"
+        ) from None
 
 
 def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours: int) -> NDArray[np.float64]:

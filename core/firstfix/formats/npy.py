@@ -76,5 +76,7 @@ def _array(body: Body) -> NDArray[Any]:
     shape, by_column, dtype = read(header)
     if dtype.hasobject:
         raise ValueError("an array of objects")
+    if any(length < 0 for length in shape):  # NumPy would take all bytes that there are
+        raise ValueError("a negative length")
     flat = np.frombuffer(body, dtype, math.prod(shape), header.tell())
     return flat.reshape(shape, order="F" if by_column else "C")

@@ -12,7 +12,7 @@ from .text_table import is_number, parse_rows
 
 _SNIFFED_BYTES = 65_536
 _KEPT = {"x", "y", "z", *INTENSITY_NAMES, *RING_NAMES}
-_WITH_UNIT = re.compile(r"(.+?)\s*\([^)]*\)")  # RANGE (mm)
+_UNIT = re.compile(r"\([^()]*\)")  # RANGE (mm); one look at each character, as names may be 64 KiB long
 _OUSTER = {"x1": "x", "y1": "y", "z1": "z", "row": "ring"}  # ouster-cli's names; 1 is the first return
 _MAX_UNNAMED_COLUMNS = 10  # x y z, intensity, colour, normal; 12 numbers are a pose
 
@@ -97,7 +97,7 @@ def _sniff(raw: bytes) -> _Layout:
 
 def _plain(names: list[str]) -> list[str]:
     """The names without units, but for those of times; ouster-cli's under their usual ones."""
-    plain = [name if is_time_name(name) else _WITH_UNIT.sub(r"\1", name) for name in names]
+    plain = [name if is_time_name(name) else _UNIT.sub("", name).rstrip() for name in names]
     is_ouster = {"x1", "y1", "z1"} <= set(plain) and "x" not in plain
     return [_OUSTER.get(name, name) for name in plain] if is_ouster else plain
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 
 import numpy as np
@@ -16,6 +16,7 @@ from .point_cloud import Body
 _SEARCHED_ROWS = 100_000  # for one that is wrong: Python takes a tenth of a second for them
 _WORDS = {None: "spaces", ",": "commas", ";": "semicolons"}
 _EMPTY_LINES = re.compile(rb"\n\s+")
+PIECE_BYTES = 1 << 20  # NumPy parses so many at once: until it is done, no other thread of the process runs
 MAX_LINE_BYTES = 65_536  # the parser is slow for lines with thousands of columns
 
 
@@ -50,8 +51,24 @@ def parse_rows(
         return np.empty((0, 0))
     _check_lines(format_name, raw)
     try:
-        return np.loadtxt(
-            io.BytesIO(raw),
+        return _joined(_parsed(raw, columns, delimiter, comments, max_rows))
+    except (ValueError, IndexError, OverflowError) as error:
+        raise MalformedData(f"{format_name}: {_wrong_line(raw, delimiter, comments)}") from error
+
+
+def _parsed(
+    raw: bytes,
+    columns: Sequence[int] | None,
+    delimiter: str | None,
+    comments: str | None,
+    max_rows: int | None,
+) -> Iterator[NDArray[np.float64]]:
+    """Yield the rows of each piece of whole lines."""
+    start = 0
+    while start == 0 or (start < len(raw) and max_rows != 0):
+        end = raw.find(b"\n", start + PIECE_BYTES - 1) + 1 or len(raw)
+        rows = np.loadtxt(
+            io.BytesIO(raw[start:end]),
             np.float64,
             comments=comments,
             delimiter=delimiter,
@@ -59,8 +76,16 @@ def parse_rows(
             max_rows=max_rows,
             ndmin=2,
         )
-    except (ValueError, IndexError, OverflowError) as error:
-        raise MalformedData(f"{format_name}: {_wrong_line(raw, delimiter, comments)}") from error
+        yield rows
+        start = end
+        max_rows = None if max_rows is None else max_rows - len(rows)
+
+
+def _joined(pieces: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """The rows of all pieces; those without a row, of comments, have no width."""
+    found = list(pieces)
+    with_rows = [rows for rows in found if len(rows)] or found[:1]
+    return with_rows[0] if len(with_rows) == 1 else np.concatenate(with_rows)
 
 
 def _wrong_line(raw: bytes, delimiter: str | None, comments: str | None) -> str:

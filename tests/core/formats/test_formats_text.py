@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firstfix.errors import MalformedData, TooLarge, UnsupportedFormat
-from firstfix.formats.npy import read_npy
+from firstfix.formats.npy import decode_npy, read_npy
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
 from firstfix.formats.raw_xyz import decode_xyz, decode_xyzi
 from firstfix.formats.scanner_bin import decode_scanner_bin
@@ -112,6 +112,13 @@ def test_damaged_and_pickled_npy_files_are_malformed(tmp_path):
 ROWS = np.random.default_rng(3).uniform(-80, 80, (500, 4)).astype("<f4")
 
 
+@every_case("rows", [b"-1", b"-20"])
+def test_an_npy_file_of_a_negative_length_is_malformed(rows):
+    header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (" + rows + b", 3), }\n"
+    with pytest.raises(MalformedData, match="header is damaged"):
+        decode_npy(b"\x93NUMPY\1\0" + len(header).to_bytes(2, "little") + header + bytes(240), SCAN_LIMITS)
+
+
 def test_rows_of_floats_come_back():
     np.testing.assert_array_equal(decode_xyz(ROWS[:, :3].tobytes(), SCAN_LIMITS).xyz, ROWS[:, :3])
     read = decode_xyzi(ROWS.tobytes(), SCAN_LIMITS)
@@ -199,3 +206,11 @@ def test_times_and_beams_of_named_columns_are_read():
 def test_names_that_are_not_understood_are_shown():
     with pytest.raises(MalformedData, match="names x, y, z, and not '# range, azimuth"):
         decode_text(b"# range, azimuth\n" + b"1," * 11 + b"2\n", SCAN_LIMITS)
+
+
+@pytest.mark.timeout(60)  # not a measurement: what it guards against takes days
+@every_case("name", [b"a" + b" " * 60_000 + b"b", b"(" * 60_000, b"a (" * 20_000])
+def test_a_long_name_of_a_column_takes_no_time(name):
+    for mark in (b"# ", b""):
+        text = mark + b"x (m),y(m), z  (m)," + name + b"\n1.5,2,-3.25,0\n512345.678,5403210.123,295.5,0\n"
+        np.testing.assert_array_equal(decode_text(text, SCAN_LIMITS).xyz, XYZ)

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.engine.registration.surface import Surface
-from firstfix.scan.reduction import voxel_means
+
+from ...mesh.clean_cloud import voxel_means
 
 COLUMN_M = 16.0  # a large map is looked at in some of such columns
 _MAX_POINTS_READ = 3_000_000
@@ -18,6 +19,9 @@ def surfaces(points: NDArray[np.float64], voxel_m: float, max_points: int) -> Su
     """Points (k, 3) of (n, 3) on a grid of ``voxel_m``, with normals. Of a large map some columns by chance.
 
     The columns stand in the plane of the two larger extents, so that it does not matter which axis is up.
+
+    Raises:
+        BuildFailed: stray points are too far away from the others.
     """
     flat = np.sort(np.argsort(np.ptp(points, axis=0))[1:])
     column, count = numbered(np.floor(points[:, flat] / COLUMN_M).astype(np.int64))

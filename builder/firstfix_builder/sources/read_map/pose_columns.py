@@ -18,6 +18,7 @@ from .rigid import rigid_from_quaternions, rigid_matrices
 _QUATERNION = {"q", "quat", "quaternion", "orientation", "rotation"}
 _POSITION = {"p", "t", "pos", "position", "translation", "location", "pose"}
 _MATRIX = tuple(f"pose{row}{column}" for row in range(3) for column in range(4))  # HDMapping's names
+_UNIT = re.compile(r"[\[(][^\[\]()]*[\])]")  # one look at each character, as lines may be long
 _BEFORE_NAMES = re.compile(r"^[A-Za-z ]+:\s")  # "format: "
 _VECTORS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
@@ -66,7 +67,7 @@ def columns_of(names: str, delimiter: str | None) -> PoseColumns | None:
     """Columns by the line that names them; None: it does not name a pose."""
     names = _BEFORE_NAMES.sub("", names)
     words = [word.strip().strip('"').lower() for word in names.split(delimiter)]
-    words = [re.sub(r"[\[(].*?[\])]", "", word).strip() for word in words]  # units
+    words = [_UNIT.sub("", word).strip() for word in words]
     words = [word for word in words if word or delimiter is not None]
     known: dict[str, int] = {}
     for place, word in enumerate(words):

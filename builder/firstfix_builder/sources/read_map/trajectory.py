@@ -25,7 +25,8 @@ _SNIFFED_BYTES = 65_536
 _NAMED = "tx, ty, tz, qx, qy, qz, qw"
 _COMMENT = ("#", "%", "//")
 _COMMENTS = re.compile(rb"(?:#|%|//)[^\r\n]*")  # people write their own language in them
-_W_FIRST = re.compile(r"\bq?[\W_]*w\W*q?[\W_]*x\W*q?[\W_]*y\W*q?[\W_]*z\b", re.IGNORECASE)
+_BETWEEN = re.compile(r"[\W_]+")
+_W_FIRST = re.compile(r"\bq? ?w ?q? ?x ?q? ?y ?q? ?z\b", re.IGNORECASE)  # with one space for all between
 
 
 def read_trajectory(path: Path) -> NDArray[np.float64]:
@@ -98,7 +99,7 @@ def _from_text(raw: bytes, file_name: str) -> NDArray[np.float64]:
         found = columns_of(line.lstrip("#%/ \t"), delimiter)
         if is_comment:
             named = found or named
-            says_w_first |= found is None and _W_FIRST.search(line) is not None
+            says_w_first |= found is None and _W_FIRST.search(_BETWEEN.sub(" ", line)) is not None
         elif found is not None:
             return _from_table(raw, delimiter, found, names_above=1)
         else:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firstfix_builder.sources.check_map.surfaces import MAX_TABLE, numbered
+from firstfix.errors import BuildFailed
+from firstfix_builder.sources.check_map.surfaces import MAX_TABLE, numbered, surfaces
 
 
 @pytest.mark.parametrize("far", [0, 5 * MAX_TABLE], ids=["a table", "a stray cell far away"])
@@ -17,3 +18,9 @@ def test_cells_are_numbered_by_their_coordinates(far: int):
     assert np.array_equal(number[first], np.arange(len(known)))
     assert np.array_equal(known[number], cells)
     assert np.array_equal(count, [(cells == one).all(axis=1).sum() for one in known])
+
+
+def test_a_stray_point_too_far_away_is_named_with_a_remedy():
+    points = np.concatenate([np.random.default_rng(5).uniform(0, 9, (500, 3)), [[1e6, 1e6, 1e6]]])
+    with pytest.raises(BuildFailed, match=r"1,000,000 m wide.* Remove stray points"):
+        surfaces(points, 0.2, 1000)

@@ -159,3 +159,10 @@ def test_a_malformed_trajectory_is_named(tmp_path, text, reason):
 def test_a_missing_trajectory_is_not_found(tmp_path):
     with pytest.raises(NotFound, match=r"absent\.txt"):
         read_trajectory(tmp_path / "absent.txt")
+
+
+@pytest.mark.timeout(60)  # not a measurement: what it guards against takes hours
+@pytest.mark.parametrize("comment", ["w{0}x{0}y{0}".format(" " * 20_000), "(" * 60_000, "[" * 60_000])
+def test_a_long_comment_takes_no_time(tmp_path, comment):
+    (tmp_path / "a.txt").write_text(f"# {comment}\n" + with_time(np.c_[T, Q]))
+    np.testing.assert_allclose(read_trajectory(tmp_path / "a.txt"), POSES, atol=1e-6)
