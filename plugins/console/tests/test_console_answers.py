@@ -505,7 +505,7 @@ def test_answers_that_somebody_judged_wrong_have_alerts_until_they_are_judged_ri
         page.wait(".alerts li", "is 12.0 m and 0° off the place that was told")  # without a reload
         _judge(world, rejected, right)
         page.wait(".alerts li", "was rejected, and its scan was taken in this map")
-        page.click(".alerts a", "False: an answer of just now")
+        page.click(".alerts a", "False: an answer of")
         page.wait(".alerts a[aria-current=true]", "False: an answer")
         address = page.js("location.hash")
         assert localized in address

@@ -111,4 +111,4 @@ def test_the_wheel_has_every_module(wheel: Path):
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if name.endswith(".py")}
     folder = REPO / "plugins/console"
-    assert held == {path.relative_to(folder).as_posix() for path in folder.glob("firstfix_console/*.py")}
+    assert held == {path.relative_to(folder).as_posix() for path in folder.glob("firstfix_console/**/*.py")}

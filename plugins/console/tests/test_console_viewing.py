@@ -24,12 +24,15 @@ def colourful(picture) -> float:
 def test_maps_are_found_and_sorted_and_have_pictures_in_the_colours_of_the_page(page, world, house):
     page.open()
     page.wait("tr", "yard")
-    page.until("[...document.querySelectorAll('.thumbnail img')].filter((e) => e.naturalWidth).length === 2")
+    page.until("[...document.querySelectorAll('.thumbnail img')].filter((e) => e.naturalWidth).length >= 2")
     for scheme in ("light", "dark"):
         page.prefers(scheme)
         picture = page.picture("tr:has([href='#/maps/yard']) .thumbnail").astype(int)
         assert (picture.min(axis=2) > 230).mean() < 0.01, f"{scheme}: nothing of it is white"
-    names = "[...document.querySelectorAll('table.maps th[scope=row]')].map((e) => e.innerText.trim()).join()"
+    rows = "[...document.querySelectorAll('table.maps th[scope=row]')].map((e) => e.innerText.trim())"
+    names = (
+        f"{rows}.filter((name) => ['house', 'yard'].includes(name)).join()"  # other tests have maps here, too
+    )
     assert page.js(names) == "house,yard"
     page.click("th button", "Localized in its self-test")
     assert page.js(names) == "yard,house", "the best first"

@@ -98,7 +98,7 @@ def test_a_record_of_an_unknown_kind_is_an_error():
 
 
 def test_a_body_of_an_unknown_kind_is_told():
-    query = exported(b"x", "text/plain")
+    query = exported(b"x", "text/html")
     assert "unknown media type" in query.unreadable
     assert "its points cannot be shown" in query.words
     assert len(query.points) == 0

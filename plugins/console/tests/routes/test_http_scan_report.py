@@ -39,7 +39,9 @@ def test_fields_and_times_are_told_as_the_command_does(service: Service, tmp_pat
     assert "0 to 99000000 ns" in understood["times"]
     file = tmp_path / "scan.pcd"
     file.write_bytes(pcd())
-    (said,) = json.loads(firstfix("check", file, "--json").out)["files"]
+    (said,) = json.loads(firstfix("check", "--scans", file, "--json").out.splitlines()[-1])[
+        "files"
+    ]  # after the log
     assert (told["facts"], understood) == (said["facts"], said["understood"])
     assert [one["code"] for one in told["findings"]] == [one["code"] for one in said["findings"]]
 
@@ -60,6 +62,6 @@ def test_a_scan_in_millimetres_is_found_before_a_map_is_asked(service: Service):
 
 
 def test_what_is_no_scan_is_refused(service: Service):
-    for media_type, body, status in (("text/plain", b"x", 415), (XYZ, bytes(7), 400), (XYZ, b"", 400)):
+    for media_type, body, status in (("text/html", b"x", 415), (XYZ, bytes(7), 400), (XYZ, b"", 400)):
         answer = service.http.post("/scan-report", content=body, headers={"Content-Type": media_type})
         assert answer.status_code == status, answer.text
