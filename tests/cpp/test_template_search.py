@@ -29,7 +29,7 @@ PROGRAM = "firstfix_similar_places"
 
 
 def proposed(index: MapIndex, scan: Scan, prior: Prior | None = None) -> Candidates | None:
-    """What a service finds first; None: the scan has too few points."""
+    """The candidates that a service finds; None: the scan has too few points."""
     config = index.config
     prepared = preprocess(ScanSequence.single(scan), None, config.preprocess, None, config.ranking)
     if prepared is None:

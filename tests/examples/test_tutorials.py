@@ -1,4 +1,4 @@
-"""What the tutorials show as printed: an answer's lines have their form, and the figures agree.
+"""The printed lines of the tutorials: an answer's have their form, and the figures agree.
 
 `make docs-outputs` prints them, from one build of the sample world, which takes minutes: no test makes it.
 """

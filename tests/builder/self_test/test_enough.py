@@ -52,7 +52,7 @@ def opened(
     *,
     is_threshold_settled: bool = True,
 ) -> tuple[str, ...]:
-    """What is open of so many scans: localized, found and not said, and not found."""
+    """The open questions after so many scans: localized, found and not said, and not found."""
     inside = [
         *[Known(True, True)] * localized,
         *[Known(True, False)] * silent,

@@ -52,7 +52,7 @@ def index() -> MapIndex:
 
 
 def seen_from(T: Matrix, seed: int, *, in_motion: bool = False) -> PreparedScan:
-    """What a sensor sees of the facade, with noise."""
+    """A scan of the facade, with noise."""
     rng = np.random.default_rng(seed)
     seen = (facade() - T[:3, 3]) @ T[:3, :3]
     seen = seen[np.abs(seen[:, 0]) < 7]

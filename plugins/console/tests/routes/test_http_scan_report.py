@@ -1,4 +1,4 @@
-"""What was understood of a scan over HTTP is what ``firstfix check`` says of its file."""
+"""The service says of a scan what ``firstfix check`` says of its file."""
 
 from __future__ import annotations
 
