@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import subprocess
@@ -34,15 +35,19 @@ class Build:
 
 
 def build(folder: Path, flags: str, *targets: str) -> None:
-    """Builds the named targets in the folder; all targets if none is named."""
+    """Builds the named targets in the folder, one caller at a time; all targets if none is named."""
     configure = ["cmake", "-S", REPO / "clients" / "cpp", "-B", folder, f"-DCMAKE_CXX_FLAGS={flags}"]
     commands = (
         [*configure, "-DFIRSTFIX_TESTS=ON", "-DFIRSTFIX_STRICT=ON"],
         ["cmake", "--build", folder, "--parallel", "2", "--target", *(targets or ("all",))],
     )
-    for command in commands:
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=3000)
-        assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with Path(f"{folder}.lock").open("w") as lock:
+        # Two of CMake in one folder take each other's files away.
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for command in commands:
+            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=3000)
+            assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
 
 
 def require_toolchain() -> None:
