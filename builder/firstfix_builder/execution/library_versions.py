@@ -27,9 +27,9 @@ _OF_STAGE: Mapping[str, tuple[str, ...]] = {
     "cluster": (),
     "learn_keys": ("open3d",),
     "carve_free_space": ("open3d",),
-    "build_index": (*_ENGINE, "matplotlib"),  # with a picture
+    "build_index": (*_ENGINE, "pillow"),  # with a picture
     "draw_cloud": (),
-    "self_test": (*_READERS, *_ENGINE, "matplotlib"),
+    "self_test": (*_READERS, *_ENGINE, "pillow"),
 }
 
 

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from firstfix.bit_exact.sample import rows_by_chance
 
+from ..plot import RED, Plot
+
 PIXELS = 900  # along the longer side
 _OPACITY = 0.45  # of one point: walls, with many points in a pixel, stand out
 
@@ -22,11 +24,13 @@ class TopView:
         opacity: (rows, columns) 0 without a point, nearly 1 with many.
         height_m: (rows, columns) mean of the points in each pixel, 0 without a point.
         extent_m: west, east, south and north end.
+        pixel_m: edge of a pixel.
     """
 
     opacity: NDArray[np.float64]
     height_m: NDArray[np.float64]
     extent_m: tuple[float, float, float, float]
+    pixel_m: float
 
     @classmethod
     def of(cls, points: NDArray[np.floating]) -> TopView:
@@ -44,37 +48,40 @@ class TopView:
             opacity.reshape(rows, columns),
             height_m.reshape(rows, columns),
             (west, west + columns * pixel_m, south, south + rows * pixel_m),
+            pixel_m,
         )
 
 
-MAX_TEMPLATES = 50_000
+MAX_TEMPLATES = 20_000
+_OUTLIERS = 2  # percent of the heights at either end, that get the colours of the ends
+# Colours of heights, from low to high: the map "viridis" of matplotlib at even steps.
+_COLOURS = (
+    (68, 1, 84),
+    (71, 45, 123),
+    (59, 82, 139),
+    (44, 114, 142),
+    (33, 145, 140),
+    (40, 174, 128),
+    (94, 201, 98),
+    (173, 220, 48),
+    (253, 231, 37),
+)
 
 
 def draw_preview(points: NDArray[np.floating], templates: NDArray[np.floating], path: Path) -> None:
-    """PNG of (n, 3) map points and (m, 3) templates, in the index's levelled frame.
-
-    No date and no tool's name go into the file: equal input gives equal bytes.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+    """PNG of (n, 3) map points and (m, 3) templates, in the index's levelled frame."""
     view = TopView.of(points)
-    low, high = np.percentile(view.height_m[view.opacity > 0], [2, 98])
-    figure = Figure(figsize=(9, 9), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    axes.imshow(
-        view.height_m,
-        origin="lower",
-        extent=view.extent_m,
-        cmap="viridis",
-        vmin=low,
-        vmax=high,
-        alpha=view.opacity,
-    )
+    plot = Plot(view.extent_m, view.pixel_m)
+    plot.image(_coloured(view), view.opacity)
     some = templates[rows_by_chance(len(templates), MAX_TEMPLATES)]
-    axes.scatter(some[:, 0], some[:, 1], s=1.5, c="tab:red", lw=0, alpha=0.6)
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
-    axes.set_title(f"{len(templates):,} templates")
-    figure.savefig(path, metadata={"Software": None})
+    plot.marks(some, RED, 1.3, opacity=0.6)
+    plot.save(path, x="x (m)", y="y (m)", title=f"{len(templates):,} templates")
+
+
+def _coloured(view: TopView) -> NDArray[np.uint8]:
+    """(rows, columns, 3) colours of a view's heights."""
+    seen = view.height_m[view.opacity > 0]
+    low, high = np.percentile(seen, [_OUTLIERS, 100 - _OUTLIERS])
+    step = np.linspace(low, max(high, low + 1e-3), len(_COLOURS))
+    bands = [np.interp(view.height_m, step, band).astype(np.uint8) for band in np.array(_COLOURS).T]
+    return np.stack(bands, axis=-1)

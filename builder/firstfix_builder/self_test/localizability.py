@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..index.top_view import TopView
+from ..plot import BLUE, CROSS, GREEN, ORANGE, PURPLE, RED, SQUARE, Plot
 from ..viewpoints.left_out_floor import SeenFloor
 
 CELL_M = 4.0
-_COLOURS = {"localized": "tab:green", "unsure": "tab:orange", "wrong": "tab:red"}
+_COLOURS = {"localized": GREEN, "unsure": ORANGE, "wrong": RED}
+_FAINTER = 3  # the map, against what is drawn on it
 # What helps where a place is known and not said.
 SECOND_SCAN, PRIOR, OTHER_HEIGHT, DRIVE_THROUGH = "second_scan", "prior", "other_height", "drive_through"
 
@@ -94,40 +96,24 @@ def draw_localizability(
 
     Floor without templates is drawn below them, and cells that were mapped ``in_part`` are hatched. The
     (n, 3) places ``marked`` are those of the map's findings, by code, in the index's levelled frame.
-
-    No date and no tool's name go into the file: equal input gives equal bytes.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
-
     view = TopView.of(map_points)
-    figure = Figure(figsize=(9, 9), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    axes.imshow(view.opacity, origin="lower", extent=view.extent_m, cmap="gray_r", vmin=0, vmax=3)
+    plot = Plot(view.extent_m, view.pixel_m)
+    plot.image(np.zeros(3), view.opacity / _FAINTER)
     if floor is not None and len(floor.left_out):
-        x, y = floor.left_out[:, :2].T
         label = f"no template: {floor.without_template:.0%} of the seen floor"
-        axes.scatter(x, y, s=6, c="tab:purple", marker="s", lw=0, alpha=0.4, label=label)
-    hatched = {"fill": False, "ec": "tab:blue", "hatch": "///", "lw": 0.3, "alpha": 0.5}
-    for column, row in in_part:
-        axes.add_patch(Rectangle((column * CELL_M, row * CELL_M), CELL_M, CELL_M, **hatched))
+        plot.marks(floor.left_out, PURPLE, 1.7, shape=SQUARE, opacity=0.4, label=label)
     if in_part:
-        axes.patches[0].set_label(f"mapped in part: {len(in_part)} places")
+        plot.hatched(np.array(in_part) * CELL_M, CELL_M, BLUE, f"mapped in part: {len(in_part)} places")
     for place in places:
         if place.outcome != "localized" and place.rival_m is not None:
-            ends = np.stack([place.position_m, place.rival_m])
-            axes.plot(ends[:, 0], ends[:, 1], lw=0.5, c=_COLOURS[place.outcome], alpha=0.6)
+            plot.lines(place.position_m[None], place.rival_m[None], _COLOURS[place.outcome], 0.6)
     for outcome, colour in _COLOURS.items():
         at = np.array([place.position_m for place in places if place.outcome == outcome]).reshape(-1, 3)
-        axes.scatter(at[:, 0], at[:, 1], s=14, c=colour, lw=0, label=f"{outcome}: {len(at)}")
+        plot.marks(at, colour, 3.2, label=f"{outcome}: {len(at)}")
     for code, at in marked.items():
-        axes.scatter(at[:, 0], at[:, 1], s=40, marker="x", lw=1.2, label=code)
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
-    axes.legend(loc="upper right")
-    figure.savefig(path, metadata={"Software": None})
+        plot.marks(at, PURPLE, 5, shape=CROSS, label=code)
+    plot.save(path, x="x (m)", y="y (m)")
 
 
 def _most(cells: Counter[tuple[int, int]]) -> tuple[int, int]:

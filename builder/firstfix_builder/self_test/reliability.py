@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from firstfix.engine.calibration import Calibration
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.ranking import MatchFeatures
 
+from ..plot import BLUE, GREY, Plot
 from .threshold import Judged
 
 # Of a scan as if its place were not in the map, against a scan of the map. Robots are mostly where their map
@@ -137,21 +139,12 @@ class CrossValidated:
 
 
 def draw_reliability(reliability: dict[str, Any], path: Path) -> None:
-    """PNG: what was claimed against what came true, a disc's area the number of cases.
-
-    No date and no tool's name go into the file: equal input gives equal bytes.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5, 5), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    axes.plot([0, 1], [0, 1], c="0.7", lw=1)
+    """PNG: what was claimed against what came true, a disc's area the number of cases."""
+    plot = Plot((-0.05, 1.05, -0.05, 1.05), 1.1 / 480)
+    plot.lines(np.zeros((1, 2)), np.ones((1, 2)), GREY)
     for part in reliability["bins"]:
-        axes.scatter(part["claimed"], part["right"], s=20 + 3 * part["cases"], c="tab:blue", alpha=0.6)
-        axes.annotate(str(part["cases"]), (part["claimed"], part["right"]), fontsize=7)
-    axes.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05), xlabel="probability claimed", ylabel="share right")
-    axes.set_title(f"expected calibration error {reliability['expected_calibration_error']}", fontsize=9)
-    axes.set_aspect("equal")
-    figure.savefig(path, metadata={"Software": None})
+        place = part["claimed"], part["right"]
+        plot.marks(np.array([place]), BLUE, math.sqrt(20 + 3 * part["cases"]), opacity=0.6)
+        plot.text(place, str(part["cases"]))
+    error = reliability["expected_calibration_error"]
+    plot.save(path, x="probability claimed", y="share right", title=f"expected calibration error {error}")

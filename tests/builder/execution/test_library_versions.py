@@ -21,7 +21,7 @@ from firstfix_builder.sources.read_source import readers
 ROOTS = {one.__name__: Path(one.__file__).parent for one in (firstfix, firstfix_builder)}
 READERS = ("patch", "archive", "sessions", "map")
 # They store, configure and watch a build, read values that are in the key, or draw.
-OTHERS = {"distributed", "matplotlib", "obstore", "opentelemetry", "pydantic", "threadpoolctl", "yaml"}
+OTHERS = {"PIL", "distributed", "obstore", "opentelemetry", "pydantic", "threadpoolctl", "yaml"}
 # Imported beside the classes of files that these stages read and write, and not called by them.
 NOT_CALLED = {
     "faiss": set(STAGES) - {"read_map", "build_index", "self_test"},
