@@ -21,6 +21,7 @@ ROUNDS, FIRST_LOOK = 6, 3
 FOUND, THRESHOLD, TIES, PLACES = "found", "threshold", "ties", "places"  # what may be open
 OF_THE_MAP = frozenset({TIES, PLACES})  # only scans of the map tell, and no prior does
 DECIDED, ALL_ASKED = "decided", "all asked"
+_STEADY = 0.02  # of support: widths of ties that the last rounds moved by no more are known
 _SURE = 0.99  # confidence in the bounds of the share found
 _SILENT = 0.2  # share of the scans that are not localized, from which on they tell of weak places
 
@@ -51,12 +52,23 @@ class Ended:
         }
 
 
+def are_steady(widths: Sequence[tuple[float, float]]) -> bool:
+    """Whether the widths of ties are known: no round but the first ones moved them.
+
+    Args:
+        widths: that the scans until the end of each round teach (``lesson.tie_widths``).
+    """
+    of_kind = zip(*widths[-FIRST_LOOK:], strict=True)
+    return all(max(several) - min(several) <= _STEADY for several in of_kind)
+
+
 def still_open(
     inside: Sequence[Outcome],
     calibration: Calibration,
     activate: ActivateConfig,
     *,
     is_threshold_settled: bool,
+    are_ties_settled: bool,
 ) -> tuple[str, ...]:
     """Name what more queries may decide otherwise.
 
@@ -73,6 +85,5 @@ def still_open(
     opened = {FOUND: not (is_bad or is_good), THRESHOLD: not is_threshold_settled}
     if not is_bad:
         silent = count - sum(one.accepted_by(calibration) for one in inside)
-        is_wider = calibration.alias_margin > Calibration().min_margin  # never less than the other width
-        opened |= {TIES: is_wider, PLACES: silent >= _SILENT * count}
+        opened |= {TIES: not are_ties_settled, PLACES: silent >= _SILENT * count}
     return tuple(name for name, is_open in opened.items() if is_open)

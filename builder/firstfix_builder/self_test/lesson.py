@@ -54,9 +54,7 @@ class Lesson:
             of_real: weight of a real scan, against a simulated one.
             asked: 0..1, share of the planned queries that were asked.
         """
-        min_margin = tie_width([one.equals.unequal_by for one in outcomes], asked)
-        lost = [one.lead_lost for one in outcomes]
-        alias_margin = alias_tie_width(lost, min_margin, ranking.max_margin, asked)
+        min_margin, alias_margin = tie_widths(outcomes, ranking, asked)
         outcomes = [replace(one, min_margin=min_margin, ranking=ranking) for one in outcomes]
 
         def weight_of(outcome: Outcome) -> float:
@@ -93,6 +91,17 @@ class Lesson:
     def bound(self) -> FalseAcceptBound:
         """The bound on false accepts of the version."""
         return self.checked.bound(unanswered=sum(one.evidence is None for one in self.outcomes))
+
+
+def tie_widths(outcomes: Sequence[Outcome], ranking: RankingConfig, asked: float) -> tuple[float, float]:
+    """The ``min_margin`` and the ``alias_margin`` that outcomes teach.
+
+    Args:
+        asked: 0..1, share of the planned queries that were asked.
+    """
+    min_margin = tie_width([one.equals.unequal_by for one in outcomes], asked)
+    lost = [one.lead_lost for one in outcomes]
+    return min_margin, alias_tie_width(lost, min_margin, ranking.max_margin, asked)
 
 
 def _cases(outcomes: Sequence[Outcome], weight_of: Callable[[Outcome], float]) -> list[Case]:

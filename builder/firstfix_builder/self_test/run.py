@@ -23,8 +23,8 @@ from firstfix.transform import inverse
 
 from ..simulation.simulate import Simulator
 from .asks import Asked, Asks, Query, SimulatedScan, count_of, planned_rounds
-from .enough import FIRST_LOOK, OF_THE_MAP, ROUNDS, Ended, still_open
-from .lesson import Lesson
+from .enough import FIRST_LOOK, OF_THE_MAP, ROUNDS, Ended, are_steady, still_open
+from .lesson import Lesson, tie_widths
 from .localizability import QueriedPlace, grid_of
 from .outcome import Outcome
 from .prior_asks import MAX, PriorAsks, PriorOutcome, WorthAPrior, teach_with_prior
@@ -80,6 +80,8 @@ def run_self_test(
     free: list[Outcome] = []
     with_prior: list[PriorOutcome] = []
     opened: tuple[str, ...] = ()
+    ranking = localizer.index.config.ranking
+    widths: list[tuple[float, float]] = []
     for number, queries in enumerate(rounds, 1):
         if config.until_decided and opened and OF_THE_MAP.issuperset(opened):
             queries = [one for one in queries if isinstance(one.of, SimulatedScan)]
@@ -89,13 +91,14 @@ def run_self_test(
         share = len(free) / planned if planned else 1.0
         again = worth.of(several, share)
         with_prior += [one for found in executor.map(run_with_prior, again) for one in found]
+        widths.append(tie_widths([*free, *of_real], ranking, share))
         if number < FIRST_LOOK:
             continue
         weight = real.weight(sum(one.is_in_map for one in free))
-        lesson = Lesson.of([*free, *of_real], weight, localizer.index.config.ranking, config, share)
+        lesson = Lesson.of([*free, *of_real], weight, ranking, config, share)
         if number == ROUNDS:
             break
-        now_open = _open(lesson, activate)
+        now_open = _open(lesson, activate, are_ties_settled=are_steady(widths))
         if config.until_decided and not now_open:
             break
         opened = now_open
@@ -121,6 +124,12 @@ def run_self_test(
     return found, calibration, bound, tested
 
 
-def _open(lesson: Lesson, activate: ActivateConfig) -> tuple[str, ...]:
+def _open(lesson: Lesson, activate: ActivateConfig, *, are_ties_settled: bool) -> tuple[str, ...]:
     inside = [one for one in lesson.simulated if one.is_in_map]
-    return still_open(inside, lesson.calibration, activate, is_threshold_settled=lesson.is_settled)
+    return still_open(
+        inside,
+        lesson.calibration,
+        activate,
+        is_threshold_settled=lesson.is_settled,
+        are_ties_settled=are_ties_settled,
+    )

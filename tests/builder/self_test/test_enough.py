@@ -20,14 +20,13 @@ from firstfix_builder.self_test.enough import (
     ROUNDS,
     THRESHOLD,
     TIES,
+    are_steady,
     still_open,
 )
 from firstfix_builder.self_test.real_scans import RealScans
 from firstfix_builder.self_test.results import SelfTest
 from firstfix_builder.simulation.simulate import Simulator
 from tests.small_world import COARSE_CONFIG, SmallWorld
-
-WIDER = Calibration(alias_margin=0.1)
 
 
 @dataclass(frozen=True)
@@ -48,9 +47,9 @@ def opened(
     localized: int,
     silent: int,
     lost: int,
-    calibration: Calibration = Calibration(),
     *,
     is_threshold_settled: bool = True,
+    are_ties_settled: bool = True,
 ) -> tuple[str, ...]:
     """The open questions after so many scans: localized, found and not said, and not found."""
     inside = [
@@ -58,7 +57,13 @@ def opened(
         *[Known(True, False)] * silent,
         *[Known(False, False)] * lost,
     ]
-    return still_open(inside, calibration, ActivateConfig(), is_threshold_settled=is_threshold_settled)
+    return still_open(
+        inside,
+        Calibration(),
+        ActivateConfig(),
+        is_threshold_settled=is_threshold_settled,
+        are_ties_settled=are_ties_settled,
+    )
 
 
 def test_a_good_map_is_decided_by_half_of_the_scans():
@@ -75,16 +80,33 @@ def test_no_scan_at_all_decides_nothing():
 
 
 def test_a_map_that_finds_nothing_is_held_back_soon_and_its_places_are_not_looked_for():
-    assert opened(4, 0, 56, WIDER) == ()
-    assert opened(4, 0, 56, WIDER, is_threshold_settled=False) == (THRESHOLD,)
+    assert opened(4, 0, 56, are_ties_settled=False) == ()
+    assert opened(4, 0, 56, are_ties_settled=False, is_threshold_settled=False) == (THRESHOLD,)
 
 
 def test_a_threshold_that_more_scans_would_change_is_open():
     assert opened(60, 0, 0, is_threshold_settled=False) == (THRESHOLD,)
 
 
-def test_places_that_tie_wider_are_measured_by_all_scans():
-    assert opened(60, 0, 0, WIDER) == (TIES,)
+def test_the_widths_of_ties_are_open_while_rounds_move_them():
+    assert opened(60, 0, 0, are_ties_settled=False) == (TIES,)
+    assert opened(60, 0, 0) == ()
+
+
+@pytest.mark.parametrize(
+    ("alias_widths", "steady"),
+    [
+        ((0.05, 0.05, 0.05), True),  # nothing ties wider than usual
+        ((0.25, 0.25, 0.25), True),  # as wide as a width can be
+        ((0.12, 0.13, 0.115), True),
+        ((0.05, 0.13, 0.13), False),  # the first round had too few scans of such places
+        ((0.12, 0.13, 0.15), False),
+        ((0.2, 0.12, 0.12, 0.13), True),  # what was before does not count
+    ],
+)
+def test_widths_are_steady_when_three_looks_agree(alias_widths: tuple[float, ...], steady: bool):
+    assert are_steady([(0.05, wide) for wide in alias_widths]) is steady
+    assert are_steady([(wide, 0.25) for wide in alias_widths]) is steady, "of all places as of aliases"
 
 
 def test_many_scans_that_are_not_localized_are_all_asked_where_they_are():
