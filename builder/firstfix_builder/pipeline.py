@@ -20,6 +20,7 @@ from firstfix.errors import BuildFailed
 
 from .build_stages import BuildStages
 from .execution.chunks import ChunkCache, ChunkExecutor
+from .execution.freed_memory import return_large_blocks
 from .execution.local_executor import LocalExecutor, die_with_parent
 from .execution.stage_cache import StageCache, StagesElsewhere
 from .execution.stage_runner import Progress, StageRunner
@@ -71,6 +72,7 @@ def build_version(
         BuildCancelled: cancelled() said so.
         ClusterUnavailable: the cluster is gone; its results so far are in the store.
     """
+    return_large_blocks()
     with (
         threadpool_limits(1, user_api="blas"),  # sums of BLAS depend on the number of threads
         ThreadPoolExecutor(os.cpu_count()) as threads,
@@ -221,8 +223,14 @@ def _chunk_executor(options: BuildOptions, work: Path, threads: Executor) -> Ite
             yield far
         return
     with ProcessPoolExecutor(
-        os.cpu_count(), mp_context=get_context("spawn"), initializer=die_with_parent
+        os.cpu_count(), mp_context=get_context("spawn"), initializer=_begin_worker
     ) as processes:
         near = LocalExecutor(work, threads, processes)
         yield near
         near.prune()
+
+
+def _begin_worker() -> None:
+    """Set up a process that runs chunks."""
+    die_with_parent()
+    return_large_blocks()
