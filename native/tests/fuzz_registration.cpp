@@ -130,8 +130,13 @@ void select_once(Hostile& random) {
     bool operator==(const Item& other) const { return row == other.row; }
   };
   const std::int64_t count = random.number(1, random.chance(0.1) ? 3000 : 90), values = random.chance(0.3) ? 4 : 100'000;
+  const bool is_unlucky = random.chance(0.2);  // the median of three is among the least again and again
   std::vector<Item> items;
-  for (std::int64_t row = 0; row < count; ++row) items.push_back({static_cast<float>(random.number(0, values)), row});
+  for (std::int64_t row = 0; row < count; ++row) {
+    const std::int64_t half = count / 2;
+    const std::int64_t killer = row >= half ? 2 * (row - half + 1) : row % 2 == 0 ? row + 1 : half + row;
+    items.push_back({static_cast<float>(is_unlucky ? killer : random.number(0, values)), row});
+  }
   std::vector<Item> wanted = items;
   const std::int64_t nth = random.number(0, count - 1);
   detail::select_item(items.data(), items.data() + nth, items.data() + count, [](const Item& item) { return item.number; });

@@ -58,6 +58,33 @@ Item* split_items(Item* first, Item* last, Number pivot, NumberOf of) {
   return first + (k < lefts ? std::min<std::size_t>(left[k], end) : end);
 }
 
+// Puts an item in the place of a heap's greatest one: the hole goes down to a leaf, and the item up from there.
+template <class Item, class Less>
+void replace_greatest(Item* heap, std::size_t size, Item item, Less less) {
+  std::size_t hole = 0, child = 2;
+  for (; child < size; child = 2 * hole + 2) {
+    if (less(heap[child], heap[child - 1])) --child;
+    heap[hole] = heap[child];
+    hole = child;
+  }
+  if (child == size) heap[hole] = heap[child - 1], hole = child - 1;
+  for (; hole > 0 && less(heap[(hole - 1) / 2], item); hole = (hole - 1) / 2) heap[hole] = heap[(hole - 1) / 2];
+  heap[hole] = item;
+}
+
+// The least items become a heap, whose greatest is the one at `nth`.
+template <class Item, class Less>
+void select_by_heap(Item* first, Item* nth, Item* last, Less less) {
+  std::make_heap(first, nth + 1, less);
+  for (Item* item = nth + 1; item < last; ++item) {
+    if (!less(*item, *first)) continue;
+    const Item least = *item;
+    *item = *first;
+    replace_greatest(first, static_cast<std::size_t>(nth + 1 - first), least, less);
+  }
+  std::swap(*first, *nth);
+}
+
 // Sorts items as far as needed for the one at `nth`, by the numbers of(item). Equal to std::nth_element of GNU's library: the
 // same items in the same places, with any library.
 template <class Item, class NumberOf>
@@ -66,7 +93,7 @@ void select_item(Item* first, Item* nth, Item* last, NumberOf of) {
   int splits_left = 0;
   for (auto count = static_cast<std::size_t>(last - first); count > 1; count /= 2) splits_left += 2;
   while (last - first > 3) {
-    if (splits_left-- == 0) return std::nth_element(first, nth, last, by_number);  // hardly ever: many unlucky pivots
+    if (splits_left-- == 0) return select_by_heap(first, nth, last, by_number);  // the pivots were unlucky ones
     Item *a = first + 1, *b = first + (last - first) / 2, *c = last - 1;
     if (!by_number(*a, *b)) std::swap(a, b);
     std::swap(*first, by_number(*b, *c) ? *b : by_number(*a, *c) ? *c : *a);  // the median of three
