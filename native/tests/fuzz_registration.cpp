@@ -1,5 +1,7 @@
 // Alignment and free space on tables, scans and poses that hold any numbers.
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <vector>
 
 #include "firstfix/registration/agreement.hpp"
@@ -8,6 +10,7 @@
 #include "firstfix/registration/distinct_poses.hpp"
 #include "firstfix/registration/facing.hpp"
 #include "firstfix/registration/nearest_points.hpp"
+#include "firstfix/registration/select_item.hpp"
 #include "firstfix/verification/free_space.hpp"
 #include "hostile.hpp"
 #include "random_grid.hpp"
@@ -119,6 +122,35 @@ void look_once(Hostile& random) {
   expect(found.onto_nothing + found.onto_surface <= 1.00001, "shares of directions within 0 and 1");
 }
 
+// As std::nth_element, and with GNU's library, which is what is compiled with here, in the same places.
+void select_once(Hostile& random) {
+  struct Item {
+    float number;
+    std::int64_t row;
+    bool operator==(const Item& other) const { return row == other.row; }
+  };
+  const std::int64_t count = random.number(1, random.chance(0.1) ? 3000 : 90), values = random.chance(0.3) ? 4 : 100'000;
+  const bool is_unlucky = random.chance(0.2);  // the median of three is among the least again and again
+  std::vector<Item> items;
+  for (std::int64_t row = 0; row < count; ++row) {
+    const std::int64_t half = count / 2;
+    const std::int64_t killer = row >= half ? 2 * (row - half + 1) : row % 2 == 0 ? row + 1 : half + row;
+    items.push_back({static_cast<float>(is_unlucky ? killer : random.number(0, values)), row});
+  }
+  std::vector<Item> wanted = items;
+  const std::int64_t nth = random.number(0, count - 1);
+  detail::select_item(items.data(), items.data() + nth, items.data() + count, [](const Item& item) { return item.number; });
+  std::nth_element(wanted.begin(), wanted.begin() + nth, wanted.end(),
+                   [](const Item& a, const Item& b) { return a.number < b.number; });
+  for (std::int64_t i = 0; i < count; ++i) {
+    const float here = items[static_cast<std::size_t>(i)].number, middle = items[static_cast<std::size_t>(nth)].number;
+    expect(i < nth ? here <= middle : here >= middle, "lesser ones before, greater ones after");
+  }
+#ifdef __GLIBCXX__
+  expect(items == wanted, "the places of std::nth_element");
+#endif
+}
+
 void choose_once(Hostile& random) {
   std::vector<PoseMatrix> T;
   const auto count = static_cast<std::size_t>(random.number(0, 40)), most = static_cast<std::size_t>(random.number(0, 40));
@@ -139,5 +171,6 @@ int main() {
     firstfix::tests::align_moving_once(random);
     firstfix::tests::look_once(random);
     firstfix::tests::choose_once(random);
+    firstfix::tests::select_once(random);
   }
 }

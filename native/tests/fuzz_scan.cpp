@@ -96,6 +96,34 @@ void level_once(Hostile& random) {
   refined_up(normals.data(), count, {directions[0], directions[1], directions[2]});
 }
 
+// The direction that is found by bounds on the votes has the most of all.
+void vote_once(Hostile& random) {
+  const auto count = static_cast<std::size_t>(random.chance(0.2) ? random.number(0, 3000) : random.number(0, 60));
+  const auto candidates = static_cast<std::size_t>(random.number(1, 40));
+  const bool has_walls = random.chance(0.5);  // many normals along one axis, as in most places
+  std::vector<double> normals;
+  for (std::size_t i = 0; i < count; ++i) {
+    detail::Vector3 normal{random.real(1, 0), random.real(1, 0), random.real(1, 0)};
+    if (has_walls && random.chance(0.8)) normal[static_cast<std::size_t>(random.number(0, 2))] = random.chance(0.5) ? 30 : -30;
+    const double length = std::sqrt(detail::dot(normal, normal));
+    for (const double v : normal) normals.push_back(length > 0 ? v / length : 0);
+  }
+  std::vector<detail::Vector3> directions;
+  std::vector<double> weights;
+  for (std::size_t i = 0; i < candidates; ++i) {
+    const bool is_again = i > 0 && random.chance(0.1);
+    const double x = random.real(0.6, 0), y = random.real(0.6, 0);
+    directions.push_back(is_again ? directions[i - 1] : detail::Vector3{x, y, std::sqrt(1 - x * x - y * y)});
+    weights.push_back(is_again ? weights[i - 1] : 0.925 + random.real(0.075, 0));
+  }
+  const detail::Voters voters(normals.data(), count);
+  std::size_t best = 0;
+  for (std::size_t i = 1; i < candidates; ++i) {
+    if (weights[i] * voters.votes_for(directions[i].data()) > weights[best] * voters.votes_for(directions[best].data())) best = i;
+  }
+  expect(voters.most_voted(directions, weights) == best, "the direction with the most votes, the first of equal ones");
+}
+
 void surface_once(Hostile& random) {
   std::vector<float> points = cloud(random, 0.02);
   const std::size_t count = points.size() / 3;
@@ -123,6 +151,7 @@ int main() {
     firstfix::tests::Hostile random(seed);
     firstfix::tests::filter_once(random);
     firstfix::tests::level_once(random);
+    firstfix::tests::vote_once(random);
     firstfix::tests::surface_once(random);
   }
 }

@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <utility>
 #include <vector>
 
 #include "firstfix/bit_exact/lanes.hpp"
 #include "firstfix/bit_exact/vectors.hpp"
+#include "firstfix/registration/select_item.hpp"
 
 namespace firstfix::detail {
 
@@ -117,19 +119,34 @@ class KdTree {
     std::uint32_t row;
   };
 
+  // The axis along which items are furthest apart; of equal ones the first. All numbers of an item are compared at once, its
+  // row too, which tells nothing. Two items in turns: a comparison then does not wait for the one before.
+  static std::size_t widest_axis(const Item* begin, const Item* end) {
+    typedef float Numbers __attribute__((vector_size(sizeof(Item))));
+    Numbers low[2], high[2];
+    for (Numbers* each : {&low[0], &low[1], &high[0], &high[1]}) std::memcpy(each, begin, sizeof *each);
+    const auto take = [&](const Item* item, std::size_t turn) {
+      Numbers here;
+      std::memcpy(&here, item, sizeof here);
+      low[turn] = here < low[turn] ? here : low[turn];
+      high[turn] = here > high[turn] ? here : high[turn];
+    };
+    for (; end - begin >= 2; begin += 2) take(begin, 0), take(begin + 1, 1);
+    if (begin != end) take(begin, 0);
+    std::size_t widest = 0;
+    float widths[3];
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      widths[axis] = std::max(high[0][axis], high[1][axis]) - std::min(low[0][axis], low[1][axis]);
+      if (widths[axis] > widths[widest]) widest = axis;
+    }
+    return widest;
+  }
+
   static void sort(Item* begin, Item* end) {
     while (end - begin > kLeaf) {
-      Box around;
-      for (const Item* item = begin; item < end; ++item) {
-        for (std::size_t axis = 0; axis < 3; ++axis) around.add(axis, item->at[axis], item->at[axis]);
-      }
-      std::size_t widest = 0;
-      for (std::size_t axis = 1; axis < 3; ++axis) {
-        if (around.high[axis] - around.low[axis] > around.high[widest] - around.low[widest]) widest = axis;
-      }
+      const std::size_t widest = widest_axis(begin, end);
       Item* middle = begin + ((end - begin) / 2 + kLeaf - 1) / kLeaf * kLeaf;
-      std::nth_element(begin, middle, end,
-                       [widest](const Item& a, const Item& b) { return a.at[widest] < b.at[widest]; });
+      select_item(begin, middle, end, [widest](const Item& item) { return item.at[widest]; });
       sort(begin, middle);
       begin = middle;
     }

@@ -122,14 +122,19 @@ class PairFinder {
     return __builtin_convertvector(from_zero < last ? from_zero : all8(last), Int8);
   }
 
-  // All planes are asked for before the first is read: many of them come from far memory at once.
+  // All planes are asked for before the first is read: many of them come from far memory at once. A point without a plane
+  // is no branch, since it would often be foreseen wrongly.
   void take_planes(const std::int32_t* points, const std::int32_t* row, std::size_t count) {
-    for (std::size_t k = 0; k < count; ++k) __builtin_prefetch(&plane_at(row[k]));
+    const Plane* const tables[] = {grid_.planes, &kNoPlane};
+    const auto plane_of = [&tables](std::int32_t of) { return tables[of < 0] + (of < 0 ? 0 : of); };
+    for (std::size_t k = 0; k < count; ++k) __builtin_prefetch(plane_of(row[k]));
+    float *nx = nx_.data(), *ny = ny_.data(), *nz = nz_.data(), *off = off_.data();
+    std::int32_t* const row_of = row_.data();
     for (std::size_t k = 0; k < count; ++k) {
       const std::int32_t i = points[k];
-      const Plane plane = usable(plane_at(row[k]));
-      nx_[i] = plane.nx, ny_[i] = plane.ny, nz_[i] = plane.nz, off_[i] = plane.off_m;
-      row_[i] = row[k];
+      const Plane plane = usable(*plane_of(row[k]));
+      nx[i] = plane.nx, ny[i] = plane.ny, nz[i] = plane.nz, off[i] = plane.off_m;
+      row_of[i] = row[k];
     }
   }
 

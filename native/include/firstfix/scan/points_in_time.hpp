@@ -54,8 +54,10 @@ struct PointsInTime {
   static PointsInTime within_range(const float* points, const float* time_s, std::size_t count, double min_range_m,
                                    double max_range_m) {
     PointsInTime near;
-    near.points.resize(3 * count);
-    near.points.resize(3 * firstfix::within_range(points, count, min_range_m, max_range_m, near.points.data()));
+    near.points.reserve(3 * count);
+    each_within_range(points, count, min_range_m, max_range_m, [&near](const float* some, std::size_t number) {
+      near.points.insert(near.points.end(), some, some + 3 * number);
+    });
     if (time_s == nullptr) return near;
     near.time_s.reserve(near.size());
     for (std::size_t i = 0; i < count; ++i) {
@@ -72,7 +74,12 @@ struct PointsInTime {
 
   // At most `count` of them, in their order (rows_by_chance).
   PointsInTime at_most(std::size_t count) const {
-    return size() <= count ? *this : rows(detail::rows_by_chance(size(), count));
+    if (size() <= count) return *this;
+    if (!time_s.empty()) return rows(detail::rows_by_chance(size(), count));
+    PointsInTime made;
+    made.points.resize(3 * count);
+    chosen_by_chance(points.data(), size(), count, made.points.data());
+    return made;
   }
 };
 

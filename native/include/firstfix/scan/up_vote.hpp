@@ -10,52 +10,17 @@
 #include "firstfix/bit_exact/atan2.hpp"
 #include "firstfix/bit_exact/eigh3.hpp"
 #include "firstfix/bit_exact/exp.hpp"
+#include "firstfix/bit_exact/sample.hpp"
 #include "firstfix/bit_exact/vectors.hpp"
-#include "firstfix/scan/voxel_filter.hpp"
+#include "firstfix/scan/voters.hpp"
 
 namespace firstfix {
 
 // Votes of unit normals for each of `candidates` directions as up: normals parallel or at right angles to it vote.
 template <class T>
 void votes(const T* normals, std::size_t count, const double* directions, std::size_t candidates, double* won) {
-  constexpr std::size_t kInStep = 16, kRows = 8;  // float sums of so many rows, then double
-  constexpr double kWidth = 5.0 * (detail::kPi / 180);
-  constexpr auto kScale = static_cast<float>(-1 / (2 * kWidth * kWidth));
-  const float whole = detail::exp_of_negative(kScale);
-  const std::size_t padded = (count + kInStep - 1) / kInStep * kInStep;
-  std::vector<float> x(padded), y(padded), z(padded), counts(padded);
-  for (std::size_t i = 0; i < count; ++i) {
-    x[i] = static_cast<float>(normals[3 * i]);
-    y[i] = static_cast<float>(normals[3 * i + 1]);
-    z[i] = static_cast<float>(normals[3 * i + 2]);
-    counts[i] = 1;
-  }
-  float upright[kInStep * kRows];
-  for (std::size_t d = 0; d < candidates; ++d) {
-    const auto a = static_cast<float>(directions[3 * d]), b = static_cast<float>(directions[3 * d + 1]),
-               c = static_cast<float>(directions[3 * d + 2]);
-    double sum[kInStep] = {};
-    for (std::size_t start = 0; start < padded; start += kInStep * kRows) {
-      const std::size_t end = std::min(padded, start + kInStep * kRows);
-      // Three short loops: a processor then has many numbers under way at once. In one loop, each number's long chain of
-      // operations fills its queue.
-      for (std::size_t i = start; i < end; ++i) {
-        const float along = x[i] * a + y[i] * b + z[i] * c;
-        upright[i - start] = along * along * kScale;
-      }
-      for (std::size_t i = 0; i < end - start; ++i) upright[i] = detail::exp_of_negative(upright[i]);
-      float part[kInStep] = {};
-      for (std::size_t i = start; i < end; i += kInStep) {
-        for (std::size_t lane = 0; lane < kInStep; ++lane) {
-          const float level = whole / upright[i - start + lane];  // exp(s - t) is exp(s) / exp(t)
-          part[lane] += (upright[i - start + lane] + level) * counts[i + lane];
-        }
-      }
-      for (std::size_t lane = 0; lane < kInStep; ++lane) sum[lane] += static_cast<double>(part[lane]);
-    }
-    won[d] = 0;
-    for (const double part : sum) won[d] += part;
-  }
+  const detail::Voters voters(normals, count);
+  for (std::size_t d = 0; d < candidates; ++d) won[d] = voters.votes_for(directions + 3 * d);
 }
 
 // The unit up vector, refined from a direction that the unit normals voted for: three rounds of reweighted least
@@ -109,20 +74,28 @@ detail::Vector3 refined_up(const T* normals, std::size_t count, detail::Vector3 
 
 namespace detail {
 
-// Directions within 35 degrees of z, about four degrees apart.
-inline std::vector<Vector3> up_candidates() {
+// Directions within 35 degrees of z, about four degrees apart, and how much their votes count: a weak preference for an
+// upright sensor.
+struct UpCandidates {
   std::vector<Vector3> directions{{0, 0, 1}};
-  for (int tilt_deg = 4; tilt_deg <= 35; tilt_deg += 4) {
-    const double tilt = tilt_deg * (kPi / 180);
-    const double around = std::max(6.0, std::nearbyint(2 * kPi * std::sin(tilt) / (4.0 * (kPi / 180))));
-    for (int k = 0; k < static_cast<int>(around); ++k) {
-      const double azimuth = k * (2 * kPi / around);
-      directions.push_back(
-          {std::sin(tilt) * std::cos(azimuth), std::sin(tilt) * std::sin(azimuth), std::cos(tilt)});
+  std::vector<double> weights;
+
+  UpCandidates() {
+    for (int tilt_deg = 4; tilt_deg <= 35; tilt_deg += 4) {
+      const double tilt = tilt_deg * (kPi / 180);
+      const double around = std::max(6.0, std::nearbyint(2 * kPi * std::sin(tilt) / (4.0 * (kPi / 180))));
+      for (int k = 0; k < static_cast<int>(around); ++k) {
+        const double azimuth = k * (2 * kPi / around);
+        directions.push_back(
+            {std::sin(tilt) * std::cos(azimuth), std::sin(tilt) * std::sin(azimuth), std::cos(tilt)});
+      }
+    }
+    for (const Vector3& direction : directions) {
+      const double tilt_deg = std::acos(std::clamp(direction[2], -1.0, 1.0)) * (180 / kPi);
+      weights.push_back(1 - 0.15 * tilt_deg / 35.0);
     }
   }
-  return directions;
-}
+};
 
 // The up direction that most of (count, 3) unit surface normals, of either sign, confirm.
 template <class T>
@@ -132,14 +105,9 @@ Vector3 estimate_up(const T* all_normals, std::size_t count) {
   for (const auto row : rows_by_chance(count, kVoters)) {
     normals.insert(normals.end(), all_normals + 3 * row, all_normals + 3 * row + 3);
   }
-  const std::vector<Vector3> directions = up_candidates();
-  std::vector<double> won(directions.size());
-  votes(normals.data(), normals.size() / 3, numbers_of(directions), directions.size(), won.data());
-  for (std::size_t i = 0; i < won.size(); ++i) {  // a weak preference for an upright sensor
-    const double tilt_deg = std::acos(std::clamp(directions[i][2], -1.0, 1.0)) * (180 / kPi);
-    won[i] *= 1 - 0.15 * tilt_deg / 35.0;
-  }
-  const auto voted = static_cast<std::size_t>(std::max_element(won.begin(), won.end()) - won.begin());
+  static const UpCandidates candidates;
+  const auto& [directions, weights] = candidates;
+  const std::size_t voted = Voters(normals.data(), normals.size() / 3).most_voted(directions, weights);
   return refined_up(normals.data(), normals.size() / 3, directions[voted]);
 }
 

@@ -28,15 +28,15 @@ inline bool is_within_range(const float* point, double min_range_m, double max_r
   return range2 > least && range2 < most;
 }
 
-// Copies the points whose distance from the origin lies between two limits. Returns their number. `kept` has room for
-// all points. Most points of a scan lie beside others that are kept or left out with them.
-inline std::size_t within_range(const float* points, std::size_t count, double min_range_m, double max_range_m,
-                                float* kept) {
+// Calls take(points, count) with those points, in turn, whose distance from the origin lies between two limits. Most points of
+// a scan lie beside others that are taken or left out with them: all of these come in one call.
+template <class Take>
+void each_within_range(const float* points, std::size_t count, double min_range_m, double max_range_m, Take take) {
   const auto least = static_cast<float>(min_range_m * min_range_m);
   const auto most = static_cast<float>(max_range_m * max_range_m);
   constexpr std::size_t kAtOnce = 64;
-  float range2[kAtOnce];
-  std::size_t found = 0;
+  float range2[kAtOnce], kept[3 * kAtOnce];
+  std::size_t waiting = 0;  // points just before, all of which are taken
   for (std::size_t start = 0; start < count; start += kAtOnce) {
     const std::size_t some = std::min(kAtOnce, count - start);
     const float* p = points + 3 * start;
@@ -46,18 +46,31 @@ inline std::size_t within_range(const float* points, std::size_t count, double m
     }
     std::size_t inside = 0;
     for (std::size_t i = 0; i < some; ++i) inside += static_cast<std::size_t>((range2[i] > least) & (range2[i] < most));
-    if (inside == some) std::copy_n(p, 3 * some, kept + 3 * found);
-    if (inside == 0 || inside == some) {
-      found += inside;
+    if (inside == some) {
+      waiting += some;
       continue;
     }
-    for (std::size_t i = 0; i < some; ++i) {
-      float* next = kept + 3 * found;
-      next[0] = p[3 * i], next[1] = p[3 * i + 1], next[2] = p[3 * i + 2];
+    if (waiting > 0) take(p - 3 * waiting, waiting);
+    waiting = 0;
+    if (inside == 0) continue;
+    std::size_t found = 0;
+    for (std::size_t i = 0; i < some; ++i) {  // of a point that is not taken, the next one takes the place
+      std::copy_n(p + 3 * i, 3, kept + 3 * found);
       found += static_cast<std::size_t>((range2[i] > least) & (range2[i] < most));
     }
+    take(kept, found);
   }
-  return found;
+  if (waiting > 0) take(points + 3 * (count - waiting), waiting);
+}
+
+// Copies the points whose distance from the origin lies between two limits. Returns their number. `kept` has room for
+// all points.
+inline std::size_t within_range(const float* points, std::size_t count, double min_range_m, double max_range_m,
+                                float* kept) {
+  float* end = kept;
+  each_within_range(points, count, min_range_m, max_range_m,
+                    [&](const float* some, std::size_t number) { end = std::copy_n(some, 3 * number, end); });
+  return static_cast<std::size_t>(end - kept) / 3;
 }
 
 namespace detail {
