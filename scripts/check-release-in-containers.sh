@@ -24,7 +24,7 @@ for image in $images; do
   say "in a clean container of $image"
   # open3d links these even where there is no screen; libgomp1 is also faiss's.
   docker run --rm --network host --env PIP_INDEX_URL --env PIP_EXTRA_INDEX_URL --env NICENESS="$(nice)" --volume "$shared:/release:ro" "$image" bash -euc '
-    export DEBIAN_FRONTEND=noninteractive
+    export DEBIAN_FRONTEND=noninteractive DEBCONF_NOWARNINGS=yes
     apt-get update -qq
     command -v python3 >/dev/null || apt-get install -qq --no-install-recommends python3 python3-venv >/dev/null
     apt-get install -qq --no-install-recommends libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libgomp1 >/dev/null
