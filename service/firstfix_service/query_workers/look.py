@@ -18,6 +18,7 @@ class Look:
     """A look at a scan.
 
     Attributes:
+        caller_name: of who looks: whose turn it takes, with the map.
         work: gets this look and the body without its content encoding, and returns the bytes of the answer.
             A worker process imports it by name, so it belongs to a module that needs no web framework.
         map_id: whose version is needed; empty: none is.
