@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Builds the wheels of a release into dist/, and checks them in clean environments (scripts/check-release.sh). `make release` calls it.
+# Builds the wheels of a release into dist/, and checks them in clean environments (scripts/check-release.sh) and in clean containers
+# (scripts/check-release-in-containers.sh). `make release` calls it.
 #
 #   dist/firstfix-VERSION-cp3XX-cp3XX-linux_x86_64.whl    the house, for each interpreter that is found
 #   dist/firstfix-VERSION-cp3XX-cp3XX-linux_aarch64.whl   the same, where g++-aarch64-linux-gnu is installed
@@ -72,5 +73,8 @@ wheel "$tools" ./clients/python ./plugins/console ./plugins/fleet ./lab
 awk -v wanted="## $version" 'index($0, "##") == 1 { on = index($0, wanted) == 1 } on' CHANGELOG.md >dist/NOTES.md
 [ -s dist/NOTES.md ] || { say "CHANGELOG.md has no section $version"; exit 1; } >&2
 (cd dist && sha256sum -- *.whl NOTES.md >SHA256SUMS)
-[ "${CHECK:-yes}" = no ] || scripts/check-release.sh
+if [ "${CHECK:-yes}" != no ]; then
+  scripts/check-release.sh
+  scripts/check-release-in-containers.sh
+fi
 ls -l dist

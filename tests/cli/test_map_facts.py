@@ -13,6 +13,7 @@ from firstfix_builder.sources.read_map.map_data import MapData
 from firstfix_builder.sources.read_map.what_was_read import LeftOut, WhatWasRead
 from firstfix_cli.map_facts import read_lines, what_was_read
 from tests.commands import firstfix
+from tests.needs import recorded
 
 
 def box() -> np.ndarray:
@@ -66,3 +67,18 @@ def test_check_prints_what_was_read_and_both_extents(tmp_path: Path):
     assert said["findings"] == []
     assert said["read"]["poses"] == 9
     assert said["read"]["whole_extent_m"][0] == pytest.approx(100, abs=0.1)
+
+
+def test_check_of_a_recorded_hall_says_how_large_it_is_in_all():
+    hall = recorded("hilti_hall_indoor/map_0.05m.laz")  # 35.5 x 63.4 x 11.7 m by laspy
+    said = json.loads(firstfix("check", str(hall), "--json").out)["files"][0]
+    assert said["read"]["whole_extent_m"] == pytest.approx([35.5, 63.4, 11.7], abs=0.1)
+    assert "29 x 36 x 11 m (in all 35 x 63 x 12 m)" in said["facts"]
+    assert said["findings"] == []
+
+
+def test_check_of_a_recorded_scan_says_that_it_is_no_map():
+    scan = recorded("hilti_hall_indoor/queries/scan_004.pcd")
+    text = firstfix("check", str(scan)).out
+    assert "This is a single scan, and no map. [map_single_scan]" in text
+    assert "Give the map that your SLAM made of all scans." in text

@@ -11,13 +11,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from clients.conformance.generate import FOLDER
 from firstfix.answer.localization import Localization, Reason, Verdict
-from firstfix.errors import DescriptorMismatch, Overloaded
+from firstfix.errors import DescriptorMismatch, InvalidOption, Overloaded
+from firstfix.ids import check_robot_name
 from tests.cpp.cpp_build import Build
 from tests.service.service_world import Behaviour, Service, publish, running_service
 
@@ -138,16 +140,22 @@ def test_errors_of_the_service_keep_their_code(sanitised: Build, tmp_path: Path)
     assert done.returncode == 1
 
 
+class Asked(NamedTuple):
+    path: str
+    authorization: str | None
+    robot: str | None
+
+
 @contextmanager
-def answering(*answers: tuple[int, dict[str, str], bytes]) -> Iterator[tuple[str, list[str]]]:
+def answering(*answers: tuple[int, dict[str, str], bytes]) -> Iterator[tuple[str, list[Asked]]]:
     """A server that gives these answers and repeats the last one. Yields its URL and the list of requests."""
-    asked: list[str] = []
+    asked: list[Asked] = []
 
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
             self.rfile.read(int(self.headers["Content-Length"]))
             status, headers, body = answers[min(len(asked), len(answers) - 1)]
-            asked.append(self.path + " " + str(self.headers.get("Authorization")))
+            asked.append(Asked(self.path, self.headers.get("Authorization"), self.headers.get("X-Robot")))
             self.send_response(status)
             for name, value in {**headers, "Content-Length": str(len(body))}.items():
                 self.send_header(name, value)
@@ -181,10 +189,29 @@ def test_a_busy_service_is_asked_again(sanitised: Build):
     assert done.stdout == "rejected low_inlier_ratio\n", "not localized is no error"
     assert done.returncode == 0
     assert len(asked) == 3
-    path, _, key = asked[0].partition(" ")
+    path = asked[0].path
     assert path.startswith("/base/localize?map=hall&gravity=0%2C0%2C-9.8")
     assert 0 < float(re.search(r"deadline_ms=(\d+)", path).group(1)) <= 20_000
-    assert key == "Bearer ffx_secret"
+    assert asked[0].authorization == "Bearer ffx_secret"
+
+
+def test_each_query_names_the_robot_as_the_python_client_does(optimised_tests: Build):
+    def call(url: str, name: str) -> str:
+        return optimised_tests.run("firstfix_tests", "calls", url, f"as {name}", "hall", 20).stdout
+
+    with answering((200, {}, REJECTED)) as (url, asked):
+        for robot in ("/carts/7", "a" * 64, "VDA-0:1@site_2"):
+            call(url, robot)
+            assert {one.robot for one in asked} == {check_robot_name(robot)}
+            assert len(asked) == 4, "scan, sequence, encoded body, geographic"
+            asked.clear()
+        for name in ("", "-7", "a" * 65, "cart 7", "cart\r\nX-Robot: other", "é"):
+            with pytest.raises(InvalidOption):
+                check_robot_name(name)
+            assert call(url, name) == "error invalid_option\n"
+        assert not asked
+        optimised_tests.run("firstfix_tests", "calls", url, "scan", "hall", 20)
+        assert [one.robot for one in asked] == [None]
 
 
 @pytest.mark.slow

@@ -64,6 +64,17 @@ def test_no_file_names_a_place_outside(pattern: re.Pattern[str]):
     assert not found
 
 
+def test_no_page_denies_the_real_ros_that_the_tests_have():
+    pages = [REPO / "README.md", *(REPO / "docs").rglob("*.md"), *(REPO / "clients").rglob("*.md")]
+    denied = re.compile(
+        r"\b(not|never)\b[^.|]{0,40}\b(run|tried|tested|yet)\b[^.|]{0,20}\breal ROS", re.IGNORECASE
+    )
+    assert denied.search("They have not run on a real ROS 2 yet")
+    assert denied.search("not yet on a real ROS 2 system")
+    assert (REPO / "tests/robots/test_real_ros.py").exists()
+    assert not [page.name for page in pages if denied.search(page.read_text())]
+
+
 def test_no_two_test_files_share_a_name():
     """Pytest imports them by their names alone, and only a run of both would show it."""
     names = Counter(path.name for path in (REPO / "tests").rglob("test_*.py"))

@@ -20,6 +20,7 @@ CONSTANTS = {
     "build_attempts": "builds.runner.MAX_ATTEMPTS",
     "build_niceness": "builds.process.NICENESS",
     "recorded_per_minute": "localize.query_recorder.PER_MINUTE",
+    "query_timeout_s": "startup.composition.QUERY_TIMEOUT_S",
     "sightings_flush_s": "query_workers.sightings.keeper.FLUSH_INTERVAL_S",
 }
 LIMITS = {one.name for one in fields(Limits)} - set(Settings.model_fields)

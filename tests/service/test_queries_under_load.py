@@ -23,6 +23,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
+from tests.service.query_worker_pids import Workers
 from tests.service.service_world import Service, running_service
 from tests.waiting import LIMIT_S, let_pass, wait_until
 
@@ -74,16 +75,6 @@ def yards(small_version, small_scans, tmp_path_factory) -> Yards:
     return Yards(small_version, small_scans, tmp_path_factory.mktemp("yards"))
 
 
-class Workers:
-    """The query workers that this process starts from now on: other fixtures keep services with theirs."""
-
-    def __init__(self) -> None:
-        self._others = frozenset(_worker_pids())
-
-    def pids(self) -> list[int]:
-        return sorted(_worker_pids() - self._others)
-
-
 @pytest.fixture
 def workers() -> Workers:
     return Workers()
@@ -93,20 +84,6 @@ def workers() -> Workers:
 def service(tmp_path: Path, workers: Workers) -> Iterator[Service]:
     with running_service(tmp_path, zenoh=False, load=None, max_versions=3, queue_size=64) as running:
         yield running
-
-
-def _worker_pids() -> set[int]:
-    found = set()
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                command = (entry / "cmdline").read_bytes()
-                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
-            except (OSError, IndexError):
-                continue
-            if parent == os.getpid() and b"firstfix_service.query_workers.worker" in command:
-                found.add(int(entry.name))
-    return found
 
 
 def mapped_versions(pid: int) -> set[str]:

@@ -1,6 +1,6 @@
-"""Imports open3d without its plots for web browsers.
+"""Imports open3d without its plots for web browsers, or says which libraries of the system it lacks.
 
-The builder does not use them. They import Dash and Plotly, which takes longer than all the rest of open3d.
+The builder has no use for the plots. They import Dash and Plotly, which takes longer than the rest of open3d.
 """
 
 from __future__ import annotations
@@ -21,6 +21,12 @@ if _PLOTS not in sys.modules:
         setattr(_left_out, _name, _nothing_to_look_at)
     sys.modules[_PLOTS] = _left_out
 
-import open3d as o3d  # noqa: E402
+try:
+    import open3d as o3d
+except ModuleNotFoundError:
+    raise
+except (ImportError, OSError) as error:  # it links them even where there is no screen
+    libraries = "libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libgomp1"
+    raise ImportError(f"open3d cannot be loaded ({error}): apt-get install {libraries}") from error
 
 __all__ = ["o3d"]

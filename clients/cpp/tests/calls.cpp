@@ -50,6 +50,12 @@ void run(Client& client, const std::string& call, const std::string& map_id) {
     const GeoAnswer answer = client.geopose(helix(), map_id);
     if (answer.pose) std::printf("%.5f %.5f\n", answer.pose->latitude_deg, answer.pose->longitude_deg);
     if (answer.not_localized) show(*answer.not_localized);
+  } else if (call.rfind("as ", 0) == 0) {
+    const std::string robot = call.substr(3);
+    show(client.localize(helix(), map_id, options, Encoding::scan, robot));
+    show(client.localize(ScanSequence{{helix()}, {Pose{}}}, map_id, options, robot));
+    show(client.localize_body(compact_body(condense(helix())), kQueryMediaType, map_id, options, robot));
+    client.geopose(helix(), map_id, options, robot);
   } else {
     std::printf("no such call\n");
   }

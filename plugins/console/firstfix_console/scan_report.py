@@ -2,38 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from functools import partial
 
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
 from firstfix.access.permissions import Scope
-from firstfix.errors import UnsupportedFormat
-from firstfix.formats.pcd import decode_pcd
-from firstfix.formats.ply import decode_ply
-from firstfix.formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
-from firstfix.formats.raw_xyz import decode_xyzi
-from firstfix.scan.scan import Scan
-from firstfix.scan.sequence import ScanSequence
 from firstfix.scan_formats import MEDIA_TYPES
-from firstfix_cli.scan_report import ScanReport, report_of_cloud
 from firstfix_service.http_api.edge import CallerDep, needs
 from firstfix_service.http_api.parts import LocalizePartsDep
 from firstfix_service.http_api.schema.answer_models import Finding
 from firstfix_service.http_api.schema.bodies import binary_body
-from firstfix_service.query_workers.query import BodyFormat
-from firstfix_service.thread_pools import LOOKS
+
+from .look import look_at
+from .understood_scan import understood
 
 router = APIRouter(tags=["localize"])
-# Those whose bodies have columns with names; of all others, points and times are what they have.
-_COLUMNS: dict[str, Callable[[Body, Limits], PointCloud]] = {
-    "application/x-pcd": decode_pcd,
-    "model/vnd.pcd": decode_pcd,
-    "application/ply": decode_ply,
-    "model/ply": decode_ply,
-    "application/vnd.firstfix.xyzi": decode_xyzi,
-}
 
 
 class UnderstoodScan(BaseModel):
@@ -48,41 +32,12 @@ class UnderstoodScan(BaseModel):
 
 
 @router.post("/scan-report", openapi_extra=binary_body(MEDIA_TYPES))
-@needs(Scope.LOCALIZE, "localize")
+@needs(Scope.LOCALIZE, "localize", has_queue=True)
 async def post_scan_report(request: Request, parts: LocalizePartsDep, caller: CallerDep) -> UnderstoodScan:
     """Report what is understood of a scan: format, fields, times, rings, mounting, and what is left out.
 
     The body is that of `POST /localize`. No map is asked.
     """
     media_type = request.headers.get("content-type", "")
-    body_format = BodyFormat.of(media_type, request.headers.get("content-encoding"))
-    with parts.overlays.request(caller.name):
-        body = await parts.bodies.read(request, caller.name)
-        try:
-            report = await LOOKS.run(_report, body_format, media_type, body, parts.max_body_bytes)
-        finally:
-            parts.bodies.release(body, caller.name)
-    return UnderstoodScan.model_validate(report)
-
-
-def _report(body_format: BodyFormat, media_type: str, body: Body, limit: int) -> dict[str, Any]:
-    name, _, parameters = media_type.partition(";")
-    name = name.strip().lower()
-    data = body_format.decompress(body, limit)
-    decode = None if "columns" in parameters else _COLUMNS.get(name)
-    if decode is not None:
-        report = report_of_cloud(decode(data, SCAN_LIMITS))
-    else:
-        report = _report_of(body_format.decode(data))
-    said = report.to_mapping()
-    return {**said, "understood": {"format": name, **said["understood"]}}
-
-
-def _report_of(scan: object) -> ScanReport:
-    last = scan.scans[-1] if isinstance(scan, ScanSequence) else scan
-    if not isinstance(last, Scan):
-        raise UnsupportedFormat("a compact query or a descriptor has no points to tell of")
-    columns = dict(zip("xyz", last.points.T, strict=True))
-    if last.intensity is not None:
-        columns["intensity"] = last.intensity
-    return report_of_cloud(PointCloud(columns), last)
+    report = await look_at(request, parts, caller, partial(understood, media_type))
+    return UnderstoodScan.model_validate_json(report)

@@ -22,7 +22,7 @@ from firstfix_service.http_api.parts import CatalogDep
 from firstfix_service.http_api.routes.versions import kept_for
 from firstfix_service.http_api.schema.bodies import binary_answer
 from firstfix_service.http_api.schema.parameters import MapId, Version
-from firstfix_service.thread_pools import LOOKS
+from firstfix_service.thread_pools import PICTURES
 
 router = APIRouter(prefix="/maps/{map_id}/versions/{version}/thumbnail", tags=["versions"])
 WIDTH_PX, HEIGHT_PX = 192, 128
@@ -42,7 +42,7 @@ TURBO = np.array(
 
 @router.get("", response_class=Response, responses=binary_answer("image/png"))
 @needs(Scope.LOCALIZE, "localize")
-@LOOKS.route
+@PICTURES.route
 def get_thumbnail(map_id: MapId, version: Version, catalog: CatalogDep) -> Response:
     """The version's map from above, 192 x 128 pixels, coloured by height on a dark ground.
 

@@ -14,7 +14,7 @@ from firstfix.access.permissions import Scope
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import CLOUD_INDEX
 from firstfix.catalog.recorded_queries import RecordedQueries
-from firstfix.errors import InvalidOption, NotFound, TooLarge, pip_install
+from firstfix.errors import InvalidOption, NotFound, TooLarge
 from firstfix_service.http_api.edge import CallerDep, needs
 from firstfix_service.http_api.parts import CatalogDep, RecordedQueriesDep
 from firstfix_service.http_api.response_budget import ResponseLeaseDep
@@ -24,6 +24,7 @@ from firstfix_service.thread_pools import ThreadPool
 
 from .export.export import write_viewer_file
 from .export.exported_query import ExportedQuery
+from .export.rrd_file import NEEDS_RERUN
 from .export.source import StoredMap
 
 router = APIRouter(tags=["versions"])
@@ -31,7 +32,7 @@ Format = Literal["mcap", "rrd"]
 MAX_POINTS = 2_000_000  # of the map
 MAX_QUERIES = 100
 MAX_BYTES = 64 << 20  # of the file; a point takes 12, so that the map has room
-FORMATS: dict[Format, str] = {"mcap": "Foxglove, RViz and ros2 bag", "rrd": "rerun"}
+FORMATS: dict[Format, str] = {"mcap": "Foxglove, RViz, rerun and ros2 bag", "rrd": "rerun"}
 EXPORTS = ThreadPool("exports", 1, 10.0)  # each takes some seconds of a processor
 
 
@@ -65,7 +66,7 @@ def get_viewer_file(
     lease: ResponseLeaseDep,
     caller: CallerDep,
     form: Annotated[
-        Format, Query(alias="format", description="`mcap`: Foxglove, RViz, ros2 bag; `rrd`: rerun")
+        Format, Query(alias="format", description="`mcap`: Foxglove, RViz, rerun, ros2 bag; `rrd`: rerun")
     ] = "mcap",
     points: Annotated[int, Query(ge=1, le=MAX_POINTS, description="limit on the map's points")] = MAX_POINTS,
     queries: Annotated[
@@ -123,5 +124,5 @@ def _written(
 
 def _remedy(form: Format) -> str:
     if form == "rrd" and find_spec("rerun") is None:
-        return f"an .rrd file needs rerun: {pip_install('./plugins/console[rerun]')}"
+        return NEEDS_RERUN
     return ""

@@ -43,8 +43,6 @@ class LocalizeParts:
     maps: MapCache
     georeference_cache: GeoreferenceCache
     metrics: Metrics
-    overlays: ConcurrencyLimit
-    max_body_bytes: int
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ class Asker(NamedTuple):
     Attributes:
         caller: name of its ``Principal``. Without credentials it is an address: all who share one are one
             caller. All zenoh clients without a credential are one, too: zenoh does not say who asks.
-        map_id: the map, or all searches of several maps as one.
+        map_id: the map, or all searches of several maps as one; empty: no map.
     """
 
     caller: str

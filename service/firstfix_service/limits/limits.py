@@ -92,8 +92,6 @@ class Limits:
     max_upload_streams_per_caller: int = 4
     max_event_streams: int = 128  # pages of the console, and who waits for a build
     max_event_streams_per_caller: int = 16
-    max_overlays: int = 16  # with their scans in memory
-    max_overlays_per_caller: int = 4
 
     # What lasts: 413, 429, 503, and 507 where a disk is full.
     max_upload_bytes: int = _setting("max_upload_bytes")

@@ -19,7 +19,6 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
-from firstfix.engine.map_choice.sought_scan import SoughtScan
 from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded, WorkerLost
 
 from ..limits.asker import Asker
@@ -27,13 +26,13 @@ from ..limits.byte_budget import ByteBudget
 from ..limits.fair_queue import FairQueue, Job, State
 from ..limits.limits import Limits
 from ..query_workers.base import QueryWorker, QueryWorkerDied
-from ..query_workers.query import EncodedAnswer, Query
+from ..query_workers.look import Answered, Asked
 
 T = TypeVar("T")
 MAX_RETRY_AFTER_S = 60.0
 ATTEMPTS = 2  # of a query whose process dies
 UP_WITHIN_S = 30.0  # for any worker process to come up, before those that wait are refused
-AskWorker = Callable[[Query], Awaitable[EncodedAnswer | SoughtScan]]
+AskWorker = Callable[[Asked], Awaitable[Answered]]
 
 
 class Closeable(Protocol):
@@ -195,12 +194,12 @@ class QueryGate:
         self._running.add(task)
         task.add_done_callback(partial(self._ended, job))
 
-    async def _ask(self, job: Job, query: Query) -> EncodedAnswer | SoughtScan:
+    async def _ask(self, job: Job, asked: Asked) -> Answered:
         for _ in range(ATTEMPTS):
             if job.worker is None:
                 job.worker = await self._another_worker()
             try:
-                return await job.worker.answer(query)
+                return await job.worker.answer(asked)
             except QueryWorkerDied:
                 job.worker = None
             if job.result.done():  # too late, or its caller has gone

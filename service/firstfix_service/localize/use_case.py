@@ -17,6 +17,7 @@ from firstfix.formats.point_cloud import Body
 from ..maps.coarse_maps import CoarseMaps
 from ..maps.map_cache import MapCache
 from ..maps.served_maps import Leases
+from ..query_workers.look import Answered, Asked, Look
 from ..query_workers.query import EncodedAnswer, Query
 from ..thread_pools import CHOICES, COPIES
 from .answer_reporter import AnswerReporter
@@ -38,13 +39,13 @@ class LocalizeUseCase:
         """The maps that are searched if a query names none."""
         return self._maps.served.ids
 
-    def check_room(self, query: Query) -> None:
-        """Check that there is room for the query, before its body is read.
+    def check_room(self, asked: Asked) -> None:
+        """Check that there is room for the query or the look, before its body is read.
 
         Raises:
             Overloaded: as ``QueryGate.check_room``.
         """
-        self._gate.check_room(query.asker)
+        self._gate.check_room(asked.asker)
 
     async def localize(
         self, query: Query, body: Body, check: Callable[[], Awaitable[None]] | None = None
@@ -75,15 +76,10 @@ class LocalizeUseCase:
             waits_ms = {"queue": waited_s * 1e3, "map": map_s * 1e3}
             if query.chosen_of:
                 waits_ms = {"choose": chosen_s * 1e3, **waits_ms}
-            try:
-                answer = await ask(replace(query, body=body, versions=leases.served, waits_ms=waits_ms))
-                assert isinstance(answer, EncodedAnswer)
-                return answer
-            except Exception as error:
-                # A file that was damaged under the running service fails in many ways, up to SIGBUS.
-                if isinstance(error, WorkerLost) or not isinstance(error, FirstfixError):
-                    await COPIES.run(self._maps.check_files, leases.served)
-                raise
+            asked = replace(query, body=body, versions=leases.served, waits_ms=waits_ms)
+            answer = await self._ask(ask, asked, leases)
+            assert isinstance(answer, EncodedAnswer)
+            return answer
 
         prepare = partial(self._lease, query)
         answer = await self._gate.run(
@@ -91,6 +87,40 @@ class LocalizeUseCase:
         )
         self._reporter.report(query, body, answer, queued)
         return answer
+
+    async def look(self, look: Look, body: Body) -> bytes:
+        """The answer to a look, which has its place, its turn and its limits as a query has.
+
+        Args:
+            body: as it came, with its content encoding.
+
+        Raises:
+            InputError: the body cannot be used.
+            NotFound: no such map or version.
+            VersionError, StoreError: the version cannot be served.
+            Overloaded, DeadlineExceeded, WorkerLost: as ``QueryGate.run``.
+            CorruptVersion: also if a file of the version was damaged after it was loaded.
+        """
+
+        async def work(ask: AskWorker, leases: Leases, waited_s: float) -> bytes:
+            directory = leases.served[0].directory if leases.served else None
+            answer = await self._ask(ask, replace(look, body=body, directory=directory), leases)
+            assert isinstance(answer, bytes)
+            return answer
+
+        def prepare() -> Future[Leases] | Leases:
+            return self._maps.served.lease((look.map_id,), look.version) if look.map_id else Leases([])
+
+        return await self._gate.run(look.asker, prepare, work, size_bytes=len(body))
+
+    async def _ask(self, ask: AskWorker, asked: Asked, leases: Leases) -> Answered:
+        try:
+            return await ask(asked)
+        except Exception as error:
+            # A file that was damaged under the running service fails in many ways, up to SIGBUS.
+            if isinstance(error, WorkerLost) or not isinstance(error, FirstfixError):
+                await COPIES.run(self._maps.check_files, leases.served)
+            raise
 
     async def _with_maps(
         self, query: Query, body: Body, check: Callable[[], Awaitable[None]] | None

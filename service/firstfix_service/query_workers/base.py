@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Protocol
 
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.map_choice.sought_scan import SoughtScan
 
 from .localizers import Localizers
-from .query import EncodedAnswer, Query, ServedVersion
+from .look import Answered, Asked
+from .query import ServedVersion
 from .sightings.counter import Sighted, SightingCounter
 
 MAX_BODY_BYTES = 64 << 20
@@ -30,8 +30,8 @@ class QueryWorker(Protocol):
     def is_alive(self) -> bool:
         """False if it takes no more queries."""
 
-    async def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
-        """The answer to a query, whose versions are loaded if they are not, or its description.
+    async def answer(self, asked: Asked) -> Answered:
+        """The answer to a query, whose versions are loaded if they are not, or to a look.
 
         Raises:
             QueryWorkerDied: it ended before it answered.
@@ -127,11 +127,11 @@ class QueryWorkerThreads:
         """Unload a version."""
         self._localizers.drop(version)
 
-    async def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
-        """The answer to a query."""
+    async def answer(self, asked: Asked) -> Answered:
+        """The answer to a query or a look."""
         context = contextvars.copy_context()  # for what is logged on the way
         loop = asyncio.get_running_loop()
-        answer = await loop.run_in_executor(self._threads, context.run, self._localizers.answer, query)
+        answer = await loop.run_in_executor(self._threads, context.run, self._localizers.answer, asked)
         if self._sightings is not None:
             self._sightings.wake()
         return answer

@@ -14,12 +14,12 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
-from firstfix.engine.map_choice.sought_scan import SoughtScan
 from firstfix.errors import DeadlineExceeded, FirstfixError, TooLarge
 
 from .base import QueryWorkerDied
+from .look import Answered, Asked
 from .protocol import DROP, HELLO, INLINE_BYTES, LOAD, TAKE, WARM, BodyMemory, MessageReader, message_of
-from .query import EncodedAnswer, Query, ServedVersion
+from .query import ServedVersion
 from .sightings.counter import Sighted
 
 LOAD_WITHIN_S = 300.0
@@ -83,8 +83,8 @@ class QueryWorkerHandle:
         """
         self._request(HELLO, None)
 
-    async def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
-        """The process's answer to a query, or its description.
+    async def answer(self, asked: Asked) -> Answered:
+        """The process's answer to a query or a look.
 
         Raises:
             QueryWorkerDied: the process ended before it answered.
@@ -95,9 +95,9 @@ class QueryWorkerHandle:
         if not self._query_lock.acquire(blocking=False):
             raise QueryWorkerDied("it is being closed")
         try:
-            self._send(query)
+            self._send(asked)
             reply = await self._reply()
-            self._bodies.trim(len(query.body))
+            self._bodies.trim(len(asked.body))
         except (EOFError, OSError) as error:
             self.kill()  # it may only have stalled
             raise QueryWorkerDied(repr(error)) from None
@@ -108,7 +108,7 @@ class QueryWorkerHandle:
             raise
         finally:
             self._query_lock.release()
-        answer: EncodedAnswer | SoughtScan = _unwrap(reply)
+        answer: Answered = _unwrap(reply)
         return answer
 
     def load(self, version: ServedVersion) -> int:
@@ -168,15 +168,15 @@ class QueryWorkerHandle:
         with self._control_lock:
             self._control.close()
 
-    def _send(self, query: Query) -> None:
-        """Send a query. The process waits for it, so there is room for the whole message in its socket.
+    def _send(self, asked: Asked) -> None:
+        """Send a query or a look. The process waits, so there is room for the whole message in its socket.
 
         Raises:
             OSError: the process has ended, or does not read.
         """
-        if len(query.body) > INLINE_BYTES:
-            self._bodies.write(query.body)
-        parts = message_of(query)
+        if len(asked.body) > INLINE_BYTES:
+            self._bodies.write(asked.body)
+        parts = message_of(asked)
         if self._queries.sendmsg(parts) < sum(map(len, parts)):
             raise BlockingIOError("it does not read")
 

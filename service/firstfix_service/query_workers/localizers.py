@@ -11,11 +11,11 @@ from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 import numpy as np
 
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.map_choice.sought_scan import SoughtScan
 from firstfix.errors import FirstfixError, VersionError
 
 from .encoded_answer import answer_query, describe_query
-from .query import EncodedAnswer, Query, ServedVersion
+from .look import Answered, Asked, Look
+from .query import ServedVersion
 from .sightings.counter import SightingCounter
 from .warm_up import at_low_priority, own_queries
 
@@ -89,13 +89,15 @@ class Localizers:
         if self._sightings is not None:
             self._sightings.unload(version)
 
-    def answer(self, query: Query) -> EncodedAnswer | SoughtScan:
-        """The answer to a query, or its description. Loads its versions if they are not loaded."""
-        if query.forms:
-            return describe_query(query, self._max_decoded_bytes)
+    def answer(self, asked: Asked) -> Answered:
+        """The answer to a query, its description, or a look. Loads the versions of a query."""
+        if isinstance(asked, Look):
+            return asked.answer(self._max_decoded_bytes)
+        if asked.forms:
+            return describe_query(asked, self._max_decoded_bytes)
         offer = None if self._sightings is None else self._sightings.offer
-        localizers = [self._localizer(version) for version in query.versions]
-        return answer_query(query, localizers, self._max_decoded_bytes, offer)
+        localizers = [self._localizer(version) for version in asked.versions]
+        return answer_query(asked, localizers, self._max_decoded_bytes, offer)
 
     def clear(self) -> None:
         """Unload all versions."""

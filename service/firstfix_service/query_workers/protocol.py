@@ -29,7 +29,7 @@ from typing import Any
 from firstfix.errors import TooLarge
 from firstfix.formats.point_cloud import Body
 
-from .query import Query
+from .look import Asked
 
 LOAD, WARM, DROP, HELLO, TAKE = "load", "warm", "drop", "hello", "take"  # over the other socket, for control
 INLINE_BYTES = 32 << 10
@@ -39,13 +39,13 @@ _MAX_MESSAGE_BYTES = 1 << 30
 _ROOM_BYTES = 128 << 10
 
 
-def message_of(query: Query) -> list[Body]:
-    """The parts of a query's message. A body over INLINE_BYTES is only announced."""
-    size = len(query.body)
-    pickled = pickle.dumps(query, pickle.HIGHEST_PROTOCOL)
+def message_of(asked: Asked) -> list[Body]:
+    """The parts of the message of a query or a look. A body over INLINE_BYTES is only announced."""
+    size = len(asked.body)
+    pickled = pickle.dumps(asked, pickle.HIGHEST_PROTOCOL)
     if size > INLINE_BYTES:
         return [_HEAD.pack(len(pickled), 0, size), pickled]
-    return [_HEAD.pack(len(pickled), size, 0), pickled, query.body]
+    return [_HEAD.pack(len(pickled), size, 0), pickled, asked.body]
 
 
 def reply_of(good: bool, value: object) -> list[Body]:

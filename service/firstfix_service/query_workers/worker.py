@@ -28,8 +28,9 @@ from firstfix.engine.localizer import Localizer
 from firstfix.errors import FirstfixError
 
 from .localizers import Localizers
+from .look import Answered, Asked
 from .protocol import DROP, HELLO, LOAD, TAKE, WARM, MessageReader, mapped_bodies, reply_of, send_all
-from .query import Query, ServedVersion
+from .query import ServedVersion
 from .sightings.counter import Sighted, SightingCounter
 
 SWITCH_S = 0.0005  # for which a query waits at most while the thread that counts sightings runs Python code
@@ -60,9 +61,9 @@ def main(
             received = reader.receive(queries)
             if received is None:
                 continue
-            query, inline, shared_bytes = received
-            good, value = _outcome(partial(_answer, localizers, query, inline, bodies[:shared_bytes]))
-            del received, query, inline
+            asked, inline, shared_bytes = received
+            good, value = _outcome(partial(_answer, localizers, asked, inline, bodies[:shared_bytes]))
+            del received, asked, inline
             reader.forget()
             send_all(queries, reply_of(good, value))
             if sightings is not None:
@@ -71,8 +72,8 @@ def main(
             return
 
 
-def _answer(localizers: Localizers, query: Query, inline: memoryview, shared: memoryview) -> object:
-    return localizers.answer(replace(query, body=shared or inline))
+def _answer(localizers: Localizers, asked: Asked, inline: memoryview, shared: memoryview) -> Answered:
+    return localizers.answer(replace(asked, body=shared or inline))
 
 
 def _serve_control(control: Connection, localizers: Localizers, sightings: SightingCounter | None) -> None:

@@ -160,7 +160,6 @@ async def compose(
     event_streams = ConcurrencyLimit(
         limits.max_event_streams, limits.max_event_streams_per_caller, "streams of events"
     )
-    overlays = ConcurrencyLimit(limits.max_overlays, limits.max_overlays_per_caller, "overlays")
     made = (
         authenticator,
         catalog,
@@ -169,7 +168,7 @@ async def compose(
         recent,
         counts,
         EventStreams(event_streams, closing),
-        LocalizeParts(use_case, bodies, maps, georeference_cache, metrics, overlays, limits.max_body_bytes),
+        LocalizeParts(use_case, bodies, maps, georeference_cache, metrics),
         MapParts(
             catalog,
             maps,

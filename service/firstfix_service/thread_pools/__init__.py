@@ -19,8 +19,8 @@ __all__ = [
     "COPIES",
     "KEYS",
     "LISTS",
-    "LOOKS",
     "METRICS",
+    "PICTURES",
     "READS",
     "SIGNATURES",
     "START",
@@ -38,7 +38,7 @@ BUILDS = ThreadPool("builds", 8)  # leases of builds, and how builds ended
 READS = ThreadPool("reads", 16, TURN_WITHIN_S)  # reads one small record of the catalog
 LISTS = ThreadPool("lists", 4, TURN_WITHIN_S)  # reads much of the catalog: pages of lists, pictures
 SIGNATURES = ThreadPool("signatures", 2)  # hashes the bodies of signed queries
-LOOKS = ThreadPool("looks", 2)  # lays scans over maps, for people who look at answers
+PICTURES = ThreadPool("pictures", 2)  # draws maps
 METRICS = ThreadPool("metrics", 2)  # puts metrics and counts together, which are in memory
 CHANGES = ThreadPool("changes", 4, TURN_WITHIN_S)  # activates versions, sets georeferences
 CHOICES = ThreadPool("choices", 2)  # chooses the maps of queries that name none
@@ -47,7 +47,7 @@ MAINTENANCE = ThreadPool(
     "maintenance", 4
 )  # removes abandoned objects, stages and garbage; looks for unfinished builds
 
-_OF_REQUESTS = (KEYS, AUTH, READS, LISTS, LOOKS, CHANGES, CHOICES, COPIES, MAINTENANCE)
+_OF_REQUESTS = (KEYS, AUTH, READS, LISTS, PICTURES, CHANGES, CHOICES, COPIES, MAINTENANCE)
 _AGAIN_S = 0.5  # a request may go on to other work
 
 

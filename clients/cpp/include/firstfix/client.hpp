@@ -8,6 +8,7 @@
 
 #include "firstfix/answer/documents.hpp"
 #include "firstfix/answer/options.hpp"
+#include "firstfix/answer/robot_name.hpp"
 #include "firstfix/scan/condense.hpp"
 #include "firstfix/wire/query.hpp"
 #include "firstfix/wire/scan.hpp"
@@ -59,18 +60,23 @@ class Client {
   // Localizes a scan in a map. Points that are not finite or beyond 1000 m are left out.
   //
   // A descriptor needs the map's descriptor parameters. They are fetched once, and again when the map changes.
+  //
+  // All queries may carry the robot's name, for people who watch the answers of robots that share a key or an address.
+  // Throws "invalid_option" for a name of another form.
   Localization localize(const Scan& scan, const std::string& map_id, const LocalizeOptions& options = {},
-                        Encoding encoding = Encoding::scan);
+                        Encoding encoding = Encoding::scan, const RobotName& robot = {});
 
   // Localizes the last of several scans.
-  Localization localize(const ScanSequence& sequence, const std::string& map_id, const LocalizeOptions& options = {});
+  Localization localize(const ScanSequence& sequence, const std::string& map_id, const LocalizeOptions& options = {},
+                        const RobotName& robot = {});
 
   // Sends a query that is already encoded. The bytes are not changed.
   Localization localize_body(const Bytes& body, const std::string& media_type, const std::string& map_id,
-                             const LocalizeOptions& options = {});
+                             const LocalizeOptions& options = {}, const RobotName& robot = {});
 
   // Localizes a scan in geographic coordinates. Throws "not_acceptable" if the map has no georeference.
-  GeoAnswer geopose(const Scan& scan, const std::string& map_id, const LocalizeOptions& options = {});
+  GeoAnswer geopose(const Scan& scan, const std::string& map_id, const LocalizeOptions& options = {},
+                    const RobotName& robot = {});
 
   // Descriptor parameters of the map's active version.
   DescriptorParameters descriptor_parameters(const std::string& map_id);
@@ -82,7 +88,7 @@ class Client {
   class Http;
   struct Parameters;
   Localization localize_described(const Scan& scan, const std::string& map_id, const LocalizeOptions& options,
-                                  bool* known);
+                                  const RobotName& robot, bool* known);
 
   Settings settings_;
   std::unique_ptr<Http> http_;

@@ -48,9 +48,9 @@ def export(
 ) -> None:
     """Write a map with its recorded queries for viewers.
 
-    An .mcap file is for Foxglove and ROS 2, an .rrd file for rerun. It holds the map's points, the templates,
-    the mapping run, and of every recorded query the scan at the answered pose, the hypotheses, the truth
-    where somebody has told it, and the verdict in words.
+    An .mcap file is for Foxglove, rerun and ROS 2, an .rrd file for rerun alone. It holds the map's points,
+    the templates, the mapping run, and of every recorded query the scan at the answered pose, the
+    hypotheses, the truth where somebody has told it, and the verdict in words.
     """
     from firstfix.errors import InvalidOption
 

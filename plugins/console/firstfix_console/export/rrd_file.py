@@ -17,6 +17,9 @@ from .exported_query import GUESS_FRAME, MAP_FRAME, SENSOR_FRAME, UNPLACED_FRAME
 from .map_cloud import MapCloud
 
 TIMELINE = "time"
+NEEDS_RERUN = (
+    f"an .rrd file needs rerun: {pip_install('./plugins/console[rerun]')}. rerun opens the .mcap file, too"
+)
 _LEVELS = {Verdict.LOCALIZED: "INFO", Verdict.AMBIGUOUS: "WARN", Verdict.REJECTED: "WARN"}
 _AXES_M = 1.0
 _PLACES = {
@@ -81,9 +84,7 @@ def rrd_file(folder: Path, name: str) -> Iterator[RrdFile]:
     try:
         import rerun
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            f"an .rrd file needs rerun: {pip_install('./plugins/console[rerun]')}", name=error.name
-        ) from None
+        raise ModuleNotFoundError(NEEDS_RERUN, name=error.name) from None
 
     recording = rerun.RecordingStream(name)
     recording.save(folder / "out")

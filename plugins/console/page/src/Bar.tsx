@@ -30,6 +30,7 @@ export function Bar() {
           </span>
         ) : null}
         <span class="caller">
+          <a href="../docs">HTTP API</a>
           {caller.value?.read_only ? <span class="tag">read-only</span> : null}
           {caller.value?.authentication ? caller.value.name : <span class="tag">open to everyone</span>}
           {key.value ? <button onClick={signOut}>Sign out</button> : null}

@@ -26,6 +26,7 @@ from tests.service.access_world import KEYED, known
 from tests.service.service_world import Service, running_service, served
 
 ONE_S = 1_000_000_000
+NEEDS_RERUN = "needs rerun-sdk (170 MB): pip install './plugins/console[rerun]'"
 
 
 @pytest.fixture(scope="module")
@@ -157,16 +158,12 @@ def one_of(world: ExportedWorld, number: int) -> str:
     return world.query_ids[number]
 
 
-def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorld, tmp_path: Path):
-    pytest.importorskip("rerun", reason="needs rerun-sdk (170 MB): pip install './plugins/console[rerun]'")
-    from rerun.chunk import RrdReader
-
-    out = tmp_path / "hall.rrd"
-    firstfix("export", out, "--map", "hall", *way)
+def in_rerun(reader: Any, timeline: str) -> dict[tuple[str, str], list[tuple[Any, Any]]]:
+    """Times and values of each field of each entity, as rerun reads a file, in the order of time."""
     found: dict[tuple[str, str], list[tuple[Any, Any]]] = {}
-    for chunk in RrdReader(out).stream().to_chunks():
+    for chunk in reader.stream().to_chunks():
         batch = chunk.to_record_batch()
-        times = batch.column("time").cast("int64").to_pylist() if "time" in batch.schema.names else None
+        times = batch.column(timeline).cast("int64").to_pylist() if timeline in batch.schema.names else None
         for name in batch.schema.names:
             if ":" not in name:
                 continue
@@ -178,6 +175,38 @@ def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorl
             )
     for run_of in found.values():
         run_of.sort(key=lambda one: one[0] or 0)
+    return found
+
+
+def test_rerun_opens_the_recording_for_foxglove(world: ExportedWorld, tmp_path: Path):
+    pytest.importorskip("rerun", reason=NEEDS_RERUN)
+    from rerun.chunk import McapReader
+
+    out = tmp_path / "hall.mcap"
+    firstfix("export", out, "--map", "hall", "--store", world.store)
+    found = in_rerun(McapReader(out), "message_log_time")
+    ((_, cloud),) = found["/map", "positions"]
+    near(np.array(cloud), world.cloud, 1e-3)
+    assert len(found["/templates", "positions"]) == 1
+    times = [T0_NS + number * ONE_S for number in range(1, 6)]
+    at, scan = found["/scan", "positions"][0]
+    assert at == times[0]
+    np.testing.assert_array_equal(np.array(scan, np.float32), world.points[world.query_ids[0]])
+    assert [frame for _, frame in found["/scan", "frame"]] == [["sensor"]]
+    placed = {names[0]: number for number, (_, names) in enumerate(found["/tf", "child_frame"])}
+    at_sensor = found["/tf", "translation"][placed["sensor"]][1]
+    np.testing.assert_allclose(at_sensor, [POSE[:3, 3]], atol=1e-6)
+    np.testing.assert_allclose(found["/truth", "translations"][0][1], [TRUTH[:3, 3]], atol=1e-6)
+    assert "ambiguous (several_places)" in found["/log", "text"][1][1][0]
+
+
+def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorld, tmp_path: Path):
+    pytest.importorskip("rerun", reason=NEEDS_RERUN)
+    from rerun.chunk import RrdReader
+
+    out = tmp_path / "hall.rrd"
+    firstfix("export", out, "--map", "hall", *way)
+    found = in_rerun(RrdReader(out), "time")
     ((at, cloud),) = found["/map/cloud", "positions"]
     assert at is None, "the map is there at all times"
     near(np.array(cloud), world.cloud, 1e-3)
@@ -217,9 +246,7 @@ def test_the_newest_queries_and_an_even_part_of_the_map(way, world, tmp_path):
 @pytest.mark.parametrize("ending", [".mcap", ".rrd"])
 def test_an_existing_file_is_kept_without_force(way: list[str], tmp_path: Path, ending: str):
     if ending == ".rrd":
-        pytest.importorskip(
-            "rerun", reason="needs rerun-sdk (170 MB): pip install './plugins/console[rerun]'"
-        )
+        pytest.importorskip("rerun", reason=NEEDS_RERUN)
     out = tmp_path / f"hall{ending}"
     out.write_text("mine")
     assert "--force replaces it" in firstfix("export", out, "--map", "hall", *way, code=2).error

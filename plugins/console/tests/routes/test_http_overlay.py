@@ -7,12 +7,8 @@ import pytest
 
 from firstfix.catalog.manifest import Manifest
 from firstfix.engine.config import ENGINE_FILE
-from firstfix_service.http_api.parts import LocalizeParts
-from firstfix_service.limits.limits import Limits
 from tests.changed_hall import Hall, pose, standing
-from tests.service.raw_connection import connect
 from tests.service.service_world import XYZ, Service
-from tests.waiting import wait_until
 
 HALL = Hall((16.0, 10.0, 4.0), standing((9.2, 4.2, 0.0, 10.3, 6.3, 2.3)))
 AT = pose(4.1, 5.2)
@@ -69,24 +65,3 @@ def test_a_version_that_is_not_there(service: Service):
         path = f"/maps/hall/versions/{version}/overlay"
         answer = service.http.post(path, params=params, content=bytes(1200), headers=headers)
         assert answer.status_code in (400, 404)
-
-
-def test_one_caller_holds_few_scans_at_a_time(service: Service, version: str):
-    """Their bodies are in the memory that queries need too, from the first byte until the answer."""
-    path = f"/maps/hall/versions/{version}/overlay?T_map_sensor={PLACE}"
-    head = f"POST {path} HTTP/1.1\r\nHost: h\r\nContent-Type: {XYZ}\r\nContent-Length: 1200\r\n\r\n"
-    held = service.app.state.start.parts[LocalizeParts].overlays
-    slow = [connect(service) for _ in range(Limits.max_overlays_per_caller)]
-    try:
-        for connection in slow:
-            connection.sendall(head.encode() + b"some of it")
-        wait_until(lambda: held.taken == Limits.max_overlays_per_caller)
-        refused = service.http.post(path, content=bytes(1200), headers={"Content-Type": XYZ})
-        assert (refused.status_code, refused.json()["code"]) == (429, "quota_exceeded")
-        assert service.ask("http").ok, "queries go on"
-    finally:
-        for connection in slow:
-            connection.close()
-    wait_until(lambda: held.taken == 0)
-    assert service.http.post(path, content=bytes(7), headers={"Content-Type": XYZ}).status_code == 400
-    assert held.taken == 0

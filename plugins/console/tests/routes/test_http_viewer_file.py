@@ -71,6 +71,7 @@ def test_what_is_not_installed_is_said_with_the_remedy(exported, monkeypatch: py
     formats = {one["format"]: one for one in service.http.get("/viewer-formats", headers=headers).json()}
     assert formats["mcap"]["remedy"] == ""
     assert "./plugins/console[rerun]" in formats["rrd"]["remedy"]
+    assert "rerun opens the .mcap file, too" in formats["rrd"]["remedy"]
     answer = service.http.get(address(world), params={"format": "rrd"}, headers=headers)
     assert answer.status_code == 400
     assert "./plugins/console[rerun]" in answer.json()["detail"]
