@@ -9,14 +9,19 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
 from firstfix.access.permissions import Scope
+from firstfix.decode import GENERAL_TYPES
 from firstfix.errors import UnsupportedFormat
+from firstfix.formats.confined_las import decode_las_confined
+from firstfix.formats.npy import decode_npy
 from firstfix.formats.pcd import decode_pcd
 from firstfix.formats.ply import decode_ply
 from firstfix.formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
 from firstfix.formats.raw_xyz import decode_xyzi
+from firstfix.formats.signature import media_type_of
+from firstfix.formats.text import decode_text
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
-from firstfix.scan_formats import MEDIA_TYPES
+from firstfix.scan_formats import LAS, MEDIA_TYPES
 from firstfix_cli.scan_report import ScanReport, report_of_cloud
 from firstfix_service.http_api.edge import CallerDep, needs
 from firstfix_service.http_api.parts import LocalizePartsDep
@@ -33,6 +38,10 @@ _COLUMNS: dict[str, Callable[[Body, Limits], PointCloud]] = {
     "application/ply": decode_ply,
     "model/ply": decode_ply,
     "application/vnd.firstfix.xyzi": decode_xyzi,
+    "application/x-npy": decode_npy,
+    "text/csv": decode_text,
+    "text/plain": decode_text,
+    **dict.fromkeys(LAS, decode_las_confined),
 }
 
 
@@ -69,6 +78,8 @@ def _report(body_format: BodyFormat, media_type: str, body: Body, limit: int) ->
     name, _, parameters = media_type.partition(";")
     name = name.strip().lower()
     data = body_format.decompress(body, limit)
+    if name in GENERAL_TYPES:
+        name = media_type_of(data)
     decode = None if "columns" in parameters else _COLUMNS.get(name)
     if decode is not None:
         report = report_of_cloud(decode(data, SCAN_LIMITS))
