@@ -363,6 +363,7 @@ class BuildStages:
                 index.directory,
                 engine.registration,
                 read.T_map_level,
+                None if read.is_mesh else read.intensity,
             )
 
         return self.runner.stage("draw_cloud", {"map": read.digest, "index": index.digest}, {}, produce)

@@ -17,6 +17,7 @@ from firstfix.transform import Matrix, inverse, transform_points
 
 from .execution.stage_cache import StageResult
 from .mesh.clean_cloud import point_spacing_m
+from .mesh.intensity import Intensity
 from .simulation.local_simulator import whole_simulator
 from .simulation.simulate import Simulator
 from .stage_files import TRAJECTORY_FILE
@@ -25,6 +26,7 @@ from .viewpoints.left_out_floor import SeenFloor
 POINTS_FILE, TRIANGLES_FILE = "points.npy", "triangles.npy"  # of ``TiledPoints`` and ``Mesh``
 T_MAP_LEVEL_FILE = "T_map_level.npy"
 FINDINGS_FILE, MOVING_FILE, SESSIONS_FILE = "findings.json", "moving.json", "sessions.json"
+INTENSITY_FILE = "point_intensity.npz"  # of ``Intensity``
 POSITIONS_FILE, CHUNK_START_FILE = "positions.npy", "chunk_start.npy"
 SPACING_FILE, VIEW_FILE = "spacing_m.npy", "view_m.npy"
 REPORT_FILE = "self_test.json"  # of a version
@@ -48,6 +50,12 @@ class LevelMap(StageResult):
     def mapped_points(self) -> NDArray[np.float64]:
         """(n, 3) ``points``, memory-mapped."""
         return _array(self.directory / POINTS_FILE, mapped=True)
+
+    @property
+    def intensity(self) -> Intensity | None:
+        """Intensity of ``points``, or None if the source has none."""
+        path = self.directory / INTENSITY_FILE
+        return Intensity.load(path) if path.exists() else None
 
     @property
     def spacing_m(self) -> float:

@@ -78,13 +78,13 @@ class ScanFormat:
         media_types: the first is the one to send; the others mean the same.
         encoding: the format in the words of clients/PROTOCOL.md.
         decode: makes a scan of a body. It can be pickled.
-        suffix: ending of files that clients send without change.
+        suffixes: endings of files that clients send without change, the first that of a saved body.
     """
 
     media_types: tuple[str, ...]
     encoding: str
     decode: Callable[[Body], AnyScan]
-    suffix: str | None = None
+    suffixes: tuple[str, ...] = ()
 
 
 # What is told elsewhere is made from these rows: `python scripts/generate.py`.
@@ -93,7 +93,7 @@ SCAN_FORMATS = (
         ("application/vnd.firstfix.scan",),
         "compressed, as points or as a [range image](protocol/range-image.md): [scan.md](protocol/scan.md)",
         decode_wire,
-        ".ffscan",
+        (".ffscan",),
     ),
     ScanFormat(("application/vnd.firstfix.xyz",), "raw little-endian float32, n x 3", _by(decode_xyz)),
     ScanFormat(
@@ -101,16 +101,16 @@ SCAN_FORMATS = (
         "raw little-endian float32, n x 4, the fourth is the intensity; or n x m, with the columns' names: "
         '`application/vnd.firstfix.xyzi; columns="x,y,z,intensity,ring,time"`',
         _by(decode_xyzi),
-        ".bin",
+        (".bin",),
     ),
-    ScanFormat(("application/x-pcd", "model/vnd.pcd"), "PCD", _by(decode_pcd), ".pcd"),
-    ScanFormat(("application/ply", "model/ply"), "PLY", _by(decode_ply), ".ply"),
+    ScanFormat(("application/x-pcd", "model/vnd.pcd"), "PCD", _by(decode_pcd), (".pcd",)),
+    ScanFormat(("application/ply", "model/ply"), "PLY", _by(decode_ply), (".ply",)),
     ScanFormat(
         (CDR, ZENOH_CDR),
         "a ROS 2 message `sensor_msgs/msg/PointCloud2` as CDR",
         decode_cdr,
     ),
-    ScanFormat(("application/x-npy",), "NumPy's .npy: (n, m) numbers", _decode_npy),
+    ScanFormat(("application/x-npy",), "NumPy's .npy: (n, m) numbers", _decode_npy, (".npy",)),
     ScanFormat(
         ("application/vnd.firstfix.query",),
         "a compact query, under 10 KB: some thousand points and the range view; or a descriptor alone, "
@@ -126,8 +126,14 @@ SCAN_FORMATS = (
         LAS,
         "LAS and LAZ, by a confined process, where the builder is installed",
         decode_las,
+        (".las", ".laz"),
     ),
-    ScanFormat(("text/csv", "text/plain"), "rows of text: CSV, XYZ, PTS", _decode_text),
+    ScanFormat(
+        ("text/csv", "text/plain"),
+        "rows of text: CSV, XYZ, PTS",
+        _decode_text,
+        (".csv", ".xyz", ".txt", ".pts"),
+    ),
 )
 MEDIA_TYPES = {name: each.decode for each in SCAN_FORMATS for name in each.media_types}
-SUFFIXES = {each.suffix: each.media_types[0] for each in SCAN_FORMATS if each.suffix}
+SUFFIXES = {suffix: each.media_types[0] for each in SCAN_FORMATS for suffix in each.suffixes}

@@ -11,7 +11,7 @@ import pytest
 from firstfix.decode import decode_query
 from firstfix.errors import MalformedData, NotFound, TooLarge, UnsupportedFormat
 from firstfix.scan.scan import MAX_POINTS, Scan
-from firstfix.scan_file import read_scan_file
+from firstfix.scan_file import READABLE, read_scan_file
 from firstfix.scan_formats import LAS, MEDIA_TYPES, SUFFIXES
 from firstfix.wire.content_encoding import undo_content_encoding
 from tests.core.formats.cloud_files import pcd, ply, random_cloud
@@ -63,6 +63,7 @@ def test_every_format_has_a_good_body_of_the_same_points_and_its_files_are_read(
     assert {body.media_type for body in bodies.values()} == set(MEDIA_TYPES) - set(
         LAS
     )  # its process has tests of its own
+    assert set(SUFFIXES) == set(READABLE)
     endings = {media_type: suffix for suffix, media_type in SUFFIXES.items()}
     points = np.frombuffer(bodies["xyz"].data, "<f4").reshape(-1, 3)
     for name, body in bodies.items():

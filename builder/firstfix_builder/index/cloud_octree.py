@@ -9,17 +9,20 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_INTENSITY, CLOUD_POINTS
 from firstfix.catalog.viewer_cloud import NO_NORMAL, POINT
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.align import MapSurface
 from firstfix.transform import Matrix, transform_points
+
+from ..mesh.intensity import Intensity
 
 CELLS = 128  # cells along the edge of a node, of which each gives one point at most; a power of two
 LEAF_POINTS = 20_000  # so few stay together in one node
@@ -51,7 +54,7 @@ ROOT = Node(0, (0, 0, 0), np.zeros(0, np.int32))
 
 @dataclass(frozen=True)
 class CloudOctree:
-    """Octree of n points, n at least 1. A point takes 14 bytes of memory, and 9 more in ``nodes``.
+    """Octree of n points, n at least 1. A point takes 14 or 15 bytes of memory, and 9 more in ``nodes``.
 
     Attributes:
         offsets_m: (n, 3) points from the root's low corner. Their order is by chance: the first point of a
@@ -61,6 +64,7 @@ class CloudOctree:
         low_m: (3,) low corner of the root.
         edge_m: of the root.
         bounds_m: (2, 3) lowest and highest coordinates of the points.
+        intensity: of the points; None: they have none.
     """
 
     offsets_m: NDArray[np.float32]
@@ -69,6 +73,7 @@ class CloudOctree:
     low_m: NDArray[np.float64]
     edge_m: float
     bounds_m: NDArray[np.float64]
+    intensity: Intensity | None = None
 
     @classmethod
     def of(
@@ -77,6 +82,7 @@ class CloudOctree:
         normals: NDArray[np.int8] | None = None,
         marks: Mapping[str, NDArray[np.float64]] | None = None,
         *,
+        intensity: Intensity | None = None,
         T_map_points: Matrix | None = None,
         most_points: int = MAX_POINTS,
     ) -> CloudOctree:
@@ -86,6 +92,7 @@ class CloudOctree:
             points: (n, 3) finite metres; may lie in a file, which is read from its beginning to its end.
             normals: (n, 2) in the map's frame, as ``octahedral`` gives them; None: there are none.
             marks: (k, 3) positions by name, in the map's frame; not thinned.
+            intensity: of the points; None: they have none.
             T_map_points: where the points are in the map; None: they are in its frame.
             most_points: of a larger cloud, so many by chance.
         """
@@ -106,13 +113,17 @@ class CloudOctree:
         count = min(len(points), most_points)
         offsets = np.empty((count, 3), np.float32)
         shuffled = None if normals is None else np.empty((count, 2), np.int8)
+        bright = None if intensity is None else np.empty(count, np.uint8)
         for part in parts:
             kept = places[part] < count
             place = places[part][kept]
             offsets[place] = transform_points(T, points[part][kept]) - low
             if shuffled is not None and normals is not None:
                 shuffled[place] = normals[part][kept]
-        return cls(offsets, shuffled, marks, low, float((high - low).max()), bounds)
+            if bright is not None and intensity is not None:
+                bright[place] = intensity.values[part][kept]
+        told = intensity if intensity is None or bright is None else replace(intensity, values=bright)
+        return cls(offsets, shuffled, marks, low, float((high - low).max()), bounds, told)
 
     def nodes(self) -> Iterator[Node]:
         """The nodes, parents before children."""
@@ -130,14 +141,21 @@ class CloudOctree:
     def save(self, directory: Path) -> None:
         """Write ``cloud.json``, the list of nodes, and ``cloud.bin``, their points one node after the other.
 
-        The marks follow, packed as points of the root.
+        The marks follow, packed as points of the root. Where the points have an intensity,
+        ``cloud_intensity.bin`` has it in their order.
         """
         found, marked, first = [], {}, 0
-        with (directory / CLOUD_POINTS).open("wb") as file:
+        with ExitStack() as files:
+            file = files.enter_context((directory / CLOUD_POINTS).open("wb"))
+            beside = None
+            if self.intensity is not None:
+                beside = files.enter_context((directory / CLOUD_INTENSITY).open("wb"))
             for node in self.nodes():
                 for rows in _parts(node.rows):
                     normals = None if self.normals is None else self.normals[rows]
                     self._packed(node, self.offsets_m[rows], normals).tofile(file)
+                    if beside is not None and self.intensity is not None:
+                        self.intensity.values[rows].tofile(beside)
                 found.append([node.level, *node.cell, first, len(node.rows)])
                 first += len(node.rows)
             points = first
@@ -151,6 +169,7 @@ class CloudOctree:
             "points": points,
             "point_bytes": POINT.itemsize,
             "normals": self.normals is not None,
+            "intensity": None if self.intensity is None else [self.intensity.low, self.intensity.high],
             "bounds_m": self.bounds_m.tolist(),
             "marks": marked,
             "nodes": found,
@@ -221,20 +240,22 @@ def draw_cloud(
     index: Path,
     registration: RegistrationConfig,
     T_map_level: Matrix,
+    intensity: Intensity | None,
 ) -> None:
-    """Write an octree in the map's own frame, as ``cloud.json`` and ``cloud.bin``.
+    """Write an octree in the map's own frame, as ``CloudOctree.save``.
 
     Args:
         points: (n, 3) in the index's frame; may lie in a file.
         positions: (k, 3) of the templates.
         trajectory: (p, 4, 4) poses of the mapping run, if there are any.
         index: folder with the files of the surface, which the normals are taken from.
+        intensity: of the points; None: they have none.
     """
     run = np.zeros((0, 3)) if trajectory is None else trajectory[:, :3, 3]
     marks = {"templates": positions, "trajectory": run}
     moved = {name: transform_points(T_map_level, mark) for name, mark in marks.items()}
     normals = _normals_at(points, index, registration, T_map_level)
-    CloudOctree.of(points, normals, moved, T_map_points=T_map_level).save(out)
+    CloudOctree.of(points, normals, moved, intensity=intensity, T_map_points=T_map_level).save(out)
 
 
 def _normals_at(

@@ -20,20 +20,23 @@ VOXEL_GROWTH = 1.25
 
 
 def clean_cloud(points: NDArray[np.float64], config: CleanConfig) -> NDArray[np.float64]:
-    """(n, 3) metres to (m, 3), m <= n, in an order that depends on the points alone.
+    """(n, 3 or more) rows to m <= n, in an order that depends on the points alone: x, y, z in metres.
+
+    Columns after the coordinates change nothing. Where points are thinned, they are averaged too.
 
     Raises:
         BuildFailed: nothing is left.
     """
-    cloud = points[np.isfinite(points).all(axis=1)]
+    is_finite = np.isfinite(points[:, :3]).all(axis=1)
+    cloud = points if is_finite.all() else points[is_finite]
     if config.voxel_m is not None:
         cloud = voxel_means(cloud, config.voxel_m)
     voxel_m = config.voxel_m or 0.0
     while len(cloud) > config.max_points:
-        voxel_m = max(voxel_m * VOXEL_GROWTH, point_spacing_m(cloud))
+        voxel_m = max(voxel_m * VOXEL_GROWTH, point_spacing_m(cloud[:, :3]))
         cloud = voxel_means(cloud, voxel_m)
     if config.min_neighbours and len(cloud) > config.min_neighbours:
-        spacing_m = stepped(point_spacing_m(cloud), SPACING_STEPS)
+        spacing_m = stepped(point_spacing_m(cloud[:, :3]), SPACING_STEPS)
         cloud = without_strays(cloud, config.radius_spacings * spacing_m, config.min_neighbours)
     if len(cloud) == 0:
         raise BuildFailed("no point of the map is left after cleaning")
@@ -56,11 +59,10 @@ def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float
 
 
 def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours: int) -> NDArray[np.float64]:
-    """Keep those of (n, 3) points that have at least so many others within the radius."""
+    """Keep those of (n, 3 or more) rows that have at least so many others within the radius."""
     # the k-th neighbour's distance, not a count: its cost does not grow with the density
-    distance, _ = _quick_tree(points).query(
-        points, k=[min_neighbours + 1], distance_upper_bound=radius_m, workers=-1
-    )
+    at = points[:, :3]
+    distance, _ = _quick_tree(at).query(at, k=[min_neighbours + 1], distance_upper_bound=radius_m, workers=-1)
     return points[np.isfinite(distance[:, 0])]
 
 

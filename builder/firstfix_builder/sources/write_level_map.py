@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import chain
 from pathlib import Path
@@ -16,12 +17,13 @@ from firstfix.findings.finding import Finding
 from firstfix.transform import Matrix, inverse, make_transform, transform_points
 
 from ..mesh.clean_cloud import clean_cloud
+from ..mesh.intensity import Intensity
 from ..mesh.level import level_frame
 from ..mesh.mesh import Mesh
 from ..mesh.places.tiled_points import TiledPoints
 from ..mesh.tiled_mesh import write_tiled_mesh
 from ..stage_files import TRAJECTORY_FILE, write_json
-from ..stage_results import FINDINGS_FILE, MOVING_FILE, T_MAP_LEVEL_FILE
+from ..stage_results import FINDINGS_FILE, INTENSITY_FILE, MOVING_FILE, T_MAP_LEVEL_FILE
 from .check_map.check_map import check_map, has_fit_poses, refuse
 from .check_map.sensor_poses import with_sensor_poses
 from .check_map.shape import Shape
@@ -90,12 +92,21 @@ def write_level_map(
     if data.points is not None:
         T_map_level = level()
         T_level_map = inverse(T_map_level)
-        cloud = clean_cloud(transform_points(T_level_map, data.points), config.clean)
+        rows = _rows(T_level_map, data.points, data.intensity)
+        data = replace(data, points=None)  # a large map is not held twice
+        cleaned = clean_cloud(rows, config.clean)
+        del rows
+        cloud, intensity = np.ascontiguousarray(cleaned[:, :3]), data.intensity
+        if intensity is not None:
+            intensity = replace(intensity, values=np.rint(cleaned[:, 3]).astype(np.uint8))
         to_origin = make_transform(np.eye(3), -data.origin)
-        cloud, moving = _without_moving(cloud, source, made, T_level_map @ to_origin, config)
+        kept, moving = _without_moving(cloud, source, made, T_level_map @ to_origin, config)
         if moving is not None:
             write_json(out / MOVING_FILE, moving.to_mapping())
-        TiledPoints.of(cloud).save(out)
+        tiled, order = TiledPoints.sorted(cloud if kept is None else cloud[kept])
+        tiled.save(out)
+        if intensity is not None:
+            (intensity if kept is None else intensity.at(kept)).at(order).save(out / INTENSITY_FILE)
     else:
         write_tiled_mesh((Mesh(*part.surface) for part in chain([data], parts)), out)
     if poses is not None:
@@ -105,6 +116,14 @@ def write_level_map(
     np.save(out / T_MAP_LEVEL_FILE, T_map_level)
     if held_out is not None:
         held_out.moved(inverse(T_map_level)).save(out)
+
+
+def _rows(
+    T_level_map: Matrix, points: NDArray[np.float64], intensity: Intensity | None
+) -> NDArray[np.float64]:
+    """The points in the level frame, with the intensity as a fourth column where there is one."""
+    moved = transform_points(T_level_map, points)
+    return moved if intensity is None else np.column_stack([moved, intensity.values])
 
 
 def _held_out(source: Path, made: MapOfScans | None, config: BuildConfig) -> HeldOut | None:
@@ -159,14 +178,14 @@ def _without_moving(
     made: MapOfScans | None,
     T_level_source: Matrix,
     config: BuildConfig,
-) -> tuple[NDArray[np.float64], Moving | None]:
-    """The cloud without moving things, and what the mapping scans tell; None if the source has none."""
+) -> tuple[NDArray[np.bool_] | None, Moving | None]:
+    """Which points are not of moving things, and what the mapping scans tell; None: nothing."""
     held_out = frozenset[str]() if made is None else made.names_held_out
     scans = MappingScans(source, config.axis, config.scale, without=held_out)
     if made is not None:
         scans.left_out.update(made.left_out)  # all were read for it; below only some are
     if not len(scans) and not scans.left_out:
-        return cloud, None
+        return None, None
     if not config.clean.passes:
-        return cloud, None if made is None else Moving(0, 0.0, 0.0, dict(scans.left_out))
+        return None, None if made is None else Moving(0, 0.0, 0.0, dict(scans.left_out))
     return without_moving(cloud, scans, T_level_source, config.clean)

@@ -21,6 +21,8 @@ from ..store.sha256 import sha256_of
 FORMAT = 9
 FILE_NAME = "manifest.json"
 CLOUD_INDEX, CLOUD_POINTS = "cloud.json", "cloud.bin"  # for viewers: no query reads them
+CLOUD_INTENSITY = "cloud_intensity.bin"
+VIEWER_FILES = (CLOUD_INDEX, CLOUD_POINTS, CLOUD_INTENSITY)
 MAX_BYTES = 64 << 20
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -108,7 +110,7 @@ class Manifest:
     @property
     def query_files(self) -> Mapping[str, FileEntry]:
         """Files that a process which answers queries fetches and verifies: all but those for viewers."""
-        return {name: entry for name, entry in self.files.items() if name not in (CLOUD_INDEX, CLOUD_POINTS)}
+        return {name: entry for name, entry in self.files.items() if name not in VIEWER_FILES}
 
     @property
     def query_bytes(self) -> int:

@@ -1,4 +1,8 @@
-"""The packed points of a version's cloud for viewers (``cloud.bin``)."""
+"""The packed points of a version's cloud for viewers (``cloud.bin``), and their intensity beside them.
+
+``cloud_intensity.bin``, which only maps with an intensity have, has a byte for each point of ``cloud.bin``,
+in the same order; not for the marks.
+"""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from firstfix.catalog.manifest import VIEWER_FILES
 from firstfix_builder.index.cloud_octree import CloudOctree
 
 SEED = 7
@@ -16,7 +17,7 @@ def version_with_cloud(version: Path, folder: Path, points: int, templates: int)
     """Make a version of another's files, but with the cloud of a building with many floors and walls."""
     folder.mkdir(parents=True)
     for path in version.iterdir():
-        if path.is_file() and path.name not in ("cloud.json", "cloud.bin"):  # no sightings of a store
+        if path.is_file() and path.name not in VIEWER_FILES:  # no sightings of a store
             os.link(path, folder / path.name)
     rng = np.random.default_rng(SEED)
     points_m = np.empty((points, 3), np.float32)

@@ -7,12 +7,13 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from firstfix.access.permissions import Scope
-from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_INTENSITY, CLOUD_POINTS
 from firstfix.catalog.viewer_cloud import MAX_INDEX_BYTES, POINT
 from firstfix.errors import NotFound
 from firstfix_service.http_api.edge import needs
 from firstfix_service.http_api.parts import CatalogDep
-from firstfix_service.http_api.response_budget import ResponseLeaseDep
+from firstfix_service.http_api.response_budget import ResponseLease, ResponseLeaseDep
 from firstfix_service.http_api.routes.versions import kept_for
 from firstfix_service.http_api.schema.api_models import CloudIndex
 from firstfix_service.http_api.schema.bodies import binary_answer
@@ -21,6 +22,8 @@ from firstfix_service.thread_pools import LISTS
 
 router = APIRouter(prefix="/maps/{map_id}/versions/{version}/cloud", tags=["versions"])
 MAX_POINTS = 500_000  # of one request
+First = Annotated[int, Query(ge=0, description="number of the first point")]
+Count = Annotated[int, Query(ge=1, le=MAX_POINTS, description="number of points")]
 
 
 @router.get(
@@ -59,17 +62,44 @@ def get_cloud_points(
     version: Version,
     catalog: CatalogDep,
     lease: ResponseLeaseDep,
-    first: Annotated[int, Query(ge=0, description="number of the first point")],
-    count: Annotated[int, Query(ge=1, le=MAX_POINTS, description="number of points")],
+    first: First,
+    count: Count,
 ) -> Response:
     """Some of the points, 8 bytes each: x, y, z as uint16 in 1/65535 of the node's edge, then the normal.
 
     Little-endian. The normal is two int8: the octahedral map of a unit vector to -127..127, or twice -128
     where it is not known.
     """
+    return _part(
+        map_id, version, catalog, lease, CLOUD_POINTS, first * POINT.itemsize, count * POINT.itemsize
+    )
+
+
+@router.get(
+    "/intensity",
+    response_class=Response,
+    responses=binary_answer("application/octet-stream"),
+)
+@needs(Scope.LOCALIZE, "localize")
+@LISTS.route
+def get_cloud_intensity(
+    map_id: MapId,
+    version: Version,
+    catalog: CatalogDep,
+    lease: ResponseLeaseDep,
+    first: First,
+    count: Count,
+) -> Response:
+    """The intensity of some of the points, a byte each. 404: the index of the cloud tells of none."""
+    return _part(map_id, version, catalog, lease, CLOUD_INTENSITY, first, count)
+
+
+def _part(
+    map_id: str, version: str, catalog: Catalog, lease: ResponseLease, file: str, start: int, length: int
+) -> Response:
     given, version = version, catalog.full_version(map_id, version)
-    lease.take(count * POINT.itemsize)
-    data = catalog.read_part(map_id, version, CLOUD_POINTS, first * POINT.itemsize, count * POINT.itemsize)
+    lease.take(length)
+    data = catalog.read_part(map_id, version, file, start, length)
     return Response(
         data, media_type="application/octet-stream", headers={"Cache-Control": kept_for(given, version)}
     )

@@ -6,13 +6,19 @@ from collections.abc import Callable
 
 import orjson
 
+from firstfix.decode import GENERAL_TYPES
 from firstfix.errors import UnsupportedFormat
+from firstfix.formats.confined_las import decode_las_confined
+from firstfix.formats.npy import decode_npy
 from firstfix.formats.pcd import decode_pcd
 from firstfix.formats.ply import decode_ply
 from firstfix.formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
 from firstfix.formats.raw_xyz import decode_xyzi
+from firstfix.formats.signature import media_type_of
+from firstfix.formats.text import decode_text
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
+from firstfix.scan_formats import LAS
 from firstfix_cli.scan_report import ScanReport, report_of_cloud
 from firstfix_service.query_workers.look import Look
 
@@ -23,6 +29,10 @@ _COLUMNS: dict[str, Callable[[Body, Limits], PointCloud]] = {
     "application/ply": decode_ply,
     "model/ply": decode_ply,
     "application/vnd.firstfix.xyzi": decode_xyzi,
+    "application/x-npy": decode_npy,
+    "text/csv": decode_text,
+    "text/plain": decode_text,
+    **dict.fromkeys(LAS, decode_las_confined),
 }
 
 
@@ -38,6 +48,8 @@ def understood(media_type: str, look: Look, body: Body) -> bytes:
     """
     name, _, parameters = media_type.partition(";")
     name = name.strip().lower()
+    if name in GENERAL_TYPES:
+        name = media_type_of(body)
     decode = None if "columns" in parameters else _COLUMNS.get(name)
     report = (
         _report_of(look.body_format.decode(body))

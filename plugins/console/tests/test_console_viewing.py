@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 from PIL import ImageColor
 
+from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.provenance import Provenance
+from firstfix.engine.index import MAP_FILE
+from firstfix_builder.index.cloud_octree import CloudOctree
+from firstfix_builder.mesh.intensity import Intensity
 from firstfix_client import Client
 from plugins.console.tests.export.test_export_command import messages, points_in
 from plugins.console.tests.pictures import difference, drawn_pixels, place_in, view_of
@@ -86,13 +90,37 @@ def test_the_map_is_grey_below_the_colours_of_the_places(page):
     rainbow = colourful(page.map_picture())
     page.open(f"#/maps/yard?layers=localizability&view={view_of((0, 0, 0), (0, -14, 14))}")
     page.wait("small", "The points are grey while the places are coloured")
-    page.until("!document.querySelector('.legend-of-heights')")
+    page.until("!document.querySelector('.legend-of-points')")
     heated = page.map_picture()
     close = np.abs(heated.astype(int) - np.array(GREY) * 0.5).max(axis=2) < 90
     assert close.mean() > 0.1
     page.click("label.check", "Where a robot finds itself")
-    page.until("!!document.querySelector('.legend-of-heights')")
+    page.until("!!document.querySelector('.legend-of-points')")
     wait_until(lambda: colourful(page.map_picture()) > 0.8 * rainbow)
+
+
+def test_points_are_grey_by_their_intensity_where_the_map_has_one(page, world, coarse_version, tmp_path):
+    points = np.load(coarse_version.directory / MAP_FILE)[:, :3]
+    values = np.where(points[:, 0] < 0, 0, 255).astype(np.uint8)
+    CloudOctree.of(points, intensity=Intensity(values, 4.0, 210.0)).save(tmp_path)
+    world.service.catalog.publish("bright", tmp_path, Manifest.for_directory(tmp_path))
+    page.open(f"#/maps/bright?layers=&view={view_of((0, 0, 0), (0, -0.1, 20))}")
+    by_height = colourful(page.map_picture())
+    page.choose("Colour", "Intensity")
+    page.wait(".legend-of-points", "intensity 210")
+    assert "4" in page.text(".legend-of-points .ends")
+    picture = page.map_picture()
+    assert colourful(picture) < 0.05 * by_height
+    middle = picture.shape[1] // 2
+    west, east = picture[:, middle - 200 : middle - 20], picture[:, middle + 20 : middle + 200]
+    assert np.median(east) > np.median(west) + 80
+    assert "colour=intensity" in page.js("location.hash")
+
+    page.open("#/maps/yard?colour=intensity")
+    page.map_picture()
+    page.wait(".legend-of-points", "floor")
+    assert "Intensity" not in page.js("find('select', 'Colour').innerText")
+    assert world.service.http.delete("/maps/bright", headers=world.headers("admin")).is_success
 
 
 def test_versions_say_what_they_are_made_of_and_why_they_differ(page, world, coarse_version, small_version):

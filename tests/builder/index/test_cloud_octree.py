@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_INTENSITY, CLOUD_POINTS
 from firstfix.catalog.viewer_cloud import NO_NORMAL, POINT
 from firstfix.transform import make_transform, rotation_z
 from firstfix_builder.index import cloud_octree
 from firstfix_builder.index.cloud_octree import CELLS, LEAF_POINTS, CloudOctree, octahedral
+from firstfix_builder.mesh.intensity import Intensity
 
 
 def hall(count: int, seed: int = 1) -> np.ndarray:
@@ -127,6 +128,24 @@ def test_a_cloud_of_many_parts_gives_the_bytes_of_one(tmp_path, monkeypatch):
         CloudOctree.of(points, normals, T_map_points=T).save(tmp_path / name)
     for file in (CLOUD_INDEX, CLOUD_POINTS):
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "many" / file).read_bytes()
+
+
+def test_the_intensity_is_beside_the_points_in_their_order(tmp_path):
+    points = hall(60_000)
+    values = np.floor(4 * (points[:, 0] - 4e5)).astype(np.uint8)
+    CloudOctree.of(points, intensity=Intensity(values, 3.0, 77.5)).save(tmp_path)
+    index, packed = read(tmp_path)
+    assert index["intensity"] == [3.0, 77.5]
+    found = np.fromfile(tmp_path / CLOUD_INTENSITY, np.uint8)
+    assert len(found) == index["points"] == 60_000
+    at = np.concatenate([positions(index, packed, node) for node in index["nodes"]])
+    away = np.abs(4 * (at[:, 0] - 4e5) - found - 0.5)
+    assert away.max() < 0.52
+    (tmp_path / "bare").mkdir()
+    CloudOctree.of(points).save(tmp_path / "bare")
+    assert not (tmp_path / "bare" / CLOUD_INTENSITY).exists()
+    assert read(tmp_path / "bare")[0]["intensity"] is None
+    assert (tmp_path / "bare" / CLOUD_POINTS).read_bytes() == (tmp_path / CLOUD_POINTS).read_bytes()
 
 
 def test_points_and_normals_stay_together_and_come_into_the_maps_frame(tmp_path):

@@ -11,15 +11,16 @@ import pytest
 from scipy.spatial import KDTree
 
 from firstfix.builds.config import BuildConfig
-from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_INTENSITY, CLOUD_POINTS
 from firstfix.catalog.viewer_cloud import NO_NORMAL, POINT
 from firstfix.engine.index import MAP_FILE
 from firstfix.transform import make_transform, rotation_angle_deg, transform_points
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.job.build_job import BuildResult
+from firstfix_builder.pipeline import build_version
 from firstfix_builder.stage_results import IndexFiles, LevelMap
 from tests.builder.stages import stages_below
-from tests.small_world import SmallWorld, begun_as
+from tests.small_world import COARSE_CONFIG, SmallWorld, begun_as
 
 pytestmark = pytest.mark.slow
 THINNED_M = 0.1  # the first stage of a build puts means in the place of near points
@@ -126,6 +127,25 @@ def test_a_changed_map_is_drawn_anew(
     assert first.digest != second.digest
     _, back = at.draw(tmp_path / "before.npy")
     assert (back.key, back.digest) == (first.key, first.digest)
+
+
+def test_intensity_is_for_the_page_alone(small_world: SmallWorld, tmp_path: Path):
+    """Two builds of the same points, one of a file with an intensity: queries get the same files."""
+    points = points_on(small_world, 40_000)
+    np.savetxt(tmp_path / "bare.xyz", points, fmt="%.3f")
+    np.savetxt(tmp_path / "bright.xyz", np.c_[points, 100 + 9 * points[:, 0]], fmt="%.3f")
+    built = {
+        name: build_version(tmp_path / f"{name}.xyz", BuildConfig.parse(COARSE_CONFIG), tmp_path / name)
+        for name in ("bare", "bright")
+    }
+    bare, bright = (one.manifest for one in built.values())
+    assert dict(bare.query_files) == dict(bright.query_files)
+    assert CLOUD_INTENSITY not in bare.files
+    index, drawn, _ = cloud_of(built["bright"].directory)
+    low, high = index["intensity"]
+    told = low + np.fromfile(built["bright"].directory / CLOUD_INTENSITY, np.uint8) * (high - low) / 255
+    assert len(told) == index["points"]
+    assert np.median(np.abs(told - (100 + 9 * drawn[:, 0]))) < 0.5
 
 
 def test_a_map_is_drawn_in_its_own_frame(

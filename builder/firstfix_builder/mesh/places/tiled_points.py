@@ -35,13 +35,19 @@ class TiledPoints:
     @classmethod
     def of(cls, points: NDArray[np.float64]) -> TiledPoints:
         """Tiles of (n, 3) points, one or more."""
+        return cls.sorted(points)[0]
+
+    @classmethod
+    def sorted(cls, points: NDArray[np.float64]) -> tuple[TiledPoints, NDArray[np.intp]]:
+        """Tiles of (n, 3) points, one or more, and (n,) the row that each had before."""
         number = np.floor(points[:, :2] / TILE_M).astype(np.int64)
         order = np.lexsort((number[:, 1], number[:, 0]))
         ordered, number = points[order], number[order]
         first = np.flatnonzero(begins_run(number))
         start = np.append(first, len(points)).astype(np.int64)
         found = [hashlib.sha256(ordered[a:b].tobytes()).digest() for a, b in pairwise(start.tolist())]
-        return cls(ordered, number[first], start, np.frombuffer(b"".join(found), np.uint8).reshape(-1, 32))
+        sha256 = np.frombuffer(b"".join(found), np.uint8).reshape(-1, 32)
+        return cls(ordered, number[first], start, sha256), order
 
     def save(self, directory: Path) -> None:
         """Write ``points.npy`` and ``point_tiles.npz``."""

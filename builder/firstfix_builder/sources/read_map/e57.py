@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 from firstfix.errors import MalformedData
 from firstfix.transform import Matrix
 
+from ...mesh.intensity import Intensity, joined_intensity
 from .file_errors import foreign
 from .headers import check_e57, check_points
-from .map_data import MapData, finite_points
+from .map_data import MapData, finite_rows
 from .map_limits import LIMITS
 from .rigid import rigid_from_quaternions
 from .stations import Stations
@@ -34,6 +36,7 @@ def read_e57(path: Path) -> MapData:
     check_e57(path)
     stations = Stations()
     names: list[str] = []
+    brightness: list[Intensity | None] = []
     done = 0
     with foreign("E57", path):
         # pye57 keeps the file open for as long as an object of it lives: it has no context manager.
@@ -48,8 +51,12 @@ def read_e57(path: Path) -> MapData:
             for index, header in enumerate(headers):
                 if not header.point_count:
                     continue
-                part = cloud[done : done + _read_points(file, index, cloud[done:])]
+                data = file.read_scan(index, intensity=True, transform=False, ignore_missing_fields=True)
+                part = cloud[done : done + _read_points(data, cloud[done:])]
                 done += len(part)
+                if len(part):
+                    brightness.append(Intensity.of(data.get("intensity")))
+                del data
                 T_map_scan = _pose_of(header)
                 if T_map_scan is not None and len(part):
                     stations.add(T_map_scan, part)
@@ -62,8 +69,11 @@ def read_e57(path: Path) -> MapData:
     if not done:
         raise MalformedData(f"E57: its {len(headers)} scans have no points")
     trajectory = stations.trajectory()
+    intensity = joined_intensity(brightness)
+    keep = finite_rows(cloud[:done])
     return MapData(
-        points=finite_points(cloud[:done]),
+        points=cloud[:done] if keep.all() else cloud[:done][keep],
+        intensity=None if intensity is None else intensity.at(keep),
         trajectory=trajectory,
         read=WhatWasRead(
             form="E57",
@@ -77,9 +87,8 @@ def read_e57(path: Path) -> MapData:
     )
 
 
-def _read_points(file: Any, index: int, out: NDArray[np.float64]) -> int:
+def _read_points(data: Mapping[str, NDArray[Any]], out: NDArray[np.float64]) -> int:
     """Write a scan's valid points, in its own frame, to the first rows of ``out``; returns their number."""
-    data = file.read_scan(index, transform=False, ignore_missing_fields=True)
     if "cartesianX" in data:
         columns = [data[f"cartesian{axis}"] for axis in "XYZ"]
     else:

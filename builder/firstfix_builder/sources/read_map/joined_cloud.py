@@ -12,11 +12,12 @@ from .map_limits import LIMITS
 FIRST_FOLD_ROWS = 500_000
 FOLD_SHARE = 0.25  # of the rows that are joined already
 VOXEL_GROWTH = 1.25
+_COLUMNS = 4  # without an intensity
 MAX_VOXELS = 2.0**62  # between the outermost points: their numbers are 64-bit integers
 
 
 class JoinedCloud:
-    """Of each voxel the mean of all points that fell into it.
+    """Of each voxel the mean of all points that fell into it, with their intensity where all scans have one.
 
     Attributes:
         voxel_m: edge of a voxel; it grows when the cloud would have too many points.
@@ -25,17 +26,20 @@ class JoinedCloud:
     def __init__(self, voxel_m: float, max_points: int) -> None:
         self.voxel_m = voxel_m
         self._max_points = max_points
-        self._rows = np.empty((0, 4))  # x y z of the mean, and the number of points
+        self._rows = np.empty((0, 5))  # x y z and intensity of the mean, and the number of points
         self._fresh: list[NDArray[np.float64]] = []
 
-    def add(self, points: NDArray[np.float64]) -> None:
-        """Join (n, 3) points, metres.
+    def add(self, points: NDArray[np.float64], intensity: NDArray[np.floating] | None = None) -> None:
+        """Join (n, 3) points, metres, with their (n,) intensity.
 
         Raises:
             MalformedData: the scans lie thousands of kilometres apart.
             TooLarge, UnfitMap: the cloud is beyond the limits of a map.
         """
-        self._fresh.append(_joined(np.column_stack([points, np.ones(len(points))]), self.voxel_m))
+        if intensity is None and self._rows.shape[1] > _COLUMNS:
+            self._rows, *self._fresh = (np.delete(one, 3, axis=1) for one in (self._rows, *self._fresh))
+        told = [intensity] if intensity is not None and self._rows.shape[1] > _COLUMNS else []
+        self._fresh.append(_joined(np.column_stack([points, *told, np.ones(len(points))]), self.voxel_m))
         if sum(map(len, self._fresh)) > max(FIRST_FOLD_ROWS, FOLD_SHARE * len(self._rows)):
             self._fold()
 
@@ -43,6 +47,11 @@ class JoinedCloud:
         """(m, 3) the cloud so far, in x-y-z order of the voxels; raises as ``add`` does."""
         self._fold()
         return self._rows[:, :3]
+
+    def intensity(self) -> NDArray[np.float64] | None:
+        """(m,) mean intensity of the ``points``; None: a scan has none. Raises as ``add`` does."""
+        self._fold()
+        return self._rows[:, 3] if self._rows.shape[1] > _COLUMNS else None
 
     def _fold(self) -> None:
         rows = np.concatenate([self._rows, *self._fresh])
@@ -55,15 +64,15 @@ class JoinedCloud:
 
 
 def _joined(rows: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
-    """Means of the (n, 4) rows of each voxel, weighted by the fourth column, which is added up."""
+    """Means of the (n, 4 or 5) rows of each voxel, weighted by the last column, which is added up."""
     if not len(rows):
         return rows
     key = _voxel_of(rows[:, :3], voxel_m)
     order = np.argsort(key, kind="stable")  # quick: what was joined before is in order
     key, rows = key[order], rows[order]
     first = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
-    number = np.add.reduceat(rows[:, 3], first)
-    summed = np.add.reduceat(rows[:, :3] * rows[:, 3:], first)
+    number = np.add.reduceat(rows[:, -1], first)
+    summed = np.add.reduceat(rows[:, :-1] * rows[:, -1:], first)
     return np.column_stack([summed / number[:, None], number])
 
 

@@ -12,7 +12,7 @@ from firstfix.formats.las import read_las
 from firstfix.formats.las_units import LasUnits, las_units
 from firstfix.formats.laz_chunks import check_las
 
-from .map_data import MapData, finite_points
+from .map_data import MapData, finite_cloud
 from .map_limits import LIMITS
 from .what_was_read import LeftOut, WhatWasRead, plain
 
@@ -34,7 +34,7 @@ def read_las_map(path: Path) -> MapData:
     header = check_las(path, LIMITS, 8 * 4)
     units = las_units(path, header)
     cloud = read_las(path, LIMITS)
-    points = finite_points(cloud.xyz)
+    points, intensity = finite_cloud(cloud)
     if units.across is not None and units.across.metres is None and _are_degrees(points):
         system = plain(units.system) or "as it says"
         raise UnsupportedFormat(f"its coordinates are degrees ({system}): {_PROJECT}")
@@ -48,7 +48,7 @@ def read_las_map(path: Path) -> MapData:
         LeftOut("points", "withheld, which stands for deleted", cloud.withheld),
         LeftOut("points", "classed as noise (7 or 18)", cloud.noise),
     )
-    return MapData(points=points, metres=(across_m, up_m), read=read)
+    return MapData(points=points, intensity=intensity, metres=(across_m, up_m), read=read)
 
 
 def _metres(units: LasUnits) -> tuple[float, float]:

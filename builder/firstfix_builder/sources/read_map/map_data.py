@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.errors import MalformedData
+from firstfix.formats.point_cloud import PointCloud
 from firstfix.transform import make_transform
 
+from ...mesh.intensity import Intensity
 from .what_was_read import WhatWasRead
 
 
@@ -21,6 +23,7 @@ class MapData:
 
     Attributes:
         points: (n, 3) metres, finite.
+        intensity: of the points; None: the source tells of none.
         vertices: (v, 3) metres, finite.
         triangles: (t, 3) rows of vertices.
         trajectory: (m, 4, 4) T_map_sensor, or None where the source tells of none.
@@ -32,6 +35,7 @@ class MapData:
     """
 
     points: NDArray[np.float64] | None = None
+    intensity: Intensity | None = None
     vertices: NDArray[np.float64] | None = None
     triangles: NDArray[np.int64] | None = None
     trajectory: NDArray[np.float64] | None = None
@@ -71,11 +75,32 @@ def finite_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
     Raises:
         MalformedData: there are none.
     """
+    keep = finite_rows(points)
+    return points if keep.all() else points[keep]
+
+
+def finite_cloud(cloud: PointCloud) -> tuple[NDArray[np.float64], Intensity | None]:
+    """The points (n, 3) of a file that are finite and on this planet, with their intensity.
+
+    Raises:
+        MalformedData: there are none.
+    """
+    points = cloud.xyz
+    keep = finite_rows(points)
+    return points if keep.all() else points[keep], Intensity.of(cloud.intensity, keep)
+
+
+def finite_rows(points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether each of (n, 3) points is finite and on this planet.
+
+    Raises:
+        MalformedData: none is.
+    """
     with np.errstate(invalid="ignore"):
-        keep = (np.abs(points) <= MAX_ABS_COORDINATE_M).all(axis=1)  # NaN compares false
+        keep = np.all(np.abs(points) <= MAX_ABS_COORDINATE_M, axis=1)  # NaN compares false
     if not keep.any():
         raise MalformedData(f"none of its {len(points)} points has finite coordinates")
-    return points if keep.all() else points[keep]
+    return keep
 
 
 def scaled(data: MapData, scale: float) -> MapData:

@@ -22,7 +22,7 @@ from firstfix.formats.text import decode_text
 from .e57 import read_e57
 from .headers import check_ply
 from .las_map import read_las_map
-from .map_data import MapData, finite_points
+from .map_data import MapData, finite_cloud, finite_points
 from .map_limits import LIMITS
 from .mesh_file import read_mesh
 from .octomap import read_octomap
@@ -126,7 +126,8 @@ def _decoded(decode: Callable[[Body, Limits], PointCloud]) -> Callable[[Path], M
 
 
 def _points(cloud: PointCloud) -> MapData:
-    return MapData(points=finite_points(cloud.xyz))
+    points, intensity = finite_cloud(cloud)
+    return MapData(points=points, intensity=intensity)
 
 
 def _read_ply(path: Path) -> MapData:

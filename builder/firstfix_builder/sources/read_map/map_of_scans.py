@@ -18,6 +18,7 @@ from firstfix.errors import MalformedData
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, transform_points
 
+from ...mesh.intensity import Intensity
 from .glim import is_glim_dump
 from .held_out import HeldOut, HeldOutScan
 from .held_out_parts import FEW, MIN_KEYFRAMES, HeldOutParts, OtherKeyframes, drawn_parts
@@ -94,6 +95,7 @@ def read_map_of_scans(
         raise _nothing_to_join(scans)
     data = MapData(
         points=joined.cloud.points() + keyframes.origin,
+        intensity=Intensity.of(joined.cloud.intensity()),
         trajectory=keyframes.T_map_sensor[sorted(joined.numbers)],
         read=_told(scans, [keyframes.names[number] for number in sorted(joined.numbers)]),
     )
@@ -169,13 +171,19 @@ class _Keyframes:
 
     def placed(self, number: int, scan: Scan) -> NDArray[np.float64]:
         """(n, 3) the scan's points without the nearest, in the map's axes, from the origin."""
-        far = scan.points[np.linalg.norm(scan.points, axis=1) >= NEAREST_M]
+        far = scan.points[_is_far(scan)]
         T = make_transform(np.eye(3), -self.origin) @ self.T_map_sensor[number]
         return transform_points(T, far.astype(np.float64))
 
     def held_out(self, number: int, scan: Scan) -> HeldOutScan:
         """The scan as the self-test asks it. A scan of ``held_out/`` may have the same name."""
         return HeldOutScan(f"{self._scans.name}/{self.names[number]}", scan, self.T_map_sensor[number])
+
+
+def _is_far(scan: Scan) -> NDArray[np.bool_]:
+    """Which points are neither of the robot nor no return."""
+    is_far: NDArray[np.bool_] = np.linalg.norm(scan.points, axis=1) >= NEAREST_M
+    return is_far
 
 
 class _Joined:
@@ -193,7 +201,8 @@ class _Joined:
     def add(self, number: int, scan: Scan | None) -> None:
         """Join a scan that could be read."""
         if scan is not None:
-            self.cloud.add(self._keyframes.placed(number, scan))
+            brightness = None if scan.intensity is None else scan.intensity[_is_far(scan)]
+            self.cloud.add(self._keyframes.placed(number, scan), brightness)
             self.numbers.append(number)
 
 

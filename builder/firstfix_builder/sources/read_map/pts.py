@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from firstfix.errors import MalformedData
 from firstfix.formats.text import decode_text
 
-from .map_data import MapData, finite_points
+from ...mesh.intensity import Intensity, joined_intensity
+from .map_data import MapData, finite_cloud
 from .map_limits import LIMITS
 from .text_lines import TextLines
 from .what_was_read import WhatWasRead
@@ -26,9 +27,10 @@ def read_pts(path: Path) -> MapData:
     raw = path.read_bytes()
     first = raw.partition(b"\n")[0].strip()
     if not first.isdigit() or len(first) > 18 or raw.count(b"\n") <= int(first) + 1:
-        return MapData(points=finite_points(decode_text(raw, LIMITS).xyz))
+        points, intensity = finite_cloud(decode_text(raw, LIMITS))
+        return MapData(points=points, intensity=intensity)
     lines = TextLines(raw)
-    clouds: list[NDArray[np.float64]] = []
+    clouds: list[tuple[NDArray[np.float64], Intensity | None]] = []
     at = total = 0
     while at < len(lines):
         words = lines.words(at)
@@ -49,9 +51,13 @@ def read_pts(path: Path) -> MapData:
         total += count
         LIMITS.check("PTS", total, 8 * 4)
         if count:
-            clouds.append(decode_text(lines.span(at, count + 1), LIMITS).xyz)
+            clouds.append(finite_cloud(decode_text(lines.span(at, count + 1), LIMITS)))
         at += count + 1
     names = tuple(f"block {number}" for number in range(len(clouds)))
     if not clouds:
         raise MalformedData("PTS: its blocks have no points")
-    return MapData(points=finite_points(np.concatenate(clouds)), read=WhatWasRead("PTS", clouds=names))
+    return MapData(
+        points=np.concatenate([points for points, _ in clouds]),
+        intensity=joined_intensity([intensity for _, intensity in clouds]),
+        read=WhatWasRead("PTS", clouds=names),
+    )

@@ -17,7 +17,8 @@ from firstfix.errors import MalformedData
 from firstfix.formats.text_table import parse_rows
 from firstfix.transform import Matrix, transform_points
 
-from .map_data import MapData, finite_points
+from ...mesh.intensity import Intensity, joined_intensity
+from .map_data import MapData, finite_rows
 from .map_limits import LIMITS
 from .rigid import rigid_matrices
 from .stations import Stations
@@ -38,6 +39,7 @@ def read_ptx(path: Path) -> MapData:
     lines = TextLines(path.read_bytes())
     stations = Stations()
     clouds: list[NDArray[np.float64]] = []
+    brightness: list[Intensity | None] = []
     at = scans = total = without = 0
     while at < len(lines):
         scans += 1
@@ -49,16 +51,20 @@ def read_ptx(path: Path) -> MapData:
             raise MalformedData(
                 f"PTX: the file is cut off: {len(lines) - at} of {count} points of scan {scans}"
             )
-        rows = parse_rows("PTX", lines.span(at, count), columns=(0, 1, 2)) if count else np.empty((0, 3))
+        columns = range(4 if count and len(lines.words(at)) > 3 else 3)
+        rows = parse_rows("PTX", lines.span(at, count), columns=columns) if count else np.empty((0, 3))
         if len(rows) != count:
             raise MalformedData(f"PTX: {len(rows)} of {count} points of scan {scans}")
         at += count
-        points = rows[rows.any(axis=1)]
+        rows = rows[rows[:, :3].any(axis=1)]
+        points = np.ascontiguousarray(rows[:, :3])
         without += count - len(points)
         if len(points):
-            points = finite_points(points)
+            keep = finite_rows(points)
+            points = points[keep]
             stations.add(T_map_scan, points)
             clouds.append(transform_points(T_map_scan, points))
+            brightness.append(Intensity.of(rows[:, 3], keep) if rows.shape[1] > 3 else None)
     if not clouds:
         raise MalformedData(f"PTX: its {scans} scans have no points")
     trajectory = stations.trajectory()
@@ -71,6 +77,7 @@ def read_ptx(path: Path) -> MapData:
     )
     return MapData(
         points=np.concatenate(clouds),
+        intensity=joined_intensity(brightness),
         trajectory=trajectory,
         read=read.without(LeftOut("points", "0 0 0: no light came back", without)),
     )

@@ -43,8 +43,8 @@ class Moving:
 
 def without_moving(
     points: NDArray[np.float64], scans: MappingScans, T_level_map: Matrix, config: CleanConfig
-) -> tuple[NDArray[np.float64], Moving]:
-    """The (n, 3) points of a map without those that scans of the mapping run saw through, in their order.
+) -> tuple[NDArray[np.bool_], Moving]:
+    """Which (n,) of the (n, 3) points of a map no scan of the mapping run saw through.
 
     Poses that do not fit the map are not used. If more than ``config.most_passed`` would go, nothing goes:
     then it is not things that moved.
@@ -70,4 +70,4 @@ def without_moving(
     if passed > config.most_passed:
         gone[:] = False
     moving = Moving(looked, round(float(gone.mean()), 5), round(passed, 5), {**scans.left_out, **not_used})
-    return points[~gone], moving
+    return ~gone, moving

@@ -32,7 +32,7 @@ export function Bar() {
         <span class="caller">
           <a href="../docs">HTTP API</a>
           {caller.value?.read_only ? <span class="tag">read-only</span> : null}
-          {caller.value?.authentication ? caller.value.name : <span class="tag">open to everyone</span>}
+          {caller.value?.authentication ? <span class="who">{caller.value.name}</span> : <span class="tag">open to everyone</span>}
           {key.value ? <button onClick={signOut}>Sign out</button> : null}
         </span>
       </nav>

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { MIN_POINTS, Pace } from "../src/map3d/pace.ts";
+import { FIRST_POINTS, MIN_POINTS, Pace } from "../src/map3d/pace.ts";
 
 const WHOLE = 1_500_000;
 
@@ -18,14 +18,18 @@ function movement(pace: Pace, pointsEachMs: number, frames: number, least_ms = 1
   return most;
 }
 
-test("a quick machine draws all points in each frame", () => {
-  assert.deepEqual(new Set(movement(new Pace(WHOLE), 1e6, 50)), new Set([WHOLE]));
+test("a quick machine soon draws all points in each frame", () => {
+  const pace = new Pace(WHOLE);
+  const most = movement(pace, 1e6, 50);
+  assert.deepEqual(new Set(most.slice(8)), new Set([WHOLE]));
+  assert.deepEqual(new Set(movement(pace, 1e6, 50)), new Set([WHOLE]), "the next movement does at once");
+  assert.deepEqual(new Set(movement(new Pace(90_000), 1e6, 9)), new Set([90_000]), "a small map always");
 });
 
 test("a slow machine draws fewer from the second frame on, until frames come fast enough", () => {
   const pace = new Pace(WHOLE);
   const [first, ...others] = movement(pace, 3000, 20);
-  assert.equal(first, WHOLE);
+  assert.equal(first, FIRST_POINTS);
   for (const most of others) assert.ok(most / 3000 <= 67 && most > MIN_POINTS, String(most));
   assert.ok(pace.isReduced);
 });

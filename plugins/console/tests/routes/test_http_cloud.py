@@ -10,6 +10,7 @@ import pytest
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.viewer_cloud import POINT
 from firstfix_builder.index.cloud_octree import CloudOctree
+from firstfix_builder.mesh.intensity import Intensity
 from tests.service.service_world import Service
 
 
@@ -19,7 +20,8 @@ def version(service: Service) -> str:
     folder.mkdir(parents=True)
     (folder / "label.txt").write_text("7")
     points = np.random.default_rng(1).uniform(0, 30, (30_000, 3))
-    CloudOctree.of(points, marks={"templates": points[:5]}).save(folder)
+    intensity = Intensity(points[:, 0].astype(np.uint8), 0.0, 30.0)
+    CloudOctree.of(points, marks={"templates": points[:5]}, intensity=intensity).save(folder)
     return service.catalog.publish("hall", folder, Manifest.for_directory(folder))
 
 
@@ -35,6 +37,21 @@ def test_the_cloud_comes_node_by_node(service: Service, version: str):
         part = service.http.get(f"{at}/points", params={"first": first, "count": count})
         assert part.content == file[POINT.itemsize * first : POINT.itemsize * (first + count)]
         assert "immutable" in part.headers["cache-control"]
+    bright = (service.scratch / "drawn/cloud_intensity.bin").read_bytes()
+    for *_, first, count in index["nodes"]:
+        part = service.http.get(f"{at}/intensity", params={"first": first, "count": count})
+        assert part.content == bright[first : first + count]
+
+
+def test_a_version_without_intensity_says_so(service: Service):
+    folder = service.scratch / "bare"
+    folder.mkdir(parents=True)
+    CloudOctree.of(np.random.default_rng(1).uniform(0, 3, (100, 3))).save(folder)
+    version = service.catalog.publish("hall", folder, Manifest.for_directory(folder))
+    at = f"/maps/hall/versions/{version}/cloud"
+    assert service.http.get(at).json()["intensity"] is None
+    answer = service.http.get(f"{at}/intensity", params={"first": 0, "count": 9})
+    assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
 
 
 @pytest.mark.parametrize(

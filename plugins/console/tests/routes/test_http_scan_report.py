@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -52,6 +53,24 @@ def test_points_without_names_and_scans_as_robots_send_them(service: Service):
     scan = Scan.from_points(POINTS, intensity=np.ones(len(POINTS), np.float32))
     sent = service.http.post("/scan-report", content=encode_scan(scan), headers={"Content-Type": MEDIA_TYPE})
     assert "intensity" in sent.json()["understood"]["fields"]
+
+
+def test_a_body_of_no_type_is_told_by_its_first_bytes(service: Service):
+    rows = "i,x,y,z\n" + "\n".join(f"7,{x:.3f},{y:.3f},{z:.3f}" for x, y, z in POINTS)
+    array = io.BytesIO()
+    np.save(array, POINTS)
+    for body, form, fields in (
+        (pcd(), "application/x-pcd", "ring uint16"),
+        (rows.encode(), "text/plain", "i float64 as intensity"),
+        (array.getvalue(), "application/x-npy", "x float32"),
+    ):
+        for media_type in ("", "application/octet-stream"):
+            sent = service.http.post("/scan-report", content=body, headers={"Content-Type": media_type})
+            assert sent.status_code == 200, sent.text
+            assert sent.json()["facts"].startswith("3,000 points")
+            understood = sent.json()["understood"]
+            assert understood["format"] == form
+            assert fields in understood["fields"]
 
 
 def test_a_scan_in_millimetres_is_found_before_a_map_is_asked(service: Service):

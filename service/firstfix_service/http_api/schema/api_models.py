@@ -166,6 +166,11 @@ class CloudIndex(BaseModel):
     points: int = Field(description="number of points in all nodes")
     point_bytes: int
     normals: bool = Field(description="whether the points have normals")
+    intensity: tuple[float, float] | None = Field(
+        None,
+        description="what 0 and 255 of the points' intensity stand for, in the unit of the map's file; "
+        "without it they have none",
+    )
     bounds_m: tuple[tuple[float, float, float], tuple[float, float, float]] = Field(
         description="lowest and highest coordinates of the points"
     )

@@ -25,6 +25,21 @@ def test_the_means_are_of_all_points_whenever_they_are_joined(fold_rows: int, mo
     assert cloud.voxel_m == 0.5
 
 
+def test_the_intensity_is_a_mean_too_and_changes_no_point(monkeypatch):
+    monkeypatch.setattr(joined_cloud, "FIRST_FOLD_ROWS", 1000)
+    plain, bright, lacking = (JoinedCloud(0.5, 10**6) for _ in range(3))
+    for number, scan in enumerate(SCANS):
+        plain.add(scan)
+        bright.add(scan, scan[:, 0])
+        lacking.add(scan, None if number == 7 else scan[:, 0])
+    found = bright.intensity()
+    assert found is not None
+    np.testing.assert_allclose(found, bright.points()[:, 0], atol=1e-12)
+    assert plain.intensity() is None
+    assert lacking.intensity() is None
+    assert plain.points().tobytes() == bright.points().tobytes() == lacking.points().tobytes()
+
+
 def test_voxels_grow_until_the_points_are_few_enough(monkeypatch):
     monkeypatch.setattr(joined_cloud, "FIRST_FOLD_ROWS", 1)
     cloud = JoinedCloud(0.05, 500)

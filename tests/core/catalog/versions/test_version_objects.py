@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS, FILE_NAME, Manifest
+from firstfix.catalog.manifest import CLOUD_POINTS, FILE_NAME, VIEWER_FILES, Manifest
 from firstfix.catalog.versions import cache as version_cache
 from firstfix.catalog.versions.cache import cached_version
 from firstfix.catalog.versions.last_served import LastServed
@@ -108,8 +108,8 @@ def test_a_version_is_read_by_another_process(any_store_url, made, tmp_path, gen
 
 def test_the_cloud_for_viewers_is_not_fetched_for_queries(any_store_url: str, tmp_path: Path):
     folder = tmp_path / "v"
-    manifest = make_version(folder, files=dict.fromkeys((CLOUD_INDEX, CLOUD_POINTS), b"content"))
-    assert (manifest.query_bytes, manifest.total_bytes) == (7, 21)
+    manifest = make_version(folder, files=dict.fromkeys(VIEWER_FILES, b"content"))
+    assert (manifest.query_bytes, manifest.total_bytes) == (7, 28)
     store, downloads = recording(any_store_url, "download")
     at = VersionFolder("hall", manifest.digest, 0)
     VersionObjects(store).put(at, folder, manifest)

@@ -9,6 +9,7 @@ import numpy as np
 
 from firstfix.errors import MalformedData
 
+from ....mesh.intensity import joined_intensity
 from ..file_errors import naming
 from ..map_data import MapData
 from ..map_file import read_map_file
@@ -48,6 +49,7 @@ def joined(clouds: Sequence[MapData]) -> MapData:
         raise MalformedData(f"its clouds are in several units: {first.read.unit or 'metre'} and others")
     return MapData(
         points=np.concatenate([one.coordinates for one in clouds]),
+        intensity=joined_intensity([one.intensity for one in clouds]),
         metres=first.metres,
         read=first.read.without(*(one for cloud in clouds[1:] for one in cloud.read.left_out)),
     )

@@ -92,6 +92,16 @@ export function cloudPoints(map_id: string, version: string, first: number, coun
   );
 }
 
+export function cloudIntensity(map_id: string, version: string, first: number, count: number, signal?: AbortSignal) {
+  return said(
+    api.GET("/maps/{map_id}/versions/{version}/cloud/intensity", {
+      params: { path: { map_id, version }, query: { first, count } },
+      parseAs: "arrayBuffer",
+      signal,
+    }),
+  );
+}
+
 /** Where a map lies on the Earth; null: nobody has told. */
 export async function placeOf(map_id: string, signal?: AbortSignal): Promise<Schemas["GeoreferenceRecord"] | null> {
   try {

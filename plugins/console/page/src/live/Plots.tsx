@@ -48,8 +48,12 @@ function Plot({ title, names, data }: { title: string; names: string[]; data: uP
     );
     const sized = new ResizeObserver(() => plot.current?.setSize({ width: holder.clientWidth, height: HEIGHT }));
     sized.observe(holder);
+    const scheme = matchMedia("(prefers-color-scheme: dark)");
+    const recolour = () => plot.current?.redraw(); // the numbers of its axis have the page's colour
+    scheme.addEventListener("change", recolour);
     return () => {
       sized.disconnect();
+      scheme.removeEventListener("change", recolour);
       plot.current?.destroy();
     };
   }, []);

@@ -26,7 +26,7 @@ const NOTHING: Record<LayerName, string> = {
   changes: "",
   recorded: "none with a place was recorded",
 };
-const COLOURS: Record<Colouring, string> = { height: "Height above the floor", storey: "Storey", normal: "Normal", plain: "One colour" };
+const COLOURS: Record<Colouring, string> = { height: "Height above the floor", intensity: "Intensity", storey: "Storey", normal: "Normal", plain: "One colour" };
 
 export interface LayersProps {
   colouring: Signal<Colouring>;
@@ -34,18 +34,20 @@ export interface LayersProps {
   layers: Signal<LayerName[]>;
   empty: LayerName[]; // those that are on and have nothing to show
   gridM: number | null; // between the lines of the grid
+  hasIntensity: boolean;
   storeys: Storey[];
   storey: Signal<string>;
   whole: () => void;
   above: () => void;
 }
 
-export function Layers({ colouring, largestPx, layers, empty, gridM, storeys, storey, whole, above }: LayersProps) {
+export function Layers({ colouring, largestPx, layers, empty, gridM, hasIntensity, storeys, storey, whole, above }: LayersProps) {
   const toggle = (name: LayerName) => {
     const on = layers.value.includes(name);
     layers.value = on ? layers.value.filter((one) => one !== name) : [...layers.value, name];
   };
-  const colours = Object.entries(COLOURS).filter(([value]) => value !== "storey" || storeys.length > 1);
+  const isThere: Partial<Record<string, boolean>> = { intensity: hasIntensity, storey: storeys.length > 1 };
+  const colours = Object.entries(COLOURS).filter(([value]) => isThere[value] ?? true);
   return (
     <section>
       <h3>View</h3>

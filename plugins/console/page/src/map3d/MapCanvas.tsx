@@ -9,9 +9,10 @@ import { useLoaded } from "../ui/useLoaded";
 import { type Cloud, mark, openCloud, points } from "./cloud";
 import { bulkOf, type Box } from "./bulk";
 import { type Floor, floorOf } from "./floor";
-import { HeightLegend } from "./HeightLegend";
 import { Keys } from "./Keys";
+import type { Colouring } from "./material";
 import type { Orientation } from "./orientation";
+import { PointLegend } from "./PointLegend";
 import { Scale } from "./Scale";
 import { MapScene } from "./scene";
 import { heightsOf, type Storey, storeysOf } from "./storeys";
@@ -33,7 +34,7 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
   const shown = useSignal(0);
   const isBusy = useSignal(true);
   const orientation = useSignal<Orientation | null>(null);
-  const isByHeight = useSignal(false);
+  const colouring = useSignal<Colouring>("plain");
   const isAsked = useSignal(false); // for the list of keys
   const under = useSignal<Position | null>(null); // the mouse
   const problem = useSignal<unknown>(null);
@@ -57,7 +58,7 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
       shown.value = scene.points.shown;
       isBusy.value = scene.isBusy;
       orientation.value = scene.orientation;
-      isByHeight.value = scene.material.isByHeight;
+      colouring.value = scene.material.colouring;
     };
     scene.keysAsked = () => (isAsked.value = true);
     scene.material.setFloor(opened.value.floor, cloud.index.edge_m);
@@ -97,7 +98,7 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
       {!cloud && !opened.error ? <p role="status">Opening the cloud …</p> : null}
       {cloud ? (
         <div class="shown">
-          {isByHeight.value ? <HeightLegend high={opened.value!.floor.high} /> : null}
+          <PointLegend colouring={colouring.value} high={opened.value!.floor.high} intensity={cloud.index.intensity} />
           {orientation.value ? <Scale orientation={orientation.value} /> : null}
           {under.value ? <p class="under-mouse">{under.value.map((m) => m.toFixed(2)).join(", ")} m</p> : null}
           <p>

@@ -64,6 +64,7 @@ export function MapView({ map }: { map: string }) {
     storeys.value = its;
     isReady.value += 1;
     if (!found || !with_) return;
+    if (colouring.value === "intensity" && !with_.index.intensity) colouring.value = "height"; // a link from another version
     measure.current = new Measure(found, (m) => (length.value = m));
   };
 
@@ -140,6 +141,7 @@ export function MapView({ map }: { map: string }) {
           layers={layers}
           empty={empty}
           gridM={layers.value.includes("grid") && scene.current ? gridStep(scene.current.bulk) : null}
+          hasIntensity={cloud.current?.index.intensity != null}
           storeys={storeys.value}
           storey={storey}
           whole={() => scene.current?.lookAtAll()}

@@ -1,6 +1,6 @@
 // The cloud of a version: which nodes there are, and their points.
 
-import { type CloudIndex, cloudIndex, cloudPoints } from "../api/maps";
+import { type CloudIndex, cloudIndex, cloudIntensity, cloudPoints } from "../api/maps";
 
 export interface CloudNode {
   key: string;
@@ -46,23 +46,36 @@ export async function openCloud(map: string, version: string, signal: AbortSigna
 const MAX_AT_ONCE = 500_000; // points that the service gives in one answer
 
 /** Points as they come: x, y, z as uint16 in 1/65535 of the node's edge, then two int8 of the normal. */
-export async function points(cloud: Cloud, first: number, count: number, signal?: AbortSignal): Promise<ArrayBuffer> {
-  const found = new Uint8Array(count * cloud.index.point_bytes);
-  for (let read = 0; read < count; read += MAX_AT_ONCE) {
-    const part = Math.min(MAX_AT_ONCE, count - read);
-    const answer = await cloudPoints(cloud.map, cloud.version, first + read, part, signal);
-    found.set(new Uint8Array(answer), read * cloud.index.point_bytes);
-  }
-  return found.buffer;
+export function points(cloud: Cloud, first: number, count: number, signal?: AbortSignal): Promise<ArrayBuffer> {
+  return inParts(cloud, cloudPoints, cloud.index.point_bytes, first, count, signal);
 }
 
 /** `points` of each of some nodes, which stand one after the other. */
-export async function pointsOfRun(cloud: Cloud, run: CloudNode[], signal?: AbortSignal): Promise<ArrayBuffer[]> {
+export function pointsOfRun(cloud: Cloud, run: CloudNode[], signal?: AbortSignal): Promise<ArrayBuffer[]> {
+  return ofRun(cloud, cloudPoints, cloud.index.point_bytes, run, signal);
+}
+
+/** The intensity of the points of each of some nodes, which stand one after the other: a byte a point. */
+export function intensityOfRun(cloud: Cloud, run: CloudNode[], signal?: AbortSignal): Promise<ArrayBuffer[]> {
+  return ofRun(cloud, cloudIntensity, 1, run, signal);
+}
+
+async function ofRun(cloud: Cloud, read: typeof cloudPoints, bytes: number, run: CloudNode[], signal?: AbortSignal) {
   const from = run[0]!.first;
   const count = run.reduce((sum, node) => sum + node.count, 0);
-  const all = await points(cloud, from, count, signal);
-  const at = (point: number) => (point - from) * cloud.index.point_bytes;
+  const all = await inParts(cloud, read, bytes, from, count, signal);
+  const at = (point: number) => (point - from) * bytes;
   return run.map(({ first, count: own }) => all.slice(at(first), at(first + own)));
+}
+
+async function inParts(cloud: Cloud, read: typeof cloudPoints, bytes: number, first: number, count: number, signal?: AbortSignal) {
+  const found = new Uint8Array(count * bytes);
+  for (let done = 0; done < count; done += MAX_AT_ONCE) {
+    const part = Math.min(MAX_AT_ONCE, count - done);
+    const answer = await read(cloud.map, cloud.version, first + done, part, signal);
+    found.set(new Uint8Array(answer), done * bytes);
+  }
+  return found.buffer;
 }
 
 /** Positions of a mark, metres from the root's low corner: (x, y, z) one after the other. */

@@ -2,6 +2,7 @@
 
 import {
   Box3,
+  BufferAttribute,
   BufferGeometry,
   Frustum,
   Group,
@@ -11,7 +12,7 @@ import {
   type PerspectiveCamera,
   Points,
 } from "three";
-import { type Cloud, type CloudNode, pointsOfRun } from "./cloud";
+import { type Cloud, type CloudNode, intensityOfRun, pointsOfRun } from "./cloud";
 import { spacingOf } from "./density";
 import { choose } from "./levels";
 import { Loads, toFree } from "./loads";
@@ -32,6 +33,7 @@ export class DrawnPoints {
   shown = 0;
   private readonly loaded = new Map<string, Drawn>();
   private readonly loads: Loads<CloudNode, ArrayBuffer>;
+  private readonly shades: Loads<CloudNode, ArrayBuffer>;
   private wanted: CloudNode[] = [];
   private round = 0;
 
@@ -46,11 +48,21 @@ export class DrawnPoints {
       (node, data) => this.add(node, data),
       failed,
     );
+    this.shades = new Loads(
+      (run, signal) => intensityOfRun(cloud, run, signal),
+      (node, data) => this.shade(node, data),
+      failed,
+    );
   }
 
-  /** Whether points of this view are still on their way. */
+  /** Whether points of this view, or their intensity, are still on their way. */
   get isBusy(): boolean {
-    return this.wanted.some((node) => !this.loaded.has(node.key));
+    const isThere = this.isByIntensity ? this.isShaded : this.isLoaded;
+    return !this.wanted.every(({ key }) => isThere(key));
+  }
+
+  private get isByIntensity(): boolean {
+    return this.material.colouring === "intensity";
   }
 
   get visible(): Points[] {
@@ -77,14 +89,20 @@ export class DrawnPoints {
 
   /** Asks for what is wanted and not there. */
   load(): void {
-    this.loads.want(this.wanted, (key) => this.loaded.has(key));
+    this.loads.want(this.wanted, this.isLoaded);
+    const shaded = this.isByIntensity ? this.wanted.filter(({ key }) => this.isLoaded(key)) : [];
+    this.shades.want(shaded, this.isShaded);
   }
 
   dispose(): void {
     this.loads.end();
+    this.shades.end();
     for (const { object } of this.loaded.values()) object.geometry.dispose();
     this.material.dispose();
   }
+
+  private readonly isLoaded = (key: string) => this.loaded.has(key);
+  private readonly isShaded = (key: string) => this.loaded.get(key)?.object.geometry.hasAttribute("shade") ?? false;
 
   private chosen(camera: PerspectiveCamera, pixelsPerTangent: number, mostPoints: number): CloudNode[] {
     camera.updateMatrixWorld();
@@ -119,6 +137,11 @@ export class DrawnPoints {
     };
     this.loaded.set(node.key, drawn);
     this.forget();
+    this.arrived();
+  }
+
+  private shade(node: CloudNode, data: ArrayBuffer): void {
+    this.loaded.get(node.key)?.object.geometry.setAttribute("shade", new BufferAttribute(new Uint8Array(data), 1, true));
     this.arrived();
   }
 

@@ -18,8 +18,14 @@ import {
 } from "three";
 
 const STRENGTH = 45; // of a step back by twice the distance
+const AROUND = 8; // neighbours of a pixel
 const DARKEST = 0.22;
 const REACH_PX = 1.4;
+
+const NEIGHBOURS = Array.from({ length: AROUND }, (_, i) => {
+  const angle = (2 * Math.PI * i) / AROUND;
+  return `vec2(${Math.cos(angle).toFixed(6)}, ${Math.sin(angle).toFixed(6)})`;
+});
 
 const VERTEX = `
   out vec2 place;
@@ -36,22 +42,23 @@ const FRAGMENT = `
   uniform vec2 pixel, range;
   layout(location = 0) out highp vec4 colour;
 
-  float away(float depth) { // log2 of the distance along the camera's axis
-    return log2(range.x * range.y / (range.y - depth * (range.y - range.x)));
+  float nearness(float depth) { // proportional to 1 / distance along the camera's axis
+    return range.y - depth * (range.y - range.x);
+  }
+
+  // How many times further away than a neighbour. The ground, at depth 1, is behind everything.
+  float behind(vec2 off, float nearer) {
+    return max(1.0, nearness(texture(depths, place + pixel * off).r) * nearer);
   }
 
   void main() {
     float depth = texture(depths, place).r;
     if (depth >= 1.0) discard; // the ground
     gl_FragDepth = depth; // what is laid over the cloud is hidden by it
-    float own = away(depth);
-    float behind = 0.0;
-    for (int i = 0; i < 8; i++) {
-      float angle = 0.785398 * float(i);
-      float there = texture(depths, place + pixel * vec2(cos(angle), sin(angle))).r;
-      if (there < 1.0) behind += max(0.0, own - away(there));
-    }
-    colour = vec4(texture(picture, place).rgb * max(exp(-${STRENGTH.toFixed(1)} * behind / 8.0), ${DARKEST}), 1.0);
+    float own = 1.0 / nearness(depth);
+    float times = ${NEIGHBOURS.map((off) => `behind(${off}, own)`).join(" * ")};
+    // exp(-STRENGTH * mean of log2): one power for all neighbours, as software draws it on the processor
+    colour = vec4(texture(picture, place).rgb * max(pow(times, ${(-STRENGTH / AROUND / Math.LN2).toFixed(4)}), ${DARKEST}), 1.0);
   }
 `;
 

@@ -1,20 +1,22 @@
-// How points are drawn: by height above the floor, storey or normal or in one colour, and only those of the slice.
+// How points are drawn: by height above the floor, intensity, storey or normal or in one colour, and only those of the slice.
 
 import { Color, DataTexture, FloatType, GLSL3, RedFormat, ShaderMaterial, Vector2 } from "three";
 import { token } from "../ui/token";
 import { FLOOR_CELLS, type Floor } from "./floor";
 
-export type Colouring = "height" | "storey" | "normal" | "plain";
-const MODES: Record<Colouring, number> = { height: 0, normal: 1, plain: 2, storey: 3 };
+export type Colouring = "height" | "intensity" | "storey" | "normal" | "plain";
+const MODES: Record<Colouring, number> = { height: 0, intensity: 4, storey: 3, normal: 1, plain: 2 };
 export const COLOURINGS = Object.keys(MODES) as Colouring[];
 const OVERLAP = 1.1; // of a point over the gap to the next
 const SMALLEST_PX = 1.6;
 export const LARGEST_PX = 5; // of a point that is near, unless somebody asks for others
 export const SIZES_PX = [2, 14] as const; // smallest and largest of that choice
+const DARKEST_GREY = 0.16; // the ground is darker
 const MAX_STOREYS = 32; // further ones have the colour of the last
 
 const VERTEX = `
   in vec2 bend;
+  in float shade;
   uniform int mode;
   uniform float size, ratio, edge, high, largest;
   uniform int storeys;
@@ -77,6 +79,7 @@ const VERTEX = `
     float light = known ? 0.75 + 0.25 * abs(dot(unfolded(bend), normalize(vec3(0.3, 0.5, 0.8)))) : 0.9;
     if (mode == 0) tint = turbo((at.z - floorAt(at.xyz)) / high) * light;
     else if (mode == 1) tint = known ? abs(unfolded(bend)) : vec3(0.5);
+    else if (mode == 4) tint = vec3(mix(${DARKEST_GREY}, 1.0, shade)); // even to the eye: sRGB nearly is
     else if (mode == 3) tint = ofStorey(storeyOf(at.z)) * light;
     else tint = plain * light;
   }
@@ -119,8 +122,8 @@ export class PointMaterial extends ShaderMaterial {
     this.uniforms.mode!.value = MODES[colouring];
   }
 
-  get isByHeight(): boolean {
-    return this.uniforms.mode!.value === MODES.height;
+  get colouring(): Colouring {
+    return COLOURINGS.find((one) => MODES[one] === this.uniforms.mode!.value)!;
   }
 
   /** What heights are counted from; `edge` is that of the cloud. */

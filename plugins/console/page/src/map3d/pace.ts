@@ -1,6 +1,7 @@
 // How many points a frame draws: all at rest, and while the camera moves as many as the machine draws fast enough.
 
 export const MIN_POINTS = 40_000;
+export const FIRST_POINTS = 300_000; // of the first frame: nobody waits a second for it, and a quick machine soon draws all
 const SLOW_MS = 33; // a frame that took longer: fewer points, for 30 frames a second
 const QUICK_MS = 20; // one that took less: more of them
 const GROWTH = 1.3;
@@ -13,7 +14,7 @@ export class Pace {
   /** `whole`: the most points of a picture at rest. */
   constructor(whole: number) {
     this.whole = whole;
-    this.most = whole;
+    this.most = Math.min(FIRST_POINTS, whole);
   }
 
   /** Whether a movement is drawn with fewer points than a picture at rest. */

@@ -3,7 +3,7 @@
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { route } from "../router";
-import type { Asked } from "./scanFile";
+import type { Asked } from "./asked";
 import { simulatedScan } from "./simulated";
 import { spotOf, spotText } from "./tryState";
 

@@ -5,7 +5,7 @@ import { recordedPage } from "../api/scans";
 import { addressed, go, route } from "../router";
 import { age } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
-import { READABLE } from "./scanFile";
+import { SUFFIXES } from "./media";
 
 const LISTED = 20;
 
@@ -20,8 +20,8 @@ export function TakeScan({ map, name, take }: TakeScanProps) {
     <>
       <label class="drop">
         <span>{name || "Drop a scan here, or choose a file"}</span>
-        {name ? null : <small>{READABLE.join(", ")}</small>}
-        <input type="file" accept={READABLE.join(",")} onChange={(event) => take(event.currentTarget.files?.[0])} />
+        {name ? null : <small>{SUFFIXES.join(", ")}</small>}
+        <input type="file" accept={SUFFIXES.join(",")} onChange={(event) => take(event.currentTarget.files?.[0])} />
       </label>
       {mayBuild.value ? <RecordedQueries map={map} /> : null}
     </>

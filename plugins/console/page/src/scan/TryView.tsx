@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { mayBuild } from "../access/session";
+import { key, mayBuild } from "../access/session";
 import { mapDetails, versionDetails } from "../api/maps";
 import type { LocalizeQuery } from "../api/scans";
 import { MapCanvas } from "../map3d/MapCanvas";
@@ -14,11 +14,11 @@ import { Check } from "../ui/Check";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
 import { AnswerPanel } from "./AnswerPanel";
+import { CopyAs } from "./CopyAs";
 import { Examples } from "./Examples";
 import { gravityOf, type HandPose, handPoseAt, handPoseOf, poseOf, priorOf } from "./handPose";
 import { HandPanel } from "./HandPanel";
 import { LeastField } from "./LeastField";
-import { Programs } from "./Programs";
 import { ScanKey } from "./ScanKey";
 import { TakeScan } from "./TakeScan";
 import { Truth } from "./Truth";
@@ -128,14 +128,25 @@ export function TryView({ map }: { map: string }) {
           <Check value={areOthersShown}>Show the other places on the map</Check>
         ) : null}
         {overlay.shares.value ? <ScanKey shares={overlay.shares.value} /> : null}
-        {asked.value && !asked.value.spot ? <Understood asked={asked.value} isAnswered={answer.value !== null} /> : null}
+        {asked.value && !asked.value.spot ? (
+          <Understood asked={asked.value} isAnswered={answer.value !== null} isRefused={problem.value !== null} />
+        ) : null}
         {queryId && mayBuild.value ? <Truth queryId={queryId} map={map} place={place} hand={byHand} /> : null}
         <h3>How it is asked</h3>
         <VersionChoice map={map} active={active} />
         {ofMap.value === null ? null : <LeastField least={least} ofMap={ofMap.value} />}
         <HandPanel hand={hand} isPrior={isPrior} isTiltKnown={isTiltKnown} begin={begin} />
         {byHand && asked.value ? <Check value={isLaidByHand}>Lay the scan at the pose by hand</Check> : null}
-        {asked.value && !asked.value.spot ? <Programs map={map} asked={asked.value} options={options} /> : null}
+        {asked.value && !asked.value.spot ? (
+          <CopyAs
+            map={map}
+            file={asked.value.name}
+            type={asked.value.type}
+            encoding={asked.value.encoding}
+            options={options}
+            isSignedIn={key.value !== ""}
+          />
+        ) : null}
       </aside>
     </div>
   );

@@ -3,15 +3,17 @@
 import { scanReport } from "../api/scans";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
-import type { Asked } from "./scanFile";
+import type { Asked } from "./asked";
 
 export interface UnderstoodProps {
   asked: Asked;
   isAnswered: boolean; // its findings are in the answer
+  isRefused: boolean; // the page says why
 }
 
-export function Understood({ asked, isAnswered }: UnderstoodProps) {
+export function Understood({ asked, isAnswered, isRefused }: UnderstoodProps) {
   const report = useLoaded((signal) => scanReport(asked, signal), [asked]);
+  if (report.error && isRefused) return null;
   if (report.error) return <ErrorText error={report.error} again={report.again} />;
   if (!report.value) return <p role="status">Reading the scan …</p>;
   const { facts, understood, findings } = report.value;
@@ -19,7 +21,6 @@ export function Understood({ asked, isAnswered }: UnderstoodProps) {
     <section aria-label="What was understood of the scan">
       <h3>What was understood</h3>
       <p>{facts}</p>
-      {asked.isConverted ? <p class="hint">The browser read {asked.name}, and sent x, y and z alone.</p> : null}
       <dl class="facts understood">
         {Object.entries(understood).map(([name, text]) => (
           <div key={name}>

@@ -1,7 +1,7 @@
 // A scan that nobody took: what a sensor would see of the map's points from a spot. Good enough to try a map with.
 
 import { type Cloud, type CloudNode, mapPositions, mark, openCloud, points } from "../map3d/cloud";
-import type { Asked } from "./scanFile";
+import type { Asked } from "./asked";
 
 export interface ExampleSensor {
   max_range_m: number;
@@ -30,7 +30,7 @@ export async function simulatedScan(
   const seen = nearestOfEachRay(found, at, USUAL);
   if (!seen.length) throw new Error("Nothing of the map is within 60 m of this spot. Click nearer to its points.");
   const name = `Simulated at ${at.map((m) => m.toFixed(2)).join(", ")} m`;
-  return { name, type: XYZ, encoding: "", body: new Blob([seen]), isConverted: true, spot: spot ?? at };
+  return { name, type: XYZ, encoding: "", body: new Blob([seen]), spot: spot ?? at };
 }
 
 /** A spot where a sensor of this map may stand. One that was clicked lies on a surface: it gets the height of the place next to it. */

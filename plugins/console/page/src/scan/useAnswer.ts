@@ -5,7 +5,7 @@ import { useEffect, useRef } from "preact/hooks";
 import type { Schemas } from "../api/client";
 import { localize, type LocalizeQuery } from "../api/scans";
 import { note, route } from "../router";
-import type { Asked } from "./scanFile";
+import type { Asked } from "./asked";
 import { placeOf } from "./tryState";
 
 export interface AnswerState {

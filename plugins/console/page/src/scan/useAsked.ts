@@ -1,11 +1,12 @@
 // The scan that is tried: a file, or the body of a recorded query.
 
 import { type Signal, useSignal } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect } from "preact/hooks";
 import { recordedQuery, recordedBody } from "../api/scans";
 import { addressed, go, note, route } from "../router";
 import { age } from "../ui/text";
-import { type Asked, scanOf } from "./scanFile";
+import type { Asked } from "./asked";
+import { mediaTypeOf } from "./media";
 import { spotText } from "./tryState";
 
 /** The scan, and calls that take a file, or another scan, in its place. */
@@ -14,7 +15,6 @@ export function useAsked(
   problem: Signal<unknown>,
 ): { asked: Signal<Asked | null>; take: (file: File | undefined) => void; give: (scan: Asked) => void } {
   const asked = useSignal<Asked | null>(null);
-  const latest = useRef<File | null>(null);
   useEffect(() => {
     if (!queryId) return;
     const stop = new AbortController();
@@ -25,31 +25,20 @@ export function useAsked(
     ])
       .then(([recorded, body]) => {
         const name = `Recorded query of ${age(recorded.time)}`;
-        asked.value = { name, type: recorded.media_type, encoding: recorded.content_encoding, body, isConverted: false };
+        asked.value = { name, type: recorded.media_type, encoding: recorded.content_encoding, body };
       })
       .catch((error: unknown) => {
         if (!stop.signal.aborted) problem.value = error;
       });
     return () => stop.abort();
   }, [queryId]);
-  const take = async (file: File | undefined) => {
-    if (!file) return;
-    latest.current = file;
-    tell("");
-    asked.value = null; // with it goes the answer about the scan before
-    problem.value = null;
-    try {
-      const found = await scanOf(file);
-      if (latest.current === file) asked.value = found;
-    } catch (error) {
-      if (latest.current === file) problem.value = error;
-    }
-  };
   const give = (scan: Asked) => {
-    latest.current = null; // a file that is still being read comes too late
     tell(scan.spot ? spotText(scan.spot) : "");
     problem.value = null;
-    asked.value = scan;
+    asked.value = scan; // with the one before goes the answer about it
+  };
+  const take = (file: File | undefined) => {
+    if (file) give({ name: file.name, type: mediaTypeOf(file.name), encoding: "", body: file });
   };
   return { asked, take, give };
 }

@@ -8,7 +8,7 @@ import type { Pose } from "../map3d/marks";
 import { clear } from "../map3d/clear";
 import type { MapScene } from "../map3d/scene";
 import { drawOverlay, type OverlayShares } from "./overlay";
-import type { Asked } from "./scanFile";
+import type { Asked } from "./asked";
 
 export interface OverlayState {
   group: Group;

@@ -50,7 +50,7 @@ export function VersionRow({ map, one, isCompared, compare, ask }: VersionRowPro
       <td class="number" data-name="Threshold">
         {threshold ? chance(threshold.min_probability, 0) : ""}
       </td>
-      <td data-name="Sensor">{sensor ?? ""}</td>
+      <td class="nowrap" data-name="Sensor">{sensor ?? ""}</td>
       <td data-name="Published">
         <When iso={one.published_time} />
       </td>
