@@ -228,9 +228,11 @@ CASES: dict[str, Callable[[Any], Any]] = {
         FEW, np.tile(np.float32([0, 0, 1]), (len(FEW), 1)), UP
     ),
     "other_ups": lambda n: n.other_ups(NORMALS, UP, None),
-    "level_hypotheses": lambda n: n.level_hypotheses(
-        [(np.eye(4), R_LEVEL_SENSOR, FEW[: len(NORMALS)], NORMALS)],
-        *(FEW[: len(NORMALS)], NORMALS, np.array([0.0, 0, 1]), 1.0, False),
+    "level_hypotheses": lambda n: tuple(
+        n.level_hypotheses(
+            [(np.eye(4), R_LEVEL_SENSOR, FEW[: len(NORMALS)], NORMALS)],
+            *(FEW[: len(NORMALS)], NORMALS, np.array([0.0, 0, 1]), 1.0, False),
+        )
     ),
     "range_view": lambda n: n.range_view(n.nearest_by_direction(STREET)),
     "rows_by_chance": lambda n: n.rows_by_chance(120_000, 7_001),
