@@ -12,7 +12,9 @@
 #include "firstfix/bit_exact/exp.hpp"
 #include "firstfix/bit_exact/sample.hpp"
 #include "firstfix/bit_exact/vectors.hpp"
+#include "firstfix/scan/levelling.hpp"
 #include "firstfix/scan/voters.hpp"
+#include "firstfix/scan/voxel_filter.hpp"
 
 namespace firstfix {
 
@@ -74,22 +76,27 @@ detail::Vector3 refined_up(const T* normals, std::size_t count, detail::Vector3 
 
 namespace detail {
 
-// Directions within 35 degrees of z, about four degrees apart, and how much their votes count: a weak preference for an
-// upright sensor.
-struct UpCandidates {
+// Directions within so many degrees of z, about four degrees apart.
+inline std::vector<Vector3> directions_about_z(int within_deg) {
   std::vector<Vector3> directions{{0, 0, 1}};
+  for (int tilt_deg = 4; tilt_deg <= within_deg; tilt_deg += 4) {
+    const double tilt = tilt_deg * (kPi / 180);
+    const double around = std::max(6.0, std::nearbyint(2 * kPi * std::sin(tilt) / (4.0 * (kPi / 180))));
+    for (int k = 0; k < static_cast<int>(around); ++k) {
+      const double azimuth = k * (2 * kPi / around);
+      directions.push_back(
+          {std::sin(tilt) * std::cos(azimuth), std::sin(tilt) * std::sin(azimuth), std::cos(tilt)});
+    }
+  }
+  return directions;
+}
+
+// Directions within 35 degrees of z, and how much their votes count: a weak preference for an upright sensor.
+struct UpCandidates {
+  std::vector<Vector3> directions = directions_about_z(35);
   std::vector<double> weights;
 
   UpCandidates() {
-    for (int tilt_deg = 4; tilt_deg <= 35; tilt_deg += 4) {
-      const double tilt = tilt_deg * (kPi / 180);
-      const double around = std::max(6.0, std::nearbyint(2 * kPi * std::sin(tilt) / (4.0 * (kPi / 180))));
-      for (int k = 0; k < static_cast<int>(around); ++k) {
-        const double azimuth = k * (2 * kPi / around);
-        directions.push_back(
-            {std::sin(tilt) * std::cos(azimuth), std::sin(tilt) * std::sin(azimuth), std::cos(tilt)});
-      }
-    }
     for (const Vector3& direction : directions) {
       const double tilt_deg = std::acos(std::clamp(direction[2], -1.0, 1.0)) * (180 / kPi);
       weights.push_back(1 - 0.15 * tilt_deg / 35.0);
@@ -112,4 +119,16 @@ Vector3 estimate_up(const T* all_normals, std::size_t count) {
 }
 
 }  // namespace detail
+
+// The unit up vector by (count, 3) normals, within 35 degrees of an expected one.
+inline detail::Vector3 estimate_up_near(const float* normals, std::size_t count, const detail::Vector3& expected) {
+  const detail::Matrix3 R = detail::levelling_rotation(expected);
+  std::vector<float> levelled(3 * count);
+  turned(normals, count, R[0].data(), levelled.data());
+  const detail::Vector3 up = detail::estimate_up(levelled.data(), count);
+  detail::Vector3 back;
+  for (std::size_t k = 0; k < 3; ++k) back[k] = R[0][k] * up[0] + R[1][k] * up[1] + R[2][k] * up[2];
+  return back;
+}
+
 }  // namespace firstfix
