@@ -83,7 +83,7 @@ auto align_all(const Grid& grid, Points points, Points normals, Flags oriented, 
     PairFinder finder(grid.view, scan);
     for (std::size_t pose = 0; pose < poses; ++pose) {
       rests[pose] = align(finder, scan_points, {iterations, reach_m, half_angle}, T[pose], information[pose]);
-      const AlignmentQuality quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
+      const InlierShares quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
       inlier_ratio[pose] = quality.inlier_ratio;
       alignment_score[pose] = quality.alignment_score;
     }
@@ -115,7 +115,7 @@ auto align_all_moving(const Grid& grid, Points points, Points normals, Flags ori
     for (std::size_t pose = 0; pose < poses; ++pose) {
       rests[pose] = align_moving(finder, scan, {iterations, reach_m, half_angle}, vector6_of(scale), T[pose], twist[pose],
                                  information[pose]);
-      const AlignmentQuality quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
+      const InlierShares quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
       inlier_ratio[pose] = quality.inlier_ratio;
       alignment_score[pose] = quality.alignment_score;
     }

@@ -57,7 +57,7 @@ void align_once(Hostile& random) {
     Matrix6 information;
     const bool is_clean = are_numbers(T.data(), 16) && wrong_scan == 0;
     align(finder, count, parameters, T, information);
-    const AlignmentQuality quality = quality_at(finder, count, T, 0.15F);
+    const InlierShares quality = quality_at(finder, count, T, 0.15F);
     expect(quality.inlier_ratio >= 0 && quality.inlier_ratio <= 1, "inlier ratio within 0 and 1");
     expect(quality.alignment_score >= 0 && quality.alignment_score <= 1.00001, "alignment score within 0 and 1");
     const RandomGrid coarse(random, wrong_tables);
@@ -92,7 +92,7 @@ void align_moving_once(Hostile& random) {
     for (double& one : twist) one = random.chance(0.5) ? 0 : random.floats(1, 20, 0)[0];
     const bool is_clean = are_numbers(T.data(), 16) && wrong_scan == 0;
     align_moving(finder, scan, {static_cast<int>(random.number(0, 12)), 0.5F, 0.06F}, scale, T, twist, information);
-    const AlignmentQuality quality = quality_at(finder, count, T, 0.15F);
+    const InlierShares quality = quality_at(finder, count, T, 0.15F);
     expect(quality.inlier_ratio >= 0 && quality.inlier_ratio <= 1, "inlier ratio within 0 and 1");
     expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(twist.data(), 6) && are_numbers(information.data(), 36)),
            "finite pose, twist and information");
