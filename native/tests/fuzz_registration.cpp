@@ -5,8 +5,8 @@
 #include "firstfix/registration/agreement.hpp"
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/align_moving.hpp"
+#include "firstfix/registration/covariance.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
-#include "firstfix/registration/facing.hpp"
 #include "firstfix/registration/nearest_points.hpp"
 #include "firstfix/verification/free_space.hpp"
 #include "hostile.hpp"
@@ -64,8 +64,10 @@ void align_once(Hostile& random) {
     const Agreement agreement = agreement_at(finder, coarse.grid, scan, T, 0.15F);
     expect(agreement.beside_surface >= 0 && agreement.beside_surface <= 1, "share beside a surface within 0 and 1");
     expect(agreement.same_plane >= 0 && agreement.same_plane <= 1, "chance of one plane within 0 and 1");
-    const Told told = told_of(tables.grid, vectors_of(points), T, information.data(), 0.5F);
-    expect(!is_clean || wrong_tables != 0 || (told.weights >= 0 && told.squares >= 0), "weights of what surfaces tell");
+    const Matrix6 faced = faced_information(tables.grid, vectors_of(points), T, information, 0.5F);
+    const Matrix6 covariance = pose_covariance(faced, T, 0.1);
+    expect(!is_clean || wrong_tables != 0 || are_numbers(covariance.data(), 36), "a finite covariance");
+    expect(free_axes(covariance, 0.2, 0.03).size() <= 6, "free directions");
     // damaged tables alone never make a pose that is no number
     expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(information.data(), 36)), "finite pose and information");
   }

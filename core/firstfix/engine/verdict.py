@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from ..answer.free_direction import free_directions
 from ..answer.localization import Hypothesis, Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
 from ..errors import InvalidOption
@@ -15,7 +14,7 @@ from .calibration import Calibration
 from .index import MapIndex
 from .ranking import MatchFeatures
 from .registered_candidate import RegisteredCandidate, features_of
-from .registration.covariance import pose_covariance
+from .registration.covariance import free_directions, pose_covariance
 
 # Probability that a scan in motion needs, at least and at most. Below the first, two of 3,420 were localized
 # wrongly; no moving scan of another office reached the second (lab/docs/experiments.md, "Robots in motion
