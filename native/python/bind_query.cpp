@@ -1,12 +1,17 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 
 #include <cmath>
 #include <optional>
 #include <tuple>
+#include <utility>
+#include <vector>
 
 #include "arrays.hpp"
+#include "firstfix/query/level_hypotheses.hpp"
 #include "firstfix/query/prepared_scan.hpp"
+#include "firstfix/scan/other_ups.hpp"
 #include "rooms.hpp"
 
 namespace firstfix::python {
@@ -16,6 +21,8 @@ namespace {
 using Points = In<float, nb::shape<-1, 3>>;
 using Direction = In<double, nb::shape<3>>;
 using PerDirection = In<float, nb::shape<kDirections>>;
+using PoseArray = In<double, nb::shape<4, 4>>;
+using ToLevel = std::tuple<PoseArray, In<double, nb::shape<3, 3>>, Points, Points>;  // T_last_scan, R_level_sensor, points, normals
 using Numbers = nb::ndarray<nb::numpy, float>;
 using Octets = nb::ndarray<nb::numpy, std::uint8_t>;
 using Timed = std::tuple<Numbers, std::optional<Numbers>>;                      // points, times
@@ -23,6 +30,22 @@ using Scanned = std::tuple<Numbers, Numbers, Octets, std::optional<Numbers>>;  /
 // R_level_sensor, the height, the points within range, the view and its points if they have times, dense, sparse
 using Prepared = std::tuple<nb::ndarray<nb::numpy, double>, double, Numbers, Octets, Numbers, std::optional<Timed>, Scanned,
                             std::optional<Scanned>>;
+
+SurfacePoints surface_points(const Points& points, const Points& normals) {
+  require(normals.shape(0) == points.shape(0), "there is not one normal for each point");
+  return {points.data(), normals.data(), points.shape(0)};
+}
+
+std::vector<double> numbers_in(const detail::Matrix3& rows) {
+  std::vector<double> numbers;
+  for (const auto& row : rows) numbers.insert(numbers.end(), row.begin(), row.end());
+  return numbers;
+}
+
+nb::ndarray<nb::numpy, double> vectors_in(std::vector<detail::Vector3>&& vectors) {
+  const std::size_t count = vectors.size();
+  return array_of(std::move(vectors), {count, 3});
+}
 
 Numbers vectors_in(std::vector<float>&& numbers) {
   const std::size_t count = numbers.size() / 3;
@@ -41,8 +64,7 @@ Scanned surface_in(ScannedSurface&& surface) {
 
 std::optional<Prepared> prepared_in(std::optional<PreparedScan>&& made) {
   if (!made) return std::nullopt;
-  std::vector<double> R;
-  for (const auto& row : made->R_level_sensor) R.insert(R.end(), row.begin(), row.end());
+  std::vector<double> R = numbers_in(made->R_level_sensor);
   std::optional<Timed> viewed;
   if (!made->viewed.time_s.empty()) {
     viewed = Timed(vectors_in(std::move(made->viewed.points)), times_in(std::move(made->viewed.time_s)));
@@ -121,6 +143,36 @@ void bind_query(nb::module_& module) {
         return without_gil([&] { return height_above_floor(points.data(), normals.data(), count, levelling.up); });
       },
       "points"_a, "normals"_a, "up"_a);
+  module.def(
+      "other_ups",
+      [](Points normals, Direction known, std::optional<Direction> gravity) {
+        std::optional<detail::Vector3> down;
+        if (gravity) down = levelling_of(*gravity, true, std::nullopt, 0).up;
+        const detail::Vector3 tried{known(0), known(1), known(2)};
+        return vectors_in(without_gil([&] { return other_ups(normals.data(), normals.shape(0), tried, down); }));
+      },
+      "normals"_a, "known"_a, "gravity"_a.none());
+  module.def(
+      "level_hypotheses",
+      [](const std::vector<ToLevel>& scans, Points points, Points normals, std::optional<Direction> expected_up,
+         double usual_height_m, bool tilted) {
+        std::vector<ScanToLevel> to_level;
+        for (const auto& [T_last_scan, R_level_sensor, thinned_points, thinned_normals] : scans) {
+          ScanToLevel one{pose_of(T_last_scan), {}, surface_points(thinned_points, thinned_normals)};
+          for (std::size_t i = 0; i < 9; ++i) one.R_level_sensor[i / 3][i % 3] = R_level_sensor.data()[i];
+          to_level.push_back(one);
+        }
+        const SurfacePoints dense = surface_points(points, normals);
+        std::optional<detail::Vector3> up;
+        if (expected_up) up = levelling_of(*expected_up, true, std::nullopt, 0).up;
+        std::vector<std::tuple<std::size_t, nb::ndarray<nb::numpy, double>, double>> found;
+        for (const LevelHypothesis& one :
+             without_gil([&] { return level_hypotheses(to_level, dense, up, usual_height_m, tilted); })) {
+          found.emplace_back(one.scan, array_of(numbers_in(one.R_level_sensor), {3, 3}), one.height_m);
+        }
+        return found;
+      },
+      "scans"_a, "points"_a, "normals"_a, "expected_up"_a.none(), "usual_height_m"_a, "tilted"_a);
   module.def(
       "range_view",
       [](PerDirection nearest_m) {

@@ -1,17 +1,23 @@
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <array>
 #include <cmath>
+#include <limits>
+#include <memory>
 #include <optional>
+#include <string>
 #include <tuple>
 #include <vector>
 
 #include "arrays.hpp"
 #include "firstfix/query/calibration.hpp"
 #include "firstfix/query/free_space_order.hpp"
+#include "firstfix/query/look_alikes.hpp"
 #include "firstfix/query/ranking.hpp"
+#include "firstfix/query/verdict.hpp"
 #include "map_numbers.hpp"
 #include "rooms.hpp"
 
@@ -32,6 +38,23 @@ ProbabilityNumbers probability_numbers(nb::handle numbers) {
   ProbabilityNumbers made{};
   take_probability(numbers, made);
   return made;
+}
+
+// A pose that competes: number of its map, quality, support, spots, is_alike, outside_lead, rests, is_in_motion.
+using Asked = std::tuple<std::size_t, nb::object, double, std::size_t, bool, double, bool, bool>;
+
+// The code of firstfix.answer.localization.Reason; nothing: localized.
+std::optional<std::string> code_of(Why why) {
+  switch (why) {
+    case Why::kLocalized: return std::nullopt;
+    case Why::kNoCandidate: return "no_candidate";
+    case Why::kLowInlierRatio: return "low_inlier_ratio";
+    case Why::kFreeSpaceViolation: return "free_space_violation";
+    case Why::kLowProbability: return "low_probability";
+    case Why::kNotConverged: return "not_converged";
+    case Why::kSeveralPlaces: return "several_places";
+  }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -88,6 +111,55 @@ void bind_ranking(nb::module_& module) {
         return calibration_of(calibration).accepts({fit_of(quality), margin, tied}, probability_numbers(numbers), needed);
       },
       "calibration"_a, "numbers"_a, "quality"_a, "margin"_a, "tied"_a, "needed"_a);
+  module.def(
+      "may_lack",
+      [](nb::handle numbers, double alignment_score, nb::handle place, nb::handle best) {
+        return may_lack(support_numbers(numbers), alignment_score, fit_of(place), fit_of(best));
+      },
+      "numbers"_a, "alignment_score"_a, "place"_a, "best"_a);
+  module.def(
+      "is_one_thing",
+      [](nb::handle numbers, nb::handle place, nb::handle best) {
+        return is_one_thing(support_numbers(numbers), fit_of(place), fit_of(best));
+      },
+      "numbers"_a, "place"_a, "best"_a);
+  module.def(
+      "are_parted",
+      [](In<double, nb::ndim<1>> lead, In<bool, nb::ndim<1>> is_doubtful, In<double, nb::shape<-1, 3>> at_m) {
+        const std::size_t count = at_m.shape(0);
+        require(lead.shape(0) == count && is_doubtful.shape(0) == count, "there is not one lead and one flag for each place");
+        std::unique_ptr<bool[]> flags = memory<bool>(count);
+        for (std::size_t i = 0; i < count; ++i) {
+          flags[i] = is_parted(lead.data()[i], is_doubtful.data()[i], is_stacked(at_m.data(), at_m.data() + 3 * i));
+        }
+        return array_of(std::move(flags), {count});
+      },
+      "lead"_a, "is_doubtful"_a, "at_m"_a);
+  module.def(
+      "decided",
+      [](const std::vector<std::tuple<nb::object, nb::object>>& maps, const std::vector<Asked>& ranked,
+         std::optional<double> threshold) {
+        std::vector<JudgingMap> judging;
+        for (const auto& [ranking, calibration] : maps) {
+          judging.push_back({probability_numbers(ranking), calibration_of(calibration)});
+        }
+        std::vector<Competitor> competitors;
+        for (const auto& [map, quality, support, spots, is_alike, outside_lead, rests, is_in_motion] : ranked) {
+          require(map < maps.size(), "there is no such map");
+          require(std::isfinite(support) && std::isfinite(outside_lead), "a support or a lead is not finite");
+          competitors.push_back({map, fit_of(quality), support, spots, is_alike, outside_lead, rests, is_in_motion});
+        }
+        const double asked = threshold.value_or(std::numeric_limits<double>::quiet_NaN());
+        Decision found = Judge(judging, competitors).decided(asked);
+        return std::make_tuple(code_of(found.why), found.probability, std::move(found.shares));
+      },
+      "maps"_a, "ranked"_a, "threshold"_a.none());
+  module.def(
+      "pose_product",
+      [](In<double, nb::shape<4, 4>> a, In<double, nb::shape<4, 4>> b) {
+        return array_of(std::vector<PoseMatrix>{detail::product(pose_of(a), pose_of(b))}, {4, 4});
+      },
+      "a"_a, "b"_a);
   module.def(
       "is_stacked",
       [](In<double, nb::shape<3>> at_m, In<double, nb::shape<-1, 3>> others_m) {

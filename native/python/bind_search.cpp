@@ -1,4 +1,6 @@
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
@@ -6,15 +8,18 @@
 #include <array>
 #include <cmath>
 #include <initializer_list>
+#include <limits>
 #include <optional>
 #include <tuple>
 #include <vector>
 
 #include "arrays.hpp"
+#include "candidates.hpp"
 #include "firstfix/query/search.hpp"
 #include "free_tables.hpp"
 #include "grid.hpp"
 #include "map_numbers.hpp"
+#include "places.hpp"
 #include "rooms.hpp"
 #include "tiles.hpp"
 
@@ -23,35 +28,16 @@ namespace firstfix::python {
 namespace {
 
 using Points = In<float, nb::shape<-1, 3>>;
-using PoseArray = In<double, nb::shape<4, 4>>;
-using Poses = In<double, nb::shape<-1, 4, 4>>;
-using Rows = In<std::int64_t, nb::ndim<1>>;
-using Scores = In<double, nb::ndim<1>>;
 using TwistArray = In<double, nb::shape<6>>;
 using Directions = nb::shape<static_cast<nb::ssize_t>(kDirections)>;
 using Scanned = std::tuple<Points, Points, Flags, std::optional<Times>>;  // points, normals, oriented, times
 // T_last_scan, the view's returned and least_m, and its points with their times if they have any
 using Viewed = std::tuple<PoseArray, In<bool, Directions>, In<float, Directions>, std::optional<std::tuple<Points, Times>>>;
 using Doubles = nb::ndarray<nb::numpy, double>;
-
-using Doubles = nb::ndarray<nb::numpy, double>;
 // A pose: row of the template, start_z_m, T_level_sensor, inlier_ratio, alignment_score, information, rests, twist,
-// free_space_violation, removed_surface, seen_free, beside_surface, same_plane.
+// free_space_violation, removed_surface, seen_free, beside_surface, same_plane, is_alike.
 using Found = std::tuple<std::int64_t, double, Doubles, double, double, Doubles, bool, std::optional<Doubles>, double, double,
-                         std::optional<double>, double, double>;
-
-// Asks a function of Python, which takes (k, 4, 4) poses, T_level_sensor, and returns (k,) flags.
-Allows allows_of(const nb::object& asked) {
-  if (asked.is_none()) return {};
-  return [asked](const std::vector<PoseMatrix>& T) {
-    const nb::gil_scoped_acquire acquired;
-    const std::size_t size = T.size();
-    Flags flags;
-    const nb::object answer = asked(array_of(std::vector<PoseMatrix>(T), {size, 4, 4}));
-    require(nb::try_cast(answer, flags) && flags.shape(0) == size, "there is not one flag for each pose");
-    return std::vector<std::uint8_t>(bytes_of(flags), bytes_of(flags) + size);
-  };
-}
+                         std::optional<double>, double, double, bool>;
 
 ScannedSurface surface_of(const Scanned& scanned) {
   const auto& [points, normals, oriented, time_s] = scanned;
@@ -83,11 +69,13 @@ ViewedScan scan_of(const Viewed& viewed) {
   return made;
 }
 
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();  // in place of a threshold
+
 // The search, with the query that it keeps.
 class BoundSearch {
  public:
-  BoundSearch(const SearchedMap& map, SearchedQuery&& asked, Allows&& allows)
-      : query_(std::move(asked)), search(map, query_, std::move(allows)) {}
+  BoundSearch(const SearchedMap& map, SearchedQuery&& asked, const std::optional<PriorRegion>& prior)
+      : query_(std::move(asked)), search(map, query_, prior) {}
 
  private:
   SearchedQuery query_;
@@ -95,23 +83,6 @@ class BoundSearch {
  public:
   Search search;
 };
-
-std::vector<PoseMatrix> finite_poses_of(const Poses& poses) {
-  const double* const numbers = poses.data();
-  const bool is_finite =
-      std::all_of(numbers, numbers + 16 * poses.shape(0), [](double number) { return std::fabs(number) < 1e9; });
-  require(is_finite, "a pose is not finite, or too far away");
-  return poses_of(poses);
-}
-
-std::vector<Candidate> candidates_of(const Rows& rows, const Poses& T_level_sensor, const Scores& score) {
-  require(rows.shape(0) == T_level_sensor.shape(0) && score.shape(0) == rows.shape(0),
-          "template, T_level_sensor and score differ in length");
-  const std::vector<PoseMatrix> T = finite_poses_of(T_level_sensor);
-  std::vector<Candidate> made;
-  for (std::size_t i = 0; i < T.size(); ++i) made.push_back({rows(i), T[i], score(i)});
-  return made;
-}
 
 KnownTwist known_twist(const std::optional<TwistArray>& twist) {
   if (!twist) return std::nullopt;
@@ -134,7 +105,7 @@ std::vector<Found> found_by(const Search& search) {
     if (!std::isnan(fit.seen_free)) seen_free = fit.seen_free;
     made.emplace_back(one.template_row, one.start_z_m, copy_of(placed.T_level_sensor, {4, 4}), placed.inlier_ratio,
                       placed.alignment_score, copy_of(placed.information, {6, 6}), placed.rests, std::move(twist),
-                      fit.free_space_violation, fit.removed_surface, seen_free, fit.beside_surface, fit.same_plane);
+                      fit.free_space_violation, fit.removed_surface, seen_free, fit.beside_surface, fit.same_plane, one.is_alike);
   }
   return made;
 }
@@ -147,40 +118,56 @@ void bind_search(nb::module_& module) {
       .def(
           "__init__",
           [](SearchedMap* place, const Grid& fine, const Grid& coarse, const Tiles& near, const Tiles& far,
-             const FreeTables* seen_free, double reach_m, nb::handle registration, nb::handle nearby,
+             const FreeTables* seen_free, const Places* places, const Aliases* alias_table, double reach_m, double spacing_m,
+             nb::handle registration, nb::handle nearby,
              nb::handle aliases, nb::handle ranking, nb::handle calibration, std::size_t compared) {
             require(reach_m > 0 && reach_m < 1e6, "the reach is not positive, or too large");
+            require(spacing_m > 0 && spacing_m < 1e6, "the spacing of the templates is not positive, or too large");
+            require(alias_table == nullptr || (places != nullptr && places->view.count == alias_table->view.templates),
+                    "the table of aliases is of other templates");
             SearchedMap made{fine.view,
                              coarse.view,
                              near.view,
                              far.view,
                              {},
+                             {},
+                             {},
                              reach_m,
+                             spacing_m,
                              registration_of(registration),
                              nearby_of(nearby),
-                             {number(aliases, "behind"), count(aliases, "tried")},
+                             aliases_of(aliases),
                              ranking_of(ranking),
                              calibration_of(calibration),
                              compared};
             if (seen_free != nullptr) made.seen_free = seen_free->view;
+            if (places != nullptr) made.places = places->view;
+            if (alias_table != nullptr) made.alias_table = alias_table->view;
             new (place) SearchedMap(made);
           },
           nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>(),
-          nb::keep_alive<1, 6>(), "fine"_a, "coarse"_a, "near"_a, "far"_a, "seen_free"_a.none(), "reach_m"_a,
-          "registration"_a, "nearby"_a, "aliases"_a, "ranking"_a, "calibration"_a, "compared"_a);
+          nb::keep_alive<1, 6>(), nb::keep_alive<1, 7>(), nb::keep_alive<1, 8>(), "fine"_a, "coarse"_a, "near"_a, "far"_a,
+          "seen_free"_a.none(), "places"_a.none(), "alias_table"_a.none(), "reach_m"_a, "spacing_m"_a, "registration"_a,
+          "nearby"_a, "aliases"_a, "ranking"_a, "calibration"_a, "compared"_a)
+      .def(
+          "known_aliases",
+          [](const SearchedMap& map, PoseArray T_level_sensor, std::optional<PriorNumbers> prior) {
+            return arrays_of(known_aliases(map, finite_pose_of(T_level_sensor), prior_of(prior)));
+          },
+          "T_level_sensor"_a, "prior"_a.none());
   nb::class_<BoundSearch>(module, "Search")
       .def(
           "__init__",
           [](BoundSearch* place, const SearchedMap& map, const std::vector<Viewed>& scans, const Scanned& dense,
-             const Scanned& sparse, std::size_t spots, nb::object allows) {
+             const Scanned& sparse, std::size_t spots, std::optional<PriorNumbers> prior) {
             require(!scans.empty(), "a query has no scan");
             SearchedQuery query{{}, surface_of(dense), surface_of(sparse), spots};
             require((query.dense.at.times() == nullptr) == (query.sparse.at.times() == nullptr),
                     "either all points have times, or none");
             for (const Viewed& one : scans) query.scans.push_back(scan_of(one));
-            new (place) BoundSearch(map, std::move(query), allows_of(allows));
+            new (place) BoundSearch(map, std::move(query), prior_of(prior));
           },
-          nb::keep_alive<1, 2>(), "map"_a, "scans"_a, "dense"_a, "sparse"_a, "spots"_a, "allows"_a.none())
+          nb::keep_alive<1, 2>(), "map"_a, "scans"_a, "dense"_a, "sparse"_a, "spots"_a, "prior"_a.none())
       .def(
           "run",
           [](BoundSearch& bound, Rows rows, Poses T_level_sensor, Scores score, std::optional<TwistArray> twist,
@@ -196,25 +183,34 @@ void bind_search(nb::module_& module) {
           },
           "template"_a, "T_level_sensor"_a, "score"_a, "twist"_a.none(), "aliases"_a, "nearby"_a)
       .def("is_settled", [](const BoundSearch& bound) { return bound.search.is_settled(); })
+      .def("explains_scan", [](const BoundSearch& bound) { return bound.search.explains_scan(); })
       .def(
-          "leaves_out",
-          [](const BoundSearch& bound, Poses aliases) {
-            return bound.search.leaves_out(finite_poses_of(aliases));
+          "is_accepted",
+          [](const BoundSearch& bound, std::optional<double> asked) {
+            return bound.search.is_accepted(bound.search.needed(asked.value_or(kNone)));
           },
-          "aliases"_a)
+          "asked"_a.none())
       .def(
-          "untried",
-          [](const BoundSearch& bound, Rows rows, Poses T_level_sensor, Scores score, std::optional<TwistArray> twist) {
-            return array_of(bound.search.untried(candidates_of(rows, T_level_sensor, score), known_twist(twist)));
+          "try_aliases",
+          [](BoundSearch& bound, std::optional<double> asked, bool nearby) {
+            StageTimes times;
+            without_gil([&] { bound.search.try_aliases(bound.search.needed(asked.value_or(kNone)), nearby, times); });
+            return times.seconds();
           },
-          "template"_a, "T_level_sensor"_a, "score"_a, "twist"_a.none())
+          "asked"_a.none(), "nearby"_a)
+      .def("mark_look_alikes",
+           [](BoundSearch& bound) {
+             without_gil([&] { bound.search.mark_look_alikes(); });
+             return found_by(bound.search);
+           })
+      .def("aliases_outside",
+           [](BoundSearch& bound) { return arrays_of(without_gil([&] { return bound.search.aliases_outside(); })); })
       .def(
-          "rivals",
-          [](BoundSearch& bound, Rows rows, Poses T_level_sensor, Scores score, double needed) {
-            const std::vector<Candidate> aliases = candidates_of(rows, T_level_sensor, score);
-            return array_of(without_gil([&] { return bound.search.rivals(aliases, needed); }));
+          "lead_outside",
+          [](const BoundSearch& bound, const BoundSearch& anywhere) {
+            return bound.search.lead_outside(anywhere.search.found());
           },
-          "template"_a, "T_level_sensor"_a, "score"_a, "needed"_a)
+          "anywhere"_a)
       .def(
           "not_far_behind",
           [](BoundSearch& bound, Poses aliases, PoseArray T_level_sensor, std::optional<TwistArray> twist) {

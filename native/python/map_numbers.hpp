@@ -65,7 +65,8 @@ inline void take_probability(nb::handle c, ProbabilityNumbers& to) {
   to.beside_offset = positive(c, "beside_offset"), to.same_plane_offset = positive(c, "same_plane_offset");
   to.max_margin = number(c, "max_margin"), to.unlikely_m_s = positive(c, "unlikely_m_s");
   to.unlikely_rad_s = positive(c, "unlikely_rad_s"), to.motion_score_weight = positive(c, "motion_score_weight");
-  to.promising = number(c, "promising");
+  to.promising = number(c, "promising"), to.likely = number(c, "likely");
+  to.convincing_inlier_ratio = number(c, "convincing_inlier_ratio");
 }
 
 inline Ranking ranking_of(nb::handle c) {
@@ -104,6 +105,10 @@ inline NearbyNumbers nearby_of(nb::handle c) {
                         count(c, "refined"),    number(c, "apart_m"),  number(c, "apart_deg"), number(c, "better_by")};
   require(n.reach_m >= 0 && n.reach_m / n.step_m <= 200, "the local search has too many starts");
   return n;
+}
+
+inline AliasNumbers aliases_of(nb::handle c) {
+  return {number(c, "near_m"), number(c, "behind"), count(c, "templates"), count(c, "screened"), count(c, "tried")};
 }
 
 inline Calibration calibration_of(nb::handle c) {

@@ -1,6 +1,7 @@
 // The search for a query's poses, on maps, scans and candidates that hold any numbers.
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "firstfix/query/search.hpp"
@@ -15,6 +16,9 @@ struct RandomMap {
   RandomGrid fine, coarse;
   std::vector<float> points;
   std::vector<std::int32_t> begin;
+  std::vector<float> position_m, height_m;
+  std::vector<std::int32_t> tile_row, tile_begin, alias_row;
+  std::vector<std::uint8_t> turn, score;
   SearchedMap map;
 
   RandomMap(Hostile& random, double wrong) : fine(random, wrong), coarse(random, wrong) {
@@ -25,17 +29,39 @@ struct RandomMap {
     map.fine = fine.grid, map.coarse = coarse.grid, map.near = tiles, map.far = tiles, map.reach_m = 25;
     map.registration = {0.1, 0.6, 3, 2, 0.5, 0.15};
     map.nearby = {1, 0.5, 40, 0.05, 3, 0.15, 1, 0.01};
-    map.aliases = {0.15, 3};
+    map.aliases = {5, 0.15, 4, 20, 3};
+    map.spacing_m = 1;
+    take_places(random, wrong);
     take_numbers(random);
   }
 
  private:
+  // All templates are in one tile.
+  void take_places(Hostile& random, double wrong) {
+    const auto count = static_cast<std::size_t>(random.number(0, 30));
+    constexpr std::size_t kEach = 3;
+    position_m = random.floats(3 * count, 4, wrong), height_m = random.floats(count, 2, wrong);
+    for (std::size_t i = 0; i < count; ++i) tile_row.push_back(static_cast<std::int32_t>(i));
+    tile_begin = {0, static_cast<std::int32_t>(count)};
+    map.places = TemplatePlaces{position_m.data(), height_m.data(), count, {tile_row.data(), tile_begin.data(), 1, 1, {0, 0}}};
+    map.places->tiles.check(count);
+    if (random.chance(0.3)) return;
+    for (std::size_t i = 0; i < kEach * count; ++i) {
+      alias_row.push_back(static_cast<std::int32_t>(random.number(-2, static_cast<std::int64_t>(count) - 1)));
+      turn.push_back(static_cast<std::uint8_t>(random.number(0, 255)));
+      score.push_back(static_cast<std::uint8_t>(random.number(0, 255)));
+    }
+    map.alias_table = AliasTable{alias_row.data(), turn.data(), score.data(), count, kEach};
+    map.alias_table->check();
+  }
+
   void take_numbers(Hostile& random) {
     Ranking& r = map.ranking;
     r.alignment_weight = 0.25, r.removed_weight = 0.04, r.violation_weight = 0.06, r.seen_free_weight = 0.07;
     r.seen_free_offset = 0.05, r.best_score = 1.05, r.least_share = 0.001, r.worst_score = 0.02, r.violation_offset = 0.005;
     r.beside_offset = 0.02, r.same_plane_offset = 0.02, r.max_margin = 0.25, r.unlikely_m_s = 3, r.unlikely_rad_s = 4;
-    r.motion_score_weight = 2.5, r.promising = 0.02, r.same_pose_m = 1, r.same_pose_deg = 15, r.same_start_m = 0.3;
+    r.motion_score_weight = 2.5, r.promising = 0.02, r.likely = 0.5, r.convincing_inlier_ratio = 0.75;
+    r.same_pose_m = 1, r.same_pose_deg = 15, r.same_start_m = 0.3;
     r.same_start_deg = 3, r.rival_within = 0.3, r.max_refined = 3, r.neighbour_m = 0.3, r.slid_m = 0.25, r.better_by = 0.02;
     r.maybe_better_by = 0.01, r.screen_points = 20, r.coarse_points = 40, r.screen_iterations = 2, r.smooth_iterations = 2;
     r.coarse_angle = 0.2, r.align_angle = 0.06, r.smooth_angle = 0.5, r.fine_angle = 0.2;
@@ -68,6 +94,20 @@ void check(const Search& search) {
   }
 }
 
+void decide(Hostile& random, const SearchedMap& map, const Search& search) {
+  std::vector<Competitor> ranked;
+  for (const RegisteredPose& one : search.found()) {
+    const auto spots = static_cast<std::size_t>(random.number(1, 4));
+    const double outside_lead = random.chance(0.2) ? random.real(1, 0) : 0;
+    ranked.push_back({0, one.fit, one.support, spots, one.is_alike, outside_lead, one.registration.rests,
+                      is_in_motion(one.registration)});
+  }
+  const std::vector<JudgingMap> maps{{map.ranking, map.calibration}};
+  const Decision found = Judge(maps, ranked).decided(random.real(1));
+  expect(found.shares.size() == ranked.size(), "one share for each pose");
+  for (const double share : found.shares) expect(share >= -1e-9 && share <= 1 + 1e-9, "a share within 0 and 1");
+}
+
 void search_once(Hostile& random) {
   const double wrong = random.chance(0.5) ? 0.1 : 0;
   const RandomMap tables(random, wrong);
@@ -78,15 +118,9 @@ void search_once(Hostile& random) {
   ViewedScan scan{pose(random, 0), {std::vector<std::uint8_t>(kDirections, 1), std::vector<float>(kDirections, 5.0F)}, {}};
   if (in_time) scan.returns = query.dense.at;
   query.scans.push_back(scan);
-  Allows allows;
-  if (random.chance(0.3)) {
-    allows = [](const std::vector<PoseMatrix>& T) {
-      std::vector<std::uint8_t> is_allowed;
-      for (const PoseMatrix& one : T) is_allowed.push_back(one[3] > 0 ? 1 : 0);
-      return is_allowed;
-    };
-  }
-  Search search(tables.map, query, allows);
+  std::optional<PriorRegion> prior;
+  if (random.chance(0.3)) prior = PriorRegion{pose(random, 0), {random.real(4, 0), 0, 0}, 5, random.real(180, 0), 90};
+  Search search(tables.map, query, prior);
   std::vector<Candidate> candidates;
   for (int run = 0; run < 3; ++run) {
     candidates.clear();
@@ -104,6 +138,15 @@ void search_once(Hostile& random) {
     expect(search.rivals(candidates, 0.5).size() <= candidates.size(), "rows of the aliases");
     search.leaves_out(aliases);
     search.is_settled();
+    search.explains_scan();
+    StageTimes times;
+    search.try_aliases(search.needed(random.real(1)), random.chance(0.5), times);
+    search.mark_look_alikes();
+    check(search);
+    decide(random, tables.map, search);
+    expect(prior || search.aliases_outside().empty(), "nothing is outside where there is no prior");
+    for (const Candidate& one : search.aliases_outside()) expect(!prior->allows(one.T_level_sensor), "an alias outside");
+    expect(search.found().empty() || search.lead_outside(search.found()) == 0, "what the prior allows is not outside");
   }
   for (const std::int64_t row : search.untried(candidates, std::nullopt)) {
     expect(row >= 0 && row < static_cast<std::int64_t>(candidates.size()), "a row of the candidates");

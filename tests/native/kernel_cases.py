@@ -141,6 +141,16 @@ def _seen_free(native: Any) -> Any:
     return free.shares(FEW, np.array([np.eye(4), T_MAP_SENSOR])), free.holds(FEW, T_MAP_SENSOR)
 
 
+def _places(native: Any) -> tuple[Any, Any]:
+    """Twelve templates in a row on two floors, each with an alias on its own floor."""
+    position_m = np.array([[i % 6, 0, 1 + 3 * (i // 6)] for i in range(12)], np.float32)
+    tiles = TemplateTiles.of(position_m)
+    places = native.TemplatePlaces(position_m, np.ones(12, np.float32), tiles.row, tiles.begin, tiles.low)
+    row = np.array([[(i + 3) % 6 + 6 * (i // 6), -1] for i in range(12)], np.int32)
+    turn = np.arange(24, dtype=np.uint8).reshape(12, 2) * 10
+    return places, native.AliasTable(row, turn, turn[::-1].copy())
+
+
 def _searched(native: Any) -> Any:
     """The map of ``_grid`` and ``_tiles``, and what was seen free in it."""
     brick, *_, bits = _free(native)
@@ -150,7 +160,9 @@ def _searched(native: Any) -> Any:
         _grid(native, 1.5),
         *(_tiles(native, 0.2), _tiles(native, 0.4)),
         native.SeenFree(0.25, free.corner, free.group, free.brick, free.bits),
+        *_places(native),
         30.0,
+        1.0,
         *(CONFIG.registration, CONFIG.nearby, CONFIG.search.aliases, CONFIG.ranking, CALIBRATION),
         4,
     )
@@ -161,19 +173,24 @@ def _search(native: Any, times: NDArray[np.float32] | None = None) -> Any:
     few = tuple(part[::8].copy() for part in _aligned())
     few = (*few, None if times is None else times[::40].copy())
     scan = np.eye(4), *_view(), None if times is None else (few[0], few[3])
-    search = native.Search(_searched(native), [scan], few, few, 1, lambda T: T[:, 0, 3] < 4)
+    prior = np.eye(4), np.array([-6.0, 0, 0]), 10.0, 0.0, 180.0
+    map_searched = _searched(native)
+    search = native.Search(map_searched, [scan], few, few, 1, prior)
     starts, (_, twist) = _starts()
-    far = starts + 9 * np.eye(4, k=3)
     rows, score = np.arange(2), np.array([0.5, 0.4])
     first = search.run(rows, starts, score, None, starts[:0], True)
     second = search.run(rows + 2, starts @ T_MAP_SENSOR, score, twist, starts, False)
     return (
         *(one for found in (first, second) for pose in found for one in pose),
         search.is_settled(),
-        search.leaves_out(starts),
-        search.untried(rows, far, score, None),
-        len(search.rivals(rows, starts, score, 1.0)),
+        search.explains_scan(),
+        search.is_accepted(0.5),
+        *(stage for stage, _ in search.try_aliases(0.0, True)),
+        *(one for pose in search.mark_look_alikes() for one in pose),
+        *search.aliases_outside(),
+        search.lead_outside(search),
         search.not_far_behind(starts, T_MAP_SENSOR, twist),
+        *map_searched.known_aliases(T_MAP_SENSOR, None),
     )
 
 
@@ -214,6 +231,11 @@ CASES: dict[str, Callable[[Any], Any]] = {
     ),
     "height_above_floor": lambda n: n.height_above_floor(
         FEW, np.tile(np.float32([0, 0, 1]), (len(FEW), 1)), UP
+    ),
+    "other_ups": lambda n: n.other_ups(NORMALS, UP, None),
+    "level_hypotheses": lambda n: n.level_hypotheses(
+        [(np.eye(4), R_LEVEL_SENSOR, FEW[: len(NORMALS)], NORMALS)],
+        *(FEW[: len(NORMALS)], NORMALS, np.array([0.0, 0, 1]), 1.0, False),
     ),
     "range_view": lambda n: n.range_view(n.nearest_by_direction(STREET)),
     "rows_by_chance": lambda n: n.rows_by_chance(120_000, 7_001),
@@ -312,6 +334,8 @@ CASES: dict[str, Callable[[Any], Any]] = {
         _returns(), FEW, _grid(n), _grid(n, 1.5), T_MAP_SENSOR, FEW[:5] / 40, FEW[5:7] / 40, 25.0
     ),
     "Search": _search,
+    "TemplatePlaces": lambda n: _places(n)[0].stacked(T_MAP_SENSOR),
+    "AliasTable": lambda n: _places(n)[1].of(np.arange(12)),
     "Search, a scan in motion": lambda n: _search(n, TIMES),
     "support": lambda n: n.support(CONFIG.ranking, QUALITY),
     "contradiction": lambda n: n.contradiction(CONFIG.ranking, QUALITY),
@@ -320,6 +344,17 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "match_inputs": lambda n: n.match_inputs(CONFIG.ranking, QUALITY, 0.2),
     "probability": lambda n: n.probability(CALIBRATION, CONFIG.ranking, QUALITY, 0.2, 1),
     "accepts": lambda n: n.accepts(CALIBRATION, CONFIG.ranking, QUALITY, 0.2, 1, 0.5),
+    "may_lack": lambda n: n.may_lack(CONFIG.ranking, 0.6, QUALITY, QUALITY),
+    "is_one_thing": lambda n: n.is_one_thing(CONFIG.ranking, QUALITY, QUALITY),
+    "are_parted": lambda n: n.are_parted(
+        np.array([0, 0.1, 0.2]), np.arange(3) == 2, FEW[:3].astype(np.float64)
+    ),
+    "decided": lambda n: n.decided(
+        [(CONFIG.ranking, CALIBRATION)] * 2,
+        [(i % 2, QUALITY, 0.9 - i * 0.04, 1, i == 2, 0.1 * i, True, False) for i in range(5)],
+        None,
+    ),
+    "pose_product": lambda n: n.pose_product(T_MAP_SENSOR, T_MAP_SENSOR),
     "is_stacked": lambda n: n.is_stacked(np.zeros(3), FEW[:300].astype(np.float64) / 9),
     "is_any_of": lambda n: n.is_any_of(*[_starts()[0]] * 2, 1.0, 0.2),
     "cell_counts": lambda n: n.cell_counts(

@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.index import FreeSpaceShares, MapIndex
@@ -22,13 +23,15 @@ from firstfix.engine.registered_candidate import (
     NOT_MEASURED,
     RegisteredCandidate,
     distinct,
-    features_of,
 )
 from firstfix.engine.registration.align import Agreement, Registration, Registrations
 from firstfix.engine.registration.surface import Surface
 from tests.reference.known_aliases import is_any_of, may_tie, not_far_behind, rivals_among
 from tests.reference.local_search import best_near, offsets_along, offsets_around
+from tests.reference.look_alikes import with_look_alikes_marked
 from tests.reference.motion_at_places import MotionAtPlaces, together
+from tests.reference.template_places import known_aliases
+from tests.reference.verdict import features_of, threshold_at
 
 # Share of a search's best coarse alignment score, below which a candidate is hopeless. The right place had
 # 0.905 or more in 729 searches (lab/docs/experiments.md, "Hopeless candidates").
@@ -97,9 +100,53 @@ class HypothesisSearch:
             and calibration.ends_search(features_of(self.found))
         )
 
-    def rivals_among(self, aliases: Candidates, min_probability: float | None) -> Candidates:
+    @property
+    def explains_scan(self) -> bool:
         """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
-        return rivals_among(aliases, self.found[0], self._prepared.sparse, min_probability)
+        if not self.found:
+            return False
+        best = features_of(self.found)
+        is_convincing = best.quality.inlier_ratio >= best.ranking.convincing_inlier_ratio
+        return is_convincing and self._index.calibration.ends_search(best.without_rivals)
+
+    def is_accepted(self, min_probability: float | None) -> bool:
+        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        if not self.found:
+            return False
+        return self._index.calibration.accepts(features_of(self.found), self._needed(min_probability))
+
+    def try_aliases(self, min_probability: float | None, *, nearby: bool) -> list[tuple[str, float]]:
+        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        placed = self.found[0].registration
+        aliases = known_aliases(self._index, placed.T_level_sensor, self._prior)
+        untried = self.untried(aliases, placed.twist)
+        needed = self._needed(min_probability)
+        rivals = rivals_among(untried, self.found[0], self._prepared.sparse, needed)
+        if len(rivals) or self.leaves_out(aliases.T_level_sensor):
+            self.run(rivals, placed.twist, aliases.T_level_sensor, nearby=nearby)
+        return []
+
+    def _needed(self, min_probability: float | None) -> float | None:
+        return threshold_at(self.found[0], LocalizeOptions(min_probability=min_probability))
+
+    def with_look_alikes_marked(self) -> list[RegisteredCandidate]:
+        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        self.found = with_look_alikes_marked(self.found, self._prior)
+        return self.found
+
+    def aliases_outside(self) -> Candidates:
+        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        assert self._prior is not None
+        placed = self.found[0].registration
+        found = known_aliases(self._index, placed.T_level_sensor, None)
+        is_outside = ~self._prior.allows_each(self._index.T_map_level @ found.T_level_sensor)
+        return self.not_far_behind(found.at(np.flatnonzero(is_outside)), placed.T_level_sensor, placed.twist)
+
+    def lead_outside(self, anywhere: HypothesisSearch) -> float:
+        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        assert self._prior is not None
+        outside = [one.support for one in anywhere.found if not self._prior.allows(one.T_map_sensor)]
+        return max(0.0, max(outside) - self.found[0].support) if outside else 0.0
 
     def not_far_behind(
         self,

@@ -21,7 +21,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.known_aliases import is_any_of, known_aliases
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.stopwatch import Stopwatch
-from firstfix.engine.told_apart import are_parted, is_one_thing, may_lack
+from firstfix.engine.told_apart import told_apart
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, pose_error
@@ -76,7 +76,7 @@ def lead_lost(
         vanished=0,
     )
     calm = ScanSimulation(simulation.simulator, simulation.sensor, undisturbed)
-    aliases = known_aliases(localizer.index, case.T_level_sensor, None)
+    aliases = known_aliases(localizer.index, case.T_level_sensor)
     if not len(aliases):
         return None
     before = _lead(localizer, calm.scan(case, clean=clean), case.T_level_sensor, aliases, options)
@@ -96,12 +96,8 @@ def aliases_among(index: MapIndex, answer: Localization) -> tuple[int, ...]:
         return ()
     ranking = index.config.ranking
     T_level_sensor = inverse(index.T_map_level) @ [one.T_map_sensor for one in answer.hypotheses]
-    known = known_aliases(index, T_level_sensor[0], None).T_level_sensor
-    support = np.array([ranking.support(fit) for fit in fits])
-    lacking = np.array([may_lack(ranking, fit.alignment_score, fit, fits[0]) for fit in fits])
-    is_small = np.array([is_one_thing(ranking, fit, fits[0]) for fit in fits])
-    is_alike = is_any_of(known, T_level_sensor, ranking)
-    is_alike &= ~are_parted(support[0] - support, lacking | is_small, T_level_sensor[:, :3, 3])
+    known = known_aliases(index, T_level_sensor[0]).T_level_sensor
+    is_alike = is_any_of(known, T_level_sensor, ranking) & ~told_apart(ranking, fits, T_level_sensor)
     return tuple(number for number in np.flatnonzero(is_alike).tolist() if number)
 
 

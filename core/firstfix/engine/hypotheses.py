@@ -5,7 +5,8 @@ The search is compiled: ``native/include/firstfix/query/search.hpp``.
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from collections.abc import Iterable
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ class HypothesisSearch:
             _surface(prepared.dense),
             _surface(prepared.sparse),
             self._spots,
-            None if prior is None else lambda T: prior.allows_each(index.T_map_level @ T),
+            None if prior is None else prior_numbers(prior, index),
         )
 
     def run(
@@ -61,7 +62,9 @@ class HypothesisSearch:
             aliases: (k, 4, 4) known aliases of the best pose.
             nearby: the best pose moves to a better minimum beside it, if there is one.
         """
-        found = self._search.run(*_rows(candidates), twist, aliases, nearby)
+        return self._candidates(self._search.run(*_rows(candidates), twist, aliases, nearby))
+
+    def _candidates(self, found: Iterable[tuple[Any, ...]]) -> list[RegisteredCandidate]:
         return [self._candidate(*one) for one in found]
 
     def _candidate(
@@ -79,6 +82,7 @@ class HypothesisSearch:
         seen_free: float | None,
         beside_surface: float,
         same_plane: float,
+        is_alike: bool,
     ) -> RegisteredCandidate:
         return RegisteredCandidate(
             self._index,
@@ -89,6 +93,7 @@ class HypothesisSearch:
             Agreement(beside_surface, same_plane),
             start_z_m,
             self._spots,
+            is_alike,
         )
 
     @property
@@ -96,30 +101,45 @@ class HypothesisSearch:
         """Whether the best pose is so surely right that nothing else is searched for."""
         return self._search.is_settled()
 
-    def leaves_out(self, aliases: NDArray[np.float64]) -> bool:
-        """Whether the last run left out a place that would tie with the best, as a known alias.
+    @property
+    def explains_scan(self) -> bool:
+        """Whether the best pose would be accepted without its rivals, with up surely right."""
+        return self._search.explains_scan()
 
-        Args:
-            aliases: (k, 4, 4) known aliases of the best pose.
-        """
-        return self._search.leaves_out(aliases)
-
-    def untried(self, candidates: Candidates, twist: NDArray[np.float64] | None = None) -> Candidates:
-        """The candidates that start near no start, and no aligned pose, of an earlier run.
-
-        Args:
-            twist: as for ``run``.
-        """
-        return candidates.at(self._search.untried(*_rows(candidates), twist))
-
-    def rivals_among(self, aliases: Candidates, min_probability: float | None) -> Candidates:
-        """The known aliases of the best pose that could change the answer, to be tried.
+    def is_accepted(self, min_probability: float | None) -> bool:
+        """Whether the best pose would be the answer.
 
         Args:
             min_probability: threshold to use instead of the calibration's own.
         """
-        needed = self._index.calibration.min_probability if min_probability is None else min_probability
-        return aliases.at(self._search.rivals(*_rows(aliases), needed))
+        return self._search.is_accepted(min_probability)
+
+    def try_aliases(self, min_probability: float | None, *, nearby: bool) -> list[tuple[str, float]]:
+        """Let the known aliases of the best pose compete, and return the seconds of each stage of it.
+
+        Those are registered that were not yet, and could change the answer.
+
+        Args:
+            min_probability: as for ``is_accepted``.
+            nearby: as for ``run``.
+        """
+        return self._search.try_aliases(min_probability, nearby)
+
+    def with_look_alikes_marked(self) -> list[RegisteredCandidate]:
+        """The distinct poses, with those marked that the scan does not tell from the best one."""
+        return self._candidates(self._search.mark_look_alikes())
+
+    def aliases_outside(self) -> Candidates:
+        """The known aliases of the best pose that the prior excludes, if the scan may fit them as well."""
+        return Candidates(*self._search.aliases_outside())
+
+    def lead_outside(self, anywhere: HypothesisSearch) -> float:
+        """Support by which a pose outside the prior is better than the best one in it, or 0.
+
+        Args:
+            anywhere: a search without the prior.
+        """
+        return self._search.lead_outside(anywhere._search)
 
     def not_far_behind(
         self, aliases: Candidates, T_level_sensor: Matrix, twist: NDArray[np.float64] | None = None
@@ -138,6 +158,11 @@ def _rows(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     template, score = candidates.template.astype(np.int64), candidates.score.astype(np.float64)
     return template, candidates.T_level_sensor, score
+
+
+def prior_numbers(prior: Prior, index: MapIndex) -> tuple[Matrix, NDArray[np.float64], float, float, float]:
+    """A prior about places of a map, as the compiled search reads it."""
+    return index.T_map_level, prior.position_m, prior.radius_m, prior.yaw_deg, prior.yaw_range_deg
 
 
 def _surface(surface: Surface) -> tuple[_Floats, _Floats, NDArray[np.bool_], _Floats | None]:

@@ -22,9 +22,8 @@ from .index import MapIndex
 from .map_search import MapSearch, Step
 from .preprocess import PreparedQuery, deskewed, preprocess
 from .ranking import RankingConfig
-from .registered_candidate import RegisteredCandidate, features_of
 from .stopwatch import Stopwatch
-from .verdict import judge, threshold_at, threshold_of
+from .verdict import judge, threshold_of
 from .with_prior import judging
 
 
@@ -195,8 +194,7 @@ def _answer_of(
     if not (likely_one and _one_explains_scan(searches)):
         _search(searches)
     for search in searches:
-        if search.registered:
-            search.try_aliases(threshold_at(search.registered[0], options))
+        search.try_aliases()
     with watch.stage("verify"):
         together = [candidate for search in searches for candidate in search.registered]
         together.sort(key=lambda candidate: -candidate.support)
@@ -248,7 +246,7 @@ def _search(searches: Sequence[MapSearch]) -> None:
         if not search.is_settled:
             search.take(Step.WIDE)
     for step in (Step.OTHER_UPS, Step.EXHAUSTIVE):
-        if any(_explain_scan(search.registered) for search in searches if search.registered):
+        if any(search.explains_scan for search in searches):
             return
         for search in searches:
             search.take(step)
@@ -271,13 +269,3 @@ def _one_explains_scan(searches: Sequence[MapSearch]) -> bool:
     best = max(found, key=lambda search: search.registered[0].support)
     best.take(Step.NARROW)
     return best.is_settled
-
-
-def _explain_scan(registered: Sequence[RegisteredCandidate]) -> bool:
-    """Whether the best candidate would be accepted without its rivals, with up surely right.
-
-    With a wrong up direction, up to two thirds of a scan may lie on surfaces that nothing contradicts.
-    """
-    best = features_of(registered)
-    is_convincing = best.quality.inlier_ratio >= best.ranking.convincing_inlier_ratio
-    return is_convincing and registered[0].index.calibration.ends_search(best.without_rivals)

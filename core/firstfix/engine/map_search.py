@@ -15,14 +15,13 @@ from ..answer.options import LocalizeOptions
 from ..answer.prior import Prior
 from .candidates import Candidates, candidates_of_scan, find_candidates
 from .config import EffortConfig
-from .hypotheses import NO_POSES, HypothesisSearch
+from .hypotheses import HypothesisSearch
 from .index import MapIndex
-from .known_aliases import known_aliases, with_look_alikes_marked
 from .level_hypotheses import level_hypotheses
-from .outside_prior import aliases_outside, lead_outside
 from .preprocess import PreparedQuery, PreparedScan
-from .registered_candidate import RegisteredCandidate, distinct, features_of
+from .registered_candidate import RegisteredCandidate, distinct
 from .stopwatch import Stopwatch
+from .verdict import threshold_of
 
 SCREENED_PER_REGISTERED = 12  # poses that are screened in the time of one candidate's registration
 COMPARED_PER_REGISTERED = 200  # templates that are compared in this time
@@ -69,6 +68,14 @@ class MapSearch:
         """Whether the best pose is so surely right that nothing else is searched for."""
         return self._hypotheses.is_settled
 
+    @property
+    def explains_scan(self) -> bool:
+        """Whether the best pose would be accepted without its rivals, with up surely right.
+
+        With a wrong up direction, up to two thirds of a scan may lie on surfaces that nothing contradicts.
+        """
+        return self._hypotheses.explains_scan
+
     def take(self, step: Step) -> None:
         """Search with the effort of one step, if the caller's deadline leaves time for it."""
         if self._expected_s(step) > self._watch.left_s:
@@ -100,48 +107,41 @@ class MapSearch:
         with self._watch.stage("register"):
             self.registered = self._hypotheses.run(candidates)
 
-    def try_aliases(self, min_probability: float | None) -> None:
+    def try_aliases(self) -> None:
         """Let the known aliases of the best pose compete, if it would be accepted.
 
         Those that were not registered yet are tried if there is time for it.
-
-        Args:
-            min_probability: threshold to use instead of the calibration's own.
         """
-        index, best = self._index, self.registered
-        config = index.config.search
-        expected_s = SLOWER * self._narrow_s * config.aliases.tried / config.candidates
-        if index.aliases is None or not index.calibration.accepts(features_of(best), min_probability):
+        index, options = self._index, self._options
+        config, asked = index.config.search, threshold_of(index, options)
+        if index.aliases is None or not self._hypotheses.is_accepted(asked):
             return
-        if expected_s <= self._watch.left_s:
-            self._register_aliases(min_probability)
-            if self._options.prior is not None:
-                self._compare_outside(self._options.prior)
-        self.registered = with_look_alikes_marked(self.registered, self._options.prior)
+        expected_s = SLOWER * self._narrow_s * config.aliases.tried / config.candidates
+        in_time = expected_s <= self._watch.left_s
+        if in_time:
+            for stage, seconds in self._hypotheses.try_aliases(asked, nearby=config.widened > 1):
+                self._watch.add(stage, seconds)
+        self.registered = self._hypotheses.with_look_alikes_marked()
+        if in_time and options.prior is not None:
+            self._compare_outside()
 
-    def _register_aliases(self, min_probability: float | None) -> None:
-        placed = self.registered[0].registration
-        with self._watch.stage("aliases"):
-            aliases = known_aliases(self._index, placed.T_level_sensor, self._options.prior)
-            untried = self._hypotheses.untried(aliases, placed.twist)
-            rivals = self._hypotheses.rivals_among(untried, min_probability)
-        if len(rivals) or self._hypotheses.leaves_out(aliases.T_level_sensor):
-            self._register(rivals, placed.twist, aliases.T_level_sensor)
+    def _compare_outside(self) -> None:
+        """Compare the best pose with places outside the prior, if an alias there fits nearly as well.
 
-    def _compare_outside(self, prior: Prior) -> None:
-        """Compare the best pose with places outside the prior, if an alias there fits nearly as well."""
+        Is the prior wrong? Those that are as good do not count: which of them is right, the prior says. One
+        that is clearly better shows that the prior is wrong: the scan was taken there. Most places have no
+        alias, and a prior saves the search of the whole map.
+        """
         index, best, prepared = self._index, self.registered[0], self._prepared
         with self._watch.stage("aliases"):
-            aliases = aliases_outside(best, prior, self._hypotheses)
+            aliases = self._hypotheses.aliases_outside()
             if not len(aliases):
                 return
             described = [one.described_by(index.cascade.descriptor) for one in prepared.scans]
-            anywhere = replace(self._options, prior=None)
-            similar = find_candidates(index, described, prepared.scans, anywhere)
-            found = self.new_hypotheses(None).run(
-                Candidates.merged([aliases, similar]), best.registration.twist
-            )
-            lead = lead_outside(found, best, prior)
+            similar = find_candidates(index, described, prepared.scans, replace(self._options, prior=None))
+            anywhere = self.new_hypotheses(None)
+            anywhere.run(Candidates.merged([aliases, similar]), best.registration.twist)
+            lead = self._hypotheses.lead_outside(anywhere)
             self.registered = [replace(best, outside_lead=lead), *self.registered[1:]]
 
     def _expected_s(self, step: Step) -> float:
@@ -178,15 +178,10 @@ class MapSearch:
             candidates = screened_candidates(index, self._prepared, levelled, options, effort)
         self._register(candidates)
 
-    def _register(
-        self,
-        candidates: Candidates,
-        twist: NDArray[np.float64] | None = None,
-        aliases: NDArray[np.float64] = NO_POSES,
-    ) -> None:
+    def _register(self, candidates: Candidates) -> None:
         with self._watch.stage("register"):
             nearby = self._index.config.search.widened > 1
-            self.registered = self._hypotheses.run(candidates, twist, aliases, nearby=nearby)
+            self.registered = self._hypotheses.run(candidates, nearby=nearby)
 
     def _expected_up(self) -> NDArray[np.float64] | None:
         """(3,) up by the mounting, or None: gravity is known."""

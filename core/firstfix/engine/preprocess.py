@@ -14,6 +14,7 @@ from ..errors import InvalidOption
 from ..native import (
     deskew,
     height_above_floor,
+    other_ups,
     prepare_compact_scan,
     prepare_scan,
     turned_occupied_cells,
@@ -23,7 +24,6 @@ from ..scan.levelling import levelling_rotation, turned
 from ..scan.reduction import COLUMNS, RangeView, TimedPoints, directions, nearest_by_direction
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
-from ..scan.up_hypotheses import other_ups
 from ..transform import Matrix
 from .config import PreprocessConfig
 from .ranking import RANKING, AlignmentConfig

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,7 +13,7 @@ from .. import native
 from ..answer.quality import AlignmentQuality
 from ..transform import Matrix
 from .index import FreeSpaceShares, MapIndex
-from .ranking import CandidatesConfig, MatchFeatures
+from .ranking import CandidatesConfig
 from .registration.align import Agreement, Registration
 from .registration.surface import Surface
 
@@ -87,7 +86,7 @@ class RegisteredCandidate:
     @property
     def T_map_sensor(self) -> Matrix:
         """(4, 4) pose in the map's own frame."""
-        return self.index.T_map_level @ self.registration.T_level_sensor
+        return native.pose_product(self.index.T_map_level, self.registration.T_level_sensor)
 
 
 def distinct(
@@ -98,26 +97,3 @@ def distinct(
     return native.distinct_poses(
         T_level_sensor, ranking.same_pose_m, math.radians(ranking.same_pose_deg), most
     )
-
-
-def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> MatchFeatures:
-    """Match features of one of the ranked candidates, for the calibration of its own map.
-
-    The evidence of several spots adds up: places that look alike from one rarely do from all. Support is a
-    mean over the scans, so the margin counts once for each spot (docs/method.md section 7). Places outside a
-    prior are rivals only if they are better: which of those that tie is right, the prior says.
-    """
-    one = ranked[number]
-    alike = [
-        n for n, other in enumerate(ranked) if not number and other.is_alike and other.map_id == one.map_id
-    ]
-    features = one.index.config.ranking.match_features(
-        [candidate.quality for candidate in ranked],
-        one.index.calibration.min_margin,
-        number,
-        [candidate.support for candidate in ranked],
-        alike,
-    )
-    if one.is_better_outside:
-        features = replace(features, margin=min(features.margin, -one.outside_lead))
-    return features if one.spots == 1 else replace(features, margin=one.spots * features.margin)

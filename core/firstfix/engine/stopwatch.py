@@ -32,4 +32,8 @@ class Stopwatch:
         try:
             yield
         finally:
-            self.ms[name] = self.ms.get(name, 0.0) + (time.monotonic() - start) * 1e3
+            self.add(name, time.monotonic() - start)
+
+    def add(self, name: str, seconds: float) -> None:
+        """Add time that was measured elsewhere to a stage."""
+        self.ms[name] = self.ms.get(name, 0.0) + seconds * 1e3

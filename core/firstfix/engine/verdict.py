@@ -1,28 +1,20 @@
-"""The verdict: from ranked poses to an answer, or to the reason why there is none."""
+"""The verdict: from ranked poses to an answer, or to the reason why there is none.
+
+The decision is compiled: ``native/include/firstfix/query/verdict.hpp``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import pairwise
 
+from .. import native
 from ..answer.localization import Hypothesis, Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
 from ..errors import InvalidOption
 from ..transform import inverse
-from .calibration import Calibration
 from .index import MapIndex
-from .ranking import MatchFeatures
-from .registered_candidate import RegisteredCandidate, features_of
+from .registered_candidate import RegisteredCandidate
 from .registration.covariance import free_directions, pose_covariance
-
-# Probability that a scan in motion needs, at least and at most. Below the first, two of 3,420 were localized
-# wrongly; no moving scan of another office reached the second (lab/docs/experiments.md, "Robots in motion
-# among look-alikes").
-_IN_MOTION = (0.997, 0.999)
-# Of support, to each side of the lead from which a place no longer ties. Points rounded to a centimetre move
-# leads by about half of it: a place that is just within would add .16 to the probability, and then not.
-_BLUR = 0.01
 
 
 def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:
@@ -34,20 +26,13 @@ def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Lo
     if not ranked:
         return Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,))
     best, mounting = ranked[0], options.T_base_sensor
-    calibration, features = best.index.calibration, features_of(ranked)
-    probability = calibration.probability(features)
-    reason = _why_not_localized(features, calibration, threshold_at(best, options))
-    if reason in (None, Reason.SEVERAL_PLACES) and best.is_better_outside:
-        reason = Reason.LOW_PROBABILITY  # a better place is known, and the prior excludes it
-    if reason is None and not best.registration.rests:
-        reason = Reason.NOT_CONVERGED
-    if reason is Reason.SEVERAL_PLACES:
-        probability = _of_several(ranked, features)
+    code, probability, shares = _decided(ranked, threshold_of(best.index, options))
     hypotheses = tuple(
         Hypothesis(candidate.T_map_sensor, candidate.quality, share, candidate.template, candidate.map_id)
-        for candidate, share in zip(ranked, _shares(ranked, features.tied, probability), strict=True)
+        for candidate, share in zip(ranked, shares, strict=True)
     )
-    if reason is not None:
+    if code is not None:
+        reason = Reason(code)
         verdict = Verdict.AMBIGUOUS if reason is Reason.SEVERAL_PLACES else Verdict.REJECTED
         return Localization(verdict, (reason,), probability=probability, hypotheses=hypotheses)
     config, T_map_level = best.index.config.registration, best.index.T_map_level
@@ -78,77 +63,27 @@ def threshold_of(index: MapIndex, options: LocalizeOptions, map_id: str = "") ->
     return index.false_accept_bound.min_probability(options.max_false_accept, map_id)
 
 
-def threshold_at(best: RegisteredCandidate, options: LocalizeOptions) -> float | None:
-    """The threshold for a candidate; None: its map's own.
-
-    What many maps have taught, they taught of scans at rest. One in motion fits wrong places better: it needs
-    more, and how much more, the map's own cases say.
-
-    Raises:
-        InvalidOption: as ``threshold_of``.
-    """
-    asked, calibration = threshold_of(best.index, options), best.index.calibration
-    if asked is None and best.registration.is_in_motion:
-        least, most = _IN_MOTION
-        return max(calibration.min_probability, least, min(calibration.search_until, most))
-    return asked
-
-
-def _why_not_localized(
-    best: MatchFeatures, calibration: Calibration, min_probability: float | None
-) -> Reason | None:
-    """First reason against the best candidate, or None: it is accepted.
-
-    Places that tie are never localized, so one of them need only be likely, whatever the caller's threshold.
-    """
-    needed = calibration.min_probability if min_probability is None else min_probability
-
-    def would_do(changed: MatchFeatures) -> bool:
-        return calibration.probability(changed) >= needed
-
-    if best.quality.inlier_ratio < calibration.min_inlier_ratio:
-        return Reason.LOW_INLIER_RATIO
-    if best.quality.free_space_violation > calibration.max_free_space_violation:
-        return Reason.FREE_SPACE_VIOLATION
-    if calibration.accepts(best, min_probability):
-        return None
-    if best.tied > 1 and calibration.probability(best) >= best.ranking.likely:
-        return Reason.SEVERAL_PLACES
-    if calibration.accepts(best.without_rivals, max(needed, calibration.search_until)):
-        return Reason.SEVERAL_PLACES
-    if would_do(replace(best, quality=replace(best.quality, free_space_violation=0.0))):
-        return Reason.FREE_SPACE_VIOLATION
-    return Reason.LOW_PROBABILITY
-
-
-def _of_several(ranked: Sequence[RegisteredCandidate], features: MatchFeatures) -> float:
-    """Probability that one of the places that tie is right, blurred over where a tie ends.
-
-    Each number of places counts as far as the next one's lead is beyond the end. So the same scan in another
-    encoding, whose leads differ by little, has nearly the same probability.
+def _decided(
+    ranked: Sequence[RegisteredCandidate], threshold: float | None
+) -> tuple[str | None, float, list[float]]:
+    """Code of the reason why the best one is not the answer, its probability, and the share of each.
 
     Args:
-        features: of the best one.
+        threshold: that the caller asks for; None: the map's own.
     """
-    best, calibration = ranked[0], ranked[0].index.calibration
-    leads = sorted(best.support - one.support for one in ranked)
-    furthest = leads[features.tied - 1]
-    # known aliases tie further than others, and surely
-    end = calibration.min_margin if furthest < calibration.min_margin else furthest + _BLUR
-    ties = [1.0, *(min(max((end + _BLUR - lead) / (2 * _BLUR), 0.0), 1.0) for lead in leads[1:]), 0.0]
-    probability = 0.0
-    for tied, (within, beyond) in enumerate(pairwise(ties), 1):
-        if within > beyond:
-            margin = best.spots * leads[min(tied, len(leads) - 1)]
-            number = replace(features, tied=tied, margin=features.margin if len(leads) == 1 else margin)
-            probability += (within - beyond) * calibration.probability(number)
-    return probability
-
-
-def _shares(ranked: Sequence[RegisteredCandidate], tied: int, probability: float) -> list[float]:
-    """Probability of each candidate: equal for those that tie; others get at most the remainder."""
-    others = [
-        candidate.index.calibration.probability(features_of(ranked, number))
-        for number, candidate in enumerate(ranked[tied:], tied)
+    maps = {one.map_id: (one.index.config.ranking, one.index.calibration) for one in ranked}
+    number = {map_id: n for n, map_id in enumerate(maps)}
+    asked = [
+        (
+            number[one.map_id],
+            one.quality,
+            one.support,
+            one.spots,
+            one.is_alike,
+            one.outside_lead,
+            one.registration.rests,
+            one.registration.is_in_motion,
+        )
+        for one in ranked
     ]
-    return [probability / tied] * tied + [min(other, 1 - probability) for other in others]
+    return native.decided(list(maps.values()), asked, threshold)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from firstfix.engine import level_hypotheses as compiled
 from firstfix.engine.config import PreprocessConfig
-from firstfix.engine.level_hypotheses import TILT_DEG, TILTS, ground_normal, level_hypotheses, tilts
-from firstfix.engine.preprocess import PreparedQuery, preprocess
+from firstfix.engine.preprocess import PreparedQuery, PreparedScan, preprocess
 from firstfix.engine.registration.surface import Surface
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import make_transform
+from tests.reference import level_hypotheses as reference
+from tests.reference.level_hypotheses import TILT_DEG, TILTS, ground_normal, tilts
 
 Z = np.array([0.0, 0.0, 1.0])
 SLOPE = np.array([np.sin(np.radians(12)), 0, np.cos(np.radians(12))])
@@ -34,6 +36,21 @@ def prepared() -> PreparedQuery:
     scan = Scan.from_points(slope_with_posts())
     found = preprocess(ScanSequence.single(scan), None, PreprocessConfig())
     assert found is not None
+    return found
+
+
+def level_hypotheses(
+    prepared: PreparedQuery, expected_up: np.ndarray | None, usual_height_m: float, *, tilted: bool
+) -> tuple[PreparedScan, ...]:
+    """The compiled ways, which are those of the reference."""
+    asked = prepared, expected_up, usual_height_m
+    found = compiled.level_hypotheses(*asked, tilted=tilted)
+    wanted = reference.level_hypotheses(*asked, tilted=tilted)
+    assert len(found) == len(wanted)
+    for mine, its in zip(found, wanted, strict=True):
+        assert mine.T_last_scan is its.T_last_scan
+        np.testing.assert_allclose(mine.R_level_sensor, its.R_level_sensor, rtol=0, atol=1e-6)
+        assert mine.height_m == pytest.approx(its.height_m, abs=1e-4)
     return found
 
 

@@ -14,7 +14,6 @@ from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.map_search import MapSearch, Step
 from firstfix.engine.ranking import RANKING
-from firstfix.engine.registered_candidate import features_of
 from firstfix.engine.stopwatch import Stopwatch
 
 
@@ -46,7 +45,7 @@ def search_by(monkeypatch, clock):
     ):
         taken: list[Step] = []
         cascade = SimpleNamespace(templates=range(5000))
-        hypotheses = SimpleNamespace(is_settled=False)
+        hypotheses = SimpleNamespace(is_settled=False, explains_scan=False)
         monkeypatch.setattr(map_search_module, "HypothesisSearch", lambda *given: hypotheses)
         index = SimpleNamespace(config=EngineConfig(), calibration=calibration, cascade=cascade)
         search = MapSearch(
@@ -61,15 +60,8 @@ def search_by(monkeypatch, clock):
             clock.now_s += 0.01
             good = found_by is not None and step is found_by
             quality = AlignmentQuality(0.99, 0.98, 0.0) if good else AlignmentQuality(0.3, 0.2, 0.2)
-            support = RANKING.support(quality)
-            told = {
-                "is_alike": False,
-                "is_better_outside": False,
-                "registration": SimpleNamespace(rests=True),
-            }
-            candidate = SimpleNamespace(index=index, quality=quality, support=support, spots=1, **told)
-            search.registered = [candidate]
-            hypotheses.is_settled = calibration.ends_search(features_of([candidate]))
+            features = RANKING.match_features([quality], calibration.min_margin)
+            hypotheses.is_settled = hypotheses.explains_scan = calibration.ends_search(features)
 
         monkeypatch.setattr(
             search,

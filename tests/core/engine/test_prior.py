@@ -15,13 +15,13 @@ from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import FreeSpaceShares, MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.outside_prior import lead_outside
-from firstfix.engine.registered_candidate import RegisteredCandidate, features_of
+from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.stopwatch import Stopwatch
 from firstfix.engine.verdict import judge
 from firstfix.engine.with_prior import MAX_RADIUS_M, judging
 from firstfix.transform import make_transform
+from tests.reference.verdict import features_of
 
 TAUGHT = Calibration(bias=-15.0, min_probability=0.95, cases=200)
 CALIBRATION = Calibration(cases=100, with_prior=TAUGHT)
@@ -99,11 +99,3 @@ def test_a_better_place_outside_refutes_the_prior():
     assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.LOW_PROBABILITY,))
     assert answer.probability < with_lead(0.07).probability
     assert features_of([replace(fit_at(0, 0.95), outside_lead=0.09)]).margin == -0.09
-
-
-def test_the_lead_is_that_of_the_best_place_outside():
-    inside, outside = fit_at(1, 0.9), fit_at(20, 0.94)
-    found = [fit_at(-2, 0.97), outside, fit_at(30, 0.8)]
-    assert lead_outside(found, inside, NEAR) == pytest.approx(outside.support - inside.support)
-    assert lead_outside([fit_at(20, 0.8)], inside, NEAR) == 0.0
-    assert lead_outside([], inside, NEAR) == 0.0

@@ -13,18 +13,23 @@ from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.hypotheses import HypothesisSearch
+from firstfix.engine.hypotheses import HypothesisSearch, prior_numbers
 from firstfix.engine.index import MapIndex, MapView
 from firstfix.engine.preprocess import PreparedQuery, PreparedScan
 from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
+from firstfix.engine.retrieval.alias_table import AliasTable
+from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates
+from firstfix.engine.retrieval.key_search.exhaustive import Exhaustive
+from firstfix.engine.retrieval.template_tiles import TemplateTiles
 from firstfix.engine.verification.seen_free import SeenFree
 from firstfix.scan.reduction import RangeView, TimedPoints
 from firstfix.transform import Matrix, make_transform, rotation_z
 from tests.core.engine.test_local_search import TRUE, facade
 from tests.reference import hypotheses as reference
 from tests.reference.recorded_places import recorded_place
+from tests.reference.template_places import known_aliases
 
 CONFIG = EngineConfig()
 UNSURE = Calibration(bias=-100.0, cases=1, search_until=0.999)
@@ -49,6 +54,29 @@ def index() -> MapIndex:
         MapView.of(points, 25.0),
         seen_free=SeenFree.of_bricks(brick, bits, 0.2),
     )
+
+
+@pytest.fixture(scope="module")
+def alike(index: MapIndex) -> MapIndex:
+    """The map with templates along the facade on two floors, whose aliases are some pilasters further."""
+    along = np.arange(-10, 11, dtype=np.float32)
+    position_m = np.array([[x, -4, 1.5 + up] for up in (0, 3) for x in along], np.float32)
+    count, rng = len(position_m), np.random.default_rng(7)
+    templates = Templates(position_m, np.full(count, 1.5, np.float32), {})
+    cascade = Cascade(
+        CONFIG.descriptor.make(),
+        templates,
+        TemplateTiles.of(position_m),
+        Clusters.alone(count),
+        Exhaustive.build(np.zeros((count, 2), np.float32), CONFIG.search),
+    )
+    table = AliasTable.none(count, 6)
+    for template in range(count):
+        others = rng.choice(len(along), 5, replace=False)
+        table.put(
+            template, others, rng.choice([0.0, 0.0, np.pi, 0.05], 5), np.sort(rng.uniform(0.5, 1, 5))[::-1]
+        )
+    return replace(index, cascade=cascade, aliases=table)
 
 
 def seen_from(T: Matrix, seed: int, *, in_motion: bool = False) -> PreparedScan:
@@ -117,29 +145,38 @@ def are_same(found: list[RegisteredCandidate], wanted: list[RegisteredCandidate]
 def search_both(
     index: MapIndex, query: PreparedQuery, seed: int, prior: Prior | None = None, off: float = 0.0
 ) -> list[RegisteredCandidate]:
-    """Runs both searches, wider and wider, with what aliases ask of them, and compares all they say."""
+    """Runs both searches, wider and wider, lets aliases compete, and compares all they say."""
     compiled = HypothesisSearch(index, query, prior, "yard")
     plain = reference.HypothesisSearch(index, query, prior, "yard")
     found: list[RegisteredCandidate] = []
     for step, count in enumerate((12, 20, 8)):
         starts = starts_around(TRUE, 10 * seed + step, count)
-        np.testing.assert_array_equal(compiled.untried(starts).template, plain.untried(starts).template)
         found, wanted = compiled.run(starts, nearby=step != 1), plain.run(starts, nearby=step != 1)
         are_same(found, wanted, off)
         assert compiled.is_settled == plain.is_settled
+        assert compiled.explains_scan == plain.explains_scan
     if not found:
         return found
     best = found[0].registration
     near = starts_around(best.T_level_sensor, seed, 10)
-    aliases = np.concatenate([near.T_level_sensor, [one.registration.T_level_sensor for one in found]])
-    assert compiled.leaves_out(aliases) == plain.leaves_out(aliases)
-    for needed in (None, 0.5, 1.0):
-        mine, its = compiled.rivals_among(near, needed), plain.rivals_among(near, needed)
-        np.testing.assert_array_equal(mine.template, its.template)
     mine = compiled.not_far_behind(near, best.T_level_sensor, best.twist)
     its = plain.not_far_behind(near, best.T_level_sensor, best.twist)
     np.testing.assert_array_equal(mine.template, its.template)
+    aliases = np.concatenate([near.T_level_sensor, [one.registration.T_level_sensor for one in found]])
     are_same(compiled.run(near, best.twist, aliases), plain.run(near, best.twist, aliases), off)
+    for needed in (None, 0.5, 1.0):
+        assert compiled.is_accepted(needed) == plain.is_accepted(needed)
+        compiled.try_aliases(needed, nearby=True)
+        plain.try_aliases(needed, nearby=True)
+        mine, its = compiled.with_look_alikes_marked(), plain.with_look_alikes_marked()
+        are_same(mine, its, off)
+        assert [one.is_alike for one in mine] == [one.is_alike for one in its]
+    if prior is not None:
+        mine, its = compiled.aliases_outside(), plain.aliases_outside()
+        np.testing.assert_array_equal(mine.template, its.template)
+        anywhere, everywhere = HypothesisSearch(index, query), reference.HypothesisSearch(index, query)
+        anywhere.run(starts_around(TRUE, seed, 30)), everywhere.run(starts_around(TRUE, seed, 30))
+        assert compiled.lead_outside(anywhere) == pytest.approx(plain.lead_outside(everywhere), abs=off)
     return found
 
 
@@ -148,6 +185,36 @@ def search_both(
 def test_every_bit_is_that_of_the_plain_search(index: MapIndex, name: str, seed: int):
     judged = replace(index, calibration=CALIBRATIONS[name])
     assert search_both(judged, query_of(seen_from(TRUE, seed)), seed)
+
+
+@pytest.mark.parametrize("name", CALIBRATIONS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_known_aliases_compete_as_in_the_plain_search(alike: MapIndex, name: str, seed: int):
+    judged = replace(alike, calibration=CALIBRATIONS[name])
+    assert search_both(judged, query_of(seen_from(TRUE, seed)), seed)
+
+
+def test_aliases_outside_a_prior_are_compared_as_in_the_plain_search(alike: MapIndex):
+    search_both(alike, query_of(seen_from(TRUE, 3)), 3, Prior(TRUE[:3, 3], 2.0, 0.0, 30.0))
+
+
+def test_aliases_of_a_scan_in_motion_compete_as_in_the_plain_search(alike: MapIndex):
+    search_both(alike, query_of(seen_from(TRUE, 1, in_motion=True)), 1, off=1e-6)
+
+
+@pytest.mark.parametrize("prior", [None, Prior(TRUE[:3, 3], 3.0, 10.0, 30.0)], ids=["free", "prior"])
+def test_known_aliases_are_those_of_the_table_and_the_floors(alike: MapIndex, prior: Prior | None):
+    numbers = None if prior is None else prior_numbers(prior, alike)
+    counts = set()
+    for x in np.random.default_rng(5).uniform(-20, 20, 60):
+        T = make_transform(rotation_z(0.3 * x), [x, -3.5, 1.6])
+        mine = Candidates(*alike.searched.known_aliases(T, numbers))
+        its = known_aliases(alike, T, prior)
+        np.testing.assert_array_equal(mine.template, its.template)
+        np.testing.assert_array_equal(mine.score, its.score)
+        np.testing.assert_allclose(mine.T_level_sensor, its.T_level_sensor, rtol=0, atol=1e-12)
+        counts.add(len(mine))
+    assert len(counts) > 3, "some poses have many, some few, and those far away none"
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -186,22 +253,16 @@ def test_recorded_scans_have_the_same_poses(name: str):
 
 
 def test_without_candidates_nothing_is_found(index: MapIndex):
-    search = HypothesisSearch(index, query_of(seen_from(TRUE, 1)))
+    search = HypothesisSearch(index, query_of(seen_from(TRUE, 1)), Prior(np.zeros(3), 1.0))
     nothing = Candidates(np.empty(0, np.int64), np.empty((0, 4, 4)), np.empty(0))
     assert search.run(nothing, nearby=True) == []
     assert not search.is_settled
-    assert not search.leaves_out(TRUE[None])
-    assert not len(search.rivals_among(starts_around(TRUE, 1), None))
-
-
-def test_what_a_prior_raises_comes_through(index: MapIndex):
-    class Broken(Prior):
-        def allows_each(self, T_map_sensor, slack_m=0.0, slack_deg=0.0):
-            raise RuntimeError("out of order")
-
-    search = HypothesisSearch(index, query_of(seen_from(TRUE, 1)), Broken(np.zeros(3), 1.0))
-    with pytest.raises(RuntimeError, match="out of order"):
-        search.run(starts_around(TRUE, 1))
+    assert not search.explains_scan
+    assert not search.is_accepted(0.0)
+    assert search.try_aliases(None, nearby=True) == []
+    assert search.with_look_alikes_marked() == []
+    assert not len(search.aliases_outside())
+    assert search.lead_outside(search) == 0
 
 
 def test_arrays_that_do_not_fit_are_refused(index: MapIndex):
@@ -212,6 +273,8 @@ def test_arrays_that_do_not_fit_are_refused(index: MapIndex):
         search.run(replace(starts, template=starts.template[1:]))
     with pytest.raises(ValueError, match="too fast"):
         search.run(starts, np.array([1e9, 0, 0, 0, 0, 0]))
+    with pytest.raises(ValueError, match="prior is not finite"):
+        HypothesisSearch(index, query, Prior(np.array([np.nan, 0, 0]), 1.0))
     with pytest.raises(ValueError, match="no scan"):
         HypothesisSearch(index, replace(query, scans=()))
     config = CONFIG.model_copy(

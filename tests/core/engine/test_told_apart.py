@@ -12,13 +12,14 @@ from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import FreeSpaceShares
-from firstfix.engine.known_aliases import with_look_alikes_marked
 from firstfix.engine.ranking import RANKING
-from firstfix.engine.registered_candidate import RegisteredCandidate, features_of
+from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
-from firstfix.engine.told_apart import are_parted, is_one_thing, may_lack
+from firstfix.native import are_parted, is_one_thing, may_lack
 from firstfix.transform import make_transform
+from tests.reference.look_alikes import with_look_alikes_marked
+from tests.reference.verdict import features_of
 
 BEST = AlignmentQuality(0.91, 0.88, 0.0, 0.0105)
 IN_A_ROW = np.array([[0.0, 0, 1], [9, 0, 1], [18, 0, 1]])

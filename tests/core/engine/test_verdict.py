@@ -12,12 +12,13 @@ from firstfix.engine.config import EngineConfig, PreprocessConfig
 from firstfix.engine.index import FreeSpaceShares, MapIndex
 from firstfix.engine.preprocess import preprocess, spots_of
 from firstfix.engine.ranking import RANKING
-from firstfix.engine.registered_candidate import RegisteredCandidate, features_of
-from firstfix.engine.registration.align import Registration
+from firstfix.engine.registered_candidate import RegisteredCandidate
+from firstfix.engine.registration.align import Agreement, Registration
 from firstfix.engine.verdict import judge
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import make_transform
+from tests.reference.verdict import decided, features_of
 
 CALIBRATION = Calibration(min_inlier_ratio=0.5)
 T_MAP_LEVEL = make_transform(np.eye(3), [500000.0, 5400000.0, 0])
@@ -35,8 +36,20 @@ def judged(
     calibration: Calibration = CALIBRATION,
     **options: object,
 ) -> Localization:
+    """The answer, whose decision is the one of the reference."""
     index = replace(INDEX, calibration=calibration)
-    return judge([replace(place, index=index) for place in places], LocalizeOptions(**options))
+    ranked = [replace(place, index=index) for place in places]
+    return judged_alike(ranked, LocalizeOptions(**options))
+
+
+def judged_alike(ranked: list[RegisteredCandidate], options: LocalizeOptions) -> Localization:
+    answer = judge(ranked, options)
+    if ranked:
+        reason, probability, shares = decided(ranked, options)
+        assert answer.reasons == (() if reason is None else (reason,))
+        assert answer.probability == probability
+        assert [one.probability for one in answer.hypotheses] == shares
+    return answer
 
 
 def test_a_good_place_without_rivals_is_localized():
@@ -217,3 +230,54 @@ def test_spots_are_a_metre_apart(ways_m, spots):
     prepared = preprocess(ScanSequence.along([BOX] * len(poses), poses), None, PreprocessConfig())
     assert prepared is not None
     assert spots_of(prepared.scans, RANKING.spots_apart_m) == spots
+
+
+def any_place(rng: np.random.Generator, indices: list[MapIndex], spots: int) -> RegisteredCandidate:
+    number = int(rng.integers(len(indices)))
+    ratio = float(rng.choice([rng.uniform(0.3, 1), rng.uniform(0.93, 0.96)]))
+    twist = None if rng.random() < 0.6 else rng.uniform(-0.5, 0.5, 6)
+    registration = Registration(
+        make_transform(np.eye(3), rng.uniform(-50, 50, 3)),
+        ratio,
+        0.9 * ratio,
+        np.eye(6),
+        bool(rng.random() < 0.9),
+        twist,
+    )
+    shares = FreeSpaceShares(rng.choice([0.0, 0.005, 0.2]), rng.uniform(0, 0.1), rng.choice([None, 0.1]))
+    agreement = Agreement(rng.uniform(0, 0.1), rng.uniform(0, 0.5))
+    return RegisteredCandidate(
+        indices[number],
+        f"map {number}",
+        0,
+        registration,
+        shares,
+        agreement,
+        spots=spots,
+        is_alike=bool(rng.random() < 0.3),
+        outside_lead=float(rng.choice([0.0, 0.0, 0.04, 0.2])),
+    )
+
+
+def test_any_places_of_several_maps_are_decided_upon_as_in_python():
+    """Seeded chance makes the places: some tie, look alike, move, or are worse than one outside."""
+    rng = np.random.default_rng(57)
+    reasons = set()
+    for _ in range(400):
+        calibrations = [
+            Calibration(
+                bias=rng.uniform(-22, -8),
+                min_probability=rng.uniform(0.5, 1),
+                search_until=rng.uniform(0.5, 1),
+                min_margin=rng.uniform(0.01, 0.1),
+                among_tied=tuple(rng.uniform(0, 3, 6)) if rng.random() < 0.5 else (),
+            )
+            for _ in range(3)
+        ]
+        indices = [replace(PLAIN, calibration=one) for one in calibrations]
+        spots = int(rng.integers(1, 4))
+        ranked = [any_place(rng, indices, spots) for _ in range(rng.integers(1, 9))]
+        ranked.sort(key=lambda one: -one.support)
+        asked = LocalizeOptions(min_probability=None if rng.random() < 0.5 else rng.uniform(0, 1))
+        reasons.update(judged_alike(ranked, asked).reasons or ("localized",))
+    assert len(reasons) == 6, "every outcome of a decision was met"

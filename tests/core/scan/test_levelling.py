@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from firstfix import native
 from firstfix.scan.levelling import (
     MAX_TILT_DEG,
     estimate_up,
@@ -12,10 +13,20 @@ from firstfix.scan.levelling import (
     levelling_rotation,
     turned,
 )
-from firstfix.scan.up_hypotheses import main_axes, other_ups
 from firstfix.transform import rotation_between
+from tests.reference import up_hypotheses as reference
 
 WALLS_YAW_DEG = 24.0
+
+
+def other_ups(normals: np.ndarray, known: np.ndarray, gravity: np.ndarray | None) -> list[np.ndarray]:
+    """The compiled hypotheses, which are those of the reference."""
+    single = normals.astype(np.float32)
+    found, wanted = native.other_ups(single, known, gravity), reference.other_ups(single, known, gravity)
+    assert len(found) == len(wanted)
+    for mine, its in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(mine, its, rtol=0, atol=1e-9)
+    return list(found)
 
 
 def room(seed: int, floor: int = 300, ceiling: int = 250, walls: int = 500, clutter: int = 250) -> np.ndarray:
@@ -84,7 +95,7 @@ def test_open_ground_leaves_its_normal_and_the_opposite():
 def test_directions_of_few_votes_are_no_axes():
     slanted = Rotation.from_euler("x", 40, degrees=True).as_matrix()
     normals = np.concatenate([room(2, clutter=0), np.tile(slanted[:, 2], (60, 1))])
-    axes = main_axes(normals)
+    axes = reference.main_axes(normals)
     assert len(axes) == 3
     assert all(abs(axis @ slanted[:, 2]) < np.cos(np.radians(10)) for axis in axes)
 

@@ -22,7 +22,6 @@ from ...scan.scan import Dropped, Scan
 from ..config import PreprocessConfig
 from ..map_search import MapSearch
 from ..preprocess import PreparedQuery
-from ..registered_candidate import features_of
 from ..stopwatch import Stopwatch
 from .facts import MEASURED, facts_of
 from .input_findings import input_finding
@@ -184,7 +183,7 @@ def _by_other_forms(answer: Localization, query: AskedQuery, watch: Stopwatch) -
         longest_s = max(longest_s, time.monotonic() - began)
         if search is None or not search.is_settled:
             continue
-        ratio = features_of(search.registered).quality.inlier_ratio
+        ratio = search.registered[0].quality.inlier_ratio
         if ratio > sent_ratio + BETTER:
             numbers = {"inlier_ratio": ratio, "inlier_ratio_as_sent": sent_ratio}
             return form.finding(search.registered[0], numbers)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import native
 from ..array_file import check_numbers, map_arrays, save_arrays
 
 FILE = "aliases.safetensors"
@@ -51,19 +54,22 @@ class AliasTable:
 
     def of(
         self, templates: NDArray[np.integer]
-    ) -> tuple[NDArray[np.integer], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """All aliases of (k,) templates, most similar first.
 
         Returns:
             (m,) templates that have them, (m,) rows of the aliases, (m,) yaw of the template's scan in the
             alias's frame in radians, and (m,) score, 0..1.
         """
-        row, score = self.row[templates], self.score[templates]
-        own, number = np.nonzero(row != NONE)
-        order = np.argsort(-score[own, number].astype(np.int64), kind="stable")
-        own, number = own[order], number[order]
-        yaw_rad = self.turn[templates[own], number] * (2 * math.pi / _TURNS)
-        return templates[own], row[own, number], yaw_rad, score[own, number] / _SCORES
+        return self.tables.of(templates.astype(np.int64))
+
+    @cached_property
+    def tables(self) -> native.AliasTable:
+        """The table as the compiled search reads it."""
+        return native.AliasTable(self.row, self.turn, self.score)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def save(self, directory: Path) -> None:
         """Write a version's file."""

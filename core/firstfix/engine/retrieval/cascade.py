@@ -255,6 +255,14 @@ class Cascade:
         return key if self.projection is None else key @ self.projection
 
     @cached_property
+    def places(self) -> native.TemplatePlaces:
+        """The templates by their places, as the compiled search reads them."""
+        tiles = self.tiles
+        return native.TemplatePlaces(
+            self.templates.position_m, self.templates.height_m, tiles.row, tiles.begin, tiles.low
+        )
+
+    @cached_property
     def _compiled(self) -> native.Cascade | None:
         """The same as one compiled call, for the default descriptor and keys in one list of 8-bit codes."""
         descriptor, keys = self.descriptor, self.keys
@@ -292,7 +300,7 @@ class Cascade:
             raise ValueError(f"{len(keys)} keys for {len(clusters)} clusters")
         tiles = TemplateTiles.load(directory, templates.position_m)
         cascade = cls(descriptor, templates, tiles, clusters, keys, load_projection(directory))
-        _ = cascade._compiled  # checks that the tables fit
+        _ = cascade._compiled, cascade.places  # check that the tables fit
         return cascade
 
 

@@ -48,21 +48,6 @@ class TemplateTiles:
         near: NDArray[np.int32] = rows[np.linalg.norm(position_m[rows] - centre, axis=1) <= radius_m]
         return near
 
-    def near_on_level(
-        self, position_m: NDArray[np.floating], centre: NDArray[np.float64], radius_m: float
-    ) -> NDArray[np.int32]:
-        """Rows, ascending, of the templates at any height that are near a position on the level.
-
-        Args:
-            position_m: (n, 3) of all templates.
-            centre: (3,) metres.
-            radius_m: distance along x and y.
-        """
-        rows = self._around(centre, radius_m)
-        away_m = position_m[rows, :2] - centre[:2]
-        near: NDArray[np.int32] = rows[np.linalg.norm(away_m, axis=1) <= radius_m]
-        return near
-
     def _around(self, centre: NDArray[np.float64], radius_m: float) -> NDArray[np.int32]:
         """Rows, ascending, of the templates in all tiles within reach, at any height."""
         runs = runs_around(self.begin, self.low, centre, radius_m)

@@ -9,19 +9,13 @@
 #include <optional>
 #include <vector>
 
+#include "firstfix/query/candidate.hpp"
 #include "firstfix/query/free_space_order.hpp"
 #include "firstfix/query/registered_pose.hpp"
 #include "firstfix/query/scan_on_map.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
 
 namespace firstfix {
-
-// A pose that a template implies, where an alignment begins. score: 0..1, similarity of the two descriptors.
-struct Candidate {
-  std::int64_t template_row;
-  PoseMatrix T_level_sensor;
-  double score;
-};
 
 // Tells which aliases of a pose may change the answer: most poses have none, and need not be judged again.
 class KnownAliases {

@@ -53,17 +53,6 @@ struct PreparedScan {
   double height_m = 0;
 };
 
-// The unit up vector by (count, 3) normals, within 35 degrees of an expected one.
-inline detail::Vector3 estimate_up_near(const float* normals, std::size_t count, const detail::Vector3& expected) {
-  const detail::Matrix3 R = detail::levelling_rotation(expected);
-  std::vector<float> levelled(3 * count);
-  turned(normals, count, R[0].data(), levelled.data());
-  const detail::Vector3 up = detail::estimate_up(levelled.data(), count);
-  detail::Vector3 back;
-  for (std::size_t k = 0; k < 3; ++k) back[k] = R[0][k] * up[0] + R[1][k] * up[1] + R[2][k] * up[2];
-  return back;
-}
-
 // Height of the sensor above the floor, for an up direction.
 inline std::optional<double> height_above_floor(const float* points, const float* normals, std::size_t count,
                                                 const detail::Vector3& up) {

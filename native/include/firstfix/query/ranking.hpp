@@ -42,7 +42,7 @@ struct SupportNumbers {
 
 struct ProbabilityNumbers : SupportNumbers {
   double worst_score, violation_offset, beside_offset, same_plane_offset, max_margin;
-  double unlikely_m_s, unlikely_rad_s, motion_score_weight, promising;
+  double unlikely_m_s, unlikely_rad_s, motion_score_weight, promising, likely, convincing_inlier_ratio;
 
   // The alignment score that counts as much as this one and the likelihood of its motion together. Three unknowns more let a
   // scan fit wrong places better, but with motions that are unlikely. The logarithm of the score's misfit has a known weight

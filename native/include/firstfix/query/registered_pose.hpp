@@ -32,6 +32,7 @@ struct RegisteredPose {
   Fit fit;
   double support;
   bool is_measured = false;  // whether its agreement is
+  bool is_alike = false;     // whether the scan does not tell it from the best pose of its map (look_alikes.hpp)
 
   RegisteredPose(const Ranking& ranking, std::int64_t row, double start_z, const Registration& aligned)
       : template_row(row), start_z_m(start_z), registration(aligned) {

@@ -6,7 +6,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <map>
-#include <functional>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -14,13 +13,18 @@
 #include "firstfix/query/free_space_order.hpp"
 #include "firstfix/query/known_aliases.hpp"
 #include "firstfix/query/local_search.hpp"
+#include "firstfix/query/look_alikes.hpp"
 #include "firstfix/query/minima_beside.hpp"
 #include "firstfix/query/motion_at_places.hpp"
 #include "firstfix/query/place_measures.hpp"
+#include "firstfix/query/prior.hpp"
 #include "firstfix/query/registered_pose.hpp"
 #include "firstfix/query/scan_on_map.hpp"
 #include "firstfix/query/searched_map.hpp"
 #include "firstfix/query/searched_query.hpp"
+#include "firstfix/query/stage_times.hpp"
+#include "firstfix/query/template_places.hpp"
+#include "firstfix/query/verdict.hpp"
 
 namespace firstfix {
 
@@ -31,17 +35,14 @@ constexpr double kHopefulFrom = 0.85;
 // explains needs them: they tell that it is of another place.
 constexpr double kExplainedFrom = 0.85;
 
-// Tells of each of some poses, T_level_sensor, whether what the caller knows allows it. Empty: all are allowed.
-using Allows = std::function<std::vector<std::uint8_t>(const std::vector<PoseMatrix>&)>;
-
 // Aligns the candidates of one query in one map and keeps the poses that compete for the answer. It keeps what it found: a
 // later run adds to it, and repeats none of its work. Not thread-safe. The map, the query and the tables must outlive it.
 class Search {
  public:
-  Search(const SearchedMap& map, const SearchedQuery& query, Allows allows)
+  Search(const SearchedMap& map, const SearchedQuery& query, const std::optional<PriorRegion>& prior)
       : map_(map),
         query_(query),
-        allows_(std::move(allows)),
+        prior_(prior),
         fewest_points_(at_most(query.sparse, map.nearby.points, map.registration.map_voxel_m)),
         coarse_(map, query.sparse, map.ranking.coarse_points),
         fewest_(map, fewest_points_),
@@ -100,6 +101,73 @@ class Search {
            map_.calibration.ends_search(features_of(found_, map_, query_.spots), map_.ranking);
   }
 
+  // Whether the best pose would be accepted without its rivals, with up surely right. With a wrong up direction, up to two thirds
+  // of a scan may lie on surfaces that nothing contradicts.
+  bool explains_scan() const {
+    return !found_.empty() && found_.front().fit.inlier_ratio >= map_.ranking.convincing_inlier_ratio &&
+           map_.calibration.ends_search({found_.front().fit, map_.ranking.max_margin, 1}, map_.ranking);
+  }
+
+  // The probability from which on the best pose is accepted. asked: by the caller; not a number: none.
+  double needed(double asked) const {
+    return Judge::needed(map_.calibration, !found_.empty() && is_in_motion(found_.front().registration), asked);
+  }
+
+  // Whether the best pose would be the answer. needed: probability from which on a pose is accepted.
+  bool is_accepted(double needed) const {
+    return !found_.empty() && map_.calibration.accepts(features_of(found_, map_, query_.spots), map_.ranking, needed);
+  }
+
+  // Lets the known aliases of the best pose compete: those that were not registered yet, and could change the answer, are. nearby:
+  // as search_near.
+  void try_aliases(double needed, bool nearby, StageTimes& times) {
+    if (found_.empty()) return;
+    const Registration placed = found_.front().registration;
+    std::vector<Candidate> rivals_found;
+    std::vector<PoseMatrix> poses;
+    times.of("aliases", [&] {
+      const std::vector<Candidate> aliases = known_aliases(map_, placed.T_level_sensor, prior_);
+      poses = poses_of(aliases);
+      const std::vector<Candidate> fresh = at(aliases, untried(aliases, placed.twist));
+      rivals_found = at(fresh, rivals(fresh, needed));
+    });
+    if (rivals_found.empty() && !leaves_out(poses)) return;
+    times.of("register", [&] {
+      run(rivals_found, placed.twist, poses);
+      if (nearby) search_near();
+    });
+  }
+
+  // The known aliases of the best pose that the prior excludes, if the scan may fit them as well.
+  std::vector<Candidate> aliases_outside() {
+    if (found_.empty() || !prior_) return {};
+    const Registration& placed = found_.front().registration;
+    std::vector<Candidate> outside;
+    for (const Candidate& one : known_aliases(map_, placed.T_level_sensor, std::nullopt)) {
+      if (!prior_->allows(one.T_level_sensor)) outside.push_back(one);
+    }
+    return at(outside, not_far_behind(poses_of(outside), placed.T_level_sensor, placed.twist));
+  }
+
+  // Support by which the best of some poses that the prior excludes is better than the best one in it, or 0.
+  double lead_outside(const RegisteredPoses& found_anywhere) const {
+    double lead = 0;
+    if (found_.empty() || !prior_) return lead;
+    for (const RegisteredPose& one : found_anywhere) {
+      if (!prior_->allows(one.registration.T_level_sensor)) {
+        lead = std::max(lead, one.support - found_.front().support);
+      }
+    }
+    return lead;
+  }
+
+  // Marks the poses that the scan does not tell from the best one.
+  void mark_look_alikes() {
+    if (found_.empty()) return;
+    const std::vector<Candidate> aliases = known_aliases(map_, found_.front().registration.T_level_sensor, prior_);
+    firstfix::mark_look_alikes(found_, map_, poses_of(aliases));
+  }
+
   // Whether the last run left out a place that would tie with the best pose, as a known alias.
   bool leaves_out(const std::vector<PoseMatrix>& aliases) const {
     return !found_.empty() && !order_.tied_aliases(found_.front(), aliases).empty();
@@ -138,13 +206,17 @@ class Search {
   }
 
  private:
+  static std::vector<Candidate> at(const std::vector<Candidate>& candidates, const std::vector<std::int64_t>& rows) {
+    std::vector<Candidate> some;
+    for (const std::int64_t row : rows) some.push_back(candidates[static_cast<std::size_t>(row)]);
+    return some;
+  }
+
   // Aligns all new candidates with few points: coarsely, then the good ones on the map's own points.
   void align(const std::vector<Candidate>& candidates, const KnownTwist& twist) {
-    std::vector<Candidate> fresh;
-    for (const auto row : untried(candidates, twist)) fresh.push_back(candidates[static_cast<std::size_t>(row)]);
+    const std::vector<Candidate> fresh = at(candidates, untried(candidates, twist));
     if (fresh.empty()) return;
-    std::vector<PoseMatrix> starts;
-    for (const Candidate& one : fresh) starts.push_back(one.T_level_sensor);
+    const std::vector<PoseMatrix> starts = poses_of(fresh);
     const std::vector<Registration> near = coarse_.align(starts, twist, map_.coarsely());
     tried_.insert(tried_.end(), starts.begin(), starts.end());
     double best = near.front().alignment_score;
@@ -224,17 +296,15 @@ class Search {
   }
 
   std::vector<std::size_t> allowed_rows(const std::vector<PoseMatrix>& T_level_sensor) const {
-    std::vector<std::uint8_t> is_allowed(T_level_sensor.size(), 1);
-    if (allows_ && !is_allowed.empty()) is_allowed = allows_(T_level_sensor);
     std::vector<std::size_t> rows;
-    for (std::size_t i = 0; i < is_allowed.size(); ++i) {
-      if (is_allowed[i] != 0) rows.push_back(i);
+    for (std::size_t i = 0; i < T_level_sensor.size(); ++i) {
+      if (!prior_ || prior_->allows(T_level_sensor[i])) rows.push_back(i);
     }
     return rows;
   }
 
   RegisteredPoses allowed(const RegisteredPoses& poses) const {
-    if (!allows_) return poses;
+    if (!prior_) return poses;
     std::vector<PoseMatrix> T;
     for (const RegisteredPose& one : poses) T.push_back(one.registration.T_level_sensor);
     RegisteredPoses kept;
@@ -244,7 +314,7 @@ class Search {
 
   const SearchedMap& map_;
   const SearchedQuery& query_;
-  Allows allows_;
+  std::optional<PriorRegion> prior_;
   ScannedSurface fewest_points_;  // a part of the sparse ones
   ScanOnCells coarse_;
   ScanOnMap fewest_, few_, many_;

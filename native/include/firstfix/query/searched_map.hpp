@@ -8,6 +8,8 @@
 #include "firstfix/query/ranking.hpp"
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/surface_grid.hpp"
+#include "firstfix/retrieval/alias_table.hpp"
+#include "firstfix/retrieval/template_tiles.hpp"
 #include "firstfix/verification/point_tiles.hpp"
 #include "firstfix/verification/seen_free.hpp"
 
@@ -31,15 +33,26 @@ struct NearbyNumbers {
 
 // firstfix.engine.config.AliasConfig, under the same names.
 struct AliasNumbers {
-  double behind;
-  std::size_t tried;
+  double near_m, behind;
+  std::size_t templates, screened, tried;
+};
+
+// The templates of a version by their places.
+struct TemplatePlaces {
+  const float* position_m = nullptr;  // (n, 3) of the sensor
+  const float* height_m = nullptr;    // (n) of the sensor above its floor
+  std::size_t count = 0;
+  TemplateTiles tiles;
 };
 
 struct SearchedMap {
   SurfaceGrid fine, coarse;
   PointTiles near, far;
   std::optional<SeenFree> seen_free;
-  double reach_m;  // of the free-space check
+  std::optional<TemplatePlaces> places;
+  std::optional<AliasTable> alias_table;  // of these templates; none of a version that has none
+  double reach_m;    // of the free-space check
+  double spacing_m;  // between templates
   RegistrationNumbers registration;
   NearbyNumbers nearby;
   AliasNumbers aliases;

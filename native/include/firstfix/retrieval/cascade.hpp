@@ -73,13 +73,7 @@ struct Cascade {
     require(clusters.start[0] == 0 && std::is_sorted(clusters.start, clusters.start + clusters.count + 1) &&
                 static_cast<std::size_t>(clusters.start[clusters.count]) == templates.count,
             "the clusters do not hold every template once");
-    require(point_into(tiles.row, templates.count, templates.count), "a tile has no such template");
-    const std::size_t ends = tiles.columns * (tiles.rows + 1);
-    require(point_into(tiles.begin, ends, templates.count + 1), "a tile begins outside of the templates");
-    for (std::size_t column = 0; column < tiles.columns; ++column) {
-      const std::int32_t* begin = tiles.begin + column * (tiles.rows + 1);
-      require(std::is_sorted(begin, begin + tiles.rows + 1), "the tiles do not ascend");
-    }
+    tiles.check(templates.count);
     const std::size_t numbers = templates.rings * std::min(form.coefficients, templates.sectors / 2 + 1);
     require(templates.count < std::size_t{1} << 31, "there are too many templates");
     require(keys.count == clusters.count, "there is not one key for each cluster");

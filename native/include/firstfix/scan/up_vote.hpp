@@ -11,6 +11,7 @@
 #include "firstfix/bit_exact/eigh3.hpp"
 #include "firstfix/bit_exact/exp.hpp"
 #include "firstfix/bit_exact/vectors.hpp"
+#include "firstfix/scan/levelling.hpp"
 #include "firstfix/scan/voxel_filter.hpp"
 
 namespace firstfix {
@@ -109,10 +110,10 @@ detail::Vector3 refined_up(const T* normals, std::size_t count, detail::Vector3 
 
 namespace detail {
 
-// Directions within 35 degrees of z, about four degrees apart.
-inline std::vector<Vector3> up_candidates() {
+// Directions within so many degrees of z, about four degrees apart.
+inline std::vector<Vector3> directions_about_z(int within_deg) {
   std::vector<Vector3> directions{{0, 0, 1}};
-  for (int tilt_deg = 4; tilt_deg <= 35; tilt_deg += 4) {
+  for (int tilt_deg = 4; tilt_deg <= within_deg; tilt_deg += 4) {
     const double tilt = tilt_deg * (kPi / 180);
     const double around = std::max(6.0, std::nearbyint(2 * kPi * std::sin(tilt) / (4.0 * (kPi / 180))));
     for (int k = 0; k < static_cast<int>(around); ++k) {
@@ -132,7 +133,7 @@ Vector3 estimate_up(const T* all_normals, std::size_t count) {
   for (const auto row : rows_by_chance(count, kVoters)) {
     normals.insert(normals.end(), all_normals + 3 * row, all_normals + 3 * row + 3);
   }
-  const std::vector<Vector3> directions = up_candidates();
+  const std::vector<Vector3> directions = directions_about_z(35);
   std::vector<double> won(directions.size());
   votes(normals.data(), normals.size() / 3, numbers_of(directions), directions.size(), won.data());
   for (std::size_t i = 0; i < won.size(); ++i) {  // a weak preference for an upright sensor
@@ -144,4 +145,16 @@ Vector3 estimate_up(const T* all_normals, std::size_t count) {
 }
 
 }  // namespace detail
+
+// The unit up vector by (count, 3) normals, within 35 degrees of an expected one.
+inline detail::Vector3 estimate_up_near(const float* normals, std::size_t count, const detail::Vector3& expected) {
+  const detail::Matrix3 R = detail::levelling_rotation(expected);
+  std::vector<float> levelled(3 * count);
+  turned(normals, count, R[0].data(), levelled.data());
+  const detail::Vector3 up = detail::estimate_up(levelled.data(), count);
+  detail::Vector3 back;
+  for (std::size_t k = 0; k < 3; ++k) back[k] = R[0][k] * up[0] + R[1][k] * up[1] + R[2][k] * up[2];
+  return back;
+}
+
 }  // namespace firstfix

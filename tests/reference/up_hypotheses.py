@@ -1,9 +1,4 @@
-"""Further hypotheses of up for a scan whose sensor may hang head down or sit on its side.
-
-``levelling`` searches within 35 degrees of the expected up direction. Floors, ceilings and walls show the
-main axes of a place in any orientation of the sensor. They do not show which axis is up, nor in which sense:
-the map decides (docs/method.md section 2).
-"""
+"""Further hypotheses of up for a scan, in NumPy: ``native.other_ups`` is held against it."""
 
 from __future__ import annotations
 
@@ -12,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from .levelling import directions_about_z, estimate_up_near, refined_up, votes
-from .reduction import at_most
+from firstfix.scan.levelling import directions_about_z, estimate_up_near, refined_up, votes
+from firstfix.scan.reduction import at_most
 
 _MAIN_AXES = 3  # the floor's normal and those of two directions of walls
 _MIN_VOTES = 0.5  # of the best axis's votes: an axis with fewer comes from clutter
