@@ -37,7 +37,7 @@ def sanitised(once_a_run: OnceARun) -> Build:
     return Build(SANITISED_FOLDER)
 
 
-ON_BOARD = ("firstfix_similar_places", "firstfix_ranked_poses")
+ON_BOARD = ("firstfix_similar_places", "firstfix_localize_here")
 
 
 @pytest.fixture(scope="session")

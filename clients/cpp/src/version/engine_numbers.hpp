@@ -9,6 +9,11 @@
 
 namespace firstfix::version {
 
+// Work of one step of the effort levels.
+struct Effort {
+  std::size_t clusters, screened, candidates;
+};
+
 struct EngineNumbers {
   LayeredGrid grid;
   std::size_t coefficients;
@@ -22,7 +27,8 @@ struct EngineNumbers {
   Ranking ranking;
   double reach_m;        // of the free-space check
   std::size_t compared;  // candidates that compete, at most
-  bool searches_beside;  // the best place, for a better alignment
+  bool is_widened;       // whether a scan is searched for again, if the first search is not convincing
+  Effort wide, exhaustive;
 };
 
 // Throws Error "corrupt_version", or "incompatible_version" if the templates have another descriptor, or poses another ranking.

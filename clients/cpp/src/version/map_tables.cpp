@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <stdexcept>
 
 namespace firstfix::version {
 namespace {
@@ -87,15 +88,30 @@ SeenFree seen_free_of(const ArrayFile& file) {
   return made;
 }
 
+AliasTable aliases_of(const ArrayFile& file, std::size_t templates) {
+  const std::size_t each = file.shape("row", 1);
+  if (each == 0 || each > 100) file.refuse("a template has no alias, or too many");
+  const std::vector<std::size_t> shape{templates, each};
+  const AliasTable made{file.of<std::int32_t>("row", shape), file.of<std::uint8_t>("turn", shape), file.of<std::uint8_t>("score", shape),
+                        templates, each};
+  try {
+    made.check();
+  } catch (const std::invalid_argument& error) {
+    file.refuse(error.what());
+  }
+  return made;
+}
+
 }  // namespace
 
-MapTables::MapTables(const VersionFolder& folder)
+MapTables::MapTables(const VersionFolder& folder, std::size_t templates)
     : fine(grid_of(opened(folder, "surface_fine.safetensors"))),
       coarse(grid_of(opened(folder, "surface_coarse.safetensors"))),
       near(tiles_of(opened(folder, "view_near.safetensors"))),
       far(tiles_of(opened(folder, "view_far.safetensors"))) {
-  constexpr const char* kSeenFree = "seen_free.safetensors";
+  constexpr const char *kSeenFree = "seen_free.safetensors", *kAliases = "aliases.safetensors";
   if (folder.has(kSeenFree)) seen_free = seen_free_of(opened(folder, kSeenFree));
+  if (folder.has(kAliases)) alias_table = aliases_of(opened(folder, kAliases), templates);
 }
 
 const ArrayFile& MapTables::opened(const VersionFolder& folder, const char* name) {

@@ -80,6 +80,7 @@ Ranking ranking_numbers(const Json& stored) {
   r.same_plane_offset = positive("same_plane_offset"), r.max_margin = number("max_margin");
   r.unlikely_m_s = positive("unlikely_m_s"), r.unlikely_rad_s = positive("unlikely_rad_s");
   r.motion_score_weight = positive("motion_score_weight"), r.promising = number("promising");
+  r.likely = number("likely"), r.convincing_inlier_ratio = number("convincing_inlier_ratio");
   r.same_pose_m = number("same_pose_m"), r.same_pose_deg = number("same_pose_deg");
   r.same_start_m = number("same_start_m"), r.same_start_deg = number("same_start_deg");
   r.rival_within = number("rival_within"), r.max_refined = count("max_refined");

@@ -25,10 +25,11 @@ std::vector<SimilarPlace> TemplateSearch::find(const Scan& scan, const PlacesOpt
   const version::EngineNumbers& numbers = opened_->templates.numbers;
   const auto prepared = version::prepared(scan, options, numbers);
   if (!prepared) return {};
-  const Candidates found = opened_->templates.candidates(*prepared, options.prior, options.max_places.value_or(numbers.candidates));
+  const LevelledFrame frame{prepared->R_level_sensor, prepared->height_m, version::kSameFrame};
+  const version::Wanted wanted{options.max_places.value_or(numbers.candidates), numbers.clusters};
   std::vector<SimilarPlace> places;
-  for (std::size_t i = 0; i < found.templates.size(); ++i) {
-    places.push_back({version::product(numbers.T_map_level, found.T_level_sensor[i]), static_cast<double>(found.score[i]), found.templates[i]});
+  for (const Candidate& one : opened_->templates.candidates(prepared->seen, frame, options.prior, wanted)) {
+    places.push_back({version::product(numbers.T_map_level, one.T_level_sensor), one.score, one.template_row});
   }
   return places;
 }

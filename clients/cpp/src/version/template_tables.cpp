@@ -6,13 +6,14 @@
 #include <string>
 
 #include "firstfix/descriptor/occupied_cells.hpp"
+#include "firstfix/query/template_places.hpp"
 #include "poses.hpp"
 
 namespace firstfix::version {
 namespace {
 
 // As firstfix.engine.candidates.
-constexpr double kSpotM = 2.0, kSpotDeg = 20.0, kYawSlackDeg = 10.0;
+constexpr double kSpotM = 2.0, kSpotDeg = 20.0;
 constexpr std::size_t kMostPerSpot = 3;
 
 }  // namespace
@@ -27,6 +28,12 @@ TemplateTables::TemplateTables(const VersionFolder& folder) : numbers(engine_num
   if (templates == 0 || templates >= std::size_t{1} << 31) throw Error("corrupt_version", "there are no templates, or too many");
   position_m_ = position.of<float>("template_position_m", {templates, 3});
   height_m_ = array("template_height_m").of<float>("template_height_m", {templates});
+  const auto are_finite = [](const float* first, std::size_t count) {
+    return std::all_of(first, first + count, [](float number) { return std::isfinite(number); });
+  };
+  if (!are_finite(position_m_, 3 * templates) || !are_finite(height_m_, templates)) {
+    throw Error("corrupt_version", "a template's position or height is not finite");
+  }
   cascade_.position_m = position_m_;
   cascade_.templates = {array("template_occupancy").of<std::uint8_t>("template_occupancy", {templates, numbers.grid.bytes()}), templates,
                         numbers.grid.layers() * numbers.grid.rings, numbers.grid.sectors};
@@ -54,25 +61,38 @@ TemplateTables::TemplateTables(const VersionFolder& folder) : numbers(engine_num
   }
 }
 
-Candidates TemplateTables::candidates(const PreparedScan& scan, const std::optional<Prior>& prior, std::size_t most) const {
+std::vector<Candidate> TemplateTables::candidates(const std::vector<float>& seen, const LevelledFrame& frame,
+                                                  const std::optional<Prior>& prior, const Wanted& wanted) const {
   std::vector<std::uint8_t> occupancy(numbers.grid.bytes());
-  const std::int64_t start[] = {0, static_cast<std::int64_t>(scan.seen.size() / 3)};
-  const auto height_m = static_cast<float>(scan.height_m);
+  const std::int64_t start[] = {0, static_cast<std::int64_t>(seen.size() / 3)};
+  const auto height_m = static_cast<float>(frame.height_m);
   Rotation R;
-  for (std::size_t i = 0; i < 9; ++i) R[i] = static_cast<float>(scan.R_level_sensor[i / 3][i % 3]);
-  occupied_cells(scan.seen.data(), start, &height_m, 1, &R, numbers.grid, occupancy.data());
+  for (std::size_t i = 0; i < 9; ++i) R[i] = static_cast<float>(frame.R_level_sensor[i / 3][i % 3]);
+  occupied_cells(seen.data(), start, &height_m, 1, &R, numbers.grid, occupancy.data());
   std::optional<HeadingPrior> headings;
   Matches matches;
   if (prior) {
     headings = HeadingPrior{numbers.T_map_level, prior->yaw_deg, prior->yaw_range_deg + kYawSlackDeg};
     matches = cascade_.search_near(occupancy.data(), in_level(numbers.T_map_level, prior->position), prior->radius_m + numbers.spacing_m,
-                                   numbers.clusters);
+                                   wanted.clusters);
   } else {
-    matches = cascade_.search(occupancy.data(), numbers.clusters);
+    matches = cascade_.search(occupancy.data(), wanted.clusters);
   }
   const Spot spot{kSpotM, std::cos(kSpotDeg * (detail::kPi / 180)), kMostPerSpot};
-  const LevelledFrame frame{scan.R_level_sensor, scan.height_m, kSameFrame};
-  return candidates_of(matches, position_m_, height_m_, frame, headings ? &*headings : nullptr, most, &spot);
+  const Candidates found = candidates_of(matches, position_m_, height_m_, frame, headings ? &*headings : nullptr, wanted.most,
+                                         wanted.is_spread ? &spot : nullptr);
+  std::vector<Candidate> made;
+  for (std::size_t i = 0; i < found.templates.size(); ++i) {
+    made.push_back({found.templates[i], found.T_level_sensor[i], static_cast<double>(found.score[i])});
+  }
+  return made;
+}
+
+double TemplateTables::usual_height_m() const {
+  std::vector<float> sorted(height_m_, height_m_ + cascade_.templates.count);
+  std::sort(sorted.begin(), sorted.end());
+  const std::size_t middle = sorted.size() / 2;
+  return static_cast<double>(sorted.size() % 2 == 1 ? sorted[middle] : (sorted[middle - 1] + sorted[middle]) / 2);
 }
 
 void TemplateTables::read_tiles(const VersionFolder& folder, std::size_t templates) {

@@ -7,12 +7,19 @@
 #include "arrays.hpp"
 #include "engine_numbers.hpp"
 #include "firstfix/answer/options.hpp"
-#include "firstfix/query/prepared_scan.hpp"
+#include "firstfix/query/candidate.hpp"
+#include "firstfix/query/searched_map.hpp"
 #include "firstfix/retrieval/candidates.hpp"
 #include "firstfix/retrieval/cascade.hpp"
 #include "version_folder.hpp"
 
 namespace firstfix::version {
+
+// How many candidates a search gives.
+struct Wanted {
+  std::size_t most, clusters;  // whose templates are compared
+  bool is_spread = true;       // few of one spot
+};
 
 class TemplateTables {
  public:
@@ -20,8 +27,14 @@ class TemplateTables {
 
   const EngineNumbers numbers;
 
-  // At most so many candidates that the prior allows, best first.
-  Candidates candidates(const PreparedScan& scan, const std::optional<Prior>& prior, std::size_t most) const;
+  // Candidates that the prior allows, best first. seen: (n, 3) points of a scan, which is levelled as `frame` says.
+  std::vector<Candidate> candidates(const std::vector<float>& seen, const LevelledFrame& frame, const std::optional<Prior>& prior,
+                                    const Wanted& wanted) const;
+
+  // Of the sensor above its floor: the templates' median.
+  double usual_height_m() const;
+
+  TemplatePlaces places() const { return {position_m_, height_m_, cascade_.templates.count, cascade_.tiles}; }
 
  private:
   void read_tiles(const VersionFolder& folder, std::size_t templates);
