@@ -1,15 +1,19 @@
 #include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstring>
 #include <limits>
 #include <tuple>
+#include <vector>
 
 #include "arrays.hpp"
 #include "firstfix/registration/agreement.hpp"
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/align_moving.hpp"
+#include "firstfix/registration/covariance.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
-#include "firstfix/registration/facing.hpp"
 #include "firstfix/registration/nearest_points.hpp"
 #include "firstfix/registration/surface_grid.hpp"
 #include "grid.hpp"
@@ -83,7 +87,7 @@ auto align_all(const Grid& grid, Points points, Points normals, Flags oriented, 
     PairFinder finder(grid.view, scan);
     for (std::size_t pose = 0; pose < poses; ++pose) {
       rests[pose] = align(finder, scan_points, {iterations, reach_m, half_angle}, T[pose], information[pose]);
-      const AlignmentQuality quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
+      const InlierShares quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
       inlier_ratio[pose] = quality.inlier_ratio;
       alignment_score[pose] = quality.alignment_score;
     }
@@ -115,7 +119,7 @@ auto align_all_moving(const Grid& grid, Points points, Points normals, Flags ori
     for (std::size_t pose = 0; pose < poses; ++pose) {
       rests[pose] = align_moving(finder, scan, {iterations, reach_m, half_angle}, vector6_of(scale), T[pose], twist[pose],
                                  information[pose]);
-      const AlignmentQuality quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
+      const InlierShares quality = quality_at(finder, scan_points, T[pose], inlier_distance_m);
       inlier_ratio[pose] = quality.inlier_ratio;
       alignment_score[pose] = quality.alignment_score;
     }
@@ -143,17 +147,38 @@ auto agreement_of_all(const Grid& grid, const Grid& coarse, Points points, Point
   return std::make_tuple(array_of(std::move(beside_surface), {poses}), array_of(std::move(same_plane), {poses}));
 }
 
-// (4, 2, 3): what all tell of each direction, what those that face it tell, the weights of these, their squared distances.
-auto told_by(const Grid& grid, Points points, In<double, nb::shape<4, 4>> T_level_sensor, In<double, nb::shape<2, 3, 3>> axes,
-             float reach_m) {
+using Information = In<double, nb::shape<6, 6>>;
+using Doubles = nb::ndarray<nb::numpy, double>;
+
+Matrix6 matrix6_of(const Information& array) {
+  Matrix6 matrix;
+  std::memcpy(matrix.data(), array.data(), sizeof matrix);
+  const bool is_finite = std::all_of(matrix.begin(), matrix.end(), [](double number) { return std::isfinite(number); });
+  require(is_finite, "a number of the matrix is not finite");
+  return matrix;
+}
+
+Doubles array6_of(const Matrix6& matrix) { return array_of(std::vector<Matrix6>{matrix}, {6, 6}); }
+
+Doubles faced(const Grid& grid, Points points, In<double, nb::shape<4, 4>> T_level_sensor, Information information, float reach_m) {
   require(reach_m > 1e-6F && reach_m < 1e6F, "a parameter is not positive, or too large");
   const PoseMatrix T = pose_of(T_level_sensor);
-  const Told told = without_gil([&] { return told_of(grid.view, vectors_of(points), T, axes.data(), reach_m); });
-  std::vector<double> by_direction;
-  for (const auto& sums : {told.told, told.faced_told, told.faced_weights, told.faced_squares}) {
-    by_direction.insert(by_direction.end(), sums.begin(), sums.end());
+  const Matrix6 all = matrix6_of(information);
+  return array6_of(without_gil([&] { return faced_information(grid.view, vectors_of(points), T, all, reach_m); }));
+}
+
+Doubles covariance_of(Information information, In<double, nb::shape<4, 4>> T_map_level, double map_voxel_m) {
+  require(map_voxel_m > 0 && map_voxel_m < 1e6, "the voxel is not positive, or too large");
+  return array6_of(pose_covariance(matrix6_of(information), pose_of(T_map_level), map_voxel_m));
+}
+
+// Of each: whether it is a turn, the direction, the standard deviation.
+std::vector<std::tuple<bool, Doubles, double>> free_axes_of(Information covariance, double above_m, double above_rad) {
+  std::vector<std::tuple<bool, Doubles, double>> made;
+  for (const FreeAxis& one : free_axes(matrix6_of(covariance), above_m, above_rad)) {
+    made.emplace_back(one.is_turn, array_of(std::vector<detail::Vector3>{one.direction}, {3}), one.sigma);
   }
-  return std::make_tuple(array_of(std::move(by_direction), {4, 2, 3}), told.weights, told.squares);
+  return made;
 }
 
 }  // namespace
@@ -176,8 +201,10 @@ void bind_registration(nb::module_& module) {
              nb::arg("iterations"), nb::arg("reach_m"), nb::arg("half_angle"), nb::arg("inlier_distance_m"));
   module.def("agreement", &agreement_of_all, nb::arg("grid"), nb::arg("coarse"), nb::arg("points"), nb::arg("normals"),
              nb::arg("oriented"), nb::arg("T_level_sensor"), nb::arg("inlier_distance_m"));
-  module.def("told", &told_by, nb::arg("grid"), nb::arg("points"), nb::arg("T_level_sensor"), nb::arg("axes"),
+  module.def("faced_information", &faced, nb::arg("grid"), nb::arg("points"), nb::arg("T_level_sensor"), nb::arg("information"),
              nb::arg("reach_m"));
+  module.def("pose_covariance", &covariance_of, nb::arg("information"), nb::arg("T_map_level"), nb::arg("map_voxel_m"));
+  module.def("free_axes", &free_axes_of, nb::arg("covariance"), nb::arg("above_m"), nb::arg("above_rad"));
   module.def(
       "distinct_poses",
       [](Poses T, double within_m, double within_rad, std::size_t most) {

@@ -7,8 +7,8 @@
 #include "firstfix/registration/agreement.hpp"
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/align_moving.hpp"
+#include "firstfix/registration/covariance.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
-#include "firstfix/registration/facing.hpp"
 #include "firstfix/registration/nearest_points.hpp"
 #include "firstfix/registration/select_item.hpp"
 #include "firstfix/verification/free_space.hpp"
@@ -60,15 +60,17 @@ void align_once(Hostile& random) {
     Matrix6 information;
     const bool is_clean = are_numbers(T.data(), 16) && wrong_scan == 0;
     align(finder, count, parameters, T, information);
-    const AlignmentQuality quality = quality_at(finder, count, T, 0.15F);
+    const InlierShares quality = quality_at(finder, count, T, 0.15F);
     expect(quality.inlier_ratio >= 0 && quality.inlier_ratio <= 1, "inlier ratio within 0 and 1");
     expect(quality.alignment_score >= 0 && quality.alignment_score <= 1.00001, "alignment score within 0 and 1");
     const RandomGrid coarse(random, wrong_tables);
     const Agreement agreement = agreement_at(finder, coarse.grid, scan, T, 0.15F);
     expect(agreement.beside_surface >= 0 && agreement.beside_surface <= 1, "share beside a surface within 0 and 1");
     expect(agreement.same_plane >= 0 && agreement.same_plane <= 1, "chance of one plane within 0 and 1");
-    const Told told = told_of(tables.grid, vectors_of(points), T, information.data(), 0.5F);
-    expect(!is_clean || wrong_tables != 0 || (told.weights >= 0 && told.squares >= 0), "weights of what surfaces tell");
+    const Matrix6 faced = faced_information(tables.grid, vectors_of(points), T, information, 0.5F);
+    const Matrix6 covariance = pose_covariance(faced, T, 0.1);
+    expect(!is_clean || wrong_tables != 0 || are_numbers(covariance.data(), 36), "a finite covariance");
+    expect(free_axes(covariance, 0.2, 0.03).size() <= 6, "free directions");
     // damaged tables alone never make a pose that is no number
     expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(information.data(), 36)), "finite pose and information");
   }
@@ -95,7 +97,7 @@ void align_moving_once(Hostile& random) {
     for (double& one : twist) one = random.chance(0.5) ? 0 : random.floats(1, 20, 0)[0];
     const bool is_clean = are_numbers(T.data(), 16) && wrong_scan == 0;
     align_moving(finder, scan, {static_cast<int>(random.number(0, 12)), 0.5F, 0.06F}, scale, T, twist, information);
-    const AlignmentQuality quality = quality_at(finder, count, T, 0.15F);
+    const InlierShares quality = quality_at(finder, count, T, 0.15F);
     expect(quality.inlier_ratio >= 0 && quality.inlier_ratio <= 1, "inlier ratio within 0 and 1");
     expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(twist.data(), 6) && are_numbers(information.data(), 36)),
            "finite pose, twist and information");

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from tests.cpp.cpp_build import OPTIMISED, REPO, SANITISED, Build, build, require_toolchain
+from tests.cpp.stored_versions import stored
 from tests.once_a_run import OnceARun
 
 # They stay, so that only what has changed is compiled again.
@@ -34,20 +37,34 @@ def sanitised(once_a_run: OnceARun) -> Build:
     return Build(SANITISED_FOLDER)
 
 
-PLACES = "firstfix_similar_places"
+ON_BOARD = ("firstfix_similar_places", "firstfix_localize_here")
 
 
 @pytest.fixture(scope="session")
-def places(once_a_run: OnceARun) -> Build:
-    """The example that finds similar places, with optimisation."""
+def on_board(once_a_run: OnceARun) -> Build:
+    """The examples that need no service, with optimisation."""
     require_toolchain()
-    once_a_run.folder("cpp-places", lambda folder: build(OPTIMISED_FOLDER, OPTIMISED, PLACES))
+    once_a_run.folder("cpp-on-board", lambda folder: build(OPTIMISED_FOLDER, OPTIMISED, *ON_BOARD))
     return Build(OPTIMISED_FOLDER)
 
 
 @pytest.fixture(scope="session")
-def sanitised_places(once_a_run: OnceARun) -> Build:
+def sanitised_on_board(once_a_run: OnceARun) -> Build:
     """The same with checks of every memory access and operation."""
     require_toolchain()
-    once_a_run.folder("cpp-sanitised-places", lambda folder: build(SANITISED_FOLDER, SANITISED, PLACES))
+    once_a_run.folder("cpp-sanitised-on-board", lambda folder: build(SANITISED_FOLDER, SANITISED, *ON_BOARD))
     return Build(SANITISED_FOLDER)
+
+
+@pytest.fixture(scope="session")
+def version_folder(small_version, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small world's version as it lies in a store."""
+    return stored(small_version.directory, tmp_path_factory.mktemp("versions"))
+
+
+@pytest.fixture(scope="session")
+def scan_file(small_scans, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One of its scans."""
+    path = tmp_path_factory.mktemp("scans") / "scan.f32"
+    path.write_bytes(small_scans[0][0].points.astype("<f4").tobytes())
+    return path

@@ -253,10 +253,13 @@ def test_it_is_found_where_it_was_installed(optimised: Build, tmp_path: Path):
     subprocess.run(["cmake", "--install", optimised.folder, "--prefix", tmp_path / "prefix"], check=True)
     (tmp_path / "CMakeLists.txt").write_text(
         "cmake_minimum_required(VERSION 3.16)\nproject(robot CXX)\nfind_package(firstfix REQUIRED)\n"
-        "add_executable(robot robot.cpp)\ntarget_link_libraries(robot firstfix::client)\n"
+        "add_executable(robot robot.cpp)\ntarget_link_libraries(robot firstfix::client firstfix::version)\n"
     )
     (tmp_path / "robot.cpp").write_text(
-        '#include <firstfix/client.hpp>\nint main() { firstfix::Client client("http://localhost:8080"); }\n'
+        "#include <firstfix/client.hpp>\n#include <firstfix/version/localizer.hpp>\nint main() {\n"
+        '  firstfix::Client client("http://localhost:8080");\n'
+        '  try { firstfix::Localizer here("/none"); } catch (const firstfix::Error& error) {\n'
+        '    return error.code() == "not_found" ? 0 : 1;\n  }\n  return 1;\n}\n'
     )
     for command in (
         ["cmake", "-S", tmp_path, "-B", tmp_path / "made", f"-DCMAKE_PREFIX_PATH={tmp_path / 'prefix'}"],

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,7 @@ import pytest
 
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
-from firstfix.catalog.manifest import FILE_NAME, Manifest
+from firstfix.catalog.manifest import FILE_NAME
 from firstfix.engine.candidates import Candidates, find_candidates
 from firstfix.engine.index import MapIndex
 from firstfix.engine.preprocess import preprocess
@@ -23,6 +21,7 @@ from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.scan_file import read_scan_file
 from tests.cpp.cpp_build import Build
+from tests.cpp.stored_versions import any_bytes, damaged, rewritten
 from tests.needs import recorded
 
 PROGRAM = "firstfix_similar_places"
@@ -57,64 +56,32 @@ def numbers_of(done: subprocess.CompletedProcess[str]) -> list[list[float]]:
     return [[float(word) for word in line.split()] for line in done.stdout.splitlines()]
 
 
-@pytest.fixture(scope="module")
-def folder(small_version, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A version as it lies in a store: under the sha256 of its manifest."""
-    manifest = Manifest.for_directory(small_version.directory)
-    target = tmp_path_factory.mktemp("versions") / manifest.digest
-    shutil.copytree(small_version.directory, target)
-    (target / FILE_NAME).write_bytes(manifest.to_json())
-    return target
-
-
-@pytest.fixture(scope="module")
-def scan_file(small_scans, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("scans") / "scan.f32"
-    path.write_bytes(small_scans[0][0].points.astype("<f4").tobytes())
-    return path
-
-
-def test_it_finds_what_a_service_finds(places: Build, folder: Path, small_scans, tmp_path: Path):
-    index = MapIndex.load(folder)
+def test_it_finds_what_a_service_finds(on_board: Build, version_folder: Path, small_scans, tmp_path: Path):
+    index = MapIndex.load(version_folder)
     for number, (scan, T_map_sensor) in enumerate(small_scans[:4]):
         path = tmp_path / f"{number}.f32"
         path.write_bytes(scan.points.astype("<f4").tobytes())
-        assert numbers_of(asked(places, folder, path)) == lines_of(index, proposed(index, scan))
+        assert numbers_of(asked(on_board, version_folder, path)) == lines_of(index, proposed(index, scan))
         near = Prior(T_map_sensor[:3, 3], 2.0)
-        found = numbers_of(asked(places, folder, path, *near.position_m, near.radius_m))
+        found = numbers_of(asked(on_board, version_folder, path, *near.position_m, near.radius_m))
         assert found == lines_of(index, proposed(index, scan, near))
         assert found
     nothing = tmp_path / "nothing.f32"
     nothing.write_bytes(np.zeros((9, 3), "<f4").tobytes())
-    done = asked(places, folder, nothing)
+    done = asked(on_board, version_folder, nothing)
     assert (done.returncode, done.stdout) == (4, "")
 
 
 @pytest.mark.slow
-def test_it_finds_what_a_service_finds_in_a_real_hall(places: Build, hall_directory: Path):
+def test_it_finds_what_a_service_finds_in_a_real_hall(on_board: Build, hall_directory: Path):
     index = MapIndex.load(hall_directory)
     for path in sorted((recorded("hilti_hall_indoor") / "queries").glob("*.pcd"))[:3]:
-        assert numbers_of(asked(places, hall_directory, path)) == lines_of(
+        assert numbers_of(asked(on_board, hall_directory, path)) == lines_of(
             index, proposed(index, read_scan_file(path))
         )
 
 
-def damaged(folder: Path, target: Path, change: Callable[[Path], None]) -> Path:
-    """A copy with a change, under another name, so that its manifest may be another one."""
-    shutil.copytree(folder, target)
-    change(target)
-    return target
-
-
-def rewritten(folder: Path, name: str, content: bytes) -> None:
-    """Writes a file of a version, and its manifest as if it had been built so."""
-    (folder / name).write_bytes(content)
-    manifest = json.loads((folder / FILE_NAME).read_bytes())
-    manifest["files"][name] = {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
-    (folder / FILE_NAME).write_text(json.dumps(manifest, sort_keys=True, separators=(",", ":")))
-
-
-def test_a_changed_file_is_refused(places: Build, folder: Path, scan_file: Path, tmp_path: Path):
+def test_a_changed_file_is_refused(on_board: Build, version_folder: Path, scan_file: Path, tmp_path: Path):
     def flip(path: Path) -> None:
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 1
@@ -125,25 +92,27 @@ def test_a_changed_file_is_refused(places: Build, folder: Path, scan_file: Path,
             (flip, lambda path: path.write_bytes(path.read_bytes()[:-1]), Path.unlink)
         ):
             copy = damaged(
-                folder, tmp_path / f"{name}-{number}", lambda at, change=change, name=name: change(at / name)
+                version_folder,
+                tmp_path / f"{name}-{number}",
+                lambda at, change=change, name=name: change(at / name),
             )
-            done = asked(places, copy, scan_file)
+            done = asked(on_board, copy, scan_file)
             assert done.returncode == 1
             assert re.search(rf"corrupt_version: .*{re.escape(name)}", done.stderr), done.stderr
 
 
 def test_a_manifest_of_another_version_is_refused(
-    places: Build, folder: Path, scan_file: Path, tmp_path: Path
+    on_board: Build, version_folder: Path, scan_file: Path, tmp_path: Path
 ):
-    target = tmp_path / folder.name
-    shutil.copytree(folder, target)
+    target = tmp_path / version_folder.name
+    shutil.copytree(version_folder, target)
     rewritten(target, "engine.json", (target / "engine.json").read_bytes() + b" ")
-    assert "corrupt_version: manifest.json is not that of" in asked(places, target, scan_file).stderr
+    assert "corrupt_version: manifest.json is not that of" in asked(on_board, target, scan_file).stderr
     other = damaged(
-        folder, tmp_path / "other", lambda at: (at / FILE_NAME).write_text(json.dumps({"format": 8}))
+        version_folder, tmp_path / "other", lambda at: (at / FILE_NAME).write_text(json.dumps({"format": 8}))
     )
-    assert "incompatible_version" in asked(places, other, scan_file).stderr
-    assert "not_found" in asked(places, tmp_path / "none", scan_file).stderr
+    assert "incompatible_version" in asked(on_board, other, scan_file).stderr
+    assert "not_found" in asked(on_board, tmp_path / "none", scan_file).stderr
 
 
 @pytest.mark.slow
@@ -158,23 +127,15 @@ def test_a_manifest_of_another_version_is_refused(
     ],
 )
 def test_files_of_any_bytes_end_in_an_error(
-    sanitised_places: Build, folder: Path, scan_file: Path, tmp_path: Path, name: str
+    sanitised_on_board: Build, version_folder: Path, scan_file: Path, tmp_path: Path, name: str
 ):
     """The manifest agrees with each, as an attacker's would."""
-    content, rng = (folder / name).read_bytes(), np.random.default_rng(len(name))
-    head = min(len(content), 1200)
-    cases = [content[:size] for size in (0, 1, 9, len(content) // 2, len(content) - 1)] + [
-        content + b"x",
-        b"[" * 60_000,
-    ]
-    for _ in range(25):
-        wrong = bytearray(content)
-        for at in rng.integers(0, head, 3):
-            wrong[at] = rng.integers(0, 256)
-        cases.append(bytes(wrong))
-    for number, case in enumerate(cases):
-        copy = damaged(folder, tmp_path / str(number), lambda at, case=case: rewritten(at, name, case))
-        done = asked(sanitised_places, copy, scan_file)
+    content = (version_folder / name).read_bytes()
+    for number, case in enumerate(any_bytes(content, len(name))):
+        copy = damaged(
+            version_folder, tmp_path / str(number), lambda at, case=case: rewritten(at, name, case)
+        )
+        done = asked(sanitised_on_board, copy, scan_file)
         assert done.returncode in (0, 1, 4), done.stderr
         if done.returncode == 1:
             assert re.match(rf"{PROGRAM}: (corrupt|incompatible)_version: ", done.stderr), done.stderr

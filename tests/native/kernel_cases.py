@@ -102,6 +102,11 @@ def _aligned() -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.boo
     return FEW[::5] + np.float32(0.05), NORMALS[::5], SURFACE.oriented[::5]
 
 
+def _information() -> NDArray[np.float64]:
+    J = np.random.default_rng(3).normal(size=(40, 6)) * [30, 20, 10, 1, 2, 0.01]
+    return np.asarray(1e3 * J.T @ J, np.float64)
+
+
 def _starts() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Poses, and the twists there."""
     return np.array([np.eye(4), T_MAP_SENSOR]), np.array([np.zeros(6), [0.4, -0.1, 0, 0, 0, 0.7]])
@@ -308,7 +313,9 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "agreement": lambda n: n.agreement(
         _grid(n), _grid(n, 1.5), *_aligned(), np.array([np.eye(4), T_MAP_SENSOR]), 0.13
     ),
-    "told": lambda n: n.told(_grid(n), FEW, T_MAP_SENSOR, np.stack([R_LEVEL_SENSOR, np.eye(3)]), 0.4),
+    "faced_information": lambda n: n.faced_information(_grid(n), FEW, T_MAP_SENSOR, _information(), 0.4),
+    "pose_covariance": lambda n: n.pose_covariance(_information(), T_MAP_SENSOR, 0.1),
+    "free_axes": lambda n: n.free_axes(_information(), 0.2, 0.03),
     "align_moving": lambda n: n.align_moving(
         _grid(n), *_aligned(), TIMES[::5], *_starts(), np.ones(6), 5, 0.4, 0.5, 0.13
     ),

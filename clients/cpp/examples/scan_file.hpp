@@ -1,8 +1,10 @@
-// Reads points from a PCD file (ascii or binary, fields x y z of four or eight bytes), or raw little-endian float32.
+// Reads a scan from a PCD file (ascii or binary, fields x y z of four or eight bytes), a body of the protocol's own encoding
+// (.ffscan, which may have times), or raw little-endian float32.
 #pragma once
 
 #include <cstdint>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <limits>
@@ -11,6 +13,7 @@
 #include <vector>
 
 #include "firstfix/scan/scan.hpp"
+#include "firstfix/wire/scan.hpp"
 
 namespace firstfix::example {
 
@@ -136,7 +139,15 @@ inline Scan read_pcd(std::istream& in) {
 inline Scan read_scan(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
   if (!in) throw Error("not_found", "no such file: " + path);
-  if (path.size() > 4 && path.compare(path.size() - 4, 4, ".pcd") == 0) return read_pcd(in);
+  const auto ends_with = [&path](const std::string& ending) {
+    return path.size() > ending.size() && path.compare(path.size() - ending.size(), ending.size(), ending) == 0;
+  };
+  if (ends_with(".pcd")) return read_pcd(in);
+  if (ends_with(".ffscan")) {
+    if (std::filesystem::file_size(path) > kMaxPoints * 16) throw Error("too_large", "the file has too many bytes");
+    const std::string body{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+    return decode_scan(reinterpret_cast<const std::uint8_t*>(body.data()), body.size());
+  }
   Scan scan;
   for (float xyz[3]; in.read(reinterpret_cast<char*>(xyz), sizeof xyz);) {
     if (scan.points.size() == kMaxPoints) throw Error("too_large", "the file has over 2,000,000 points");

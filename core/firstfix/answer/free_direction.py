@@ -47,25 +47,3 @@ class FreeDirection:
         """Read what ``to_mapping`` returned. Unknown keys are ignored."""
         direction = np.array(data["direction"], np.float64).reshape(3)
         return cls(Motion(data["motion"]), direction, float(data["sigma"]))
-
-
-def free_directions(covariance: NDArray[np.float64]) -> tuple[FreeDirection, ...]:
-    """Directions whose standard deviation is above FREE_M or FREE_RAD (docs/method.md section 7).
-
-    Args:
-        covariance: (6, 6) over x, y, z, rotX, rotY, rotZ about the map's axes, in m and rad.
-
-    Returns:
-        Shifts before turns, of each the least certain first. Those of a kind are at right angles.
-    """
-    parts = (Motion.TRANSLATION, slice(0, 3), FREE_M), (Motion.ROTATION, slice(3, 6), FREE_RAD)
-    found = []
-    for motion, part, limit in parts:
-        if covariance[part, part].trace() < limit**2:  # no variance is above their sum
-            continue
-        variances, vectors = np.linalg.eigh(covariance[part, part])
-        for variance, direction in zip(variances[::-1].tolist(), vectors.T[::-1], strict=True):
-            if variance > limit**2:
-                sign = np.sign(direction[np.abs(direction).argmax()])
-                found.append(FreeDirection(motion, sign * direction, math.sqrt(variance)))
-    return tuple(found)

@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .. import native
-from ..answer.free_direction import free_directions
 from ..answer.localization import Hypothesis, Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
 from ..errors import InvalidOption
 from ..transform import inverse
 from .index import MapIndex
 from .registered_candidate import RegisteredCandidate
-from .registration.covariance import pose_covariance
+from .registration.covariance import free_directions, pose_covariance
 
 
 def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from firstfix.answer.free_direction import FREE_M, FREE_RAD, FreeDirection, Motion, free_directions
+from firstfix.answer.free_direction import FREE_M, FREE_RAD, FreeDirection, Motion
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
+from firstfix.engine.registration.covariance import free_directions
 from firstfix.errors import InvalidOption
 from firstfix.transform import make_transform, rotation_z
 

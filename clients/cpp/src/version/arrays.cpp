@@ -17,6 +17,8 @@ template <>
 const char* type_name<std::int32_t>() { return "<i4"; }
 template <>
 const char* type_name<std::uint8_t>() { return "|u1"; }
+template <>
+const char* type_name<bool>() { return "|b1"; }
 
 namespace {
 
@@ -111,6 +113,12 @@ std::map<std::string, Array> named_arrays(const MappedFile& file) {
     arrays[name] = array;
   }
   return arrays;
+}
+
+std::size_t ArrayFile::count(const char* name) const {
+  std::size_t count = 1;
+  for (const std::size_t along : array(name).shape) count *= along;  // its bytes are in the file: no overflow
+  return count;
 }
 
 FaissCodes faiss_codes(const MappedFile& file) {

@@ -1,12 +1,18 @@
-// The numbers of a version's engine.json that finding templates needs.
+// The numbers of a version's engine.json by which scans are prepared, templates found, and poses registered and ranked.
 #pragma once
 
 #include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/descriptor/occupied_cells.hpp"
 #include "firstfix/query/prepared_scan.hpp"
+#include "firstfix/query/searched_map.hpp"
 #include "mapped_file.hpp"
 
 namespace firstfix::version {
+
+// Work of one step of the effort levels.
+struct Effort {
+  std::size_t clusters, screened, candidates;
+};
 
 struct EngineNumbers {
   LayeredGrid grid;
@@ -15,9 +21,17 @@ struct EngineNumbers {
   double default_height_m, spacing_m;
   std::size_t clusters, candidates;
   PoseMatrix T_map_level;
+  RegistrationNumbers registration;
+  NearbyNumbers nearby;
+  AliasNumbers aliases;
+  Ranking ranking;
+  double reach_m;        // of the free-space check
+  std::size_t compared;  // candidates that compete, at most
+  bool is_widened;       // whether a scan is searched for again, if the first search is not convincing
+  Effort wide, exhaustive;
 };
 
-// Throws Error "corrupt_version", or "incompatible_version" if the templates have another descriptor.
+// Throws Error "corrupt_version", or "incompatible_version" if the templates have another descriptor, or poses another ranking.
 EngineNumbers engine_numbers(const MappedFile& file);
 
 }  // namespace firstfix::version

@@ -19,7 +19,6 @@ from ...native import SLOW_M_S, SLOW_RAD_S
 from ...transform import Matrix
 from ..config import RegistrationConfig
 from ..ranking import RANKING, RankingConfig
-from .facing import faced_information, principal_axes
 from .surface import Surface
 from .surface_grid import SurfaceGrid
 
@@ -229,10 +228,9 @@ class MapSurface:
         Args:
             scan: as it was aligned, not deskewed.
         """
-        axes, still = principal_axes(registration.information), scan.deskewed(registration.twist)
-        reach_m = self.config.fine_distance_m
-        sums = native.told(self.fine.tables, still.points, registration.T_level_sensor, axes, reach_m)
-        return faced_information(registration.information, axes, *sums)
+        still, reach_m = scan.deskewed(registration.twist), self.config.fine_distance_m
+        T_level_sensor, information = registration.T_level_sensor, registration.information
+        return native.faced_information(self.fine.tables, still.points, T_level_sensor, information, reach_m)
 
     def agreements(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Agreement]:
         """Agreement of the scan with the map at each of (k, 4, 4) poses."""

@@ -32,7 +32,7 @@ class Aligner {
     Registration made;
     made.T_level_sensor = T_start;
     made.rests = firstfix::align(finder_, scan_.count, parameters, made.T_level_sensor, made.information);
-    const AlignmentQuality quality =
+    const InlierShares quality =
         quality_at(finder_, scan_.count, made.T_level_sensor, static_cast<float>(inlier_distance_m));
     made.inlier_ratio = quality.inlier_ratio, made.alignment_score = quality.alignment_score;
     return made;
@@ -63,7 +63,7 @@ class MovingAligner {
     made.T_level_sensor = T_start;
     Vector6 twist = twist_start;
     made.rests = align_moving(finder_, scan_, parameters, twist_scale_, made.T_level_sensor, twist, made.information);
-    const AlignmentQuality quality =
+    const InlierShares quality =
         quality_at(finder_, scan_.seen().count, made.T_level_sensor, static_cast<float>(inlier_distance_m));
     made.inlier_ratio = quality.inlier_ratio, made.alignment_score = quality.alignment_score;
     made.twist = twist;

@@ -45,7 +45,7 @@ class ShorterSteps {
 
 // Share of the scan's points within the inlier distance of the surface, and the same with points counting less the further
 // they lie from it.
-struct AlignmentQuality {
+struct InlierShares {
   double inlier_ratio, alignment_score;
 };
 
@@ -77,7 +77,7 @@ inline bool align(PairFinder& finder, std::size_t points, const AlignParameters&
   return rests;
 }
 
-inline AlignmentQuality quality_at(PairFinder& finder, std::size_t points, const PoseMatrix& T_level_sensor,
+inline InlierShares quality_at(PairFinder& finder, std::size_t points, const PoseMatrix& T_level_sensor,
                                    float inlier_distance_m) {
   Int8 inside{};
   Float8 close{};

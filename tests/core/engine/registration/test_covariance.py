@@ -6,14 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from firstfix.answer.free_direction import Motion, free_directions
+from firstfix.answer.free_direction import Motion
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.align import MapSurface
-from firstfix.engine.registration.covariance import pose_covariance
-from firstfix.engine.registration.facing import faced_information, principal_axes
+from firstfix.engine.registration.covariance import free_directions, pose_covariance
 from firstfix.engine.registration.surface import Surface
 from firstfix.transform import make_transform, rotation_z
-from tests.reference.facing import told
+from tests.reference.facing import faced_information, principal_axes, told
 
 CONFIG = RegistrationConfig(map_voxel_m=0.1, coarse_voxel_m=0.5, fine_distance_m=0.4, inlier_distance_m=0.13)
 TURNED = make_transform(Rotation.from_euler("zyx", [0.7, 0.1, -0.2]).as_matrix(), [100, -50, 3])

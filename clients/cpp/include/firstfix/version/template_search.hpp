@@ -1,17 +1,15 @@
 // Places of a map that resemble a scan, found on the robot itself: no service, no Python.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
-#include "firstfix/answer/options.hpp"
 #include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/errors.hpp"
 #include "firstfix/scan/scan.hpp"
+#include "firstfix/version/places_options.hpp"
 
 namespace firstfix {
 
@@ -21,13 +19,6 @@ struct SimilarPlace {
   PoseMatrix T_map_sensor;
   double score;  // 0..1, similarity of the descriptors
   std::int64_t template_row;
-};
-
-struct SimilarPlacesOptions {
-  std::optional<std::array<double, 3>> gravity;  // points down, in the sensor frame; else up is measured
-  std::optional<Prior> prior;
-  std::optional<Pose> T_base_sensor;      // mounting of the sensor: up is sought near the robot's
-  std::optional<std::size_t> max_places;  // at most; else as many as a service registers
 };
 
 // The templates of a version, memory-mapped: its folder is maps/MAP/versions/VERSION of a store. What it finds is what a
@@ -47,11 +38,11 @@ class TemplateSearch {
 
   // Places that resemble the scan, the most similar first. None if the scan has too few points, or no template lies within
   // the prior. Throws Error "invalid_scan" or "invalid_option".
-  std::vector<SimilarPlace> find(const Scan& scan, const SimilarPlacesOptions& options = {}) const;
+  std::vector<SimilarPlace> find(const Scan& scan, const PlacesOptions& options = {}) const;
 
  private:
-  struct Tables;
-  std::unique_ptr<const Tables> tables_;
+  struct Opened;
+  std::unique_ptr<const Opened> opened_;
 };
 
 }  // namespace firstfix

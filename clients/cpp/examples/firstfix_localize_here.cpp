@@ -1,0 +1,104 @@
+// firstfix_localize_here FOLDER FILE [OPTION=NUMBERS ...]: localizes a scan in a map's version on this machine, without a service.
+//
+// FOLDER is maps/MAP/versions/VERSION of a store. FILE is a PCD file, a scan of the protocol (.ffscan), or raw little-endian
+// float32 x, y, z. Options are those of a query: gravity=X,Y,Z prior=X,Y,Z,RADIUS[,YAW,RANGE] T_base_sensor=X,Y,Z,QX,QY,QZ,QW
+// twist=VX,VY,VZ,WX,WY,WZ max_candidates=N min_probability=P max_false_accept=P deadline_ms=T. Each line has a name and what it
+// names. Exit codes are those of `firstfix localize`: 0 localized, 3 ambiguous, 4 rejected, 1 error, 2 wrong usage.
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "firstfix/version/localizer.hpp"
+#include "scan_file.hpp"
+
+namespace {
+
+using firstfix::Error;
+
+std::vector<double> numbers_of(const std::string& text) {
+  std::vector<double> numbers;
+  const char* at = text.c_str();
+  for (char* end = nullptr;; at = end + 1) {
+    numbers.push_back(std::strtod(at, &end));
+    if (end == at || (*end != ',' && *end != 0)) throw Error("invalid_option", text + " has no numbers separated by commas");
+    if (*end == 0) return numbers;
+  }
+}
+
+firstfix::Pose pose_of(const std::vector<double>& n) { return {{n[0], n[1], n[2]}, {n[3], n[4], n[5], n[6]}}; }
+
+void take(firstfix::LocalizeOptions& options, const std::string& text) {
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos) throw Error("invalid_option", text + " is no OPTION=NUMBERS");
+  const std::string name = text.substr(0, equals);
+  const std::vector<double> n = numbers_of(text.substr(equals + 1));
+  const auto is = [&](const char* option, std::size_t count) { return name == option && n.size() == count; };
+  if (is("gravity", 3)) options.gravity = {n[0], n[1], n[2]};
+  else if (is("prior", 4)) options.prior = firstfix::Prior{{n[0], n[1], n[2]}, n[3]};
+  else if (is("prior", 6)) options.prior = firstfix::Prior{{n[0], n[1], n[2]}, n[3], n[4], n[5]};
+  else if (is("T_base_sensor", 7)) options.T_base_sensor = pose_of(n);
+  else if (is("twist", 6)) options.twist = firstfix::Twist{{n[0], n[1], n[2]}, {n[3], n[4], n[5]}};
+  else if (is("max_candidates", 1) && n[0] >= 1 && n[0] <= 100) options.max_candidates = static_cast<int>(n[0]);
+  else if (is("min_probability", 1)) options.min_probability = n[0];
+  else if (is("max_false_accept", 1)) options.max_false_accept = n[0];
+  else if (is("deadline_ms", 1)) options.deadline_ms = n[0];
+  else throw Error("invalid_option", "no such option, or another number of numbers: " + text);
+}
+
+template <class Numbers>
+void print(const Numbers& numbers) {
+  for (const double number : numbers) std::printf(" %.17g", number);
+}
+
+void print(const char* name, const firstfix::Pose& pose) {
+  std::printf("%s", name);
+  print(pose.position);
+  print(pose.quaternion);
+  std::printf("\n");
+}
+
+int print(const firstfix::Localization& fix) {
+  constexpr const char* kVerdicts[] = {"localized", "ambiguous", "rejected"};
+  constexpr int kCodes[] = {0, 3, 4};
+  const auto verdict = static_cast<std::size_t>(fix.verdict);
+  std::printf("verdict %s\nprobability %.17g\n", kVerdicts[verdict], fix.probability);
+  for (const std::string& reason : fix.reasons) std::printf("reason %s\n", reason.c_str());
+  if (fix.T_map_sensor) print("T_map_sensor", *fix.T_map_sensor);
+  if (fix.T_map_base) print("T_map_base", *fix.T_map_base);
+  if (fix.covariance) std::printf("covariance"), print(*fix.covariance), std::printf("\n");
+  if (fix.twist) std::printf("twist"), print(fix.twist->linear), print(fix.twist->angular), std::printf("\n");
+  for (const firstfix::FreeDirection& free : fix.degenerate) {
+    std::printf("free %s", free.is_rotation ? "rotation" : "translation");
+    print(free.direction);
+    std::printf(" %.17g\n", free.sigma);
+  }
+  for (const firstfix::Hypothesis& one : fix.hypotheses) {
+    constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+    std::printf("hypothesis %.17g %.17g %.17g %.17g %.17g %.17g %lld", one.probability, one.quality->inlier_ratio,
+                one.quality->alignment_score, one.quality->free_space_violation, one.quality->removed_surface,
+                one.quality->seen_free.value_or(kUnknown), one.template_row);
+    print("", one.T_map_sensor);
+  }
+  return kCodes[verdict];
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 3) {
+    std::fputs("usage: firstfix_localize_here FOLDER FILE [OPTION=NUMBERS ...]\n", stderr);
+    return 2;
+  }
+  try {
+    firstfix::LocalizeOptions options;
+    for (int i = 3; i < argc; ++i) take(options, argv[i]);
+    const firstfix::Localizer localizer(argv[1]);
+    return print(localizer.localize(firstfix::example::read_scan(argv[2]), options));
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "firstfix_localize_here: %s\n", error.what());
+    return 1;
+  }
+}

@@ -1,0 +1,33 @@
+#include "false_accept_bound.hpp"
+
+#include <string>
+
+#include "fields.hpp"
+
+namespace firstfix::version {
+
+FalseAcceptBound::FalseAcceptBound(const VersionFolder& folder) {
+  constexpr const char* kName = "false_accept_bound.json";
+  if (!folder.has(kName)) return;
+  const MappedFile file = folder.file(kName);
+  const Json stored = parsed(reinterpret_cast<const char*>(file.data()), file.size(), kName);
+  const Json& rows = field(stored, "rows");
+  if (!rows.is_array()) file.refuse("rows is not a list");
+  for (const Json& one : rows) {
+    const Row row{number_in(one, "min_probability", 0, 1), number_in(one, "bound", 0, 1)};
+    if (!rows_.empty() && !(rows_.back().min_probability < row.min_probability && rows_.back().bound >= row.bound)) {
+      file.refuse("its rows are out of order");
+    }
+    rows_.push_back(row);
+  }
+}
+
+double FalseAcceptBound::min_probability(double max_false_accept) const {
+  for (const Row& row : rows_) {
+    if (row.bound <= max_false_accept) return row.min_probability;
+  }
+  throw Error("invalid_option", rows_.empty() ? "max_false_accept: no bound was measured for this map, build it again"
+                                              : "max_false_accept: the least bound of this map is larger");
+}
+
+}  // namespace firstfix::version

@@ -1,0 +1,169 @@
+#include "firstfix/version/localizer.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "asked_scan.hpp"
+#include "false_accept_bound.hpp"
+#include "firstfix/query/verdict.hpp"
+#include "firstfix/registration/covariance.hpp"
+#include "map_tables.hpp"
+#include "poses.hpp"
+#include "ranking_numbers.hpp"
+#include "scan_search.hpp"
+#include "template_tables.hpp"
+#include "version_folder.hpp"
+
+namespace firstfix {
+namespace {
+
+constexpr double kFreeM = 0.2, kFreeRad = 2 * (detail::kPi / 180);  // as firstfix.answer.free_direction
+constexpr double kLongestMs = 600'000;
+constexpr int kMostCandidates = 100;
+
+void require(bool holds, const char* message) {
+  if (!holds) throw Error("invalid_option", message);
+}
+
+void check(const LocalizeOptions& options) {
+  const auto is_share = [](const std::optional<double>& share) { return !share || (*share >= 0 && *share <= 1); };
+  require(!options.max_candidates || (*options.max_candidates >= 1 && *options.max_candidates <= kMostCandidates),
+          "max_candidates must lie in [1, 100]");
+  require(is_share(options.min_probability), "min_probability must lie in [0, 1]");
+  require(is_share(options.max_false_accept), "max_false_accept must lie in [0, 1]");
+  require(!options.min_probability || !options.max_false_accept,
+          "min_probability and max_false_accept both set the threshold: give one");
+  require(!options.deadline_ms || (*options.deadline_ms >= 1 && *options.deadline_ms <= kLongestMs), "deadline_ms must lie in [1, 600000]");
+}
+
+PlacesOptions places_options(const LocalizeOptions& options) {
+  PlacesOptions made{options.gravity, options.prior, options.T_base_sensor, std::nullopt};
+  if (options.max_candidates) made.max_places = static_cast<std::size_t>(*options.max_candidates);
+  return made;
+}
+
+const char* reason_of(Why why) {
+  switch (why) {
+    case Why::kNoCandidate: return "no_candidate";
+    case Why::kLowInlierRatio: return "low_inlier_ratio";
+    case Why::kFreeSpaceViolation: return "free_space_violation";
+    case Why::kNotConverged: return "not_converged";
+    case Why::kSeveralPlaces: return "several_places";
+    default: return "low_probability";
+  }
+}
+
+Twist twist_of(const Vector6& motion) { return {{motion[0], motion[1], motion[2]}, {motion[3], motion[4], motion[5]}}; }
+
+Hypothesis hypothesis_of(const RegisteredPose& one, double probability, const PoseMatrix& T_map_level) {
+  AlignmentQuality quality{one.fit.inlier_ratio, one.fit.alignment_score, one.fit.free_space_violation, one.fit.removed_surface, {}};
+  if (!std::isnan(one.fit.seen_free)) quality.seen_free = one.fit.seen_free;
+  return {version::pose_of(version::product(T_map_level, one.registration.T_level_sensor)), quality, probability, one.template_row, ""};
+}
+
+// What only a pose has: its covariance, and what follows from it.
+void place(Localization& answer, const RegisteredPose& best, const ScannedSurface& dense, const SearchedMap& map,
+           const PoseMatrix& T_map_level, const LocalizeOptions& options) {
+  const Registration& placed = best.registration;
+  const PoseMatrix T_map_sensor = version::product(T_map_level, placed.T_level_sensor);
+  answer.T_map_sensor = version::pose_of(T_map_sensor);
+  if (options.T_base_sensor) {
+    answer.T_map_base = version::pose_of(version::product(T_map_sensor, version::inverse(version::matrix_of(*options.T_base_sensor))));
+  }
+  const ScannedSurface seen = placed.twist && dense.at.times() != nullptr ? deskewed(dense, *placed.twist) : dense;
+  const Matrix6 information = faced_information(map.fine, {seen.at.points.data(), seen.size()}, placed.T_level_sensor,
+                                                placed.information, static_cast<float>(map.registration.fine_distance_m));
+  answer.covariance = pose_covariance(information, T_map_level, map.registration.map_voxel_m);
+  for (const FreeAxis& one : free_axes(*answer.covariance, kFreeM, kFreeRad)) {
+    answer.degenerate.push_back({one.is_turn, one.direction, one.sigma});
+  }
+  if (options.twist) answer.twist = options.twist;
+  else if (placed.twist) answer.twist = twist_of(*placed.twist);
+}
+
+}  // namespace
+
+struct Localizer::Opened {
+  explicit Opened(const version::VersionFolder& folder)
+      : version(folder.version()),
+        templates(folder),
+        tables(folder, templates.places().count),
+        calibrations(version::calibrations(folder.file("calibration.json"))),
+        bound(folder),
+        usual_height_m(templates.usual_height_m()) {}
+
+  // The map as queries of these options search it.
+  SearchedMap searched(const LocalizeOptions& options) const {
+    const version::EngineNumbers& n = templates.numbers;
+    std::optional<double> radius_m;
+    if (options.prior && !options.max_false_accept) radius_m = options.prior->radius_m;
+    SearchedMap map{};
+    map.fine = tables.fine, map.coarse = tables.coarse, map.near = tables.near, map.far = tables.far, map.seen_free = tables.seen_free;
+    map.places = templates.places(), map.alias_table = tables.alias_table;
+    map.reach_m = n.reach_m, map.spacing_m = n.spacing_m, map.compared = n.compared;
+    map.registration = n.registration, map.nearby = n.nearby, map.aliases = n.aliases, map.ranking = n.ranking;
+    map.calibration = calibrations.judging(radius_m);
+    return map;
+  }
+
+  std::string version;
+  version::TemplateTables templates;
+  version::MapTables tables;
+  version::Calibrations calibrations;
+  version::FalseAcceptBound bound;
+  double usual_height_m;
+};
+
+Localizer::Localizer(const std::string& folder) : opened_(std::make_unique<Opened>(version::VersionFolder(folder))) {}
+Localizer::~Localizer() = default;
+Localizer::Localizer(Localizer&&) noexcept = default;
+Localizer& Localizer::operator=(Localizer&&) noexcept = default;
+
+const std::string& Localizer::version() const { return opened_->version; }
+
+Localization Localizer::localize(const Scan& scan, const LocalizeOptions& options) const {
+  const auto began = version::Clock::now();
+  check(options);
+  double asked = options.min_probability.value_or(std::numeric_limits<double>::quiet_NaN());
+  if (options.max_false_accept) asked = opened_->bound.min_probability(*options.max_false_accept);
+  std::optional<version::Clock::time_point> deadline;
+  if (options.deadline_ms) {
+    deadline = began + std::chrono::duration_cast<version::Clock::duration>(std::chrono::duration<double, std::milli>(*options.deadline_ms));
+  }
+  const version::EngineNumbers& numbers = opened_->templates.numbers;
+  const PlacesOptions places = places_options(options);
+  auto prepared = version::prepared(scan, places, numbers, options.twist);
+  Localization answer;
+  answer.map_version = opened_->version;
+  if (!prepared) {
+    answer.reasons = {"too_few_points"};
+    return answer;
+  }
+  const SearchedMap map = opened_->searched(options);
+  version::ScanSearch search(opened_->templates, map, opened_->usual_height_m, std::move(*prepared), places, deadline);
+  search.climb();
+  search.try_aliases(asked);
+  const RegisteredPoses& found = search.found();
+  std::vector<Competitor> ranked;
+  for (const RegisteredPose& one : found) {
+    const Registration& placed = one.registration;
+    ranked.push_back({0, one.fit, one.support, 1, one.is_alike, ranked.empty() ? search.outside_lead() : 0, placed.rests, is_in_motion(placed)});
+  }
+  const std::vector<JudgingMap> judging{{map.ranking, map.calibration}};
+  const Decision decision = Judge(judging, ranked).decided(asked);
+  answer.probability = decision.probability;
+  for (std::size_t i = 0; i < found.size(); ++i) answer.hypotheses.push_back(hypothesis_of(found[i], decision.shares[i], numbers.T_map_level));
+  if (decision.why == Why::kLocalized) {
+    answer.verdict = Verdict::localized;
+    place(answer, found.front(), search.dense(), map, numbers.T_map_level, options);
+  } else {
+    answer.verdict = decision.why == Why::kSeveralPlaces ? Verdict::ambiguous : Verdict::rejected;
+    answer.reasons = {reason_of(decision.why)};
+  }
+  return answer;
+}
+
+}  // namespace firstfix

@@ -1,0 +1,52 @@
+// Poses as matrices, between the frame of a map and the level frame of its templates.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include "firstfix/bit_exact/vectors.hpp"
+#include "firstfix/pose.hpp"
+#include "firstfix/query/motion_at_places.hpp"
+
+namespace firstfix::version {
+
+constexpr PoseMatrix kSameFrame{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+
+using detail::inverse;
+using detail::product;
+
+// A point of the map in the frame of the templates.
+inline detail::Vector3 in_level(const PoseMatrix& T_map_level, const std::array<double, 3>& point_m) {
+  detail::Vector3 made{};
+  for (std::size_t row = 0; row < 3; ++row) {
+    for (std::size_t k = 0; k < 3; ++k) made[row] += T_map_level[4 * k + row] * (point_m[k] - T_map_level[4 * k + 3]);
+  }
+  return made;
+}
+
+// Position and quaternion, with w >= 0, by Shepperd's method: as firstfix.transform.quaternion_of_rows.
+inline Pose pose_of(const PoseMatrix& T) {
+  const double xx = T[0], yy = T[5], zz = T[10], t = xx + yy + zz;
+  std::array<double, 4> q;
+  if (t > std::max({xx, yy, zz})) q = {T[9] - T[6], T[2] - T[8], T[4] - T[1], 1 + t};
+  else if (xx >= std::max(yy, zz)) q = {1 + 2 * xx - t, T[4] + T[1], T[8] + T[2], T[9] - T[6]};
+  else if (yy >= zz) q = {T[4] + T[1], 1 + 2 * yy - t, T[9] + T[6], T[2] - T[8]};
+  else q = {T[8] + T[2], T[9] + T[6], 1 + 2 * zz - t, T[4] - T[1]};
+  const double size = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), length = q[3] < 0 ? -size : size;
+  for (double& one : q) one /= length;
+  return {{T[3], T[7], T[11]}, q};
+}
+
+// As firstfix.transform.from_quaternion.
+inline PoseMatrix matrix_of(const Pose& pose) {
+  const auto [x, y, z, w] = detail::normalised(pose).quaternion;
+  const auto& at = pose.position;
+  return {1 - 2 * (y * y + z * z), 2 * (x * y - z * w),     2 * (x * z + y * w),     at[0],
+          2 * (x * y + z * w),     1 - 2 * (x * x + z * z), 2 * (y * z - x * w),     at[1],
+          2 * (x * z - y * w),     2 * (y * z + x * w),     1 - 2 * (x * x + y * y), at[2],
+          0,                       0,                       0,                       1};
+}
+
+}  // namespace firstfix::version
