@@ -21,6 +21,8 @@ from ..store.sha256 import sha256_of
 FORMAT = 9
 FILE_NAME = "manifest.json"
 CLOUD_INDEX, CLOUD_POINTS = "cloud.json", "cloud.bin"  # for viewers: no query reads them
+SURFACE_FILE, MADE_BY_FILE = "surface_cells.npz", "made_by.json"  # for builds of the next version
+_NOT_OF_QUERIES = frozenset({CLOUD_INDEX, CLOUD_POINTS, SURFACE_FILE, MADE_BY_FILE})
 MAX_BYTES = 64 << 20
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -107,8 +109,8 @@ class Manifest:
 
     @property
     def query_files(self) -> Mapping[str, FileEntry]:
-        """Files that a process which answers queries fetches and verifies: all but those for viewers."""
-        return {name: entry for name, entry in self.files.items() if name not in (CLOUD_INDEX, CLOUD_POINTS)}
+        """Files that a process which answers queries fetches and verifies: no viewer's, no build's."""
+        return {name: entry for name, entry in self.files.items() if name not in _NOT_OF_QUERIES}
 
     @property
     def query_bytes(self) -> int:
