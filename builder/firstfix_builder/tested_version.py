@@ -67,13 +67,13 @@ def write_self_test(
     Raises:
         BuildCancelled: cancelled() said so.
     """
-    besides: dict[str, Any] = {}
-    if results.kept is not None:
+    besides: dict[str, Any] = {} if results.kept is None else {TAUGHT_ANEW: True}
+    if results.kept is not None and config.self_test.until_decided:
         tested = _write_kept(results.kept, results, config, executor, progress, cancelled, out)
         if tested.holds:
             return
         _log.info("the calibration of the version before does not hold: the whole self-test is run")
-        besides = {**tested.parts, TAUGHT_ANEW: True}
+        besides |= tested.parts
     sensor, index = config.sensor_model, results.index.load(Calibration())
     found, calibration, bound, places = run_self_test(
         Localizer(index, explains=False),

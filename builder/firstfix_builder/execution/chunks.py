@@ -46,10 +46,8 @@ class SurfaceChange(Protocol):
         """The surface before, as far as the hashes of ``Chunk.reads`` need it."""
         ...
 
-    def is_met(
-        self, origins: NDArray[np.floating], directions: NDArray[np.float32], reach_m: float, most_m: float
-    ) -> bool:
-        """Whether a ray from any of (n, 3) origins may meet the change."""
+    def is_met(self, origins: NDArray[np.floating], rays: Any, reach_m: float, most_m: float) -> bool:
+        """Whether a ray (``simulation.rays.Rays``) from any of (n, 3) origins may meet the change."""
         ...
 
 

@@ -80,7 +80,7 @@ class CarveChunk(Chunk):
     def sees(self, change: SurfaceChange, inputs: Mapping[str, StageResult]) -> bool:
         """Whether a ray of a pose meets the change."""
         reach_m = self.sensor.max_range_m
-        return change.is_met(np.array(self.poses), _rays(self.sensor).directions, reach_m, reach_m)
+        return change.is_met(np.array(self.poses), _rays(self.sensor), reach_m, reach_m)
 
 
 def carve_chunks(

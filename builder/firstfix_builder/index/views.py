@@ -95,7 +95,7 @@ class ViewsChunk(Chunk):
     def sees(self, change: SurfaceChange, inputs: Mapping[str, StageResult]) -> bool:
         """Whether a ray of a viewpoint meets the change."""
         viewpoints = np.array(self.viewpoints, np.float32)
-        return change.is_met(viewpoints, _rays(self.sensor).directions, self._reach_m, self._reach_m)
+        return change.is_met(viewpoints, _rays(self.sensor), self._reach_m, self._reach_m)
 
     @property
     def _reach_m(self) -> float:

@@ -73,25 +73,31 @@ class ChangedSurface:
         common = _without(new.cell[come], mesh, low.min(axis=0), high.max(axis=0), reach_m)
         return cls(base, low.astype(np.float32), high.astype(np.float32), _boxes(low, high), common)
 
-    def is_met(
-        self, origins: NDArray[np.floating], directions: NDArray[np.float32], reach_m: float, most_m: float
-    ) -> bool:
+    def is_met(self, origins: NDArray[np.floating], rays: Rays, reach_m: float, most_m: float) -> bool:
         """Whether a ray from any of (n, 3) origins may meet the change.
 
         Args:
-            directions: (r, 3) unit rays from each origin, in the map's directions.
+            rays: from each origin, in the map's directions.
             reach_m: what is further away along x and y does not count.
             most_m: length of the rays.
         """
         if self.boxes is None:
             return False
         at = np.ascontiguousarray(origins, np.float32)
-        gap_m = np.maximum(np.maximum(self.low - at[:, None], at[:, None] - self.high), 0)  # (n, k, 3)
-        away_m = np.hypot(gap_m[..., 0], gap_m[..., 1]).min(axis=1)
-        if (gap_m.max(axis=2) == 0).any():  # within a box: rays leave it and enter none
+        gap_m = np.maximum(np.maximum(self.low - at.max(axis=0), at.min(axis=0) - self.high), 0)  # (k, 3)
+        away_m = np.hypot(gap_m[:, 0], gap_m[:, 1])
+        if away_m.min() > reach_m:
+            return False
+        around = np.flatnonzero(gap_m.max(axis=1) == 0)
+        inside = (self.low[around] <= at[:, None]) & (at[:, None] <= self.high[around])
+        if inside.all(axis=2).any():  # rays leave the box and enter none
             return True
-        at = at[np.argsort(away_m, kind="stable")][: np.count_nonzero(away_m <= reach_m)]
-        rays, level = Rays.of(directions), np.hypot(directions[:, 0], directions[:, 1])
+        nearest = np.argmin(away_m)
+        middle = (self.low[nearest] + self.high[nearest]) / 2
+        at = at[np.argsort(np.linalg.norm(at - middle, axis=1), kind="stable")]
+        level = np.hypot(rays.directions[:, 0], rays.directions[:, 1])
+        furthest_m = (reach_m + MARGIN_M) / max(float(level.min()), 1e-3)  # that a ray gets within reach
+        most_m = min(most_m, furthest_m)
         starts = [0, *range(FIRST, len(at), AT_ONCE), len(at)]
         return any(
             self._is_met(at[first:last], rays, level, reach_m, most_m)

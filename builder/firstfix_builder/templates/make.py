@@ -112,8 +112,8 @@ class TemplatesChunk(Chunk):
     def sees(self, change: SurfaceChange, inputs: Mapping[str, StageResult]) -> bool:
         """Whether a ray of a viewpoint meets the change within what the descriptor can see."""
         positions, _ = self._viewpoints(inputs["viewpoints"].directory)
-        directions = Rays.at_any_heading(self.sensor).directions
-        return change.is_met(positions, directions, self._reach_m, self.sensor.max_range_m)
+        rays = Rays.at_any_heading(self.sensor)
+        return change.is_met(positions, rays, self._reach_m, self.sensor.max_range_m)
 
     def _viewpoints(self, folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(n, 3) positions and (n,) heights of the floor."""

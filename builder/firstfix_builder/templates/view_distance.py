@@ -129,8 +129,8 @@ class PlacesChunk(TileChunk):
     def sees(self, change: SurfaceChange, inputs: Mapping[str, StageResult]) -> bool:
         """Whether a ray of a place meets the change."""
         positions, _ = self._places(inputs["places"].directory)
-        directions = ViewRays.of(self.sensor).rays.directions
-        return change.is_met(positions, directions, self._reach_m, self.sensor.max_range_m)
+        rays = ViewRays.of(self.sensor).rays
+        return change.is_met(positions, rays, self._reach_m, self.sensor.max_range_m)
 
     def _places(self, folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(n, 3) positions and (n,) heights of the floor."""

@@ -1,7 +1,8 @@
 """Manifest of a version: its files, configs and measurements. Its sha256 names the version.
 
 The digest is that of the manifest's canonical JSON. The manifest covers content and config only, no time,
-host or path. So the same map and config give the same version, wherever and however often they are built.
+host or path. So the same map and config give the same version, wherever and however often they are built:
+upon the same base, if something of one is kept.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class Manifest:
         sensor: sensor model of the templates.
         origin: (3,) metres; local coordinates plus this are coordinates of the source file.
         source: ``sha256`` of the source as it was read, its ``findings``, and ``sessions``: places of its
-            sessions, if it has any.
+            sessions, if it has any; ``rebuilt``: what is kept of which version, if anything is.
         counts: numbers of templates and map points, for people.
         self_test: measurements of the builder, with calibration and localizability.
         bounds: ((3,), (3,)) lowest and highest local coordinates, metres.

@@ -55,7 +55,7 @@ def ranges(mesh: Mesh, origin: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def is_met(change: ChangedSurface, origin: NDArray[np.float64], reach_m: float = SENSOR.max_range_m) -> bool:
-    return change.is_met(origin[None], RAYS.directions, reach_m, SENSOR.max_range_m)
+    return change.is_met(origin[None], RAYS, reach_m, SENSOR.max_range_m)
 
 
 @pytest.mark.parametrize("seed", range(6))
