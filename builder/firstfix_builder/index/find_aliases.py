@@ -90,7 +90,7 @@ def aliases_of(cascade: Cascade, template: int, clusters: NDArray[np.int64], con
 
 
 def kept_apart(
-    cascade: Cascade, template: int, rows: NDArray[np.int64], yaw_rad: NDArray[np.float64], most: int
+    cascade: Cascade, template: int, rows: NDArray[np.integer], yaw_rad: NDArray[np.float64], most: int
 ) -> NDArray[np.int64]:
     """Which of (k,) matches of a template, most similar first, are one for each spot and not its own."""
     position_m = cascade.templates.position_m[np.append(template, rows)].astype(np.float64)  # its own first
