@@ -364,7 +364,7 @@ class BuildStages:
                 lambda positions: run(view_chunks(positions, self.config.sensor_model, reaches)),
                 self.runner.ticks("build_index"),
                 provisional=self.provisional,
-                kept=kept and _kept_aliases(kept),
+                kept=None if kept is None else _kept_aliases(kept),
             )
             if not self.provisional:  # for the build of the next version
                 link(mesh.directory / SURFACE_FILE, out / SURFACE_FILE)
