@@ -12,13 +12,15 @@ from typing import final
 import numpy as np
 
 from firstfix.builds.config import BuildConfig
+from firstfix.catalog.manifest import SURFACE_FILE
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import ENGINE_FILE, EngineConfig
 from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import CALIBRATION_FILE, MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.retrieval.cascade import Clusters, Templates, save_projection
+from firstfix.engine.retrieval.alias_table import AliasTable
+from firstfix.engine.retrieval.cascade import PROJECTION_FILE, Clusters, Templates, save_projection
 
 from .execution.build_trace import within_a_stage
 from .execution.chunks import Arrays, Chunk
@@ -27,6 +29,7 @@ from .execution.stage_runner import Progress, RunChunks, StageRunner
 from .index.carve import carve_chunks, merged, poses_needed, seen_free
 from .index.cloud_octree import draw_cloud
 from .index.index_files import VIEWS_SHARE, write_index_files
+from .index.kept_aliases import KeptAliases
 from .index.key_scans import KeyScans, key_scan_chunks
 from .index.learn_keys import is_worth_learning, learn_keys, scans_for
 from .index.views import PROVISIONAL_REACHES, REACHES, STEP_M, view_chunks
@@ -35,7 +38,10 @@ from .mesh.clean_cloud import voxel_means
 from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import block_meshes, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
+from .rebuild.base_version import BaseVersion, write_made_by
+from .rebuild.kept import Kept
 from .self_test.compare_versions import COMPARED_FILE, ComparedVersions, compare
+from .simulation.changed_surface import ChangedSurface
 from .sources.patch_reader import PatchedMap
 from .sources.read_map.posed_cloud import OnPosedCloud
 from .sources.read_map.read_map import content_hash
@@ -99,21 +105,32 @@ class BuildStages:
         )
         return read_source(source, trajectory, reading)
 
-    def index_map(self, read: LevelMap) -> IndexedMap:
+    def index_map(self, read: LevelMap, base: BaseVersion | None = None) -> IndexedMap:
         """The surface of a map that was read, its viewpoints, and all that scans are localized with.
 
         All but the calibration, which ``self_test`` or ``assume_prior`` makes.
+
+        Args:
+            base: version whose learned keys are kept where little has changed, unless the build is exact.
         """
         mesh = self.reconstruct_mesh(read)
-        viewpoints = self.sample_viewpoints(read, mesh)
-        fitted = self.fit_engine(read, viewpoints)
+        after = self if base is None else self.after_change(base, mesh)
+        viewpoints = after.sample_viewpoints(read, mesh)
+        fitted = after.fit_engine(read, viewpoints)
         engine = fitted.engine
-        templates = self.make_templates(mesh, viewpoints, engine)
-        clusters = self.cluster(templates, engine)
-        learned = self.learn_keys(mesh, templates, engine)
-        carved = self.carve_free_space(read, mesh, engine)
-        index = self.build_index(read, mesh, fitted, templates, clusters, learned, carved)
-        return IndexedMap(mesh, viewpoints, index)
+        templates = after.make_templates(mesh, viewpoints, engine)
+        made = Templates.load(templates.directory, engine.descriptor.make())
+        kept = None if base is None or self.config.exact else Kept.of(base, engine, made)
+        clusters = after.cluster(templates, engine)
+        learned = after.keep_keys(kept) if kept else after.learn_keys(mesh, templates, engine)
+        carved = after.carve_free_space(read, mesh, engine)
+        index = after.build_index(read, mesh, fitted, templates, clusters, learned, carved, kept)
+        return IndexedMap(mesh, viewpoints, index, kept)
+
+    def after_change(self, base: BaseVersion, mesh: MapMesh) -> BuildStages:
+        """The stages that take chunks over from a version's build if no ray meets what has changed since."""
+        change = ChangedSurface.of(base.directory, mesh.directory, self.config.sensor_model.max_range_m)
+        return replace(self, runner=replace(self.runner, chunks=replace(self.runner.chunks, change=change)))
 
     def thin_map(self, read: LevelMap) -> LevelMap:
         """The map of ``read_map`` with fewer points, for a provisional version."""
@@ -290,6 +307,16 @@ class BuildStages:
             "learn_keys", {"mesh": mesh}, chosen, produce, {"templates": templates}
         )
 
+    def keep_keys(self, kept: Kept) -> StageResult:
+        """The projection of the keys of the version before; nothing where it has none."""
+        path = kept.base.directory / PROJECTION_FILE
+
+        def produce(out: Path) -> None:
+            if path.exists():
+                link(path, out / path.name)
+
+        return self.runner.stage("learn_keys", {"base": kept.base.digest}, {"kept": True}, produce)
+
     def carve_free_space(self, read: LevelMap, mesh: MapMesh, engine: EngineConfig) -> StageResult:
         """The cells that the mapping run saw free: none without a trajectory, and none provisionally."""
 
@@ -317,8 +344,13 @@ class BuildStages:
         clusters: StageResult,
         learned: StageResult,
         carved: StageResult,
+        kept: Kept | None = None,
     ) -> IndexFiles:
-        """All files of the version but what the self-test adds."""
+        """All files of the version but what the self-test adds.
+
+        Args:
+            kept: what the version has of the one before: known aliases are renewed where it has changed.
+        """
 
         def produce(out: Path, run: RunChunks) -> None:
             for part in (fitted, templates, clusters, learned):
@@ -332,7 +364,11 @@ class BuildStages:
                 lambda positions: run(view_chunks(positions, self.config.sensor_model, reaches)),
                 self.runner.ticks("build_index"),
                 provisional=self.provisional,
+                kept=None if kept is None else _kept_aliases(kept),
             )
+            if not self.provisional:  # for the build of the next version
+                link(mesh.directory / SURFACE_FILE, out / SURFACE_FILE)
+                write_made_by(out)
             parts = {path.stem: np.load(path) for path in carved.directory.iterdir()}
             if parts:
                 seen_free(parts, np.load(out / MAP_FILE), fitted.engine.registration).save(out)
@@ -345,7 +381,11 @@ class BuildStages:
             "learned": learned,
             "carved": carved,
         }
-        chosen = {"sensor": self.config.sensor_model.to_mapping(), "provisional": self.provisional}
+        chosen = {
+            "sensor": self.config.sensor_model.to_mapping(),
+            "provisional": self.provisional,
+            "base": None if kept is None else kept.base.digest,
+        }
         return IndexFiles.of(
             self.runner.chunked_stage("build_index", {"mesh": mesh}, chosen, produce, besides, VIEWS_SHARE)
         )
@@ -375,15 +415,17 @@ class BuildStages:
         viewpoints: MapViewpoints,
         index: IndexFiles,
         confirmed: Path | None = None,
+        kept: Kept | None = None,
     ) -> SelfTested:
         """The calibration, the version's measured success, and what was left out of floor and cloud.
 
         Args:
             confirmed: folder of ``decode_confirmed``.
+            kept: what the index has of the version before, whose calibration is kept if it holds.
         """
 
         def produce(out: Path) -> None:
-            results = SelfTestInputs(read, mesh, viewpoints, index, confirmed)
+            results = SelfTestInputs(read, mesh, viewpoints, index, confirmed, kept)
             write_self_test(
                 results, self.config, self.threads, self.runner.ticks("self_test"), self.runner.cancelled, out
             )
@@ -397,6 +439,8 @@ class BuildStages:
         digests = {name: result.digest for name, result in inputs.items()}
         if confirmed is not None:
             digests["confirmed"] = content_hash(confirmed)
+        if kept is not None:
+            digests["base"] = kept.base.digest
         return SelfTested.of(self.runner.stage("self_test", digests, chosen, produce))
 
     def assume_prior(self, index: IndexFiles) -> SelfTested:
@@ -437,3 +481,9 @@ class BuildStages:
             "self_test": self.config.self_test.model_dump(mode="json"),
         }
         return ComparedVersions.of(self.runner.stage("self_test", inputs, chosen, produce))
+
+
+def _kept_aliases(kept: Kept) -> KeptAliases | None:
+    """The aliases of the version before; None: it has none."""
+    before = AliasTable.load(kept.base.directory, len(kept.base.templates))
+    return None if before is None else KeptAliases(before, kept.changed.row_before)

@@ -26,6 +26,7 @@ from .execution.stage_cache import StageCache, StagesElsewhere
 from .execution.stage_runner import Progress, StageRunner
 from .job.build_job import BuildResult
 from .quick.quick_version import QuickVersion, posed_cloud_of
+from .rebuild.base_version import BaseVersion
 from .self_test.confirmed_scans import decode_confirmed
 from .sources.read_map.posed_cloud import PosedCloud
 from .stage_results import LevelMap
@@ -49,6 +50,7 @@ def build_version(
     *,
     trajectory: Path | None = None,
     confirmed: Path | None = None,
+    base: Path | None = None,
     progress: Progress = lambda stage, fraction: None,
     cancelled: Callable[[], bool] = lambda: False,
     shared: StagesElsewhere | None = None,
@@ -62,6 +64,7 @@ def build_version(
             ``sessions.yaml``, or the folder of a patch (``job.patch_source``).
         trajectory: poses of the mapping run, if they are not in the source.
         confirmed: folder of confirmed queries (``job.confirmed_queries``), which the self-test asks too.
+        base: files of the version that the config names as its base (``job.base_source``).
         shared: finished stages of other machines.
         publish_provisional: called with the provisional version when it is ready; None: none is made.
         options: of these ``executor`` and ``store`` say where chunks are run, and ``max_templates`` counts.
@@ -87,12 +90,14 @@ def build_version(
             read = build.read_map(source, trajectory)
         else:
             read = _read_and_publish_early(build, source, trajectory, work, publish_provisional)
-        made = build.index_map(read)
+        made = build.index_map(read, BaseVersion.of(base, config, read.digest))
         drawn = build.draw_cloud(read, made.index)
         with _decoded(confirmed, work) as scans:
-            tested = build.self_test(read, made.mesh, made.viewpoints, made.index, scans)
+            tested = build.self_test(read, made.mesh, made.viewpoints, made.index, scans, made.kept)
         compared = build.compare_patch(source, read, made.mesh, made.index, tested)
-        return collect_version(config, read, [made.index, drawn, tested], work / "version", compared=compared)
+        return collect_version(
+            config, read, [made.index, drawn, tested], work / "version", compared=compared, kept=made.kept
+        )
 
 
 def _read_and_publish_early(

@@ -16,6 +16,15 @@ def write_json(path: Path, value: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(value, sort_keys=True, indent=1) + "\n")
 
 
+def link_all(folder: Path, into: Path) -> None:
+    """Link all files below a folder."""
+    for path in folder.rglob("*"):
+        if path.is_file():
+            target = into / path.relative_to(folder)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            link(path, target)
+
+
 def link(source: Path, target: Path) -> None:
     """Link a file, or copy it where the file system cannot link."""
     try:

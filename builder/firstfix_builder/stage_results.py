@@ -18,6 +18,7 @@ from firstfix.transform import Matrix, inverse, transform_points
 from .execution.stage_cache import StageResult
 from .mesh.clean_cloud import point_spacing_m
 from .mesh.intensity import Intensity
+from .rebuild.kept import Kept
 from .simulation.local_simulator import whole_simulator
 from .simulation.simulate import Simulator
 from .stage_files import TRAJECTORY_FILE
@@ -182,11 +183,16 @@ class SelfTested(StageResult):
 
 @dataclass(frozen=True)
 class IndexedMap:
-    """A map, from its surface to the index, which has no calibration yet."""
+    """A map, from its surface to the index, which has no calibration yet.
+
+    Attributes:
+        kept: what the index has of the version before; None: nothing.
+    """
 
     mesh: MapMesh
     viewpoints: MapViewpoints
     index: IndexFiles
+    kept: Kept | None = None
 
 
 def _array(path: Path, *, mapped: bool = False) -> NDArray[Any]:

@@ -19,6 +19,8 @@ from firstfix.transform import Matrix
 
 from .execution.stage_cache import StageResult
 from .job.build_job import BuildResult
+from .rebuild.base_version import REBUILT
+from .rebuild.kept import TAUGHT_ANEW, Kept
 from .self_test.compare_versions import ComparedVersions
 from .sources.patch_reader import PATCH_FILE, PatchedMap
 from .stage_files import link
@@ -33,15 +35,23 @@ def collect_version(
     *,
     provisional: bool = False,
     compared: ComparedVersions | None = None,
+    kept: Kept | None = None,
 ) -> BuildResult:
-    """Make a version's folder of the files of all parts, linked where that works, and write its manifest."""
+    """Make a version's folder of the files of all parts, linked where that works, and write its manifest.
+
+    The config names the base of which something is kept, and none else.
+    """
     shutil.rmtree(directory, ignore_errors=True)
     directory.mkdir(parents=True)
     for path in sorted(path for part in parts for path in part.directory.iterdir()):
         link(path, directory / path.name)
     if compared is not None:
         link(PatchedMap.of(read).patch, directory / PATCH_FILE)
+    config = config.model_copy(update={"base": None if kept is None else kept.base.digest})
     source = _source_record(read, compared)
+    if kept is not None:
+        tested = json.loads((directory / REPORT_FILE).read_text())
+        source[REBUILT] = kept.record(is_taught_anew=bool(tested.get(TAUGHT_ANEW)))
     return BuildResult(
         directory, write_manifest(directory, config, read.T_map_level, source, provisional=provisional)
     )

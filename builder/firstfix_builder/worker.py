@@ -53,6 +53,7 @@ def build_here(options: BuildOptions, sandbox: SandboxedBuild | None, job: Build
             job.work / "build",
             trajectory=job.trajectory,
             confirmed=job.confirmed,
+            base=job.base,
             progress=job.progress,
             cancelled=job.cancelled,
             shared=SharedStages(Store.open(options.store)) if options.share_stages else None,

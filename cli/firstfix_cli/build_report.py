@@ -29,6 +29,21 @@ def reused_lines(stages: Iterable[Mapping[str, Any]]) -> list[str]:
     return [f"reused from earlier builds: {', '.join(taken)}"] if taken else []
 
 
+def kept_lines(rebuilt: Mapping[str, Any] | None) -> list[str]:
+    """One line about what is kept of earlier versions; no line if nothing is.
+
+    Args:
+        rebuilt: record of the manifest.
+    """
+    if not rebuilt:
+        return []
+    keys, calibration = rebuilt["keys_of"][:12], rebuilt["calibration_of"]
+    changed = f"{rebuilt['changed'] + rebuilt['gone']:,} templates have changed since {rebuilt['base'][:12]}"
+    kept = f"keys kept of version {keys}"
+    kept += f", calibration of {calibration[:12]}" if calibration else ", calibration taught anew"
+    return [f"{changed}: {kept}"]
+
+
 def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
     """The results that the build measured on perturbed scans."""
     if not tested.get("queries"):

@@ -71,7 +71,8 @@ def local_build(
     """Build a map and publish the version. Returns facts about it, as ``remote_build`` does.
 
     Args:
-        config: the given values, as of ``BuildConfig``.
+        config: the given values, as of ``BuildConfig``. Where little has changed since the map's active
+            version, learned keys and calibration are kept, unless it is ``exact``.
         progress: opens a display of the stages' progress.
 
     Raises:
@@ -80,15 +81,19 @@ def local_build(
     # Not at the top: the service's image has this module, and none of the packages that builds need.
     from firstfix_builder.execution.build_trace import BuildTrace
     from firstfix_builder.execution.dask_executor import check_reachable
+    from firstfix_builder.job.base_source import collect_base, with_base
     from firstfix_builder.job.build_job import BuildJob
     from firstfix_builder.job.confirmed_queries import collect_confirmed
     from firstfix_builder.pipeline import CONFIRMED, build_version
 
-    settings = BuildConfig.parse(config)
+    BuildConfig.parse(config)
     if options.scheduler is not None:
         check_reachable(options.store)
     store = Store.open(options.store)
     store.probe()  # before the work, not after it
+    catalog = Catalog(store)
+    config = with_base(catalog, map_id, config)
+    settings = BuildConfig.parse(config)
     with progress() as show, BuildTrace("", map_id, None) as trace:
 
         def tell(stage: str, fraction: float) -> None:
@@ -96,6 +101,7 @@ def local_build(
             show(stage, fraction)
 
         recorded_queries, kept = RecordedQueries(store), options.work / "confirmed"
+        base = collect_base(catalog, map_id, config, options.work / "base")
         confirmed = collect_confirmed(recorded_queries, map_id, settings.self_test.confirmed, kept)
         job = BuildJob(source, trajectory, config, options.work, tell, lambda: False, confirmed=confirmed)
         try:
@@ -106,14 +112,15 @@ def local_build(
                 options.work / "build",
                 trajectory=trajectory,
                 confirmed=confirmed,
+                base=base,
                 progress=tell,
                 options=options,
             )
         finally:  # scans of robots, however the build ends
-            for folder in (kept, options.work / "build" / CONFIRMED):
+            for folder in (kept, options.work / "base", options.work / "build" / CONFIRMED):
                 shutil.rmtree(folder, ignore_errors=True)
         tell(PUBLISH, 0.0)
-        catalog, manifest = Catalog(store), built.manifest
+        manifest = built.manifest
         held = catalog.reason_to_hold(map_id, manifest, settings.activate)
         version = catalog.publish(
             map_id, built.directory, manifest, activate=held is None, provenance=provenance
@@ -129,6 +136,7 @@ def local_build(
         "bytes": manifest.total_bytes,
         "self_test": dict(manifest.self_test),
         "activated": held is None,
+        "rebuilt": manifest.source.get("rebuilt"),
         "findings": [one.to_mapping() for one in [*findings_of(manifest), held] if one is not None],
         "stages": [asdict(stage) for stage in trace.stages],
     }

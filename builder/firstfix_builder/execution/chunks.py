@@ -13,19 +13,21 @@ the process that hands out the work.
 from __future__ import annotations
 
 import json
+import os
 import zipfile
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.builds.shared_stages import RECORD, ROOT, SharedStages
-from firstfix.errors import StoreError
+from firstfix.errors import BuildCancelled, StoreError
 from firstfix.store.store import Store
 
 from .build_trace import mark_chunks
@@ -33,6 +35,20 @@ from .stage_cache import StageCache, StageResult, StagesElsewhere
 
 Arrays: TypeAlias = dict[str, NDArray[Any]]
 _FILE = "arrays.npz"
+MESH = "mesh"  # the input that holds a map's surface
+
+
+class SurfaceChange(Protocol):
+    """The change of the surface since a version before (``simulation.changed_surface``)."""
+
+    @property
+    def before(self) -> StageResult:
+        """The surface before, as far as the hashes of ``Chunk.reads`` need it."""
+        ...
+
+    def is_met(self, origins: NDArray[np.floating], rays: Any, reach_m: float, most_m: float) -> bool:
+        """Whether a ray (``simulation.rays.Rays``) from any of (n, 3) origins may meet the change."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -65,6 +81,13 @@ class Chunk(ABC):
         whole stages. A chunk that reads only a part of a map returns the hash of that part.
         """
         return {name: result.digest for name, result in inputs.items()}
+
+    def sees(self, change: SurfaceChange, inputs: Mapping[str, StageResult]) -> bool:
+        """Whether the result may differ from the one before a change that lies within what the chunk reads.
+
+        By default it may. A chunk of rays tells by them.
+        """
+        return True
 
     @property
     def work(self) -> str:
@@ -234,11 +257,13 @@ class ChunkCache:
         keys: makes the keys, which depend on the code's version.
         shared: where results are fetched from and shared besides; not used if other machines see the
             executor's store.
+        change: of the surface since the version before, whose results are taken over where no ray meets it.
     """
 
     keys: StageCache
     executor: ChunkExecutor
     shared: StagesElsewhere | None = None
+    change: SurfaceChange | None = None
 
     def run(
         self,
@@ -269,6 +294,9 @@ class ChunkCache:
             found |= {
                 chunk.key for chunk in keyed if chunk.key not in found and _bring(results, shared, chunk.key)
             }
+        if self.change is not None:
+            missing = [chunk for chunk in keyed if chunk.key not in found]
+            found |= self._taken_over(self.change, results, stage, missing, inputs, cancelled)
         mark_chunks(stage, len(keyed), sum(chunk.key in found for chunk in keyed))
         yield from run_chunks(self.executor, keyed, found, inputs, progress, cancelled)
         if shared is not None:
@@ -276,8 +304,43 @@ class ChunkCache:
                 if chunk.key not in found:
                     _share(results, shared, stage, chunk.key)
 
+    def _taken_over(
+        self,
+        change: SurfaceChange,
+        results: ChunkResults,
+        stage: str,
+        chunks: Sequence[KeyedChunk],
+        inputs: Mapping[str, StageResult],
+        cancelled: Callable[[], bool],
+    ) -> set[str]:
+        """Take results of the surface before for chunks that do not see its change. Returns their keys."""
+        inputs_before = {**inputs, MESH: change.before}
+
+        def take(keyed: KeyedChunk) -> bool:
+            if cancelled():
+                raise BuildCancelled(f"cancelled during {stage}")
+            key_before = self._key(stage, keyed.chunk, inputs_before)
+            if not results.has(key_before) or keyed.chunk.sees(change, inputs):
+                return False
+            return _copied(results, key_before, keyed.key)
+
+        if MESH not in inputs:
+            return set()
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            taken = list(threads.map(take, chunks))
+        return {one.key for one, is_taken in zip(chunks, taken, strict=True) if is_taken}
+
     def _key(self, stage: str, chunk: Chunk, inputs: Mapping[str, StageResult]) -> str:
         return self.keys.key_of(f"{stage}/{chunk.work}", chunk.reads(inputs), chunk.plain_values)
+
+
+def _copied(results: ChunkResults, key: str, to: str) -> bool:
+    """Copy a result. Returns whether there is one, undamaged."""
+    with TemporaryDirectory() as folder:
+        if not results.fetch(key, Path(folder)):
+            return False
+        results.put_folder(to, Path(folder))
+        return True
 
 
 def _bring(results: ChunkResults, shared: StagesElsewhere, key: str) -> bool:

@@ -21,7 +21,7 @@ from firstfix.engine.verification.seen_free import SeenFree
 from firstfix.native import CarvedCells, take_out_near
 from firstfix.sensor import SensorModel
 
-from ..execution.chunks import Arrays, Chunk
+from ..execution.chunks import Arrays, Chunk, SurfaceChange
 from ..execution.stage_cache import StageResult
 from ..mesh.map_tiles import by_nested_tiles
 from ..mesh.places.surface_cells import surface_cells_of
@@ -76,6 +76,11 @@ class CarveChunk(Chunk):
         low = np.array(self.tile) * TILE_M
         cells = surface_cells_of(inputs["mesh"].directory)
         return {"mesh": cells.digest_within(low, low + TILE_M, self.sensor.max_range_m)}
+
+    def sees(self, change: SurfaceChange, inputs: Mapping[str, StageResult]) -> bool:
+        """Whether a ray of a pose meets the change."""
+        reach_m = self.sensor.max_range_m
+        return change.is_met(np.array(self.poses), _rays(self.sensor), reach_m, reach_m)
 
 
 def carve_chunks(

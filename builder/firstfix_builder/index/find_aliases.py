@@ -25,27 +25,44 @@ _SPOT_COS = math.cos(math.radians(SPOT_DEG))
 
 
 def find_aliases(cascade: Cascade, keys: NDArray[np.float32], config: AliasConfig) -> AliasTable:
-    """Aliases of every template: the most similar ones elsewhere, one for each SPOT_M and SPOT_DEG.
+    """Aliases of every template.
+
+    Args:
+        keys: (c, d) of the clusters, as they are searched.
+    """
+    count = len(cascade.templates)
+    table = AliasTable.none(count, config.each)
+    enter_aliases(cascade, keys, config, table, np.arange(count))
+    return table
+
+
+def enter_aliases(
+    cascade: Cascade,
+    keys: NDArray[np.float32],
+    config: AliasConfig,
+    table: AliasTable,
+    templates: NDArray[np.int64],
+) -> None:
+    """Enter aliases of (n,) templates: the most similar ones elsewhere, one for each SPOT_M and SPOT_DEG.
 
     The result does not depend on the number of threads.
 
     Args:
         keys: (c, d) of the clusters, as they are searched.
+        table: of all templates.
     """
-    count, search = len(cascade.templates), cascade.keys
-    table = AliasTable.none(count, config.each)
+    search = cascade.keys
     lists = search.key_lists() if len(keys) > FLAT_UP_TO and isinstance(search, FaissSearch) else None
 
     def fill(first: int) -> None:
-        rows = np.arange(first, min(first + AT_ONCE, count))
+        rows = templates[first : first + AT_ONCE]
         nearest = _nearest(cascade, keys, lists, rows, config.clusters)
         for template, clusters in zip(rows.tolist(), nearest, strict=True):
             found = aliases_of(cascade, template, clusters[clusters >= 0], config)
             table.put(template, found.rows, found.yaw_rad, found.score)
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        list(threads.map(fill, range(0, count, AT_ONCE)))
-    return table
+        list(threads.map(fill, range(0, len(templates), AT_ONCE)))
 
 
 def _nearest(
@@ -67,11 +84,16 @@ def _nearest(
 
 def aliases_of(cascade: Cascade, template: int, clusters: NDArray[np.int64], config: AliasConfig) -> Matches:
     """One template's aliases in the given clusters, most similar first. The same spot and heading is none."""
-    templates = cascade.templates
-    found = cascade.match(templates.described_at(np.array([template])), clusters)
-    position_m = templates.position_m[np.append(template, found.rows)].astype(
-        np.float64
-    )  # its own spot first
-    yaw_rad = np.append(0.0, found.yaw_rad)
-    kept = spread_out(position_m, yaw_rad, config.each + 1, SPOT_M, _SPOT_COS, 1)[1:] - 1
+    found = cascade.match(cascade.templates.described_at(np.array([template])), clusters)
+    kept = kept_apart(cascade, template, found.rows, found.yaw_rad, config.each)
     return Matches(found.rows[kept], found.yaw_rad[kept], found.score[kept])
+
+
+def kept_apart(
+    cascade: Cascade, template: int, rows: NDArray[np.integer], yaw_rad: NDArray[np.float64], most: int
+) -> NDArray[np.int64]:
+    """Which of (k,) matches of a template, most similar first, are one for each spot and not its own."""
+    position_m = cascade.templates.position_m[np.append(template, rows)].astype(np.float64)  # its own first
+    headings_rad = np.append(0.0, yaw_rad)
+    chosen: NDArray[np.int64] = spread_out(position_m, headings_rad, most + 1, SPOT_M, _SPOT_COS, 1)[1:] - 1
+    return chosen

@@ -22,6 +22,7 @@ from firstfix.engine.retrieval.template_tiles import TemplateTiles
 from ..execution.chunks import Arrays
 from ..mesh.mapped_array import mapped_scratch
 from .find_aliases import find_aliases
+from .kept_aliases import KeptAliases
 from .top_view import draw_preview
 from .visible_points import map_surface
 
@@ -65,18 +66,20 @@ def write_index_files(
     progress: Callable[[float], None],
     *,
     provisional: bool = False,
+    kept: KeptAliases | None = None,
 ) -> None:
     """Key search, tiles, known aliases, surface, view and picture.
 
     Args:
         provisional: draw no picture, and find no aliases.
+        kept: aliases of the version before; None: all are found anew.
         progress: called after all but the views with the share that is done, 0..1.
         directory: has templates, clusters and, if there is one, the keys' projection.
         cloud: (m, 3) the map's points; None: it is a mesh.
         look: returns what is seen from (n, 3) positions of templates, as results of ``views.view_chunks``.
     """
     templates = Templates.load(directory, engine.descriptor.make())
-    write_search(directory, templates, engine, provisional=provisional)
+    write_search(directory, templates, engine, provisional=provisional, kept=kept)
     surface = map_surface(
         cloud, look(templates.position_m), engine.registration.map_voxel_m, directory.parent
     )
@@ -113,16 +116,27 @@ def _write_view(
         draw_preview(points, templates.position_m, directory / "preview.png")
 
 
-def write_search(directory: Path, templates: Templates, engine: EngineConfig, *, provisional: bool) -> None:
+def write_search(
+    directory: Path,
+    templates: Templates,
+    engine: EngineConfig,
+    *,
+    provisional: bool,
+    kept: KeptAliases | None = None,
+) -> None:
     """Write the key search and the tiles of templates, of a folder that has their clusters.
 
     Args:
         provisional: find no aliases.
+        kept: aliases of the version before; None: all are found anew.
     """
     standing = Clusters.load(directory).representative
     projection = load_projection(directory)
     keys = make_keys(templates, standing, engine.descriptor.make(), projection, directory)
     build_key_search(keys, engine.search, templates.position_m[standing]).save(directory)
     TemplateTiles.of(templates.position_m).save(directory)
-    if not provisional:
-        find_aliases(Cascade.load(directory, engine), keys, engine.search.aliases).save(directory)
+    if provisional:
+        return
+    cascade, aliases = Cascade.load(directory, engine), engine.search.aliases
+    found = find_aliases(cascade, keys, aliases) if kept is None else kept.renewed(cascade, keys, aliases)
+    found.save(directory)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from firstfix.native import SeenSurface
 from firstfix.sensor import SensorModel
 
-from ..execution.chunks import Arrays, Chunk
+from ..execution.chunks import Arrays, Chunk, SurfaceChange
 from ..execution.stage_cache import StageResult
 from ..mesh.map_tiles import by_nested_tiles
 from ..mesh.places.chance import rows_by_cell
@@ -91,6 +91,11 @@ class ViewsChunk(Chunk):
         low = np.array(self.tile) * self.reach.tile_m
         cells = surface_cells_of(inputs["mesh"].directory)
         return {"mesh": cells.digest_within(low, low + self.reach.tile_m, self._reach_m)}
+
+    def sees(self, change: SurfaceChange, inputs: Mapping[str, StageResult]) -> bool:
+        """Whether a ray of a viewpoint meets the change."""
+        viewpoints = np.array(self.viewpoints, np.float32)
+        return change.is_met(viewpoints, _rays(self.sensor), self._reach_m, self._reach_m)
 
     @property
     def _reach_m(self) -> float:

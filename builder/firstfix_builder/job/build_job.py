@@ -38,6 +38,7 @@ class BuildJob:
         cancelled: returns whether the build is cancelled.
         publish_provisional: called with the provisional version when it is ready; None: none is made.
         confirmed: folder of confirmed queries (``confirmed_queries``), or None.
+        base: folder of the version that the config names as its base (``base_source``), or None.
     """
 
     source: Path
@@ -48,6 +49,7 @@ class BuildJob:
     cancelled: Callable[[], bool]
     publish_provisional: Callable[[BuildResult], None] | None = None
     confirmed: Path | None = None
+    base: Path | None = None
 
 
 BuildVersion: TypeAlias = Callable[[BuildJob], BuildResult]

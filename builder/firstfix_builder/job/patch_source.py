@@ -25,7 +25,7 @@ from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.engine.changes.areas import Area, find_areas
 from firstfix.errors import NotFound, NothingToPatch, UnreadableRecord
 
-from ..stage_files import link
+from ..stage_files import link, link_all
 from .recorded_queries import chosen_queries
 
 _log = logging.getLogger(__name__)
@@ -133,7 +133,7 @@ def collect_patch_source(
             f"{base[:12]} (FIRSTFIX_RECORDED_SHARE_LOCALIZED)"
         )
     fetched = catalog.fetch_version(map_id, base, folder / "fetched")
-    _link_all(fetched, folder / BASE)
+    link_all(fetched, folder / BASE)
     named = {role: _linked(path, folder / role) for role, path in files.items()}
     source = PatchSource(named["source"], named.get("trajectory"), base, tuple(kept))
     source.save(folder)
@@ -153,11 +153,3 @@ def _linked(path: Path, folder: Path) -> str:
     folder.mkdir()
     link(path, folder / path.name)
     return f"{folder.name}/{path.name}"
-
-
-def _link_all(folder: Path, into: Path) -> None:
-    for path in folder.rglob("*"):
-        if path.is_file():
-            target = into / path.relative_to(folder)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            link(path, target)

@@ -36,6 +36,7 @@ from firstfix.maintenance.build_end import end_build
 from firstfix.store.store import Store
 
 from ..execution.build_trace import BuildTrace
+from .base_source import collect_base, with_base
 from .build_job import BuildJob, BuildResult, BuildVersion, error_record, full_disk_named
 from .confirmed_queries import collect_confirmed
 from .fetch_source import SourceFetch, json_object
@@ -126,6 +127,9 @@ def run_build(
                             partial(tick, FETCH_SOURCE),
                         )
                         sources = {"source": collected}
+                        config = {**config, "base": None}
+                    else:
+                        config = with_base(catalog, map_id, config)
                     job = BuildJob(
                         sources["source"],
                         sources.get("trajectory"),
@@ -140,6 +144,7 @@ def run_build(
                             SelfTestConfig.model_validate(config.get("self_test") or {}).confirmed,
                             work / "sources" / "confirmed",
                         ),
+                        collect_base(catalog, map_id, config, work / "sources" / "base"),
                     )
                     built = build_version(job)
                     if reporter.is_cancelled():

@@ -167,7 +167,11 @@ def run_job(
             trace.tick(stage)
             outside.tick(stage, fraction)
 
-        more = {"publish_provisional": outside.publish_provisional} if options.provisional else {}
+        more: dict[str, Any] = {}
+        if options.provisional:
+            more["publish_provisional"] = outside.publish_provisional
+        if not job["read_only"]:
+            more["base"] = None if job["base"] is None else Path(job["base"])
         try:
             flow = flows.read_source if job["read_only"] else flows.build_version
             flow(

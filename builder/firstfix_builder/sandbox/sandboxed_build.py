@@ -144,6 +144,7 @@ class SandboxedBuild:
             "source": str(job.source.absolute()),
             "trajectory": None if job.trajectory is None else str(job.trajectory.absolute()),
             "confirmed": None if job.confirmed is None else str(job.confirmed.absolute()),
+            "base": None if job.base is None else str(job.base.absolute()),
             "config": job.config,
             "read_only": read_only,
         }

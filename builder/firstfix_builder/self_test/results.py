@@ -118,8 +118,8 @@ def summary_of(
         localized=_localized(inside, calibration),
         found=_share([o.found_by(calibration) for o in inside]),
         parts={
-            "as real": _part([outcome for outcome in inside if not outcome.is_rough], calibration),
-            "roughly": _part([outcome for outcome in inside if outcome.is_rough], calibration),
+            "as real": part_of([outcome for outcome in inside if not outcome.is_rough], calibration),
+            "roughly": part_of([outcome for outcome in inside if outcome.is_rough], calibration),
         },
         median_error_m=_median(errors),
         false_accepts=sum(not o.right for o in accepted),
@@ -131,7 +131,8 @@ def summary_of(
     )
 
 
-def _part(outcomes: Sequence[Outcome], calibration: Calibration) -> dict[str, Any]:
+def part_of(outcomes: Sequence[Outcome], calibration: Calibration) -> dict[str, Any]:
+    """The results of some of the simulated scans."""
     return {
         "queries": len(outcomes),
         "success": _shares(np.array([outcome.first_error_m for outcome in outcomes])),

@@ -17,7 +17,7 @@ from firstfix.engine.config import DescriptorConfig
 from firstfix.engine.retrieval.cascade import PREFIX
 from firstfix.sensor import SensorModel
 
-from ..execution.chunks import Arrays, Chunk
+from ..execution.chunks import Arrays, Chunk, SurfaceChange
 from ..execution.stage_cache import StageResult
 from ..mesh.mapped_array import mapped_array
 from ..mesh.places.surface_cells import surface_cells_of
@@ -108,6 +108,12 @@ class TemplatesChunk(Chunk):
             "viewpoints": sha256(positions.tobytes() + floor_z.tobytes()).hexdigest(),
             "mesh": cells.digest_within(low, low + self.tile_m, self._reach_m),
         }
+
+    def sees(self, change: SurfaceChange, inputs: Mapping[str, StageResult]) -> bool:
+        """Whether a ray of a viewpoint meets the change within what the descriptor can see."""
+        positions, _ = self._viewpoints(inputs["viewpoints"].directory)
+        rays = Rays.at_any_heading(self.sensor)
+        return change.is_met(positions, rays, self._reach_m, self.sensor.max_range_m)
 
     def _viewpoints(self, folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(n, 3) positions and (n,) heights of the floor."""

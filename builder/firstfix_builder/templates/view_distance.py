@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from firstfix.sensor import SensorModel
 
-from ..execution.chunks import Arrays
+from ..execution.chunks import Arrays, SurfaceChange
 from ..execution.stage_cache import StageResult
 from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator, upright
@@ -125,6 +125,12 @@ class PlacesChunk(TileChunk):
             "places": sha256(positions.tobytes() + floor_z.tobytes()).hexdigest(),
             "mesh": self.surface(inputs["mesh"], self._reach_m),
         }
+
+    def sees(self, change: SurfaceChange, inputs: Mapping[str, StageResult]) -> bool:
+        """Whether a ray of a place meets the change."""
+        positions, _ = self._places(inputs["places"].directory)
+        rays = ViewRays.of(self.sensor).rays
+        return change.is_met(positions, rays, self._reach_m, self.sensor.max_range_m)
 
     def _places(self, folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(n, 3) positions and (n,) heights of the floor."""

@@ -16,7 +16,7 @@ from firstfix.builds.options import BuildOptions
 from firstfix.findings.finding import Finding
 
 from ..arguments import AsJson, Url, cache_directory, examples
-from ..build_report import reused_lines, self_test_lines
+from ..build_report import kept_lines, reused_lines, self_test_lines
 from ..finding_lines import finding_lines
 from ..stage_bars import stage_progress
 
@@ -89,6 +89,14 @@ def build(
         ),
     ] = None,
     min_localized: Annotated[float | None, typer.Option(hidden=True, help="Gone: --min-found.")] = None,
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact",
+            help="Keep no learned keys and no calibration of the active version, however little has changed: "
+            "to the last bit a build from nothing.",
+        ),
+    ] = False,
     work: Annotated[
         Path | None,
         typer.Option(help="With --store: folder for finished stages, so that a build can resume."),
@@ -143,7 +151,7 @@ def build(
             raise InvalidOption("--executor needs --store")
         from ..remote_build import remote_build
 
-        given = _given(config, sensor, axis, scale, mount_height, min_found)
+        given = _given(config, sensor, axis, scale, mount_height, min_found, exact=exact)
         with _source(source, trajectory, merge) as (whole, poses):
             said = remote_build(whole, map_id, given, poses, url, stage_progress, note=note, wait=not no_wait)
     else:
@@ -160,7 +168,7 @@ def build(
             max_templates=max_templates or None,
             log_level="critical",  # what went wrong is in the error
         )
-        given = _given(config, sensor, axis, scale, mount_height, min_found)
+        given = _given(config, sensor, axis, scale, mount_height, min_found, exact=exact)
         with _source(source, trajectory, merge) as (whole, poses):
             said = local_build(
                 whole, map_id, given, poses, options, stage_progress, made_of(source, trajectory, note)
@@ -189,6 +197,8 @@ def _given(
     scale: float | None = None,
     mount_height: float | None = None,
     min_found: float | None = None,
+    *,
+    exact: bool = False,
 ) -> dict[str, Any]:
     """The given config: the file, with the options of the command line put over it."""
     import yaml
@@ -210,6 +220,8 @@ def _given(
             values["trajectory_mount_height_m"] = mount_height
         if min_found is not None:
             values["activate"] = {**(values.get("activate") or {}), "min_found": min_found}
+        if exact:
+            values["exact"] = True
         if sensor is not None:
             reading = sensor
             is_file = sensor.endswith((".yaml", ".yml", ".json"))
@@ -235,5 +247,6 @@ def _lines(said: dict[str, Any]) -> list[str]:
         f"  {counts}{size}",
         *(f"  {line}" for line in self_test_lines(said["self_test"])),
         *(f"  {line}" for line in reused_lines(said["stages"])),
+        *(f"  {line}" for line in kept_lines(said.get("rebuilt"))),
         *(f"  {line}" for line in finding_lines(map(Finding.from_mapping, said["findings"]))),
     ]

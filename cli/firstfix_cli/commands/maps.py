@@ -225,6 +225,9 @@ def remove(
 def rebuild(
     map_ids: Annotated[list[str], typer.Argument(metavar="MAP...", help="Ids of the maps.")],
     store: ServicesStore,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Keep no learned keys and no calibration of an earlier version.")
+    ] = False,
 ) -> None:
     """Build maps again from their sources.
 
@@ -237,7 +240,7 @@ def rebuild(
 
     catalog = Catalog(existing_store(store))
     for map_id in map_ids:
-        typer.echo(f"{map_id}: build {request_rebuild(catalog, map_id)} is queued")
+        typer.echo(f"{map_id}: build {request_rebuild(catalog, map_id, exact=exact)} is queued")
 
 
 @app.command("gc")

@@ -252,6 +252,10 @@ class BuildConfig(Stage):
         patch: what becomes of patches of this map by recorded queries: "off": none is made; "propose": the
             patched version waits until somebody activates it; "activate": it is activated, unless it is
             worse.
+        exact: keep nothing of the map's active version: the new one is to the last bit that of a build from
+            nothing.
+        base: version of which learned keys and calibration may be kept. A build names it by itself: the
+            map's active version. None: nothing is kept.
     """
 
     sensor: str | dict[str, Any] = "os1-64"
@@ -269,6 +273,8 @@ class BuildConfig(Stage):
     self_test: SelfTestConfig = Field(default_factory=SelfTestConfig)
     activate: ActivateConfig = ActivateConfig()
     patch: PatchMode = "off"
+    exact: bool = False
+    base: str | None = Field(None, pattern="^[0-9a-f]{64}$")
 
     @field_validator("patch", mode="before")
     @classmethod
@@ -318,8 +324,13 @@ class BuildConfig(Stage):
             raise InvalidOption(f"{path}: {error}") from None
 
     def to_mapping(self) -> dict[str, Any]:
-        """JSON-ready form of what decides the version: without ``provisional``, ``activate``, ``patch``."""
-        return json.loads(self.model_dump_json(exclude={"provisional", "activate", "patch"}))
+        """JSON-ready form of what decides the version.
+
+        Without ``provisional``, ``activate``, ``patch`` and ``exact``, and without a ``base`` that is None.
+        """
+        left_out = {"provisional", "activate", "patch", "exact"} | ({"base"} if self.base is None else set())
+        mapping: dict[str, Any] = json.loads(self.model_dump_json(exclude=left_out))
+        return mapping
 
 
 def _sensor(value: str | dict[str, Any]) -> SensorModel:

@@ -16,6 +16,7 @@ from ..findings.map_kinds import (
     PATCH_OUTDATED,
     PATCH_PROPOSED,
     PATCH_WORSE,
+    SELF_TEST_CHANGED_LOW,
     SELF_TEST_LOW,
     SELF_TEST_NONE,
     SELF_TEST_REAL_LOW,
@@ -67,6 +68,9 @@ def _reason_of_self_test(
     found = float(tested["found"])
     if found < config.min_found:
         return SELF_TEST_LOW.found({"found": found, "least": config.min_found}, **words)
+    changed = tested.get("changed") or {}
+    if changed.get("queries") and float(changed["found"]) < config.min_found:
+        return SELF_TEST_CHANGED_LOW.found({"found": changed["found"], "least": config.min_found}, **words)
     real = (tested.get("real") or {}).get("of_source") or {"asked": 0, "found": 0}
     if _chance_of_so_few(real["found"], real["asked"], config.min_real_found) < REAL_BY_CHANCE:
         return SELF_TEST_REAL_LOW.found({**real, "least": config.min_real_found}, **words)

@@ -1,7 +1,8 @@
 """Manifest of a version: its files, configs and measurements. Its sha256 names the version.
 
 The digest is that of the manifest's canonical JSON. The manifest covers content and config only, no time,
-host or path. So the same map and config give the same version, wherever and however often they are built.
+host or path. So the same map and config give the same version, wherever and however often they are built:
+upon the same base, if something of one is kept.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ FILE_NAME = "manifest.json"
 CLOUD_INDEX, CLOUD_POINTS = "cloud.json", "cloud.bin"  # for viewers: no query reads them
 CLOUD_INTENSITY = "cloud_intensity.bin"
 VIEWER_FILES = (CLOUD_INDEX, CLOUD_POINTS, CLOUD_INTENSITY)
+SURFACE_FILE, MADE_BY_FILE = "surface_cells.npz", "made_by.json"  # for builds of the next version
+_NOT_OF_QUERIES = frozenset({*VIEWER_FILES, SURFACE_FILE, MADE_BY_FILE})
 MAX_BYTES = 64 << 20
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -48,7 +51,7 @@ class Manifest:
         sensor: sensor model of the templates.
         origin: (3,) metres; local coordinates plus this are coordinates of the source file.
         source: ``sha256`` of the source as it was read, its ``findings``, and ``sessions``: places of its
-            sessions, if it has any.
+            sessions, if it has any; ``rebuilt``: what is kept of which version, if anything is.
         counts: numbers of templates and map points, for people.
         self_test: measurements of the builder, with calibration and localizability.
         bounds: ((3,), (3,)) lowest and highest local coordinates, metres.
@@ -109,8 +112,8 @@ class Manifest:
 
     @property
     def query_files(self) -> Mapping[str, FileEntry]:
-        """Files that a process which answers queries fetches and verifies: all but those for viewers."""
-        return {name: entry for name, entry in self.files.items() if name not in VIEWER_FILES}
+        """Files that a process which answers queries fetches and verifies: no viewer's, no build's."""
+        return {name: entry for name, entry in self.files.items() if name not in _NOT_OF_QUERIES}
 
     @property
     def query_bytes(self) -> int:

@@ -259,6 +259,15 @@ SELF_TEST_LOW = _kind(
     "Look at the other findings. To serve it all the same: firstfix maps activate {map_id} {version}, or "
     "build with a lower --min-found (build config: activate: min_found).",
 )
+SELF_TEST_CHANGED_LOW = _kind(
+    "self_test_changed_low",
+    Severity.WARNING,
+    "The self-test does not find the changed part of the map",
+    "The self-test found the places of {found:.0%} of its scans in the part that has changed since the "
+    "version before, and a version is activated from {least:.0%} on: it is published, and not activated.",
+    "Look at the map there. To serve it all the same: firstfix maps activate {map_id} {version}, or build "
+    "with a lower --min-found (build config: activate: min_found).",
+)
 SELF_TEST_REAL_LOW = _kind(
     "self_test_real_low",
     Severity.WARNING,

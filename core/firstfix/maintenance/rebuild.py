@@ -7,17 +7,21 @@ from typing import Any
 
 from ..catalog.catalog import Catalog
 from ..catalog.log.map_state import Event
-from ..errors import NotFound
+from ..errors import NotFound, VersionError
 from ..ids import new_build_id
 from ..store.store import CHUNK_BYTES, Store
 from .pending_deletions import is_deletion_pending
 
 
-def rebuild(catalog: Catalog, map_id: str) -> str:
+def rebuild(catalog: Catalog, map_id: str, *, exact: bool = False) -> str:
     """Record a build that repeats the one of the map's active version, whatever its format.
 
     The build workers of the store find it there. Patches are not repeated: a version of another format cannot
-    be read, and the queries that confirmed them may be gone.
+    be read, and the queries that confirmed them may be gone. It keeps learned keys and calibration of the
+    same version as that one did.
+
+    Args:
+        exact: keep nothing of any version.
 
     Returns:
         Id of the new build.
@@ -30,7 +34,21 @@ def rebuild(catalog: Catalog, map_id: str) -> str:
     """
     version, request = active_request(catalog, map_id)
     request.pop("patch", None)
-    return record_again(catalog, map_id, {**request, "command": f"rebuild of version {version}"})
+    base = None if exact else _base_of(catalog, map_id, version)
+    upon = {"exact": True} if base is None else {"base": base}
+    config = {**(request.get("config") or {}), **upon}
+    return record_again(
+        catalog, map_id, {**request, "config": config, "command": f"rebuild of version {version}"}
+    )
+
+
+def _base_of(catalog: Catalog, map_id: str, version: str) -> str | None:
+    """The version of which a version keeps keys and calibration; None: of none, or it cannot be read."""
+    try:
+        base = catalog.manifest(map_id, version).config.get("base")
+    except (NotFound, VersionError):
+        return None
+    return None if base is None else str(base)
 
 
 def active_request(catalog: Catalog, map_id: str) -> tuple[str, dict[str, Any]]:

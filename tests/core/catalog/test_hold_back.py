@@ -75,6 +75,16 @@ def test_a_bad_or_worse_version_is_published_and_not_activated(maker: Maker, bui
     assert len(maker.catalog.versions("hall")) == len({found for found, *_ in builds})
 
 
+@pytest.mark.parametrize(("found", "code"), [(0.69, "self_test_changed_low"), (0.7, None), (None, None)])
+def test_a_changed_part_that_is_not_found_holds_a_good_map_back(
+    maker: Maker, found: float | None, code: str | None
+):
+    part = {"queries": 0 if found is None else 24, "found": found or 0.0}
+    tested = {"queries": 48, "found": 0.98, "success": {"1m": 0.9}, "changed": part}
+    held = maker.catalog.reason_to_hold("hall", maker.manifest(0.98, self_test=tested), BY_DEFAULT)
+    assert (None if held is None else held.code) == code
+
+
 def test_a_first_map_that_fails_serves_nothing_not_even_provisionally(maker: Maker):
     assert maker.build(None, provisional=True) is None
     assert maker.active is not None

@@ -43,9 +43,19 @@ def test_a_rebuild_repeats_the_build_of_the_active_version(catalog: Catalog, tmp
     del request["traceparent"], request["owner"]
     asked = catalog.builds.request(build_id)
     assert asked.pop("command") == f"rebuild of version {version}"
+    config = request.pop("config")
+    assert asked.pop("config") == {**config, "exact": True}, "nothing was kept of another version"
     assert asked == request
     assert catalog.builds.status(build_id)["state"] == "queued"
     assert catalog.builds.ids()[0] == build_id, "its time sorts before b1"
+
+
+def test_a_rebuild_keeps_of_the_same_version_unless_it_is_exact(catalog: Catalog, tmp_path: Path):
+    base = built(catalog, tmp_path, "1")
+    built(catalog, tmp_path, "2", config={"base": base})
+    again, exact = rebuild(catalog, "hall"), rebuild(catalog, "hall", exact=True)
+    assert catalog.builds.request(again)["config"] == {"patch": "off", "base": base}
+    assert catalog.builds.request(exact)["config"] == {"patch": "off", "exact": True}
 
 
 def test_a_rebuild_without_its_source_is_refused(catalog: Catalog, tmp_path: Path):

@@ -24,10 +24,10 @@ def load(directory: Path) -> Localizer:
     return Localizer(MapIndex.load(directory))
 
 
-def submit(service: Service, source: Path):
+def submit(service: Service, source: Path, **config: bool):
     answer = service.http.post(
         "/maps",
-        data={"map_id": "hall", "config": json.dumps(CONFIG)},
+        data={"map_id": "hall", "config": json.dumps({**CONFIG, **config})},
         files={"source": (source.name, source.read_bytes())},
     )
     assert answer.status_code == 202, answer.text
@@ -61,7 +61,7 @@ def test_a_map_posted_twice_is_provisional_first_and_then_rebuilt_in_part(tmp_pa
         assert [stage["stage"] for stage in ended["stages"]].count("provisional") == 1
 
         after = corridor(tmp_path / "changed" / "map.ply", changed=True)
-        again = wait_until_ended(service, submit(service, after))
+        again = wait_until_ended(service, submit(service, after, exact=True))
         assert again["state"] == "succeeded", again
         assert again["provisional_version"] is None
         templates = {stage["stage"]: stage for stage in again["stages"]}["make_templates"]

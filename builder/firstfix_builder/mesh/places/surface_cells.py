@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.catalog.manifest import SURFACE_FILE
+
 from ..mesh import highest, longest_edge, lowest, middle
 from .chance import begins_run
 
 CELL_M = 4.0
-FILE = "surface_cells.npz"
 GROUP = 64  # cells side by side that are looked at together
 
 
@@ -41,7 +42,7 @@ class SurfaceCells:
     @classmethod
     def of(cls, vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> SurfaceCells:
         """Cells of (t, 3) triangles, one or more."""
-        number = _cells_of(vertices, triangles)
+        number = cells_of(vertices, triangles)
         order = np.lexsort(number.T[::-1])
         number = number[order]
         corners = vertices[triangles[order]].astype(np.float32)  # (t, 3, 3)
@@ -64,13 +65,18 @@ class SurfaceCells:
 
     def save(self, directory: Path) -> None:
         """Write the file of this name."""
-        np.savez(directory / FILE, cell=self.cell, sha256=self.sha256, low=self.low, high=self.high)
+        np.savez(directory / SURFACE_FILE, cell=self.cell, sha256=self.sha256, low=self.low, high=self.high)
 
     @classmethod
-    def load(cls, path: Path) -> SurfaceCells:
-        """Read a file of ``save``."""
-        with np.load(path) as cells:
+    def load(cls, directory: Path) -> SurfaceCells:
+        """Read the file of ``save``."""
+        with np.load(directory / SURFACE_FILE) as cells:
             return cls(**dict(cells))
+
+    @property
+    def hashed(self) -> NDArray[np.int64]:
+        """(k, 8) each cell with the hash of what it holds."""
+        return np.concatenate([self.cell, np.ascontiguousarray(self.sha256).view(np.int64)], axis=1)
 
     def digest_within(self, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float) -> str:
         """A hash of the surface within reach_m of the box of (2,) corners in x and y."""
@@ -95,7 +101,7 @@ class SurfaceCells:
 @lru_cache(2)
 def surface_cells_of(mesh: Path) -> SurfaceCells:
     """The cells of a finished mesh stage, read once for all chunks."""
-    return SurfaceCells.load(mesh / FILE)
+    return SurfaceCells.load(mesh)
 
 
 def _is_near(
@@ -111,7 +117,15 @@ def _is_near(
     return near
 
 
-def _cells_of(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def rows_in(rows: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(n,) which of (n, k) rows are among (m, k) others."""
+    whole = np.dtype((np.void, rows.shape[1] * rows.itemsize))
+    mine, theirs = (np.ascontiguousarray(one, np.int64).view(whole).ravel() for one in (rows, others))
+    found: NDArray[np.bool_] = np.isin(mine, theirs)
+    return found
+
+
+def cells_of(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """(t, 4) the cell of each of (t, 3) triangles."""
     corners = vertices[triangles]
     doubled = np.ceil(np.log2(np.maximum(longest_edge(corners) / CELL_M, 1.0)))

@@ -48,6 +48,7 @@ def main() -> None:
         work,
         trajectory=Path(task["trajectory"]) if task["trajectory"] else None,
         progress=costs,
+        **({"base": Path(task["base"])} if task.get("base") else {}),  # an older checkout knows none
     )
     (work / "cpu_s.json").write_text(json.dumps(costs.cpu_s))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,10 @@ from firstfix_cli.sample_world import World
 from firstfix_cli.sample_world.write_world import ply_of_cloud, write_world
 
 from ...worlds import make_world
+from ...worlds.city.city import City
+from ...worlds.city.write_city import write_meshes
 
+CITY_SEED = 7
 _FLOOR_M = 0.15  # what lies lower is floor, and stays
 
 
@@ -37,25 +40,53 @@ class Change:
     shift_m: float
     config: Mapping[str, Any] = field(default_factory=dict)
 
+    def write(self, folder: Path) -> ChangedMap:
+        """Make the world, and write its map before and after the change."""
+        return _changed_world(self, folder)
+
+
+@dataclass(frozen=True)
+class RebuiltBlock:
+    """Other houses stand in one block of a city.
+
+    Attributes:
+        side: blocks along x and along y.
+        block: number of the block.
+        config: of the builds.
+    """
+
+    name: str
+    side: int
+    block: tuple[int, int]
+    config: Mapping[str, Any] = field(default_factory=dict)
+
+    def write(self, folder: Path) -> ChangedMap:
+        """Write the city's surfaces before and after the change."""
+        city = City(self.side, CITY_SEED)
+        write_meshes(city, folder / "before")
+        write_meshes(replace(city, rebuilt=frozenset({self.block})), folder / "after")
+        config = {**self.config, "sensor": city.block(0, 0).sensor.to_mapping()}
+        moved = round(1 / self.side**2, 5)
+        return ChangedMap(folder / "before", folder / "after", None, config, moved)
+
 
 @dataclass(frozen=True)
 class ChangedMap:
     """Files of a map before and after a change.
 
     Attributes:
-        trajectory: TUM file of the mapping run, of both.
-        moved: share of the points that have moved.
+        trajectory: TUM file of the mapping run, of both; None: there is none.
+        moved: share of the points, or of the blocks, that have moved.
     """
 
     before: Path
     after: Path
-    trajectory: Path
+    trajectory: Path | None
     config: dict[str, Any]
     moved: float
 
 
-def write_changed_map(change: Change, folder: Path) -> ChangedMap:
-    """Make the world, and write its map before and after the change."""
+def _changed_world(change: Change, folder: Path) -> ChangedMap:
     world = make_world(change.world)
     write_world(world, folder)
     points, moved = changed_points(world, change)

@@ -25,10 +25,12 @@ class City:
     Attributes:
         side: blocks along x and along y. The first has its corner at the map's zero.
         seed: another seed gives another city.
+        rebuilt: numbers of blocks that other houses stand in, on the same ground.
     """
 
     side: int
     seed: int = 0
+    rebuilt: frozenset[tuple[int, int]] = frozenset()
 
     @classmethod
     def of_extent(cls, extent_m: float, seed: int = 0) -> City:
@@ -57,7 +59,8 @@ class City:
 
         Its path goes round it in the middle of these streets.
         """
-        rng = np.random.default_rng([self.seed, 2, column, row])
+        again = [1] if (column, row) in self.rebuilt else []
+        rng = np.random.default_rng([self.seed, 2, column, row, *again])
         middle = (np.array([column, row]) + 0.5) * BLOCK_M
         around = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_M / 2
         path = np.column_stack([middle + around, np.zeros(len(around))])

@@ -14,7 +14,7 @@ from firstfix.sensor import preset
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.places.chance import stepped
-from firstfix_builder.mesh.places.surface_cells import CELL_M, FILE, GROUP, SurfaceCells
+from firstfix_builder.mesh.places.surface_cells import CELL_M, GROUP, SurfaceCells
 from firstfix_builder.mesh.places.tiled_points import TILE_M, TiledPoints
 from firstfix_builder.mesh.reconstruct import PoissonChunk
 from firstfix_builder.mesh.tiled_mesh import TiledMesh
@@ -119,9 +119,7 @@ def test_a_part_that_looks_the_same_has_the_same_hash_whatever_the_order_of_the_
         (tmp_path / name).mkdir()
         tiled.save(tmp_path / name)
     low, high = box(30, 5)
-    found = [
-        SurfaceCells.load(tmp_path / name / FILE).digest_within(low, high, 12.0) for name in ("one", "other")
-    ]
+    found = [SurfaceCells.load(tmp_path / name).digest_within(low, high, 12.0) for name in ("one", "other")]
     assert found[0] == found[1]
 
 

@@ -1,0 +1,1 @@
+"""What a build keeps of the version before: learned keys and calibration, where little has changed."""
