@@ -18,7 +18,6 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -72,7 +71,7 @@ def main(
 
 
 def _answer(localizers: Localizers, query: Query, inline: memoryview, shared: memoryview) -> object:
-    return localizers.answer(replace(query, body=shared or inline))
+    return localizers.answer(query.filled(body=shared or inline))
 
 
 def _serve_control(control: Connection, localizers: Localizers, sightings: SightingCounter | None) -> None:

@@ -75,8 +75,8 @@ def read_query(
     content_encoding = options.pop(CONTENT_ENCODING, "")
     form = AnswerForm.of(options.pop(ACCEPT, ""), options)
     media_type = "" if query.encoding is None else str(query.encoding)
-    given = AsGiven(map_ids, media_type, content_encoding, options)
-    return key_of(named), Query.read(given, form, caller, served, arrived)
+    given = AsGiven(map_ids, media_type, content_encoding, options, form)
+    return key_of(named), Query.read(given, caller, served, arrived)
 
 
 def key_of(map_id: str) -> str:

@@ -21,6 +21,7 @@ from ...auth.principal import Principal
 from ...query_workers.answer_form import PARAMETERS, AnswerForm
 from ...query_workers.query import (
     MAP_PARAMETER,
+    REMEMBERED,
     AsGiven,
     EncodedAnswer,
     Query,
@@ -36,7 +37,6 @@ from ..schema.answer_models import Answer, GeoPose
 from ..schema.bodies import BINARY, add_schema, binary_body
 from ..short_way import DirectRoute
 
-REMEMBERED = 256  # heads: a robot asks the same way again and again
 REMEMBERED_BYTES = 500  # in a longer head a prior or a motion is, which does not come again
 _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
@@ -165,10 +165,10 @@ async def _localize(
         headers.get(b"content-type", b""),
         headers.get(b"content-encoding", b""),
     )
-    given, form = (_read_again if sum(map(len, texts)) <= REMEMBERED_BYTES else _read)(*texts)
-    query = Query.read(given, form, caller, parts.use_case.served, arrived)
+    given = (_read_again if sum(map(len, texts)) <= REMEMBERED_BYTES else _read)(*texts)
+    query = Query.read(given, caller, parts.use_case.served, arrived)
     parts.use_case.check_room(query)
-    if form.geographic and len(given.map_ids) == 1:  # of several maps, one has to answer first
+    if given.form.geographic and len(given.map_ids) == 1:  # of several maps, one has to answer first
         await READS.run(parts.georeference_cache.of, given.map_ids[0])
     body = await parts.bodies.read(request, caller.name)
     try:
@@ -181,7 +181,7 @@ async def _localize(
         parts.bodies.release(body, caller.name)
 
 
-def _read(*head: bytes) -> tuple[AsGiven, AnswerForm]:
+def _read(*head: bytes) -> AsGiven:
     """Parse what a head asks for, by itself.
 
     Args:
@@ -194,7 +194,7 @@ def _read(*head: bytes) -> tuple[AsGiven, AnswerForm]:
     query, accept, media_type, encoding = (text.decode("latin-1") for text in head)
     options = single_values(parse_qsl(query, keep_blank_values=True))
     form = AnswerForm.of(accept, options, may_be_geographic=True)
-    return AsGiven(split_map_ids(options.pop(MAP_PARAMETER, "")), media_type, encoding, options), form
+    return AsGiven(split_map_ids(options.pop(MAP_PARAMETER, "")), media_type, encoding, options, form)
 
 
 _read_again = lru_cache(REMEMBERED)(_read)
