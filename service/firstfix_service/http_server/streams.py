@@ -32,6 +32,13 @@ RECEIVED = "firstfix.received"  # extension of the ASGI scope: a ``Received``
 Received = Callable[[], bytes | None]
 """The whole body, once, if all of it has arrived with the head; else None, and ``receive`` gives it."""
 
+ANSWER_WHOLE = "firstfix.answer_whole"  # extension of the ASGI scope: an ``AnswerWhole``
+AnswerWhole = Callable[[int, Iterable[tuple[bytes, bytes]], bytes], bool]
+"""Sends status, headers in lower case with a Content-Length, and a body, in one write.
+
+Returns False, and sends nothing, where it must go by ``send``: it is long, or the caller has to read first.
+"""
+
 WHEN_GONE = "firstfix.when_gone"  # extension of the ASGI scope: a ``WhenGone``
 WhenGone = Callable[[Callable[[], None] | None], None]
 """Sets what is called, once, when the caller goes before its answer has begun; None: nothing any more."""
@@ -211,6 +218,11 @@ class AnswerTransport:
         if not self._is_dropped():
             self._pace.wrote(len(head) + len(data))
             self._connection.transport.write(head + data if head else data)
+
+    def write_whole(self, data: bytes) -> None:
+        """Write a head and all of its body, unless the connection drops answers."""
+        self._head_was_written = True
+        self.write(data)
 
     def is_closing(self) -> bool:
         """True if nothing more can be written."""

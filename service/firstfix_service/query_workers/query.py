@@ -49,6 +49,11 @@ class ServedVersion:
     directory: Path
     provisional: bool = False
 
+    @cached_property
+    def packed(self) -> bytes:
+        """This version for the worker processes, as ``Meaning.packed``."""
+        return pickle.dumps(self, pickle.HIGHEST_PROTOCOL)
+
 
 class BodyFormat(NamedTuple):
     """Decompressor and decoder of one body. The service chooses them, a worker process applies them.
@@ -154,11 +159,6 @@ def _packed_meaning(options: LocalizeOptions, body_format: BodyFormat, form: Ans
     return pickle.dumps((options, body_format, form), pickle.HIGHEST_PROTOCOL)
 
 
-@lru_cache(REMEMBERED)
-def _packed_versions(versions: tuple[ServedVersion, ...]) -> bytes:
-    return pickle.dumps(versions, pickle.HIGHEST_PROTOCOL)
-
-
 _unpacked = lru_cache(2 * REMEMBERED)(pickle.loads)
 _NOTHING = AsGiven()
 
@@ -251,12 +251,12 @@ class Query:
         """Pickle the part of the query that a worker process needs beside the body."""
         packed = self.packed or _packed_meaning(self.options, self.body_format, self.form)
         rest = self.map_ids, self.deadline, self.waits_ms, self.forms, self.chosen_of
-        return _query, (packed, _packed_versions(self.versions), *rest)
+        return _query, (packed, [version.packed for version in self.versions], *rest)
 
 
 def _query(
     packed: bytes,
-    versions: bytes,
+    versions: list[bytes],
     map_ids: tuple[str, ...],
     deadline: float,
     waits_ms: Mapping[str, float],
@@ -271,7 +271,7 @@ def _query(
         deadline,
         form,
         packed=packed,
-        versions=_unpacked(versions),
+        versions=tuple([_unpacked(version) for version in versions]),
         waits_ms=waits_ms,
         forms=forms,
         chosen_of=chosen_of,
