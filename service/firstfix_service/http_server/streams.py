@@ -238,32 +238,44 @@ class AnswerTransport:
             self.write(b"")
 
 
-class BodyReceiver(asyncio.BufferedProtocol):
-    """Takes the connection's place at its transport until the body is complete.
+class Receiver(asyncio.BufferedProtocol):
+    """The protocol of a transport: a long body goes right to its place, other bytes to the connection.
 
     Args:
-        buffer: the rest of the body's memory; not empty.
-        ended: called once, with the error of ``arrived`` if there is one.
+        room: for these other bytes. The connections of an event loop share it: each takes them at once.
     """
 
-    def __init__(
-        self,
-        connection: asyncio.Protocol,
-        buffer: memoryview,
-        arrived: Arrived,
-        ended: Callable[[Exception | None], None],
-    ) -> None:
+    def __init__(self, connection: asyncio.Protocol, room: memoryview) -> None:
         self._connection = connection
-        self._left = buffer
-        self._arrived = arrived
-        self._ended = ended
+        self._room = room
+        self._left: memoryview | None = None  # of the body's memory
+        self._arrived: Arrived
+        self._ended: Callable[[Exception | None], None]
+
+    def receive_body(
+        self, buffer: memoryview, arrived: Arrived, ended: Callable[[Exception | None], None]
+    ) -> None:
+        """Fill the rest of a body's memory with what comes next.
+
+        Args:
+            buffer: not empty.
+            ended: called once, with the error of ``arrived`` if there is one, unless ``stop`` comes first.
+        """
+        self._left, self._arrived, self._ended = buffer, arrived, ended
+
+    def stop(self) -> None:
+        """Give all that comes next to the connection."""
+        self._left = None
 
     def get_buffer(self, sizehint: int) -> memoryview:
         """The memory for the next bytes."""
-        return self._left
+        return self._room if self._left is None else self._left
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Counts bytes that came."""
+        """Take bytes that came."""
+        if self._left is None:
+            self._connection.data_received(bytes(self._room[:nbytes]))
+            return
         self._left = self._left[nbytes:]
         try:
             self._arrived(nbytes)
@@ -272,6 +284,10 @@ class BodyReceiver(asyncio.BufferedProtocol):
             return
         if not self._left:
             self._ended(None)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The connection was opened."""
+        self._connection.connection_made(transport)
 
     def eof_received(self) -> bool | None:
         """The caller sends no more."""

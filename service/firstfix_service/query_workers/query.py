@@ -30,7 +30,8 @@ from .answer_form import JSON, PARAMETERS, AnswerForm
 
 MAP_PARAMETER = "map"
 MAX_MAPS = 16  # that one query searches in full
-REMEMBERED = 256  # heads, and versions: a robot asks the same way again and again
+REMEMBERED = 256  # heads: a robot asks the same way again and again
+REMEMBERED_CHARS = 500  # in a longer head a prior or a motion is, which does not come again
 CHOSEN_MAPS = 8  # of all that a caller sees, if a query names none and they are more than MAX_MAPS
 SEVERAL_MAPS = "*"  # all searches of more than one map take turns as one
 _NOBODY = Principal("")
@@ -276,6 +277,16 @@ def _query(
         forms=forms,
         chosen_of=chosen_of,
     )
+
+
+def remembered(read: Callable[..., AsGiven]) -> Callable[..., AsGiven]:
+    """A reader of heads, given as texts or bytes, that reads a short one once for many queries."""
+    read_again = lru_cache(REMEMBERED)(read)
+
+    def read_or_remember(*texts: str | bytes) -> AsGiven:
+        return (read_again if sum(map(len, texts)) <= REMEMBERED_CHARS else read)(*texts)
+
+    return read_or_remember
 
 
 def single_values(pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
