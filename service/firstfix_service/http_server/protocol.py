@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from enum import Enum
 from functools import partial
 from typing import Any
 
 import httptools
 from starlette.requests import ClientDisconnect
-from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from ..limits.connections import Connections, ConnectionUse, EndReason
 from .streams import (
     ANSWER_WHOLE,
     DELAY_ANSWER,
-    PIECE_BYTES,
     RECEIVE_INTO,
     RECEIVED,
     WHEN_GONE,
@@ -30,6 +29,7 @@ from .streams import (
     Arrived,
     ReadingPace,
     Receiver,
+    answer_whole,
     declared_bytes,
     in_pieces,
     limit_kernel_buffer,
@@ -236,7 +236,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             RECEIVED: partial(self._received, self.cycle),
             WHEN_GONE: partial(self._call_when_gone, self.cycle),
             DELAY_ANSWER: self._delay.wait,
-            ANSWER_WHOLE: partial(self._answer_whole, self.cycle),
+            ANSWER_WHOLE: partial(answer_whole, self.cycle, self._answer_begins),
         }
         self.scope["extensions"] = extensions
         self._wait_for(Reading.BODY)
@@ -339,34 +339,6 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self.flow.resume_reading()
         body, cycle.body = bytes(cycle.body), bytearray()
         return body
-
-    def _answer_whole(
-        self, cycle: RequestResponseCycle, status: int, headers: Iterable[tuple[bytes, bytes]], body: bytes
-    ) -> bool:
-        """See ``AnswerWhole``. It does what the cycle does with the two messages of an answer."""
-        named = (*cycle.default_headers, *headers)
-        if (
-            len(body) > PIECE_BYTES
-            or self.flow.write_paused
-            or cycle.disconnected
-            or cycle.response_started
-            or cycle.scope["method"] == "HEAD"
-            or any(name == b"connection" for name, _ in named)
-        ):
-            return False
-        lines = [b"%s: %s\r\n" % line for line in named]
-        if not cycle.keep_alive:
-            lines.append(b"connection: close\r\n")
-        cycle.response_started, cycle.waiting_for_100_continue = True, False
-        self._answer_begins(len(body))
-        transport: Any = cycle.transport
-        transport.write_whole(b"".join((STATUS_LINE[status], *lines, b"\r\n", body)))
-        cycle.response_complete = True
-        cycle.message_event.set()
-        if not cycle.keep_alive:
-            transport.close()
-        cycle.on_response()
-        return True
 
     def _call_when_gone(self, cycle: RequestResponseCycle, call: Callable[[], None] | None) -> None:
         """See ``WhenGone``."""

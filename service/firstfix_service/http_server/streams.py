@@ -7,7 +7,7 @@ import socket
 from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
 
 from ..limits.limits import Limits
 
@@ -236,6 +236,45 @@ class AnswerTransport:
     def _flush(self) -> None:
         if self._head is not None and not self._connection.transport.is_closing():
             self.write(b"")
+
+
+def answer_whole(
+    cycle: RequestResponseCycle,
+    begins: Callable[[int], None],
+    status: int,
+    headers: Iterable[tuple[bytes, bytes]],
+    body: bytes,
+) -> bool:
+    """See ``AnswerWhole``. It does to the cycle what the two messages of an answer do.
+
+    Args:
+        begins: as of ``in_pieces``.
+    """
+    if (
+        len(body) > PIECE_BYTES
+        or cycle.flow.write_paused
+        or cycle.disconnected
+        or cycle.response_started
+        or cycle.scope["method"] == "HEAD"
+    ):
+        return False
+    lines = [STATUS_LINE[status]]
+    for name, value in (*cycle.default_headers, *headers):
+        if name == b"connection" or b"\r" in value or b"\n" in value:  # ``send`` knows what to do
+            return False
+        lines.append(b"%s: %s\r\n" % (name, value))
+    if not cycle.keep_alive:
+        lines.append(b"connection: close\r\n")
+    cycle.response_started, cycle.waiting_for_100_continue = True, False
+    begins(len(body))
+    transport: Any = cycle.transport
+    transport.write_whole(b"".join((*lines, b"\r\n", body)))
+    cycle.response_complete = True
+    cycle.message_event.set()
+    if not cycle.keep_alive:
+        transport.close()
+    cycle.on_response()
+    return True
 
 
 class Receiver(asyncio.BufferedProtocol):

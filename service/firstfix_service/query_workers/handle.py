@@ -169,8 +169,10 @@ class QueryWorkerHandle:
             if self._loop is None:
                 self._queries.close()
             else:
-                with suppress(RuntimeError):  # the loop has ended with the service
+                try:
                     self._loop.call_soon_threadsafe(self._stop_reading)
+                except RuntimeError:  # the loop has ended with the service
+                    self._queries.close()
         with self._control_lock:
             self._control.close()
 
