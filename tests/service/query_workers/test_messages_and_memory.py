@@ -68,7 +68,7 @@ def test_what_a_head_means_travels_once_packed_and_arrives_whole(ends):
     asked, _, _ = received(MessageReader(), ends[1])
     assert asked.options.to_strings() == second.options.to_strings()
     assert asked.options.prior is not None
-    assert (asked.body_format, asked.form) == (second.body_format, given.form)
+    assert (asked.body_format.decompress, asked.form) == (second.body_format.decompress, given.form)
     assert (asked.map_ids, asked.versions, asked.deadline) == (("hall",), versions, 20.5)
     assert (dict(asked.waits_ms), asked.chosen_of) == ({"queue": 1.5}, 3)
     assert (asked.caller.name, asked.given.options) == ("", {}), "a worker need not know who asks"
