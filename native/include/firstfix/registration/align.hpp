@@ -24,6 +24,25 @@ struct AlignParameters {
   float half_angle;  // sine between normals at which a pair counts half
 };
 
+// Shortens steps that turn back. Which points are pairs changes with the pose, so an alignment may go to and fro between two
+// poses for ever, each of them best for its own pairs: it then comes to rest between them. An alignment that converges rests
+// before the first step is shortened.
+template <std::size_t kUnknowns>
+class ShorterSteps {
+ public:
+  // gradient: downhill where the last step led. step: from there.
+  void shorten(int iteration, const double* gradient, double* step) {
+    double along = 0;
+    for (std::size_t k = 0; k < kUnknowns; ++k) along += gradient[k] * last_[k];
+    if (iteration >= kWholeSteps && along < 0) share_ /= 2;
+    for (std::size_t k = 0; k < kUnknowns; ++k) last_[k] = step[k] *= share_;
+  }
+
+ private:
+  static constexpr int kWholeSteps = 20;
+  double share_ = 1, last_[kUnknowns] = {};
+};
+
 // Share of the scan's points within the inlier distance of the surface, and the same with points counting less the further
 // they lie from it.
 struct AlignmentQuality {
@@ -37,6 +56,7 @@ struct AlignmentQuality {
 inline bool align(PairFinder& finder, std::size_t points, const AlignParameters& parameters, PoseMatrix& T_level_sensor,
                   Matrix6& information) {
   NormalEquations equations;
+  ShorterSteps<6> steps;
   bool rests = false;
   for (int iteration = 0; iteration < parameters.iterations && !rests; ++iteration) {
     equations = NormalEquations::of(finder, T_level_sensor, parameters.reach_m, parameters.half_angle);
@@ -45,6 +65,7 @@ inline bool align(PairFinder& finder, std::size_t points, const AlignParameters&
     std::memcpy(step, equations.gradient, sizeof step);
     for (int k = 0; k < 6; ++k) damped[7 * k] += kDamping * static_cast<double>(points);
     if (!solve_definite<6>(damped, step)) break;
+    steps.shorten(iteration, equations.gradient, step);
     turn_left(step, T_level_sensor);
     for (int k = 0; k < 3; ++k) T_level_sensor[4 * k + 3] += step[3 + k];
     const double turned = std::max({std::fabs(step[0]), std::fabs(step[1]), std::fabs(step[2])});

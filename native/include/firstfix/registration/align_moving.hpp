@@ -159,10 +159,11 @@ inline bool align_moving(PairFinder& finder, MovingScan& scan, const AlignParame
   detail::turn_twist(T_level_sensor, false, twist, level_twist);
   scan.deskew(twist);
   MovingEquations equations;
+  ShorterSteps<12> steps;
   bool rests = false;
   for (int iteration = 0; iteration < parameters.iterations && !rests; ++iteration) {
     equations = MovingEquations::of(finder, scan.time_s(), T_level_sensor, parameters.reach_m, parameters.half_angle);
-    double damped[144], step[12];
+    double damped[144], gradient[12], step[12];
     std::memcpy(damped, equations.hessian, sizeof damped);
     std::memcpy(step, equations.gradient, sizeof step);
     for (int k = 0; k < 6; ++k) {
@@ -173,7 +174,9 @@ inline bool align_moving(PairFinder& finder, MovingScan& scan, const AlignParame
       damped[13 * (6 + k)] += prior[k];
       step[6 + k] -= prior[k] * level_twist[from];
     }
+    std::memcpy(gradient, step, sizeof gradient);
     if (!solve_definite<12>(damped, step)) break;
+    steps.shorten(iteration, gradient, step);
     turn_left(step, T_level_sensor);
     double turned = 0, moved = 0, changed = 0;
     for (int k = 0; k < 3; ++k) {

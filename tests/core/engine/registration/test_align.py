@@ -124,6 +124,19 @@ def test_an_alignment_that_creeps_comes_to_rest_at_the_truth():
     assert pose_error(at, moving.T_level_sensor)[0] > 0.03
 
 
+def test_an_alignment_that_goes_to_and_fro_comes_to_rest_between(room):
+    """Sparse, noisy scans with clutter: some have two poses that are each best for the pairs of the other."""
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        few = rng.choice(len(ROOM), 150, replace=False)
+        seen = (ROOM[few] - TRUE[:3, 3]) @ TRUE[:3, :3] + rng.normal(0, 0.05, (150, 3))
+        scan = Surface.around(np.concatenate([seen, rng.uniform([-3, -2, -0.8], [3, 2, 1.5], (60, 3))]))
+        start = TRUE @ make_transform(np.eye(3), rng.uniform(-0.1, 0.1, 3))
+        (found,) = room.align_fine(scan, start[None])
+        assert found.rests
+        assert pose_error(TRUE, found.T_level_sensor)[0] < 0.1
+
+
 def test_screening_tells_starts_near_the_truth_from_others(room):
     """Half a metre and 8 degrees off is nearer to the truth after two steps; elsewhere nothing fits."""
     rng = np.random.default_rng(9)
