@@ -9,7 +9,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
+from typing import Any
 
 import structlog
 import uvicorn
@@ -17,6 +17,7 @@ from fastapi import FastAPI
 
 from .app import create_app
 from .http_server.protocol import LimitedHttpProtocol
+from .http_server.streams import PIECE_BYTES, Receiver
 from .limits.connections import Connections, EndReason
 from .limits.limits import Limits
 from .settings import Settings
@@ -42,12 +43,17 @@ def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
 
     connections = Connections(limits, settings.trusted_proxies, ended)
     metrics.http_connections.set_function(connections.__len__)
+    room = memoryview(bytearray(PIECE_BYTES))
+
+    def protocol(**of_uvicorn: Any) -> Receiver:
+        return LimitedHttpProtocol(connections=connections, room=room, **of_uvicorn).receiver
+
     return uvicorn.Config(
         app,
         host=settings.host,
         port=settings.port,
         loop="auto",  # uvloop where it is installed
-        http=partial(LimitedHttpProtocol, connections=connections),  # type: ignore[arg-type]
+        http=protocol,  # type: ignore[arg-type]
         ws="none",
         access_log=False,  # RequestLog writes one line per request
         log_config=None,

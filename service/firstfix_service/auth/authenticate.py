@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import structlog
 
@@ -76,7 +76,7 @@ class Authenticator:
             StoreUnavailable, Overloaded: the credential cannot be checked now.
         """
         if self.keys is None:
-            return Principal(f"address:{address}")
+            return _anybody_at(address)
         try:
             if not credential:
                 raise Unauthorized("this service needs an API key or a token")
@@ -136,8 +136,12 @@ class Authenticator:
             limit.take(f"{caller.name} {map_id}" if map_id else caller.name)
 
 
-@dataclass(frozen=True)
-class Permission:
+@lru_cache(Limits.max_names)
+def _anybody_at(address: str) -> Principal:
+    return Principal(f"address:{address}")
+
+
+class Permission(NamedTuple):
     """Permission of one request, checked again and again because a key can expire or be revoked.
 
     Attributes:

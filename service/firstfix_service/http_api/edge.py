@@ -8,7 +8,7 @@ from functools import cache
 from typing import Annotated, Any, TypeVar
 
 import structlog
-from fastapi import Depends, FastAPI, Request
+from fastapi import Depends, FastAPI, Request, Response
 from fastapi.routing import APIRoute, iter_route_contexts
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Send
@@ -20,6 +20,7 @@ from firstfix.errors import NotFound, ReadOnly, Unauthorized
 
 from ..auth.authenticate import Authenticator, Permission
 from ..auth.principal import Needs, Principal, Rate
+from ..http_server.streams import ANSWER_WHOLE, PIECE_BYTES, AnswerWhole
 from ..limits.addresses import Network, address_of
 from ..limits.turns import Turns
 from ..problems import problem_of
@@ -155,6 +156,42 @@ def _credential(request: Request) -> str | None:
     return credential.strip()
 
 
+class LoggedAnswer:
+    """The answer to a request, with the headers that every answer has, and in its turn.
+
+    Attributes:
+        status: 0: it has not begun.
+    """
+
+    def __init__(self, request: RequestScope, scope: ASGIScope, send: Send) -> None:
+        self._scope, self._send = scope, send
+        self._own_headers = ((b"x-request-id", request.request_id.encode()), _NOSNIFF)
+        self.status = 0
+
+    async def send(self, message: Message) -> None:
+        """Send a message of the answer."""
+        if message["type"] == "http.response.start":
+            await self._begin(message["status"])
+            message = {**message, "headers": [*message["headers"], *self._own_headers]}
+        await self._send(message)
+
+    async def send_whole(self, response: Response) -> bool:
+        """Send a short answer at once. Returns False where it has to go by ``send``."""
+        answer_whole: AnswerWhole | None = self._scope.get("extensions", {}).get(ANSWER_WHOLE)
+        if answer_whole is None or len(response.body) > PIECE_BYTES:
+            return False
+        await self._begin(response.status_code)
+        return answer_whole(
+            response.status_code, (*response.raw_headers, *self._own_headers), bytes(response.body)
+        )
+
+    async def _begin(self, status: int) -> None:
+        self.status = status
+        caller = current_caller()
+        if not caller or status >= 400:  # else a queue has given it its turn
+            await self._scope["state"]["turn"].wait_to_answer(caller)
+
+
 class RequestLog:
     """ASGI middleware that gives each request an id, a span, a log line, metrics, and a problem document.
 
@@ -198,30 +235,18 @@ class RequestLog:
             await self._answer(request, scope, receive, send)
 
     async def _answer(self, request: RequestScope, scope: ASGIScope, receive: Receive, send: Send) -> None:
-        own_headers = [(b"x-request-id", request.request_id.encode()), _NOSNIFF]
-        status = 0
-
-        async def send_with_id(message: Message) -> None:
-            nonlocal status
-            if message["type"] == "http.response.start":
-                status = message["status"]
-                message = {**message, "headers": [*message["headers"], *own_headers]}
-                caller = current_caller()
-                if not caller or status >= 400:  # else a queue has given it its turn
-                    await scope["state"]["turn"].wait_to_answer(caller)
-            await send(message)
-
+        answer = scope["state"]["answer"] = LoggedAnswer(request, scope, send)
         try:
-            await self._app(scope, receive, send_with_id)
+            await self._app(scope, receive, answer.send)
         except ClientDisconnect:
-            status = CLIENT_GONE
+            answer.status = CLIENT_GONE
         except Exception as error:
             _log.exception("unexpected error")
-            if status:  # the answer is under way: the connection must break
+            if answer.status:  # it is under way: the connection must break
                 raise
-            await problem_of(error).response()(scope, receive, send_with_id)
+            await problem_of(error).response()(scope, receive, answer.send)
         finally:
-            request.status = status
+            request.status = answer.status
             self._record(request, scope)
 
     def _record(self, request: RequestScope, scope: ASGIScope) -> None:

@@ -16,7 +16,7 @@ from starlette.types import Receive, Scope, Send
 from firstfix.errors import FirstfixError
 
 from ..problems import method_not_allowed, problem_of
-from .edge import authorize
+from .edge import LoggedAnswer, authorize
 
 
 class DirectRoute(APIRoute):
@@ -56,4 +56,6 @@ async def answer_directly(scope: Scope, receive: Receive, send: Send) -> None:
             response = method_not_allowed(methods).response()
     except FirstfixError as error:
         response = problem_of(error).response()
-    await response(scope, receive, send)
+    answer: LoggedAnswer = scope["state"]["answer"]
+    if not await answer.send_whole(response):
+        await response(scope, receive, send)

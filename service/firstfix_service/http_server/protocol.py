@@ -19,6 +19,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResp
 
 from ..limits.connections import Connections, ConnectionUse, EndReason
 from .streams import (
+    ANSWER_WHOLE,
     DELAY_ANSWER,
     RECEIVE_INTO,
     RECEIVED,
@@ -26,8 +27,9 @@ from .streams import (
     AnswerDelay,
     AnswerTransport,
     Arrived,
-    BodyReceiver,
     ReadingPace,
+    Receiver,
+    answer_whole,
     declared_bytes,
     in_pieces,
     limit_kernel_buffer,
@@ -51,10 +53,18 @@ class _Refusal(Exception):
 
 
 class LimitedHttpProtocol(HttpToolsProtocol):
-    """A connection whose caller may send too much, too slowly, or read nothing."""
+    """A connection whose caller may send too much, too slowly, or read nothing.
 
-    def __init__(self, *args: Any, connections: Connections, **kwargs: Any) -> None:
+    Args:
+        room: see ``Receiver``.
+
+    Attributes:
+        receiver: the protocol of its transport.
+    """
+
+    def __init__(self, *args: Any, connections: Connections, room: memoryview, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
+        self.receiver = Receiver(self, room)
         self._all = connections
         self._limits = connections.limits
         self._use = ConnectionUse.ALL
@@ -226,6 +236,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             RECEIVED: partial(self._received, self.cycle),
             WHEN_GONE: partial(self._call_when_gone, self.cycle),
             DELAY_ANSWER: self._delay.wait,
+            ANSWER_WHOLE: partial(answer_whole, self.cycle, self._answer_begins),
         }
         self.scope["extensions"] = extensions
         self._wait_for(Reading.BODY)
@@ -289,7 +300,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         body, self._body = self._body, None
         if body is None:
             return
-        self._read_with(self)
+        self.receiver.stop()
         if error is not None:
             self._is_out_of_step = True
             if not body.done():  # cancelled
@@ -314,9 +325,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if cycle.disconnected or cycle.response_complete:
             raise ClientDisconnect
         self._body = body = self.loop.create_future()
-        self._read_with(
-            BodyReceiver(self, buffer[len(parsed) :], partial(self._take, arrived), self._body_ended)
-        )
+        self.flow.resume_reading()
+        self.receiver.receive_body(buffer[len(parsed) :], partial(self._take, arrived), self._body_ended)
         try:
             await body
         finally:
@@ -354,13 +364,6 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     def _take(self, arrived: Arrived, size: int) -> None:
         self._body_bytes += size
         arrived(size)
-
-    def _read_with(self, protocol: asyncio.BaseProtocol) -> None:
-        """Hands further data to this protocol. uvloop looks at its kind when it begins to read."""
-        self.transport.pause_reading()
-        self.transport.set_protocol(protocol)
-        self.flow.read_paused = False
-        self.transport.resume_reading()
 
     @property
     def _is_lingering(self) -> bool:

@@ -7,7 +7,7 @@ import socket
 from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
 
 from ..limits.limits import Limits
 
@@ -31,6 +31,13 @@ Raises ClientDisconnect if the caller goes, or the error of ``Arrived``.
 RECEIVED = "firstfix.received"  # extension of the ASGI scope: a ``Received``
 Received = Callable[[], bytes | None]
 """The whole body, once, if all of it has arrived with the head; else None, and ``receive`` gives it."""
+
+ANSWER_WHOLE = "firstfix.answer_whole"  # extension of the ASGI scope: an ``AnswerWhole``
+AnswerWhole = Callable[[int, Iterable[tuple[bytes, bytes]], bytes], bool]
+"""Sends status, headers in lower case with a Content-Length, and a body, in one write.
+
+Returns False, and sends nothing, where it must go by ``send``: it is long, or the caller has to read first.
+"""
 
 WHEN_GONE = "firstfix.when_gone"  # extension of the ASGI scope: a ``WhenGone``
 WhenGone = Callable[[Callable[[], None] | None], None]
@@ -212,6 +219,11 @@ class AnswerTransport:
             self._pace.wrote(len(head) + len(data))
             self._connection.transport.write(head + data if head else data)
 
+    def write_whole(self, data: bytes) -> None:
+        """Write a head and all of its body, unless the connection drops answers."""
+        self._head_was_written = True
+        self.write(data)
+
     def is_closing(self) -> bool:
         """True if nothing more can be written."""
         return self._is_dropped() or self._connection.transport.is_closing()
@@ -226,32 +238,83 @@ class AnswerTransport:
             self.write(b"")
 
 
-class BodyReceiver(asyncio.BufferedProtocol):
-    """Takes the connection's place at its transport until the body is complete.
+def answer_whole(
+    cycle: RequestResponseCycle,
+    begins: Callable[[int], None],
+    status: int,
+    headers: Iterable[tuple[bytes, bytes]],
+    body: bytes,
+) -> bool:
+    """See ``AnswerWhole``. It does to the cycle what the two messages of an answer do.
 
     Args:
-        buffer: the rest of the body's memory; not empty.
-        ended: called once, with the error of ``arrived`` if there is one.
+        begins: as of ``in_pieces``.
+    """
+    if (
+        len(body) > PIECE_BYTES
+        or cycle.flow.write_paused
+        or cycle.disconnected
+        or cycle.response_started
+        or cycle.scope["method"] == "HEAD"
+    ):
+        return False
+    lines = [STATUS_LINE[status]]
+    for name, value in (*cycle.default_headers, *headers):
+        if name == b"connection" or b"\r" in value or b"\n" in value:  # ``send`` knows what to do
+            return False
+        lines.append(b"%s: %s\r\n" % (name, value))
+    if not cycle.keep_alive:
+        lines.append(b"connection: close\r\n")
+    cycle.response_started, cycle.waiting_for_100_continue = True, False
+    begins(len(body))
+    transport: Any = cycle.transport
+    transport.write_whole(b"".join((*lines, b"\r\n", body)))
+    cycle.response_complete = True
+    cycle.message_event.set()
+    if not cycle.keep_alive:
+        transport.close()
+    cycle.on_response()
+    return True
+
+
+class Receiver(asyncio.BufferedProtocol):
+    """The protocol of a transport: a long body goes right to its place, other bytes to the connection.
+
+    Args:
+        room: for these other bytes. The connections of an event loop share it: each takes them at once.
     """
 
-    def __init__(
-        self,
-        connection: asyncio.Protocol,
-        buffer: memoryview,
-        arrived: Arrived,
-        ended: Callable[[Exception | None], None],
-    ) -> None:
+    def __init__(self, connection: asyncio.Protocol, room: memoryview) -> None:
         self._connection = connection
-        self._left = buffer
-        self._arrived = arrived
-        self._ended = ended
+        self._room = room
+        self._left: memoryview | None = None  # of the body's memory
+        self._arrived: Arrived
+        self._ended: Callable[[Exception | None], None]
+
+    def receive_body(
+        self, buffer: memoryview, arrived: Arrived, ended: Callable[[Exception | None], None]
+    ) -> None:
+        """Fill the rest of a body's memory with what comes next.
+
+        Args:
+            buffer: not empty.
+            ended: called once, with the error of ``arrived`` if there is one, unless ``stop`` comes first.
+        """
+        self._left, self._arrived, self._ended = buffer, arrived, ended
+
+    def stop(self) -> None:
+        """Give all that comes next to the connection."""
+        self._left = None
 
     def get_buffer(self, sizehint: int) -> memoryview:
         """The memory for the next bytes."""
-        return self._left
+        return self._room if self._left is None else self._left
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Counts bytes that came."""
+        """Take bytes that came."""
+        if self._left is None:
+            self._connection.data_received(bytes(self._room[:nbytes]))
+            return
         self._left = self._left[nbytes:]
         try:
             self._arrived(nbytes)
@@ -260,6 +323,10 @@ class BodyReceiver(asyncio.BufferedProtocol):
             return
         if not self._left:
             self._ended(None)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The connection was opened."""
+        self._connection.connection_made(transport)
 
     def eof_received(self) -> bool | None:
         """The caller sends no more."""

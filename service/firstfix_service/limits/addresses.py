@@ -68,6 +68,7 @@ def _read(text: str) -> IPv4Address | IPv6Address | None:
     return address
 
 
+@lru_cache(4096)
 def _named(address: IPv4Address | IPv6Address) -> str:
     if isinstance(address, IPv4Address):
         return str(address)

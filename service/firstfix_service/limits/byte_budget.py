@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 from firstfix.errors import FirstfixError, Overloaded, QuotaExceeded
 
@@ -138,6 +139,7 @@ class Lease:
         self.size = 0
 
 
+@lru_cache(Limits.max_names)
 def owners_of_body(caller: str) -> tuple[Owner, ...]:
     """The owner of a query's body, who has at most half of the budget; none if it is not known."""
     return (Owner("caller", caller, 2),) if caller else ()

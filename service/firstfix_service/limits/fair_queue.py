@@ -169,8 +169,12 @@ class FairQueue:
 
     def add(self, job: Job) -> None:
         """Add a query that is being prepared."""
-        caller = self._callers.setdefault(job.asker.caller, _Caller())
-        of_map = caller.maps.setdefault(job.asker.map_id, _Map())
+        caller = self._callers.get(job.asker.caller)
+        if caller is None:
+            caller = self._callers[job.asker.caller] = _Caller()
+        of_map = caller.maps.get(job.asker.map_id)
+        if of_map is None:
+            of_map = caller.maps[job.asker.map_id] = _Map()
         of_map.waiting[job] = None
         caller.places += 1
         self._present[job.asker.caller] = caller

@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Awaitable, Callable, Iterable
 from concurrent.futures import Future
-from dataclasses import replace
 from functools import partial
 
 from firstfix.engine.map_choice.sought_scan import SoughtScan
@@ -76,7 +75,7 @@ class LocalizeUseCase:
             waits_ms = {"queue": waited_s * 1e3, "map": map_s * 1e3}
             if query.chosen_of:
                 waits_ms = {"choose": chosen_s * 1e3, **waits_ms}
-            asked = replace(query, body=body, versions=leases.served, waits_ms=waits_ms)
+            asked = query.filled(body=body, versions=leases.served, waits_ms=waits_ms)
             answer = await self._ask(ask, asked, leases)
             assert isinstance(answer, EncodedAnswer)
             return answer
@@ -104,7 +103,7 @@ class LocalizeUseCase:
 
         async def work(ask: AskWorker, leases: Leases, waited_s: float) -> bytes:
             directory = leases.served[0].directory if leases.served else None
-            answer = await self._ask(ask, replace(look, body=body, directory=directory), leases)
+            answer = await self._ask(ask, look.filled(body=body, directory=directory), leases)
             assert isinstance(answer, bytes)
             return answer
 
@@ -131,7 +130,7 @@ class LocalizeUseCase:
         async def work(ask: AskWorker, nothing: Leases, waited_s: float) -> SoughtScan:
             if not forms:
                 return SoughtScan({})
-            sought = await ask(replace(query, body=body, forms=forms))
+            sought = await ask(query.filled(body=body, forms=forms))
             assert isinstance(sought, SoughtScan)
             return sought
 
@@ -143,7 +142,7 @@ class LocalizeUseCase:
             raise NotFound("no map is served any more")
         # A scan that resembles none has too few points, or a descriptor of its own: any map tells it.
         chosen = await CHOICES.run(self._coarse.choose, sought, visible) or tuple(visible[:1])
-        return replace(query, map_ids=chosen, chosen_of=len(visible))
+        return query.filled(map_ids=chosen, chosen_of=len(visible))
 
     def _lease(self, query: Query) -> Future[Leases] | Leases:
         """The versions of the query's maps. Of chosen maps, those that come in time are enough."""

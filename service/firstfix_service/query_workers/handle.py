@@ -66,6 +66,8 @@ class QueryWorkerHandle:
                 env={**dict.fromkeys(_ONE_THREAD, "1"), **os.environ},
             )
         self._reader = MessageReader()
+        self._loop: asyncio.AbstractEventLoop | None = None  # that reads the replies
+        self._replied: asyncio.Future[tuple[bool, Any]] | None = None  # of the query under way
         self._query_lock = threading.Lock()  # held by ``close`` too, or another file could get its number
         self._control_lock = threading.Lock()
         self.started = time.monotonic()
@@ -163,8 +165,14 @@ class QueryWorkerHandle:
     def close(self) -> None:
         """Close the sockets and the memory of a process that has ended."""
         with self._query_lock:
-            self._queries.close()
             self._bodies.close()
+            if self._loop is None:
+                self._queries.close()
+            else:
+                try:
+                    self._loop.call_soon_threadsafe(self._stop_reading)
+                except RuntimeError:  # the loop has ended with the service
+                    self._queries.close()
         with self._control_lock:
             self._control.close()
 
@@ -187,29 +195,41 @@ class QueryWorkerHandle:
             EOFError, OSError: the process has ended.
             DeadlineExceeded: there is none within the time.
         """
-        loop = asyncio.get_running_loop()
-        replied: asyncio.Future[tuple[bool, Any]] = loop.create_future()
-
-        def read() -> None:
-            try:
-                received = self._reader.receive(self._queries)
-            except (BlockingIOError, InterruptedError):
-                return
-            except Exception as error:
-                _end(replied, error)
-                return
-            if received is not None and not replied.done():
-                replied.set_result(received[0])
-
         stuck = DeadlineExceeded(f"the query was stopped: it ran for over {self._query_timeout_s:g} s")
+        loop = asyncio.get_running_loop()
+        self._replied = replied = loop.create_future()
         timer = loop.call_later(self._query_timeout_s, _end, replied, stuck)
-        loop.add_reader(self._queries, read)
+        if self._loop is None:  # to begin to read, and to stop, takes longer than a reply
+            self._loop = loop
+            loop.add_reader(self._queries, self._read)
         try:
             return await replied
         finally:
-            loop.remove_reader(self._queries)
             timer.cancel()
+            self._replied = None
+
+    def _read(self) -> None:
+        """Read what the process has sent."""
+        replied = self._replied
+        try:
+            received = self._reader.receive(self._queries)
+        except (BlockingIOError, InterruptedError):
+            return
+        except Exception as error:
+            self._stop_reading()
+            if replied is not None:
+                _end(replied, error)
+            return
+        if received is not None:
             self._reader.forget()
+            if replied is not None and not replied.done():
+                replied.set_result(received[0])
+
+    def _stop_reading(self) -> None:
+        """Close the socket, in the loop that reads from it: another file could get its number."""
+        if self._loop is not None and self._queries.fileno() >= 0:
+            self._loop.remove_reader(self._queries)
+            self._queries.close()
 
     def _request(self, what: str, version: ServedVersion | None) -> Any:
         with self._control_lock:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from firstfix.engine.map_choice.sought_scan import SoughtScan
 from firstfix.formats.point_cloud import Body
@@ -39,6 +40,10 @@ class Look:
     def asker(self) -> Asker:
         """The one whose turn it takes."""
         return Asker(self.caller_name, self.map_id)
+
+    def filled(self, **more: Any) -> Look:
+        """The look with what is filled in later, as ``Query.filled``."""
+        return replace(self, **more)
 
     def answer(self, max_decoded_bytes: int) -> bytes:
         """The bytes of the answer.

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import pickle
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,8 @@ from .answer_form import JSON, PARAMETERS, AnswerForm
 
 MAP_PARAMETER = "map"
 MAX_MAPS = 16  # that one query searches in full
+REMEMBERED = 256  # heads: a robot asks the same way again and again
+REMEMBERED_CHARS = 500  # in a longer head a prior or a motion is, which does not come again
 CHOSEN_MAPS = 8  # of all that a caller sees, if a query names none and they are more than MAX_MAPS
 SEVERAL_MAPS = "*"  # all searches of more than one map take turns as one
 _NOBODY = Principal("")
@@ -46,6 +49,11 @@ class ServedVersion:
     version: str
     directory: Path
     provisional: bool = False
+
+    @cached_property
+    def packed(self) -> bytes:
+        """This version for the worker processes, as ``Meaning.packed``."""
+        return pickle.dumps(self, pickle.HIGHEST_PROTOCOL)
 
 
 class BodyFormat(NamedTuple):
@@ -99,16 +107,60 @@ class EncodedAnswer:
         """Bytes and media type: JSON, if there is no pose message."""
         return (self.json, JSON) if self.pose_message is None else (self.pose_message, POSE)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the words of the verdict and the reasons: members of an Enum take longer than all else."""
+        reasons = tuple([reason.value for reason in self.reasons])
+        rest = self.probability, self.map_id, self.map_version, self.timings_ms, self.json, self.pose_message
+        return _encoded_answer, (self.verdict.value, reasons, *rest, self.T_map_body)
 
-class AsGiven(NamedTuple):
-    """Texts of a query as they came, for recorded queries."""
+
+def _encoded_answer(verdict: str, reasons: tuple[str, ...], *rest: Any) -> EncodedAnswer:
+    return EncodedAnswer(Verdict(verdict), tuple([Reason(reason) for reason in reasons]), *rest)
+
+
+class Meaning(NamedTuple):
+    """The meaning of a query's head.
+
+    Attributes:
+        packed: all this for the worker processes: pickling it takes longer than the rest of a message.
+    """
+
+    options: LocalizeOptions
+    body_format: BodyFormat
+    form: AnswerForm
+    packed: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class AsGiven:
+    """Texts of a query as they came, for recorded queries, and the form that they ask for."""
 
     map_ids: tuple[str, ...] = ()
     media_type: str = ""
     content_encoding: str = ""
-    options: Mapping[str, str] = {}
+    options: Mapping[str, str] = field(default_factory=dict)
+    form: AnswerForm = field(default_factory=AnswerForm)
+
+    @cached_property
+    def meaning(self) -> Meaning:
+        """The meaning of these texts, read once for all queries that have them.
+
+        Raises:
+            InvalidOption: an option or the version is malformed.
+            UnsupportedFormat: unknown media type or content encoding.
+        """
+        options = LocalizeOptions.from_strings(self.options, (MAP_PARAMETER, *PARAMETERS))
+        if options.version is not None:
+            check_prefix(options.version)
+        body_format = BodyFormat.of(self.media_type, self.content_encoding)
+        return Meaning(options, body_format, self.form, _packed_meaning(options, body_format, self.form))
 
 
+def _packed_meaning(options: LocalizeOptions, body_format: BodyFormat, form: AnswerForm) -> bytes:
+    return pickle.dumps((options, body_format, form), pickle.HIGHEST_PROTOCOL)
+
+
+_unpacked = lru_cache(2 * REMEMBERED)(pickle.loads)
 _NOTHING = AsGiven()
 
 
@@ -122,6 +174,7 @@ class Query:
         options: as the caller gave them.
         deadline: of ``time.monotonic``, one clock for all processes of a machine; infinite: none.
         form: how the caller wants the answer.
+        packed: options, format and form as ``Meaning.packed``; empty: they are packed with the query.
         body: as it came, with its content encoding. The last three are filled in by ``LocalizeUseCase``.
         waits_ms: milliseconds that the query waited before, by stage. They become part of its timings.
         forms: of descriptors in which a worker describes the scan, instead of an answer.
@@ -136,6 +189,7 @@ class Query:
     form: AnswerForm = field(default_factory=AnswerForm)
     caller: Principal = _NOBODY
     given: AsGiven = _NOTHING
+    packed: bytes = b""
     body: Body = b""
     versions: tuple[ServedVersion, ...] = ()
     waits_ms: Mapping[str, float] = field(default_factory=dict)
@@ -146,7 +200,6 @@ class Query:
     def read(
         cls,
         given: AsGiven,
-        form: AnswerForm,
         caller: Principal,
         served: Callable[[], Iterable[str]],
         arrived: float,
@@ -169,10 +222,7 @@ class Query:
         """
         for map_id in given.map_ids:
             caller.check_map(check_map_id(map_id))
-        options = LocalizeOptions.from_strings(given.options, (MAP_PARAMETER, *PARAMETERS))
-        if options.version is not None:
-            check_prefix(options.version)
-        body_format = BodyFormat.of(given.media_type, given.content_encoding)
+        options, body_format, form, packed = given.meaning
         map_ids = tuple(dict.fromkeys(given.map_ids)) or tuple(filter(caller.sees, served()))
         if not map_ids:
             raise NotFound("no map is served yet")
@@ -184,16 +234,59 @@ class Query:
             raise InvalidOption("a prior and a version belong to one map: name it")
         if len(map_ids) > MAX_MAPS:
             map_ids = ()
-        return cls(map_ids, options, body_format, options.deadline_from(arrived), form, caller, given)
+        deadline = options.deadline_from(arrived)
+        return cls(map_ids, options, body_format, deadline, form, caller, given, packed)
 
     @property
     def asker(self) -> Asker:
         """The one whose turn it takes."""
         return Asker(self.caller.name, self.map_ids[0] if len(self.map_ids) == 1 else SEVERAL_MAPS)
 
-    def __getstate__(self) -> dict[str, object]:
-        """The part of the query that a worker process needs beside the body."""
-        return {**self.__dict__, "body": b"", "caller": _NOBODY, "given": _NOTHING}
+    def filled(self, **more: Any) -> Query:
+        """The query with what is filled in later: ``dataclasses.replace`` takes a tenth of all its time."""
+        query = object.__new__(type(self))
+        query.__dict__.update(self.__dict__, **more)
+        return query
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the part of the query that a worker process needs beside the body."""
+        packed = self.packed or _packed_meaning(self.options, self.body_format, self.form)
+        rest = self.map_ids, self.deadline, self.waits_ms, self.forms, self.chosen_of
+        return _query, (packed, [version.packed for version in self.versions], *rest)
+
+
+def _query(
+    packed: bytes,
+    versions: list[bytes],
+    map_ids: tuple[str, ...],
+    deadline: float,
+    waits_ms: Mapping[str, float],
+    forms: tuple[str, ...],
+    chosen_of: int,
+) -> Query:
+    options, body_format, form = _unpacked(packed)
+    return Query(
+        map_ids,
+        options,
+        body_format,
+        deadline,
+        form,
+        packed=packed,
+        versions=tuple([_unpacked(version) for version in versions]),
+        waits_ms=waits_ms,
+        forms=forms,
+        chosen_of=chosen_of,
+    )
+
+
+def remembered(read: Callable[..., AsGiven]) -> Callable[..., AsGiven]:
+    """A reader of heads, given as texts or bytes, that reads a short one once for many queries."""
+    read_again = lru_cache(REMEMBERED)(read)
+
+    def read_or_remember(*texts: str | bytes) -> AsGiven:
+        return (read_again if sum(map(len, texts)) <= REMEMBERED_CHARS else read)(*texts)
+
+    return read_or_remember
 
 
 def single_values(pairs: Sequence[tuple[str, str]]) -> dict[str, str]:

@@ -18,7 +18,6 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -73,7 +72,7 @@ def main(
 
 
 def _answer(localizers: Localizers, asked: Asked, inline: memoryview, shared: memoryview) -> Answered:
-    return localizers.answer(replace(asked, body=shared or inline))
+    return localizers.answer(asked.filled(body=shared or inline))
 
 
 def _serve_control(control: Connection, localizers: Localizers, sightings: SightingCounter | None) -> None:

@@ -11,7 +11,6 @@ import os
 import re
 import threading
 import time
-import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, MutableMapping
 from contextlib import AbstractContextManager, suppress
@@ -133,7 +132,7 @@ class Requests:
         span = None
         if self.tracing is not None and name is not None:
             span = self.tracing.request(name, caller, started_ns(started))
-        chosen = request_id if _GOOD_ID.fullmatch(request_id) else uuid.uuid4().hex
+        chosen = request_id if _GOOD_ID.fullmatch(request_id) else os.urandom(16).hex()
         return OpenRequest(RequestScope(chosen, transport, started, caller, None), span, self.finish)
 
     def finish(self, scope: RequestScope) -> None:

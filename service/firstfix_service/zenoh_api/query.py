@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from itertools import chain
 from typing import Any
 
 import structlog
@@ -15,7 +16,7 @@ from .. import problems
 from ..auth.principal import Principal
 from ..problems import problem_of
 from ..query_workers.answer_form import AnswerForm
-from ..query_workers.query import MAP_PARAMETER, AsGiven, Query, single_values, split_map_ids
+from ..query_workers.query import MAP_PARAMETER, AsGiven, Query, remembered, single_values, split_map_ids
 from ..telemetry.request_scope import Requests, note_robot
 from .callers import ZenohCaller
 
@@ -68,15 +69,30 @@ def read_query(
     # Names that begin with an underscore are zenoh's own.
     parameters = single_values(list(query.parameters))
     note_robot(parameters.get(ROBOT))
-    options = {k: v for k, v in parameters.items() if not k.startswith("_") and k not in PARAMETERS}
+    options = [one for one in parameters.items() if not one[0].startswith("_") and one[0] not in PARAMETERS]
     parts = str(query.key_expr).split("/")
     named = parts[1] if len(parts) > 1 else ""
+    media_type = "" if query.encoding is None else str(query.encoding)
+    given = _as_given(named, media_type, *chain.from_iterable(options))
+    return key_of(named), Query.read(given, caller, served, arrived)
+
+
+@remembered
+def _as_given(named: str, media_type: str, *names_and_values: str) -> AsGiven:
+    """Parse what a query asks for, by itself.
+
+    Args:
+        named: the map in the key.
+        names_and_values: of the parameters, in turn.
+
+    Raises:
+        InvalidOption: as ``AnswerForm.of``.
+    """
+    options = dict(zip(names_and_values[::2], names_and_values[1::2], strict=True))
     map_ids = split_map_ids(options.pop(MAP_PARAMETER, "")) if named == ANY_MAP else (named,)
     content_encoding = options.pop(CONTENT_ENCODING, "")
     form = AnswerForm.of(options.pop(ACCEPT, ""), options)
-    media_type = "" if query.encoding is None else str(query.encoding)
-    given = AsGiven(map_ids, media_type, content_encoding, options)
-    return key_of(named), Query.read(given, form, caller, served, arrived)
+    return AsGiven(map_ids, media_type, content_encoding, options, form)
 
 
 def key_of(map_id: str) -> str:

@@ -65,7 +65,9 @@ def writes(*received: bytes, wait_between: bool = False, pieces: list[bytes] = P
         config = uvicorn.Config(app, log_config=None, access_log=False, proxy_headers=False, lifespan="off")
         config.load()
         connections = Connections(Limits.of(Settings(store="memory://")), (), lambda why: None)
-        protocol = LimitedHttpProtocol(config, ServerState(), {}, connections=connections)
+        protocol = LimitedHttpProtocol(
+            config, ServerState(), {}, connections=connections, room=memoryview(bytearray(PIECE_BYTES))
+        )
         transport = Recorded()
         protocol.connection_made(transport)
         for piece in received:

@@ -24,7 +24,6 @@ from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix_service.auth.principal import Principal
 from firstfix_service.localize.query_recorder import MAX_WAITING, QueryRecorder, RecordingPolicy
-from firstfix_service.query_workers.answer_form import AnswerForm
 from firstfix_service.query_workers.encoded_answer import encoded_answer
 from firstfix_service.query_workers.query import AsGiven, Query
 from firstfix_service.telemetry.metrics import Metrics
@@ -120,7 +119,7 @@ REJECTED = encoded_answer(Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,))
 LOCALIZED = encoded_answer(Localization(Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), 0.9))
 
 
-QUERY = Query.read(AsGiven(("hall",), XYZ), AnswerForm(), Principal("robot"), lambda: (), 0.0)
+QUERY = Query.read(AsGiven(("hall",), XYZ), Principal("robot"), lambda: (), 0.0)
 
 
 class Recorded:

@@ -11,8 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from firstfix.answer.localization import Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import TooLarge
+from firstfix_service.auth.principal import Principal
+from firstfix_service.query_workers.answer_form import AnswerForm
 from firstfix_service.query_workers.protocol import (
     INLINE_BYTES,
     KEPT_BYTES,
@@ -23,7 +26,7 @@ from firstfix_service.query_workers.protocol import (
     reply_of,
     send_all,
 )
-from firstfix_service.query_workers.query import BodyFormat, Query, ServedVersion
+from firstfix_service.query_workers.query import AsGiven, BodyFormat, EncodedAnswer, Query, ServedVersion
 
 FORMAT = BodyFormat.of("application/vnd.firstfix.xyz", None)
 
@@ -52,6 +55,33 @@ def test_a_small_body_travels_with_its_query(ends):
     assert (bytes(inline), shared) == (b"123", 0)
     assert asked.versions[0].map_id == "hall"
     assert asked.body == b"", "it is not sent twice"
+
+
+def test_what_a_head_means_travels_once_packed_and_arrives_whole(ends):
+    options = {"prior": "1,2,3,4", "max_candidates": "7", "deadline_ms": "500"}
+    given = AsGiven(("hall",), "application/vnd.firstfix.xyz", "gzip", options, AnswerForm(geographic=True))
+    first, second = (Query.read(given, Principal("robot"), tuple, arrived) for arrived in (10.0, 20.0))
+    assert first.packed is second.packed
+    assert (first.deadline, second.deadline) == (10.5, 20.5)
+    versions = (ServedVersion("hall", "1" * 64, Path("/x"), provisional=True),)
+    send_all(ends[0], message_of(second.filled(versions=versions, waits_ms={"queue": 1.5}, chosen_of=3)))
+    asked, _, _ = received(MessageReader(), ends[1])
+    assert asked.options.to_strings() == second.options.to_strings()
+    assert asked.options.prior is not None
+    assert (asked.body_format.decompress, asked.form) == (second.body_format.decompress, given.form)
+    assert (asked.map_ids, asked.versions, asked.deadline) == (("hall",), versions, 20.5)
+    assert (dict(asked.waits_ms), asked.chosen_of) == ({"queue": 1.5}, 3)
+    assert (asked.caller.name, asked.given.options) == ("", {}), "a worker need not know who asks"
+
+
+def test_an_answer_arrives_whole(ends):
+    answer = EncodedAnswer(
+        Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,), 0.25, "hall", "1" * 64, {"decode": 0.5}, b"{}", b"pose"
+    )
+    send_all(ends[0], reply_of(True, answer))
+    (good, found), _, _ = received(MessageReader(), ends[1])
+    assert (good, found) == (True, answer)
+    assert found.verdict is Verdict.REJECTED
 
 
 def test_a_large_body_is_only_announced(ends):

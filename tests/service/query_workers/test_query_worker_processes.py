@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -197,6 +198,25 @@ def test_a_query_of_a_killed_worker_is_answered_without_a_leak(small_scans, yard
         wait_until(lambda: _bodies_mapped(os.getpid()) == before + 1)
         assert [_bodies_mapped(pid) for pid in workers.pids] == [1], "its own, and no other worker's"
     assert _bodies_mapped(os.getpid()) == before
+
+
+def test_a_worker_that_dies_while_it_waits_leaves_no_socket(query: Query, yard: ServedVersion):
+    with Answering(1) as workers:
+        workers.processes.load(yard)
+        assert workers.ask(query).map_id == "yard"
+        (first,), before = workers.pids, _open_sockets()
+        os.kill(first, signal.SIGKILL)
+        wait_until(lambda: workers.pids and workers.pids != [first])
+        wait_until(lambda: _open_sockets() == before)
+        assert workers.ask(query).map_id == "yard"
+
+
+def _open_sockets() -> int:
+    found = 0
+    for file in Path("/proc/self/fd").iterdir():
+        with suppress(FileNotFoundError):
+            found += str(file.readlink()).startswith("socket:")
+    return found
 
 
 def test_a_late_reply_does_not_answer_another_query(query: Query, yard: ServedVersion):

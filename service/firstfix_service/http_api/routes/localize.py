@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from functools import lru_cache
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -24,6 +23,7 @@ from ...query_workers.query import (
     AsGiven,
     EncodedAnswer,
     Query,
+    remembered,
     single_values,
     split_map_ids,
 )
@@ -36,8 +36,6 @@ from ..schema.answer_models import Answer, GeoPose
 from ..schema.bodies import BINARY, add_schema, binary_body
 from ..short_way import DirectRoute
 
-REMEMBERED = 256  # heads: a robot asks the same way again and again
-REMEMBERED_BYTES = 500  # in a longer head a prior or a motion is, which does not come again
 _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
     "prior": "region of the map that contains the sensor: `x,y,z,radius_m`, optionally with "
@@ -159,16 +157,15 @@ async def _localize(
     """The answer, its bytes and their media type."""
     headers = dict(reversed(request.scope["headers"]))  # of several, the first counts
     note_robot(headers.get(b"x-robot", b"").decode("latin-1"))
-    texts = (
+    given = _read(
         request.scope["query_string"],
         headers.get(b"accept", b""),
         headers.get(b"content-type", b""),
         headers.get(b"content-encoding", b""),
     )
-    given, form = (_read_again if sum(map(len, texts)) <= REMEMBERED_BYTES else _read)(*texts)
-    query = Query.read(given, form, caller, parts.use_case.served, arrived)
+    query = Query.read(given, caller, parts.use_case.served, arrived)
     parts.use_case.check_room(query)
-    if form.geographic and len(given.map_ids) == 1:  # of several maps, one has to answer first
+    if given.form.geographic and len(given.map_ids) == 1:  # of several maps, one has to answer first
         await READS.run(parts.georeference_cache.of, given.map_ids[0])
     body = await parts.bodies.read(request, caller.name)
     try:
@@ -181,7 +178,8 @@ async def _localize(
         parts.bodies.release(body, caller.name)
 
 
-def _read(*head: bytes) -> tuple[AsGiven, AnswerForm]:
+@remembered
+def _read(*head: bytes) -> AsGiven:
     """Parse what a head asks for, by itself.
 
     Args:
@@ -194,10 +192,7 @@ def _read(*head: bytes) -> tuple[AsGiven, AnswerForm]:
     query, accept, media_type, encoding = (text.decode("latin-1") for text in head)
     options = single_values(parse_qsl(query, keep_blank_values=True))
     form = AnswerForm.of(accept, options, may_be_geographic=True)
-    return AsGiven(split_map_ids(options.pop(MAP_PARAMETER, "")), media_type, encoding, options), form
-
-
-_read_again = lru_cache(REMEMBERED)(_read)
+    return AsGiven(split_map_ids(options.pop(MAP_PARAMETER, "")), media_type, encoding, options, form)
 
 
 def server_timing(answer: EncodedAnswer) -> str:
