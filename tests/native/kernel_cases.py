@@ -187,7 +187,7 @@ def _search(native: Any, times: NDArray[np.float32] | None = None) -> Any:
         search.is_accepted(0.5),
         *(stage for stage, _ in search.try_aliases(0.0, True)),
         *(one for pose in search.mark_look_alikes() for one in pose),
-        *search.aliases_outside(),
+        len(search.aliases_outside()[0]),
         search.lead_outside(search),
         search.not_far_behind(starts, T_MAP_SENSOR, twist),
         *map_searched.known_aliases(T_MAP_SENSOR, None),
@@ -315,7 +315,7 @@ CASES: dict[str, Callable[[Any], Any]] = {
     ),
     "faced_information": lambda n: n.faced_information(_grid(n), FEW, T_MAP_SENSOR, _information(), 0.4),
     "pose_covariance": lambda n: n.pose_covariance(_information(), T_MAP_SENSOR, 0.1),
-    "free_axes": lambda n: n.free_axes(_information(), 0.2, 0.03),
+    "free_axes": lambda n: tuple(n.free_axes(_information(), 0.2, 0.03)),
     "align_moving": lambda n: n.align_moving(
         _grid(n), *_aligned(), TIMES[::5], *_starts(), np.ones(6), 5, 0.4, 0.5, 0.13
     ),

@@ -1,7 +1,7 @@
 """Known aliases of templates: two corridors that are alike find each other, however the work is split."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from firstfix.engine.candidates import SPOT_DEG, SPOT_M
 from firstfix.engine.config import AliasConfig, EngineConfig, SearchConfig
-from firstfix.engine.retrieval.alias_table import NONE
+from firstfix.engine.retrieval.alias_table import NONE, AliasTable
 from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates
 from firstfix.engine.retrieval.key_search import build_key_search
 from firstfix.engine.retrieval.key_search.key_lists import KeyLists
@@ -47,6 +47,12 @@ def corridors(count: int = COUNT) -> Cascade:
 def keys_of(cascade: Cascade) -> NDArray[np.float32]:
     """Keys of the clusters, each of one template."""
     return cascade.descriptor.keys(cascade.templates.described)
+
+
+def assert_equal(table: AliasTable, other: AliasTable) -> None:
+    """Both have the same arrays."""
+    for one in fields(AliasTable):
+        assert np.array_equal(getattr(table, one.name), getattr(other, one.name))
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +93,7 @@ def test_the_table_is_the_same_however_the_work_is_split(cascade, table, monkeyp
     monkeypatch.setattr(module, "AT_ONCE", at_once)
     monkeypatch.setattr(module.os, "cpu_count", lambda: threads)
     again = find_aliases(cascade, keys_of(cascade), AliasConfig(each=4, clusters=40))
-    assert all(np.array_equal(vars(again)[name], array) for name, array in vars(table).items())
+    assert_equal(again, table)
 
 
 def test_matrices_of_keys_give_the_same_table_in_every_run_and_with_any_threads(monkeypatch):
@@ -169,13 +175,13 @@ def test_where_there_are_too_many_keys_to_read_all_the_inverted_lists_are_search
     monkeypatch.setattr(module, "FLAT_UP_TO", 0)
     again = find_aliases(replace(cascade, keys=search), keys, AliasConfig(each=4, clusters=40))
     assert searched == [(40,)]
-    assert all(np.array_equal(vars(again)[name], array) for name, array in vars(table).items())
+    assert_equal(again, table)
 
 
 def test_the_keys_of_an_engine_that_takes_one_at_a_time_are_all_read(cascade, table, monkeypatch):
     monkeypatch.setattr(module, "FLAT_UP_TO", 0)
     again = find_aliases(cascade, keys_of(cascade), AliasConfig(each=4, clusters=40))
-    assert all(np.array_equal(vars(again)[name], array) for name, array in vars(table).items())
+    assert_equal(again, table)
 
 
 def test_a_map_of_one_place_has_no_aliases(cascade):
