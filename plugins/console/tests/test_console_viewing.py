@@ -166,7 +166,7 @@ def test_a_build_that_has_ended_shows_its_stages_with_their_times(page, world, h
 def test_a_map_is_downloaded_for_foxglove_and_what_is_missing_for_rerun_is_said(page, world):
     page.open("#/maps/yard")
     page.wait("button", "Download .mcap")
-    page.wait("small", "for Foxglove, RViz and ros2 bag")
+    page.wait("small", "for Foxglove, RViz, rerun and ros2 bag")
     page.click("button", "Download .mcap")
     found = messages(page.downloaded(f"yard-{world.versions[1][:12]}.mcap"))
     assert len(points_in(found["/map"][0][1])) == world.get("/maps/yard")["manifest"]["counts"]["map_points"]
