@@ -382,7 +382,7 @@ def test_a_file_that_is_no_scan_is_refused_in_words(page, tmp_path):
     strange = tmp_path / "notes.md"
     strange.write_text("nothing")
     try_scan(page, strange)
-    page.wait("[role=alert]", "notes.md is no scan")
+    page.wait("[role=alert]", "no field x, y, z")
     broken = tmp_path / "broken.pcd"
     broken.write_text("VERSION .7\nFIELDS x y z\n")
     page.drop(".panel .drop", broken)

@@ -50,7 +50,7 @@ def test_a_file_that_cannot_be_read_takes_the_answer_before_it_away(page, world,
     strange, broken = tmp_path / "notes.md", tmp_path / "broken.pcd"
     strange.write_text("nothing")
     broken.write_text("VERSION .7\nFIELDS x y z\n")
-    for file, words in ((strange, "notes.md is no scan"), (broken, "PCD")):
+    for file, words in ((strange, "no field x, y, z"), (broken, "PCD")):
         try_scan(page, localized_scan(world)[0])
         assert scan_colours(page)[0] > 200
         page.drop(".panel .drop", file)
