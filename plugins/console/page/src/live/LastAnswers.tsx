@@ -14,7 +14,7 @@ export interface LastAnswersProps {
 
 export function LastAnswers({ fixes, look }: LastAnswersProps) {
   return (
-    <table class="fixes">
+    <table class="fixes" tabIndex={0}>
       <thead>
         <tr>
           <th>Time</th>
