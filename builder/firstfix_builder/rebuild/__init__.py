@@ -1,1 +1,1 @@
-"""What a build keeps of the version before: learned keys and calibration, where little has changed."""
+"""Learned keys and calibration that a build keeps of the version before, if little has changed."""

@@ -59,7 +59,7 @@ class ChangedTemplates:
 
 @dataclass(frozen=True)
 class Kept:
-    """What a build keeps of its base: learned keys, and the calibration if the self-test does not refute it.
+    """Learned keys of its base that a build keeps, and the calibration if the self-test does not refute it.
 
     Attributes:
         changed: against the base.
@@ -73,7 +73,7 @@ class Kept:
 
     @classmethod
     def of(cls, base: BaseVersion, engine: EngineConfig, templates: Templates) -> Kept | None:
-        """What is kept; None: nothing, and the build goes on as one from nothing.
+        """The part that is kept; None: nothing, and the build goes on as one from nothing.
 
         Args:
             engine, templates: of the build.

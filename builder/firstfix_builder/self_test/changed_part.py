@@ -55,13 +55,13 @@ class ChangedPartTested:
 
     @property
     def parts(self) -> dict[str, Any]:
-        """What was found in the changed part and in the rest, for a report of the whole self-test, too."""
+        """The findings in the changed part and in the rest, for a report of the whole self-test, too."""
         return {name: self.report[name] for name in ("changed", "unchanged")}
 
 
 @dataclass(frozen=True)
 class ChangedPart:
-    """Where the map has changed, and what the version before showed.
+    """The changed part of a map, and the self-test of the version before.
 
     Attributes:
         changed: (k,) rows of the templates that have changed.
