@@ -201,7 +201,7 @@ def run_build(
 
 def _remove_sources(folder: Path) -> None:
     """Remove what is in the folder. It stays itself: a sandbox that waits for the next build may read it."""
-    for path in folder.iterdir():
+    for path in folder.iterdir() if folder.is_dir() else ():
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
         else:
