@@ -241,8 +241,9 @@ class HypothesisSearch:
             for row, registration in zip(rows.tolist(), self._with_motion(aligned, rows), strict=True)
         ]
         registered += self._allowed(one for one in self._beside.values() if one is not None)
-        # the motion may have changed the order, and an unlikely one counts against a place
-        registered.sort(key=lambda one: -one.quality.alignment_score)
+        # the motion may have changed the order, an unlikely one counts against a place, and so does meeting
+        # little of the map
+        registered.sort(key=lambda one: -one.support)
         return registered
 
     def _align(self, candidates: Candidates, twist: NDArray[np.float64] | None) -> None:

@@ -262,10 +262,8 @@ class Search {
     }
     if (aligned_.empty()) return made;
     for (const RegisteredPose& one : allowed(beside_in_order_)) made.push_back(one);
-    // the motion may have changed the order, and an unlikely one counts against a place
-    std::stable_sort(made.begin(), made.end(), [](const RegisteredPose& a, const RegisteredPose& b) {
-      return a.fit.alignment_score > b.fit.alignment_score;
-    });
+    // the motion may have changed the order, an unlikely one counts against a place, and so does meeting little of the map
+    std::stable_sort(made.begin(), made.end(), has_more_support);
     return made;
   }
 
