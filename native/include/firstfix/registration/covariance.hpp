@@ -172,9 +172,13 @@ struct FreeAxis {
   double sigma;               // standard deviation: m of a shift, rad of a turn
 };
 
+// Standard deviations above which a direction is free. A robot that trusts its pose to a wheel's breadth passes doors; one that is
+// less sure should see another place first. Two degrees are 0.2 m at 6 m.
+constexpr double kFreeM = 0.2, kFreeRad = 2 * (detail::kPi / 180);
+
 // Directions whose standard deviation is above a length, or an angle. Shifts come before turns, of each the least certain
 // first; those of a kind are at right angles.
-inline std::vector<FreeAxis> free_axes(const Matrix6& covariance, double above_m, double above_rad) {
+inline std::vector<FreeAxis> free_axes(const Matrix6& covariance, double above_m = kFreeM, double above_rad = kFreeRad) {
   std::vector<FreeAxis> found;
   for (const bool is_turn : {false, true}) {
     const detail::Matrix3x3 part = detail::block_of(covariance, is_turn ? 3 : 0);
