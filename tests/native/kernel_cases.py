@@ -289,6 +289,9 @@ CASES: dict[str, Callable[[Any], Any]] = {
         )
     ),
     "ladder": lambda n: _ladder(n, _found_in_python),
+    "similar_places": lambda n: n.similar_places(
+        *(_searched(n), _found_in_python, (R_LEVEL_SENSOR, 1.4), OCCUPANCY[3], None, 4, 9)
+    ),
     "expected_s": lambda n: n.expected_s(Step.WIDE, CONFIG.search, 0.02),
     "range_view": lambda n: n.range_view(n.nearest_by_direction(STREET)),
     "rows_by_chance": lambda n: n.rows_by_chance(120_000, 7_001),
