@@ -204,7 +204,9 @@ void bind_registration(nb::module_& module) {
   module.def("faced_information", &faced, nb::arg("grid"), nb::arg("points"), nb::arg("T_level_sensor"), nb::arg("information"),
              nb::arg("reach_m"));
   module.def("pose_covariance", &covariance_of, nb::arg("information"), nb::arg("T_map_level"), nb::arg("map_voxel_m"));
-  module.def("free_axes", &free_axes_of, nb::arg("covariance"), nb::arg("above_m"), nb::arg("above_rad"));
+  module.attr("FREE_M") = kFreeM;
+  module.attr("FREE_RAD") = kFreeRad;
+  module.def("free_axes", &free_axes_of, nb::arg("covariance"), nb::arg("above_m") = kFreeM, nb::arg("above_rad") = kFreeRad);
   module.def(
       "distinct_poses",
       [](Poses T, double within_m, double within_rad, std::size_t most) {

@@ -111,6 +111,15 @@ inline AliasNumbers aliases_of(nb::handle c) {
   return {number(c, "near_m"), number(c, "behind"), count(c, "templates"), count(c, "screened"), count(c, "tried")};
 }
 
+inline Effort one_effort_of(nb::handle c) { return {count(c, "clusters"), count(c, "screened"), count(c, "candidates")}; }
+
+inline EffortNumbers effort_of(nb::handle c) {
+  const EffortNumbers made{count(c, "clusters"), count(c, "candidates"), count(c, "widened"), one_effort_of(c.attr("wide")),
+                           one_effort_of(c.attr("exhaustive"))};
+  require(made.candidates > 0, "a search has no candidates");
+  return made;
+}
+
 inline Calibration calibration_of(nb::handle c) {
   Calibration made{};
   made.model = {number(c, "bias"),           number(c, "alignment_score"), number(c, "free_space"),

@@ -21,6 +21,7 @@ NB_MODULE(FIRSTFIX_MODULE, module) {
   firstfix::python::bind_scan(module);
   firstfix::python::bind_ranking(module);
   firstfix::python::bind_search(module);
+  firstfix::python::bind_map_search(module);
   firstfix::python::bind_simulation(module);
   firstfix::python::bind_surface(module);
   firstfix::python::bind_verification(module);

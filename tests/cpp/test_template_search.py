@@ -33,8 +33,9 @@ def proposed(index: MapIndex, scan: Scan, prior: Prior | None = None) -> Candida
     prepared = preprocess(ScanSequence.single(scan), None, config.preprocess, None, config.ranking)
     if prepared is None:
         return None
-    described = [one.described_by(index.cascade.descriptor) for one in prepared.scans]
-    return find_candidates(index, described, prepared.scans, LocalizeOptions(prior=prior))
+    (only,) = prepared.scans
+    described = only.described_by(index.cascade.descriptor)
+    return find_candidates(index, described, only, LocalizeOptions(prior=prior))
 
 
 def lines_of(index: MapIndex, found: Candidates) -> list[list[float]]:

@@ -12,7 +12,8 @@ from firstfix.builds.config import BuildConfig, PerturbConfig
 from firstfix.decode import decode_query
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer, localize_among
-from firstfix.engine.preprocess import PreparedQuery, preprocess
+from firstfix.engine.map_search import MapSearch, Step
+from firstfix.engine.preprocess import preprocess
 from firstfix.scan.condense import condense, describe
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
@@ -68,33 +69,45 @@ def test_a_sensor_in_any_orientation_is_answered_as_an_upright_one(localizer, sm
     assert_answered_as_upright(localizer, small_scans[:8], Rotation.random(8, random_state=8).as_matrix())
 
 
+class Searches(list[MapSearch]):
+    """Searches of maps, and how many of them looked in other orientations."""
+
+    @property
+    def otherwise(self) -> int:
+        return sum(Step.OTHER_UPS in search.taken for search in self)
+
+
 @pytest.fixture
-def looked_otherwise(monkeypatch):
-    """Counts the searches in other orientations."""
-    calls = []
-    look = PreparedQuery.with_other_ups
-    monkeypatch.setattr(PreparedQuery, "with_other_ups", lambda *given: calls.append(1) or look(*given))
-    return calls
+def searches(monkeypatch):
+    """All searches of a test."""
+    made, search = Searches(), Localizer.search
+
+    def kept(*given) -> MapSearch:
+        made.append(search(*given))
+        return made[-1]
+
+    monkeypatch.setattr(Localizer, "search", kept)
+    return made
 
 
-def test_a_sure_upright_scan_searches_no_other_way_up(localizer, small_scans, looked_otherwise):
+def test_a_sure_upright_scan_searches_no_other_way_up(localizer, small_scans, searches):
     sure = 0
     for scan, _ in small_scans[:8]:
-        looked_otherwise.clear()
+        searches.clear()
         answer = localizer.localize(scan)
         is_sure = answer.probability >= localizer.index.calibration.search_until
         if answer.verdict is Verdict.LOCALIZED and is_sure:
             sure += 1
-            assert not looked_otherwise
+            assert not searches.otherwise
     assert sure >= 3
-    looked_otherwise.clear()
+    searches.clear()
     localizer.localize(remounted(*small_scans[0], HEAD_DOWN)[0])
-    assert looked_otherwise == [1]
+    assert searches.otherwise == 1
 
 
 @pytest.mark.parametrize("maps", [1, 2])
 def test_a_scan_is_preprocessed_once_for_maps_of_equal_parameters(
-    localizer, small_scans, looked_otherwise, monkeypatch, maps
+    localizer, small_scans, searches, monkeypatch, maps
 ):
     calls = []
     monkeypatch.setattr(
@@ -102,14 +115,12 @@ def test_a_scan_is_preprocessed_once_for_maps_of_equal_parameters(
     )
     scan, _ = remounted(*small_scans[0], HEAD_DOWN)
     localize_among({str(number): localizer for number in range(maps)}, scan)
-    assert len(looked_otherwise) == maps
+    assert searches.otherwise == maps
     assert len(calls) == 1
 
 
 @pytest.mark.parametrize("R", [HEAD_DOWN, ON_ITS_SIDE], ids=["head down", "on its side"])
-def test_a_scan_with_its_mounting_or_gravity_searches_no_other_way_up(
-    localizer, small_scans, looked_otherwise, R
-):
+def test_a_scan_with_its_mounting_or_gravity_searches_no_other_way_up(localizer, small_scans, searches, R):
     mounting = make_transform(R, [0.1, 0.2, 0.5])
     for scan, T in small_scans[:2]:
         other, T_other = remounted(scan, T, R)
@@ -118,7 +129,7 @@ def test_a_scan_with_its_mounting_or_gravity_searches_no_other_way_up(
         np.testing.assert_allclose(answer.T_map_base @ mounting, answer.T_map_sensor, atol=1e-9)
         gravity = T_other[:3, :3].T @ [0, 0, -9.8]
         assert is_right(localizer.localize(other, LocalizeOptions(gravity=gravity)), T_other)
-    assert not looked_otherwise
+    assert not searches.otherwise
 
 
 def test_a_wrong_mounting_does_not_prevent_the_right_pose(localizer, small_scans):

@@ -6,22 +6,34 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from firstfix.answer.hint import Hint
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
-from firstfix.engine import map_search
+from firstfix.descriptor import Described
 from firstfix.engine.array_file import map_arrays, save_arrays
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.engine.retrieval.alias_table import FILE
+from firstfix.engine.retrieval.cascade import Matches
 from firstfix.errors import CorruptVersion
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import pose_error
+from tests.python_cascade import PythonCascade, searched_by
 from tests.storey_world import ROOMS_X, pose, scan_at, storey, storey_version
 
 HERE, WRONG = pose(ROOMS_X[0], 0.3, 40), pose(ROOMS_X[1], 0.3, 40)
+
+
+class WrongRoom(PythonCascade):
+    """A cascade that finds templates of one wrong room alone."""
+
+    def compare(self, described: Described, rows: NDArray[np.integer]) -> Matches:
+        found = super().compare(described, rows)
+        near = np.abs(self.templates.position_m[found.rows, 0] - WRONG[0, 3]) < 3.2
+        return Matches(found.rows[near], found.yaw_rad[near], found.score[near])
 
 
 @pytest.fixture(scope="module")
@@ -35,76 +47,65 @@ def storey_index(version):
 
 
 @pytest.fixture(scope="module")
+def confused_index(storey_index):
+    """The index with a search that proposes places of one wrong room alone."""
+    return searched_by(storey_index, WrongRoom)
+
+
+@pytest.fixture(scope="module")
 def scan():
     return scan_at(storey(), HERE, 4)
-
-
-@pytest.fixture
-def only_the_wrong_room(monkeypatch, storey_index):
-    """The search proposes places of one wrong room alone."""
-
-    def within(find):
-        def found(*given, **named):
-            candidates = find(*given, **named)
-            x = (storey_index.T_map_level @ candidates.T_level_sensor)[:, 0, 3]
-            return candidates.at(np.flatnonzero(np.abs(x - WRONG[0, 3]) < 3.2))
-
-        return found
-
-    for name in ("find_candidates", "screened_candidates"):
-        monkeypatch.setattr(map_search, name, within(getattr(map_search, name)))
 
 
 def is_at(T_map_sensor, place):
     return pose_error(T_map_sensor, place)[0] < 0.1
 
 
-@pytest.mark.usefixtures("only_the_wrong_room")
 class TestWrongRoom:
-    def test_is_localized_by_a_version_without_the_table(self, storey_index, scan):
-        answer = Localizer(replace(storey_index, aliases=None)).localize(scan)
+    def test_is_localized_by_a_version_without_the_table(self, confused_index, scan):
+        answer = Localizer(replace(confused_index, aliases=None)).localize(scan)
         assert answer.verdict is Verdict.LOCALIZED
         assert is_at(answer.T_map_sensor, WRONG)
         assert "aliases" not in answer.timings_ms
 
-    def test_ties_with_the_right_one_by_the_table(self, storey_index, scan):
-        answer = Localizer(storey_index).localize(scan)
+    def test_ties_with_the_right_one_by_the_table(self, confused_index, scan):
+        answer = Localizer(confused_index).localize(scan)
         assert answer.verdict is Verdict.AMBIGUOUS
         for place in (HERE, WRONG):
             assert any(is_at(one.T_map_sensor, place) for one in answer.hypotheses)
 
-    def test_gives_way_to_a_better_fitting_room(self, storey_index):
+    def test_gives_way_to_a_better_fitting_room(self, confused_index):
         """From the door one sees the corridor, whose end tells the rooms apart: only ties are left to it."""
         there = pose(ROOMS_X[0] + 2.0, 2.45, -90)
         seen = scan_at(storey(), there, 4)
         before, after = (
-            Localizer(one).localize(seen) for one in (replace(storey_index, aliases=None), storey_index)
+            Localizer(one).localize(seen) for one in (replace(confused_index, aliases=None), confused_index)
         )
         assert before.verdict is Verdict.LOCALIZED
         assert not is_at(before.T_map_sensor, there)
         assert is_at(after.hypotheses[0].T_map_sensor, there)
 
-    def test_is_localized_where_a_prior_excludes_the_aliases(self, storey_index, scan):
+    def test_is_localized_where_a_prior_excludes_the_aliases(self, confused_index, scan):
         prior = Prior(WRONG[:3, 3], 3.0)
-        answer = Localizer(storey_index).localize(scan, LocalizeOptions(prior=prior))
+        answer = Localizer(confused_index).localize(scan, LocalizeOptions(prior=prior))
         assert answer.verdict is Verdict.LOCALIZED
         assert all(prior.allows(one.T_map_sensor) for one in answer.hypotheses)
 
-    def test_is_tried_by_the_callers_own_threshold(self, storey_index, scan):
+    def test_is_tried_by_the_callers_own_threshold(self, confused_index, scan):
         """A place that only the caller accepts has aliases too."""
-        calibration = replace(storey_index.calibration, min_probability=1.0)
-        asked = Localizer(replace(storey_index, calibration=calibration))
+        calibration = replace(confused_index.calibration, min_probability=1.0)
+        asked = Localizer(replace(confused_index, calibration=calibration))
         answer = asked.localize(scan, LocalizeOptions(min_probability=0.9))
         assert answer.verdict is Verdict.AMBIGUOUS
         assert asked.localize(scan).timings_ms.get("aliases") is None, "nothing would be localized"
 
-    def test_stays_if_the_deadline_leaves_no_time(self, storey_index, scan):
-        answer = Localizer(storey_index).localize(scan, deadline=time.monotonic())
+    def test_stays_if_the_deadline_leaves_no_time(self, confused_index, scan):
+        answer = Localizer(confused_index).localize(scan, deadline=time.monotonic())
         assert answer.verdict is Verdict.LOCALIZED
         assert "aliases" not in answer.timings_ms
 
-    def test_has_only_the_aliases_of_its_map(self, storey_index, scan):
-        known, unknown = Localizer(storey_index), Localizer(replace(storey_index, aliases=None))
+    def test_has_only_the_aliases_of_its_map(self, confused_index, scan):
+        known, unknown = Localizer(confused_index), Localizer(replace(confused_index, aliases=None))
         alone = known.localize(scan)
         answer = localize_among({"known": known, "unknown": unknown}, scan)
         of_map = {one.map_id: 0 for one in answer.hypotheses}

@@ -1,7 +1,7 @@
 """Search on a real version: candidates, its later steps, a prior, and keys in shards."""
 
 import shutil
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +11,7 @@ from firstfix.answer.localization import Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.builds.config import PerturbConfig
-from firstfix.engine.candidates import MAX_PER_SPOT, SPOT_DEG, SPOT_M, find_candidates
+from firstfix.engine.candidates import find_candidates
 from firstfix.engine.config import ENGINE_FILE, EngineConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
@@ -20,12 +20,14 @@ from firstfix.engine.retrieval.cascade import Cascade
 from firstfix.engine.retrieval.key_search import build_key_search, tile_shards
 from firstfix.engine.retrieval.template_tiles import FILE
 from firstfix.errors import CorruptVersion
+from firstfix.native import MOST_PER_SPOT, SPOT_DEG, SPOT_M
 from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
 from firstfix.transform import pose_error, yaw_of
 from firstfix_builder.index.index_files import make_keys
 from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
+from tests.python_cascade import PythonCascade, searched_by
 from tests.small_world import SENSOR
 
 
@@ -39,8 +41,9 @@ def foreign_scan():
 
 def proposed(index, scan, effort=1, options=None):
     prepared = preprocess(ScanSequence.single(scan), None, index.config.preprocess)
-    described = [one.described_by(index.cascade.descriptor) for one in prepared.scans]
-    return find_candidates(index, described, prepared.scans, options or LocalizeOptions(), effort)
+    (only,) = prepared.scans
+    described = only.described_by(index.cascade.descriptor)
+    return find_candidates(index, described, only, options or LocalizeOptions(), effort)
 
 
 def test_candidates_of_one_spot_are_bounded(index, small_scans):
@@ -50,7 +53,7 @@ def test_candidates_of_one_spot_are_bounded(index, small_scans):
         for last, pose in enumerate(poses):
             errors = [pose_error(pose, earlier) for earlier in poses[:last]]
             beside = sum(metres < SPOT_M - 1e-6 and degrees < SPOT_DEG for metres, degrees in errors)
-            assert beside < MAX_PER_SPOT
+            assert beside < MOST_PER_SPOT
 
 
 def test_more_effort_adds_candidates_and_keeps_the_others(index, small_scans):
@@ -66,14 +69,12 @@ def searched(index) -> tuple[Localizer, list[int]]:
     """Returns a localizer, and a list of the clusters that its searches ask for."""
     asked: list[int] = []
 
-    class Telling(type(index.cascade)):
+    class Telling(PythonCascade):
         def search(self, described, clusters):
             asked.append(clusters)
             return super().search(described, clusters)
 
-    cascade = index.cascade
-    telling = Telling(**{field.name: getattr(cascade, field.name) for field in fields(cascade)})
-    return Localizer(replace(index, cascade=telling)), asked
+    return Localizer(searched_by(index, Telling)), asked
 
 
 def test_a_convincing_answer_is_searched_for_once(index, small_scans):
@@ -138,21 +139,19 @@ def test_a_prior_off_the_map_has_no_candidate(index, small_scans):
 
 def test_a_small_radius_compares_only_the_templates_in_it(index, small_scans):
     compared = []
-    cascade = index.cascade
 
-    class Counting(type(cascade)):
+    class Counting(PythonCascade):
         def search_near(self, described, *how):
             found = super().search_near(described, *how)
             compared.append(found.rows)
             return found
 
-    counting = Counting(**{field.name: getattr(cascade, field.name) for field in fields(cascade)})
     scan, T_map_sensor = small_scans[0]
     for radius_m in (1.5, 1e3):
         options = LocalizeOptions(prior=Prior(T_map_sensor[:3, 3], radius_m))
-        Localizer(replace(index, cascade=counting)).localize(scan, options)
+        Localizer(searched_by(index, Counting)).localize(scan, options)
     near, everywhere = compared
-    away_m = np.linalg.norm(cascade.templates.position_m[near] - T_map_sensor[:3, 3], axis=1)
+    away_m = np.linalg.norm(index.cascade.templates.position_m[near] - T_map_sensor[:3, 3], axis=1)
     assert away_m.max() <= 1.5 + index.config.spacing_m
     assert len(near) < len(everywhere)
 

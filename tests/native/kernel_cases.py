@@ -23,6 +23,7 @@ from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf,
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.engine.verification.seen_free import SeenFree
+from firstfix.native import Step
 from firstfix.scan.reduction import RangeView, directions
 from firstfix.transform import make_transform
 
@@ -165,6 +166,9 @@ def _searched(native: Any) -> Any:
         1.0,
         *(CONFIG.registration, CONFIG.nearby, CONFIG.search.aliases, CONFIG.ranking, CALIBRATION),
         4,
+        CONFIG.search,
+        1.4,
+        1.0,
     )
 
 
@@ -194,20 +198,65 @@ def _search(native: Any, times: NDArray[np.float32] | None = None) -> Any:
     )
 
 
+def _ladder(native: Any, retrieval: Any) -> Any:
+    """Poses found by all steps of the ladder, in two maps, of a scan as in ``_search``."""
+    few = tuple(part[::8].copy() for part in _aligned())
+    view, levelled = (np.eye(4), *_view(), None), (R_LEVEL_SENSOR, 1.4)
+    described = levelled, few[0], None, few[0], few[1]
+    prior = np.eye(4), np.array([-6.0, 0, 0]), 10.0, 0.0, 180.0
+    surface = (*few, None)
+
+    def made(prior: Any, gravity: Any, most: int | None) -> Any:
+        asked = prior, gravity, UP, most, 0.1, np.inf
+        return native.MapSearch(
+            _searched(native), retrieval, [view], [described], surface, surface, 1, *asked
+        )
+
+    alone, one, other = made(prior, None, None), made(None, UP, 2), made(None, None, None)
+    stages = [
+        *alone.take(Step.NARROW),
+        *native.search_maps([alone], False),
+        *native.search_maps([one, other], True),
+    ]
+    return (
+        *(stage for stage, _ in stages),
+        *(number for search in (alone, one, other) for pose in search.found() for number in pose),
+        *(search.outside_lead for search in (alone, one, other)),
+        *(step.name for search in (alone, one, other) for step in search.taken),
+        alone.is_settled(),
+    )
+
+
+def _found_in_python(*levelling: Any) -> Any:
+    """The first templates of any sphere, for a scan levelled in any way."""
+    return lambda centre_m, radius_m, clusters: (
+        np.arange(5),
+        np.linspace(0, 2, 5),
+        np.linspace(1, 0, 5, dtype=np.float32),
+    )
+
+
 CONFIG, CALIBRATION = EngineConfig(), Calibration(cases=5, among_tied=(-8.0, 1.0, 1.5, 2.0, 1.0, 9.0))
 QUALITY = AlignmentQuality(0.8, 0.7, 0.02, 0.01, 0.05, 0.2, 0.1)
 KEYS = _RNG.integers(0, 256, (40, 33), np.uint8)
 PROJECTION = _RNG.normal(size=(100 * 8, 33)).astype(np.float32) / 99
 
 
-def _cascade(native: Any) -> Any:
+GRID = 20, 60, 80.0, np.float32([0.3, 1.0, 1.8, 3.0, 6.0, 25.0])
+
+
+def _cascade_tables(native: Any) -> Any:
     every = np.arange(41, dtype=np.int32)
     position_m = (STREET[:40] / 4).astype(np.float32)
     tiles = TemplateTiles.of(position_m)
-    cascade = native.Cascade(
-        *(position_m, OCCUPANCY, 100, 60, 8, every[:-1], every, every[:-1]),
+    return native.Cascade(
+        *(position_m, OCCUPANCY, *GRID, 8, every[:-1], every, every[:-1]),
         *(tiles.row, tiles.begin, tiles.low, PROJECTION, KEYS, -(NORMALS[:33, 0] ** 2), NORMALS[:33, 0] ** 2),
     )
+
+
+def _cascade(native: Any) -> Any:
+    cascade = _cascade_tables(native)
     return cascade.search(OCCUPANCY[3], 9), cascade.search_near(OCCUPANCY[3], np.zeros(3), 6.0, 5)
 
 
@@ -239,6 +288,11 @@ CASES: dict[str, Callable[[Any], Any]] = {
             *(FEW[: len(NORMALS)], NORMALS, np.array([0.0, 0, 1]), 1.0, False),
         )
     ),
+    "ladder": lambda n: _ladder(n, _found_in_python),
+    "similar_places": lambda n: n.similar_places(
+        *(_searched(n), _found_in_python, (R_LEVEL_SENSOR, 1.4), OCCUPANCY[3], None, 4, 9)
+    ),
+    "expected_s": lambda n: n.expected_s(Step.WIDE, CONFIG.search, 0.02),
     "range_view": lambda n: n.range_view(n.nearest_by_direction(STREET)),
     "rows_by_chance": lambda n: n.rows_by_chance(120_000, 7_001),
     "chosen_by_chance, float": lambda n: n.chosen_by_chance(STREET, 7_001),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from types import ModuleType
 from typing import Any
 
@@ -27,14 +28,22 @@ class Recorder:
 
     def __getattr__(self, name: str) -> Any:
         function, path = getattr(self._real, name), self._prefix + name
+        if isinstance(getattr(type(self._real), name, None), property):
+            return function
 
         def call(*arguments: Any) -> Any:
-            real = tuple(one._real if isinstance(one, Recorder) else one for one in arguments)
+            real = tuple(_real(one) for one in arguments)
             self._calls.append(Call(path, function, real))
             result = function(*real)
             return Recorder(result, self._calls, f"{path}.") if isinstance(function, type) else result
 
         return call
+
+
+def _real(argument: Any) -> Any:
+    if isinstance(argument, list):
+        return [_real(one) for one in argument]
+    return argument._real if isinstance(argument, Recorder) else argument
 
 
 def recorded(native: ModuleType) -> list[Call]:
@@ -46,12 +55,19 @@ def recorded(native: ModuleType) -> list[Call]:
 
 
 def kernels(native: ModuleType) -> set[str]:
-    """Returns the names of all functions and classes of the compiled core, and of the classes' methods."""
+    """Returns the names of all functions and classes of the compiled core, and of the classes' methods.
+
+    An enumeration has no code of its own.
+    """
     found = set()
     for name, value in vars(native).items():
         if type(value).__name__ == "nb_func":
             found.add(name)
-        if isinstance(value, type):
-            methods = (method for method in vars(value) if not method.startswith("_"))
+        if isinstance(value, type) and not issubclass(value, Enum):
+            methods = (
+                method
+                for method, code in vars(value).items()
+                if not (method.startswith("_") or isinstance(code, property))
+            )
             found |= {name, *(f"{name}.{method}" for method in methods)}
     return found

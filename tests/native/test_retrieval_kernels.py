@@ -29,7 +29,7 @@ class PythonCascade(Cascade):
     """A cascade whose steps are FAISS' and NumPy's."""
 
     @cached_property
-    def _compiled(self) -> None:
+    def compiled(self) -> None:
         return None
 
 

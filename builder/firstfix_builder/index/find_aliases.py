@@ -10,14 +10,13 @@ import faiss
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.engine.candidates import SPOT_DEG, SPOT_M
 from firstfix.engine.config import AliasConfig
 from firstfix.engine.retrieval.alias_table import AliasTable
 from firstfix.engine.retrieval.cascade import Cascade, Matches
 from firstfix.engine.retrieval.key_search.faiss_indexes import FLAT_UP_TO
 from firstfix.engine.retrieval.key_search.faiss_search import FaissSearch
 from firstfix.engine.retrieval.key_search.key_lists import KeyLists
-from firstfix.native import spread_out
+from firstfix.native import SPOT_DEG, SPOT_M, spread_out
 
 # Templates of one task. FAISS multiplies matrices from 128,000 numbers of the searched keys on: 128 each.
 AT_ONCE = 1024

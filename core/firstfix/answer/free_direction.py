@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -10,11 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-# A robot that trusts its pose to a wheel's breadth passes doors; one that is less sure should see another
-# place first. Two degrees are 0.2 m at 6 m.
-FREE_M = 0.2
-FREE_RAD = math.radians(2.0)
 
 
 class Motion(str, Enum):

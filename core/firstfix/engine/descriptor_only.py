@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,6 @@ class UnregisteredCandidate:
 class _LevelledScan:
     R_level_sensor: NDArray[np.float64]
     height_m: float
-    T_last_scan: Matrix = field(default_factory=lambda: np.eye(4))
 
 
 def find_unregistered(
@@ -63,7 +62,7 @@ def find_unregistered(
             "take them from engine in the map's manifest, or send points too"
         )
     scan = _LevelledScan(levelling_rotation(sent.up), sent.height_m)
-    found = find_candidates(index, [sent.rows], [scan], options, index.config.search.widened)
+    found = find_candidates(index, sent.rows, scan, options, index.config.search.widened)
     distinct = found.at(_distinct(found.T_level_sensor, index.config.ranking))
     T_map_sensor = index.T_map_level @ distinct.T_level_sensor
     return [

@@ -5,7 +5,6 @@ The search is compiled: ``native/include/firstfix/query/search.hpp``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,11 +13,10 @@ from numpy.typing import NDArray
 from .. import native
 from ..answer.prior import Prior
 from ..transform import Matrix
-from .candidates import Candidates
-from .index import FreeSpaceShares, MapIndex
+from .candidates import Candidates, prior_numbers
+from .index import MapIndex
 from .preprocess import PreparedQuery, PreparedScan, spots_of
 from .registered_candidate import RegisteredCandidate
-from .registration.align import Agreement, Registration
 from .registration.surface import Surface
 
 NO_POSES = np.empty((0, 4, 4))
@@ -38,9 +36,9 @@ class HypothesisSearch:
         self._spots = spots_of(prepared.scans, index.config.ranking.spots_apart_m)
         self._search = native.Search(
             index.searched,
-            [_viewed(scan) for scan in prepared.scans],
-            _surface(prepared.dense),
-            _surface(prepared.sparse),
+            [viewed(scan) for scan in prepared.scans],
+            surface_numbers(prepared.dense),
+            surface_numbers(prepared.sparse),
             self._spots,
             None if prior is None else prior_numbers(prior, index),
         )
@@ -64,37 +62,8 @@ class HypothesisSearch:
         """
         return self._candidates(self._search.run(*_rows(candidates), twist, aliases, nearby))
 
-    def _candidates(self, found: Iterable[tuple[Any, ...]]) -> list[RegisteredCandidate]:
-        return [self._candidate(*one) for one in found]
-
-    def _candidate(
-        self,
-        template: int,
-        start_z_m: float,
-        T_level_sensor: Matrix,
-        inlier_ratio: float,
-        alignment_score: float,
-        information: NDArray[np.float64],
-        rests: bool,
-        twist: NDArray[np.float64] | None,
-        violation: float,
-        removed: float,
-        seen_free: float | None,
-        beside_surface: float,
-        same_plane: float,
-        is_alike: bool,
-    ) -> RegisteredCandidate:
-        return RegisteredCandidate(
-            self._index,
-            self._map_id,
-            template,
-            Registration(T_level_sensor, inlier_ratio, alignment_score, information, rests, twist),
-            FreeSpaceShares(violation, removed, seen_free),
-            Agreement(beside_surface, same_plane),
-            start_z_m,
-            self._spots,
-            is_alike,
-        )
+    def _candidates(self, found: list[tuple[Any, ...]]) -> list[RegisteredCandidate]:
+        return RegisteredCandidate.found(self._index, self._map_id, self._spots, found)
 
     @property
     def is_settled(self) -> bool:
@@ -160,18 +129,15 @@ def _rows(
     return template, candidates.T_level_sensor, score
 
 
-def prior_numbers(prior: Prior, index: MapIndex) -> tuple[Matrix, NDArray[np.float64], float, float, float]:
-    """A prior about places of a map, as the compiled search reads it."""
-    return index.T_map_level, prior.position_m, prior.radius_m, prior.yaw_deg, prior.yaw_range_deg
-
-
-def _surface(surface: Surface) -> tuple[_Floats, _Floats, NDArray[np.bool_], _Floats | None]:
+def surface_numbers(surface: Surface) -> tuple[_Floats, _Floats, NDArray[np.bool_], _Floats | None]:
+    """A surface, as the compiled search reads it."""
     return surface.points, surface.normals, surface.oriented, surface.time_s
 
 
-def _viewed(
+def viewed(
     scan: PreparedScan,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], _Floats, tuple[_Floats, _Floats] | None]:
+    """A scan's ranges by direction, as the compiled search reads them."""
     returns = scan.returns
     timed = None if returns is None or returns.time_s is None else (returns.points, returns.time_s)
     return scan.T_last_scan, scan.view.returned, scan.view.least, timed

@@ -150,6 +150,9 @@ class MapIndex:
             config.ranking,
             self.calibration,
             config.verification.compared,
+            config.search,
+            0.0 if self.cascade is None else self.cascade.templates.usual_height_m,
+            config.preprocess.default_height_m,
         )
 
     @classmethod

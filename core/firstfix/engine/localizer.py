@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
+from operator import attrgetter
 from typing import Protocol
 
 from ..answer.localization import Localization, Reason, Verdict
@@ -22,6 +23,7 @@ from .index import MapIndex
 from .map_search import MapSearch, Step
 from .preprocess import PreparedQuery, deskewed, preprocess
 from .ranking import RankingConfig
+from .registered_candidate import RegisteredCandidate
 from .stopwatch import Stopwatch
 from .verdict import judge, threshold_of
 from .with_prior import judging
@@ -154,8 +156,7 @@ def localize_among(
     with watch.stage("diagnose"):
         map_id = answer.hypotheses[0].map_id if answer.hypotheses else next(iter(prepared or maps))
         query = _asked(sequence, options, maps[map_id], prepared.get(map_id), map_id, watch, began)
-        answer = diagnosed(answer, query, watch, explains=explains)
-    return replace(answer, timings_ms=watch.ms)
+        return diagnosed(answer, query, watch, explains=explains)
 
 
 _TOO_FEW = Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,))
@@ -168,6 +169,10 @@ def _prepared(
 
     Maps of equal parameters share it.
     """
+    if len(maps) == 1:
+        ((map_id, one),) = maps.items()
+        query = one.prepare(sequence, options, watch, map_id)
+        return {} if query is None else {map_id: query}
     made: dict[tuple[PreprocessConfig, RankingConfig], PreparedQuery | None] = {}
     prepared = {}
     for map_id, each in maps.items():
@@ -191,15 +196,14 @@ def _answer_of(
 ) -> Localization:
     """Search the maps for which the query could be prepared, and judge what was found."""
     searches = [maps[map_id].search(query, options, watch, map_id) for map_id, query in prepared.items()]
-    if not (likely_one and _one_explains_scan(searches)):
-        _search(searches)
-    for search in searches:
-        search.try_aliases()
+    searches[0].climb(searches[1:], likely_one=likely_one)
     with watch.stage("verify"):
-        together = [candidate for search in searches for candidate in search.registered]
-        together.sort(key=lambda candidate: -candidate.support)
-        together[:1] = [one.faced(prepared[one.map_id].dense) for one in together[:1]]
-        answer = judge(together, options)
+        together: list[RegisteredCandidate] = []
+        for search in searches:
+            together += search.registered
+        together.sort(key=attrgetter("support"), reverse=True)
+        best = prepared[together[0].map_id].dense if together else None
+        answer = judge(together, options, best)
     if answer.verdict is Verdict.AMBIGUOUS:
         with watch.stage("hint"):
             probability = [hypothesis.probability for hypothesis in answer.hypotheses]
@@ -237,35 +241,3 @@ def _asked(
         ask,
         began,
     )
-
-
-def _search(searches: Sequence[MapSearch]) -> None:
-    """Climbs the effort levels until a place explains the scan: most scans need the first step alone."""
-    for search in searches:
-        search.take(Step.NARROW)
-        if not search.is_settled:
-            search.take(Step.WIDE)
-    for step in (Step.OTHER_UPS, Step.EXHAUSTIVE):
-        if any(search.explains_scan for search in searches):
-            return
-        for search in searches:
-            search.take(step)
-
-
-PROBED_TEMPLATES = 24  # templates that are registered, of all maps together
-MIN_PROBED_PER_MAP = 3  # of each
-
-
-def _one_explains_scan(searches: Sequence[MapSearch]) -> bool:
-    """Probes all maps, and takes the first step in the best one. Returns whether its place is accepted.
-
-    The places of the others compete with it in the answer.
-    """
-    for search in searches:
-        search.probe(max(MIN_PROBED_PER_MAP, PROBED_TEMPLATES // len(searches)))
-    found = [search for search in searches if search.registered]
-    if not found:
-        return False
-    best = max(found, key=lambda search: search.registered[0].support)
-    best.take(Step.NARROW)
-    return best.is_settled

@@ -1,48 +1,38 @@
-"""Search of one query in one map, step by step of the effort levels (docs/method.md section 7.1)."""
+"""Search of one query in one map or several (docs/method.md section 7.1).
+
+The ladder of effort is compiled: ``native/include/firstfix/query/map_search.hpp`` and ``climb.hpp``. It runs
+without the interpreter's lock, which only a retrieval that is not compiled takes.
+"""
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import native
 from ..answer.options import LocalizeOptions
-from ..answer.prior import Prior
-from .candidates import Candidates, candidates_of_scan, find_candidates
-from .config import EffortConfig
-from .hypotheses import HypothesisSearch
+from .candidates import prior_numbers
+from .hypotheses import surface_numbers, viewed
 from .index import MapIndex
-from .level_hypotheses import level_hypotheses
-from .preprocess import PreparedQuery, PreparedScan
-from .registered_candidate import RegisteredCandidate, distinct
+from .preprocess import PreparedQuery, PreparedScan, spots_of
+from .registered_candidate import RegisteredCandidate
+from .retrieval.cascade import Cascade, FoundTemplates
 from .stopwatch import Stopwatch
 from .verdict import threshold_of
 
-SCREENED_PER_REGISTERED = 12  # poses that are screened in the time of one candidate's registration
-COMPARED_PER_REGISTERED = 200  # templates that are compared in this time
-SLOWER = 1.5  # than estimated, at worst
-OTHER_UPS = 6  # at most, each with a first search of its own
+Step = native.Step  # effort levels, cheapest first
 
-
-class Step(Enum):
-    """Effort levels, cheapest first."""
-
-    NARROW = "as levelled, the templates most similar by descriptor"
-    WIDE = "several ups near it, and more templates, screened on the map"
-    OTHER_UPS = "ups for a sensor that hangs head down or lies on its side"
-    EXHAUSTIVE = "more ups, and all templates of a map that is not too large, screened on the map"
+_UPRIGHT = np.array([0.0, 0.0, 1.0])
 
 
 class MapSearch:
     """Search of one query in one map. Each step adds to what the steps before it registered.
 
-    Attributes:
-        registered: best first, of all steps so far.
+    Not thread-safe.
     """
 
     def __init__(
@@ -53,171 +43,81 @@ class MapSearch:
         watch: Stopwatch,
         map_id: str = "",
     ) -> None:
-        self._index, self._prepared, self._options, self._watch = index, prepared, options, watch
-        self._map_id = map_id
-        self._hypotheses = self.new_hypotheses(options.prior)
-        self._narrow_s = 0.0
-        self.registered: list[RegisteredCandidate] = []
+        self._index, self._watch, self._map_id = index, watch, map_id
+        self._spots = spots_of(prepared.scans, index.config.ranking.spots_apart_m)
+        mounting, retrieval = options.T_base_sensor, index.cascade.compiled
+        scans = prepared.scans
+        self._compiled = native.MapSearch(
+            index.searched,
+            _describing(index.cascade, scans) if retrieval is None else retrieval,
+            list(map(viewed, scans)),
+            [_to_describe(scan, index) for scan in scans],
+            surface_numbers(prepared.dense),
+            surface_numbers(prepared.sparse),
+            self._spots,
+            None if options.prior is None else prior_numbers(options.prior, index),
+            options.gravity,
+            _UPRIGHT if mounting is None else mounting[2, :3],
+            options.max_candidates,
+            threshold_of(index, options, map_id),
+            watch.left_s,
+        )
 
-    def new_hypotheses(self, prior: Prior | None) -> HypothesisSearch:
-        """A search for poses that a prior allows, which has found nothing yet."""
-        return HypothesisSearch(self._index, self._prepared, prior, self._map_id)
+    @property
+    def registered(self) -> list[RegisteredCandidate]:
+        """Distinct poses that the prior allows, best first, of all steps so far."""
+        poses, lead = self._compiled.found(), self._compiled.outside_lead
+        found = RegisteredCandidate.found(self._index, self._map_id, self._spots, poses)
+        if found and lead:
+            found[0] = replace(found[0], outside_lead=lead)
+        return found
 
     @property
     def is_settled(self) -> bool:
         """Whether the best pose is so surely right that nothing else is searched for."""
-        return self._hypotheses.is_settled
+        return self._compiled.is_settled()
 
     @property
-    def explains_scan(self) -> bool:
-        """Whether the best pose would be accepted without its rivals, with up surely right.
-
-        With a wrong up direction, up to two thirds of a scan may lie on surfaces that nothing contradicts.
-        """
-        return self._hypotheses.explains_scan
+    def taken(self) -> list[Step]:
+        """Steps that were taken, in order."""
+        return self._compiled.taken
 
     def take(self, step: Step) -> None:
         """Search with the effort of one step, if the caller's deadline leaves time for it."""
-        if self._expected_s(step) > self._watch.left_s:
-            return
-        search = self._index.config.search
-        if step is Step.NARROW:
-            began = time.monotonic()
-            self._by_descriptor(self._prepared.scans)
-            self._narrow_s = time.monotonic() - began
-        elif step is Step.OTHER_UPS:
-            with self._watch.stage("preprocess"):
-                ups = self._prepared.with_other_ups(self._options.gravity, self._index.config.preprocess)
-            self._by_descriptor(ups)
-        elif search.widened > 1 and self._options.max_candidates is None:
-            is_last = step is Step.EXHAUSTIVE
-            self._by_screening(search.exhaustive if is_last else search.wide, tilted=is_last)
+        self._watch.add(self._compiled.take(step))
 
-    def probe(self, count: int) -> None:
-        """Register the best few templates by descriptor, to see whether the scan may be of this map at all.
+    def climb(self, others: Sequence[MapSearch] = (), *, likely_one: bool = False) -> None:
+        """Climb the effort levels until a place explains the scan, then let known aliases compete.
 
-        The first step then adds to them.
+        Args:
+            others: searches of the same query in other maps, whose places compete with those of this one.
+            likely_one: the maps were chosen because each resembles the scan, and at most one of them is
+                right. If one explains the scan clearly, the others are only looked at.
         """
-        index = self._index
-        with self._watch.stage("describe"):
-            described = [one.described_by(index.cascade.descriptor) for one in self._prepared.scans]
-        with self._watch.stage("search"):
-            few = replace(self._options, max_candidates=min(count, self._options.max_candidates or count))
-            candidates = find_candidates(index, described, self._prepared.scans, few)
-        with self._watch.stage("register"):
-            self.registered = self._hypotheses.run(candidates)
-
-    def try_aliases(self) -> None:
-        """Let the known aliases of the best pose compete, if it would be accepted.
-
-        Those that were not registered yet are tried if there is time for it.
-        """
-        index, options = self._index, self._options
-        config, asked = index.config.search, threshold_of(index, options)
-        if index.aliases is None or not self._hypotheses.is_accepted(asked):
-            return
-        expected_s = SLOWER * self._narrow_s * config.aliases.tried / config.candidates
-        in_time = expected_s <= self._watch.left_s
-        if in_time:
-            for stage, seconds in self._hypotheses.try_aliases(asked, nearby=config.widened > 1):
-                self._watch.add(stage, seconds)
-        self.registered = self._hypotheses.with_look_alikes_marked()
-        if in_time and options.prior is not None:
-            self._compare_outside()
-
-    def _compare_outside(self) -> None:
-        """Compare the best pose with places outside the prior, if an alias there fits nearly as well.
-
-        Is the prior wrong? Those that are as good do not count: which of them is right, the prior says. One
-        that is clearly better shows that the prior is wrong: the scan was taken there. Most places have no
-        alias, and a prior saves the search of the whole map.
-        """
-        index, best, prepared = self._index, self.registered[0], self._prepared
-        with self._watch.stage("aliases"):
-            aliases = self._hypotheses.aliases_outside()
-            if not len(aliases):
-                return
-            described = [one.described_by(index.cascade.descriptor) for one in prepared.scans]
-            similar = find_candidates(index, described, prepared.scans, replace(self._options, prior=None))
-            anywhere = self.new_hypotheses(None)
-            anywhere.run(Candidates.merged([aliases, similar]), best.registration.twist)
-            lead = self._hypotheses.lead_outside(anywhere)
-            self.registered = [replace(best, outside_lead=lead), *self.registered[1:]]
-
-    def _expected_s(self, step: Step) -> float:
-        """Seconds that a step takes, at worst: measured by the first one, which always runs."""
-        search = self._index.config.search
-        if step is Step.NARROW:
-            return -math.inf
-        if step is Step.OTHER_UPS:
-            return SLOWER * OTHER_UPS * self._narrow_s
-        effort = search.exhaustive if step is Step.EXHAUSTIVE else search.wide
-        registrations = (
-            effort.candidates
-            + effort.screened / SCREENED_PER_REGISTERED
-            + effort.clusters / COMPARED_PER_REGISTERED
-        )
-        return SLOWER * self._narrow_s * registrations / search.candidates
-
-    def _by_descriptor(self, levelled: Sequence[PreparedScan]) -> None:
-        if not levelled:
-            return
-        index = self._index
-        with self._watch.stage("describe"):
-            described = [one.described_by(index.cascade.descriptor) for one in levelled]
-        with self._watch.stage("search"):
-            candidates = find_candidates(index, described, levelled, self._options)
-        self._register(candidates)
-
-    def _by_screening(self, effort: EffortConfig, *, tilted: bool) -> None:
-        index, options = self._index, self._options
-        with self._watch.stage("preprocess"):
-            usual_height_m = index.cascade.templates.usual_height_m
-            levelled = level_hypotheses(self._prepared, self._expected_up(), usual_height_m, tilted=tilted)
-        with self._watch.stage("search"):
-            candidates = screened_candidates(index, self._prepared, levelled, options, effort)
-        self._register(candidates)
-
-    def _register(self, candidates: Candidates) -> None:
-        with self._watch.stage("register"):
-            nearby = self._index.config.search.widened > 1
-            self.registered = self._hypotheses.run(candidates, nearby=nearby)
-
-    def _expected_up(self) -> NDArray[np.float64] | None:
-        """(3,) up by the mounting, or None: gravity is known."""
-        if self._options.gravity is not None:
-            return None
-        mounting = self._options.T_base_sensor
-        return np.array([0.0, 0.0, 1.0]) if mounting is None else mounting[2, :3]
+        compiled = [self._compiled]
+        for other in others:
+            compiled.append(other._compiled)
+        self._watch.add(native.search_maps(compiled, likely_one))
 
 
-def screened_candidates(
-    index: MapIndex,
-    prepared: PreparedQuery,
-    levelled: Sequence[PreparedScan],
-    options: LocalizeOptions,
-    effort: EffortConfig,
-) -> Candidates:
-    """Distinct candidates whose poses fit the coarse map best, best first.
+def _to_describe(scan: PreparedScan, index: MapIndex) -> tuple[Any, ...]:
+    known, descriptor = scan.described, index.cascade.descriptor
+    occupancy = None
+    if known is not None and known.agrees_with(descriptor):  # the robot had all points
+        occupancy = known.occupancy
+    thinned = scan.thinned
+    return (scan.R_level_sensor, scan.height_m), scan.seen, occupancy, thinned.points, thinned.normals
 
-    The descriptor alone mistakes the place where sparse beams, occluders or a wrong up change many cells. A
-    hundred points of the scan tell the places apart at a tenth of a registration's time.
 
-    Args:
-        levelled: the query's scans, each levelled in one way or several, which share the effort.
-    """
-    poses, clusters = (max(1, share // len(levelled)) for share in (effort.screened, effort.clusters))
-    descriptor = index.cascade.descriptor
-    found = Candidates.merged(
-        [
-            candidates_of_scan(
-                index, scan.described_by(descriptor), scan, options.prior, poses, clusters, per_spot=None
-            )
-            for scan in levelled
-        ]
-    )
-    found = found.at(np.argsort(found.template, kind="stable"))  # neighbours read the same part of the map
-    T_level_sensor, score = index.surface.screen(prepared.sparse, found.T_level_sensor)
-    best = np.argsort(-score, kind="stable")
-    best = best[distinct(T_level_sensor[best], index.config.ranking, most=effort.candidates)]
-    return Candidates(found.template[best], T_level_sensor[best], score[best])
+def _describing(cascade: Cascade, scans: Sequence[PreparedScan]) -> Callable[..., Any]:
+    """How a retrieval that is not compiled describes a scan, by its number and levelling."""
+
+    def describe(
+        number: int, R_level_sensor: NDArray[np.float64], height_m: float, is_as_measured: bool
+    ) -> Callable[..., FoundTemplates]:
+        scan = scans[number]
+        if not is_as_measured:
+            scan = replace(scan, R_level_sensor=R_level_sensor, height_m=height_m, described=None)
+        return cascade.finder(scan.described_by(cascade.descriptor))
+
+    return describe

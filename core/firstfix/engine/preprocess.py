@@ -13,14 +13,12 @@ from ..descriptor import Described, Descriptor, LayeredOccupancy, ScanBatch
 from ..errors import InvalidOption
 from ..native import (
     deskew,
-    height_above_floor,
-    other_ups,
     prepare_compact_scan,
     prepare_scan,
     turned_occupied_cells,
 )
 from ..scan.compact import CompactScan, ScanDescriptor
-from ..scan.levelling import levelling_rotation, turned
+from ..scan.levelling import turned
 from ..scan.reduction import COLUMNS, RangeView, TimedPoints, directions, nearest_by_direction
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
@@ -127,18 +125,6 @@ class PreparedScan:
         """(3,) unit vector against gravity in the sensor frame."""
         return self.R_level_sensor[2]
 
-    def with_up(
-        self, up: NDArray[np.float64], default_height_m: float, height_m: float | None = None
-    ) -> PreparedScan:
-        """The scan levelled by another up direction, (3,) in the sensor frame.
-
-        Args:
-            height_m: of the sensor above the floor; None: as the scan shows it.
-        """
-        if height_m is None:
-            height_m = _height_by(up, self.thinned, default_height_m)
-        return replace(self, R_level_sensor=levelling_rotation(up), height_m=height_m, described=None)
-
 
 @dataclass(frozen=True)
 class PreparedQuery:
@@ -152,19 +138,6 @@ class PreparedQuery:
     scans: tuple[PreparedScan, ...]
     dense: Surface
     sparse: Surface
-
-    def with_other_ups(
-        self, gravity: NDArray[np.float64] | None, config: PreprocessConfig
-    ) -> tuple[PreparedScan, ...]:
-        """Every scan, levelled by each of the other directions that may be up in the last scan."""
-        last = self.scans[-1]
-        known = last.T_last_scan[:3, :3] @ last.up
-        ups = other_ups(self.dense.normals, known, gravity)
-        return tuple(
-            scan.with_up(scan.T_last_scan[:3, :3].T @ up, config.default_height_m)
-            for up in ups
-            for scan in self.scans
-        )
 
 
 def spots_of(scans: Iterable[PreparedScan], apart_m: float) -> int:
@@ -203,7 +176,7 @@ def preprocess(
             scans.append(prepared)
     if not scans:
         return None
-    if len(scans) == 1 and np.array_equal(scans[0].T_last_scan, SAME_FRAME):
+    if len(scans) == 1 and not (scans[0].T_last_scan != SAME_FRAME).any():
         return PreparedQuery(tuple(scans), scans[0].thinned, scans[0].thinned if sparse is None else sparse)
     together = Surface.together([scan.thinned.moved(scan.T_last_scan) for scan in scans])
     counts = ranking.dense_points, ranking.sparse_points
@@ -296,9 +269,3 @@ def _timed_returns(scan: CompactScan, config: PreprocessConfig) -> TimedPoints:
     near = TimedPoints(scan.points, scan.time_s).within_range(config.min_range_m, config.max_range_m)
     in_range = (scan.nearest_m > config.min_range_m) & (scan.nearest_m < config.max_range_m)
     return timed_view(near, np.where(in_range, scan.nearest_m, np.float32(np.inf)))
-
-
-def _height_by(up: NDArray[np.float64], surface: Surface, default_height_m: float) -> float:
-    """Height of the sensor above the floor, for an up direction."""
-    seen_m = height_above_floor(surface.points, surface.normals, up)
-    return default_height_m if seen_m is None else seen_m

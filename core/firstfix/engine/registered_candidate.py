@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +15,6 @@ from .. import native
 from ..answer.quality import AlignmentQuality
 from ..transform import Matrix
 from .index import FreeSpaceShares, MapIndex
-from .ranking import CandidatesConfig
 from .registration.align import Agreement, Registration
 from .registration.surface import Surface
 
@@ -50,6 +51,33 @@ class RegisteredCandidate:
     is_alike: bool = False
     outside_lead: float = 0.0
 
+    @classmethod
+    def found(
+        cls, index: MapIndex, map_id: str, spots: int, poses: Sequence[tuple[Any, ...]]
+    ) -> list[RegisteredCandidate]:
+        """The poses of a compiled search.
+
+        Args:
+            poses: as ``native.MapSearch.found`` gives them.
+        """
+        made = []
+        for template, start_z_m, T_level_sensor, ratio, score, information, rests, twist, *fit in poses:
+            violation, removed, seen_free, beside, same_plane, is_alike, discounted, support = fit
+            registration = Registration(T_level_sensor, ratio, score, information, rests, twist)
+            free_space, agreement = (
+                FreeSpaceShares(violation, removed, seen_free),
+                Agreement(beside, same_plane),
+            )
+            one = cls(
+                *(index, map_id, template, registration, free_space, agreement),
+                *(start_z_m, spots, is_alike),
+            )
+            # measured already: the properties below would measure it again
+            quality = AlignmentQuality(ratio, discounted, violation, removed, beside, same_plane, seen_free)
+            one.__dict__.update(quality=quality, support=support)
+            made.append(one)
+        return made
+
     @cached_property  # each of a hundred candidates is compared with all others
     def quality(self) -> AlignmentQuality:
         """Fit of the scan to the map at this pose, less for a motion during the scan that is unlikely."""
@@ -69,14 +97,13 @@ class RegisteredCandidate:
         """Score by which candidates are ranked."""
         return self.index.config.ranking.support(self.quality)
 
-    def faced(self, scan: Surface) -> RegisteredCandidate:
-        """The candidate with the information that its covariance is made of.
+    def faced_information(self, scan: Surface) -> NDArray[np.float64]:
+        """(6, 6) information of the pose, of which its covariance is made.
 
         Args:
             scan: many points, as they were aligned.
         """
-        information = self.index.surface.faced_information(scan, self.registration)
-        return replace(self, registration=replace(self.registration, information=information))
+        return self.index.surface.faced_information(scan, self.registration)
 
     @property
     def is_better_outside(self) -> bool:
@@ -87,13 +114,3 @@ class RegisteredCandidate:
     def T_map_sensor(self) -> Matrix:
         """(4, 4) pose in the map's own frame."""
         return native.pose_product(self.index.T_map_level, self.registration.T_level_sensor)
-
-
-def distinct(
-    T_level_sensor: NDArray[np.float64], ranking: CandidatesConfig, most: int | None = None
-) -> NDArray[np.int64]:
-    """Rows of (k, 4, 4) poses of one map, ``most`` at most, that are not nearly the same as a row before."""
-    most = len(T_level_sensor) if most is None else most
-    return native.distinct_poses(
-        T_level_sensor, ranking.same_pose_m, math.radians(ranking.same_pose_deg), most
-    )

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 
 
 class Stopwatch:
@@ -25,15 +24,23 @@ class Stopwatch:
         """Seconds until the deadline; negative after it."""
         return self.deadline - time.monotonic()
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the time of the block to a stage."""
-        start = time.monotonic()
-        try:
-            yield
-        finally:
-            self.add(name, time.monotonic() - start)
+    def stage(self, name: str) -> _Stage:
+        """Add the time of a ``with`` block to a stage."""
+        return _Stage(self.ms, name)
 
-    def add(self, name: str, seconds: float) -> None:
-        """Add time that was measured elsewhere to a stage."""
-        self.ms[name] = self.ms.get(name, 0.0) + seconds * 1e3
+    def add(self, stages: Iterable[tuple[str, float]]) -> None:
+        """Add seconds that were measured elsewhere to stages."""
+        for name, seconds in stages:
+            self.ms[name] = self.ms.get(name, 0.0) + seconds * 1e3
+
+
+class _Stage:
+    def __init__(self, ms: dict[str, float], name: str) -> None:
+        self._ms, self._name = ms, name
+
+    def __enter__(self) -> None:
+        self._start = time.monotonic()
+
+    def __exit__(self, *error: object) -> None:
+        took_s = time.monotonic() - self._start
+        self._ms[self._name] = self._ms.get(self._name, 0.0) + took_s * 1e3

@@ -15,13 +15,18 @@ from ..transform import inverse
 from .index import MapIndex
 from .registered_candidate import RegisteredCandidate
 from .registration.covariance import free_directions, pose_covariance
+from .registration.surface import Surface
 
 
-def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:
+def judge(
+    ranked: Sequence[RegisteredCandidate], options: LocalizeOptions, scan: Surface | None = None
+) -> Localization:
     """Answer of one map or several, each candidate judged by the calibration of its own map.
 
     Args:
         ranked: distinct, best first.
+        scan: many points of the query, as the best one was aligned; None: its information is that of its
+            covariance.
     """
     if not ranked:
         return Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,))
@@ -36,7 +41,8 @@ def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Lo
         verdict = Verdict.AMBIGUOUS if reason is Reason.SEVERAL_PLACES else Verdict.REJECTED
         return Localization(verdict, (reason,), probability=probability, hypotheses=hypotheses)
     config, T_map_level = best.index.config.registration, best.index.T_map_level
-    covariance = pose_covariance(best.registration.information, T_map_level, config)
+    information = best.registration.information if scan is None else best.faced_information(scan)
+    covariance = pose_covariance(information, T_map_level, config)
     return Localization(
         Verdict.LOCALIZED,
         T_map_sensor=best.T_map_sensor,

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firstfix.engine.candidates import SPOT_DEG, SPOT_M
 from firstfix.engine.config import AliasConfig, EngineConfig, SearchConfig
 from firstfix.engine.retrieval.alias_table import NONE, AliasTable
 from firstfix.engine.retrieval.cascade import Cascade, Clusters, Templates
 from firstfix.engine.retrieval.key_search import build_key_search
 from firstfix.engine.retrieval.key_search.key_lists import KeyLists
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
+from firstfix.native import SPOT_DEG, SPOT_M
 from firstfix_builder.index import find_aliases as module
 from firstfix_builder.index.find_aliases import find_aliases
 

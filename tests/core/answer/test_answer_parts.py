@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from firstfix.answer.free_direction import FREE_M, FREE_RAD, FreeDirection, Motion
+from firstfix.answer.free_direction import FreeDirection, Motion
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.engine.registration.covariance import free_directions
 from firstfix.errors import InvalidOption
+from firstfix.native import FREE_M, FREE_RAD
 from firstfix.transform import make_transform, rotation_z
 
 SURE = np.array([0.01, 0.01, 0.02, 0.001, 0.001, 0.002])

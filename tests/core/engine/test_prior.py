@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
-from firstfix.engine import map_search as map_search_module
+from firstfix.engine import localizer as localizer_module
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import FreeSpaceShares, MapIndex
@@ -61,13 +60,10 @@ def test_a_stored_calibration_has_that_of_priors():
 
 
 def test_a_search_with_a_prior_asks_its_calibration(monkeypatch):
-    monkeypatch.setattr(map_search_module, "HypothesisSearch", lambda *given: None)
-    localizer = Localizer(INDEX)
-
-    prepared = SimpleNamespace(scans=(), sparse=SimpleNamespace(time_s=None))
+    monkeypatch.setattr(localizer_module, "MapSearch", lambda index, *given: index)
 
     def of_search(options: LocalizeOptions) -> Calibration:
-        return localizer.search(prepared, options, Stopwatch(np.inf))._index.calibration
+        return Localizer(INDEX).search(None, options, Stopwatch(np.inf)).calibration
 
     assert of_search(LocalizeOptions()) == CALIBRATION
     assert of_search(LocalizeOptions(prior=about(1.0))) == TAUGHT

@@ -11,9 +11,9 @@ from firstfix import native
 from firstfix.answer.prior import Prior
 from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.engine.calibration import Calibration
-from firstfix.engine.candidates import Candidates
+from firstfix.engine.candidates import Candidates, prior_numbers
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.hypotheses import HypothesisSearch, prior_numbers
+from firstfix.engine.hypotheses import HypothesisSearch
 from firstfix.engine.index import MapIndex, MapView
 from firstfix.engine.preprocess import PreparedQuery, PreparedScan
 from firstfix.engine.registered_candidate import RegisteredCandidate

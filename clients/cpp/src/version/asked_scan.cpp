@@ -6,6 +6,7 @@
 
 #include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/scan/deskew.hpp"
+#include "poses.hpp"
 
 namespace firstfix::version {
 namespace {
@@ -58,6 +59,17 @@ detail::Vector3 up_by_mounting(const std::optional<Pose>& T_base_sensor) {
   if (!T_base_sensor) return {0, 0, 1};
   const auto [x, y, z, w] = detail::normalised(*T_base_sensor).quaternion;
   return {2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)};
+}
+
+QueriedScan queried(const PreparedScan& prepared) {
+  const ScannedSurface& dense = prepared.dense;
+  const ScanToLevel measured{kSameFrame, prepared.R_level_sensor, {dense.at.points.data(), dense.normals.data(), dense.size()}};
+  return {measured, prepared.height_m, {prepared.seen.data(), prepared.seen.size() / 3}, nullptr};
+}
+
+std::optional<PriorRegion> region_of(const std::optional<Prior>& prior, const PoseMatrix& T_map_level) {
+  if (!prior) return std::nullopt;
+  return PriorRegion{T_map_level, prior->position, prior->radius_m, prior->yaw_deg, prior->yaw_range_deg};
 }
 
 std::optional<PreparedScan> prepared(const Scan& scan, const PlacesOptions& options, const EngineNumbers& numbers,

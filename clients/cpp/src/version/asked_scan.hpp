@@ -5,6 +5,8 @@
 
 #include "engine_numbers.hpp"
 #include "firstfix/query/prepared_scan.hpp"
+#include "firstfix/query/prior.hpp"
+#include "firstfix/query/similar_places.hpp"
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/scan/twist.hpp"
 #include "firstfix/version/places_options.hpp"
@@ -18,5 +20,10 @@ std::optional<PreparedScan> prepared(const Scan& scan, const PlacesOptions& opti
 
 // Up in the sensor frame by its mounting on a robot that stands nearly upright; without one, along the sensor's own z.
 detail::Vector3 up_by_mounting(const std::optional<Pose>& T_base_sensor);
+
+// The scan as templates are found for it. It refers to `prepared`.
+QueriedScan queried(const PreparedScan& prepared);
+
+std::optional<PriorRegion> region_of(const std::optional<Prior>& prior, const PoseMatrix& T_map_level);
 
 }  // namespace firstfix::version

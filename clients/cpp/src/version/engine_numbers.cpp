@@ -36,8 +36,8 @@ EngineNumbers engine_numbers(const MappedFile& file) {
                      {},
                      number_in(prepared, "default_height_m", 0, 1e6),
                      number_in(engine, "spacing_m", 0, 1e6),
-                     whole_in(search, "clusters", 1, 100'000),
-                     whole_in(search, "candidates", 1, 100),
+                     {whole_in(search, "clusters", 1, 100'000), whole_in(search, "candidates", 1, 100), whole_in(search, "widened", 1, 100),
+                      effort_in(search, "wide"), effort_in(search, "exhaustive")},
                      {},
                      {number_in(registered, "map_voxel_m", 0.01, 5), number_in(registered, "coarse_voxel_m", 0.05, 20),
                       static_cast<int>(whole_in(registered, "coarse_iterations", 1, 200)),
@@ -50,10 +50,7 @@ EngineNumbers engine_numbers(const MappedFile& file) {
                       whole_in(aliases, "screened", 1, 1000), whole_in(aliases, "tried", 1, 1000)},
                      ranking_numbers(ranking),
                      number_in(verified, "reach_m", 1, 200),
-                     whole_in(verified, "compared", 1, 1000),
-                     whole_in(search, "widened", 1, 100) > 1,
-                     effort_in(search, "wide"),
-                     effort_in(search, "exhaustive")};
+                     whole_in(verified, "compared", 1, 1000)};
   const auto points = [&](const char* name) { return whole_in(ranking, name, 1, 1 << 30); };
   made.preparation = {number_in(prepared, "min_range_m", 0, 1e9), number_in(prepared, "max_range_m", 1, 1e9),
                       number_in(prepared, "voxel_m", 0.01, 5),    whole_in(prepared, "min_points", 10, 1 << 30),

@@ -9,17 +9,12 @@
 
 namespace firstfix::version {
 
-// Work of one step of the effort levels.
-struct Effort {
-  std::size_t clusters, screened, candidates;
-};
-
 struct EngineNumbers {
   LayeredGrid grid;
   std::size_t coefficients;
   Preparation preparation;
   double default_height_m, spacing_m;
-  std::size_t clusters, candidates;
+  EffortNumbers effort;
   PoseMatrix T_map_level;
   RegistrationNumbers registration;
   NearbyNumbers nearby;
@@ -27,8 +22,6 @@ struct EngineNumbers {
   Ranking ranking;
   double reach_m;        // of the free-space check
   std::size_t compared;  // candidates that compete, at most
-  bool is_widened;       // whether a scan is searched for again, if the first search is not convincing
-  Effort wide, exhaustive;
 };
 
 // Throws Error "corrupt_version", or "incompatible_version" if the templates have another descriptor, or poses another ranking.

@@ -20,7 +20,6 @@
 namespace firstfix {
 namespace {
 
-constexpr double kFreeM = 0.2, kFreeRad = 2 * (detail::kPi / 180);  // as firstfix.answer.free_direction
 constexpr double kLongestMs = 600'000;
 constexpr int kMostCandidates = 100;
 
@@ -77,7 +76,7 @@ void place(Localization& answer, const RegisteredPose& best, const ScannedSurfac
   const Matrix6 information = faced_information(map.fine, {seen.at.points.data(), seen.size()}, placed.T_level_sensor,
                                                 placed.information, static_cast<float>(map.registration.fine_distance_m));
   answer.covariance = pose_covariance(information, T_map_level, map.registration.map_voxel_m);
-  for (const FreeAxis& one : free_axes(*answer.covariance, kFreeM, kFreeRad)) {
+  for (const FreeAxis& one : free_axes(*answer.covariance)) {
     answer.degenerate.push_back({one.is_turn, one.direction, one.sigma});
   }
   if (options.twist) answer.twist = options.twist;
@@ -103,7 +102,8 @@ struct Localizer::Opened {
     SearchedMap map{};
     map.fine = tables.fine, map.coarse = tables.coarse, map.near = tables.near, map.far = tables.far, map.seen_free = tables.seen_free;
     map.places = templates.places(), map.alias_table = tables.alias_table;
-    map.reach_m = n.reach_m, map.spacing_m = n.spacing_m, map.compared = n.compared;
+    map.reach_m = n.reach_m, map.spacing_m = n.spacing_m, map.compared = n.compared, map.effort = n.effort;
+    map.usual_height_m = usual_height_m, map.default_height_m = n.default_height_m;
     map.registration = n.registration, map.nearby = n.nearby, map.aliases = n.aliases, map.ranking = n.ranking;
     map.calibration = calibrations.judging(radius_m);
     return map;
@@ -125,14 +125,12 @@ Localizer& Localizer::operator=(Localizer&&) noexcept = default;
 const std::string& Localizer::version() const { return opened_->version; }
 
 Localization Localizer::localize(const Scan& scan, const LocalizeOptions& options) const {
-  const auto began = version::Clock::now();
+  const auto began = Deadline::Clock::now();
   check(options);
   double asked = options.min_probability.value_or(std::numeric_limits<double>::quiet_NaN());
   if (options.max_false_accept) asked = opened_->bound.min_probability(*options.max_false_accept);
-  std::optional<version::Clock::time_point> deadline;
-  if (options.deadline_ms) {
-    deadline = began + std::chrono::duration_cast<version::Clock::duration>(std::chrono::duration<double, std::milli>(*options.deadline_ms));
-  }
+  Deadline deadline;
+  if (options.deadline_ms) deadline = Deadline::after_s(*options.deadline_ms / 1000, began);
   const version::EngineNumbers& numbers = opened_->templates.numbers;
   const PlacesOptions places = places_options(options);
   auto prepared = version::prepared(scan, places, numbers, options.twist);
@@ -143,9 +141,8 @@ Localization Localizer::localize(const Scan& scan, const LocalizeOptions& option
     return answer;
   }
   const SearchedMap map = opened_->searched(options);
-  version::ScanSearch search(opened_->templates, map, opened_->usual_height_m, std::move(*prepared), places, deadline);
-  search.climb();
-  search.try_aliases(asked);
+  version::ScanSearch search(opened_->templates, map, std::move(*prepared), places, asked, deadline);
+  search.run();
   const RegisteredPoses& found = search.found();
   std::vector<Competitor> ranked;
   for (const RegisteredPose& one : found) {

@@ -17,15 +17,6 @@ constexpr PoseMatrix kSameFrame{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 using detail::inverse;
 using detail::product;
 
-// A point of the map in the frame of the templates.
-inline detail::Vector3 in_level(const PoseMatrix& T_map_level, const std::array<double, 3>& point_m) {
-  detail::Vector3 made{};
-  for (std::size_t row = 0; row < 3; ++row) {
-    for (std::size_t k = 0; k < 3; ++k) made[row] += T_map_level[4 * k + row] * (point_m[k] - T_map_level[4 * k + 3]);
-  }
-  return made;
-}
-
 // Position and quaternion, with w >= 0, by Shepperd's method: as firstfix.transform.quaternion_of_rows.
 inline Pose pose_of(const PoseMatrix& T) {
   const double xx = T[0], yy = T[5], zz = T[10], t = xx + yy + zz;

@@ -25,10 +25,15 @@ std::vector<SimilarPlace> TemplateSearch::find(const Scan& scan, const PlacesOpt
   const version::EngineNumbers& numbers = opened_->templates.numbers;
   const auto prepared = version::prepared(scan, options, numbers);
   if (!prepared) return {};
-  const LevelledFrame frame{prepared->R_level_sensor, prepared->height_m, version::kSameFrame};
-  const version::Wanted wanted{options.max_places.value_or(numbers.candidates), numbers.clusters};
+  const QueriedScan queried = version::queried(*prepared);
+  const LevelledScan levelled{0, prepared->R_level_sensor, prepared->height_m, true};
+  const Wanted wanted{options.max_places.value_or(numbers.effort.candidates), numbers.effort.clusters};
+  const version::TemplateTables& templates = opened_->templates;
+  const auto prior = version::region_of(options.prior, numbers.T_map_level);
+  const FindTemplates find = templates.describe()(queried, levelled);
   std::vector<SimilarPlace> places;
-  for (const Candidate& one : opened_->templates.candidates(prepared->seen, frame, options.prior, wanted)) {
+  for (const Candidate& one :
+       similar_places(templates.places(), numbers.spacing_m, find, version::kSameFrame, levelled, prior, wanted)) {
     places.push_back({version::product(numbers.T_map_level, one.T_level_sensor), one.score, one.template_row});
   }
   return places;

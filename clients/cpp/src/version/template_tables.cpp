@@ -5,18 +5,8 @@
 #include <stdexcept>
 #include <string>
 
-#include "firstfix/descriptor/occupied_cells.hpp"
-#include "firstfix/query/template_places.hpp"
-#include "poses.hpp"
 
 namespace firstfix::version {
-namespace {
-
-// As firstfix.engine.candidates.
-constexpr double kSpotM = 2.0, kSpotDeg = 20.0;
-constexpr std::size_t kMostPerSpot = 3;
-
-}  // namespace
 
 TemplateTables::TemplateTables(const VersionFolder& folder) : numbers(engine_numbers(folder.file("engine.json"))) {
   const auto array = [&](const char* name) {
@@ -59,33 +49,6 @@ TemplateTables::TemplateTables(const VersionFolder& folder) : numbers(engine_num
   } catch (const std::invalid_argument& error) {
     throw Error("corrupt_version", error.what());
   }
-}
-
-std::vector<Candidate> TemplateTables::candidates(const std::vector<float>& seen, const LevelledFrame& frame,
-                                                  const std::optional<Prior>& prior, const Wanted& wanted) const {
-  std::vector<std::uint8_t> occupancy(numbers.grid.bytes());
-  const std::int64_t start[] = {0, static_cast<std::int64_t>(seen.size() / 3)};
-  const auto height_m = static_cast<float>(frame.height_m);
-  Rotation R;
-  for (std::size_t i = 0; i < 9; ++i) R[i] = static_cast<float>(frame.R_level_sensor[i / 3][i % 3]);
-  occupied_cells(seen.data(), start, &height_m, 1, &R, numbers.grid, occupancy.data());
-  std::optional<HeadingPrior> headings;
-  Matches matches;
-  if (prior) {
-    headings = HeadingPrior{numbers.T_map_level, prior->yaw_deg, prior->yaw_range_deg + kYawSlackDeg};
-    matches = cascade_.search_near(occupancy.data(), in_level(numbers.T_map_level, prior->position), prior->radius_m + numbers.spacing_m,
-                                   wanted.clusters);
-  } else {
-    matches = cascade_.search(occupancy.data(), wanted.clusters);
-  }
-  const Spot spot{kSpotM, std::cos(kSpotDeg * (detail::kPi / 180)), kMostPerSpot};
-  const Candidates found = candidates_of(matches, position_m_, height_m_, frame, headings ? &*headings : nullptr, wanted.most,
-                                         wanted.is_spread ? &spot : nullptr);
-  std::vector<Candidate> made;
-  for (std::size_t i = 0; i < found.templates.size(); ++i) {
-    made.push_back({found.templates[i], found.T_level_sensor[i], static_cast<double>(found.score[i])});
-  }
-  return made;
 }
 
 double TemplateTables::usual_height_m() const {

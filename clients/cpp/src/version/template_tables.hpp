@@ -6,20 +6,12 @@
 
 #include "arrays.hpp"
 #include "engine_numbers.hpp"
-#include "firstfix/answer/options.hpp"
-#include "firstfix/query/candidate.hpp"
 #include "firstfix/query/searched_map.hpp"
-#include "firstfix/retrieval/candidates.hpp"
+#include "firstfix/query/similar_places.hpp"
 #include "firstfix/retrieval/cascade.hpp"
 #include "version_folder.hpp"
 
 namespace firstfix::version {
-
-// How many candidates a search gives.
-struct Wanted {
-  std::size_t most, clusters;  // whose templates are compared
-  bool is_spread = true;       // few of one spot
-};
 
 class TemplateTables {
  public:
@@ -27,9 +19,8 @@ class TemplateTables {
 
   const EngineNumbers numbers;
 
-  // Candidates that the prior allows, best first. seen: (n, 3) points of a scan, which is levelled as `frame` says.
-  std::vector<Candidate> candidates(const std::vector<float>& seen, const LevelledFrame& frame, const std::optional<Prior>& prior,
-                                    const Wanted& wanted) const;
+  // How templates are found that resemble a scan. It refers to this.
+  Describe describe() const { return by_occupancy(cascade_, numbers.grid); }
 
   // Of the sensor above its floor: the templates' median.
   double usual_height_m() const;

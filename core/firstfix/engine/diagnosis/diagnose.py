@@ -79,7 +79,7 @@ class AskedQuery:
 
 
 def diagnosed(answer: Localization, query: AskedQuery, watch: Stopwatch, *, explains: bool) -> Localization:
-    """The answer with the facts of its scan and its findings. One of another viewpoint is not localized.
+    """The answer with its scan's facts, findings and times. One of another viewpoint is not localized.
 
     Args:
         explains: a scan that does not fit as it was sent is tried in other forms, if the deadline allows, in
@@ -88,14 +88,14 @@ def diagnosed(answer: Localization, query: AskedQuery, watch: Stopwatch, *, expl
     facts = query.facts
     if answer.verdict is not Verdict.LOCALIZED:
         findings = _why_not_localized(answer, query, facts, watch, explains=explains)
-        return replace(answer, scan=facts, findings=findings)
+        return replace(answer, scan=facts, findings=findings, timings_ms=watch.ms)
     found = _wrong_frame(answer, query, facts)
     if found is not None:
         answer = Localization(Verdict.REJECTED, (Reason.WRONG_FRAME,))
     else:
         found = mounting_finding(answer, query.options)
     findings = tuple(one for one in (found, time_field_finding(query.scan)) if one is not None)
-    return replace(answer, scan=facts, findings=findings)
+    return replace(answer, scan=facts, findings=findings, timings_ms=watch.ms)
 
 
 def _why_not_localized(

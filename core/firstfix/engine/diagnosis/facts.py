@@ -49,7 +49,8 @@ def facts_of(
     if not len(points):
         far_m = dropped.far_m if dropped.too_far else None
         return ScanFacts(dropped.points, 0, 0, far_m)
-    range_m = np.sqrt(np.einsum("ij,ij->i", part, part))
+    square = part * part
+    range_m = np.sqrt(square[:, 0] + square[:, 1] + square[:, 2])
     median_m = dropped.far_m if dropped.too_far > len(points) else _median(range_m)
     return ScanFacts(
         len(points) + dropped.points,
@@ -72,11 +73,11 @@ def rings_of(z_m: NDArray[np.float32], range_m: NDArray[np.float32]) -> int | No
     sine = z_m[far] / range_m[far]
     if len(sine) < _MIN_POINTS:
         return None
-    filled = np.flatnonzero(np.bincount((sine * _BINS + (_BINS + 1)).astype(np.int64)))
+    (filled,) = np.bincount((sine * _BINS + (_BINS + 1)).astype(np.int64)).nonzero()
     span = int(filled[-1] - filled[0]) + 1
     if span <= ONE_RING_DEG / RING_BIN_DEG:
         return 1
-    rings = 1 + int(np.count_nonzero(np.diff(filled) > 1))
+    rings = 1 + int((filled[1:] - filled[:-1] > 1).sum())
     return rings if len(filled) <= _FILLED * span and rings <= MAX_RINGS else None
 
 
@@ -130,12 +131,11 @@ def eigenvalue_bounds(matrix: Sequence[Sequence[float]]) -> tuple[float, float]:
     """
     (a, d, e), (_, b, f), (_, _, c) = matrix
     mean = (a + b + c) / 3
-    spread = math.sqrt(
-        ((a - mean) ** 2 + (b - mean) ** 2 + (c - mean) ** 2 + 2 * (d * d + e * e + f * f)) / 6
-    )
+    a, b, c = a - mean, b - mean, c - mean
+    spread = math.sqrt((a**2 + b**2 + c**2 + 2 * (d * d + e * e + f * f)) / 6)
     if spread == 0:
         return mean, mean
-    a, b, c, d, e, f = (value / spread for value in (a - mean, b - mean, c - mean, d, e, f))
+    a, b, c, d, e, f = a / spread, b / spread, c / spread, d / spread, e / spread, f / spread
     half = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2
     angle = math.acos(min(max(half, -1.0), 1.0)) / 3
     return mean + 2 * spread * math.cos(angle + 2 * math.pi / 3), mean + 2 * spread * math.cos(angle)
@@ -143,5 +143,6 @@ def eigenvalue_bounds(matrix: Sequence[Sequence[float]]) -> tuple[float, float]:
 
 def _median(values: NDArray[np.floating]) -> float:
     """A middle one of the values; NumPy's own median takes ten times as long."""
-    half = len(values) // 2
-    return float(np.partition(values, half)[half])
+    half, parted = len(values) // 2, values.copy()
+    parted.partition(half)
+    return float(parted[half])

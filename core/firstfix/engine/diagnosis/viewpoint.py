@@ -149,14 +149,16 @@ def _points_a_cell(points: NDArray[np.float32]) -> float:
 
 def _middle(points: NDArray[np.float32]) -> NDArray[np.float32]:
     """Median (3,) of (n, 3) points on each axis: the ground near the sensor has most of a scan's points."""
-    half = len(points) // 2
-    return np.partition(points, half, axis=0)[half]
+    half, parted = len(points) // 2, points.copy()
+    parted.partition(half, axis=0)
+    middle: NDArray[np.float32] = parted[half]
+    return middle
 
 
 def _directions(points: NDArray[np.float32], at: NDArray[np.floating]) -> int:
     """Number of directions of the range view in which the points lie, seen from a place."""
     seen = np.subtract(points, at, dtype=np.float32)
-    return int(np.count_nonzero(np.isfinite(nearest_by_direction(seen))))
+    return int(np.isfinite(nearest_by_direction(seen)).sum())
 
 
 def _density(points: NDArray[np.float32], at: NDArray[np.floating]) -> NDArray[np.int64]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import native
-from ...answer.free_direction import FREE_M, FREE_RAD, FreeDirection, Motion
+from ...answer.free_direction import FreeDirection, Motion
 from ...transform import Matrix
 from ..config import RegistrationConfig
 
@@ -30,7 +30,7 @@ def pose_covariance(
 
 
 def free_directions(covariance: NDArray[np.float64]) -> tuple[FreeDirection, ...]:
-    """Directions whose standard deviation is above FREE_M or FREE_RAD (docs/method.md section 7).
+    """Directions of a standard deviation above ``native.FREE_M`` or ``FREE_RAD`` (docs/method.md section 7).
 
     Args:
         covariance: (6, 6) over x, y, z, rotX, rotY, rotZ about the map's axes, in m and rad.
@@ -40,5 +40,5 @@ def free_directions(covariance: NDArray[np.float64]) -> tuple[FreeDirection, ...
     """
     return tuple(
         FreeDirection(Motion.ROTATION if is_turn else Motion.TRANSLATION, direction, sigma)
-        for is_turn, direction, sigma in native.free_axes(covariance, FREE_M, FREE_RAD)
+        for is_turn, direction, sigma in native.free_axes(covariance)
     )

@@ -159,6 +159,7 @@ class Clusters:
         return clusters
 
 
+FoundTemplates = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float32]]  # as of Matches
 PROJECTION_FILE = "key_projection.npy"
 
 
@@ -199,11 +200,27 @@ class Cascade:
 
     def search(self, described: Described, clusters: int) -> Matches:
         """Compare one described scan with all templates of the ``clusters`` nearest by key."""
-        if self._compiled is not None:
-            return Matches(*self._compiled.search(described["occupancy"][0], clusters))
+        if self.compiled is not None:
+            return Matches(*self.compiled.search(described["occupancy"][0], clusters))
         if clusters >= len(self.clusters):
             return self.compare(described, np.arange(len(self.templates)))
         return self.match(described, self.nearest(described, clusters))
+
+    def finder(self, described: Described) -> Callable[..., FoundTemplates]:
+        """How the compiled search asks for the templates that resemble a described scan, where it must.
+
+        Returns:
+            a function of a sphere's centre, (3,) metres or None, its radius, and a number of clusters.
+        """
+
+        def find(centre: NDArray[np.float64] | None, radius_m: float, clusters: int) -> FoundTemplates:
+            if centre is None:
+                found = self.search(described, clusters)
+            else:
+                found = self.search_near(described, centre, radius_m, clusters)
+            return found.rows, found.yaw_rad, found.score
+
+        return find
 
     def nearest(self, described: Described, clusters: int) -> NDArray[np.int64]:
         """Rows (k,) of at most so many clusters, nearest by key first."""
@@ -223,9 +240,9 @@ class Cascade:
         Args:
             centre: (3,) metres.
         """
-        if self._compiled is not None:
+        if self.compiled is not None:
             occupancy = described["occupancy"][0]
-            return Matches(*self._compiled.search_near(occupancy, centre, radius_m, clusters))
+            return Matches(*self.compiled.search_near(occupancy, centre, radius_m, clusters))
         rows = self.tiles.within(self.templates.position_m, centre, radius_m)
         if len(rows) <= clusters:
             return self.compare(described, rows)
@@ -263,8 +280,8 @@ class Cascade:
         )
 
     @cached_property
-    def _compiled(self) -> native.Cascade | None:
-        """The same as one compiled call, for the default descriptor and keys in one list of 8-bit codes."""
+    def compiled(self) -> native.Cascade | None:
+        """The same, compiled, for the default descriptor and keys in one list of 8-bit codes; else None."""
         descriptor, keys = self.descriptor, self.keys
         codes = keys.codes()
         if codes is None or not isinstance(descriptor, LayeredOccupancy):
@@ -273,8 +290,10 @@ class Cascade:
         return native.Cascade(
             self.templates.position_m,
             self.templates.described["occupancy"],
-            descriptor.rows,
+            descriptor.grid.rings,
             descriptor.grid.sectors,
+            descriptor.grid.max_range_m,
+            np.asarray(descriptor.edges_m, np.float32),
             descriptor.coefficients,
             *(clusters.representative, clusters.start, clusters.member),
             *(tiles.row, tiles.begin, tiles.low),
@@ -300,7 +319,7 @@ class Cascade:
             raise ValueError(f"{len(keys)} keys for {len(clusters)} clusters")
         tiles = TemplateTiles.load(directory, templates.position_m)
         cascade = cls(descriptor, templates, tiles, clusters, keys, load_projection(directory))
-        _ = cascade._compiled, cascade.places  # check that the tables fit
+        _ = cascade.compiled, cascade.places  # check that the tables fit
         return cascade
 
 

@@ -14,7 +14,6 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.map_search import MapSearch
 from firstfix.engine.preprocess import PreparedQuery
 from firstfix.engine.registration.align import MapSurface, Registrations
 from firstfix.engine.registration.surface import Surface
@@ -22,6 +21,7 @@ from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.stopwatch import Stopwatch
 from firstfix.engine.with_prior import judging
 from tests.reference.hypotheses import HypothesisSearch as PlainHypothesisSearch
+from tests.reference.map_search import LocalizerInSteps, MapSearch
 
 FIXED_THRESHOLD = 0.995  # of every map, before each had its own
 WIDER = 2  # cells of the step before the coarse alignment, against its own
@@ -58,7 +58,7 @@ class PlainMapSearch(MapSearch):
         return PlainHypothesisSearch(self._index, self._prepared, prior, self._map_id)
 
 
-class PlainLocalizer(Localizer):
+class PlainLocalizer(LocalizerInSteps):
     """A localizer with the plain search."""
 
     def search(

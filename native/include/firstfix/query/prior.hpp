@@ -16,6 +16,15 @@ struct PriorRegion {
   detail::Vector3 position_m;  // in the map's own frame
   double radius_m, yaw_deg, yaw_range_deg;
 
+  // The middle in the level frame.
+  detail::Vector3 middle_on_level_m() const {
+    detail::Vector3 made{};
+    for (std::size_t row = 0; row < 3; ++row) {
+      for (std::size_t k = 0; k < 3; ++k) made[row] += T_map_level[4 * k + row] * (position_m[k] - T_map_level[4 * k + 3]);
+    }
+    return made;
+  }
+
   // Whether a pose agrees with the prior, with slack for one that is not registered yet.
   bool allows(const PoseMatrix& T_level_sensor, double slack_m = 0, double slack_deg = 0) const {
     double away2 = 0;

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "firstfix/query/calibration.hpp"
+#include "firstfix/query/effort.hpp"
 #include "firstfix/query/ranking.hpp"
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/surface_grid.hpp"
@@ -59,6 +60,9 @@ struct SearchedMap {
   Ranking ranking;
   Calibration calibration;
   std::size_t compared;  // candidates that compete, at most
+  EffortNumbers effort;
+  double usual_height_m;    // of the map's own sensor above its floor
+  double default_height_m;  // of a sensor above the floor, where no floor is seen
 
   // A little towards the map, on the coarse grid: without it a start half a metre off scores no better than a wrong one.
   AlignParameters barely() const { return on_cells(ranking.screen_iterations); }

@@ -13,6 +13,7 @@
 #include "firstfix/bit_exact/lanes.hpp"
 #include "firstfix/bit_exact/rigid_motion.hpp"
 #include "firstfix/registration/align.hpp"
+#include "firstfix/registration/covariance.hpp"
 #include "firstfix/registration/normal_equations.hpp"
 #include "firstfix/registration/pairs.hpp"
 #include "firstfix/registration/scan_surface.hpp"
@@ -20,8 +21,7 @@
 
 namespace firstfix {
 
-constexpr double kStillTwist = 0.01;            // m/s, rad/s: a step that moves no point by more than a millimetre or so
-constexpr double kPairsPerObservation = 20.0;   // neighbouring pairs share their errors: as in a pose's covariance
+constexpr double kStillTwist = 0.01;  // m/s, rad/s: a step that moves no point by more than a millimetre or so
 
 // A scan's points with their times, and the same points as they would have been seen at time 0.
 class MovingScan {

@@ -134,13 +134,14 @@ inline Matrix6 faced_information(const SurfaceGrid& grid, Vectors<const float> p
   return detail::product(detail::product(root, information), root);
 }
 
+// Neighbouring pairs share the errors of the map and of the surface model, so one pair in this many counts as an independent
+// observation.
+constexpr double kPairsPerObservation = 20;
+
 // Covariance over x, y, z, rotX, rotY, rotZ about the map's axes, in m and rad (equation 7.3). A direction that the scan does
 // not constrain (along a corridor) keeps the variance of the place, however many points there are. The variance never falls
 // below a floor that the map's resolution sets.
 inline Matrix6 pose_covariance(const Matrix6& information, const PoseMatrix& T_map_level, double map_voxel_m) {
-  // Neighbouring pairs share the errors of the map and of the surface model, so one pair in this many counts as an independent
-  // observation.
-  constexpr double kPairsPerObservation = 20;
   // Known without the scan: twice what counts as the right place (1 m, 10 degrees), which is what an answer's probability is
   // about. A place further off along a free direction would tie, and nothing would be localized.
   constexpr double kPlaceM = 2, kPlaceRad = 20 * (detail::kPi / 180);
@@ -172,9 +173,13 @@ struct FreeAxis {
   double sigma;               // standard deviation: m of a shift, rad of a turn
 };
 
+// Standard deviations above which a direction is free. A robot that trusts its pose to a wheel's breadth passes doors; one that is
+// less sure should see another place first. Two degrees are 0.2 m at 6 m.
+constexpr double kFreeM = 0.2, kFreeRad = 2 * (detail::kPi / 180);
+
 // Directions whose standard deviation is above a length, or an angle. Shifts come before turns, of each the least certain
 // first; those of a kind are at right angles.
-inline std::vector<FreeAxis> free_axes(const Matrix6& covariance, double above_m, double above_rad) {
+inline std::vector<FreeAxis> free_axes(const Matrix6& covariance, double above_m = kFreeM, double above_rad = kFreeRad) {
   std::vector<FreeAxis> found;
   for (const bool is_turn : {false, true}) {
     const detail::Matrix3x3 part = detail::block_of(covariance, is_turn ? 3 : 0);
