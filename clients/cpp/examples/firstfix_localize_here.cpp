@@ -2,8 +2,9 @@
 //
 // FOLDER is maps/MAP/versions/VERSION of a store. FILE is a PCD file, a scan of the protocol (.ffscan), or raw little-endian
 // float32 x, y, z. Options are those of a query: gravity=X,Y,Z prior=X,Y,Z,RADIUS[,YAW,RANGE] T_base_sensor=X,Y,Z,QX,QY,QZ,QW
-// twist=VX,VY,VZ,WX,WY,WZ max_candidates=N min_probability=P max_false_accept=P deadline_ms=T. Each line has a name and what it
+// T_odom_base=X,Y,Z,QX,QY,QZ,QW twist=VX,VY,VZ,WX,WY,WZ max_candidates=N min_probability=P max_false_accept=P deadline_ms=T. Each line has a name and what it
 // names. Exit codes are those of `firstfix localize`: 0 localized, 3 ambiguous, 4 rejected, 1 error, 2 wrong usage.
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -41,7 +42,8 @@ void take(firstfix::LocalizeOptions& options, const std::string& text) {
   else if (is("prior", 6)) options.prior = firstfix::Prior{{n[0], n[1], n[2]}, n[3], n[4], n[5]};
   else if (is("T_base_sensor", 7)) options.T_base_sensor = pose_of(n);
   else if (is("twist", 6)) options.twist = firstfix::Twist{{n[0], n[1], n[2]}, {n[3], n[4], n[5]}};
-  else if (is("max_candidates", 1) && n[0] >= 1 && n[0] <= 100) options.max_candidates = static_cast<int>(n[0]);
+  else if (is("T_odom_base", 7)) options.T_odom_base = pose_of(n);
+  else if (is("max_candidates", 1) && n[0] == std::floor(n[0]) && std::fabs(n[0]) < 1e9) options.max_candidates = static_cast<int>(n[0]);
   else if (is("min_probability", 1)) options.min_probability = n[0];
   else if (is("max_false_accept", 1)) options.max_false_accept = n[0];
   else if (is("deadline_ms", 1)) options.deadline_ms = n[0];

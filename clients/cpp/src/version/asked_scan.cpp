@@ -10,35 +10,10 @@
 namespace firstfix::version {
 namespace {
 
-constexpr double kMaxRadiusM = 1e6;
-
-void require(bool holds, const char* message) {
-  if (!holds) throw Error("invalid_option", message);
-}
-
-void check(const PlacesOptions& options) {
-  const auto are_finite = [](const std::array<double, 3>& v) {
-    return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]);
-  };
-  if (options.gravity) {
-    const detail::Vector3& down = *options.gravity;
-    require(are_finite(down) && detail::dot(down, down) > 1e-12 && detail::dot(down, down) < 1e18, "gravity has no direction");
-  }
-  if (options.prior) {
-    const Prior& prior = *options.prior;
-    require(are_finite(prior.position) && std::isfinite(prior.yaw_deg), "a number of the prior is not finite");
-    require(prior.radius_m > 0 && prior.radius_m <= kMaxRadiusM, "the prior's radius_m must lie in (0, 1e6]");
-    require(prior.yaw_range_deg > 0 && prior.yaw_range_deg <= 180, "the prior's yaw_range_deg must lie in (0, 180]");
-  }
-  require(!options.T_base_sensor || detail::usable(*options.T_base_sensor), "T_base_sensor is not a valid pose");
-  require(!options.max_places || *options.max_places > 0, "max_places must be at least 1");
-}
-
 Vector6 motion_of(const Twist& twist) {
   Vector6 motion;
   for (std::size_t k = 0; k < 3; ++k) {
     motion[k] = twist.linear[k], motion[3 + k] = twist.angular[k];
-    require(std::fabs(motion[k]) <= kMaxLinearMS && std::fabs(motion[3 + k]) <= kMaxAngularRadS, "the twist is too fast");
   }
   return motion;
 }
@@ -62,8 +37,7 @@ detail::Vector3 up_by_mounting(const std::optional<Pose>& T_base_sensor) {
 
 std::optional<PreparedScan> prepared(const Scan& scan, const PlacesOptions& options, const EngineNumbers& numbers,
                                      const std::optional<Twist>& twist) {
-  check(options);
-  require(!twist || scan.time_s, "a twist needs the times of the scan's points");
+  if (twist && !scan.time_s) throw Error("invalid_option", "a twist needs the times of the scan's points");
   if (scan.points.size() > kMaxPoints) throw Error("too_large", "the scan has over 2,000,000 points");
   const Scan usable = cleaned(scan);
   const std::size_t count = usable.points.size();

@@ -1,4 +1,4 @@
-// A robot's scan and options, checked, and the scan prepared for a version.
+// A robot's scan, prepared for a version.
 #pragma once
 
 #include <optional>
@@ -11,7 +11,7 @@
 
 namespace firstfix::version {
 
-// Nothing if the scan has too few points. twist: of the sensor during the scan, by which it is deskewed; nothing: not known.
+// Nothing if the scan has too few points. options: checked. twist: of the sensor during the scan, by which it is deskewed; nothing: not known.
 // Throws Error "invalid_scan", "invalid_option" or "too_large".
 std::optional<PreparedScan> prepared(const Scan& scan, const PlacesOptions& options, const EngineNumbers& numbers,
                                      const std::optional<Twist>& twist = std::nullopt);

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "asked_scan.hpp"
+#include "checked_options.hpp"
 #include "false_accept_bound.hpp"
 #include "firstfix/query/verdict.hpp"
 #include "firstfix/registration/covariance.hpp"
@@ -21,23 +22,6 @@ namespace firstfix {
 namespace {
 
 constexpr double kFreeM = 0.2, kFreeRad = 2 * (detail::kPi / 180);  // as firstfix.answer.free_direction
-constexpr double kLongestMs = 600'000;
-constexpr int kMostCandidates = 100;
-
-void require(bool holds, const char* message) {
-  if (!holds) throw Error("invalid_option", message);
-}
-
-void check(const LocalizeOptions& options) {
-  const auto is_share = [](const std::optional<double>& share) { return !share || (*share >= 0 && *share <= 1); };
-  require(!options.max_candidates || (*options.max_candidates >= 1 && *options.max_candidates <= kMostCandidates),
-          "max_candidates must lie in [1, 100]");
-  require(is_share(options.min_probability), "min_probability must lie in [0, 1]");
-  require(is_share(options.max_false_accept), "max_false_accept must lie in [0, 1]");
-  require(!options.min_probability || !options.max_false_accept,
-          "min_probability and max_false_accept both set the threshold: give one");
-  require(!options.deadline_ms || (*options.deadline_ms >= 1 && *options.deadline_ms <= kLongestMs), "deadline_ms must lie in [1, 600000]");
-}
 
 PlacesOptions places_options(const LocalizeOptions& options) {
   PlacesOptions made{options.gravity, options.prior, options.T_base_sensor, std::nullopt};
@@ -124,9 +108,9 @@ Localizer& Localizer::operator=(Localizer&&) noexcept = default;
 
 const std::string& Localizer::version() const { return opened_->version; }
 
-Localization Localizer::localize(const Scan& scan, const LocalizeOptions& options) const {
+Localization Localizer::localize(const Scan& scan, const LocalizeOptions& asked_options) const {
   const auto began = version::Clock::now();
-  check(options);
+  const LocalizeOptions options = version::checked(asked_options);
   double asked = options.min_probability.value_or(std::numeric_limits<double>::quiet_NaN());
   if (options.max_false_accept) asked = opened_->bound.min_probability(*options.max_false_accept);
   std::optional<version::Clock::time_point> deadline;

@@ -1,6 +1,7 @@
 #include "firstfix/version/template_search.hpp"
 
 #include "asked_scan.hpp"
+#include "checked_options.hpp"
 #include "poses.hpp"
 #include "template_tables.hpp"
 #include "version_folder.hpp"
@@ -21,7 +22,8 @@ TemplateSearch& TemplateSearch::operator=(TemplateSearch&&) noexcept = default;
 
 const std::string& TemplateSearch::version() const { return opened_->version; }
 
-std::vector<SimilarPlace> TemplateSearch::find(const Scan& scan, const PlacesOptions& options) const {
+std::vector<SimilarPlace> TemplateSearch::find(const Scan& scan, const PlacesOptions& asked) const {
+  const PlacesOptions options = version::checked(asked);
   const version::EngineNumbers& numbers = opened_->templates.numbers;
   const auto prepared = version::prepared(scan, options, numbers);
   if (!prepared) return {};
