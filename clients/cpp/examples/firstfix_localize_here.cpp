@@ -1,15 +1,18 @@
-// firstfix_localize_here FOLDER FILE [OPTION=NUMBERS ...]: localizes a scan in a map's version on this machine, without a service.
+// firstfix_localize_here FOLDER FILE [OPTION=NUMBERS ...]: localizes a scan, or several with their poses, in a map's version on
+// this machine, without a service.
 //
-// FOLDER is maps/MAP/versions/VERSION of a store. FILE is a PCD file, a scan of the protocol (.ffscan), or raw little-endian
-// float32 x, y, z. Options are those of a query: gravity=X,Y,Z prior=X,Y,Z,RADIUS[,YAW,RANGE] T_base_sensor=X,Y,Z,QX,QY,QZ,QW
-// T_odom_base=X,Y,Z,QX,QY,QZ,QW twist=VX,VY,VZ,WX,WY,WZ max_candidates=N min_probability=P max_false_accept=P deadline_ms=T. Each line has a name and what it
-// names. Exit codes are those of `firstfix localize`: 0 localized, 3 ambiguous, 4 rejected, 1 error, 2 wrong usage.
+// FOLDER is maps/MAP/versions/VERSION of a store. FILE is a PCD file, a body of the protocol (.ffscan: a scan, a compact one, or a
+// sequence), or raw little-endian float32 x, y, z. Options are those of a query: gravity=X,Y,Z prior=X,Y,Z,RADIUS[,YAW,RANGE]
+// T_base_sensor=X,Y,Z,QX,QY,QZ,QW T_odom_base=X,Y,Z,QX,QY,QZ,QW twist=VX,VY,VZ,WX,WY,WZ max_candidates=N min_probability=P
+// max_false_accept=P deadline_ms=T. Each line has a name and what it names; findings go to the standard error. Exit codes are those of `firstfix localize`:
+// 0 localized, 3 ambiguous, 4 rejected, 1 error, 2 wrong usage.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <limits>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "firstfix/version/localizer.hpp"
@@ -68,6 +71,7 @@ int print(const firstfix::Localization& fix) {
   const auto verdict = static_cast<std::size_t>(fix.verdict);
   std::printf("verdict %s\nprobability %.17g\n", kVerdicts[verdict], fix.probability);
   for (const std::string& reason : fix.reasons) std::printf("reason %s\n", reason.c_str());
+  for (const firstfix::Finding& one : fix.findings) std::fprintf(stderr, "%s: %s %s\n", one.code.c_str(), one.text.c_str(), one.remedy.c_str());
   if (fix.T_map_sensor) print("T_map_sensor", *fix.T_map_sensor);
   if (fix.T_map_base) print("T_map_base", *fix.T_map_base);
   if (fix.covariance) std::printf("covariance"), print(*fix.covariance), std::printf("\n");
@@ -98,7 +102,8 @@ int main(int argc, char** argv) {
     firstfix::LocalizeOptions options;
     for (int i = 3; i < argc; ++i) take(options, argv[i]);
     const firstfix::Localizer localizer(argv[1]);
-    return print(localizer.localize(firstfix::example::read_scan(argv[2]), options));
+    return std::visit([&](const auto& scan) { return print(localizer.localize(scan, options)); },
+                      firstfix::example::read_scans(argv[2]));
   } catch (const std::exception& error) {
     std::fprintf(stderr, "firstfix_localize_here: %s\n", error.what());
     return 1;

@@ -25,6 +25,7 @@ struct EngineNumbers {
   NearbyNumbers nearby;
   AliasNumbers aliases;
   Ranking ranking;
+  double spots_apart_m;  // nearer to each other, scans show the same surfaces again
   double reach_m;        // of the free-space check
   std::size_t compared;  // candidates that compete, at most
   bool is_widened;       // whether a scan is searched for again, if the first search is not convincing

@@ -14,6 +14,7 @@
 #include "map_tables.hpp"
 #include "poses.hpp"
 #include "ranking_numbers.hpp"
+#include "reason_finding.hpp"
 #include "scan_search.hpp"
 #include "template_tables.hpp"
 #include "version_folder.hpp"
@@ -72,7 +73,7 @@ void place(Localization& answer, const RegisteredPose& best, const ScannedSurfac
 
 struct Localizer::Opened {
   explicit Opened(const version::VersionFolder& folder)
-      : version(folder.version()),
+      : version_name(folder.version()),
         templates(folder),
         tables(folder, templates.places().count),
         calibrations(version::calibrations(folder.file("calibration.json"))),
@@ -93,7 +94,10 @@ struct Localizer::Opened {
     return map;
   }
 
-  std::string version;
+  // options: checked.
+  Localization localized(const version::AskedScans& scans, const LocalizeOptions& options) const;
+
+  std::string version_name;
   version::TemplateTables templates;
   version::MapTables tables;
   version::Calibrations calibrations;
@@ -106,35 +110,47 @@ Localizer::~Localizer() = default;
 Localizer::Localizer(Localizer&&) noexcept = default;
 Localizer& Localizer::operator=(Localizer&&) noexcept = default;
 
-const std::string& Localizer::version() const { return opened_->version; }
+const std::string& Localizer::version() const { return opened_->version_name; }
 
-Localization Localizer::localize(const Scan& scan, const LocalizeOptions& asked_options) const {
+Localization Localizer::localize(const Scan& scan, const LocalizeOptions& options) const {
+  return opened_->localized(version::asked(scan), version::checked(options));
+}
+
+Localization Localizer::localize(const CompactScan& scan, const LocalizeOptions& options) const {
+  return opened_->localized(version::asked(scan), version::checked(options));
+}
+
+Localization Localizer::localize(const ScanSequence& sequence, const LocalizeOptions& options) const {
+  return opened_->localized(version::asked(sequence), version::checked(options));
+}
+
+Localization Localizer::Opened::localized(const version::AskedScans& scans, const LocalizeOptions& options) const {
   const auto began = version::Clock::now();
-  const LocalizeOptions options = version::checked(asked_options);
   double asked = options.min_probability.value_or(std::numeric_limits<double>::quiet_NaN());
-  if (options.max_false_accept) asked = opened_->bound.min_probability(*options.max_false_accept);
+  if (options.max_false_accept) asked = bound.min_probability(*options.max_false_accept);
   std::optional<version::Clock::time_point> deadline;
   if (options.deadline_ms) {
     deadline = began + std::chrono::duration_cast<version::Clock::duration>(std::chrono::duration<double, std::milli>(*options.deadline_ms));
   }
-  const version::EngineNumbers& numbers = opened_->templates.numbers;
+  const version::EngineNumbers& numbers = templates.numbers;
   const PlacesOptions places = places_options(options);
-  auto prepared = version::prepared(scan, places, numbers, options.twist);
+  auto prepared = version::prepared(scans, places, numbers, options.twist);
   Localization answer;
-  answer.map_version = opened_->version;
-  if (!prepared) {
+  answer.map_version = version_name;
+  if (prepared.empty()) {
     answer.reasons = {"too_few_points"};
     return answer;
   }
-  const SearchedMap map = opened_->searched(options);
-  version::ScanSearch search(opened_->templates, map, opened_->usual_height_m, std::move(*prepared), places, deadline);
+  const SearchedMap map = searched(options);
+  version::ScanSearch search(templates, map, usual_height_m, std::move(prepared), places, deadline);
   search.climb();
   search.try_aliases(asked);
   const RegisteredPoses& found = search.found();
   std::vector<Competitor> ranked;
   for (const RegisteredPose& one : found) {
     const Registration& placed = one.registration;
-    ranked.push_back({0, one.fit, one.support, 1, one.is_alike, ranked.empty() ? search.outside_lead() : 0, placed.rests, is_in_motion(placed)});
+    const double outside_lead = ranked.empty() ? search.outside_lead() : 0;
+    ranked.push_back({0, one.fit, one.support, search.spots(), one.is_alike, outside_lead, placed.rests, is_in_motion(placed)});
   }
   const std::vector<JudgingMap> judging{{map.ranking, map.calibration}};
   const Decision decision = Judge(judging, ranked).decided(asked);
@@ -146,6 +162,7 @@ Localization Localizer::localize(const Scan& scan, const LocalizeOptions& asked_
   } else {
     answer.verdict = decision.why == Why::kSeveralPlaces ? Verdict::ambiguous : Verdict::rejected;
     answer.reasons = {reason_of(decision.why)};
+    if (const auto why = version::reason_finding(answer)) answer.findings = {*why};
   }
   return answer;
 }

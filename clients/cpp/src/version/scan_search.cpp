@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "asked_scan.hpp"
+#include "firstfix/query/joined_scans.hpp"
 #include "firstfix/query/level_hypotheses.hpp"
 #include "firstfix/scan/other_ups.hpp"
 #include "poses.hpp"
@@ -20,13 +21,25 @@ constexpr double kSlower = 1.5;                 // than estimated, at worst
 constexpr double kOtherUps = 6;                 // at most, each with a first search of its own
 constexpr std::size_t kLeastPerScan = 3;        // as firstfix.engine.candidates
 
-SearchedQuery query_of(PreparedScan&& prepared) {
+SearchedQuery query_of(const std::vector<PlacedScan>& scans, const EngineNumbers& numbers) {
   SearchedQuery made;
-  ViewedScan viewed{kSameFrame, std::move(prepared.view), {}};
-  if (prepared.viewed.times() != nullptr) viewed.returns = std::move(prepared.viewed);
-  made.scans.push_back(std::move(viewed));
-  made.sparse = prepared.sparse.size() > 0 ? std::move(prepared.sparse) : prepared.dense;
-  made.dense = std::move(prepared.dense);
+  std::vector<PoseMatrix> poses;
+  for (const PlacedScan& one : scans) {
+    const bool is_timed = one.prepared.viewed.times() != nullptr;
+    made.scans.push_back({one.T_last_scan, one.prepared.view, is_timed ? one.prepared.viewed : PointsInTime{}});
+    poses.push_back(one.T_last_scan);
+  }
+  made.spots = spots_of(poses, numbers.spots_apart_m);
+  const PreparedScan& first = scans.front().prepared;
+  if (scans.size() == 1 && poses.front() == kSameFrame) {
+    made.dense = first.dense, made.sparse = first.sparse.size() > 0 ? first.sparse : first.dense;
+    return made;
+  }
+  std::vector<PlacedSurface> parts;
+  for (const PlacedScan& one : scans) parts.push_back({one.T_last_scan, &one.prepared.dense});
+  const Preparation& wanted = numbers.preparation;
+  JoinedSurface together = joined(parts, wanted.voxel_m, wanted.dense_points, wanted.sparse_points);
+  made.dense = std::move(together.dense), made.sparse = std::move(together.sparse);
   return made;
 }
 
@@ -41,16 +54,15 @@ SurfacePoints points_of(const ScannedSurface& surface) {
 
 }  // namespace
 
-ScanSearch::ScanSearch(const TemplateTables& templates, const SearchedMap& map, double usual_height_m, PreparedScan&& scan,
-                       const PlacesOptions& options, const std::optional<Clock::time_point>& deadline)
+ScanSearch::ScanSearch(const TemplateTables& templates, const SearchedMap& map, double usual_height_m,
+                       std::vector<PlacedScan>&& scans, const PlacesOptions& options, const std::optional<Clock::time_point>& deadline)
     : templates_(templates),
       map_(map),
       usual_height_m_(usual_height_m),
       options_(options),
       deadline_(deadline),
-      seen_(std::move(scan.seen)),
-      as_measured_{scan.R_level_sensor, scan.height_m},
-      query_(query_of(std::move(scan))),
+      scans_(std::move(scans)),
+      query_(query_of(scans_, templates.numbers)),
       search_(map, query_, region_of(options.prior, templates.numbers.T_map_level)) {}
 
 void ScanSearch::climb() {
@@ -77,10 +89,10 @@ void ScanSearch::take(Step step) {
   if (expected_s(step) > left_s()) return;
   if (step == Step::narrow) {
     const auto began = Clock::now();
-    by_descriptor({as_measured_});
+    by_descriptor(as_measured());
     narrow_s_ = std::chrono::duration<double>(Clock::now() - began).count();
   } else if (step == Step::other_ups) {
-    by_descriptor(other_ups_of_scan());
+    by_descriptor(with_other_ups());
   } else if (numbers.is_widened && !options_.max_places) {
     const bool is_last = step == Step::exhaustive;
     by_screening(is_last ? numbers.exhaustive : numbers.wide, is_last);
@@ -98,10 +110,11 @@ void ScanSearch::by_screening(const Effort& effort, bool tilted) {
   std::optional<detail::Vector3> expected;
   if (!options_.gravity) expected = up_by_mounting(options_.T_base_sensor);
   const SurfacePoints points = points_of(query_.dense);
-  const ScanToLevel scan{kSameFrame, as_measured_.R_level_sensor, points};
+  std::vector<ScanToLevel> to_level;
+  for (const PlacedScan& one : scans_) to_level.push_back({one.T_last_scan, one.prepared.R_level_sensor, points_of(one.prepared.dense)});
   std::vector<Levelled> levelled;
-  for (const LevelHypothesis& one : level_hypotheses({scan}, points, expected, usual_height_m_, tilted)) {
-    levelled.push_back({one.R_level_sensor, one.height_m});
+  for (const LevelHypothesis& one : level_hypotheses(to_level, points, expected, usual_height_m_, tilted)) {
+    levelled.push_back({&scans_[one.scan], one.R_level_sensor, one.height_m});
   }
   const auto share = [&](std::size_t all) { return std::max<std::size_t>(1, all / levelled.size()); };
   std::vector<Candidate> found = merged(levelled, options_.prior, {share(effort.screened), share(effort.clusters), false});
@@ -120,12 +133,25 @@ void ScanSearch::by_screening(const Effort& effort, bool tilted) {
   run(distinct);
 }
 
-std::vector<ScanSearch::Levelled> ScanSearch::other_ups_of_scan() const {
-  const SurfacePoints points = points_of(query_.dense);
+std::vector<ScanSearch::Levelled> ScanSearch::as_measured() const {
   std::vector<Levelled> levelled;
-  for (const detail::Vector3& up : other_ups(points.normals, points.count, as_measured_.R_level_sensor[2], options_.gravity)) {
-    const auto seen_m = height_above_floor(points.points, points.normals, points.count, up);
-    levelled.push_back({detail::levelling_rotation(up), seen_m.value_or(templates_.numbers.default_height_m)});
+  for (const PlacedScan& one : scans_) levelled.push_back({&one, one.prepared.R_level_sensor, one.prepared.height_m, true});
+  return levelled;
+}
+
+// Every scan, levelled by each of the other directions that may be up in the last one.
+std::vector<ScanSearch::Levelled> ScanSearch::with_other_ups() const {
+  const SurfacePoints points = points_of(query_.dense);
+  const PlacedScan& last = scans_.back();
+  const detail::Vector3 known = detail::in_last(last.T_last_scan, last.prepared.R_level_sensor[2]);
+  std::vector<Levelled> levelled;
+  for (const detail::Vector3& up : other_ups(points.normals, points.count, known, options_.gravity)) {
+    for (const PlacedScan& one : scans_) {
+      const detail::Vector3 own_up = detail::in_scan(one.T_last_scan, up);
+      const SurfacePoints own = points_of(one.prepared.dense);
+      const auto seen_m = height_above_floor(own.points, own.normals, own.count, own_up);
+      levelled.push_back({&one, detail::levelling_rotation(own_up), seen_m.value_or(templates_.numbers.default_height_m)});
+    }
   }
   return levelled;
 }
@@ -142,7 +168,12 @@ std::vector<Candidate> ScanSearch::merged(const std::vector<Levelled>& levelled,
                                           const Wanted& wanted) const {
   std::vector<Candidate> all;
   for (const Levelled& one : levelled) {
-    const std::vector<Candidate> some = templates_.candidates(seen_, {one.R_level_sensor, one.height_m, kSameFrame}, prior, wanted);
+    const PoseMatrix& T = one.scan->T_last_scan;
+    std::optional<Prior> near = prior;  // it is about the last scan
+    if (near) near->radius_m += std::sqrt(T[3] * T[3] + T[7] * T[7] + T[11] * T[11]);
+    const LevelledFrame frame{one.R_level_sensor, one.height_m, inverse(T)};
+    const ScanDescriptor* described = one.is_as_measured ? one.scan->described : nullptr;
+    const std::vector<Candidate> some = templates_.candidates(one.scan->prepared.seen, described, frame, near, wanted);
     all.insert(all.end(), some.begin(), some.end());
   }
   if (levelled.size() > 1) sort_by_score(all);
@@ -159,7 +190,7 @@ void ScanSearch::run(const std::vector<Candidate>& candidates) {
 void ScanSearch::compare_outside() {
   std::vector<Candidate> places = search_.aliases_outside();
   if (places.empty()) return;
-  const std::vector<Candidate> anywhere = similar({as_measured_}, std::nullopt);
+  const std::vector<Candidate> anywhere = similar(as_measured(), std::nullopt);
   places.insert(places.end(), anywhere.begin(), anywhere.end());
   sort_by_score(places);
   Search outside(map_, query_, std::nullopt);

@@ -25,12 +25,13 @@ const std::string& TemplateSearch::version() const { return opened_->version; }
 std::vector<SimilarPlace> TemplateSearch::find(const Scan& scan, const PlacesOptions& asked) const {
   const PlacesOptions options = version::checked(asked);
   const version::EngineNumbers& numbers = opened_->templates.numbers;
-  const auto prepared = version::prepared(scan, options, numbers);
-  if (!prepared) return {};
-  const LevelledFrame frame{prepared->R_level_sensor, prepared->height_m, version::kSameFrame};
+  const auto prepared = version::prepared(version::asked(scan), options, numbers);
+  if (prepared.empty()) return {};
+  const PreparedScan& only = prepared.front().prepared;
+  const LevelledFrame frame{only.R_level_sensor, only.height_m, version::kSameFrame};
   const version::Wanted wanted{options.max_places.value_or(numbers.candidates), numbers.clusters};
   std::vector<SimilarPlace> places;
-  for (const Candidate& one : opened_->templates.candidates(prepared->seen, frame, options.prior, wanted)) {
+  for (const Candidate& one : opened_->templates.candidates(only.seen, nullptr, frame, options.prior, wanted)) {
     places.push_back({version::product(numbers.T_map_level, one.T_level_sensor), one.score, one.template_row});
   }
   return places;

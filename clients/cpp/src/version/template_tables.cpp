@@ -61,14 +61,16 @@ TemplateTables::TemplateTables(const VersionFolder& folder) : numbers(engine_num
   }
 }
 
-std::vector<Candidate> TemplateTables::candidates(const std::vector<float>& seen, const LevelledFrame& frame,
-                                                  const std::optional<Prior>& prior, const Wanted& wanted) const {
+std::vector<Candidate> TemplateTables::candidates(const std::vector<float>& seen, const ScanDescriptor* described,
+                                                  const LevelledFrame& frame, const std::optional<Prior>& prior,
+                                                  const Wanted& wanted) const {
   std::vector<std::uint8_t> occupancy(numbers.grid.bytes());
   const std::int64_t start[] = {0, static_cast<std::int64_t>(seen.size() / 3)};
   const auto height_m = static_cast<float>(frame.height_m);
   Rotation R;
   for (std::size_t i = 0; i < 9; ++i) R[i] = static_cast<float>(frame.R_level_sensor[i / 3][i % 3]);
-  occupied_cells(seen.data(), start, &height_m, 1, &R, numbers.grid, occupancy.data());
+  if (described != nullptr) occupancy = described->occupancy;
+  else occupied_cells(seen.data(), start, &height_m, 1, &R, numbers.grid, occupancy.data());
   std::optional<HeadingPrior> headings;
   Matches matches;
   if (prior) {

@@ -11,6 +11,7 @@
 #include "firstfix/query/searched_map.hpp"
 #include "firstfix/retrieval/candidates.hpp"
 #include "firstfix/retrieval/cascade.hpp"
+#include "firstfix/scan/compact.hpp"
 #include "version_folder.hpp"
 
 namespace firstfix::version {
@@ -27,9 +28,10 @@ class TemplateTables {
 
   const EngineNumbers numbers;
 
-  // Candidates that the prior allows, best first. seen: (n, 3) points of a scan, which is levelled as `frame` says.
-  std::vector<Candidate> candidates(const std::vector<float>& seen, const LevelledFrame& frame, const std::optional<Prior>& prior,
-                                    const Wanted& wanted) const;
+  // Candidates that the prior allows, best first. seen: (n, 3) points of a scan, which is levelled as `frame` says. described: of
+  // the same frame, by a robot that had more points; null: none.
+  std::vector<Candidate> candidates(const std::vector<float>& seen, const ScanDescriptor* described, const LevelledFrame& frame,
+                                    const std::optional<Prior>& prior, const Wanted& wanted) const;
 
   // Of the sensor above its floor: the templates' median.
   double usual_height_m() const;

@@ -140,7 +140,7 @@ inline Matrix6 faced_information(const SurfaceGrid& grid, Vectors<const float> p
 inline Matrix6 pose_covariance(const Matrix6& information, const PoseMatrix& T_map_level, double map_voxel_m) {
   // Neighbouring pairs share the errors of the map and of the surface model, so one pair in this many counts as an independent
   // observation.
-  constexpr double kPairsPerObservation = 20;
+  constexpr double kPairsAnObservation = 20;
   // Known without the scan: twice what counts as the right place (1 m, 10 degrees), which is what an answer's probability is
   // about. A place further off along a free direction would tie, and nothing would be localized.
   constexpr double kPlaceM = 2, kPlaceRad = 20 * (detail::kPi / 180);
@@ -151,7 +151,7 @@ inline Matrix6 pose_covariance(const Matrix6& information, const PoseMatrix& T_m
   const std::array<double, 6> place{kPlaceRad, kPlaceRad, kPlaceRad, kPlaceM, kPlaceM, kPlaceM};
   // In units of the place its own information is 1 in every direction: what is added to it has the same eigenvectors.
   auto [times, vectors] = eigh<6>(detail::symmetric(detail::scaled_by(detail::beyond_chance(information), place)));
-  for (double& one : times) one = 1 / (std::max(one, 0.0) / kPairsPerObservation + 1);
+  for (double& one : times) one = 1 / (std::max(one, 0.0) / kPairsAnObservation + 1);
   const Matrix6 in_level = detail::scaled_by(detail::matrix_of(vectors, times), place);
   Matrix6 to_map{};  // translation comes first in the answer, last in the registration
   for (std::size_t row = 0; row < 3; ++row) {
