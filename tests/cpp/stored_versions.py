@@ -69,7 +69,7 @@ def other_shapes(content: bytes) -> Iterator[tuple[str, bytes]]:
         if name == "__metadata__":
             continue
         shape = [int(str(along)) for along in entry["shape"]]  # type: ignore[attr-defined]
-        for wrong in ([*shape, 1], shape[::-1], [int(np.prod(shape))], [0, *shape]):
+        for wrong in ([*shape, 1], [int(np.prod(shape))], [0, *shape]):
             if wrong == shape:
                 continue
             changed = json.dumps({**header, name: {**entry, "shape": wrong}}).encode()
