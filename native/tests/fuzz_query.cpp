@@ -44,7 +44,7 @@ void check(const std::optional<PreparedScan>& made, const Preparation& wanted, s
 }
 
 void join(const PreparedScan& made, const Preparation& wanted, Hostile& random) {
-  const PoseMatrix T{0, -1, 0, random.real(50), 1, 0, 0, random.real(50), 0, 0, 1, 0, 0, 0, 0, 1};
+  const PoseMatrix T{0, -1, 0, random.real(50, 0), 1, 0, 0, random.real(50, 0), 0, 0, 1, 0, 0, 0, 0, 1};
   ScannedSurface untimed = made.dense;
   untimed.at.time_s.clear();
   const JoinedSurface both = joined({{T, &untimed}, {T, &made.dense}}, wanted.voxel_m, wanted.dense_points, wanted.sparse_points);
