@@ -5,7 +5,7 @@
 #                                  # C++ client is built with, ROS 2 Jazzy. nats-server comes with .venv.
 #   scripts/test-servers.sh all    # of `make test-slow` too: Azurite (Azure), toxiproxy (broken networks), HAProxy (replicas),
 #                                  # iproute2 (a weak link), helm with the schemas of Kubernetes and prometheus-operator,
-#                                  # ROS 2 Kilted. Rust, which builds a robot of another DDS, is only looked for.
+#                                  # ROS 2 Kilted, a compiler for ARM with an emulator and the C++ client's libraries. Rust, which builds a robot of another DDS, is only looked for.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
@@ -76,5 +76,26 @@ fi
 
 have haproxy || system_packages "the replicas' tests" haproxy
 have ip || system_packages "the weak link's test" iproute2
+# What the C++ client is built with for ARM, in a folder: this machine keeps its own architecture.
+arm_libraries() {
+  local folder=.venv/arm-libraries made own deb
+  if [ -d "$folder" ]; then return 0; fi
+  have apt-get dpkg || { say "no apt-get here, so the tests of robots on ARM will be skipped"; return 0; }
+  say "getting libssl-dev and libzstd-dev for ARM"
+  made=$(mktemp -d)
+  mkdir -p "$made"/{state/lists/partial,cache/archives/partial,debs,tree}
+  own=(-o APT::Architecture=arm64 -o APT::Architectures::=arm64 -o Dir::State="$made/state" -o Dir::State::status=/dev/null
+    -o Dir::Cache="$made/cache" -o APT::Sandbox::User=root)
+  if (apt-get "${own[@]}" update -qq && cd "$made/debs" && apt-get "${own[@]}" download -qq libssl-dev libssl3 libzstd-dev libzstd1) >/dev/null 2>&1; then
+    for deb in "$made"/debs/*.deb; do dpkg -x "$deb" "$made/tree"; done
+    mv "$made/tree" "$folder"
+  else
+    say "they could not be had, so the tests of robots on ARM will be skipped"
+  fi
+  rm -rf "$made"
+}
+
+have aarch64-linux-gnu-g++ qemu-aarch64 || system_packages "the tests of robots on ARM" g++-aarch64-linux-gnu qemu-user
+arm_libraries
 have cargo || say "no cargo here, so the tests with a robot of another DDS will be skipped"
 scripts/ros2.sh kilted

@@ -6,7 +6,8 @@ from modulefinder import ModuleFinder
 from pathlib import Path
 
 PACKAGES = ("firstfix", "firstfix_client")
-LEFT_OUT = ["firstfix.formats.dataset_files", "firstfix.recording"]  # with what only it imports
+# With what only they import. Catalog and engine are for `localizer: local`, which needs firstfix itself.
+LEFT_OUT = ["firstfix.catalog", "firstfix.engine", "firstfix.formats.dataset_files", "firstfix.recording"]
 
 
 def import_closure(

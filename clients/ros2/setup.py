@@ -9,7 +9,7 @@ NAME = "firstfix_ros"
 setup(
     name=NAME,
     version="0.1.0",
-    packages=[NAME, f"{NAME}.messages", f"{NAME}.on_rclpy", f"{NAME}.robot"],
+    packages=[NAME, f"{NAME}.messages", f"{NAME}.on_board", f"{NAME}.on_rclpy", f"{NAME}.robot"],
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -30,12 +30,11 @@ def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike) -> Matri
     Raises:
         ValueError: the length of the quaternion is zero or not finite.
     """
-    q = np.asarray(quaternion_xyzw, np.float64)
-    with np.errstate(over="ignore"):
-        length = float(np.linalg.norm(q))
-    if not np.isfinite(length) or length < 1e-9:
+    x, y, z, w = np.asarray(quaternion_xyzw, np.float64).tolist()
+    length = math.sqrt(x * x + y * y + z * z + w * w)
+    if not math.isfinite(length) or length < 1e-9:
         raise ValueError("the quaternion has no direction")
-    x, y, z, w = q / length
+    x, y, z, w = x / length, y / length, z / length, w / length
     rotation = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
@@ -67,9 +66,17 @@ def quaternion_of_rows(rows: list[list[float]]) -> list[float]:
 
 
 def inverse(T: Matrix) -> Matrix:
-    """Inverse of a transform: from ``T_map_sensor`` to ``T_sensor_map``."""
-    R = T[:3, :3].T
-    return make_transform(R, -R @ T[:3, 3])
+    """Inverse of a transform: from ``T_map_sensor`` to ``T_sensor_map``, the same bits on every processor."""
+    R, t = T[:3, :3], T[:3, 3]
+    return make_transform(R.T, -(R[0] * t[0] + R[1] * t[1] + R[2] * t[2]))
+
+
+def product(T_a_b: Matrix, T_b_c: Matrix) -> Matrix:
+    """Product of two transforms, whose sums have one order: the same bits on every processor."""
+    made: Matrix = T_a_b[:, :1] * T_b_c[0]
+    for k in (1, 2, 3):
+        made += T_a_b[:, k : k + 1] * T_b_c[k]
+    return made
 
 
 def transform_points(T: Matrix, points: ArrayLike) -> NDArray[np.float64]:

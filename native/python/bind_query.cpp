@@ -9,9 +9,12 @@
 #include <vector>
 
 #include "arrays.hpp"
+#include "firstfix/query/joined_scans.hpp"
 #include "firstfix/query/level_hypotheses.hpp"
 #include "firstfix/query/prepared_scan.hpp"
 #include "firstfix/scan/other_ups.hpp"
+#include "firstfix/scan/timed_view.hpp"
+#include "grid.hpp"
 #include "rooms.hpp"
 
 namespace firstfix::python {
@@ -60,6 +63,22 @@ std::optional<Numbers> times_in(std::vector<float>&& time_s) {
 Scanned surface_in(ScannedSurface&& surface) {
   return {vectors_in(std::move(surface.at.points)), vectors_in(std::move(surface.normals)),
           array_of(std::move(surface.oriented)), times_in(std::move(surface.at.time_s))};
+}
+
+using Placed = std::tuple<PoseArray, Points, Points, Flags, std::optional<Times>>;  // T_last_scan, points, normals, oriented, times
+
+ScannedSurface surface_of(const Placed& placed) {
+  const auto& [T_last_scan, points, normals, oriented, time_s] = placed;
+  const std::size_t size = points.shape(0);
+  require(normals.shape(0) == size && oriented.shape(0) == size, "points, normals and oriented differ in length");
+  ScannedSurface made{{{points.data(), points.data() + 3 * size}, {}},
+                      {normals.data(), normals.data() + 3 * size},
+                      {bytes_of(oriented), bytes_of(oriented) + size}};
+  if (time_s) {
+    check_times(*time_s, size);
+    made.at.time_s.assign(time_s->data(), time_s->data() + size);
+  }
+  return made;
 }
 
 std::optional<Prepared> prepared_in(std::optional<PreparedScan>&& made) {
@@ -134,6 +153,28 @@ void bind_query(nb::module_& module) {
       "points"_a, "time_s"_a.none(), "nearest_m"_a, "directions"_a, "min_range_m"_a, "max_range_m"_a, "voxel_m"_a,
       "min_points"_a, "dense_points"_a, "sparse_points"_a, "up"_a, "up_is_known"_a, "height_m"_a.none(),
       "default_height_m"_a);
+  module.def(
+      "joined_scans",
+      [](const std::vector<Placed>& parts, double voxel_m, std::size_t dense_points, std::size_t sparse_points) {
+        require(dense_points > 0 && sparse_points > 0, "a largest number of points is 0");
+        std::vector<ScannedSurface> surfaces;
+        for (const Placed& one : parts) surfaces.push_back(surface_of(one));
+        std::vector<PlacedSurface> placed;
+        for (std::size_t i = 0; i < parts.size(); ++i) placed.push_back({pose_of(std::get<0>(parts[i])), &surfaces[i]});
+        JoinedSurface made = without_gil([&] { return joined(placed, voxel_m, dense_points, sparse_points); });
+        return std::make_tuple(surface_in(std::move(made.dense)), surface_in(std::move(made.sparse)));
+      },
+      "parts"_a, "voxel_m"_a, "dense_points"_a, "sparse_points"_a);
+  module.def(
+      "timed_view",
+      [](Points points, Times time_s, PerDirection nearest_m, In<float, nb::shape<kDirections, 3>> directions) {
+        const std::size_t count = points.shape(0);
+        check_times(time_s, count);
+        PointsInTime made =
+            without_gil([&] { return timed_view(points.data(), time_s.data(), count, nearest_m.data(), directions.data()); });
+        return std::make_tuple(vectors_in(std::move(made.points)), array_of(std::move(made.time_s)));
+      },
+      "points"_a, "time_s"_a, "nearest_m"_a, "directions"_a);
   module.def(
       "height_above_floor",
       [](Points points, Points normals, Direction up) {

@@ -6,7 +6,9 @@
 #include <stdexcept>
 #include <vector>
 
+#include "firstfix/query/joined_scans.hpp"
 #include "firstfix/query/prepared_scan.hpp"
+#include "firstfix/scan/timed_view.hpp"
 #include "hostile.hpp"
 
 namespace firstfix::tests {
@@ -41,6 +43,25 @@ void check(const std::optional<PreparedScan>& made, const Preparation& wanted, s
   }
 }
 
+void join(const PreparedScan& made, const Preparation& wanted, Hostile& random) {
+  const PoseMatrix T{0, -1, 0, random.real(50, 0), 1, 0, 0, random.real(50, 0), 0, 0, 1, 0, 0, 0, 0, 1};
+  ScannedSurface untimed = made.dense;
+  untimed.at.time_s.clear();
+  const JoinedSurface both = joined({{T, &untimed}, {T, &made.dense}}, wanted.voxel_m, wanted.dense_points, wanted.sparse_points);
+  const std::size_t all = 2 * made.dense.size();
+  expect(both.dense.size() == std::min(all, wanted.dense_points) && both.sparse.size() == std::min(all, wanted.sparse_points),
+         "as many points as asked for");
+  expect(both.dense.normals.size() == 3 * both.dense.size(), "a normal for each point");
+  expect(both.dense.at.time_s.size() == (made.dense.at.times() == nullptr ? 0 : both.dense.size()), "times for all, or for none");
+}
+
+void view_in_time(const std::vector<float>& points, const std::vector<float>& time_s, const std::vector<float>& nearest,
+                  const std::vector<float>& directions) {
+  const PointsInTime seen = timed_view(points.data(), time_s.data(), time_s.size(), nearest.data(), directions.data());
+  expect(seen.size() == seen.time_s.size(), "a time for each return");
+  for (const float time : seen.time_s) expect(std::fabs(time) <= 0.2F, "times of the scan");
+}
+
 void prepare_once(Hostile& random) {
   const std::vector<float> points = cloud(random);
   const std::size_t count = points.size() / 3;
@@ -56,7 +77,10 @@ void prepare_once(Hostile& random) {
     nearest[static_cast<std::size_t>(random.number(0, kDirections - 1))] = metres;
   }
   try {
-    check(prepared_scan(points.data(), when, count, wanted, levelling), wanted, count);
+    const auto made = prepared_scan(points.data(), when, count, wanted, levelling);
+    check(made, wanted, count);
+    if (made) join(*made, wanted, random);
+    view_in_time(points, time_s, nearest, directions);
     check(prepared_compact_scan(points.data(), when, count, nearest.data(), directions.data(), wanted, levelling), wanted,
           count);
   } catch (const std::invalid_argument&) {

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from firstfix.engine.verification.seen_free import SeenFree
 from tests.cpp.cpp_build import OPTIMISED, REPO, SANITISED, Build, build, require_toolchain
 from tests.cpp.stored_versions import stored
 from tests.once_a_run import OnceARun
@@ -68,3 +71,15 @@ def scan_file(small_scans, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scans") / "scan.f32"
     path.write_bytes(small_scans[0][0].points.astype("<f4").tobytes())
     return path
+
+
+@pytest.fixture(scope="session")
+def folder(small_version, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small world's version as it lies in a store, with space that a mapping run saw free."""
+    rng = np.random.default_rng(5)
+    brick = np.argwhere(rng.random((12, 10, 3)) < 0.3) - [6, 5, 1]
+    bits = (rng.integers(-(2**31), 2**31, (len(brick), 8, 2)) & 0x01010101).astype(np.int32)
+    built = tmp_path_factory.mktemp("built") / "version"
+    shutil.copytree(small_version.directory, built)
+    SeenFree.of_bricks(brick, bits, 0.2).save(built)
+    return stored(built, tmp_path_factory.mktemp("versions"))

@@ -6,6 +6,7 @@ import fcntl
 import os
 import shutil
 import subprocess
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,11 +35,23 @@ class Build:
         )
 
 
-def build(folder: Path, flags: str, *targets: str) -> None:
-    """Builds the named targets in the folder, one caller at a time; all targets if none is named."""
+def build(
+    folder: Path,
+    flags: str,
+    *targets: str,
+    options: Sequence[str] = ("-DFIRSTFIX_TESTS=ON",),
+    more: Mapping[str, str] | None = None,
+) -> None:
+    """Builds the named targets in the folder, one caller at a time; all targets if none is named.
+
+    Args:
+        options: of CMake.
+        more: variables of the environment.
+    """
+    environment = {**os.environ, **(more or {})}
     configure = ["cmake", "-S", REPO / "clients" / "cpp", "-B", folder, f"-DCMAKE_CXX_FLAGS={flags}"]
     commands = (
-        [*configure, "-DFIRSTFIX_TESTS=ON", "-DFIRSTFIX_STRICT=ON"],
+        [*configure, *options, "-DFIRSTFIX_STRICT=ON"],
         ["cmake", "--build", folder, "--parallel", "2", "--target", *(targets or ("all",))],
     )
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -46,7 +59,9 @@ def build(folder: Path, flags: str, *targets: str) -> None:
         # Two of CMake in one folder take each other's files away.
         fcntl.flock(lock, fcntl.LOCK_EX)
         for command in commands:
-            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=3000)
+            done = subprocess.run(
+                command, capture_output=True, text=True, check=False, timeout=3000, env=environment
+            )
             assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
 
 

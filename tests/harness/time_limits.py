@@ -26,6 +26,9 @@ LONGER: dict[str, tuple[int, str]] = {
     "optimised_tests": (1500, "compiles the C++ client's tests"),
     "optimised": (1500, "compiles the C++ client"),
     "sanitised": (1500, "compiles it once more, with sanitizers"),
+    "on_board": (1500, "compiles the localizer without Python"),
+    "sanitised_on_board": (1500, "the same, with sanitizers"),
+    "on_arm": (1500, "the same, for ARM"),
     "allowed_versions": (1500, "installs all packages and compiles the core"),
     "program": (1500, "cargo gets and compiles a robot of another DDS"),
 }

@@ -278,6 +278,14 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "prepare_compact_scan": lambda n: n.prepare_compact_scan(
         FEW, TIMES, n.nearest_by_direction(STREET), directions(), *LIMITS, 700, 200, UP, True, 1.5, 1.0
     ),
+    "joined_scans": lambda n: n.joined_scans(
+        [
+            (T_MAP_SENSOR, FEW, NORMALS, FEW[:, 0] > 0, None),
+            (np.eye(4), FEW[:900], NORMALS[:900], FEW[:900, 1] > 0, TIMES[:900]),
+        ],
+        *(0.3, 2000, 300),
+    ),
+    "timed_view": lambda n: n.timed_view(FEW, TIMES, n.nearest_by_direction(STREET), directions()),
     "height_above_floor": lambda n: n.height_above_floor(
         FEW, np.tile(np.float32([0, 0, 1]), (len(FEW), 1)), UP
     ),

@@ -16,12 +16,16 @@ import numpy as np
 import pytest
 
 from firstfix.answer.localization import Localization, Reason, Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
 from firstfix.scan.scan import Scan
-from firstfix.transform import make_transform, rotation_z
+from firstfix.transform import make_transform, quaternion_of, rotation_z
+from tests.cpp.stored_versions import stored
 from tests.fake_service import FakeService
 from tests.robots.real_robots import Network, RosRobot, RosRobots, ros_robots
 from tests.robots.real_ros import DISTRIBUTIONS, real_ros
-from tests.robots.robot_program import write_points
+from tests.robots.robot_program import T_BASE_SENSOR, write_points
 from tests.waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
@@ -200,12 +204,37 @@ def test_it_waits_to_be_asked_and_ends_by_sigterm(
     robot.go()
 
 
+def test_it_localizes_without_a_service(
+    robots: RosRobots, network: Network, small_version, small_scans, tmp_path: Path
+):
+    """The pose is the localizer's own, of the version's folder alone."""
+    folder = stored(small_version.directory, tmp_path)
+    scan, T_map_sensor = small_scans[0]
+    robot = robots.robot("/alone")
+    remapped = ["-r", "__ns:=/alone", "-r", "/tf:=tf", "-r", "/tf_static:=tf_static"]
+    given = {"map_id": "yard", "localizer": "local", "version_folder": str(folder), "imu": "false"}
+    with node(network, tmp_path / "log", *remapped, **given) as running:
+        robot.show(write_points(scan, tmp_path / "scan.bin"), T_map_sensor)
+        pose = robot.wait_for("initialpose")["message"]["pose"]["pose"]
+        wait_until(lambda: robot.says(map_version=folder.name, verdict="localized"))
+        options = LocalizeOptions(T_base_sensor=T_BASE_SENSOR)
+        answer = Localizer(MapIndex.load(folder)).localize(Scan(scan.points), options)
+        assert answer.T_map_base is not None
+        told = [*pose["position"].values(), *pose["orientation"].values()]
+        wanted = [*answer.T_map_base[:3, 3], *quaternion_of(answer.T_map_base)]
+        np.testing.assert_allclose(told, wanted, atol=1e-12)  # the mounting came as a quaternion
+        assert running.end(signal.SIGINT) == 0, running.text
+        assert "Traceback" not in running.text
+    robot.go()
+
+
 WRONG = {
     "map_id:=''": "not a map id",
     "retry_s:=1": "the parameter retry_s is a double, such as 1.0",
     "watch_s:=-1.0": "out of range",
     "imu:=often": "the parameter imu is a bool",
     "retry_s": "Couldn't parse parameter override",
+    "localizer:=here": "localizer is service or local",
 }
 
 
@@ -218,3 +247,8 @@ def test_wrong_parameters_end_it_with_a_line(network: Network, tmp_path: Path):
         assert one.process.wait(LIMIT_S) == 2, wrong
         assert WRONG[wrong] in one.text
         assert "Traceback" not in one.text
+    nowhere = ["-p", "map_id:=hall", "-p", "localizer:=local", "-p", f"version_folder:={tmp_path}"]
+    without_a_version = Node(network, tmp_path / "nowhere.log", nowhere)
+    assert without_a_version.process.wait(LIMIT_S) == 2
+    assert "there is no version in the folder" in without_a_version.text
+    assert "Traceback" not in without_a_version.text

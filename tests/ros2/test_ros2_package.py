@@ -105,6 +105,10 @@ def test_the_sample_parameters_are_the_defaults():
         {"timeout_s": 0.0},
         {"retry_s": -1.0},
         {"watch_s": -1.0},
+        {"localizer": "here"},
+        {"localizer": "local"},
+        {"version_folder": "/maps/hall"},
+        {"localizer": "local", "version_folder": "/maps/hall", "zenoh": "tcp/localhost:7447"},
     ],
 )
 def test_parameters_that_cannot_be(wrong):

@@ -1,14 +1,18 @@
-// firstfix_localize_here FOLDER FILE [OPTION=NUMBERS ...]: localizes a scan in a map's version on this machine, without a service.
+// firstfix_localize_here FOLDER FILE [OPTION=NUMBERS ...]: localizes a scan, or several with their poses, in a map's version on
+// this machine, without a service.
 //
-// FOLDER is maps/MAP/versions/VERSION of a store. FILE is a PCD file, a scan of the protocol (.ffscan), or raw little-endian
-// float32 x, y, z. Options are those of a query: gravity=X,Y,Z prior=X,Y,Z,RADIUS[,YAW,RANGE] T_base_sensor=X,Y,Z,QX,QY,QZ,QW
-// twist=VX,VY,VZ,WX,WY,WZ max_candidates=N min_probability=P max_false_accept=P deadline_ms=T. Each line has a name and what it
-// names. Exit codes are those of `firstfix localize`: 0 localized, 3 ambiguous, 4 rejected, 1 error, 2 wrong usage.
+// FOLDER is maps/MAP/versions/VERSION of a store. FILE is a PCD file, a body of the protocol (.ffscan: a scan, a compact one, or a
+// sequence), or raw little-endian float32 x, y, z. Options are those of a query: gravity=X,Y,Z prior=X,Y,Z,RADIUS[,YAW,RANGE]
+// T_base_sensor=X,Y,Z,QX,QY,QZ,QW T_odom_base=X,Y,Z,QX,QY,QZ,QW twist=VX,VY,VZ,WX,WY,WZ max_candidates=N min_probability=P
+// max_false_accept=P deadline_ms=T. Each line has a name and what it names; findings go to the standard error. Exit codes are those of `firstfix localize`:
+// 0 localized, 3 ambiguous, 4 rejected, 1 error, 2 wrong usage.
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <limits>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "firstfix/version/localizer.hpp"
@@ -41,7 +45,8 @@ void take(firstfix::LocalizeOptions& options, const std::string& text) {
   else if (is("prior", 6)) options.prior = firstfix::Prior{{n[0], n[1], n[2]}, n[3], n[4], n[5]};
   else if (is("T_base_sensor", 7)) options.T_base_sensor = pose_of(n);
   else if (is("twist", 6)) options.twist = firstfix::Twist{{n[0], n[1], n[2]}, {n[3], n[4], n[5]}};
-  else if (is("max_candidates", 1) && n[0] >= 1 && n[0] <= 100) options.max_candidates = static_cast<int>(n[0]);
+  else if (is("T_odom_base", 7)) options.T_odom_base = pose_of(n);
+  else if (is("max_candidates", 1) && n[0] == std::floor(n[0]) && std::fabs(n[0]) < 1e9) options.max_candidates = static_cast<int>(n[0]);
   else if (is("min_probability", 1)) options.min_probability = n[0];
   else if (is("max_false_accept", 1)) options.max_false_accept = n[0];
   else if (is("deadline_ms", 1)) options.deadline_ms = n[0];
@@ -66,6 +71,7 @@ int print(const firstfix::Localization& fix) {
   const auto verdict = static_cast<std::size_t>(fix.verdict);
   std::printf("verdict %s\nprobability %.17g\n", kVerdicts[verdict], fix.probability);
   for (const std::string& reason : fix.reasons) std::printf("reason %s\n", reason.c_str());
+  for (const firstfix::Finding& one : fix.findings) std::fprintf(stderr, "%s: %s %s\n", one.code.c_str(), one.text.c_str(), one.remedy.c_str());
   if (fix.T_map_sensor) print("T_map_sensor", *fix.T_map_sensor);
   if (fix.T_map_base) print("T_map_base", *fix.T_map_base);
   if (fix.covariance) std::printf("covariance"), print(*fix.covariance), std::printf("\n");
@@ -96,7 +102,8 @@ int main(int argc, char** argv) {
     firstfix::LocalizeOptions options;
     for (int i = 3; i < argc; ++i) take(options, argv[i]);
     const firstfix::Localizer localizer(argv[1]);
-    return print(localizer.localize(firstfix::example::read_scan(argv[2]), options));
+    return std::visit([&](const auto& scan) { return print(localizer.localize(scan, options)); },
+                      firstfix::example::read_scans(argv[2]));
   } catch (const std::exception& error) {
     std::fprintf(stderr, "firstfix_localize_here: %s\n", error.what());
     return 1;

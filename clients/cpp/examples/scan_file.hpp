@@ -1,7 +1,9 @@
-// Reads a scan from a PCD file (ascii or binary, fields x y z of four or eight bytes), a body of the protocol's own encoding
-// (.ffscan, which may have times), or raw little-endian float32.
+// Reads a scan from a PCD file (ascii or binary, fields x y z of four or eight bytes), a body of the protocol's own encodings
+// (.ffscan, which may have times), or raw little-endian float32. A body may hold several scans, or a compact one.
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
@@ -10,10 +12,15 @@
 #include <limits>
 #include <sstream>
 #include <string>
+#include <utility>
+#include <variant>
 #include <vector>
 
 #include "firstfix/scan/scan.hpp"
+#include "firstfix/scan/sequence.hpp"
+#include "firstfix/wire/query.hpp"
 #include "firstfix/wire/scan.hpp"
+#include "firstfix/wire/sequence.hpp"
 
 namespace firstfix::example {
 
@@ -136,18 +143,23 @@ inline Scan read_pcd(std::istream& in) {
   return scan;
 }
 
-inline Scan read_scan(const std::string& path) {
+inline bool ends_with(const std::string& path, const std::string& ending) {
+  return path.size() > ending.size() && path.compare(path.size() - ending.size(), ending.size(), ending) == 0;
+}
+
+// A body of the protocol's own encodings. Its first bytes tell which.
+inline Bytes read_body(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
   if (!in) throw Error("not_found", "no such file: " + path);
-  const auto ends_with = [&path](const std::string& ending) {
-    return path.size() > ending.size() && path.compare(path.size() - ending.size(), ending.size(), ending) == 0;
-  };
-  if (ends_with(".pcd")) return read_pcd(in);
-  if (ends_with(".ffscan")) {
-    if (std::filesystem::file_size(path) > kMaxPoints * 16) throw Error("too_large", "the file has too many bytes");
-    const std::string body{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-    return decode_scan(reinterpret_cast<const std::uint8_t*>(body.data()), body.size());
-  }
+  if (std::filesystem::file_size(path) > kMaxPoints * 16) throw Error("too_large", "the file has too many bytes");
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+inline Scan read_scan(const std::string& path) {
+  if (ends_with(path, ".ffscan")) return decode_scan(read_body(path));
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw Error("not_found", "no such file: " + path);
+  if (ends_with(path, ".pcd")) return read_pcd(in);
   Scan scan;
   for (float xyz[3]; in.read(reinterpret_cast<char*>(xyz), sizeof xyz);) {
     if (scan.points.size() == kMaxPoints) throw Error("too_large", "the file has over 2,000,000 points");
@@ -155,6 +167,19 @@ inline Scan read_scan(const std::string& path) {
   }
   if (in.gcount() != 0) throw Error("malformed_data", "the file does not have a whole number of points");
   return scan;
+}
+
+using ScanOrSequence = std::variant<Scan, CompactScan, ScanSequence>;
+
+inline ScanOrSequence read_scans(const std::string& path) {
+  if (!ends_with(path, ".ffscan")) return read_scan(path);
+  const Bytes body = read_body(path);
+  const std::string magic(body.begin(), body.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(body.size(), 4)));
+  if (magic == "FFSS") return decode_scans(body);
+  if (magic != "FFQY") return decode_scan(body);
+  Query query = decode_query(body);
+  if (auto* compact = std::get_if<CompactScan>(&query)) return std::move(*compact);
+  throw Error("unsupported_format", "a descriptor has no points: only a service answers it, with candidates");
 }
 
 }  // namespace firstfix::example

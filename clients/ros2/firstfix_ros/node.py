@@ -45,19 +45,18 @@ class FirstFixNode(Node):  # type: ignore[misc]
 
     Raises:
         FirstfixError, ConnectionError: a parameter cannot be used, or nothing listens at ``zenoh``.
-        ModuleNotFoundError: ``zenoh`` is set, and its package is not installed.
+        ModuleNotFoundError: ``zenoh`` is set or the localizer is local, and its package is not installed.
     """
 
     def __init__(self) -> None:
         self._endings = ExitStack()  # of what was begun: a context that ends also destroys a node half made
         super().__init__(NODE_NAME)
         self._given = declare(self)
-        client = self._given.client()
-        self._endings.callback(client.close)
+        answerer = self._given.answerer(self._endings, self.get_namespace())
         self._robot = RclpyRobot(
             self,
             _names(self._given),
-            self._given.answerer(client, self.get_namespace()),
+            answerer,
             self._given.config(),
             hardware_id=self.get_namespace(),
             log_line=self.get_logger().info,

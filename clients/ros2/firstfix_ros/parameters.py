@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,14 @@ from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id, is_robot_name
 from firstfix_client import Client, ZenohClient
 
+from .on_board.local_localizer import LocalLocalizer
 from .robot.answerer import Answerer
 from .robot.config import GatewayConfig
 from .robot.fix_memory import user_memory
 
 MAX_TIME_S = 3600.0
+LOCAL = "local"
+LOCALIZERS = ("service", LOCAL)
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,9 @@ def _of(
 class Parameters:
     """Parameters of the node with their defaults and descriptions."""
 
-    map_id: str = _of("", "Id of the map in the service; required.")
+    map_id: str = _of("", "Id of the map; required.")
+    localizer: str = _of("service", "Who answers: service, or local: this machine, by version_folder.")
+    version_folder: str = _of("", "Of the localizer local: maps/MAP/versions/VERSION of a store.")
     url: str = _of("http://localhost:8080", "Address of the service, unless zenoh is set.")
     zenoh: str = _of("", "Zenoh endpoint of the service, such as tcp/localhost:7447.")
     map_frame: str = _of("map", "Frame of the published pose.")
@@ -76,7 +82,9 @@ class Parameters:
     )
     memory: str = _of("", "Folder that keeps the last fix over a restart. Empty: the user's.")
     timeout_s: float = _of(10.0, "Longest wait for an answer, in seconds.", (0.001, MAX_TIME_S))
-    voxel_m: float = _of(0.25, "Thins scans before sending, in metres. 0: all points, to 1 cm.", (0.0, 100.0))
+    voxel_m: float = _of(
+        0.25, "Thins scans before they are sent, in metres. 0: all points, to 1 cm.", (0.0, 100.0)
+    )
 
     @classmethod
     def declarations(cls) -> tuple[Declaration, ...]:
@@ -94,6 +102,12 @@ class Parameters:
         parameters = cls(**values)
         check_map_id(parameters.map_id)
         parameters.config()
+        if parameters.localizer not in LOCALIZERS:
+            raise InvalidOption(f"localizer is {' or '.join(LOCALIZERS)}, not {parameters.localizer[:80]!r}")
+        if (parameters.localizer == LOCAL) != bool(parameters.version_folder):
+            raise InvalidOption("the localizer local has a version_folder, and no other one has")
+        if parameters.localizer == LOCAL and parameters.zenoh:
+            raise InvalidOption("zenoh is the way to a service, and the localizer local asks none")
         for one in cls.declarations():
             if one.limits is not None:
                 lowest, highest = one.limits
@@ -120,21 +134,31 @@ class Parameters:
             memory=Path(self.memory) if self.memory else user_memory(_domain()),
         )
 
-    def client(self) -> Client | ZenohClient:
-        """A client: over zenoh if ``zenoh`` is set, else over HTTP.
+    def answerer(self, endings: ExitStack, robot: str = "") -> Answerer:
+        """The one that answers: a client's ``localize`` for the map, or the localizer on this machine.
+
+        Args:
+            endings: take what ends it.
+            robot: its name, which a service is told.
 
         Raises:
-            InvalidOption, ServiceUnreachable, ModuleNotFoundError: see the clients.
+            InvalidOption, ServiceUnreachable, ModuleNotFoundError: see the clients and ``LocalLocalizer``.
+            FirstfixError: see ``LocalLocalizer``.
         """
+        if self.localizer == LOCAL:
+            folder = Path(self.version_folder)
+            return endings.enter_context(LocalLocalizer(folder, self.map_id, timeout_s=self.timeout_s))
+        client = self._client()
+        endings.callback(client.close)
+        named = robot if is_robot_name(robot) and robot != "/" else None
+        return lambda scan, options: client.localize(scan, map_id=self.map_id, options=options, robot=named)
+
+    def _client(self) -> Client | ZenohClient:
+        """A client: over zenoh if ``zenoh`` is set, else over HTTP."""
         voxel_m = self.voxel_m or None
         if self.zenoh:
             return ZenohClient(self.zenoh, timeout_s=self.timeout_s, voxel_m=voxel_m)
         return Client(self.url, timeout_s=self.timeout_s, voxel_m=voxel_m)
-
-    def answerer(self, client: Client | ZenohClient, robot: str = "") -> Answerer:
-        """The client's ``localize`` for the map, in the robot's name if it has one."""
-        named = robot if is_robot_name(robot) and robot != "/" else None
-        return lambda scan, options: client.localize(scan, map_id=self.map_id, options=options, robot=named)
 
 
 def _domain() -> int:

@@ -24,6 +24,8 @@ TOPICS = {
 # By their types: a map 7 is no number. Those that are not given are as in the file `params`.
 PARAMETERS = {
     "map_id": str,
+    "localizer": str,
+    "version_folder": str,
     "url": str,
     "zenoh": str,
     "map_frame": str,

@@ -178,11 +178,11 @@ def _gravity(numbers: list[float]) -> NDArray[np.float64]:
     if len(numbers) == 2:  # roll about x, then pitch about y, of the sensor in a level frame
         roll, pitch = np.radians(numbers)
         return np.array([np.sin(pitch), -np.cos(pitch) * np.sin(roll), -np.cos(pitch) * np.cos(roll)])
-    down = np.asarray(numbers, np.float64)
-    length = float(np.linalg.norm(down))
+    x, y, z = numbers
+    length = math.sqrt(x * x + y * y + z * z)  # in an order of its own: the same bits on every robot
     if length < 1e-6:
         raise InvalidOption("gravity has no direction")
-    return down / length
+    return np.array([x, y, z]) / length
 
 
 def _twist(numbers: list[float]) -> NDArray[np.float64]:

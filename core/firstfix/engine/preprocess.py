@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import native
 from ..descriptor import Described, Descriptor, LayeredOccupancy, ScanBatch
 from ..errors import InvalidOption
 from ..native import (
@@ -19,7 +21,7 @@ from ..native import (
 )
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.levelling import turned
-from ..scan.reduction import COLUMNS, RangeView, TimedPoints, directions, nearest_by_direction
+from ..scan.reduction import RangeView, TimedPoints, directions, nearest_by_direction
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
 from ..transform import Matrix
@@ -39,14 +41,7 @@ def timed_view(timed: TimedPoints, nearest_m: NDArray[np.float32]) -> TimedPoint
         nearest_m: (cells,) nearest ranges by direction, infinite where nothing returned.
     """
     assert timed.time_s is not None
-    azimuth = np.arctan2(timed.points[:, 1], timed.points[:, 0])
-    of_point = ((azimuth / (2 * np.pi) + 0.5) * COLUMNS).astype(np.int64) % COLUMNS
-    count = np.bincount(of_point, minlength=COLUMNS)
-    mean_s = np.bincount(of_point, timed.time_s, COLUMNS) / np.maximum(count, 1)
-    known = np.flatnonzero(count)
-    column_s = np.interp(np.arange(COLUMNS), known, mean_s[known]) if len(known) else mean_s
-    seen = np.flatnonzero(np.isfinite(nearest_m))
-    return TimedPoints(_returns_at(nearest_m, seen), column_s[seen % COLUMNS].astype(np.float32))
+    return TimedPoints(*native.timed_view(timed.points, timed.time_s, nearest_m, directions()))
 
 
 def deskewed(sequence: ScanSequence, twist: NDArray[np.float64] | None) -> ScanSequence:
@@ -169,7 +164,7 @@ def preprocess(
     # the motion that is solved is the last scan's
     still = [replace(scan, time_s=None) for scan in sequence.scans[:-1]]
     for scan, T_last_scan in zip([*still, sequence.scans[-1]], sequence.T_last_scan, strict=True):
-        down = None if gravity is None else T_last_scan[:3, :3].T @ gravity
+        down = None if gravity is None else _in_scan(T_last_scan, gravity)
         made = _prepare(scan, T_last_scan, down, config, R_base_sensor, ranking)
         if made is not None:
             prepared, sparse = made
@@ -178,17 +173,20 @@ def preprocess(
         return None
     if len(scans) == 1 and not (scans[0].T_last_scan != SAME_FRAME).any():
         return PreparedQuery(tuple(scans), scans[0].thinned, scans[0].thinned if sparse is None else sparse)
-    together = Surface.together([scan.thinned.moved(scan.T_last_scan) for scan in scans])
-    counts = ranking.dense_points, ranking.sparse_points
-    dense, few = (together.at_most(count, config.voxel_m) for count in counts)
-    return PreparedQuery(tuple(scans), dense, few)
+    dense, few = native.joined_scans(
+        [(one.T_last_scan, *_numbers(one.thinned)) for one in scans],
+        config.voxel_m,
+        ranking.dense_points,
+        ranking.sparse_points,
+    )
+    return PreparedQuery(tuple(scans), _surface(*dense), _surface(*few))
 
 
-def _returns_at(nearest_m: NDArray[np.float32], cells: NDArray[np.integer]) -> NDArray[np.float32]:
-    """The returns (k, 3) of a range view in the given cells, each in the middle of its direction."""
-    returns = directions().take(cells, axis=0)
-    returns *= nearest_m.take(cells)[:, None]
-    return returns
+def _in_scan(T_last_scan: Matrix, direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A direction (3,) of the last scan in a scan's frame, the same bits on every processor."""
+    R, (x, y, z) = T_last_scan[:3, :3], direction
+    turned_back: NDArray[np.float64] = R[0] * x + R[1] * y + R[2] * z
+    return turned_back
 
 
 def _prepare(
@@ -253,6 +251,13 @@ def _prepare(
         returns,
     )
     return prepared, None if sparse is None else _surface(*sparse)
+
+
+_Floats: TypeAlias = NDArray[np.float32]
+
+
+def _numbers(surface: Surface) -> tuple[_Floats, _Floats, NDArray[np.bool_], _Floats | None]:
+    return surface.points, surface.normals, surface.oriented, surface.time_s
 
 
 def _surface(

@@ -46,7 +46,7 @@ def judge(
     return Localization(
         Verdict.LOCALIZED,
         T_map_sensor=best.T_map_sensor,
-        T_map_base=None if mounting is None else best.T_map_sensor @ inverse(mounting),
+        T_map_base=None if mounting is None else native.pose_product(best.T_map_sensor, inverse(mounting)),
         covariance=covariance,
         probability=probability,
         hypotheses=hypotheses,

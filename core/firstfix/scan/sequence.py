@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidScan, TooLarge
-from ..transform import Matrix, inverse
+from ..transform import Matrix, inverse, product
 from .compact import CompactScan, ScanDescriptor
 from .scan import MAX_POINTS, Scan
 
@@ -61,7 +61,8 @@ class ScanSequence:
                 raise InvalidScan(f"pose {number} of the sequence is not a rigid transform")
             if np.abs(T[:3, 3]).max() > MAX_ODOMETRY_M:
                 raise InvalidScan(f"pose {number} of the sequence lies beyond {MAX_ODOMETRY_M:g} m")
-        T_last_scan = tuple(inverse(poses[-1]) @ T for T in poses)
+        T_last_odom = inverse(poses[-1])
+        T_last_scan = tuple(product(T_last_odom, T) for T in poses)
         if any(np.linalg.norm(T[:3, 3]) > MAX_WAY_M for T in T_last_scan):
             raise InvalidScan(f"a scan of the sequence lies over {MAX_WAY_M:g} m from the last")
         return cls(tuple(scans), T_last_scan)

@@ -300,12 +300,13 @@ def _read_descriptor(rest: FrameReader) -> ScanDescriptor:
     kind, layers, rings, sectors, frame_bytes, radius_m, *up, height_m = rest.header(_DESCRIPTOR)
     if kind != _OCCUPANCY:
         raise UnsupportedFormat(f"descriptor kind {kind} of {MEDIA_TYPE}: only {_OCCUPANCY} is supported")
+    length = math.sqrt(up[0] * up[0] + up[1] * up[1] + up[2] * up[2])  # the same bits on every robot
     fields = {
         "layer count": 1 <= layers <= _MAX_LAYERS,
         "ring count": 1 <= rings <= _MAX_RINGS,
         "sector count": 1 <= sectors <= _MAX_SECTORS,
         "radius": 0 < radius_m <= MAX_ABS_COORDINATE_M,
-        "up vector": abs(math.hypot(*up) - 1) < 1e-3,
+        "up vector": abs(length - 1) < 1e-3,
         "height": abs(height_m) <= 100,
     }
     rest.check(fields)
@@ -315,7 +316,7 @@ def _read_descriptor(rest: FrameReader) -> ScanDescriptor:
     content_bytes = -(-layers * rings * sectors // 8)
     occupancy = np.frombuffer(rest.frame(frame_bytes, content_bytes, content_bytes), np.uint8)
     descriptor = LayeredOccupancy(PolarGrid(rings, sectors, radius_m), edges_m)
-    return ScanDescriptor(descriptor, occupancy, np.array(up) / math.hypot(*up), height_m)
+    return ScanDescriptor(descriptor, occupancy, np.array(up) / length, height_m)
 
 
 def _compressed(content: bytes) -> bytes:

@@ -49,6 +49,7 @@ EngineNumbers engine_numbers(const MappedFile& file) {
                      {number_in(aliases, "near_m", 0, 1000), number_in(aliases, "behind", 0, 1), whole_in(aliases, "templates", 1, 100),
                       whole_in(aliases, "screened", 1, 1000), whole_in(aliases, "tried", 1, 1000)},
                      ranking_numbers(ranking),
+                     number_in(ranking, "spots_apart_m", 0, 1e9),
                      number_in(verified, "reach_m", 1, 200),
                      whole_in(verified, "compared", 1, 1000)};
   const auto points = [&](const char* name) { return whole_in(ranking, name, 1, 1 << 30); };

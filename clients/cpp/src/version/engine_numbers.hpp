@@ -20,6 +20,7 @@ struct EngineNumbers {
   NearbyNumbers nearby;
   AliasNumbers aliases;
   Ranking ranking;
+  double spots_apart_m;  // nearer to each other, scans show the same surfaces again
   double reach_m;        // of the free-space check
   std::size_t compared;  // candidates that compete, at most
 };

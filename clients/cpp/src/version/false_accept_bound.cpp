@@ -3,6 +3,7 @@
 #include <string>
 
 #include "fields.hpp"
+#include "number_text.hpp"
 
 namespace firstfix::version {
 
@@ -26,8 +27,9 @@ double FalseAcceptBound::min_probability(double max_false_accept) const {
   for (const Row& row : rows_) {
     if (row.bound <= max_false_accept) return row.min_probability;
   }
-  throw Error("invalid_option", rows_.empty() ? "max_false_accept: no bound was measured for this map, build it again"
-                                              : "max_false_accept: the least bound of this map is larger");
+  const std::string asked = "max_false_accept " + number_text(max_false_accept) + ": ";
+  throw Error("invalid_option", asked + (rows_.empty() ? "no bound was measured for this map, build it again"
+                                                       : "the least bound of this map is " + number_text(rows_.back().bound)));
 }
 
 }  // namespace firstfix::version

@@ -7,36 +7,20 @@
 #include <utility>
 
 #include "asked_scan.hpp"
+#include "checked_options.hpp"
 #include "false_accept_bound.hpp"
 #include "firstfix/query/verdict.hpp"
 #include "firstfix/registration/covariance.hpp"
 #include "map_tables.hpp"
 #include "poses.hpp"
 #include "ranking_numbers.hpp"
+#include "reason_finding.hpp"
 #include "scan_search.hpp"
 #include "template_tables.hpp"
 #include "version_folder.hpp"
 
 namespace firstfix {
 namespace {
-
-constexpr double kLongestMs = 600'000;
-constexpr int kMostCandidates = 100;
-
-void require(bool holds, const char* message) {
-  if (!holds) throw Error("invalid_option", message);
-}
-
-void check(const LocalizeOptions& options) {
-  const auto is_share = [](const std::optional<double>& share) { return !share || (*share >= 0 && *share <= 1); };
-  require(!options.max_candidates || (*options.max_candidates >= 1 && *options.max_candidates <= kMostCandidates),
-          "max_candidates must lie in [1, 100]");
-  require(is_share(options.min_probability), "min_probability must lie in [0, 1]");
-  require(is_share(options.max_false_accept), "max_false_accept must lie in [0, 1]");
-  require(!options.min_probability || !options.max_false_accept,
-          "min_probability and max_false_accept both set the threshold: give one");
-  require(!options.deadline_ms || (*options.deadline_ms >= 1 && *options.deadline_ms <= kLongestMs), "deadline_ms must lie in [1, 600000]");
-}
 
 PlacesOptions places_options(const LocalizeOptions& options) {
   PlacesOptions made{options.gravity, options.prior, options.T_base_sensor, std::nullopt};
@@ -87,7 +71,7 @@ void place(Localization& answer, const RegisteredPose& best, const ScannedSurfac
 
 struct Localizer::Opened {
   explicit Opened(const version::VersionFolder& folder)
-      : version(folder.version()),
+      : version_name(folder.version()),
         templates(folder),
         tables(folder, templates.places().count),
         calibrations(version::calibrations(folder.file("calibration.json"))),
@@ -109,7 +93,10 @@ struct Localizer::Opened {
     return map;
   }
 
-  std::string version;
+  // options: checked.
+  Localization localized(const version::AskedScans& scans, const LocalizeOptions& options) const;
+
+  std::string version_name;
   version::TemplateTables templates;
   version::MapTables tables;
   version::Calibrations calibrations;
@@ -122,32 +109,44 @@ Localizer::~Localizer() = default;
 Localizer::Localizer(Localizer&&) noexcept = default;
 Localizer& Localizer::operator=(Localizer&&) noexcept = default;
 
-const std::string& Localizer::version() const { return opened_->version; }
+const std::string& Localizer::version() const { return opened_->version_name; }
 
 Localization Localizer::localize(const Scan& scan, const LocalizeOptions& options) const {
+  return opened_->localized(version::asked(scan), version::checked(options));
+}
+
+Localization Localizer::localize(const CompactScan& scan, const LocalizeOptions& options) const {
+  return opened_->localized(version::asked(scan), version::checked(options));
+}
+
+Localization Localizer::localize(const ScanSequence& sequence, const LocalizeOptions& options) const {
+  return opened_->localized(version::asked(sequence), version::checked(options));
+}
+
+Localization Localizer::Opened::localized(const version::AskedScans& scans, const LocalizeOptions& options) const {
   const auto began = Deadline::Clock::now();
-  check(options);
   double asked = options.min_probability.value_or(std::numeric_limits<double>::quiet_NaN());
-  if (options.max_false_accept) asked = opened_->bound.min_probability(*options.max_false_accept);
+  if (options.max_false_accept) asked = bound.min_probability(*options.max_false_accept);
   Deadline deadline;
   if (options.deadline_ms) deadline = Deadline::after_s(*options.deadline_ms / 1000, began);
-  const version::EngineNumbers& numbers = opened_->templates.numbers;
+  const version::EngineNumbers& numbers = templates.numbers;
   const PlacesOptions places = places_options(options);
-  auto prepared = version::prepared(scan, places, numbers, options.twist);
+  auto prepared = version::prepared(scans, places, numbers, options.twist);
   Localization answer;
-  answer.map_version = opened_->version;
-  if (!prepared) {
+  answer.map_version = version_name;
+  if (prepared.empty()) {
     answer.reasons = {"too_few_points"};
     return answer;
   }
-  const SearchedMap map = opened_->searched(options);
-  version::ScanSearch search(opened_->templates, map, std::move(*prepared), places, asked, deadline);
+  const SearchedMap map = searched(options);
+  version::ScanSearch search(templates, map, std::move(prepared), places, asked, deadline);
   search.run();
   const RegisteredPoses& found = search.found();
   std::vector<Competitor> ranked;
   for (const RegisteredPose& one : found) {
     const Registration& placed = one.registration;
-    ranked.push_back({0, one.fit, one.support, 1, one.is_alike, ranked.empty() ? search.outside_lead() : 0, placed.rests, is_in_motion(placed)});
+    const double outside_lead = ranked.empty() ? search.outside_lead() : 0;
+    ranked.push_back({0, one.fit, one.support, search.spots(), one.is_alike, outside_lead, placed.rests, is_in_motion(placed)});
   }
   const std::vector<JudgingMap> judging{{map.ranking, map.calibration}};
   const Decision decision = Judge(judging, ranked).decided(asked);
@@ -159,6 +158,7 @@ Localization Localizer::localize(const Scan& scan, const LocalizeOptions& option
   } else {
     answer.verdict = decision.why == Why::kSeveralPlaces ? Verdict::ambiguous : Verdict::rejected;
     answer.reasons = {reason_of(decision.why)};
+    if (const auto why = version::reason_finding(answer)) answer.findings = {*why};
   }
   return answer;
 }

@@ -1,6 +1,10 @@
-// Search of one scan in a version: the scan and its search, kept together.
+// Search of a query in a version: its scans and their search, kept together.
 #pragma once
 
+#include <cstddef>
+#include <vector>
+
+#include "asked_scan.hpp"
 #include "firstfix/query/climb.hpp"
 #include "firstfix/version/places_options.hpp"
 #include "template_tables.hpp"
@@ -9,9 +13,10 @@ namespace firstfix::version {
 
 class ScanSearch {
  public:
-  // templates, map: must outlive it. asked: the threshold on the probability that the caller asks for; not a number: none.
-  ScanSearch(const TemplateTables& templates, const SearchedMap& map, PreparedScan&& scan, const PlacesOptions& options, double asked,
-             const Deadline& deadline);
+  // templates, map, what the scans refer to: must outlive it. asked: the threshold on the probability that the caller asks for; not
+  // a number: none.
+  ScanSearch(const TemplateTables& templates, const SearchedMap& map, std::vector<PlacedScan>&& scans, const PlacesOptions& options,
+             double asked, const Deadline& deadline);
   ScanSearch(const ScanSearch&) = delete;
   ScanSearch& operator=(const ScanSearch&) = delete;
 
@@ -21,14 +26,14 @@ class ScanSearch {
   const RegisteredPoses& found() const { return search_.found(); }
   double outside_lead() const { return search_.outside_lead(); }
 
-  // All points of the scan, one a voxel.
+  // All points of the scans, one a voxel, and how many spots they are of.
   const ScannedSurface& dense() const { return query_.dense; }
+  std::size_t spots() const { return query_.spots; }
 
  private:
-  QueriedScan scan_;  // refers to the two below
-  std::vector<float> seen_;
+  std::vector<PlacedScan> scans_;
   SearchedQuery query_;
-  MapSearch search_;
+  MapSearch search_;  // refers to the two above
 };
 
 }  // namespace firstfix::version

@@ -32,7 +32,7 @@ inline void joined(const std::uint8_t* planes, std::size_t count, std::size_t by
 }
 
 // So many values at a time stay in the nearest cache.
-constexpr std::size_t kBlock = 512;
+constexpr std::size_t kValuesAtOnce = 512;
 
 }  // namespace firstfix::detail
 
@@ -42,13 +42,13 @@ namespace firstfix {
 // bytes; sums are modulo 2 ** (8 * bytes).
 inline void points_of_planes(const std::uint8_t* planes, std::size_t count, std::size_t coordinate_bytes,
                              double resolution_m, const double* origin, float* points) {
-  using detail::kBlock;
+  using detail::kValuesAtOnce;
   std::array<std::uint32_t, 3> sums{};
-  std::array<std::uint32_t, kBlock> values;
-  std::array<std::array<float, kBlock>, 3> metres;
+  std::array<std::uint32_t, kValuesAtOnce> values;
+  std::array<std::array<float, kValuesAtOnce>, 3> metres;
   const unsigned spare = coordinate_bytes == 2 ? 16 : 0;  // bits above the number
-  for (std::size_t first = 0; first < count; first += kBlock) {
-    const std::size_t size = std::min(kBlock, count - first);
+  for (std::size_t first = 0; first < count; first += kValuesAtOnce) {
+    const std::size_t size = std::min(kValuesAtOnce, count - first);
     for (std::size_t axis = 0; axis < 3; ++axis) {
       detail::joined(planes + axis * coordinate_bytes * count, count, coordinate_bytes, first, size, values.data());
       std::uint32_t sum = sums[axis];
@@ -70,9 +70,9 @@ inline void points_of_planes(const std::uint8_t* planes, std::size_t count, std:
 // Decodes intensities of one or two bytes.
 inline void intensity_of_planes(const std::uint8_t* planes, std::size_t count, std::size_t bytes, double scale,
                                 double offset, float* intensity) {
-  std::array<std::uint32_t, detail::kBlock> levels;
-  for (std::size_t first = 0; first < count; first += detail::kBlock) {
-    const std::size_t size = std::min(detail::kBlock, count - first);
+  std::array<std::uint32_t, detail::kValuesAtOnce> levels;
+  for (std::size_t first = 0; first < count; first += detail::kValuesAtOnce) {
+    const std::size_t size = std::min(detail::kValuesAtOnce, count - first);
     detail::joined(planes, count, bytes, first, size, levels.data());
     for (std::size_t i = 0; i < size; ++i) {
       intensity[first + i] = static_cast<float>(static_cast<double>(levels[i]) * scale + offset);

@@ -11,6 +11,7 @@
 #include <variant>
 #include <vector>
 
+#include "firstfix/bit_exact/vectors.hpp"
 #include "firstfix/errors.hpp"
 #include "firstfix/scan/compact.hpp"
 #include "firstfix/scan/range_view.hpp"
@@ -157,7 +158,7 @@ inline ScanDescriptor read_descriptor(Reader& rest) {
   for (double& v : described.up) v = static_cast<double>(rest.get<float>());
   described.height_m = static_cast<double>(rest.get<float>());
   if (kind != 1) throw Error("unsupported_format", "only descriptors of kind 1 are supported");
-  const double length = std::hypot(described.up[0], described.up[1], described.up[2]);
+  const double length = std::sqrt(dot(described.up, described.up));
   if (layers < 1 || layers > 16 || !(std::fabs(length - 1) < 1e-3) || !(std::fabs(described.height_m) <= 100)) {
     throw Error("malformed_data", "a field of the descriptor is out of range");
   }

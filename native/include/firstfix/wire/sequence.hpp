@@ -42,7 +42,7 @@ inline Bytes encode_scans(const ScanSequence& sequence, std::optional<double> re
   return body;
 }
 
-// Decodes a sequence. Throws what the decoders of one scan throw, and "invalid_scan" for an invalid pose.
+// Decodes a sequence, its quaternions as they were sent. Throws what the decoders of one scan throw, and "invalid_scan" for an invalid pose.
 inline ScanSequence decode_scans(const std::uint8_t* data, std::size_t size) {
   detail::Reader rest(data, size, kScansMediaType);
   rest.magic("FFSS");
@@ -71,7 +71,6 @@ inline ScanSequence decode_scans(const std::uint8_t* data, std::size_t size) {
   }
   rest.end();
   detail::check(sequence);
-  for (Pose& pose : sequence.T_odom_sensor) pose = detail::normalised(pose);
   return sequence;
 }
 

@@ -1,0 +1,1 @@
+"""Localizing on the robot itself, without a service: the engine in a process of its own."""
