@@ -51,7 +51,7 @@ void bind_surface(nb::module_& module) {
       [](Vectors points, Vectors normals, In<bool, nb::shape<-1>> oriented, double voxel_m) {
         const std::size_t count = points.shape(0);
         require(normals.shape(0) == count && oriented.shape(0) == count, "there is not one normal for each point");
-        SurfacePoints thinned;
+        ThinnedSurface thinned;
         without_gil([&] {
           // a byte of a view as bool may hold more than 0 and 1
           const auto* sure = reinterpret_cast<const std::uint8_t*>(oriented.data());

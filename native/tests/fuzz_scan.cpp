@@ -138,7 +138,7 @@ void surface_once(Hostile& random) {
   }
   for (std::uint8_t& sure : oriented) sure = static_cast<std::uint8_t>(random.number(0, 255));
   refused_or(false, [&] {
-    const SurfacePoints thinned = thin_surface(vectors_of(points), vectors_of(to_viewer), oriented.data(), 0.5);
+    const ThinnedSurface thinned = thin_surface(vectors_of(points), vectors_of(to_viewer), oriented.data(), 0.5);
     expect(thinned.oriented.size() <= count && thinned.points.size() == 3 * thinned.oriented.size(), "fewer points");
   });
 }

@@ -12,19 +12,19 @@
 namespace firstfix {
 
 // Points with unit normals, x y z x y z, and whether each normal is known to point to the viewer.
-struct SurfacePoints {
+struct ThinnedSurface {
   std::vector<float> points, normals;
   std::vector<std::uint8_t> oriented;
 };
 
 // In the order of the voxels' x, then y, then z. Throws as voxel_box does.
-inline SurfacePoints thin_surface(Vectors<const float> points, Vectors<const float> normals, const std::uint8_t* oriented,
+inline ThinnedSurface thin_surface(Vectors<const float> points, Vectors<const float> normals, const std::uint8_t* oriented,
                                   double voxel_m) {
   struct Part {
     double count = 0, point[3] = {}, normal[3] = {};
   };
   constexpr std::size_t kWays = 9;  // axis of the normal; oriented forwards, backwards, or not
-  SurfacePoints thinned;
+  ThinnedSurface thinned;
   detail::each_voxel(points.data, points.size, voxel_m, 0.0, detail::kXYZ, [&](const auto* first, const auto* last) {
     Part parts[kWays];
     for (const auto* entry = first; entry != last; ++entry) {
