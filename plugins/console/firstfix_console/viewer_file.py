@@ -31,7 +31,8 @@ router = APIRouter(tags=["versions"])
 Format = Literal["mcap", "rrd"]
 MAX_POINTS = 2_000_000  # of the map
 MAX_QUERIES = 100
-MAX_BYTES = 64 << 20  # of the file; a point takes 12, so that the map has room
+MAX_BYTES = 64 << 20  # of the file, so that the map has room
+POINT_BYTES = 20  # of the map, with intensity and, in an .rrd, colour
 FORMATS: dict[Format, str] = {"mcap": "Foxglove, RViz, rerun and ros2 bag", "rrd": "rerun"}
 EXPORTS = ThreadPool("exports", 1, 10.0)  # each takes some seconds of a processor
 
@@ -104,7 +105,7 @@ def _written(
     points: int,
     queries: int,
 ) -> bytes:
-    left = MAX_BYTES - 12 * points
+    left = MAX_BYTES - POINT_BYTES * points
 
     def room(query: ExportedQuery) -> None:
         nonlocal left

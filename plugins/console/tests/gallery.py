@@ -3,8 +3,9 @@
     python -m plugins.console.tests.gallery docs/images/console [STATE ...]
 
 It builds its maps (a minute the first time), runs its own services, and leaves one picture a state: a large
-and a small screen in the light colours above those in the dark ones. axe-core checks each of the four; with
-exit code 1 some state is not accessible, and it is said what and where.
+and a small screen in the light colours above those in the dark ones. axe-core checks each of these and a
+middle size, and nothing may be wider than its place. With exit code 1 some state has a fault: it is said what
+and where.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
 from firstfix.builds.config import PerturbConfig
 from firstfix.engine.index import MapIndex
+from firstfix.errors import Conflict
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
@@ -34,6 +36,7 @@ from firstfix_builder.simulation.simulate import Simulator
 from firstfix_client import Client
 from plugins.console.tests.accessible import violations
 from plugins.console.tests.browser import HOST, Browser, running_browser
+from plugins.console.tests.clipped import clipped
 from plugins.console.tests.console_world import ConsoleWorld, house, running_console, scans_without_cabin
 from plugins.console.tests.page import Page
 from tests.once_a_run import OnceARun
@@ -43,7 +46,7 @@ from tests.waiting import wait_until
 
 REPO = Path(__file__).resolve().parents[3]
 WORK = REPO / "build" / "gallery"
-LARGE, SMALL = (1440, 900), (390, 844)
+LARGE, MIDDLE, SMALL = (1440, 900), (1024, 768), (390, 844)
 SCALE = 0.5  # of the large screen, in the picture
 QUALITY = 72
 Posed = tuple[Scan, Matrix]
@@ -58,14 +61,14 @@ class Gallery:
     Attributes:
         images: folder of the pictures.
         wanted: names of the states; none: all of them.
-        violations: what axe-core has found, "state, size, colours: rule: element".
+        faults: what axe-core has found, and what does not fit, "state, size, colours: fault".
     """
 
     def __init__(self, browser: Browser, images: Path, wanted: list[str]) -> None:
         self._browser = browser
         self._images = images
         self._wanted = wanted
-        self.violations: list[str] = []
+        self.faults: list[str] = []
 
     def take(self, state: str, origin: str, key: str | None, show: Callable[[Page], None]) -> None:
         """Brings a page into a state in each size and colour, and keeps the four pictures as one."""
@@ -73,18 +76,18 @@ class Gallery:
             return
         rows = []
         for scheme in ("light", "dark"):
-            pictures = []
-            for size in (LARGE, SMALL):
+            pictures = {}
+            for size in (LARGE, MIDDLE, SMALL):
                 with self._browser.page(origin) as page:
                     page.size(*size)
                     page.prefers(scheme)
                     if key is not None:
                         page.keep_key(key)
                     show(page)
-                    pictures.append(Image.fromarray(page.picture()))
+                    pictures[size] = Image.fromarray(page.picture())
                     seen = f"{state}, {size[0]} x {size[1]}, {scheme}"
-                    self.violations += [f"{seen}: {one}" for one in violations(page)]
-            rows.append(_beside(pictures))
+                    self.faults += [f"{seen}: {one}" for one in violations(page) + clipped(page)]
+            rows.append(_beside(pictures[LARGE], pictures[SMALL]))
         whole = Image.new("RGB", (rows[0].width, sum(row.height for row in rows)), "#808080")
         for number, row in enumerate(rows):
             whole.paste(row, (0, number * rows[0].height))
@@ -93,8 +96,7 @@ class Gallery:
         print(f"{file}: {file.stat().st_size / 1000:.0f} kB", flush=True)
 
 
-def _beside(pictures: list[Image.Image]) -> Image.Image:
-    large, small = pictures
+def _beside(large: Image.Image, small: Image.Image) -> Image.Image:
     height = round(LARGE[1] * SCALE)
     parts = [
         large.resize((round(LARGE[0] * SCALE), height), Image.Resampling.LANCZOS),
@@ -176,7 +178,7 @@ def with_maps(
     gallery.take("changes", world.origin, admin, _changed(world, place, version, folder))
     gallery.take("live", world.origin, admin, _live(world))
     with _builds(world, folder):
-        gallery.take("building", world.origin, admin, opened("", ".builds progress"))
+        gallery.take("building", world.origin, admin, opened("", ".stages small"))
         gallery.take("map-building", world.origin, admin, opened("#/maps/office", ".builds progress"))
     gallery.take("failed", world.origin, admin, opened("", ".builds [role=alert]"))
     for number in range(6):
@@ -258,7 +260,7 @@ def _live(world: ConsoleWorld) -> Callable[[Page], None]:
 
 @contextlib.contextmanager
 def _builds(world: ConsoleWorld, folder: Path) -> Iterator[None]:
-    """A build that runs, and one before it that failed."""
+    """A build that runs, one behind it, and one before it that failed."""
     broken, building = folder / "broken.ply", folder / "house.ply"
     broken.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1000000\n")
     house().write(building)
@@ -267,8 +269,12 @@ def _builds(world: ConsoleWorld, folder: Path) -> Iterator[None]:
         client.build_map(broken, "depot", config=config)
         running = client.build_map(building, "office", config=config).build_id
         wait_until(lambda: world.get("/builds", limit=5)["builds"][0]["state"] == "running")
+        behind = client.build_map(building, "annex", config=config).build_id
         yield
-        client.cancel_build(running)
+        for build in (behind, running):
+            with contextlib.suppress(Conflict):  # it has ended
+                client.cancel_build(build)
+            wait_until(lambda build=build: client.build_status(build).is_final)
 
 
 def main() -> None:
@@ -293,8 +299,8 @@ def main() -> None:
             with running_console(folder / "console", HOST, (coarse, good), scans) as world:
                 world.service.catalog.publish("house", alike.directory, alike.manifest)
                 with_maps(gallery, world, place, good, alike, folder)
-    if gallery.violations:
-        sys.exit("\n".join(gallery.violations))
+    if gallery.faults:
+        sys.exit("\n".join(gallery.faults))
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -122,7 +123,10 @@ def _cloud_of(source: ExportSource, found: Exported, most_points: int) -> MapClo
         found.note = f"version {found.version[:12]} has no cloud for viewers: build the map again to get one"
         return None
     cloud = read_map_cloud(
-        index, lambda first, count: source.cloud_points(found.version, first, count), most_points
+        index,
+        partial(source.cloud_points, found.version),
+        partial(source.cloud_intensity, found.version),
+        most_points,
     )
     found.points = len(cloud.points)
     return cloud

@@ -113,6 +113,9 @@ def test_a_body_of_an_unknown_kind_is_told():
         {"low_m": [0, 0]},
         {"edge_m": float("nan")},
         {"marks": 7},
+        {"intensity": [0]},
+        {"intensity": [0, float("inf")]},
+        {"intensity": [0, 1]},  # and eight bytes a point come
     ],
 )
 def test_an_index_that_is_none_is_refused(tmp_path, changed: dict[str, Any]):
@@ -125,6 +128,6 @@ def test_an_index_that_is_none_is_refused(tmp_path, changed: dict[str, Any]):
     def read(first: int, count: int) -> bytes:
         return data[8 * first : 8 * (first + count)]
 
-    assert len(read_map_cloud(index, read, 1000).points) == 100
+    assert len(read_map_cloud(index, read, read, 1000).points) == 100
     with pytest.raises(CorruptVersion):
-        read_map_cloud({**index, **changed}, read, 1000)
+        read_map_cloud({**index, **changed}, read, read, 1000)

@@ -105,10 +105,12 @@ export class MapScene {
     this.look(fromAbove(...this.bulk, this.camera.fov, this.camera.aspect));
   }
 
-  /** Looks at a position from a few metres away. */
+  /** Looks at a position from a few metres away, and in a small map from no further than shows all of it. */
   lookAt(position: readonly number[], away = 15): void {
+    const whole = framed(...this.bulk, this.camera.fov, this.camera.aspect);
+    const far = Math.min(away, Math.hypot(...whole.eye.map((m, axis) => m - whole.target[axis]!)));
     const target = this.local(position).toArray();
-    this.look({ target, eye: [target[0], target[1] - 0.7 * away, target[2] + 0.8 * away] });
+    this.look({ target, eye: [target[0], target[1] - 0.66 * far, target[2] + 0.75 * far] });
   }
 
   get orientation(): Orientation {
