@@ -52,6 +52,7 @@ QUALITY = 72
 Posed = tuple[Scan, Matrix]
 ROBOTS = ("cart-07", "cart-12", "forklift-3")
 SEED = 11
+UNSURE_AMONG = 40  # scans of the house
 KEYS_KNOWN_S = 1.0  # the service reads new keys ten times a second
 
 
@@ -168,11 +169,14 @@ def with_maps(
     gallery.take("retire", world.origin, admin, _asked("tr button", "Retire"))
     gallery.take("earth", world.origin, admin, opened("#/maps/yard/earth", "button", "Set the place"))
     sure = next(file for file, _ in world.scans if world.ask(file)["verdict"] == "localized")
-    indoors = folder / "indoors.ffscan"
-    indoors.write_bytes(encode_scan(_scans_of(house(), alike, 1, 0)[0][0]))
+    indoors = _unsure_scan(world, alike, folder)
     gallery.take("localized", world.origin, admin, tried("yard", sure))
     gallery.take("ambiguous", world.origin, admin, tried("house", indoors))
     gallery.take("rejected", world.origin, admin, tried("yard", indoors))
+    for file, _ in world.scans[:4]:
+        world.ask(file)
+    world.ask(indoors)
+    world.ask(indoors, map="house")
     gallery.take("recorded-queries", world.origin, admin, opened("#/recorded-queries", "td .verdict"))
     gallery.take("keys", world.origin, admin, opened("#/keys", "th", "a robot"))
     gallery.take("changes", world.origin, admin, _changed(world, place, version, folder))
@@ -217,6 +221,16 @@ def _scans_of(place: SmallWorld, version: BuildResult, count: int, occluders: in
         PerturbConfig(occluders=occluders, unmapped=0, vanished=0),
         np.random.default_rng(SEED),
     )
+
+
+def _unsure_scan(world: ConsoleWorld, version: BuildResult, folder: Path) -> Path:
+    """A scan of the house that could have been taken in both of its storeys."""
+    for number, (scan, _) in enumerate(_scans_of(house(), version, UNSURE_AMONG, 0)):
+        file = folder / f"indoors-{number}.ffscan"
+        file.write_bytes(encode_scan(scan))
+        if world.ask(file, map="house")["verdict"] == "ambiguous":
+            return file
+    raise AssertionError("no scan of the house is ambiguous")
 
 
 def _changed(
