@@ -35,7 +35,7 @@ export class MapScene {
   private readonly controls: MapControls;
   private readonly sized = new ResizeObserver(() => this.resize());
   private readonly unlisten: () => void;
-  private readonly frames = new Frames((mostPoints) => this.draw(mostPoints));
+  private readonly frames = new Frames((mostPoints, hasEdges) => this.draw(mostPoints, hasEdges));
 
   /** `bulk` is the part of the map that is framed. */
   constructor(
@@ -197,9 +197,9 @@ export class MapScene {
     this.redraw();
   }
 
-  private draw(mostPoints: number): number {
+  private draw(mostPoints: number, hasEdges: boolean): number {
     this.points.show(this.camera, this.canvas.height / (2 * Math.tan((this.camera.fov * Math.PI) / 360)), mostPoints);
-    this.eyeDome.render(this.cloudScene, this.overScene, this.camera);
+    this.eyeDome.render(this.cloudScene, this.overScene, this.camera, hasEdges);
     this.points.load();
     this.drawn();
     return this.points.shown;
