@@ -180,6 +180,18 @@ def test_a_wall_clock_that_is_set_back_shortens_no_stage(monkeypatch: pytest.Mon
     assert one.seconds >= 0.0
 
 
+def test_a_stage_that_the_build_takes_once_more_from_the_cache_is_not_reused():
+    trace = BuildTrace("b1", "hall", None, environ={})
+    trace.tick("one")
+    trace.settle()
+    trace.mark_cached("one")
+    trace.tick("two")
+    trace.mark_cached("two")
+    trace.settle()
+    trace.end("succeeded")
+    assert [(stage.stage, stage.cached) for stage in trace.stages] == [("one", False), ("two", True)]
+
+
 def test_late_ticks_change_nothing():
     trace = BuildTrace("b1", "hall", None, environ={})
     with trace:
