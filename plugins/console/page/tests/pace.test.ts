@@ -52,26 +52,3 @@ test("points come back when frames become quick again", () => {
   assert.equal(movement(pace, 1e6, 30).at(-1), WHOLE);
   assert.ok(!pace.isReduced);
 });
-
-test("a machine that is slow frame after frame leaves the edges out while the map moves", () => {
-  const [short, slow] = [new Pace(WHOLE), new Pace(WHOLE)];
-  movement(short, 300, 3); // of which two have ended
-  assert.ok(short.hasEdges);
-  movement(slow, 300, 4);
-  assert.ok(!slow.hasEdges);
-  slow.begin(90_000, false);
-  movement(slow, 1e6, 50);
-  assert.ok(!slow.hasEdges, "quick without them: they do not come and go");
-});
-
-test("a quick machine shows edges, though a frame waits for something", () => {
-  const pace = new Pace(WHOLE);
-  movement(pace, 1e6, 20);
-  for (let i = 0; i < 9; i++) {
-    movement(pace, 300, 2);
-    pace.begin(90_000, false);
-    movement(pace, 1e6, 3);
-    pace.begin(90_000, false);
-  }
-  assert.ok(pace.hasEdges);
-});

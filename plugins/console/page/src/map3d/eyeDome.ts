@@ -85,17 +85,8 @@ export class EyeDome {
     this.scene.add(this.sheet);
   }
 
-  /** Draws the cloud, with its edges or without, and then what is laid over it. */
-  render(cloud: Scene, over: Scene, camera: PerspectiveCamera, hasEdges: boolean): void {
-    const { renderer } = this;
-    if (hasEdges) this.renderEdges(cloud, camera);
-    else renderer.render(cloud, camera);
-    renderer.autoClear = false;
-    renderer.render(over, camera);
-    renderer.autoClear = true;
-  }
-
-  private renderEdges(cloud: Scene, camera: PerspectiveCamera): void {
+  /** Draws the cloud with its edges, and then what is laid over it. */
+  render(cloud: Scene, over: Scene, camera: PerspectiveCamera): void {
     const { renderer, target, material } = this;
     const { width, height } = renderer.domElement;
     if (target.width !== width || target.height !== height) target.setSize(width, height);
@@ -106,6 +97,9 @@ export class EyeDome {
     renderer.render(cloud, camera);
     renderer.setRenderTarget(null);
     renderer.render(this.scene, this.camera);
+    renderer.autoClear = false;
+    renderer.render(over, camera);
+    renderer.autoClear = true;
   }
 
   dispose(): void {

@@ -7,20 +7,20 @@ const REST_MS = 200; // after a frame of a movement, if none follows
 
 export class Frames {
   private readonly pace = new Pace(MAX_POINTS);
-  private readonly draw: (mostPoints: number, hasEdges: boolean) => number;
+  private readonly draw: (mostPoints: number) => number;
   private frame = 0;
   private rest = 0;
   private isMoving = false;
   private isHeld = false;
 
-  /** `draw` gets the most points that it may draw and whether edges are shown, and returns how many points it drew. */
-  constructor(draw: (mostPoints: number, hasEdges: boolean) => number) {
+  /** `draw` gets the most points that it may draw, and returns how many it drew. */
+  constructor(draw: (mostPoints: number) => number) {
     this.draw = draw;
   }
 
   /** Whether a picture with more points follows when the camera rests. */
   get isReduced(): boolean {
-    return this.isMoving && (this.pace.isReduced || !this.pace.hasEdges);
+    return this.isMoving && this.pace.isReduced;
   }
 
   redraw(): void {
@@ -47,8 +47,7 @@ export class Frames {
   private begin(): void {
     this.frame = 0;
     clearTimeout(this.rest);
-    const most = this.pace.begin(performance.now(), this.isMoving);
-    this.pace.drew(this.draw(most, !this.isMoving || this.pace.hasEdges));
+    this.pace.drew(this.draw(this.pace.begin(performance.now(), this.isMoving)));
     if (!this.isMoving || this.isHeld) return;
     this.rest = window.setTimeout(() => {
       const isWhole = !this.isReduced;

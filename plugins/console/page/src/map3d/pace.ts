@@ -5,13 +5,11 @@ export const FIRST_POINTS = 300_000; // of the first frame: nobody waits a secon
 const SLOW_MS = 33; // a frame that took longer: fewer points, for 30 frames a second
 const QUICK_MS = 20; // one that took less: more of them
 const GROWTH = 1.3;
-const SLOW_FRAMES = 3; // one after the other: not one that waited for something
 
 export class Pace {
   private readonly whole: number;
   private most: number;
   private last: { begin_ms: number; points: number } | null = null; // frame of the movement under way
-  private slowFrames = 0;
 
   /** `whole`: the most points of a picture at rest. */
   constructor(whole: number) {
@@ -22,11 +20,6 @@ export class Pace {
   /** Whether a movement is drawn with fewer points than a picture at rest. */
   get isReduced(): boolean {
     return this.most < this.whole;
-  }
-
-  /** Whether a movement shows edges: where software draws, they are a third of a frame's cost. At rest all is shown. */
-  get hasEdges(): boolean {
-    return this.slowFrames < SLOW_FRAMES; // for good: without them frames are quick enough again
   }
 
   /** The most points of a frame that begins now. */
@@ -46,7 +39,6 @@ export class Pace {
   }
 
   private learn(took_ms: number, points: number): void {
-    if (this.hasEdges) this.slowFrames = took_ms > SLOW_MS ? this.slowFrames + 1 : 0;
     if (took_ms > SLOW_MS) this.most = Math.max(MIN_POINTS, Math.min(this.most, (points * SLOW_MS) / took_ms));
     else if (took_ms < QUICK_MS) this.most = Math.min(this.whole, this.most * GROWTH);
   }

@@ -35,7 +35,7 @@ export class MapScene {
   private readonly controls: MapControls;
   private readonly sized = new ResizeObserver(() => this.resize());
   private readonly unlisten: () => void;
-  private readonly frames = new Frames((mostPoints, hasEdges) => this.draw(mostPoints, hasEdges));
+  private readonly frames = new Frames((mostPoints) => this.draw(mostPoints));
 
   /** `bulk` is the part of the map that is framed. */
   constructor(
@@ -105,12 +105,10 @@ export class MapScene {
     this.look(fromAbove(...this.bulk, this.camera.fov, this.camera.aspect));
   }
 
-  /** Looks at a position from a few metres away, and in a small map from no further than shows all of it. */
+  /** Looks at a position from a few metres away. */
   lookAt(position: readonly number[], away = 15): void {
-    const whole = framed(...this.bulk, this.camera.fov, this.camera.aspect);
-    const far = Math.min(away, Math.hypot(...whole.eye.map((m, axis) => m - whole.target[axis]!)));
     const target = this.local(position).toArray();
-    this.look({ target, eye: [target[0], target[1] - 0.66 * far, target[2] + 0.75 * far] });
+    this.look({ target, eye: [target[0], target[1] - 0.7 * away, target[2] + 0.8 * away] });
   }
 
   get orientation(): Orientation {
@@ -197,9 +195,9 @@ export class MapScene {
     this.redraw();
   }
 
-  private draw(mostPoints: number, hasEdges: boolean): number {
+  private draw(mostPoints: number): number {
     this.points.show(this.camera, this.canvas.height / (2 * Math.tan((this.camera.fov * Math.PI) / 360)), mostPoints);
-    this.eyeDome.render(this.cloudScene, this.overScene, this.camera, hasEdges);
+    this.eyeDome.render(this.cloudScene, this.overScene, this.camera);
     this.points.load();
     this.drawn();
     return this.points.shown;
