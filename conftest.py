@@ -50,6 +50,9 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# A process that is kept ready for a build costs seconds of a processor: few tests look at it.
+os.environ["FIRSTFIX_BUILD_READY"] = "false"
+
 # Programs that tests start import `tests.…` as the tests do.
 os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import final
 
@@ -365,6 +366,7 @@ class BuildStages:
                 self.runner.ticks("build_index"),
                 provisional=self.provisional,
                 kept=None if kept is None else _kept_aliases(kept),
+                made_of=partial(self.runner.chunks.made_of, "build_index/normals"),
             )
             if not self.provisional:  # for the build of the next version
                 link(mesh.directory / SURFACE_FILE, out / SURFACE_FILE)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import os
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -21,6 +22,7 @@ from firstfix.errors import BuildFailed
 from .build_stages import BuildStages
 from .execution.chunks import ChunkCache, ChunkExecutor
 from .execution.freed_memory import return_large_blocks
+from .execution.library_versions import libraries_of
 from .execution.local_executor import LocalExecutor, die_with_parent
 from .execution.stage_cache import StageCache, StagesElsewhere
 from .execution.stage_runner import Progress, StageRunner
@@ -29,6 +31,7 @@ from .quick.quick_version import QuickVersion, posed_cloud_of
 from .rebuild.base_version import BaseVersion
 from .self_test.confirmed_scans import decode_confirmed
 from .sources.read_map.posed_cloud import PosedCloud
+from .sources.read_source import readers
 from .stage_results import LevelMap
 from .version_folder import collect_version, write_manifest
 from .viewpoints.workload import Workload
@@ -173,6 +176,14 @@ def provisional_config(config: BuildConfig) -> BuildConfig:
             "learn_keys": LearnKeysConfig(scans=0),
         }
     )
+
+
+def get_ready() -> None:
+    """Import what is imported late, and look up what a build looks up, while there is no map to read."""
+    readers()
+    libraries_of(STAGES[0])
+    with suppress(ImportError):  # few maps are LAS, and they say what is missing
+        importlib.import_module("laspy")
 
 
 def read_source(

@@ -2,6 +2,7 @@
 
     python -m firstfix_builder.worker --store URL --build ID --work DIR
 
+With ``--build -`` it makes itself and its sandbox ready, and waits for the build's id at standard input.
 The process may be killed at any moment, also by kill -9. Only the running stage is lost: the next run with
 the same folder resumes the build, and everything that was published or recorded stays valid. It ends with
 an ``ExitCode``.
@@ -10,11 +11,14 @@ an ``ExitCode``.
 from __future__ import annotations
 
 import logging
+import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
-from firstfix.builds.options import BuildOptions, ExitCode
+from firstfix.builds.options import WHEN_TOLD, BuildOptions, ExitCode
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.errors import (
     ClusterUnavailable,
@@ -32,6 +36,7 @@ from .job.run_build import run_build
 from .sandbox.sandboxed_build import SandboxedBuild
 
 _log = logging.getLogger(__name__)
+MAX_ID_BYTES = 256
 
 
 def build_here(options: BuildOptions, sandbox: SandboxedBuild | None, job: BuildJob) -> BuildResult:
@@ -69,12 +74,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = BuildOptions.from_arguments(arguments)
     set_up_build_log(options)
     try:
-        is_local = options.scheduler is None
-        sandbox = None if options.sandbox == "off" else SandboxedBuild(options)
-        build_version: BuildVersion = partial(build_here, options, sandbox)
-        if sandbox is not None and is_local:
-            build_version = sandbox.build_version
-        return run_build(options, build_version, own_process=True)
+        with _prepared(options) as sandbox:
+            if options.build_id == WHEN_TOLD:
+                build_id = _told_build()
+                if build_id is None:
+                    return ExitCode.SUCCEEDED
+                options = replace(options, build_id=build_id)
+                set_up_build_log(options)
+                if sandbox is not None:
+                    sandbox.build_id = build_id
+            build_version: BuildVersion = partial(build_here, options, sandbox)
+            if sandbox is not None and options.scheduler is None:
+                build_version = sandbox.build_version
+            return run_build(options, build_version, own_process=True)
     except (StoreUnavailable, ClusterUnavailable) as error:
         _log.error("build %s: %s", options.build_id, error)
         return ExitCode.TRY_AGAIN
@@ -84,6 +96,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (InvalidOption, NotFound, StoreError) as error:
         _log.error("build %s: %s", options.build_id, error)
         return ExitCode.USAGE
+
+
+@contextmanager
+def _prepared(options: BuildOptions) -> Iterator[SandboxedBuild | None]:
+    """The build's sandbox, which imports its libraries while the source is fetched; None: there is none."""
+    if options.sandbox == "off":
+        yield None
+        return
+    sandbox = SandboxedBuild(options)
+    try:
+        if options.scheduler is None:
+            sandbox.prepare()
+        yield sandbox
+    finally:
+        sandbox.close()
+
+
+def _told_build() -> str | None:
+    """The build's id, the first line of standard input, of which no more is read; None: it has ended."""
+    line = b""
+    while not line.endswith(b"\n"):
+        byte = os.read(0, 1)
+        if not byte or len(line) > MAX_ID_BYTES:
+            return None
+        line += byte
+    return line.decode("utf-8", errors="replace").strip()
 
 
 if __name__ == "__main__":

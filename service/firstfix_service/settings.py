@@ -178,6 +178,11 @@ class Settings(BaseSettings):
         (sys.executable, "-m", "firstfix_builder.worker"),
         description="command that runs one build; options are appended",
     )
+    build_ready: bool = Field(
+        True,
+        description="keep a process ready for the next build, which then begins sooner; "
+        "none if build_command is your own",
+    )
     build_sandbox: Literal["auto", "required", "off"] = Field(
         "auto", description="confine builds: auto (as far as the kernel can), required, off"
     )

@@ -31,7 +31,7 @@ from tests.reference.local_search import best_near, offsets_along, offsets_aroun
 from tests.reference.look_alikes import with_look_alikes_marked
 from tests.reference.motion_at_places import MotionAtPlaces, together
 from tests.reference.template_places import known_aliases
-from tests.reference.verdict import features_of, threshold_at
+from tests.reference.verdict import BLUR, MEASURED_FINELY, features_of, threshold_at
 
 # Share of a search's best coarse alignment score, below which a candidate is hopeless. The right place had
 # 0.905 or more in 729 searches (lab/docs/experiments.md, "Hopeless candidates").
@@ -189,13 +189,23 @@ class HypothesisSearch:
         return self._finely_measured([self._with_free_space(beside), *found[1:]])
 
     def _finely_measured(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
-        """The candidates that the prior allows, best first, the best one's agreement with many points."""
+        """The candidates that the prior allows, best first.
+
+        The agreement of the best one, and of those that may tie with it, is measured with many points.
+        """
         best_first = ranked(self._allowed(registered))
-        agreements = self._agreements(self._prepared.dense, [one.registration for one in best_first[:1]])
-        best = [
-            replace(one, agreement=agreement) for one, agreement in zip(best_first, agreements, strict=False)
+        reach = self._index.calibration.min_margin + BLUR
+        finely = [
+            number == 0 or (number < MEASURED_FINELY and best_first[0].support - one.support < reach)
+            for number, one in enumerate(best_first)
         ]
-        return [*best, *self._with_agreements(best_first[1:])]
+        places = [one.registration for one, is_asked in zip(best_first, finely, strict=True) if is_asked]
+        agreements = iter(self._agreements(self._prepared.dense, places))
+        measured = [
+            replace(one, agreement=next(agreements)) if is_asked else one
+            for one, is_asked in zip(best_first, finely, strict=True)
+        ]
+        return self._with_agreements(measured)
 
     def leaves_out(self, aliases: NDArray[np.float64]) -> bool:
         """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
@@ -241,8 +251,9 @@ class HypothesisSearch:
             for row, registration in zip(rows.tolist(), self._with_motion(aligned, rows), strict=True)
         ]
         registered += self._allowed(one for one in self._beside.values() if one is not None)
-        # the motion may have changed the order, and an unlikely one counts against a place
-        registered.sort(key=lambda one: -one.quality.alignment_score)
+        # the motion may have changed the order, an unlikely one counts against a place, and so does meeting
+        # little of the map
+        registered.sort(key=lambda one: -one.support)
         return registered
 
     def _align(self, candidates: Candidates, twist: NDArray[np.float64] | None) -> None:

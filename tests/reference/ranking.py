@@ -16,16 +16,26 @@ from firstfix.engine.ranking import RankingConfig
 def support(ranking: RankingConfig, quality: AlignmentQuality) -> float:
     """Equation 7.1."""
     misfit = ranking.alignment_weight * log(ranking.best_score - quality.alignment_score)
-    return -(misfit + contradiction(ranking, quality))
+    return -(misfit + meets_map(quality) * _seen_through(ranking, quality) + _in_free(ranking, quality))
 
 
 def contradiction(ranking: RankingConfig, quality: AlignmentQuality) -> float:
     """The support that is lost where the scan does not show what the map has, or saw free."""
-    return (
-        ranking.removed_weight * log(ranking.least_share + quality.removed_surface)
-        + ranking.violation_weight * log(ranking.least_share + quality.free_space_violation)
-        + ranking.seen_free_weight * log(1 + (quality.seen_free or 0.0) / ranking.seen_free_offset)
-    )
+    return _seen_through(ranking, quality) + _in_free(ranking, quality)
+
+
+def meets_map(quality: AlignmentQuality) -> float:
+    """How far it counts that the scan does not contradict the map: as far as it meets the map at all."""
+    return min(quality.inlier_ratio / 0.4, 1.0)
+
+
+def _seen_through(ranking: RankingConfig, quality: AlignmentQuality) -> float:
+    removed = ranking.removed_weight * log(ranking.least_share + quality.removed_surface)
+    return removed + ranking.violation_weight * log(ranking.least_share + quality.free_space_violation)
+
+
+def _in_free(ranking: RankingConfig, quality: AlignmentQuality) -> float:
+    return ranking.seen_free_weight * log(1 + (quality.seen_free or 0.0) / ranking.seen_free_offset)
 
 
 def discounted_score(ranking: RankingConfig, score: float, twist: NDArray[np.float64]) -> float:
@@ -51,12 +61,12 @@ def probability(
     """Equation 7.2."""
     own = tuple(getattr(calibration, name) for name in WEIGHTS)
     bias, *weights = calibration.among_tied if tied > 1 and calibration.among_tied else own
-    score = quality.alignment_score
+    score, met = quality.alignment_score, meets_map(quality)
     inputs = (
         log((ranking.worst_score + score) / (ranking.best_score - score)),
-        -log(ranking.violation_offset + quality.free_space_violation),
-        -log(ranking.beside_offset + quality.beside_surface),
-        -log(ranking.same_plane_offset + quality.same_plane),
+        -met * log(ranking.violation_offset + quality.free_space_violation),
+        -met * log(ranking.beside_offset + quality.beside_surface),
+        -met * log(ranking.same_plane_offset + quality.same_plane),
         min(margin, ranking.max_margin),
     )
     odds = bias + sum(weight * value for weight, value in zip(weights, inputs, strict=True))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from math import exp
 
 from firstfix.answer.localization import Reason
 from firstfix.answer.options import LocalizeOptions
@@ -19,7 +20,10 @@ from firstfix.engine.verdict import threshold_of
 _IN_MOTION = (0.997, 0.999)
 # Of support, to each side of the lead from which a place no longer ties. Points rounded to a centimetre move
 # leads by about half of it: a place that is just within would add .16 to the probability, and then not.
-_BLUR = 0.01
+BLUR = 0.01
+# Of support: a place that is so far behind leads e times less often in another encoding of the scan.
+_ROUNDING = 0.02
+MEASURED_FINELY = 3  # best places whose agreement is measured with many points where they may tie
 
 
 def decided(
@@ -111,15 +115,26 @@ def _of_several(ranked: Sequence[RegisteredCandidate], features: MatchFeatures) 
     leads = sorted(best.support - one.support for one in ranked)
     furthest = leads[features.tied - 1]
     # known aliases tie further than others, and surely
-    end = calibration.min_margin if furthest < calibration.min_margin else furthest + _BLUR
-    ties = [1.0, *(min(max((end + _BLUR - lead) / (2 * _BLUR), 0.0), 1.0) for lead in leads[1:]), 0.0]
+    end = calibration.min_margin if furthest < calibration.min_margin else furthest + BLUR
+    ties = [1.0, *(min(max((end + BLUR - lead) / (2 * BLUR), 0.0), 1.0) for lead in leads[1:]), 0.0]
     probability = 0.0
     for tied, (within, beyond) in enumerate(pairwise(ties), 1):
         if within > beyond:
-            margin = best.spots * leads[min(tied, len(leads) - 1)]
-            number = replace(features, tied=tied, margin=features.margin if len(leads) == 1 else margin)
-            probability += (within - beyond) * calibration.probability(number)
+            lead = best.spots * leads[min(tied, len(leads) - 1)]
+            margin = features.margin if len(leads) == 1 else lead
+            probability += (within - beyond) * _of_tied(ranked, tied, margin)
     return probability
+
+
+def _of_tied(ranked: Sequence[RegisteredCandidate], tied: int, margin: float) -> float:
+    """Probability by the fit of each of the first places, weighted by the chance that it leads."""
+    total = weights = 0.0
+    for one in ranked[: min(tied, MEASURED_FINELY)]:
+        weight = exp((one.support - ranked[0].support) / _ROUNDING)
+        asked = MatchFeatures(one.quality, margin, tied, one.index.config.ranking)
+        total += weight * one.index.calibration.probability(asked)
+        weights += weight
+    return total / weights
 
 
 def _shares(ranked: Sequence[RegisteredCandidate], tied: int, probability: float) -> list[float]:

@@ -19,6 +19,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, Protocol, TypeAlias
@@ -303,6 +304,33 @@ class ChunkCache:
             for chunk in keyed:
                 if chunk.key not in found:
                     _share(results, shared, stage, chunk.key)
+
+    def made_of(self, work: str, content: Sequence[NDArray[Any]], make: Callable[[], Arrays]) -> Arrays:
+        """The arrays that this process makes of others, or that an earlier build made of the same.
+
+        Thread-safe.
+
+        Args:
+            work: the stage and the kind of work, with a slash between them.
+            content: all that decides the result, besides the code.
+        """
+        digest = sha256()
+        for array in content:
+            digest.update(f"{array.dtype.str}{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).view(np.uint8).data)
+        key = self.keys.key_of(work, {"content": digest.hexdigest()}, {})
+        results = ChunkResults(self.executor.store)
+        shared = None if self.executor.is_shared else self.shared
+        if results.has(key) or (shared is not None and _bring(results, shared, key)):
+            found = results.load(key)
+            if found is not None:
+                results.keep(key)
+                return found
+        made = make()
+        results.put(key, made)
+        if shared is not None:
+            _share(results, shared, work.partition("/")[0], key)
+        return made
 
     def _taken_over(
         self,

@@ -24,7 +24,7 @@ from ..mesh.mapped_array import mapped_scratch
 from .find_aliases import find_aliases
 from .kept_aliases import KeptAliases
 from .top_view import draw_preview
-from .visible_points import map_surface
+from .visible_points import MadeOf, always, map_surface
 
 AT_ONCE = 4096  # an eighth of a gigabyte of spectra
 
@@ -67,6 +67,7 @@ def write_index_files(
     *,
     provisional: bool = False,
     kept: KeptAliases | None = None,
+    made_of: MadeOf = always,
 ) -> None:
     """Key search, tiles, known aliases, surface, view and picture.
 
@@ -77,11 +78,12 @@ def write_index_files(
         directory: has templates, clusters and, if there is one, the keys' projection.
         cloud: (m, 3) the map's points; None: it is a mesh.
         look: returns what is seen from (n, 3) positions of templates, as results of ``views.view_chunks``.
+        made_of: makes parts of the surface, or takes them from an earlier build.
     """
     templates = Templates.load(directory, engine.descriptor.make())
     write_search(directory, templates, engine, provisional=provisional, kept=kept)
     surface = map_surface(
-        cloud, look(templates.position_m), engine.registration.map_voxel_m, directory.parent
+        cloud, look(templates.position_m), engine.registration.map_voxel_m, directory.parent, made_of
     )
     progress(0.7)
     write_surface(directory, surface, engine, templates, provisional=provisional)

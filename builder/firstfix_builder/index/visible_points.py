@@ -9,11 +9,12 @@ It is made block by block: in memory are a block and its neighbours' edges.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,25 @@ SEEN_WITHIN_M = 0.3  # of a mapped point: the mesh is not the cloud
 Block = tuple[int, int]
 
 
+class MadeOf(Protocol):
+    """Makes arrays of others, unless they were made before (``ChunkCache.made_of``)."""
+
+    def __call__(self, content: Sequence[NDArray[Any]], make: Callable[[], Arrays]) -> Arrays:
+        """The arrays that ``make`` returns: of the same content the same."""
+        ...
+
+
+def always(content: Sequence[NDArray[Any]], make: Callable[[], Arrays]) -> Arrays:
+    """Make the arrays (``MadeOf``)."""
+    return make()
+
+
 def map_surface(
-    cloud: NDArray[np.floating] | None, views: Iterable[Arrays], voxel_m: float, scratch: Path | None = None
+    cloud: NDArray[np.floating] | None,
+    views: Iterable[Arrays],
+    voxel_m: float,
+    scratch: Path | None = None,
+    made_of: MadeOf = always,
 ) -> Surface:
     """The cloud of a map, or what is seen of a mesh, thinned and turned towards who sees it.
 
@@ -43,6 +61,7 @@ def map_surface(
         cloud: (n, 3), or None: the map is a mesh.
         views: results of ``views.view_chunks``, one of which is in memory at a time.
         scratch: folder for passing files.
+        made_of: makes the normals of a block, or takes those of an earlier build with the same points there.
     """
     with TemporaryDirectory(dir=scratch) as folder:
         seen = SeenBlocks(Path(folder), STEP_M)
@@ -55,7 +74,7 @@ def map_surface(
             looked = _Blocks(Path(folder), "seen", sorted(seen.blocks))
             looked.fill(seen.means)
             points = _turned_cloud(voxel_means(np.asarray(cloud, np.float64), voxel_m), looked, Path(folder))
-        return points.whole_surface()
+        return points.whole_surface(made_of)
 
 
 def _turned_cloud(thin: NDArray[np.float64], looked: _Blocks, folder: Path) -> _Blocks:
@@ -95,16 +114,22 @@ class _Blocks:
         for block, points in in_turn(make, self.blocks):
             np.save(self._path(block), points)
 
-    def whole_surface(self) -> Surface:
+    def whole_surface(self, made_of: MadeOf) -> Surface:
         """All blocks as a surface, one after the other."""
         count = sum(len(np.load(self._path(block), mmap_mode="r")) for block in self.blocks)
-        return Surface.gathered((part for _, part in in_turn(self.surface, self.blocks)), count)
+        parts = in_turn(lambda block: self._surface(block, made_of), self.blocks)
+        return Surface.gathered((part for _, part in parts), count)
 
-    def surface(self, block: Block) -> Surface:
+    def _surface(self, block: Block, made_of: MadeOf) -> Surface:
         """The block as a surface. Normals at its border are taken from the neighbours too."""
         own = self._load(block)
         both = np.concatenate([own, self._beside(block, BORDER_M)])
-        return Surface.around(both[:, :3], both[:, 3:], two_faces=True).at(slice(0, len(own)))
+
+        def make() -> Arrays:
+            found = Surface.around(both[:, :3], both[:, 3:], two_faces=True).at(slice(0, len(own)))
+            return {"points": found.points, "normals": found.normals, "oriented": found.oriented}
+
+        return Surface(**made_of([both, np.array(len(own))], make))
 
     def around(self, block: Block, border_m: float) -> NDArray[np.float64]:
         """The points of a block and of a border around it."""

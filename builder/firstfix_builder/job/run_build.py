@@ -195,8 +195,17 @@ def run_build(
             catalog.builds.set_status(build_id, status)
         else:
             end_build(catalog, build_id, status)
-        shutil.rmtree(work / "sources", ignore_errors=True)
+        _remove_sources(work / "sources")
         return _EXIT_OF_STATE[status["state"]]
+
+
+def _remove_sources(folder: Path) -> None:
+    """Remove what is in the folder. It stays itself: a sandbox that waits for the next build may read it."""
+    for path in folder.iterdir() if folder.is_dir() else ():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -30,17 +30,24 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Flows:
-    """The jobs that a build can do: ``pipeline.build_version`` and ``pipeline.read_source``."""
+    """The jobs that a build can do: ``pipeline.build_version`` and ``pipeline.read_source``.
+
+    Attributes:
+        get_ready: does what a job would begin with, while there is none.
+    """
 
     build_version: Callable[..., object]
     read_source: Callable[..., object]
+    get_ready: Callable[[], None] = lambda: None
 
 
 def pipeline_flows() -> Flows:
-    """Import the real flows, which takes seconds."""
-    from ..pipeline import build_version, read_source
+    """Import the real flows, which takes seconds, and note the source code that was imported."""
+    from ..execution.source_hash import source_hash
+    from ..pipeline import build_version, get_ready, read_source
 
-    return Flows(build_version, read_source)
+    source_hash()  # it may be replaced on disk before there is a job
+    return Flows(build_version, read_source, get_ready)
 
 
 def main(flows: Callable[[], Flows] = pipeline_flows) -> int:
@@ -67,7 +74,9 @@ def main(flows: Callable[[], Flows] = pipeline_flows) -> int:
     if missing and chosen.required:
         return 1
     available = flows()
-    message = None
+    message = reader.next(0.0)
+    if message is None:
+        available.get_ready()
     while message is None:
         message = reader.next(3600.0)
     return run_job(available, message["job"], chosen.work, writer, reader)

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import logging
 import math
-import os
 import shutil
 import signal
 import subprocess
 import time
 import uuid
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,8 @@ from ..execution.build_trace import current_build, mark_cached, mark_chunks
 from ..job.build_job import BuildJob, BuildResult
 from .hand_over import take_files
 from .messages import MessageReader, MessageWriter
-from .process import PROGRAM, end_process, start_process, too_many_processes
+from .prepared import PreparedSandbox
+from .process import PROGRAM, too_many_processes
 
 _log = logging.getLogger(__name__)
 LOOK_S = 0.2
@@ -67,8 +68,29 @@ class SandboxedBuild:
         self._sources = [self._work / "sources"] if sources is None else [one.resolve() for one in sources]
         self._taken = self._work / "taken"
         self._program = program
+        self._prepared: PreparedSandbox | None = None
         self._shared = SharedStages(Store.open(options.store)) if options.share_stages else None
         self._stage = STAGES[0]
+
+    @property
+    def build_id(self) -> str:
+        """Id of the build, which may be told after the sandbox is prepared."""
+        return self._options.build_id
+
+    @build_id.setter
+    def build_id(self, build_id: str) -> None:
+        self._options = replace(self._options, build_id=build_id)
+
+    def prepare(self) -> None:
+        """Start the sandbox of the next ``build_version``: it imports its libraries until there is a job."""
+        with suppress(OSError):  # the build will try again, and say why
+            self._prepared = self._started(read_only=False)
+
+    def close(self) -> None:
+        """End a sandbox that was prepared and not used."""
+        if self._prepared is not None:
+            self._prepared.end()
+            self._prepared = None
 
     def build_version(self, job: BuildJob) -> BuildResult:
         """Build a version as ``pipeline.build_version`` does, from files below ``<work>/sources``.
@@ -108,28 +130,29 @@ class SandboxedBuild:
 
     def _run(self, job: BuildJob, *, read_only: bool) -> None:
         shutil.rmtree(self._taken, ignore_errors=True)
-        scratch = self._folder / "tmp"
-        shutil.rmtree(scratch, ignore_errors=True)
         for left in self._folder.glob("fetched-*"):
             shutil.rmtree(left, ignore_errors=True)
-        for folder in (scratch, self._folder / "home", self._work / "sources", self._taken):
-            folder.mkdir(parents=True, exist_ok=True)
-        read_end, write_end = os.pipe()
+        self._taken.mkdir(parents=True, exist_ok=True)
+        sandbox = self._begun(read_only)
         try:
-            process = start_process(
-                self._options, self._sources, scratch, write_end, program=self._program, reading=read_only
-            )
-        except BaseException:
-            os.close(read_end)
-            raise
+            for other in sandbox.scratch.parent.iterdir():  # of sandboxes that were killed
+                if other != sandbox.scratch:
+                    shutil.rmtree(other, ignore_errors=True)
+            self._follow(sandbox.process, sandbox.messages, job, self._message(job, read_only))
         finally:
-            os.close(write_end)
-        try:
-            self._follow(process, read_end, job, self._message(job, read_only))
-        finally:
-            end_process(process)  # from here on nothing changes its files
-            os.close(read_end)
-            shutil.rmtree(scratch, ignore_errors=True)
+            sandbox.end()
+
+    def _begun(self, read_only: bool) -> PreparedSandbox:
+        """The sandbox that was prepared, or a new one."""
+        prepared, self._prepared = self._prepared, None
+        if prepared is not None:
+            if prepared.is_usable and not read_only:
+                return prepared
+            prepared.end()
+        return self._started(read_only=read_only)
+
+    def _started(self, *, read_only: bool) -> PreparedSandbox:
+        return PreparedSandbox.start(self._options, self._sources, program=self._program, reading=read_only)
 
     def _message(self, job: BuildJob, read_only: bool) -> dict[str, Any]:
         """The job as the inner side reads it."""

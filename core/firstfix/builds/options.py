@@ -19,6 +19,7 @@ from .limits import DEFAULT_MAX_TEMPLATES
 
 DEFAULT_MAX_SOURCE_BYTES = 32 << 30
 THREADS = "threads"
+WHEN_TOLD = "-"  # in place of a build's id
 _DASK_SCHEMES = {"dask": "tcp", "dask+tls": "tls"}
 
 FETCH_SOURCE, PROVISIONAL, PUBLISH = "fetch_source", "provisional", "publish"
@@ -59,7 +60,7 @@ class BuildOptions:
     """Options of the run of one build. They do not change the version, other than ``BuildConfig``.
 
     Attributes:
-        build_id: the build on record; empty if none is.
+        build_id: the build on record; empty if none is; ``WHEN_TOLD``: the first line of standard input.
         store: URL of the store of maps and builds.
         work: folder of sources and stages.
         executor: threads, dask://HOST:PORT, or dask+tls://HOST:PORT with Dask's own certificates.
@@ -146,9 +147,10 @@ class BuildOptions:
         urls = "allow http or https sources below this URL; may be repeated"
         shared = "fetch finished stages from the store, and put them there"
         early = "publish no provisional version, whatever the build's config says"
+        told_id = "the build to run; -: wait for its id, the first line of standard input"
         modes = "auto: as far as the kernel supports it; required: refuse to build without it"
         add("--store", required=True, metavar="URL", help="the store of maps and builds")
-        add("--build", required=True, dest="build_id", metavar="ID", help="the build to run")
+        add("--build", required=True, dest="build_id", metavar="ID", help=told_id)
         add("--work", required=True, type=Path, metavar="DIR", help="sources and stage cache")
         add("--max-source-bytes", type=int, metavar="N", help="largest size of one source file")
         add("--source-root", dest="source_roots", action="append", type=Path, metavar="DIR", help=roots)

@@ -24,7 +24,7 @@ from typing import BinaryIO
 
 import structlog
 
-from firstfix.builds.options import BuildOptions
+from firstfix.builds.options import WHEN_TOLD, BuildOptions
 from firstfix.builds.records import MAX_LOG_BYTES
 from firstfix.errors import BuildError
 
@@ -78,7 +78,7 @@ class BuildProcess:
         Raises:
             OSError: the command cannot be run.
         """
-        log_path = options.work / f"{options.build_id}.log"
+        log_path = _log_path(options.work, options.build_id)
         inherited = {k: v for k, v in os.environ.items() if not k.startswith(_SECRET_PREFIXES)}
         with await BUILDS.run(_open_log, log_path) as log:
             process = await asyncio.create_subprocess_exec(
@@ -93,6 +93,28 @@ class BuildProcess:
         with suppress(OSError):  # it has ended already
             os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
         return cls(process, log_path, options.max_memory_bytes)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the process has not ended."""
+        return self._process.returncode is None
+
+    async def tell(self, build_id: str) -> bool:
+        """Let a process that was started with ``WHEN_TOLD`` run a build.
+
+        Returns False if it has ended, or if an earlier attempt of the build has left a log, which goes on.
+        """
+        log_path = _log_path(self._log_path.parent, build_id)
+        if not self.is_running or not await BUILDS.run(_rename, self._log_path, log_path):
+            return False
+        self._log_path = log_path
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(f"{build_id}\n".encode())
+            await self._process.stdin.drain()
+        except (BrokenPipeError, ConnectionResetError):
+            return False
+        return True
 
     async def wait(self, timeout_s: float) -> int | None:
         """The exit code; None if the process still runs after that time."""
@@ -163,6 +185,18 @@ def last_message(log: Path) -> str | None:
     with suppress(ValueError, KeyError, TypeError):
         return str(json.loads(line)["event"])[:300]
     return line[:300]
+
+
+def _log_path(work: Path, build_id: str) -> Path:
+    return work / ("ready.log" if build_id == WHEN_TOLD else f"{build_id}.log")
+
+
+def _rename(log: Path, new: Path) -> bool:
+    """Rename a log, unless there is one with the new name, or none with the old one."""
+    if new.exists() or not log.exists():
+        return False
+    log.rename(new)
+    return True
 
 
 def _open_log(path: Path) -> BinaryIO:

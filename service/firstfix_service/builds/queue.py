@@ -216,10 +216,12 @@ class EmbeddedBuildQueue:
                 except Exception:  # a defect at one build must not end the queue
                     _log.exception("the build queue failed")
                 if pause:
+                    await runner.prepare()
                     with suppress(TimeoutError):
                         async with asyncio.timeout(self._poll_interval_s):
                             await self._wake.wait()
         finally:
+            await runner.close()
             folder.release()
 
     def _wait_for(self, why: str | None) -> None:

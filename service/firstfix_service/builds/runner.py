@@ -35,6 +35,7 @@ from ..telemetry.metrics import Metrics
 from ..thread_pools import BUILDS
 from .build_watch import BuildWatch, build_limits
 from .process import STOP_GRACE_S, BuildProcess, build_options
+from .ready_process import ReadyProcess
 from .work_folder import WorkFolder
 
 _log = structlog.get_logger(__name__)
@@ -70,6 +71,7 @@ class BuildRunner:
         self._metrics = metrics
         self._settings = settings
         self._options = replace(build_options(settings), work=folder.path)
+        self._ready = ReadyProcess(settings, self._options)
         self._limits = limits = build_limits(settings)
         # Often enough for the shortest of these times.
         self._beat_s = min(settings.build_lease_s, limits.timeout_s, limits.stall_s) / 6
@@ -84,6 +86,14 @@ class BuildRunner:
         self.running: str | None = None
         self._watch = BuildWatch(self._limits, 0.0)  # of the build that was claimed last
         self._owner: str | None = None  # of the same build
+
+    async def prepare(self) -> None:
+        """Keep a process ready for the next build, if the settings ask for one."""
+        await self._ready.prepare()
+
+    async def close(self) -> None:
+        """End the process that is kept ready."""
+        await self._ready.close()
 
     async def run(self, build_id: str) -> Turn:
         """Run one turn. If it is cancelled, the build's process is stopped and the build is queued again.
@@ -111,7 +121,7 @@ class BuildRunner:
 
     async def _run_attempt(self, attempt: Attempt) -> Turn:
         try:
-            process = await BuildProcess.start(
+            process = await self._ready.take(attempt.build_id) or await BuildProcess.start(
                 self._settings, replace(self._options, build_id=attempt.build_id)
             )
         except OSError as error:

@@ -153,6 +153,7 @@ class BuildWorker:
                     if waiting is None:
                         await self._builds.make_streams()
                         waiting = await self._builds.waiting()
+                    await runner.prepare()
                     (message,) = await waiting.fetch(1, timeout=FETCH_S)
                     await self._handle(runner, message)
                 except NothingWaits:
@@ -165,6 +166,7 @@ class BuildWorker:
                     _log.exception("the build worker failed")
                     await asyncio.sleep(RETRY_S)
         finally:
+            await runner.close()
             folder.release()
 
     async def _handle(self, runner: BuildRunner, message: Any) -> None:

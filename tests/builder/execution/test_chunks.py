@@ -258,3 +258,29 @@ def test_results_go_by_age_and_size_and_used_ones_are_young(tmp_path: Path, log:
     assert collect_stages(bench.store, -1).kept == 0
     assert bench.store.list("stages") == []
     assert bench.sums([1, 2, 3])[1] == (3, 0)
+
+
+def test_arrays_made_of_others_are_made_once_for_the_same_content(store: Store, tmp_path: Path):
+    cache = ChunkCache(StageCache(tmp_path / "cache", code_version="1"), Here(store))
+    made: list[int] = []
+
+    def double(values: np.ndarray) -> np.ndarray:
+        def make() -> dict[str, np.ndarray]:
+            made.append(len(values))
+            return {"twice": 2 * values}
+
+        return cache.made_of("build_index/double", [values], make)["twice"]
+
+    values = np.arange(4, dtype=np.float32)
+    assert double(values).tolist() == double(values.copy()).tolist() == [0, 2, 4, 6]
+    assert made == [4]
+    for other in (values[:3], values.reshape(2, 2), values.astype(np.float64), values + 1):
+        assert np.array_equal(double(other), 2 * other)
+    assert len(made) == 5
+
+    for key in ChunkResults(store).made():  # damaged by somebody
+        for path in store.list(f"stages/{key}"):
+            if not path.endswith(".json"):
+                store.delete(path)
+    assert double(values).tolist() == [0, 2, 4, 6]
+    assert len(made) == 6

@@ -1,11 +1,14 @@
 """The visible points of a place with known walls, and the sides they are seen from."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.spatial import cKDTree
 
 from firstfix.sensor import preset
+from firstfix_builder.execution.chunks import Arrays
 from firstfix_builder.index import seen_voxels as seen_voxels_module
 from firstfix_builder.index import visible_points as visible_points_module
 from firstfix_builder.index.seen_voxels import SeenBlocks
@@ -151,3 +154,29 @@ def test_the_order_of_what_is_seen_does_not_matter(tmp_path):
         found.append(np.concatenate([seen.means(block) for block in sorted(seen.blocks)]))
     assert len(parts) > 2
     assert found[0].tobytes() == found[1].tobytes()
+
+
+def test_only_blocks_near_a_change_get_their_normals_anew(monkeypatch: pytest.MonkeyPatch):
+    for module in (visible_points_module, seen_voxels_module):
+        monkeypatch.setattr(module, "BLOCK_M", 4.0)
+    rng = np.random.default_rng(2)
+    floor = np.column_stack([rng.uniform([0, 0], [40, 4], (8000, 2)), np.zeros(8000)])
+    changed = np.where((floor[:, :1] > 37) & (floor[:, 1:2] < 2), floor + [0, 0, 0.4], floor)
+    kept: dict[bytes, Arrays] = {}
+    made: list[int] = []
+
+    def made_of(content: Sequence[np.ndarray], make: Callable[[], Arrays]) -> Arrays:
+        key = b"".join(one.tobytes() for one in content)
+        if key not in kept:
+            kept[key] = make()
+            made.append(1)
+        return kept[key]
+
+    map_surface(floor, [], 0.2, made_of=made_of)
+    assert len(made) == 10
+    made.clear()
+    upon = map_surface(changed, [], 0.2, made_of=made_of)
+    assert 1 <= len(made) <= 2
+    fresh = map_surface(changed, [], 0.2)
+    for name in ("points", "normals", "oriented"):
+        assert getattr(upon, name).tobytes() == getattr(fresh, name).tobytes()

@@ -13,6 +13,7 @@ from firstfix.engine.ranking import RANKING, MatchFeatures, RankingConfig
 from firstfix.errors import CorruptVersion, IncompatibleVersion
 
 TIED = 0.05
+CALIBRATION = Calibration()
 support_of, match_features = RANKING.support, RANKING.match_features
 
 
@@ -36,6 +37,29 @@ def test_a_few_directions_seen_through_outweigh_surfaces_that_the_map_lacks():
     """Mapping missed surfaces: the true place aligns worse than its look-alike, but passes no wall."""
     true_place, look_alike = AlignmentQuality(0.8, 0.68, 0.0, 0.0), AlignmentQuality(0.9, 0.78, 0.004, 0.016)
     assert support_of(true_place) > support_of(look_alike) + TIED
+
+
+# A scan of a yard, turned: head down and below the floor next to nothing of it meets anything, so nothing
+# contradicts it.
+BELOW_THE_FLOOR = AlignmentQuality(0.0595, 0.0503, 0.0, 0.0187, 0.1556, 0.0593, 0.015)
+IN_THE_YARD = AlignmentQuality(0.7254, 0.6439, 0.0056, 0.2352, 0.18, 0.0447, 0.04)
+
+
+def test_what_the_scan_does_not_contradict_counts_only_as_far_as_it_meets_the_map():
+    assert support_of(IN_THE_YARD) > support_of(BELOW_THE_FLOOR) + 0.25
+    assert CALIBRATION.probability(MatchFeatures(BELOW_THE_FLOOR, RANKING.max_margin)) < 0.001
+    assert CALIBRATION.probability(MatchFeatures(IN_THE_YARD, RANKING.max_margin)) > 0.9
+
+
+def test_what_counts_for_a_pose_fades_without_a_step_as_it_meets_less():
+    ratios = np.linspace(0.01, 0.6, 600)
+    fits = [AlignmentQuality(float(ratio), 0.3, 0.0, 0.0, 0.05, 0.05) for ratio in ratios]
+    supports = np.array([support_of(one) for one in fits])
+    claimed = np.array([CALIBRATION.probability(MatchFeatures(one, 0.1)) for one in fits])
+    assert (np.diff(supports) >= 0).all()
+    assert np.diff(supports).max() < 0.003
+    assert (np.diff(claimed) >= 0).all()
+    assert np.ptp(supports[ratios > 0.4]) == 0, "from there on the walls agree, and all of it counts"
 
 
 def test_the_margin_is_over_the_best_other_place():

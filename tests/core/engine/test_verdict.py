@@ -134,6 +134,22 @@ def test_the_probability_of_a_tie_does_not_jump_where_a_place_ceases_to_tie():
     assert np.ptp(probabilities) > 0.1, "it matters whether it ties"
 
 
+def test_the_probability_of_a_tie_does_not_depend_on_which_place_leads():
+    """Rounding moves the alignment score by a thousandth: two places tie, and either may lead."""
+    calibration, other = claiming(0.9, place(0, 0.9), place(1, 0.9), place(2, 0.6)), place(2, 0.6)
+    told = {}
+    for more in (-0.001, 0.001):
+        plain = place(0, 0.9 + more)
+        beside = replace(place(1, 0.9), agreement=Agreement(0.0164, 0.0))
+        ranked = sorted([plain, beside], key=lambda one: -one.support)
+        answer = judged(*ranked, other, calibration=calibration)
+        assert answer.reasons == (Reason.SEVERAL_PLACES,)
+        told[answer.hypotheses[0].template] = answer.probability
+    assert set(told) == {0, 1}, "another place leads"
+    assert abs(told[0] - told[1]) < 0.02
+    assert calibration.probability(RANKING.match_features([beside.quality, other.quality], 0.05)) < 0.7
+
+
 def claiming(probability: float, *places: RegisteredCandidate) -> Calibration:
     """A calibration that gives the best of the places, or those that tie with it, this probability."""
 

@@ -40,13 +40,15 @@ inline MatchFeatures match_features(const Fit& fit, const std::vector<double>& s
 }
 
 // Inputs of the logistic model (equation 7.2). A larger value never lowers the probability. A removed surface does not count
-// here, but in the margin: things leave, wherever the scan was taken.
+// here, but in the margin: things leave, wherever the scan was taken. What is not contradicted counts as far as the scan meets
+// the map.
 inline std::array<double, 5> inputs_of(const MatchFeatures& features, const ProbabilityNumbers& numbers) {
   const Fit& fit = features.fit;
+  const double met = fit.meets_map();
   return {std::log((numbers.worst_score + fit.alignment_score) / (numbers.best_score - fit.alignment_score)),
-          -std::log(numbers.violation_offset + fit.free_space_violation),
-          -std::log(numbers.beside_offset + fit.beside_surface),
-          -std::log(numbers.same_plane_offset + fit.same_plane),
+          -met * std::log(numbers.violation_offset + fit.free_space_violation),
+          -met * std::log(numbers.beside_offset + fit.beside_surface),
+          -met * std::log(numbers.same_plane_offset + fit.same_plane),
           std::min(features.margin, numbers.max_margin)};
 }
 

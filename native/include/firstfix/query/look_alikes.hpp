@@ -16,7 +16,6 @@ namespace firstfix {
 
 // lab/docs/experiments.md, "Which leads over a look-alike can be trusted"
 constexpr double kLeadsBy = 0.08;    // of support: less is what things that move may give to a look-alike
-constexpr double kAgrees = 0.4;      // inlier ratio below which not even the walls agree
 constexpr double kExplained = 0.7;   // alignment score from which on the map has most of what the scan shows
 constexpr double kClearly = 0.02;    // of support, by which a place is contradicted more than the best one, or less
 constexpr double kOneThing = 0.05;   // of the alignment score: a person at 2 m covers four in a hundred points

@@ -13,12 +13,19 @@ namespace firstfix {
 
 using KnownTwist = std::optional<Vector6>;  // of the sensor during a scan, linear then angular; nothing: not known
 
+// Inlier ratio below which not even the walls agree.
+constexpr double kAgrees = 0.4;
+
 // Fit of a scan to the map at a pose: shares, 0..1.
 struct Fit {
   double inlier_ratio = 0, alignment_score = 0;                 // the score less for a motion that is unlikely
   double free_space_violation = 0, removed_surface = 0;         // 0 until free space is checked
   double beside_surface = 0, same_plane = 0;                    // 0 until the agreement is measured
   double seen_free = std::numeric_limits<double>::quiet_NaN();  // not a number: the map does not know it
+
+  // How far it counts that the scan does not contradict the map: as far as it meets the map at all. Below the floor, or beside
+  // the building, next to nothing of a scan meets anything, and so nothing contradicts it either.
+  double meets_map() const { return std::min(inlier_ratio / kAgrees, 1.0); }
 };
 
 // The numbers of firstfix.engine.ranking that a search needs, in the same parts and under the same names.
@@ -28,15 +35,22 @@ struct SupportNumbers {
   // Score by which poses are ranked (equation 7.1). Only differences of it mean something. Logarithms of the misfit spread
   // good values: from 98 to 99 % is as far as from 80 to 90 %.
   double support(const Fit& fit) const {
-    return -(alignment_weight * std::log(best_score - fit.alignment_score) + contradiction(fit));
+    return -(alignment_weight * std::log(best_score - fit.alignment_score) +
+             (fit.meets_map() * seen_through(fit) + in_free(fit)));
   }
 
   // The support that is lost where the scan does not show what the map has, or saw free.
-  double contradiction(const Fit& fit) const {
-    const double seen_free = std::isnan(fit.seen_free) ? 0 : fit.seen_free;
+  double contradiction(const Fit& fit) const { return seen_through(fit) + in_free(fit); }
+
+ private:
+  double seen_through(const Fit& fit) const {
     return removed_weight * std::log(least_share + fit.removed_surface) +
-           violation_weight * std::log(least_share + fit.free_space_violation) +
-           seen_free_weight * std::log(1 + seen_free / seen_free_offset);
+           violation_weight * std::log(least_share + fit.free_space_violation);
+  }
+
+  double in_free(const Fit& fit) const {
+    const double seen_free = std::isnan(fit.seen_free) ? 0 : fit.seen_free;
+    return seen_free_weight * std::log(1 + seen_free / seen_free_offset);
   }
 };
 

@@ -262,10 +262,8 @@ class Search {
     }
     if (aligned_.empty()) return made;
     for (const RegisteredPose& one : allowed(beside_in_order_)) made.push_back(one);
-    // the motion may have changed the order, and an unlikely one counts against a place
-    std::stable_sort(made.begin(), made.end(), [](const RegisteredPose& a, const RegisteredPose& b) {
-      return a.fit.alignment_score > b.fit.alignment_score;
-    });
+    // the motion may have changed the order, an unlikely one counts against a place, and so does meeting little of the map
+    std::stable_sort(made.begin(), made.end(), has_more_support);
     return made;
   }
 
@@ -286,12 +284,17 @@ class Search {
     }
   }
 
-  // The poses that the prior allows, best first, the best one's agreement with many points.
+  // The poses that the prior allows, best first. The agreement of the best one, and of those that may tie with it, is measured
+  // with many points: which of them leads, rounding decides.
   void measure_finely() {
     found_ = ranked(allowed(found_), map_.ranking);
     for (std::size_t i = 0; i < found_.size(); ++i) {
-      if (i == 0) measures_.measure_finely(found_[i]);
-      else measures_.measure(found_[i]);
+      const double lead = found_.front().support - found_[i].support;
+      if (i == 0 || (i < kMeasuredFinely && lead < map_.calibration.min_margin + kBlur)) {
+        measures_.measure_finely(found_[i]);
+      } else {
+        measures_.measure(found_[i]);
+      }
     }
   }
 
