@@ -107,7 +107,7 @@ ARG PIP_INDEX_URL
 COPY deploy/locks/builder.txt /locks/
 RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --only-binary :all: --require-hashes -r /locks/builder.txt
 # What open3d links, screen or not.
-RUN apt-get install -y --no-install-recommends libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0
+RUN apt-get install -y --no-install-recommends libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libidn2-0
 
 FROM builder-packages AS builder-venv
 COPY --from=wheel /wheel /wheel
@@ -116,7 +116,7 @@ RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --no-de
 
 FROM runtime AS builder-files
 RUN apt-get update \
- && apt-get install -y --no-install-recommends libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 \
+ && apt-get install -y --no-install-recommends libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libidn2-0 \
  && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/*
 ENV MPLBACKEND=Agg MPLCONFIGDIR=/tmp/matplotlib
 COPY --from=builder-venv /opt/firstfix /opt/firstfix

@@ -27,6 +27,6 @@ for image in $images; do
     export DEBIAN_FRONTEND=noninteractive DEBCONF_NOWARNINGS=yes
     apt-get update -qq
     command -v python3 >/dev/null || apt-get install -qq --no-install-recommends python3 python3-venv >/dev/null
-    apt-get install -qq --no-install-recommends libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libgomp1 >/dev/null
+    apt-get install -qq --no-install-recommends libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libidn2-0 libgomp1 >/dev/null
     exec nice -n "$NICENESS" /release/scripts/check-release.sh'
 done

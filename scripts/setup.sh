@@ -10,7 +10,7 @@ say() { printf 'setup: %s\n' "$*"; }
 fail() { printf 'setup: %s\n' "$*" >&2; exit 1; }
 
 # open3d links these even where there is no screen; libgomp1 is also faiss's.
-system_packages=(libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libgomp1)
+system_packages=(libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libidn2-0 libgomp1)
 
 suitable() {
   command -v "$1" >/dev/null && "$1" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null

@@ -46,7 +46,7 @@ _SCAN_HELP: dict[type[FirstfixError], tuple[str, str]] = {
     TooLarge: ("A scan is one turn of the sensor: a map, or many turns, is none.", _SCANS),
 }
 _NO_SERVICE = (
-    "Start one: firstfix serve --store STORE; or name another by --url, or a store by --store "
+    "Start one: firstfix serve --store STORE; or name another by --url or --zenoh, or a store by --store "
     "(see docs/quickstart.md)"
 )
 OF_MAPS = ("build", "check", "maps")  # commands whose files are maps

@@ -106,6 +106,7 @@ def local_build(
         job = BuildJob(source, trajectory, config, options.work, tell, lambda: False, confirmed=confirmed)
         try:
             read_confined(job, options)
+            trace.settle()
             built = build_version(
                 source,
                 settings,

@@ -37,6 +37,12 @@ class ViewerClient(Client):
         params = {"first": str(first), "count": str(count)}
         return self._http.run(self._http.steps.sender.call("GET", *path, params=params)).body
 
+    def cloud_intensity(self, map_id: str, version: str, first: int, count: int) -> bytes:
+        """The intensity of some of the points that ``cloud`` lists, a byte each, at most 500,000."""
+        path = ("maps", map_id, "versions", version, "cloud", "intensity")
+        params = {"first": str(first), "count": str(count)}
+        return self._http.run(self._http.steps.sender.call("GET", *path, params=params)).body
+
     def recorded_queries(self, map_id: str | None = None) -> Iterator[RecordedQuery]:
         """Yield the recorded queries, of one map or all, newest first, with one page of them in memory.
 

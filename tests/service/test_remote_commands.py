@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from firstfix.builds.records import new_status
+from firstfix.catalog.manifest import Manifest
 from firstfix.errors import Overloaded
 from tests.commands import Said, firstfix
 from tests.service.service_world import Service
@@ -57,6 +58,32 @@ def test_a_map_is_built_by_a_service(service: Service, tmp_path: Path, as_json: 
     assert (json.loads(first)["version"] if as_json else first.rpartition(" ")[2]) == version
     (build_id,) = service.catalog.builds.ids()
     assert service.catalog.builds.request(build_id)["config"] == {"sensor": "vlp-16", "axis": "y-up"}
+
+
+REBUILT = {
+    "base": "b" * 64,
+    "changed": 40,
+    "gone": 2,
+    "changed_since_taught": 0.03,
+    "keys_of": "c" * 64,
+    "calibration_of": None,
+}
+
+
+@pytest.mark.parametrize("rebuilt", [REBUILT, None])
+def test_what_a_rebuild_has_kept_is_told(service: Service, tmp_path: Path, rebuilt: dict[str, Any] | None):
+    folder = tmp_path / "version"
+    folder.mkdir()
+    (folder / "label.txt").write_text("7")
+    manifest = Manifest.for_directory(folder, source={"rebuilt": rebuilt} if rebuilt else {})
+    version = service.catalog.publish("hall", folder, manifest)
+    builder = ends_as(service, "succeeded", version=version)
+    said = printed(build(service, the_map(tmp_path)))
+    builder.join()
+    kept = "  42 templates have changed since bbbbbbbbbbbb: keys kept of version cccccccccccc, "
+    assert [line for line in said if "keys kept" in line] == (
+        [f"{kept}calibration taught anew"] if rebuilt else []
+    )
 
 
 def test_a_failed_build_is_an_error(service: Service, tmp_path: Path):

@@ -72,6 +72,7 @@ class BuildTrace:
         self._since_ns = 0
         self._wall_ahead_ns = 0  # of the monotonic clock, at the start: spans are dated, ages are not
         self._cached: set[str] = set()
+        self._settled: set[str] = set()
         self._chunks: dict[str, tuple[int, int]] = {}
         self._outcome: tuple[str, str | None] | None = None
         self._spans: _Spans | None = None
@@ -106,8 +107,13 @@ class BuildTrace:
     def mark_cached(self, stage: str) -> None:
         """Note that the result of the current stage came from the cache."""
         with self._lock:
-            if stage == self._stage:  # not a stage within the provisional version
+            if stage == self._stage and stage not in self._settled:  # not one within the provisional version
                 self._cached.add(stage)
+
+    def settle(self) -> None:
+        """Note that this build has the result of the current stage: it takes it once more from the cache."""
+        with self._lock:
+            self._settled.add(self._stage)
 
     def mark_chunks(self, stage: str, count: int, reused: int) -> None:
         """Note that the stage has more chunks, and how many of them an earlier build had made."""

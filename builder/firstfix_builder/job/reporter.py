@@ -1,8 +1,8 @@
 """Reports a running build's progress to the store, and stops the build when it is cancelled.
 
-One thread writes the status at most twice a second, and checks once a second for a cancellation. It also
-receives the signals that stop the process, and notices that the parent has ended. It does so even while the
-main thread is in a long native call, during which Python runs no signal handlers.
+One thread writes the status at most twice a second, with the stages that have ended, and checks once a second
+for a cancellation. It also receives the signals that stop the process, and notices that the parent has ended.
+It does so even while the main thread is in a long native call, during which Python runs no signal handlers.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import signal
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from functools import partial
 from types import FrameType
 from typing import Any
@@ -25,6 +26,8 @@ from firstfix.builds.records import FINAL_STATES, new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import StoreError
 from firstfix.maintenance.build_end import end_build
+
+from ..execution.build_trace import BuildTrace
 
 _log = logging.getLogger(__name__)
 STATUS_PERIOD_S = 0.5
@@ -46,6 +49,7 @@ class BuildReporter:
         options: with ``tied_to_stdin`` the end of standard input has the effect of SIGTERM: the parent was
             killed, and another process will run the build.
         stages: all stages of the build in order, for the overall progress.
+        trace: of this run, whose stages are recorded as they end.
         own_process: SIGTERM and SIGINT set the status to queued and end the process with
             ``ExitCode.TRY_AGAIN``; a cancellation that the stages ignore ends it, too. Only for the main
             thread of a process that runs nothing else.
@@ -57,6 +61,7 @@ class BuildReporter:
         options: BuildOptions,
         map_id: str,
         stages: Sequence[str],
+        trace: BuildTrace,
         *,
         own_process: bool = False,
     ) -> None:
@@ -67,6 +72,8 @@ class BuildReporter:
         self._build_id = build_id
         self._map_id = map_id
         self._stages = {name: i for i, name in enumerate(stages)}
+        self._trace = trace
+        self._stages_recorded = -1  # those of an attempt before are on record until this one begins
         self._own_process = own_process
         self._stage = stages[0]
         self._progress = 0.0
@@ -146,6 +153,10 @@ class BuildReporter:
                 self._end_process("cancelled", ExitCode.CANCELLED)
 
     def _write_status(self) -> None:
+        ended = list(self._trace.stages)  # before the status, which tells who follows it to look for them
+        if len(ended) != self._stages_recorded:
+            self._catalog.builds.set_stages(self._build_id, [asdict(stage) for stage in ended])
+            self._stages_recorded = len(ended)
         current = (self._stage, self._progress, self.provisional_version)
         if current == self._written:
             return

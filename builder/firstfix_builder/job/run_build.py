@@ -88,11 +88,11 @@ def run_build(
         is_wanted = options.provisional and config.get("provisional") is not False
         is_early = is_wanted and not catalog.state(map_id).has_full
         all_stages = reported_stages(stages, provisional=is_early)
-        with BuildReporter(catalog, options, map_id, all_stages, own_process=own_process) as reporter:
+        with BuildReporter(catalog, options, map_id, all_stages, trace, own_process=own_process) as reporter:
 
             def tick(stage: str, fraction: float) -> None:
-                reporter.tick(stage, fraction)
                 trace.tick(stage)
+                reporter.tick(stage, fraction)
 
             def publish_provisional(built: BuildResult) -> None:
                 if reporter.is_cancelled():

@@ -75,6 +75,21 @@ class Intensity:
             return cls(file["values"], *file["ends"].tolist())
 
 
+def as_column(points: NDArray[np.float64], intensity: Intensity | None) -> NDArray[np.float64]:
+    """(n, 3) points with their brightness as a fourth column; (n, 3) where they have none."""
+    return points if intensity is None else np.column_stack([points, intensity.values])
+
+
+def from_column(
+    rows: NDArray[np.float64], intensity: Intensity | None
+) -> tuple[NDArray[np.float64], Intensity | None]:
+    """The points (m, 3) of rows that were made of those of ``as_column``, and their intensity."""
+    points = np.ascontiguousarray(rows[:, :3])
+    if intensity is None:
+        return points, None
+    return points, replace(intensity, values=np.rint(rows[:, 3]).astype(np.uint8))
+
+
 def joined_intensity(parts: Sequence[Intensity | None]) -> Intensity | None:
     """The intensity of several clouds as one, on a common scale; None: one of them has none."""
     known = [part for part in parts if part is not None]

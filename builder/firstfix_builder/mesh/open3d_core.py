@@ -26,7 +26,7 @@ try:
 except ModuleNotFoundError:
     raise
 except (ImportError, OSError) as error:  # it links them even where there is no screen
-    libraries = "libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libgomp1"
+    libraries = "libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 libidn2-0 libgomp1"
     raise ImportError(f"open3d cannot be loaded ({error}): apt-get install {libraries}") from error
 
 __all__ = ["o3d"]

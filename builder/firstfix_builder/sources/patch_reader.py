@@ -14,7 +14,6 @@ from firstfix.engine.index import MapIndex
 from firstfix.errors import BuildFailed, NothingToPatch
 
 from ..job.patch_source import BASE, PatchSource, is_patch_source
-from ..mesh.places.tiled_points import TiledPoints
 from ..stage_files import link
 from ..stage_results import LevelMap
 from .patch.confirm import Change, PatchRule, confirmed_changes
@@ -22,6 +21,7 @@ from .patch.map_patch import MapPatch, patch_of
 from .patch.observation import LeftOut, Seen, seen_by
 from .patch.recorded_scans import read_observations
 from .reading import Reading
+from .write_level_map import write_cloud
 
 PATCH_FILE = "patch.npz"  # of a version, too: the next patch is laid over it
 RECORD_FILE, CELLS_FILE = "patch.json", "changed_cells.npy"
@@ -97,7 +97,8 @@ def _lay(source: Path, told: PatchSource, read: LevelMap, out: Path) -> None:
     if len(patch.added) + len(patch.removed) > MAX_OF_CLOUD * len(current):
         raise BuildFailed("over a tenth of the map has changed, which is no patch: map the place again")
     whole = before.then(patch)
-    TiledPoints.of(whole.lay(cloud)).save(out)
+    bright = read.intensity
+    write_cloud(whole.lay(cloud), None if bright is None else whole.shade(cloud, bright), out)
     whole.save(out / PATCH_FILE)
     np.save(out / CELLS_FILE, np.concatenate([change.cells for change in changes]))
     record = _record(told.base, changes, seen, left_out, patch)

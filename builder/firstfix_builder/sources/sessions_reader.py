@@ -19,8 +19,8 @@ from firstfix.transform import inverse, transform_points
 
 from ..execution.build_trace import within_a_stage
 from ..mesh.clean_cloud import clean_cloud
+from ..mesh.intensity import as_column, from_column
 from ..mesh.level import level_frame
-from ..mesh.places.tiled_points import TiledPoints
 from ..simulation.simulate import Simulator
 from ..stage_files import TRAJECTORY_FILE
 from ..stage_results import SESSIONS_FILE, T_MAP_LEVEL_FILE, LevelMap
@@ -30,7 +30,7 @@ from .reading import Reading
 from .sessions.description import Session, description_in, read_description
 from .sessions.merge import ReadSession, merge
 from .sessions.session_map import SessionMap
-from .write_level_map import write_findings
+from .write_level_map import write_cloud, write_findings
 
 NEAR_TRAJECTORY_M = 5.0  # distance from the trajectory within which a session is mapped well
 
@@ -85,8 +85,8 @@ def _merge(source: Path, sessions: Sequence[Session], reading: Reading, out: Pat
     merged = merge(read, map_of, mesh_of, reading.threads, steps.next, reading.runner.cancelled)
     T_first_level = level_frame(merged.points) if reading.config.level else np.eye(4)
     T_level_first = inverse(T_first_level)
-    points = transform_points(T_level_first, merged.points)
-    TiledPoints.of(clean_cloud(points, reading.config.clean)).save(out)
+    rows = as_column(transform_points(T_level_first, merged.points), merged.intensity)
+    write_cloud(*from_column(clean_cloud(rows, reading.config.clean), merged.intensity), out)
     write_findings(check_map(MapData(points=merged.points)), out)
     if merged.trajectory is not None:
         np.save(out / TRAJECTORY_FILE, T_level_first @ merged.trajectory)
@@ -147,7 +147,7 @@ def _naming(session: str) -> Iterator[None]:
 
 
 def _read(session: Session, result: LevelMap) -> ReadSession:
-    return ReadSession(session, result.points, result.trajectory, result.T_map_level)
+    return ReadSession(session, result.points, result.trajectory, result.T_map_level, result.intensity)
 
 
 def _map_of(

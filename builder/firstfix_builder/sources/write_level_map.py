@@ -17,7 +17,7 @@ from firstfix.findings.finding import Finding
 from firstfix.transform import Matrix, inverse, make_transform, transform_points
 
 from ..mesh.clean_cloud import clean_cloud
-from ..mesh.intensity import Intensity
+from ..mesh.intensity import Intensity, as_column, from_column
 from ..mesh.level import level_frame
 from ..mesh.mesh import Mesh
 from ..mesh.places.tiled_points import TiledPoints
@@ -92,21 +92,18 @@ def write_level_map(
     if data.points is not None:
         T_map_level = level()
         T_level_map = inverse(T_map_level)
-        rows = _rows(T_level_map, data.points, data.intensity)
+        rows = as_column(transform_points(T_level_map, data.points), data.intensity)
         data = replace(data, points=None)  # a large map is not held twice
         cleaned = clean_cloud(rows, config.clean)
         del rows
-        cloud, intensity = np.ascontiguousarray(cleaned[:, :3]), data.intensity
-        if intensity is not None:
-            intensity = replace(intensity, values=np.rint(cleaned[:, 3]).astype(np.uint8))
+        cloud, intensity = from_column(cleaned, data.intensity)
         to_origin = make_transform(np.eye(3), -data.origin)
         kept, moving = _without_moving(cloud, source, made, T_level_map @ to_origin, config)
         if moving is not None:
             write_json(out / MOVING_FILE, moving.to_mapping())
-        tiled, order = TiledPoints.sorted(cloud if kept is None else cloud[kept])
-        tiled.save(out)
-        if intensity is not None:
-            (intensity if kept is None else intensity.at(kept)).at(order).save(out / INTENSITY_FILE)
+        if kept is not None:
+            cloud, intensity = cloud[kept], None if intensity is None else intensity.at(kept)
+        write_cloud(cloud, intensity, out)
     else:
         write_tiled_mesh((Mesh(*part.surface) for part in chain([data], parts)), out)
     if poses is not None:
@@ -118,12 +115,12 @@ def write_level_map(
         held_out.moved(inverse(T_map_level)).save(out)
 
 
-def _rows(
-    T_level_map: Matrix, points: NDArray[np.float64], intensity: Intensity | None
-) -> NDArray[np.float64]:
-    """The points in the level frame, with the intensity as a fourth column where there is one."""
-    moved = transform_points(T_level_map, points)
-    return moved if intensity is None else np.column_stack([moved, intensity.values])
+def write_cloud(cloud: NDArray[np.float64], intensity: Intensity | None, out: Path) -> None:
+    """Write the (n, 3) points of a level map in tiles, and their intensity, for ``LevelMap``."""
+    tiled, order = TiledPoints.sorted(cloud)
+    tiled.save(out)
+    if intensity is not None:
+        intensity.at(order).save(out / INTENSITY_FILE)
 
 
 def _held_out(source: Path, made: MapOfScans | None, config: BuildConfig) -> HeldOut | None:

@@ -72,7 +72,7 @@ def list_builds(
 def show(build_id: BuildArgument, url: Url = None, store: Store = None, as_json: AsJson = False) -> None:
     """Show a build: its state, source, stages, and why it waits.
 
-    Of a build that has ended it shows the time of each stage, and of one that failed why.
+    It shows the time of each stage that has ended, and of a build that failed why.
     """
     from ..build_admin import build_admin
 

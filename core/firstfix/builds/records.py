@@ -3,7 +3,7 @@
     builds/<build_id>/request.json   created once
     builds/<build_id>/status.json    replaced by the process that runs the build
     builds/<build_id>/cancel         if it exists, the build is to stop
-    builds/<build_id>/stages.json    duration of each stage of the last run, once that has ended
+    builds/<build_id>/stages.json    duration of each stage of the last run that has ended
     builds/<build_id>/log.txt        end of the log of its processes, replaced whenever an attempt has ended
     builds/<build_id>/attempts/...   see ``firstfix.builds.attempts``
 
@@ -118,7 +118,7 @@ class BuildRecords:
         self.store.put(_key(build_id, "status.json"), record_json(status))
 
     def stages(self, build_id: str) -> list[dict[str, Any]]:
-        """Stages of the last run that ended: ``stage``, ``seconds`` and ``cached`` of each.
+        """Stages of the last run that have ended: ``stage``, ``seconds`` and ``cached`` of each.
 
         Raises:
             UnreadableRecord: their record is damaged.
@@ -131,7 +131,7 @@ class BuildRecords:
             return []
 
     def set_stages(self, build_id: str, stages: Sequence[Mapping[str, Any]]) -> None:
-        """Record the stages of a run that has ended."""
+        """Record the stages of a run that have ended."""
         record = record_json({"stages": [dict(stage) for stage in stages]})
         self.store.put(_key(build_id, "stages.json"), record)
 
@@ -167,7 +167,7 @@ class BuildRecords:
         with suppress(UnreadableRecord):  # for people: the build's state does not depend on it
             request = self.request(build_id)
         with suppress(UnreadableRecord):
-            shown["stages"] = self.stages(build_id) if shown["state"] in FINAL_STATES else []
+            shown["stages"] = [] if shown["state"] == "queued" else self.stages(build_id)
         asked = {"file_name": "file_name", "note": "note", "caller": "owner"}
         return shown | {name: str(request.get(stored) or "") for name, stored in asked.items()}
 

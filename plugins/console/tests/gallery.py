@@ -3,8 +3,9 @@
     python -m plugins.console.tests.gallery docs/images/console [STATE ...]
 
 It builds its maps (a minute the first time), runs its own services, and leaves one picture a state: a large
-and a small screen in the light colours above those in the dark ones. axe-core checks each of the four; with
-exit code 1 some state is not accessible, and it is said what and where.
+and a small screen in the light colours above those in the dark ones. axe-core checks each of these and a
+middle size, and nothing may be wider than its place. With exit code 1 some state has a fault: it is said what
+and where.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
 from firstfix.builds.config import PerturbConfig
 from firstfix.engine.index import MapIndex
+from firstfix.errors import Conflict
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
@@ -34,6 +36,7 @@ from firstfix_builder.simulation.simulate import Simulator
 from firstfix_client import Client
 from plugins.console.tests.accessible import violations
 from plugins.console.tests.browser import HOST, Browser, running_browser
+from plugins.console.tests.clipped import clipped
 from plugins.console.tests.console_world import ConsoleWorld, house, running_console, scans_without_cabin
 from plugins.console.tests.page import Page
 from tests.once_a_run import OnceARun
@@ -43,12 +46,13 @@ from tests.waiting import wait_until
 
 REPO = Path(__file__).resolve().parents[3]
 WORK = REPO / "build" / "gallery"
-LARGE, SMALL = (1440, 900), (390, 844)
+LARGE, MIDDLE, SMALL = (1440, 900), (1024, 768), (390, 844)
 SCALE = 0.5  # of the large screen, in the picture
 QUALITY = 72
 Posed = tuple[Scan, Matrix]
 ROBOTS = ("cart-07", "cart-12", "forklift-3")
 SEED = 11
+UNSURE_AMONG = 40  # scans of the house
 KEYS_KNOWN_S = 1.0  # the service reads new keys ten times a second
 
 
@@ -58,14 +62,14 @@ class Gallery:
     Attributes:
         images: folder of the pictures.
         wanted: names of the states; none: all of them.
-        violations: what axe-core has found, "state, size, colours: rule: element".
+        faults: what axe-core has found, and what does not fit, "state, size, colours: fault".
     """
 
     def __init__(self, browser: Browser, images: Path, wanted: list[str]) -> None:
         self._browser = browser
         self._images = images
         self._wanted = wanted
-        self.violations: list[str] = []
+        self.faults: list[str] = []
 
     def take(self, state: str, origin: str, key: str | None, show: Callable[[Page], None]) -> None:
         """Brings a page into a state in each size and colour, and keeps the four pictures as one."""
@@ -73,18 +77,18 @@ class Gallery:
             return
         rows = []
         for scheme in ("light", "dark"):
-            pictures = []
-            for size in (LARGE, SMALL):
+            pictures = {}
+            for size in (LARGE, MIDDLE, SMALL):
                 with self._browser.page(origin) as page:
                     page.size(*size)
                     page.prefers(scheme)
                     if key is not None:
                         page.keep_key(key)
                     show(page)
-                    pictures.append(Image.fromarray(page.picture()))
+                    pictures[size] = Image.fromarray(page.picture())
                     seen = f"{state}, {size[0]} x {size[1]}, {scheme}"
-                    self.violations += [f"{seen}: {one}" for one in violations(page)]
-            rows.append(_beside(pictures))
+                    self.faults += [f"{seen}: {one}" for one in violations(page) + clipped(page)]
+            rows.append(_beside(pictures[LARGE], pictures[SMALL]))
         whole = Image.new("RGB", (rows[0].width, sum(row.height for row in rows)), "#808080")
         for number, row in enumerate(rows):
             whole.paste(row, (0, number * rows[0].height))
@@ -93,8 +97,7 @@ class Gallery:
         print(f"{file}: {file.stat().st_size / 1000:.0f} kB", flush=True)
 
 
-def _beside(pictures: list[Image.Image]) -> Image.Image:
-    large, small = pictures
+def _beside(large: Image.Image, small: Image.Image) -> Image.Image:
     height = round(LARGE[1] * SCALE)
     parts = [
         large.resize((round(LARGE[0] * SCALE), height), Image.Resampling.LANCZOS),
@@ -166,17 +169,20 @@ def with_maps(
     gallery.take("retire", world.origin, admin, _asked("tr button", "Retire"))
     gallery.take("earth", world.origin, admin, opened("#/maps/yard/earth", "button", "Set the place"))
     sure = next(file for file, _ in world.scans if world.ask(file)["verdict"] == "localized")
-    indoors = folder / "indoors.ffscan"
-    indoors.write_bytes(encode_scan(_scans_of(house(), alike, 1, 0)[0][0]))
+    indoors = _unsure_scan(world, alike, folder)
     gallery.take("localized", world.origin, admin, tried("yard", sure))
     gallery.take("ambiguous", world.origin, admin, tried("house", indoors))
     gallery.take("rejected", world.origin, admin, tried("yard", indoors))
+    for file, _ in world.scans[:4]:
+        world.ask(file)
+    world.ask(indoors)
+    world.ask(indoors, map="house")
     gallery.take("recorded-queries", world.origin, admin, opened("#/recorded-queries", "td .verdict"))
     gallery.take("keys", world.origin, admin, opened("#/keys", "th", "a robot"))
     gallery.take("changes", world.origin, admin, _changed(world, place, version, folder))
     gallery.take("live", world.origin, admin, _live(world))
     with _builds(world, folder):
-        gallery.take("building", world.origin, admin, opened("", ".builds progress"))
+        gallery.take("building", world.origin, admin, opened("", ".stages small"))
         gallery.take("map-building", world.origin, admin, opened("#/maps/office", ".builds progress"))
     gallery.take("failed", world.origin, admin, opened("", ".builds [role=alert]"))
     for number in range(6):
@@ -215,6 +221,16 @@ def _scans_of(place: SmallWorld, version: BuildResult, count: int, occluders: in
         PerturbConfig(occluders=occluders, unmapped=0, vanished=0),
         np.random.default_rng(SEED),
     )
+
+
+def _unsure_scan(world: ConsoleWorld, version: BuildResult, folder: Path) -> Path:
+    """A scan of the house that could have been taken in both of its storeys."""
+    for number, (scan, _) in enumerate(_scans_of(house(), version, UNSURE_AMONG, 0)):
+        file = folder / f"indoors-{number}.ffscan"
+        file.write_bytes(encode_scan(scan))
+        if world.ask(file, map="house")["verdict"] == "ambiguous":
+            return file
+    raise AssertionError("no scan of the house is ambiguous")
 
 
 def _changed(
@@ -258,7 +274,7 @@ def _live(world: ConsoleWorld) -> Callable[[Page], None]:
 
 @contextlib.contextmanager
 def _builds(world: ConsoleWorld, folder: Path) -> Iterator[None]:
-    """A build that runs, and one before it that failed."""
+    """A build that runs, one behind it, and one before it that failed."""
     broken, building = folder / "broken.ply", folder / "house.ply"
     broken.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1000000\n")
     house().write(building)
@@ -267,8 +283,12 @@ def _builds(world: ConsoleWorld, folder: Path) -> Iterator[None]:
         client.build_map(broken, "depot", config=config)
         running = client.build_map(building, "office", config=config).build_id
         wait_until(lambda: world.get("/builds", limit=5)["builds"][0]["state"] == "running")
+        behind = client.build_map(building, "annex", config=config).build_id
         yield
-        client.cancel_build(running)
+        for build in (behind, running):
+            with contextlib.suppress(Conflict):  # it has ended
+                client.cancel_build(build)
+            wait_until(lambda build=build: client.build_status(build).is_final)
 
 
 def main() -> None:
@@ -293,8 +313,8 @@ def main() -> None:
             with running_console(folder / "console", HOST, (coarse, good), scans) as world:
                 world.service.catalog.publish("house", alike.directory, alike.manifest)
                 with_maps(gallery, world, place, good, alike, folder)
-    if gallery.violations:
-        sys.exit("\n".join(gallery.violations))
+    if gallery.faults:
+        sys.exit("\n".join(gallery.faults))
 
 
 if __name__ == "__main__":

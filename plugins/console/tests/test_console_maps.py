@@ -141,6 +141,22 @@ def test_a_build_stands_on_the_page_of_its_map(page, world, house_file):
     page.until("!document.querySelector('.builds')")
 
 
+def test_builds_say_why_they_wait_and_how_long_each_stage_took(page, world, house_file):
+    page.open()
+    page.wait("a", "yard")
+    with Client(world.service.url, api_key=world.keys["admin"]) as client:
+        config = {"sensor": "vlp-16"}
+        builds = [client.build_map(house_file, name, config=config).build_id for name in ("shed", "barn")]
+        page.wait(".builds li", "behind")
+        assert "shed" in page.js("find('.builds li', 'behind').querySelector('.of-build p').innerText")
+        page.until("[...document.querySelectorAll('.stages small')].some((e) => e.innerText.endsWith(' s'))")
+        page.wait(".stages li", "fetch source")
+        for build_id in reversed(builds):
+            client.cancel_build(build_id)
+            wait_until(lambda build_id=build_id: client.build_status(build_id).is_final)
+    page.until("!find('.builds li', 'shed') && !find('.builds li', 'barn')")
+
+
 def test_a_failed_build_says_on_a_phone_why_and_what_helps(page, world, coarse_version, tmp_path):
     world.service.catalog.publish("works", coarse_version.directory, coarse_version.manifest)
     broken = tmp_path / "broken.ply"

@@ -217,7 +217,7 @@ def test_the_list_of_maps_says_what_happens_and_what_needs_a_person(page, world,
     assert not page.has(".needs li", "lost")
     for _ in range(6):
         world.ask(few, map="lost")
-    page.wait("tr:has([href='#/maps/lost']) td", "6, 0 % localized")  # without a reload
+    page.wait("tr:has([href='#/maps/lost']) td", "6 0 % localized")  # without a reload
     page.wait(".needs li", "lost 6 of 6 queries of the last hour were not localized")
     page.click(".needs [href='#/recorded-queries?map=lost']", "Look")
     page.until("location.hash === '#/recorded-queries?map=lost'")

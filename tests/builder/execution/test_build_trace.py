@@ -32,7 +32,7 @@ from firstfix_builder.job.build_job import BuildJob, BuildResult
 from firstfix_builder.job.run_build import run_build
 from tests.builder.fixtures import queue_build
 from tests.otlp_collector import Collector, running_collector
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, wait_until
 
 TRACE, CALLER = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 TRACEPARENT = f"00-{TRACE}-{CALLER}-01"
@@ -154,6 +154,22 @@ def test_the_record_has_the_times_without_a_collector(catalog: Catalog, tmp_path
     assert all(0 <= stage["seconds"] < 10 * LIMIT_S for stage in stages)
 
 
+def test_stages_are_on_record_while_the_build_goes_on(catalog: Catalog, tmp_path: Path):
+    catalog.builds.set_stages("b1", [{"stage": "of an attempt before", "seconds": 1.0, "cached": False}])
+    seen: list[str] = []
+
+    def look(job: BuildJob) -> BuildResult:
+        job.progress("one", 0.0)
+        job.progress("two", 0.0)
+        wait_until(lambda: catalog.builds.details("b1")["stage"] == "two")
+        seen.extend(stage["stage"] for stage in catalog.builds.details("b1")["stages"])
+        raise BuildFailed("seen enough")
+
+    options = BuildOptions(store=str(tmp_path / "store"), build_id="b1", work=tmp_path / "work")
+    run_build(options, look, ("one", "two"))
+    assert seen == ["fetch_source", "one"]
+
+
 def test_a_wall_clock_that_is_set_back_shortens_no_stage(monkeypatch: pytest.MonkeyPatch):
     now_ns = time.time_ns()
     trace = BuildTrace("build", "hall", None, {})
@@ -162,6 +178,18 @@ def test_a_wall_clock_that_is_set_back_shortens_no_stage(monkeypatch: pytest.Mon
     trace.end("succeeded")
     (one,) = trace.stages
     assert one.seconds >= 0.0
+
+
+def test_a_stage_that_the_build_takes_once_more_from_the_cache_is_not_reused():
+    trace = BuildTrace("b1", "hall", None, environ={})
+    trace.tick("one")
+    trace.settle()
+    trace.mark_cached("one")
+    trace.tick("two")
+    trace.mark_cached("two")
+    trace.settle()
+    trace.end("succeeded")
+    assert [(stage.stage, stage.cached) for stage in trace.stages] == [("one", False), ("two", True)]
 
 
 def test_late_ticks_change_nothing():

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from firstfix_service.builds import ready_process
 from firstfix_service.builds.process import BuildProcess, build_options
 from firstfix_service.builds.ready_process import ReadyProcess
 from firstfix_service.settings import Settings
@@ -55,7 +56,11 @@ def test_it_is_told_the_build_and_its_log_becomes_that_of_the_build(settings: Se
     asyncio.run(main())
 
 
-def test_one_that_waits_is_kept_and_one_that_ended_is_replaced(settings: Settings, tmp_path: Path):
+def test_one_that_waits_is_kept_and_one_that_ended_is_replaced(
+    settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(ready_process, "ENDS_AT_ONCE_S", 0.0)
+
     async def main() -> None:
         ready = ready_in(settings)
         await ready.prepare()
@@ -69,6 +74,26 @@ def test_one_that_waits_is_kept_and_one_that_ended_is_replaced(settings: Setting
         assert ready._process is not first
         await ready.close()
         assert not (tmp_path / "ready.log").exists()
+
+    asyncio.run(main())
+
+
+def test_one_that_ends_at_once_is_not_started_again_before_the_next_build(settings: Settings):
+    async def main() -> None:
+        ready = ready_in(settings)
+        await ready.prepare()
+        first = ready._process
+        assert first is not None
+        first.kill()
+        assert await first.wait(60.0) is not None
+        for _ in range(2):
+            await ready.prepare()
+            assert ready._process is first
+        assert await ready.take("b1") is None
+        await ready.prepare()
+        assert ready._process is not None
+        assert ready._process is not first
+        await ready.close()
 
     asyncio.run(main())
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from firstfix.errors import CorruptVersion
 from firstfix.transform import Matrix, inverse, transform_points
 
 from ...mesh.clean_cloud import voxel_means
+from ...mesh.intensity import Intensity
 from .confirm import Change
 from .observation import Seen
 
@@ -40,12 +41,26 @@ class MapPatch:
     removed: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
 
     def lay(self, cloud: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The (m, 3) cloud with this patch."""
-        return np.concatenate([_without(cloud, self.removed), self.added.astype(np.float64)])
+        """The (m, 3) cloud with this patch: the points that it keeps, then those that it adds."""
+        return np.concatenate([cloud[self.keeps(cloud)], self.added.astype(np.float64)])
+
+    def keeps(self, cloud: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) which points of the cloud stay."""
+        return ~_is_among(cloud, self.removed)
+
+    def shade(self, cloud: NDArray[np.float64], intensity: Intensity) -> Intensity:
+        """The (m,) intensity of ``lay(cloud)``.
+
+        What robots have seen has none that could be compared with the map's, so that added points are of the
+        map's middle brightness.
+        """
+        kept = intensity.values[self.keeps(cloud)]
+        added = np.full(len(self.added), round(float(np.median(intensity.values))), np.uint8)
+        return replace(intensity, values=np.concatenate([kept, added]))
 
     def then(self, later: MapPatch) -> MapPatch:
         """The patch that does the work of both, this one first."""
-        kept = _without(self.added, later.removed).astype(np.float32)
+        kept = self.added[~_is_among(self.added, later.removed)]
         return MapPatch(np.concatenate([kept, later.added]), np.concatenate([self.removed, later.removed]))
 
     def save(self, path: Path) -> None:
@@ -159,9 +174,9 @@ def _comparisons(
             yield one, one.observation.compared(index), one.observation.T_map_sensor
 
 
-def _without(points: NDArray[np.floating], removed: NDArray[np.floating]) -> NDArray[np.floating]:
-    """The points that are not among the removed ones."""
-    if not len(points) or not len(removed):
-        return points
-    away_m, _ = cKDTree(removed).query(points, distance_upper_bound=SAME_POINT_M)
-    return points[~np.isfinite(away_m)]
+def _is_among(points: NDArray[np.floating], others: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(n,) which points are among the others."""
+    if not len(points) or not len(others):
+        return np.zeros(len(points), np.bool_)
+    away_m, _ = cKDTree(others).query(points, distance_upper_bound=SAME_POINT_M)
+    return np.isfinite(away_m)

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from firstfix.errors import BuildFailed
 from firstfix.transform import Matrix, inverse, transform_points
 
+from ...mesh.intensity import Intensity, joined_intensity
 from ...simulation.simulate import Simulator
 from .description import Session
 from .place_session import NotPlaced, place_session
@@ -80,12 +81,14 @@ class ReadSession:
         points: (n, 3) its cleaned cloud.
         trajectory: (m, 4, 4) of the sensor, or None.
         T_session_level: (4, 4) to the coordinates of its file.
+        intensity: of the points; None: they have none.
     """
 
     session: Session
     points: NDArray[np.float64]
     trajectory: NDArray[np.float64] | None
     T_session_level: Matrix
+    intensity: Intensity | None = None
 
 
 @dataclass(frozen=True)
@@ -97,12 +100,14 @@ class MergedSessions:
         trajectory: (m, 4, 4) of all sessions that have one, in their order, or None.
         T_map_first: (4, 4) to the map's coordinates.
         record: for the version's manifest, one entry for each session.
+        intensity: of the points; None: a session has none.
     """
 
     points: NDArray[np.float64]
     trajectory: NDArray[np.float64] | None
     T_map_first: Matrix
     record: list[dict[str, Any]]
+    intensity: Intensity | None
 
 
 def merge(
@@ -164,6 +169,7 @@ def _together(
     simulator_of: Callable[[int], Simulator],
 ) -> MergedSessions:
     clouds = [transform_points(T[number], one.points) for number, one in enumerate(read)]
+    brightness = [one.intensity for one in read]
     removed = [0] * len(read)
     for number, one in enumerate(read[1:], start=1):
         if one.trajectory is None:
@@ -172,6 +178,8 @@ def _together(
             cloud = transform_points(inverse(T[number]), clouds[earlier])
             gone = seen_through(cloud, simulator_of(number), one.trajectory)
             clouds[earlier] = clouds[earlier][~gone]
+            bright = brightness[earlier]
+            brightness[earlier] = None if bright is None else bright.at(~gone)
             removed[earlier] += int(gone.sum())
     trajectories = [T[n] @ one.trajectory for n, one in enumerate(read) if one.trajectory is not None]
     record = []
@@ -188,4 +196,6 @@ def _together(
             }
         )
     trajectory = np.concatenate(trajectories) if trajectories else None
-    return MergedSessions(np.concatenate(clouds), trajectory, T_map_first, record)
+    return MergedSessions(
+        np.concatenate(clouds), trajectory, T_map_first, record, joined_intensity(brightness)
+    )

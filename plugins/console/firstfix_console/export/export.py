@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Protocol
 
 from firstfix.errors import InvalidOption
 
-from .exported_query import ExportedQuery, exported_queries
+from .exported_query import ExportedQuery, exported_queries, read_scan
 from .map_cloud import MapCloud, read_map_cloud
 from .new_file import new_file
 from .source import ExportSource
@@ -76,7 +78,10 @@ def export(
         raise InvalidOption(f"{path}: the file's name must end with {' or '.join(ENDINGS)}")
     with new_file(path, force=force) as folder:
         shown = source.full_version(version) if version else source.active_version()
-        return write_viewer_file(source, map_id, shown, folder, path.suffix, most_points, count)
+        queries = exported_queries(
+            islice(source.recorded_queries(), count), map_id, partial(read_scan, source)
+        )
+        return write_viewer_file(source, map_id, shown, folder, path.suffix, most_points, queries)
 
 
 def write_viewer_file(
@@ -86,15 +91,13 @@ def write_viewer_file(
     folder: Path,
     ending: str,
     most_points: int,
-    count: int | None,
-    room: Callable[[ExportedQuery], None] = lambda query: None,
+    queries: Iterable[ExportedQuery],
 ) -> Exported:
     """Write the file ``out`` into a folder.
 
     Args:
         version: all of its characters.
         ending: of ENDINGS.
-        room: called before each query is written; what it raises ends the export.
 
     Raises:
         NotFound: no such version.
@@ -104,8 +107,7 @@ def write_viewer_file(
     cloud = _cloud_of(source, found, most_points)
     with _viewer_file(folder, ending, map_id) as file:
         first_ns = None
-        for query in exported_queries(source, map_id, count):
-            room(query)
+        for query in queries:
             file.write_query(query)
             first_ns = min(first_ns or query.time_ns, query.time_ns)
             found.queries += 1
@@ -122,7 +124,10 @@ def _cloud_of(source: ExportSource, found: Exported, most_points: int) -> MapClo
         found.note = f"version {found.version[:12]} has no cloud for viewers: build the map again to get one"
         return None
     cloud = read_map_cloud(
-        index, lambda first, count: source.cloud_points(found.version, first, count), most_points
+        index,
+        partial(source.cloud_points, found.version),
+        partial(source.cloud_intensity, found.version),
+        most_points,
     )
     found.points = len(cloud.points)
     return cloud

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +13,10 @@ from firstfix.answer.localization import Localization
 from firstfix.catalog.recorded_queries import MAX_DECODED_BYTES, RecordedQuery
 from firstfix.decode import decode_query
 from firstfix.errors import InputError, NotFound
-from firstfix.scan.compact import CompactScan, ScanDescriptor
-from firstfix.scan.scan import Scan
-from firstfix.scan.sequence import AnyScan
-from firstfix.transform import Matrix, pose_from_mapping, transform_points, yaw_of
+from firstfix.transform import Matrix, pose_from_mapping, yaw_of
 from firstfix.wire.content_encoding import undo_content_encoding
 
+from .shown_scan import NO_POINTS, ShownScan
 from .source import ExportSource
 
 MAP_FRAME = "map"
@@ -62,24 +59,29 @@ class ExportedQuery:
         return self.frame == SENSOR_FRAME
 
 
-def exported_queries(source: ExportSource, map_id: str, count: int | None) -> Iterator[ExportedQuery]:
-    """Yield recorded queries about a map, newest first, with one body in memory.
-
-    Args:
-        count: the newest so many; None: all.
-    """
-    for recorded in islice(source.recorded_queries(), count):
+def exported_queries(
+    recorded: Iterable[RecordedQuery], map_id: str, scan_of: Callable[[RecordedQuery], ShownScan]
+) -> Iterator[ExportedQuery]:
+    """Yield recorded queries about a map, with the scan of one in memory."""
+    for one in recorded:
         try:
-            yield _exported(source, recorded, map_id)
+            yield _exported(one, map_id, scan_of(one))
         except (ValueError, KeyError, TypeError) as error:  # a record that an older or newer release wrote
-            raise InputError(
-                f"recorded query {recorded.query_id}: its record cannot be read: {error!r}"
-            ) from None
+            raise InputError(f"recorded query {one.query_id}: its record cannot be read: {error!r}") from None
 
 
-def _exported(source: ExportSource, recorded: RecordedQuery, map_id: str) -> ExportedQuery:
+def read_scan(source: ExportSource, recorded: RecordedQuery) -> ShownScan:
+    """Read and decode the scan of a recorded query, in this process."""
+    try:
+        body = source.body(recorded.query_id)
+        plain = undo_content_encoding(body, recorded.content_encoding, MAX_DECODED_BYTES)
+        return ShownScan.of(decode_query(plain, recorded.media_type))
+    except (InputError, NotFound) as error:
+        return ShownScan(NO_POINTS, unreadable=str(error))
+
+
+def _exported(recorded: RecordedQuery, map_id: str, scan: ShownScan) -> ExportedQuery:
     answer = Localization.from_mapping(recorded.answer)
-    scan, unreadable = _scan_of(source, recorded)
     pose = answer.T_map_sensor if answer.map_id in ("", map_id) else None
     hypotheses = tuple(
         h.T_map_sensor for h in answer.hypotheses if (h.map_id or answer.map_id or map_id) == map_id
@@ -88,47 +90,24 @@ def _exported(source: ExportSource, recorded: RecordedQuery, map_id: str) -> Exp
     frame = UNPLACED_FRAME if placed is None else GUESS_FRAME if pose is None else SENSOR_FRAME
     told = recorded.truth.get("T_map_sensor") if recorded.truth.get("map_id") == map_id else None
     return ExportedQuery(
-        _time_ns(recorded, scan),
+        _time_ns(recorded, scan.stamp_s),
         recorded,
         answer,
-        np.zeros((0, 3), np.float32) if scan is None else points_of(scan),
+        scan.points,
         frame,
         placed,
         hypotheses,
         None if told is None else pose_from_mapping(told),
-        _words(recorded, answer, map_id, pose, unreadable),
-        unreadable,
+        _words(recorded, answer, map_id, pose, scan.unreadable),
+        scan.unreadable,
     )
 
 
-def points_of(scan: AnyScan) -> NDArray[np.float32]:
-    """The (n, 3) points of a query in the sensor frame, of several scans in the frame of the last."""
-    if isinstance(scan, ScanDescriptor):
-        return np.zeros((0, 3), np.float32)
-    if isinstance(scan, Scan | CompactScan):
-        return scan.points
-    moved = [
-        transform_points(T, one.points).astype(np.float32)
-        for one, T in zip(scan.scans[:-1], scan.T_last_scan[:-1], strict=True)
-    ]
-    return np.concatenate([*moved, scan.scans[-1].points])
-
-
-def _scan_of(source: ExportSource, recorded: RecordedQuery) -> tuple[AnyScan | None, str]:
-    try:
-        body = source.body(recorded.query_id)
-        plain = undo_content_encoding(body, recorded.content_encoding, MAX_DECODED_BYTES)
-        return decode_query(plain, recorded.media_type), ""
-    except (InputError, NotFound) as error:
-        return None, str(error)
-
-
-def _time_ns(recorded: RecordedQuery, scan: AnyScan | None) -> int:
+def _time_ns(recorded: RecordedQuery, stamp_s: float | None) -> int:
     answered = datetime.fromisoformat(recorded.time)
     if answered.tzinfo is None:
         answered = answered.replace(tzinfo=timezone.utc)
     answered_s = answered.timestamp()
-    stamp_s = scan.stamp_s if isinstance(scan, Scan) else None
     if stamp_s is None or not abs(stamp_s - answered_s) < LATEST_S:
         stamp_s = answered_s
     return round(stamp_s * 1e6) * 1000  # a float64 of the epoch holds no nanoseconds

@@ -50,7 +50,7 @@ class McapFile:
 
     def write_map(self, cloud: MapCloud, time_ns: int) -> None:
         """Write the map's points, the templates and the mapping run at the beginning of the queries."""
-        self._write("/map", time_ns, self._cloud(cloud.points, MAP_FRAME, time_ns))
+        self._write("/map", time_ns, self._cloud(cloud.points, MAP_FRAME, time_ns, cloud.intensity()))
         self._write("/templates", time_ns, self._cloud(cloud.templates, MAP_FRAME, time_ns))
         header = self._header(MAP_FRAME, time_ns)
         unturned = self._make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
@@ -129,7 +129,16 @@ class McapFile:
         )
         return self._make(TOPICS["/tf"], transforms=[stamped])
 
-    def _cloud(self, points: NDArray[np.float32], frame: str, time_ns: int) -> Any:
+    def _cloud(
+        self,
+        points: NDArray[np.float32],
+        frame: str,
+        time_ns: int,
+        intensity: NDArray[np.float32] | None = None,
+    ) -> Any:
+        names = ["x", "y", "z"] if intensity is None else ["x", "y", "z", "intensity"]
+        rows = points if intensity is None else np.column_stack([points, intensity])
+        step = 4 * len(names)
         return self._make(
             "sensor_msgs/msg/PointCloud2",
             header=self._header(frame, time_ns),
@@ -139,12 +148,12 @@ class McapFile:
                 self._make(
                     "sensor_msgs/msg/PointField", name=name, offset=4 * place, datatype=_FLOAT32, count=1
                 )
-                for place, name in enumerate("xyz")
+                for place, name in enumerate(names)
             ],
             is_bigendian=False,
-            point_step=12,
-            row_step=12 * len(points),
-            data=np.ascontiguousarray(points, "<f4").reshape(-1).view(np.uint8),
+            point_step=step,
+            row_step=step * len(points),
+            data=np.ascontiguousarray(rows, "<f4").reshape(-1).view(np.uint8),
             is_dense=True,
         )
 

@@ -38,7 +38,13 @@ class RrdFile:
     def write_map(self, cloud: MapCloud, time_ns: int) -> None:
         """Write the map's points, the templates and the mapping run, for all times."""
         rr = self._rerun
-        self._log(f"{MAP_FRAME}/cloud", rr.Points3D(cloud.points, radii=0.02), static=True)
+        grey = None if cloud.brightness is None else np.repeat(cloud.brightness[:, None], 3, axis=1)
+        self._log(f"{MAP_FRAME}/cloud", rr.Points3D(cloud.points, radii=0.02, colors=grey), static=True)
+        intensity = cloud.intensity()
+        if (
+            intensity is not None
+        ):  # rerun's points have none of their own: the viewer shows it of a chosen one
+            self._log(f"{MAP_FRAME}/cloud", rr.AnyValues(intensity=intensity), static=True)
         self._log(f"{MAP_FRAME}/templates", rr.Points3D(cloud.templates, radii=0.1), static=True)
         self._log(f"{MAP_FRAME}/trajectory", rr.LineStrips3D([cloud.trajectory]), static=True)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
-from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_INTENSITY, CLOUD_POINTS
 from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
 from firstfix.catalog.version_prefix import full_version
 from firstfix.catalog.viewer_cloud import MAX_INDEX_BYTES, POINT
@@ -44,6 +44,9 @@ class ExportSource(Protocol):
 
     def cloud_points(self, version: str, first: int, count: int) -> bytes:
         """Some of the cloud's points, packed."""
+
+    def cloud_intensity(self, version: str, first: int, count: int) -> bytes:
+        """The intensity of some of the points, a byte each. The cloud's index tells whether there is any."""
 
     def recorded_queries(self) -> Iterator[RecordedQuery]:
         """Yield the recorded queries about the map, newest first."""
@@ -112,6 +115,9 @@ class _ServiceMap:
     def cloud_points(self, version: str, first: int, count: int) -> bytes:
         return self._client.cloud_points(self._map_id, version, first, count)
 
+    def cloud_intensity(self, version: str, first: int, count: int) -> bytes:
+        return self._client.cloud_intensity(self._map_id, version, first, count)
+
     def recorded_queries(self) -> Iterator[RecordedQuery]:
         return self._client.recorded_queries(self._map_id)
 
@@ -149,6 +155,10 @@ class StoredMap:
         """Some of the cloud's points, packed."""
         start, length = first * POINT.itemsize, count * POINT.itemsize
         return self._catalog.read_part(self._map_id, version, CLOUD_POINTS, start, length)
+
+    def cloud_intensity(self, version: str, first: int, count: int) -> bytes:
+        """The intensity of some of the points, a byte each."""
+        return self._catalog.read_part(self._map_id, version, CLOUD_INTENSITY, first, count)
 
     def recorded_queries(self) -> Iterator[RecordedQuery]:
         """Yield the recorded queries about the map, newest first."""

@@ -72,13 +72,16 @@ test("each storey has a floor of its own", () => {
 test("points are as large as what is between them, and smaller where finer ones are drawn", () => {
   const child = node([0, 0, 0], 512, 20_000);
   const root = node([0, 0, 0], EDGE, 20_000, [child, node([512, 0, 0], 512, 1000)]);
-  const alone = spacingOf([root]).get(root.key)!;
-  const both = spacingOf([root, child]);
+  const whole = (one: CloudNode) => ({ node: one, count: one.count });
+  const alone = spacingOf([whole(root)]).get(root.key)!;
+  const both = spacingOf([whole(root), whole(child)]);
   assert.equal(alone, EDGE / 128);
   assert.equal(both.get(root.key), both.get(child.key));
   assert.ok(both.get(child.key)! < alone);
   const sparse = node([0, 0, 0], EDGE, 100);
-  assert.ok(spacingOf([sparse]).get(sparse.key)! > alone);
+  assert.ok(spacingOf([whole(sparse)]).get(sparse.key)! > alone);
+  const quarter = spacingOf([{ node: root, count: root.count / 4 }]).get(root.key)!;
+  assert.equal(quarter, 2 * alone, "of a quarter of a sheet's points");
 });
 
 test("from above, all of a box is in the picture, its top nearest to the eye", () => {

@@ -27,14 +27,18 @@ const world = tree(6, 10_000); // 5461 nodes, 54 million points
 test("the points of the chosen nodes never exceed the budget, and use it", () => {
   assert.equal(all(world).length, 5461);
   for (const budget of [9_999, 10_000, 100_000, 1_500_000]) {
-    const points = choose(world, near, budget).reduce((sum, { count }) => sum + count, 0);
-    assert.ok(points <= budget);
-    assert.ok(points > budget - 10_000);
+    assert.equal(choose(world, near, budget).reduce((sum, { count }) => sum + count, 0), budget);
   }
 });
 
+test("where even the coarsest node is too much, some of its points are drawn", () => {
+  assert.deepEqual(choose(world, near, 4_000.7), [{ node: world, count: 4_000 }]);
+  const some = choose(world, near, 25_000);
+  assert.deepEqual(some.map(({ count }) => count), [10_000, 10_000, 5_000]);
+});
+
 test("a node comes after its parent, and the order is that of the gaps among those that wait", () => {
-  const chosen = choose(world, near);
+  const chosen = choose(world, near).map(({ node }) => node);
   const seen = new Set<string>();
   const parents = new Map(all(world).flatMap((node) => node.children.map((child) => [child.key, node.key])));
   let waiting: CloudNode[] = [world];
@@ -49,20 +53,20 @@ test("a node comes after its parent, and the order is that of the gaps among tho
 });
 
 test("what is near is finer than what is far", () => {
-  const finest = choose(world, near).filter(({ level }) => level === 6);
+  const finest = choose(world, near).map(({ node }) => node).filter(({ level }) => level === 6);
   assert.ok(finest.length > 0);
   assert.ok(finest.every(({ low }) => Math.hypot(low[0], low[1]) < 400));
 });
 
 test("what is not seen is not chosen, and its children neither", () => {
   const left: Eye = { ...near, sees: (low) => low[0] < 512 };
-  const chosen = choose(world, left);
+  const chosen = choose(world, left).map(({ node }) => node);
   assert.ok(chosen.length > 100);
   assert.ok(chosen.every(({ low }) => low[0] < 512));
 });
 
 test("from far away the coarse nodes are enough", () => {
   const far: Eye = { ...near, at: [512, 512, 100_000] };
-  const levels = choose(world, far).map(({ level }) => level);
+  const levels = choose(world, far).map(({ node }) => node.level);
   assert.ok(levels.length >= 1 && Math.max(...levels) <= 1);
 });

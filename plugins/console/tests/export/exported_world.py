@@ -16,6 +16,7 @@ from firstfix.catalog.recorded_queries import RecordedQueries, RecordedQuery
 from firstfix.store.store import Store
 from firstfix.transform import make_transform, pose_to_mapping, rotation_z
 from firstfix_builder.index.cloud_octree import CloudOctree
+from firstfix_builder.mesh.intensity import Intensity
 
 XYZ = "application/vnd.firstfix.xyz"
 TIME = "2026-01-01T00:00:{:02d}+00:00"
@@ -30,7 +31,10 @@ TRUTH = make_transform(rotation_z(1.1), [2.1, 3.1, 1.0])
 
 @dataclass(frozen=True)
 class ExportedWorld:
-    """``cloud``, ``templates`` and ``trajectory`` of the map "hall", and what was recorded, by query id."""
+    """``cloud``, ``templates`` and ``trajectory`` of the map "hall", and what was recorded, by query id.
+
+    The intensity of a point of the cloud is ``intensity_at`` its place.
+    """
 
     store: str
     version: str
@@ -43,6 +47,11 @@ class ExportedWorld:
 
 def scan_points(seed: int, count: int = 400) -> NDArray[np.float32]:
     return np.random.default_rng(seed).uniform(-9, 9, (count, 3)).astype(np.float32)
+
+
+def intensity_at(points: NDArray[np.floating]) -> NDArray[np.floating]:
+    """(n,) from 0 to 3000 along x."""
+    return points[:, 0] * 100
 
 
 def record_query(
@@ -77,7 +86,8 @@ def make_exported_world(store: str, scratch: Path) -> ExportedWorld:
     cloud = rng.uniform([0, 0, 0], [30, 20, 4], (60_000, 3))
     templates, trajectory = rng.uniform(1, 15, (40, 3)), np.linspace([1, 1, 1], [25, 10, 1], 30)
     marks = {"templates": templates, "trajectory": trajectory}
-    CloudOctree.of(cloud, marks=marks).save(scratch)
+    intensity = Intensity.of(intensity_at(cloud))
+    CloudOctree.of(cloud, marks=marks, intensity=intensity).save(scratch)
     version = Catalog(Store.open(store)).publish("hall", scratch, Manifest.for_directory(scratch))
     localized = Localization(
         Verdict.LOCALIZED,

@@ -19,6 +19,7 @@ from plugins.console.tests.export.exported_world import (
     T0_NS,
     TRUTH,
     ExportedWorld,
+    intensity_at,
     make_exported_world,
 )
 from tests.commands import firstfix
@@ -26,6 +27,7 @@ from tests.service.access_world import KEYED, known
 from tests.service.service_world import Service, running_service, served
 
 ONE_S = 1_000_000_000
+OWN_COMPONENTS = ("intensity",)  # rerun has them in no archetype
 NEEDS_RERUN = "needs rerun-sdk (170 MB): pip install './plugins/console[rerun]'"
 
 
@@ -60,14 +62,25 @@ def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
-def points_in(cloud: Any) -> np.ndarray:
-    assert (cloud.point_step, cloud.row_step, cloud.height) == (12, 12 * cloud.width, 1)
+def rows_in(cloud: Any, *names: str) -> np.ndarray:
+    """The numbers of a PointCloud2 with these fields, all of them float32."""
+    step = 4 * len(names)
+    assert (cloud.point_step, cloud.row_step, cloud.height) == (step, step * cloud.width, 1)
     assert [(field.name, field.offset, field.datatype) for field in cloud.fields] == [
-        ("x", 0, 7),
-        ("y", 4, 7),
-        ("z", 8, 7),
+        (name, 4 * place, 7) for place, name in enumerate(names)
     ]
-    return np.frombuffer(bytes(cloud.data), "<f4").reshape(-1, 3)
+    return np.frombuffer(bytes(cloud.data), "<f4").reshape(-1, len(names))
+
+
+def points_in(cloud: Any) -> np.ndarray:
+    return rows_in(cloud, "x", "y", "z")
+
+
+def is_intensity_of(intensity: np.ndarray, points: np.ndarray) -> None:
+    """Within a step of the 255, but for the brightest and darkest two percent."""
+    expected = intensity_at(points)
+    low, high = np.percentile(expected, [2, 98])
+    np.testing.assert_allclose(intensity, np.clip(expected, low, high), atol=(high - low) / 200)
 
 
 def pose_of(position: Any, turn: Any) -> np.ndarray:
@@ -93,7 +106,9 @@ def test_an_mcap_holds_the_map_and_every_query(way, world, tmp_path):
     ((at, cloud),) = found["/map"]
     assert at == times[0], "the map is there from the first query on"
     assert cloud.header.frame_id == "map"
-    near(points_in(cloud), world.cloud, 1e-3)
+    rows = rows_in(cloud, "x", "y", "z", "intensity")
+    near(rows[:, :3], world.cloud, 1e-3)
+    is_intensity_of(rows[:, 3], rows)
     ((_, templates),) = found["/templates"]
     np.testing.assert_allclose(points_in(templates), world.templates, atol=1e-3)
     ((_, way_of_run),) = found["/trajectory"]
@@ -165,10 +180,10 @@ def in_rerun(reader: Any, timeline: str) -> dict[tuple[str, str], list[tuple[Any
         batch = chunk.to_record_batch()
         times = batch.column(timeline).cast("int64").to_pylist() if timeline in batch.schema.names else None
         for name in batch.schema.names:
-            if ":" not in name:
+            if ":" not in name and name not in OWN_COMPONENTS:
                 continue
             rows = batch.column(name).to_pylist()
-            found.setdefault((chunk.entity_path, name.partition(":")[2]), []).extend(
+            found.setdefault((chunk.entity_path, name.rpartition(":")[2]), []).extend(
                 (None if times is None else times[row], value)
                 for row, value in enumerate(rows)
                 if value is not None
@@ -187,6 +202,8 @@ def test_rerun_opens_the_recording_for_foxglove(world: ExportedWorld, tmp_path: 
     found = in_rerun(McapReader(out), "message_log_time")
     ((_, cloud),) = found["/map", "positions"]
     near(np.array(cloud), world.cloud, 1e-3)
+    ((_, intensity),) = found["/map", "intensity"]
+    is_intensity_of(np.array(intensity), np.array(cloud))
     assert len(found["/templates", "positions"]) == 1
     times = [T0_NS + number * ONE_S for number in range(1, 6)]
     at, scan = found["/scan", "positions"][0]
@@ -210,6 +227,11 @@ def test_a_recording_of_rerun_holds_the_same(way: list[str], world: ExportedWorl
     ((at, cloud),) = found["/map/cloud", "positions"]
     assert at is None, "the map is there at all times"
     near(np.array(cloud), world.cloud, 1e-3)
+    ((_, intensity),) = found["/map/cloud", "intensity"]
+    is_intensity_of(np.array(intensity), np.array(cloud))
+    ((_, colours),) = found["/map/cloud", "colors"]
+    grey = np.array(colours, np.uint32) >> 8 & 255
+    assert np.corrcoef(grey, np.array(intensity))[0, 1] > 0.999, "dark is low"
     times = [T0_NS + number * ONE_S for number in range(1, 6)]
     scans = found["/map/sensor/scan", "positions"]
     assert [at for at, _ in scans] == [times[0], times[4]]
@@ -238,7 +260,8 @@ def test_the_newest_queries_and_an_even_part_of_the_map(way, world, tmp_path):
     assert 8900 < said["points"] <= 9000
     found = messages(out)
     assert [at for at, _ in found["/probability"]] == [T0_NS + 4 * ONE_S, T0_NS + 5 * ONE_S]
-    points = points_in(found["/map"][0][1])
+    points = rows_in(found["/map"][0][1], "x", "y", "z", "intensity")
+    is_intensity_of(points[:, 3], points)
     for axis, length in enumerate((30, 20, 4)):
         assert np.mean(points[:, axis]) == pytest.approx(length / 2, rel=0.05)
 

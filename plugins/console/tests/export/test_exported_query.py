@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,9 @@ from firstfix.transform import make_transform, rotation_z
 from firstfix.wire.scan import encode_scan
 from firstfix.wire.sequence import encode_scans
 from firstfix_builder.index.cloud_octree import CloudOctree
-from firstfix_console.export.exported_query import UNPLACED_FRAME, exported_queries, points_of
+from firstfix_console.export.exported_query import UNPLACED_FRAME, exported_queries, read_scan
 from firstfix_console.export.map_cloud import read_map_cloud
+from firstfix_console.export.shown_scan import ShownScan, points_of
 
 ANSWERED_S = 1_767_225_600.0  # 2026-01-01
 REJECTED = Localization(Verdict.REJECTED).to_mapping()
@@ -57,7 +59,9 @@ def scan(stamp_s: float | None, seed: int = 1) -> Scan:
 
 
 def exported(content: bytes, media_type: str, answer: dict[str, Any] = REJECTED) -> Any:
-    (query,) = exported_queries(OneQuery(content, media_type, answer), "hall", None)  # type: ignore[arg-type]
+    source = OneQuery(content, media_type, answer)
+    scan_of = partial(read_scan, source)  # type: ignore[arg-type]
+    (query,) = exported_queries(source.recorded_queries(), "hall", scan_of)
     return query
 
 
@@ -91,6 +95,14 @@ def test_scans_of_a_sequence_are_shown_in_the_frame_of_the_last():
     )
 
 
+@pytest.mark.parametrize("stamp_s", [ANSWERED_S, 0.0, None])
+def test_a_scan_comes_from_a_worker_as_it_was(stamp_s: float | None):
+    sent = ShownScan.of(scan(stamp_s))
+    came = ShownScan.unpacked(sent.packed())
+    np.testing.assert_array_equal(came.points, sent.points)
+    assert (came.stamp_s, came.unreadable) == (stamp_s, "")
+
+
 def test_a_record_of_an_unknown_kind_is_an_error():
     body = encode_scan(scan(None))
     with pytest.raises(InputError, match="recorded query s: its record cannot be read"):
@@ -113,6 +125,9 @@ def test_a_body_of_an_unknown_kind_is_told():
         {"low_m": [0, 0]},
         {"edge_m": float("nan")},
         {"marks": 7},
+        {"intensity": [0]},
+        {"intensity": [0, float("inf")]},
+        {"intensity": [0, 1]},  # and eight bytes a point come
     ],
 )
 def test_an_index_that_is_none_is_refused(tmp_path, changed: dict[str, Any]):
@@ -125,6 +140,6 @@ def test_an_index_that_is_none_is_refused(tmp_path, changed: dict[str, Any]):
     def read(first: int, count: int) -> bytes:
         return data[8 * first : 8 * (first + count)]
 
-    assert len(read_map_cloud(index, read, 1000).points) == 100
+    assert len(read_map_cloud(index, read, read, 1000).points) == 100
     with pytest.raises(CorruptVersion):
-        read_map_cloud({**index, **changed}, read, 1000)
+        read_map_cloud({**index, **changed}, read, read, 1000)

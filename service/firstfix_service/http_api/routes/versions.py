@@ -15,9 +15,10 @@ from ...thread_pools import CHANGES, LISTS, READS
 from ..edge import CallerDep, needs
 from ..parts import CatalogDep, MapPartsDep
 from ..response_budget import ResponseLeaseDep
-from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
+from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage
 from ..schema.bodies import BINARY
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId, Version
+from ..schema.version_report import VersionReport
 from ..static_page import FOREVER
 
 router = APIRouter(prefix="/maps/{map_id}", tags=["versions"])
@@ -83,6 +84,7 @@ def get_report(map_id: MapId, version: Version, catalog: CatalogDep) -> dict[str
         "bounds": manifest.bounds,
         "self_test": manifest.self_test,
         "findings": [one.to_mapping() for one in findings_of(manifest)],
+        "rebuilt": manifest.source.get("rebuilt"),
         "pictures": [name for name in PICTURES if f"{name}.png" in manifest.files],
     }
 

@@ -137,27 +137,6 @@ class VersionDetails(VersionSummary):
     )
 
 
-class VersionReport(BaseModel):
-    """Results of the build's self-test."""
-
-    map_id: str
-    version: str
-    counts: dict[str, int] = Field(description="numbers of templates, map points and so on")
-    sensor: dict[str, Any] = Field(description="sensor for which the templates were simulated")
-    bounds: list[list[float]] = Field(description="lowest and highest local coordinates, metres")
-    self_test: dict[str, Any] = Field(
-        description="success, false accepts, `reliability` of the probabilities, and `localizability`: where "
-        "in the map a robot can find itself. A cell that is known and not said has what `helps` there: "
-        "`second_scan`, `prior`, `other_height` or `drive_through`. With the poses of the mapping run, "
-        "`mapped` and each cell's `never_seen` and `in_part` say which places it saw from a door or from "
-        "afar alone"
-    )
-    findings: list[MapFinding] = Field(
-        [], description="what is wrong or noteworthy with the map, and what helps"
-    )
-    pictures: list[str] = Field(description="names of the pictures of this version")
-
-
 class CloudIndex(BaseModel):
     """The octree that holds the points of a version, for viewers."""
 
@@ -264,7 +243,7 @@ class Build(BaseModel):
         "null: it begins in its turn",
     )
     stages: list[BuildStage] = Field(
-        [], description="stages of a build that has ended, in `GET /builds/{build_id}`; else empty"
+        [], description="stages that have ended, in `GET /builds/{build_id}`; else empty"
     )
     file_name: str = Field("", description="of the source, in `GET /builds/{build_id}`")
     note: str = Field("", description="of the caller, in `GET /builds/{build_id}`")

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from firstfix.errors import CorruptVersion
+from firstfix_builder.mesh.intensity import Intensity
 from firstfix_builder.simulation.boxes import Boxes
 from firstfix_builder.sources.patch.confirm import confirmed_changes
 from firstfix_builder.sources.patch.map_patch import MapPatch, patch_of
 from firstfix_builder.sources.patch.observation import seen_by
+from firstfix_builder.sources.write_level_map import write_cloud
+from firstfix_builder.stage_results import LevelMap
 from tests.builder.sources.patch.fleet import CHANGED, MAPPED, MOVED, RACK, SIZE_M, Fleet, days
 from tests.changed_hall import surface_points
 
@@ -64,6 +67,23 @@ def test_a_later_patch_is_laid_over_an_earlier_one():
     order = [np.lexsort(points.T) for points in (once, twice)]
     assert np.allclose(once[order[0]], twice[order[1]], atol=1e-6)
     assert np.array_equal(MapPatch().lay(cloud), cloud)
+
+
+def test_points_that_stay_keep_their_intensity_and_added_ones_have_the_middle(tmp_path: Path):
+    cloud = np.random.default_rng(1).uniform(0, 10, (200, 3))
+    bright = Intensity(np.round(25 * cloud[:, 0]).astype(np.uint8), 3.0, 90.0)
+    patch = MapPatch(np.full((4, 3), 20, np.float32), cloud[50:70].astype(np.float32))
+    laid, shaded = patch.lay(cloud), patch.shade(cloud, bright)
+    assert len(shaded.values) == len(laid) == 184
+    np.testing.assert_array_equal(shaded.values[:180], np.round(25 * laid[:180, 0]))
+    assert set(shaded.values[180:].tolist()) == {round(float(np.median(bright.values)))}
+    assert (shaded.low, shaded.high) == (3.0, 90.0)
+    write_cloud(laid, shaded, tmp_path)
+    read = LevelMap("", tmp_path, "")
+    told = read.intensity
+    assert told is not None
+    of_map = read.points[:, 0] < 11
+    np.testing.assert_array_equal(told.values[of_map], np.round(25 * read.points[of_map, 0]))
 
 
 def test_a_patch_is_read_as_it_was_written(tmp_path: Path):

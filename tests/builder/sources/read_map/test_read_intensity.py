@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from firstfix_builder.sources.read_map import read_map
 from firstfix_builder.sources.write_level_map import write_level_map
 from firstfix_builder.stage_results import INTENSITY_FILE, LevelMap
 from tests.builder.sources.read_map.mapping_run import drive, write_run
+from tests.builder.stages import stages_below
 
 RNG = np.random.default_rng(6)
 POINTS = RNG.uniform([0, 0, 0], [20, 8, 3], (4000, 3)).round(3)
@@ -167,3 +169,28 @@ def test_the_points_of_a_build_are_the_same_with_and_without_it(clean: dict[str,
     away = np.abs(read.intensity.values - wanted(file_points))
     assert np.percentile(away, 90) < 4  # a voxel's mean of values that are cut at the ends
     assert cKDTree(POINTS).query(file_points)[0].max() < 1
+
+
+def told_at(read: LevelMap) -> tuple[np.ndarray, np.ndarray]:
+    """The points in the file's coordinates, and the intensity of each in the file's unit."""
+    bright = read.intensity
+    assert bright is not None
+    points = transform_points(read.T_map_level, read.points)
+    return points, bright.low + bright.values * (bright.high - bright.low) / 255
+
+
+@pytest.mark.parametrize("is_bright", [True, False])
+def test_merged_sessions_keep_it_where_all_of_them_have_one(tmp_path: Path, is_bright: bool):
+    np.savetxt(tmp_path / "one.xyz", np.c_[POINTS, BRIGHT][:2500], fmt="%.3f")
+    rows = np.c_[POINTS, BRIGHT] if is_bright else POINTS
+    np.savetxt(tmp_path / "two.xyz", rows[1500:], fmt="%.3f")
+    sessions = [{"source": "one.xyz"}, {"source": "two.xyz", "T_map_session": np.eye(4).tolist()}]
+    (tmp_path / "sessions.yaml").write_text(json.dumps({"sessions": sessions}))
+    with stages_below(tmp_path / "work", BuildConfig.parse({"clean": {"min_neighbours": 1}})) as stages:
+        read = stages.read_map(tmp_path, None)
+    if not is_bright:
+        assert read.intensity is None
+        return
+    points, told = told_at(read)
+    away = np.abs(told - (2 * points[:, 0] + 100))
+    assert np.percentile(away, 90) < 1

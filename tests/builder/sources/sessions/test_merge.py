@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from firstfix.errors import BuildFailed
 from firstfix.transform import inverse, make_transform, rotation_z, transform_points
+from firstfix_builder.mesh.intensity import Intensity
 from firstfix_builder.sources.sessions import merge as merge_module
 from firstfix_builder.sources.sessions.description import Session
 from firstfix_builder.sources.sessions.merge import ReadSession, merge
@@ -95,6 +98,24 @@ def test_trajectories_are_laid_into_the_map(overlaps):
     found = merged([first, read(1)])
     np.testing.assert_allclose(found.trajectory, poses)
     assert merged([read(0), read(1)]).trajectory is None
+
+
+def test_points_that_a_later_session_saw_through_take_their_intensity_along(overlaps, monkeypatch):
+    pairs, _ = overlaps
+    pairs |= {(0, 1)}
+    gone = np.arange(20) % 3 == 0
+    monkeypatch.setattr(merge_module, "seen_through", lambda cloud, simulator, trajectory: gone)
+    poses = np.stack([np.eye(4)])
+    bright = [Intensity(np.arange(n, dtype=np.uint8), 0.0, 255.0) for n in (20, 21)]
+    sessions = [
+        replace(read(0), intensity=bright[0]),
+        replace(read(1), trajectory=poses, intensity=bright[1]),
+    ]
+    found = merge(sessions, lambda number: number, lambda number: None, None, lambda: None, lambda: False)
+    assert found.intensity is not None
+    np.testing.assert_array_equal(found.intensity.values[:13], np.arange(20)[~gone])
+    np.testing.assert_array_equal(found.points[:13], sessions[0].points[~gone])
+    np.testing.assert_array_equal(found.intensity.values[13:], np.arange(21))
 
 
 def test_each_session_that_is_placed_is_told(overlaps):

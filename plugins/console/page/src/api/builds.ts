@@ -15,9 +15,14 @@ export function lastBuilds(limit: number, map_id?: string) {
   return said(api.GET("/builds", { params: { query: { limit, map_id } } }));
 }
 
-/** One build, with its stages once it has ended, and what it was made of. */
+/** One build, with its stages that have ended, and what it was made of. */
 export function buildDetails(build_id: string, signal?: AbortSignal) {
   return said(api.GET("/builds/{build_id}", { params: { path: { build_id } }, signal }));
+}
+
+/** The end of the log of a build's processes. */
+export function buildLog(build_id: string, signal?: AbortSignal) {
+  return said(api.GET("/builds/{build_id}/log", { params: { path: { build_id } }, parseAs: "text", signal }));
 }
 
 /** Begins a build from files that were uploaded. */

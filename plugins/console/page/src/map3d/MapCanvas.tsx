@@ -87,9 +87,9 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
   return (
     <div class="map-canvas" ref={element} data-points={shown.value} aria-busy={isBusy.value}>
       {isMissing ? (
-        <p role="status">
-          This version has no cloud to show: it is provisional, or was built by an older service. Everything else
-          works. The full version of the same build brings one.
+        <p class="empty" role="status">
+          This version has no points to show. Where it is provisional, the full version of the same build brings them; an
+          older one has to be built again. Everything else works.
         </p>
       ) : opened.error ? (
         <ErrorText error={opened.error} again={opened.again} />

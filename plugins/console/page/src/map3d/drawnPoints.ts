@@ -14,7 +14,7 @@ import {
 } from "three";
 import { type Cloud, type CloudNode, intensityOfRun, pointsOfRun } from "./cloud";
 import { spacingOf } from "./density";
-import { choose } from "./levels";
+import { choose, type Part } from "./levels";
 import { Loads, toFree } from "./loads";
 import { PointMaterial } from "./material";
 
@@ -72,18 +72,20 @@ export class DrawnPoints {
   /** Shows what the camera wants and is there. */
   show(camera: PerspectiveCamera, pixelsPerTangent: number, mostPoints: number): void {
     this.material.pixelsPerTangent = pixelsPerTangent;
-    this.wanted = this.chosen(camera, pixelsPerTangent, mostPoints);
+    const parts = this.chosen(camera, pixelsPerTangent, mostPoints);
+    this.wanted = parts.map(({ node }) => node);
     this.round += 1;
     this.shown = 0;
     for (const { object } of this.loaded.values()) object.visible = false;
-    const there = this.wanted.filter(({ key }) => this.loaded.has(key));
+    const there = parts.filter(({ node }) => this.loaded.has(node.key));
     const spacings = spacingOf(there);
-    for (const { key } of there) {
+    for (const { node: { key }, count } of there) {
       const drawn = this.loaded.get(key)!;
       drawn.object.visible = true;
+      drawn.object.geometry.setDrawRange(0, count);
       drawn.used = this.round;
       drawn.spacing = spacings.get(key)!;
-      this.shown += drawn.count;
+      this.shown += count;
     }
   }
 
@@ -104,7 +106,7 @@ export class DrawnPoints {
   private readonly isLoaded = (key: string) => this.loaded.has(key);
   private readonly isShaded = (key: string) => this.loaded.get(key)?.object.geometry.hasAttribute("shade") ?? false;
 
-  private chosen(camera: PerspectiveCamera, pixelsPerTangent: number, mostPoints: number): CloudNode[] {
+  private chosen(camera: PerspectiveCamera, pixelsPerTangent: number, mostPoints: number): Part[] {
     camera.updateMatrixWorld();
     const whole = new Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse);
     const frustum = new Frustum().setFromProjectionMatrix(whole);

@@ -22,17 +22,24 @@ export function gapOf(node: CloudNode, eye: Eye): number {
   return ((node.edge / 128) * eye.pixelsPerTangent) / Math.max(Math.sqrt(squared), node.edge / 64);
 }
 
-/** The nodes to draw, the most important first: a parent always before its children. */
-export function choose(root: CloudNode, eye: Eye, mostPoints = MAX_POINTS): CloudNode[] {
-  const chosen: CloudNode[] = [];
+/** A node of which the first `count` points are drawn. Their order is by chance, so that they lie all over it. */
+export interface Part {
+  node: CloudNode;
+  count: number;
+}
+
+/** The nodes to draw, the most important first: a parent always before its children, and of the last one what is left. */
+export function choose(root: CloudNode, eye: Eye, mostPoints = MAX_POINTS): Part[] {
+  const chosen: Part[] = [];
   const waiting = new Waiting();
   waiting.push({ node: root, gap: Infinity });
   let drawn = 0;
   for (let next = waiting.pop(); next; next = waiting.pop()) {
     const { node, gap } = next;
-    if (drawn + node.count > mostPoints) break;
-    chosen.push(node);
-    drawn += node.count;
+    const count = Math.min(node.count, Math.floor(mostPoints) - drawn);
+    if (count <= 0 && node.count > 0) break;
+    chosen.push({ node, count });
+    drawn += count;
     if (gap < FINEST_PX) continue;
     for (const child of node.children)
       if (eye.sees(child.low, child.edge)) waiting.push({ node: child, gap: gapOf(child, eye) });

@@ -59,6 +59,7 @@ export function Builds({ map, maps, done, again }: BuildsProps) {
               <BuildRow
                 key={one.build_id}
                 build={one}
+                builds={builds.value}
                 isNamed={map === undefined}
                 done={done}
                 again={() => again(one.map_id)}

@@ -5,7 +5,7 @@ import type { Schemas } from "../api/client";
 import { link } from "../router";
 import { count, percent, short } from "../ui/text";
 import { When } from "../ui/When";
-import { countedText, type MapCounts } from "./answerCounts";
+import { countedTexts, type MapCounts } from "./answerCounts";
 import { Thumbnail } from "./Thumbnail";
 
 export interface MapRowProps {
@@ -34,17 +34,16 @@ export function MapRow({ one, counts, hasPicture, remove }: MapRowProps) {
       </td>
       {mayBuild.value ? (
         <>
-          <td data-name="Asked in the last hour">{counts ? countedText(counts.hour) : "none"}</td>
+          <td data-name="Asked in the last hour">{counts ? <Counted answers={counts.hour} /> : "none"}</td>
           <td data-name="in the last day">
-            {counts ? countedText(counts.day) : "none"}
+            {counts ? <Counted answers={counts.day} /> : "none"}
             {counts ? <small class="last">last {<When iso={counts.last_time} />}</small> : null}
           </td>
         </>
       ) : null}
       <td data-name="Active version">
-        {version ? <code title={version}>{short(version)}</code> : "none"}{" "}
+        {version ? <code title={version}>{short(version)}</code> : "none"} {published ? <When iso={published} /> : null}
         {one.provisional ? <span class="tag">provisional</span> : null}
-        {published ? <When iso={published} /> : null}
       </td>
       <td class="nowrap" data-name="Size">
         {size_m ? `${size_m.map((m) => m.toFixed(0)).join(" × ")} m` : ""}
@@ -60,5 +59,14 @@ export function MapRow({ one, counts, hasPicture, remove }: MapRowProps) {
         ) : null}
       </td>
     </tr>
+  );
+}
+
+function Counted({ answers }: { answers: Schemas["CountedAnswers"] }) {
+  const [answered, localized] = countedTexts(answers);
+  return (
+    <>
+      {answered} <small class="last">{localized}</small>
+    </>
   );
 }

@@ -1,26 +1,33 @@
-// The stages of a build with their times: as they are seen while it runs, and as it recorded them once it has ended.
+// The stages of a build with their times, as the build records each of them when it ends.
 
 import { useSignal } from "@preact/signals";
+import { useRef } from "preact/hooks";
 import { buildDetails } from "../api/builds";
+import type { Schemas } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
 import { duration } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
-import type { StageTime } from "./stageTimes";
 
-export function GoingStages({ times }: { times: StageTime[] }) {
-  if (!times.length) return null;
+type Build = Schemas["Build"];
+
+/** Of a build that runs: those that have ended, and the one that goes on. */
+export function GoingStages({ build: { build_id, stage }, now_ms }: { build: Build; now_ms: number }) {
+  const details = useLoaded((signal) => buildDetails(build_id, signal), [build_id, stage]);
+  const begun = useRef<{ stage: string; ms: number | null }>({ stage, ms: null }); // null: before somebody looked
+  if (begun.current.stage !== stage) begun.current = { stage, ms: now_ms };
+  const { ms } = begun.current;
+  const ended = (details.value?.stages ?? []).filter((one) => one.stage !== stage);
   return (
-    <details class="stages">
-      <summary>Stages</summary>
-      <dl class="facts">
-        {times.map(({ stage, seconds, isGoing }) => (
-          <div key={stage}>
-            <dt>{stage.replaceAll("_", " ")}</dt>
-            <dd>{seconds === null ? "begun before this page" : `${duration(seconds)}${isGoing ? " so far" : ""}`}</dd>
-          </div>
-        ))}
-      </dl>
-    </details>
+    <ol class="stages" aria-label="Stages">
+      {ended.map((one) => (
+        <li key={one.stage}>
+          {nameOf(one.stage)} <small>{one.cached ? "reused" : duration(one.seconds)}</small>
+        </li>
+      ))}
+      <li aria-current="step">
+        {nameOf(stage)} {ms === null ? null : <small>{duration((now_ms - ms) / 1000)}</small>}
+      </li>
+    </ol>
   );
 }
 
@@ -28,7 +35,7 @@ export function GoingStages({ times }: { times: StageTime[] }) {
 export function EndedStages({ build }: { build: string }) {
   const isOpen = useSignal(false);
   return (
-    <details class="stages" onToggle={(event) => (isOpen.value = event.currentTarget.open)}>
+    <details class="ended-stages" onToggle={(event) => (isOpen.value = event.currentTarget.open)}>
       <summary>Stages</summary>
       {isOpen.value ? <Recorded build={build} /> : null}
     </details>
@@ -42,19 +49,32 @@ function Recorded({ build }: { build: string }) {
   const { stages, file_name, note } = details.value;
   return (
     <>
-      <p class="hint">
-        {file_name ? `Of ${file_name}. ` : ""}
-        {note}
-      </p>
+      {file_name || note ? (
+        <p class="hint">
+          {file_name ? `Of ${file_name}. ` : ""}
+          {note}
+        </p>
+      ) : null}
       {stages.length ? null : <p class="hint">It recorded none.</p>}
       <dl class="facts">
         {stages.map((one) => (
           <div key={one.stage}>
-            <dt>{one.stage.replaceAll("_", " ")}</dt>
+            <dt>{nameOf(one.stage)}</dt>
             <dd>{one.cached ? "made by an earlier build" : duration(one.seconds)}</dd>
           </div>
         ))}
+        {stages.length ? (
+          <div>
+            <dt>together</dt>
+            <dd>{duration(stages.reduce((sum, one) => sum + one.seconds, 0))}</dd>
+          </div>
+        ) : null}
       </dl>
     </>
   );
+}
+
+/** A stage in words. */
+export function nameOf(stage: string): string {
+  return stage.replaceAll("_", " ");
 }

@@ -19,6 +19,7 @@ export function useAnswerCounts(): Map<string, MapCounts> {
   return new Map((value?.maps ?? []).map((one) => [one.map_id, one]));
 }
 
-export function countedText({ answered, localized }: Schemas["CountedAnswers"]): string {
-  return answered ? `${count(answered)}, ${percent(localized / answered)} localized` : "none";
+/** What counts in a cell: how many, and how many of them were localized. */
+export function countedTexts({ answered, localized }: Schemas["CountedAnswers"]): [string, string] {
+  return answered ? [count(answered), `${percent(localized / answered)} localized`] : ["none", ""];
 }

@@ -54,6 +54,16 @@ export function hasFailed({ state, error }: Schemas["Build"]): boolean {
   return state === "failed" && error?.code !== "nothing_to_patch";
 }
 
+/** Why a build does not run yet, as far as the caller's builds and the service tell; "": it runs, or has ended. */
+export function whyItWaits(build: Schemas["Build"], builds: readonly Schemas["Build"][]): string {
+  if (build.state !== "queued") return "";
+  if (build.waits_for) return `It waits: ${build.waits_for}.`;
+  if (build.error) return `It is tried again, because of this: ${build.error.detail}`;
+  const before = builds.filter((one) => isGoing(one) && one.build_id < build.build_id).map((one) => one.map_id);
+  if (!before.length) return "It waits for its turn.";
+  return `It waits for its turn, behind ${before.length === 1 ? "the build" : `${before.length} builds`} of ${[...new Set(before)].join(", ")}.`;
+}
+
 /** When the build was handed in, ISO 8601: its id begins with it. "": the id is of another kind. */
 export function begunAt(build: string): string {
   const found = /^(\d{4})(\d\d)(\d\d)t(\d\d)(\d\d)(\d\d)/i.exec(build);

@@ -1,7 +1,7 @@
 import { mayAdminister } from "../access/session";
 import { link } from "../router";
 import { whyOf } from "../scan/why";
-import { chance, size } from "../ui/text";
+import { chance, short, size } from "../ui/text";
 import { When } from "../ui/When";
 import { Verdict } from "../ui/Verdict";
 import { answerOf, mapOf, type RecordedQuery } from "./place";
@@ -23,6 +23,7 @@ export function QueryTable({ queries, remove, point }: QueryTableProps) {
           <th>Verdict</th>
           <th>Why</th>
           <th class="number">Probability</th>
+          <th>Request</th>
           <th class="number">Size</th>
           <th>Truth</th>
           <th>
@@ -40,8 +41,11 @@ export function QueryTable({ queries, remove, point }: QueryTableProps) {
             <td data-name="Verdict">
               <Verdict verdict={answerOf(one).verdict} />
             </td>
-            <td data-name="Why">{whyOf(answerOf(one), leastAsked(one)).join(" ")}</td>
+            <td data-name="Why">{answerOf(one).verdict === "localized" ? "" : whyOf(answerOf(one), leastAsked(one)).join(" ")}</td>
             <td class="number" data-name="Probability">{chance(answerOf(one).probability)}</td>
+            <td data-name="Request">
+              <code title={`request ${one.request_id}`}>{short(one.request_id)}</code> <small>{one.transport}</small>
+            </td>
             <td class="number nowrap" data-name="Size">{size(one.body_bytes)}</td>
             <td data-name="Truth">{one.truth ? (one.truth.T_map_sensor ? "known" : "not in the map") : ""}</td>
             <td class="actions">

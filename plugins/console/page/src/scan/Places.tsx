@@ -9,6 +9,7 @@ import { headingOf } from "./handPose";
 import { type Place, placesOf } from "./shares";
 
 const LISTED = 8;
+const NUMBERS = ["Probability", "x (m)", "y (m)", "z (m)", "Heading (°)", "On the map", "Through it"] as const;
 
 export interface PlacesProps {
   answer: Schemas["Answer"];
@@ -31,7 +32,7 @@ export function Places({ answer, chosen, choose }: PlacesProps) {
           <thead>
             <tr>
               <th>Place</th>
-              {["Probability", "x (m)", "y (m)", "z (m)", "Heading (°)", "On the map", "Through it"].map((name) => (
+              {NUMBERS.map((name) => (
                 <th key={name} class="number">
                   {name}
                 </th>
@@ -82,21 +83,29 @@ function PlaceRow({ rank, place, answer, isChosen, choose }: PlaceRowProps) {
           {rank}
         </label>
       </th>
-      <td class="number">{chance(place.probability)}</td>
-      <Figure deviation={sigma?.x_m.toFixed(3)}>{x.toFixed(2)}</Figure>
-      <Figure deviation={sigma?.y_m.toFixed(3)}>{y.toFixed(2)}</Figure>
-      <Figure deviation={sigma?.z_m.toFixed(3)}>{z.toFixed(2)}</Figure>
-      <Figure deviation={sigma?.heading_deg.toFixed(2)}>{headingOf(one.T_map_sensor.quaternion).toFixed(1)}</Figure>
-      <td class="number">{percent(one.inlier_ratio)}</td>
-      <td class="number">{percent(one.free_space_violation, 1)}</td>
+      <Figure name="Probability">{chance(place.probability)}</Figure>
+      <Figure name="x (m)" deviation={sigma?.x_m.toFixed(3)}>{x.toFixed(2)}</Figure>
+      <Figure name="y (m)" deviation={sigma?.y_m.toFixed(3)}>{y.toFixed(2)}</Figure>
+      <Figure name="z (m)" deviation={sigma?.z_m.toFixed(3)}>{z.toFixed(2)}</Figure>
+      <Figure name="Heading (°)" deviation={sigma?.heading_deg.toFixed(2)}>
+        {headingOf(one.T_map_sensor.quaternion).toFixed(1)}
+      </Figure>
+      <Figure name="On the map">{percent(one.inlier_ratio)}</Figure>
+      <Figure name="Through it">{percent(one.free_space_violation, 1)}</Figure>
     </tr>
   );
 }
 
+interface FigureProps {
+  name: (typeof NUMBERS)[number];
+  deviation?: string | undefined;
+  children: ComponentChildren;
+}
+
 /** A number with its standard deviation below it, where that is known. */
-function Figure({ deviation, children }: { deviation: string | undefined; children: ComponentChildren }) {
+function Figure({ name, deviation, children }: FigureProps) {
   return (
-    <td class="number">
+    <td class="number" data-name={name}>
       {children}
       {deviation === undefined ? null : <small>± {deviation}</small>}
     </td>
