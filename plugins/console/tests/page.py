@@ -156,14 +156,16 @@ class Page:
         """Clicks an element once it rests; again, if it has moved away from under the mouse all the same."""
         self.wait(f"{selector}:not(:disabled)", words)
         found = f"find({json.dumps(selector)}, {json.dumps(words)})"
-        self.js(
-            "globalThis.isClicked = false;"
-            f"{found}.addEventListener('click', () => (isClicked = true), {{ capture: true, once: true }})"
-        )
+        self.js("globalThis.isClicked = false")
 
         def click() -> Any:
             x, y, width, height = box = self.box(selector, words)
             self.js("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            # The page may have put another element in its place since the last try.
+            self.js(
+                f"{found}?.addEventListener('click', () => (isClicked = true),"
+                " { capture: true, once: true })"
+            )
             if self.box(selector, words) != box:
                 return False
             self.click_at(x + width / 2, y + height / 2)
