@@ -35,8 +35,8 @@ from tests.small_world import SENSOR
 from tests.waiting import let_pass, wait_until
 
 pytestmark = pytest.mark.slow
-# Sensors with which no other test builds the house: stages that it had made would be taken over, and the build
-# would end before a test has looked at it.
+# Sensors with which no other test builds the house: stages that it had made would be taken over, and the
+# build would end before a test has looked at it.
 OF_NO_OTHER_TEST = ("os1-64", "os1-128", "os0-128")
 
 
