@@ -94,5 +94,5 @@ def noise(_: Scan) -> Scan:
 
 
 def findings_of(answer: Localization) -> str:
-    """What the program says of why a scan is not localized."""
+    """The findings as the program prints them, with which it says why a scan is not localized."""
     return "".join(f"{one.code}: {one.text} {one.remedy}\n" for one in reasons_found(answer))

@@ -136,7 +136,7 @@ def test_words_that_are_no_option_are_refused(on_board: Build, folder: Path, sca
 
 
 def test_reasons_are_told_in_the_words_of_a_service(tmp_path: Path):
-    """Those that no scan of the tests meets, too."""
+    """All reasons are compared, as few are met by scans of the tests."""
     texts = (REPO / "clients/cpp/src/version/reason_finding.cpp").read_text()
     quality = AlignmentQuality(0.5, 0.5, 0.25, 0.0, None)
     for reason in Reason:

@@ -92,7 +92,7 @@ class HypothesisSearch:
 
     @property
     def is_settled(self) -> bool:
-        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        """See ``tests.reference.hypothesis_steps.HypothesisSteps``."""
         calibration = self._index.calibration
         return (
             bool(self.found)
@@ -102,7 +102,7 @@ class HypothesisSearch:
 
     @property
     def explains_scan(self) -> bool:
-        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        """See ``tests.reference.hypothesis_steps.HypothesisSteps``."""
         if not self.found:
             return False
         best = features_of(self.found)
@@ -110,13 +110,13 @@ class HypothesisSearch:
         return is_convincing and self._index.calibration.ends_search(best.without_rivals)
 
     def is_accepted(self, min_probability: float | None) -> bool:
-        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        """See ``tests.reference.hypothesis_steps.HypothesisSteps``."""
         if not self.found:
             return False
         return self._index.calibration.accepts(features_of(self.found), self._needed(min_probability))
 
     def try_aliases(self, min_probability: float | None, *, nearby: bool) -> list[tuple[str, float]]:
-        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        """See ``tests.reference.hypothesis_steps.HypothesisSteps``."""
         placed = self.found[0].registration
         aliases = known_aliases(self._index, placed.T_level_sensor, self._prior)
         untried = self.untried(aliases, placed.twist)
@@ -130,12 +130,12 @@ class HypothesisSearch:
         return threshold_at(self.found[0], LocalizeOptions(min_probability=min_probability))
 
     def with_look_alikes_marked(self) -> list[RegisteredCandidate]:
-        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        """See ``tests.reference.hypothesis_steps.HypothesisSteps``."""
         self.found = with_look_alikes_marked(self.found, self._prior)
         return self.found
 
     def aliases_outside(self) -> Candidates:
-        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        """See ``tests.reference.hypothesis_steps.HypothesisSteps``."""
         assert self._prior is not None
         placed = self.found[0].registration
         found = known_aliases(self._index, placed.T_level_sensor, None)
@@ -143,7 +143,7 @@ class HypothesisSearch:
         return self.not_far_behind(found.at(np.flatnonzero(is_outside)), placed.T_level_sensor, placed.twist)
 
     def lead_outside(self, anywhere: HypothesisSearch) -> float:
-        """See ``firstfix.engine.hypotheses.HypothesisSearch``."""
+        """See ``tests.reference.hypothesis_steps.HypothesisSteps``."""
         assert self._prior is not None
         outside = [one.support for one in anywhere.found if not self._prior.allows(one.T_map_sensor)]
         return max(0.0, max(outside) - self.found[0].support) if outside else 0.0

@@ -16,16 +16,7 @@ from firstfix.scan.levelling import levelling_rotation
 def levelled_otherwise(
     prepared: PreparedQuery, expected_up: NDArray[np.float64] | None, usual_height_m: float, *, tilted: bool
 ) -> tuple[PreparedScan, ...]:
-    """The query's scans, levelled in each way that is worth a search.
-
-    Of a long sequence only the last scans are taken, so that the work has a limit.
-
-    Args:
-        expected_up: (3,) unit vector in the last scan's frame, by the mounting; None: up is measured, and
-            only heights are varied.
-        usual_height_m: of the map's own sensor above the floor, tried beside the height that the scan shows.
-        tilted: also by small tilts about the likeliest ups, then with the usual height only.
-    """
+    """As ``tests.reference.level_hypotheses``, by the compiled function."""
     scans, dense = prepared.scans, prepared.dense
     found = native.level_hypotheses(
         [(one.T_last_scan, one.R_level_sensor, one.thinned.points, one.thinned.normals) for one in scans],

@@ -15,7 +15,6 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.engine.candidates import Candidates
 from firstfix.engine.config import EffortConfig
-from firstfix.engine.hypotheses import HypothesisSearch
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.map_search import Step
@@ -26,6 +25,7 @@ from firstfix.engine.verdict import threshold_of
 from firstfix.engine.with_prior import judging
 from tests.reference.distinct import distinct
 from tests.reference.found_candidates import candidates_of_scan, find_candidates
+from tests.reference.hypothesis_steps import HypothesisSteps
 from tests.reference.levelled_otherwise import levelled_otherwise, with_other_ups
 
 SCREENED_PER_REGISTERED = 12  # poses that are screened in the time of one candidate's registration
@@ -57,7 +57,7 @@ class MapSearch:
 
     def new_hypotheses(self, prior: Prior | None) -> Any:
         """A search for poses that a prior allows, which has found nothing yet."""
-        return HypothesisSearch(self._index, self._prepared, prior, self._map_id)
+        return HypothesisSteps(self._index, self._prepared, prior, self._map_id)
 
     @property
     def is_settled(self) -> bool:

@@ -5,7 +5,7 @@ The search is compiled: ``native/include/firstfix/query/search.hpp``.
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,55 +60,8 @@ class HypothesisSearch:
             aliases: (k, 4, 4) known aliases of the best pose.
             nearby: the best pose moves to a better minimum beside it, if there is one.
         """
-        return self._candidates(self._search.run(*_rows(candidates), twist, aliases, nearby))
-
-    def _candidates(self, found: list[tuple[Any, ...]]) -> list[RegisteredCandidate]:
+        found = self._search.run(*_rows(candidates), twist, aliases, nearby)
         return RegisteredCandidate.found(self._index, self._map_id, self._spots, found)
-
-    @property
-    def is_settled(self) -> bool:
-        """Whether the best pose is so surely right that nothing else is searched for."""
-        return self._search.is_settled()
-
-    @property
-    def explains_scan(self) -> bool:
-        """Whether the best pose would be accepted without its rivals, with up surely right."""
-        return self._search.explains_scan()
-
-    def is_accepted(self, min_probability: float | None) -> bool:
-        """Whether the best pose would be the answer.
-
-        Args:
-            min_probability: threshold to use instead of the calibration's own.
-        """
-        return self._search.is_accepted(min_probability)
-
-    def try_aliases(self, min_probability: float | None, *, nearby: bool) -> list[tuple[str, float]]:
-        """Let the known aliases of the best pose compete, and return the seconds of each stage of it.
-
-        Those are registered that were not yet, and could change the answer.
-
-        Args:
-            min_probability: as for ``is_accepted``.
-            nearby: as for ``run``.
-        """
-        return self._search.try_aliases(min_probability, nearby)
-
-    def with_look_alikes_marked(self) -> list[RegisteredCandidate]:
-        """The distinct poses, with those marked that the scan does not tell from the best one."""
-        return self._candidates(self._search.mark_look_alikes())
-
-    def aliases_outside(self) -> Candidates:
-        """The known aliases of the best pose that the prior excludes, if the scan may fit them as well."""
-        return Candidates(*self._search.aliases_outside())
-
-    def lead_outside(self, anywhere: HypothesisSearch) -> float:
-        """Support by which a pose outside the prior is better than the best one in it, or 0.
-
-        Args:
-            anywhere: a search without the prior.
-        """
-        return self._search.lead_outside(anywhere._search)
 
     def not_far_behind(
         self, aliases: Candidates, T_level_sensor: Matrix, twist: NDArray[np.float64] | None = None

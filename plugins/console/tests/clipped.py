@@ -1,4 +1,4 @@
-"""What does not fit into the page: people would have to scroll sideways for it, or never see it."""
+"""Elements that do not fit into the page: people would have to scroll sideways, or never see them."""
 
 from __future__ import annotations
 

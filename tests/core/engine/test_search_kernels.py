@@ -13,7 +13,6 @@ from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.candidates import Candidates, prior_numbers
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.hypotheses import HypothesisSearch
 from firstfix.engine.index import MapIndex, MapView
 from firstfix.engine.preprocess import PreparedQuery, PreparedScan
 from firstfix.engine.registered_candidate import RegisteredCandidate
@@ -28,6 +27,7 @@ from firstfix.scan.reduction import RangeView, TimedPoints
 from firstfix.transform import Matrix, make_transform, rotation_z
 from tests.core.engine.test_local_search import TRUE, facade
 from tests.reference import hypotheses as reference
+from tests.reference.hypothesis_steps import HypothesisSteps
 from tests.reference.recorded_places import recorded_place
 from tests.reference.template_places import known_aliases
 
@@ -146,7 +146,7 @@ def search_both(
     index: MapIndex, query: PreparedQuery, seed: int, prior: Prior | None = None, off: float = 0.0
 ) -> list[RegisteredCandidate]:
     """Runs both searches, wider and wider, lets aliases compete, and compares all they say."""
-    compiled = HypothesisSearch(index, query, prior, "yard")
+    compiled = HypothesisSteps(index, query, prior, "yard")
     plain = reference.HypothesisSearch(index, query, prior, "yard")
     found: list[RegisteredCandidate] = []
     for step, count in enumerate((12, 20, 8)):
@@ -174,7 +174,7 @@ def search_both(
     if prior is not None:
         mine, its = compiled.aliases_outside(), plain.aliases_outside()
         np.testing.assert_array_equal(mine.template, its.template)
-        anywhere, everywhere = HypothesisSearch(index, query), reference.HypothesisSearch(index, query)
+        anywhere, everywhere = HypothesisSteps(index, query), reference.HypothesisSearch(index, query)
         anywhere.run(starts_around(TRUE, seed, 30)), everywhere.run(starts_around(TRUE, seed, 30))
         assert compiled.lead_outside(anywhere) == pytest.approx(plain.lead_outside(everywhere), abs=off)
     return found
@@ -246,14 +246,14 @@ def test_recorded_scans_have_the_same_poses(name: str):
     place = recorded_place(name)
     index = MapIndex(CONFIG, Calibration(), None, place.surface, place.view)
     for seed, (query, T_map_sensor) in enumerate(place.scans):
-        compiled, plain = HypothesisSearch(index, query), reference.HypothesisSearch(index, query)
+        compiled, plain = HypothesisSteps(index, query), reference.HypothesisSearch(index, query)
         for reach_m in (0.7, 5.0):
             starts = starts_around(T_map_sensor, seed, 20, reach_m)
             are_same(compiled.run(starts, nearby=True), plain.run(starts, nearby=True))
 
 
 def test_without_candidates_nothing_is_found(index: MapIndex):
-    search = HypothesisSearch(index, query_of(seen_from(TRUE, 1)), Prior(np.zeros(3), 1.0))
+    search = HypothesisSteps(index, query_of(seen_from(TRUE, 1)), Prior(np.zeros(3), 1.0))
     nothing = Candidates(np.empty(0, np.int64), np.empty((0, 4, 4)), np.empty(0))
     assert search.run(nothing, nearby=True) == []
     assert not search.is_settled
@@ -267,18 +267,18 @@ def test_without_candidates_nothing_is_found(index: MapIndex):
 
 def test_arrays_that_do_not_fit_are_refused(index: MapIndex):
     query = query_of(seen_from(TRUE, 1))
-    search = HypothesisSearch(index, query)
+    search = HypothesisSteps(index, query)
     starts = starts_around(TRUE, 1)
     with pytest.raises(ValueError, match="differ in length"):
         search.run(replace(starts, template=starts.template[1:]))
     with pytest.raises(ValueError, match="too fast"):
         search.run(starts, np.array([1e9, 0, 0, 0, 0, 0]))
     with pytest.raises(ValueError, match="prior is not finite"):
-        HypothesisSearch(index, query, Prior(np.array([np.nan, 0, 0]), 1.0))
+        HypothesisSteps(index, query, Prior(np.array([np.nan, 0, 0]), 1.0))
     with pytest.raises(ValueError, match="no scan"):
-        HypothesisSearch(index, replace(query, scans=()))
+        HypothesisSteps(index, replace(query, scans=()))
     config = CONFIG.model_copy(
         update={"ranking": CONFIG.ranking.model_copy(update={"fine_angle": float("nan")})}
     )
     with pytest.raises(ValueError, match="not finite"):
-        HypothesisSearch(replace(index, config=config), query)
+        HypothesisSteps(replace(index, config=config), query)

@@ -114,7 +114,7 @@ class LocalLocalizer:
 
 
 def _result_of(connection: Connection) -> Any:
-    """What the process sends, or the error that it met."""
+    """The result that the process sends, or else the error that it met, raised."""
     result = connection.recv()
     if isinstance(result, Exception):
         raise result
