@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
-from firstfix.errors import InvalidOption
+from firstfix.errors import InvalidOption, NotFound
 
 if TYPE_CHECKING:
     from firstfix.catalog.catalog import Catalog
@@ -27,7 +27,7 @@ def administered(
 
     Raises:
         InvalidOption: both are given.
-        NotFound: no such store.
+        NotFound: no such store; of a map, with the name that was meant.
     """
     if url is not None and store is not None:
         raise InvalidOption("give only one of --url and --store")
@@ -38,7 +38,12 @@ def administered(
             yield of_service(client)
         return
     from firstfix.catalog.catalog import Catalog
+    from firstfix.catalog.nearest_map import with_nearest
 
     from .stores import existing_store
 
-    yield of_store(Catalog(existing_store(store)))
+    catalog = Catalog(existing_store(store))
+    try:
+        yield of_store(catalog)
+    except NotFound as error:
+        raise with_nearest(error, catalog.folder_names) from None

@@ -115,13 +115,19 @@ def fetch_active_version(store: str, map_id: str, version: str | None = None) ->
         InvalidOption: several versions begin so.
     """
     from firstfix.catalog.catalog import Catalog
+    from firstfix.catalog.nearest_map import with_nearest
 
     from .stores import existing_store
 
     catalog = Catalog(existing_store(store))
-    chosen = catalog.full_version(map_id, version) if version else catalog.active_version(map_id)
+    try:
+        chosen = catalog.full_version(map_id, version) if version else catalog.active_version(map_id)
+    except NotFound as error:
+        raise with_nearest(error, catalog.folder_names) from None
     if chosen is None:
-        raise NotFound(f"the store has no map {map_id}, or it has no active version")
+        if catalog.state(map_id).exists:
+            raise NotFound(f"map {map_id} has no active version")
+        raise with_nearest(NotFound.of_map(map_id), catalog.folder_names)
     return chosen, catalog.fetch_version(map_id, chosen, cache_directory("versions"))
 
 

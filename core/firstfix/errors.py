@@ -128,9 +128,23 @@ class DescriptorMismatch(InputError):
 
 
 class NotFound(FirstfixError):
-    """No such map, version or build."""
+    """No such map, version or build.
+
+    Attributes:
+        map_id: the map that there is not; empty: something else is not there.
+        nearest: the map that its name most resembles; empty: none does, or nobody has looked.
+    """
 
     code = "not_found"
+
+    def __init__(self, message: str, *, map_id: str = "", nearest: str = "") -> None:
+        super().__init__(f"{message}: did you mean {nearest}?" if nearest else message)
+        self.map_id, self.nearest = map_id, nearest
+
+    @classmethod
+    def of_map(cls, map_id: str, nearest: str = "") -> NotFound:
+        """There is no map of this name."""
+        return cls(f"no map {map_id}", map_id=map_id, nearest=nearest)
 
 
 class NoSuchFile(NotFound, FileNotFoundError):

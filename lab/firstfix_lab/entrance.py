@@ -28,6 +28,7 @@ FIGURES = (
 PROGRAMS = {
     "bad_maps": "firstfix_lab.suites.bad_maps.program",
     "calibration_parts": "firstfix_lab.suites.calibration.program",
+    "encodings": "firstfix_lab.suites.encodings.program",
     "first_answer": "firstfix_lab.suites.first_answer.program",
     "many_maps": "firstfix_lab.suites.many_maps.program",
     "outcomes": "firstfix_lab.suites.outcomes.program",

@@ -15,6 +15,7 @@ from firstfix.doors import ROUTES, absent, through
 from firstfix.engine.localizer import Localizer
 
 from . import problems
+from .http_api import nearest_map
 from .http_api.bodies.request_body import WhilePermitted
 from .http_api.edge import RequestLog, authorize, check_routes
 from .http_api.openapi import DocumentedApp
@@ -133,6 +134,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
         app.include_router(absent_routes(package))
     check_routes(app)
     problems.add_handlers(app)
+    nearest_map.add_handler(app)
     answers = ByteBudget.of_answers(limits.max_unsent_bytes)
     metrics.unsent_bytes.set_function(lambda: answers.bytes)
 

@@ -91,7 +91,7 @@ class Problem:
     status: int
     detail: str
     headers: dict[str, str] = field(default_factory=dict)
-    members: dict[str, int] = field(default_factory=dict)
+    members: dict[str, int | str] = field(default_factory=dict)
 
     @property
     def body(self) -> bytes:
@@ -123,8 +123,15 @@ def problem_of(error: BaseException) -> Problem:
     retry_after_s = getattr(error, "retry_after_s", None)
     if retry_after_s is not None:
         headers = {"Retry-After": str(max(1, math.ceil(retry_after_s)))}
-    members = {"time_ms": error.time_ms} if isinstance(error, errors.ClockSkew) else {}
-    return Problem(error.code, STATUS[mapped], redact(str(error)), headers, members)
+    return Problem(error.code, STATUS[mapped], redact(str(error)), headers, _members_of(error))
+
+
+def _members_of(error: FirstfixError) -> dict[str, int | str]:
+    if isinstance(error, errors.ClockSkew):
+        return {"time_ms": error.time_ms}
+    if isinstance(error, errors.NotFound) and error.nearest:
+        return {"nearest": error.nearest}
+    return {}
 
 
 def method_not_allowed(allowed: Iterable[str]) -> Problem:

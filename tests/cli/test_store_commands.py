@@ -150,6 +150,14 @@ def test_a_map_that_is_not_there(versions, tmp_path, capsys, command):
     assert "no map yard" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", [["show", "hal"], ["versions", "hallo"], ["activate", "halls", "a" * 64]])
+def test_a_misspelt_map_is_told_its_name(versions, tmp_path, capsys, command):
+    assert ended(["maps", *command, "--store", tmp_path / "store"]) == 2
+    assert f"no map {command[1]}: did you mean hall?" in capsys.readouterr().err
+    with pytest.raises(NotFound, match="did you mean hall"):
+        fetch_active_version(str(tmp_path / "store"), command[1])
+
+
 def test_a_map_without_an_active_version(tmp_path):
     with pytest.raises(NotFound, match="hall"):
         fetch_active_version(str(tmp_path), "hall")

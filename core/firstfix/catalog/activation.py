@@ -14,7 +14,9 @@ def check_published(map_id: str, version: str, state: MapState) -> None:
         NotFound: the map has no such version, or it was retired.
     """
     if version not in state.published:
-        raise NotFound(f"map {map_id} has no version {version}" if state.exists else f"no map {map_id}")
+        if not state.exists:
+            raise NotFound.of_map(map_id)
+        raise NotFound(f"map {map_id} has no version {version}")
 
 
 def activate(map_id: str, log: MapLog, version: str) -> bool:
@@ -39,7 +41,7 @@ def version_before(map_id: str, state: MapState) -> str:
         Conflict: no version was active before.
     """
     if not state.exists:
-        raise NotFound(f"no map {map_id}")
+        raise NotFound.of_map(map_id)
     if len(state.activated) < 2:
         raise Conflict(f"map {map_id} has no version that was active before")
     return state.activated[1]

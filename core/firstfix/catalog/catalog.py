@@ -122,7 +122,7 @@ class Catalog:
         """
         state = self.state(map_id)
         if not state.exists:
-            raise NotFound(f"no map {map_id}")
+            raise NotFound.of_map(map_id)
         infos = (version_info(state, version) for version in reversed(state.published))
         return [one for one in infos if self._objects.exists(_folder(map_id, one.version, state))]
 
@@ -139,7 +139,7 @@ class Catalog:
         """Yield the versions that can be served; the store is asked as the first one is wanted."""
         state = self.state(map_id)
         if not state.exists:
-            raise NotFound(f"no map {map_id}")
+            raise NotFound.of_map(map_id)
         yield from state.published
 
     def manifest(self, map_id: str, version: str) -> Manifest:
@@ -336,7 +336,7 @@ class Catalog:
         """
         state = self.state(map_id)
         if not state.published:
-            raise NotFound(f"no map {map_id}")
+            raise NotFound.of_map(map_id)
         for version in sorted(state.published, key=lambda one: one == state.active):  # the active one last
             with suppress(NotFound):  # somebody else has just retired it
                 activation.retire(map_id, self._map_log(map_id), version, force=True)

@@ -56,7 +56,7 @@ def map_details(catalog: Catalog, map_id: str, sees_who: SeesWho = everybody) ->
     """
     state = catalog.state(map_id)
     if not state.exists:
-        raise NotFound(f"no map {map_id}")
+        raise NotFound.of_map(map_id)
     details = {**map_summary(map_id, state), "versions": len(state.published)}
     if state.active is None:
         return details

@@ -174,6 +174,8 @@ def test_a_failed_build_says_on_a_phone_why_and_what_helps(page, world, coarse_v
         page.wait(".builds [role=alert]", reason)
         page.wait(".builds .failed small", "firstfix check FILE reads the file without a build")
         page.wait(".builds .failed small", "Failed at: ")
+        page.click(".builds .failed summary", "Log")
+        page.wait(".builds .failed pre", "broken.ply")
         left, right = page.js(
             "{ const all = [...document.querySelectorAll('.builds *')].map((e) => e.getBoundingClientRect());"
             " [Math.min(...all.map((b) => b.left)), Math.max(...all.map((b) => b.right))]; }"

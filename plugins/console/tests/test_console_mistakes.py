@@ -273,6 +273,11 @@ def test_an_address_of_no_map_leads_back_to_the_maps(page):
         page.open(f"#/maps/nope{view}")
         page.wait(".empty", "There is no map nope")
         page.until("!find('.bar a', 'Versions')")
+        assert not page.has(".empty", "Did you mean")
+    page.open("#/maps/yart/try")
+    page.click(".empty a", "yard")  # the one that was meant
+    page.wait("h1, h2", "yard")
+    page.open("#/maps/nope")
     page.click(".empty a", "All maps")
     page.wait("a", "yard")
     for address, words in (("", "Maps"), ("maps/yard", "yard"), ("maps/yard/try", "Try")):

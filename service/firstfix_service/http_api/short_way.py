@@ -15,8 +15,9 @@ from starlette.types import Receive, Scope, Send
 
 from firstfix.errors import FirstfixError
 
-from ..problems import method_not_allowed, problem_of
+from ..problems import method_not_allowed
 from .edge import LoggedAnswer, authorize
+from .nearest_map import problem_for
 
 
 class DirectRoute(APIRoute):
@@ -55,7 +56,7 @@ async def answer_directly(scope: Scope, receive: Receive, send: Send) -> None:
         else:
             response = method_not_allowed(methods).response()
     except FirstfixError as error:
-        response = problem_of(error).response()
+        response = (await problem_for(request, error)).response()
     answer: LoggedAnswer = scope["state"]["answer"]
     if not await answer.send_whole(response):
         await response(scope, receive, send)

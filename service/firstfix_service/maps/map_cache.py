@@ -216,6 +216,8 @@ class MapCache:
         """Load and serve the active version, or the last one before it that is not refused."""
         if not state.activated:
             self._forget(map_id)
+            if not state.exists and not state.doubtful:
+                raise NotFound.of_map(map_id)
             raise NotFound(f"{_why_not_served(map_id, state)}{_of_damage(state)}")
         first_error: VersionError | None = None
         for version in state.activated:

@@ -38,6 +38,11 @@ def without_sectors(scan: Scan, share: float, rng: np.random.Generator) -> Scan:
     return _kept(scan, ~blind)
 
 
+def within(scan: Scan, reach_m: float) -> Scan:
+    """The scan without what is farther from the sensor."""
+    return _kept(scan, np.linalg.norm(scan.points, axis=1) <= reach_m)
+
+
 def tilted(
     scan: Scan, T_map_sensor: Matrix, tilt_deg: float, rng: np.random.Generator
 ) -> tuple[Scan, Matrix]:

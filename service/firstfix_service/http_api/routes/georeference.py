@@ -66,7 +66,7 @@ def _georeference(body: GeoreferenceBody) -> Georeference:
 
 def _set(parts: MapParts, map_id: str, georeference: Georeference | None) -> None:
     if not parts.catalog.state(map_id).exists:
-        raise NotFound(f"no map {map_id}")
+        raise NotFound.of_map(map_id)
     parts.georeferences.set(map_id, georeference)
     parts.georeference_cache.forget(map_id)
 

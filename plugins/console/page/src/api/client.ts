@@ -13,6 +13,8 @@ export class Problem extends Error {
     readonly status: number,
     readonly code: string,
     detail: string,
+    /** The map that was meant, where there is none of the name. */
+    readonly nearest = "",
   ) {
     super(detail);
   }
@@ -75,8 +77,9 @@ async function send(request: Request, isRead: boolean): Promise<Response> {
 
 async function problemOf(response: Response): Promise<Problem> {
   try {
-    const said = (await response.json()) as { code?: string; detail?: string; title?: string };
-    return new Problem(response.status, said.code ?? "unknown", said.detail ?? said.title ?? response.statusText);
+    const said = (await response.json()) as { code?: string; detail?: string; title?: string; nearest?: string };
+    const detail = said.detail ?? said.title ?? response.statusText;
+    return new Problem(response.status, said.code ?? "unknown", detail, said.nearest);
   } catch {
     return new Problem(response.status, "unknown", response.statusText || `status ${response.status}`);
   }

@@ -111,6 +111,16 @@ export class MapScene {
     this.look({ target, eye: [target[0], target[1] - 0.7 * away, target[2] + 0.8 * away] });
   }
 
+  /** Looks at a position from so far, or at the whole map where that is seen from nearer. */
+  lookAround(position: readonly number[], away: number): void {
+    const [low, high] = this.bulk;
+    const at = this.local(position).toArray();
+    const isWithin = at.every((m, axis) => m >= low[axis]! && m <= high[axis]!);
+    const whole = framed(low, high, this.camera.fov, this.camera.aspect);
+    if (isWithin && new Vector3(...whole.eye).distanceTo(new Vector3(...whole.target)) < away) this.look(whole);
+    else this.lookAt(position, away);
+  }
+
   get orientation(): Orientation {
     return orientationOf(this.camera, this.controls.target, this.element.clientHeight);
   }

@@ -24,6 +24,11 @@ export function MapProblem({ map, error, again, children }: MapProblemProps) {
   return (
     <Empty title={`There is no map ${map}`}>
       <p>It was deleted, its name is another one, or its first build has not ended.</p>
+      {error.nearest ? (
+        <p>
+          Did you mean <a href={link(["maps", error.nearest])}>{error.nearest}</a>?
+        </p>
+      ) : null}
       {children}
       <a href={link(["maps"])}>All maps</a>
     </Empty>

@@ -1,6 +1,7 @@
 // The order of the list of maps, and which of them are looked for.
 
 import type { Schemas } from "../api/client";
+import { inOrder } from "../ui/inOrder.ts"; // by its whole name: Node runs this in tests
 import type { MapCounts } from "./answerCounts";
 
 type MapSummary = Schemas["MapSummary"];
@@ -28,12 +29,5 @@ export function sorted(
     return summary.size_m && summary.size_m[0]! * summary.size_m[1]!;
   };
   const found = maps.filter(({ map_id }) => map_id.includes(words.trim().toLowerCase()));
-  return found
-    .map((one) => ({ one, key: keyOf(one) ?? null }))
-    .sort((a, b) => {
-      if (a.key === null || b.key === null) return Number(a.key === null) - Number(b.key === null);
-      const order = a.key < b.key ? -1 : a.key > b.key ? 1 : 0;
-      return isDown ? -order : order;
-    })
-    .map(({ one }) => one);
+  return inOrder(found, keyOf, isDown);
 }

@@ -1,10 +1,13 @@
+import { useSignal } from "@preact/signals";
 import { mayAdminister } from "../access/session";
 import { link } from "../router";
 import { whyOf } from "../scan/why";
 import { chance, short, size } from "../ui/text";
+import { SortHead } from "../ui/SortHead";
 import { When } from "../ui/When";
 import { Verdict } from "../ui/Verdict";
 import { answerOf, mapOf, type RecordedQuery } from "./place";
+import { clicked, type Column, NEWEST, sorted } from "./sorted";
 
 export interface QueryTableProps {
   queries: RecordedQuery[];
@@ -12,27 +15,38 @@ export interface QueryTableProps {
   point: (queryId: string) => void; // "": at none
 }
 
-/** Recorded queries, one a row. */
+/** Recorded queries, one a row, sorted by the column that was clicked. */
 export function QueryTable({ queries, remove, point }: QueryTableProps) {
+  const order = useSignal(NEWEST);
+  const head = (column: Column, name: string, isNumber = false) => (
+    <SortHead
+      isSorted={order.value.column === column}
+      isDown={order.value.isDown}
+      isNumber={isNumber}
+      sort={() => (order.value = clicked(order.value, column))}
+    >
+      {name}
+    </SortHead>
+  );
   return (
     <table class="cards">
       <thead>
         <tr>
-          <th>When</th>
-          <th>Map</th>
-          <th>Verdict</th>
+          {head("when", "When")}
+          {head("map", "Map")}
+          {head("verdict", "Verdict")}
           <th>Why</th>
-          <th class="number">Probability</th>
+          {head("probability", "Probability", true)}
           <th>Request</th>
-          <th class="number">Size</th>
-          <th>Truth</th>
+          {head("size", "Size", true)}
+          {head("truth", "Truth")}
           <th>
             <span class="unseen">Actions</span>
           </th>
         </tr>
       </thead>
       <tbody>
-        {queries.map((one) => (
+        {sorted(queries, order.value).map((one) => (
           <tr key={one.query_id} onPointerEnter={() => point(one.query_id)} onPointerLeave={() => point("")}>
             <td data-name="When">
               <When iso={one.time} />

@@ -31,6 +31,8 @@ import { usePlaceMarks } from "./usePlaceMarks";
 import { useTryState } from "./useTryState";
 import { VersionChoice } from "./VersionChoice";
 
+const AROUND_M = 25; // from where a place is looked at, in a map that is larger than that
+
 export function TryView({ map }: { map: string }) {
   const details = useLoaded((signal) => mapDetails(map, signal), [map]);
   const active = details.value?.active_version ?? "";
@@ -70,7 +72,7 @@ export function TryView({ map }: { map: string }) {
     // The camera goes to a place that was chosen, and stays while a pose is dragged.
     if (!scene.current || !place) return;
     const what = `${asked.value?.name} ${chosen.value} ${isReady.value}`;
-    if (looked.current !== what) scene.current.lookAt(place.position, 25);
+    if (looked.current !== what) scene.current.lookAround(place.position, AROUND_M);
     looked.current = what;
   }, [place, isReady.value]);
 
