@@ -11,7 +11,15 @@ import pytest
 from firstfix.answer.localization import Verdict
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import AnyScan
-from firstfix_lab.suites.encodings.forms import FORMS, Answer, Differences, Pair, differences_of, pairs_of, told
+from firstfix_lab.suites.encodings.forms import (
+    FORMS,
+    Answer,
+    Differences,
+    Pair,
+    differences_of,
+    pairs_of,
+    told,
+)
 from firstfix_lab.suites.real.degrade import within
 
 LOCALIZED, AMBIGUOUS = Verdict.LOCALIZED, Verdict.AMBIGUOUS
