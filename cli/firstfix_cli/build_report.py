@@ -114,7 +114,8 @@ def _not_said_lines(grid: Sequence[Mapping[str, Any]]) -> list[str]:
     if not silent:
         return []
     helps = [f"  {_HELPS.get(code, code)}: {count}" for code, count in sorted(silent.items())]
-    count = f"{silent.total()} of {len(grid)} places are known and not said"
+    are = "is" if silent.total() == 1 else "are"
+    count = f"{silent.total()} of {len(grid)} places {are} known and not said"
     return [f"{count}: the right one is the best or ties, and is not sure. What helps there:", *helps]
 
 

@@ -80,13 +80,12 @@ def _read_cloud_file(path: Path, columns: tuple[str, ...] | None) -> PointCloud:
 
 def _check_file(path: Path) -> str:
     """The ending of a scan's file."""
-    suffix = path.suffix.lower()
+    suffix, size = path.suffix.lower(), path.stat().st_size  # one that is not there is not of an unknown kind
     if path.is_dir():
         raise UnsupportedFormat("this is a folder, not the file of a scan")
     if suffix not in READABLE:
         ending = f"that end in {suffix!r}" if suffix else "without an ending"
         raise UnsupportedFormat(f"scans cannot be read from files {ending}: use {', '.join(READABLE)}")
-    size = path.stat().st_size
     if size > MAX_SCAN_FILE_BYTES:
         raise TooLarge(f"{size} bytes, the limit is {MAX_SCAN_FILE_BYTES}")
     if size == 0:

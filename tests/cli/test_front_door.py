@@ -110,6 +110,7 @@ def test_a_file_that_is_not_there_is_named_with_its_folder(tmp_path: Path):
     build = ("build", path, "--map-id", "a", "--store", tmp_path / "store")
     for command in (("check", path), build, ("localize", path, "--map", "a", "--store", tmp_path)):
         assert f"{path}: no such file" in run(*command, code=2).error
+    assert f"{path.parent}: no such file" in run("sensor", path.parent, code=2).error
 
 
 def test_a_map_is_removed_with_its_name_said_twice(store: str):

@@ -24,7 +24,7 @@ from plugins.console.tests.accessible import violations
 from plugins.console.tests.browser import HOST
 from plugins.console.tests.console_world import MARKUP
 from plugins.console.tests.page import CANVAS
-from plugins.console.tests.pictures import difference, place_in
+from plugins.console.tests.pictures import GROUND, difference, place_in
 from plugins.console.tests.scans import (
     change_answers,
     click_the_map,
@@ -129,6 +129,18 @@ def test_a_fresh_map_offers_a_scan_to_click_at_once(page):
     best = places_of(page)[0]
     found = [float(best[f"{axis} (m)"].split()[0]) for axis in "xyz"]
     assert np.linalg.norm(np.subtract(found, spot)) < 0.3
+
+
+def test_a_house_that_is_smaller_than_its_surroundings_would_be_fills_the_picture(page, house):
+    page.open(f"#/maps/{house}/try")
+    page.map_picture()
+    page.click("button", "Try an example scan")
+    page.wait(".answer .verdict")
+    page.wait(".map-canvas[aria-busy=false]")
+    picture = page.map_picture()
+    is_map = np.abs(picture.astype(int) - GROUND).max(axis=2) > 8
+    rows = np.flatnonzero(is_map.sum(axis=1) > 0.05 * picture.shape[1])  # legends are no house
+    assert np.ptp(rows) > 0.6 * picture.shape[0]
 
 
 def test_a_scan_is_simulated_at_the_spot_that_was_clicked(page):
@@ -277,7 +289,7 @@ def test_the_ellipse_stays_at_the_place_whose_covariance_it_is(page, world):
     page.size(1280, 800)  # so many pixels that the rings hardly meet
     file, answer = _sure_of_one_of_many(world)
     x, y, z = answer["hypotheses"][0]["T_map_sensor"]["position"]
-    other = [x + 8.0, y, z]
+    other = [x, y, z + 10.0]  # above the yard, so that it is looked at from 25 m and not with the whole yard
     places = "const [best, ...others] = said.hypotheses; others[0].T_map_sensor.position = "
     change_answers(
         page,
@@ -404,6 +416,15 @@ def test_a_recorded_query_is_looked_at_judged_and_exported(page, world, tmp_path
 
     page.open("#/recorded-queries")
     page.choose("Map", "yard")
+    page.wait("th[aria-sort=descending]", "When")
+    verdicts = "[...document.querySelectorAll('td[data-name=Verdict]')].map((e) => e.innerText)"
+    for order, is_down in (("ascending", False), ("descending", True)):
+        page.click("th button", "Verdict")
+        page.wait(f"th[aria-sort={order}]", "Verdict")
+        listed = page.js(verdicts)
+        assert set(listed) >= {"localized", "rejected"}
+        assert listed == sorted(listed, reverse=is_down)
+
     page.choose("Verdict", "rejected")
     page.until("!find('td .verdict', 'localized') && !!find('td .verdict', 'rejected')")
     page.click("tr a", "Look")

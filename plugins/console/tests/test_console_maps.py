@@ -169,13 +169,14 @@ def test_a_failed_build_says_on_a_phone_why_and_what_helps(page, world, coarse_v
     wait_until(lambda: world.get(f"/builds/{build_id}")["state"] == "failed")
     reason = world.get(f"/builds/{build_id}")["error"]["detail"]
     page.size(390, 844, phone=True)
+    page.expected += ["404"]  # the log is kept as the process ends, after it has said that it failed
     for view in ("", "maps/works"):
         page.open(f"#/{view}")
         page.wait(".builds [role=alert]", reason)
         page.wait(".builds .failed small", "firstfix check FILE reads the file without a build")
         page.wait(".builds .failed small", "Failed at: ")
         page.click(".builds .failed summary", "Log")
-        page.wait(".builds .failed pre", "broken.ply")
+        page.wait(".builds .failed pre", "PLY")
         left, right = page.js(
             "{ const all = [...document.querySelectorAll('.builds *')].map((e) => e.getBoundingClientRect());"
             " [Math.min(...all.map((b) => b.left)), Math.max(...all.map((b) => b.right))]; }"

@@ -90,7 +90,7 @@ def test_the_map_is_grey_below_the_colours_of_the_places(page):
     page.open(f"#/maps/yard?layers=&view={view_of((0, 0, 0), (0, -14, 14))}")
     rainbow = colourful(page.map_picture())
     page.open(f"#/maps/yard?layers=localizability&view={view_of((0, 0, 0), (0, -14, 14))}")
-    page.wait("small", "The points are grey while the places are coloured")
+    page.wait("small", "The points are grey below the colours")
     page.until("!document.querySelector('.legend-of-points')")
     heated = page.map_picture()
     close = np.abs(heated.astype(int) - np.array(GREY) * 0.5).max(axis=2) < 90
@@ -98,6 +98,9 @@ def test_the_map_is_grey_below_the_colours_of_the_places(page):
     page.click("label.check", "Where a robot finds itself")
     page.until("!!document.querySelector('.legend-of-points')")
     wait_until(lambda: colourful(page.map_picture()) > 0.8 * rainbow)
+    page.click("label.check", "Changes since the map was made")
+    page.until("!document.querySelector('.legend-of-points')")
+    wait_until(lambda: colourful(page.map_picture()) < 0.5 * rainbow)
 
 
 def test_points_are_grey_by_their_intensity_where_the_map_has_one(page, world, coarse_version, tmp_path):

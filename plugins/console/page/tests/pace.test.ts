@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { FIRST_POINTS, MIN_POINTS, Pace } from "../src/map3d/pace.ts";
+import { COARSE, FIRST_POINTS, MIN_POINTS, Pace } from "../src/map3d/pace.ts";
 
 const WHOLE = 1_500_000;
 
@@ -51,4 +51,34 @@ test("points come back when frames become quick again", () => {
   movement(pace, 3000, 10);
   assert.equal(movement(pace, 1e6, 30).at(-1), WHOLE);
   assert.ok(!pace.isReduced);
+});
+
+test("where the fewest points are too slow, the picture has fewer pixels until it rests", () => {
+  const pace = new Pace(WHOLE);
+  const pictures: number[] = [];
+  for (let i = 0, now_ms = 0; i < 12; i++) {
+    pace.drew(pace.begin(now_ms, true));
+    pictures.push(pace.sharpness);
+    now_ms += 110 * pace.sharpness ** 2; // as long as its pixels take
+  }
+  assert.equal(pictures[0], 1);
+  assert.deepEqual(new Set(pictures.slice(8)), new Set([COARSE]));
+  assert.ok(pace.isReduced);
+  pace.begin(9000, false);
+  assert.equal(pace.sharpness, 1);
+});
+
+test("a machine that is slow by its points alone keeps its pixels", () => {
+  const pace = new Pace(WHOLE);
+  movement(pace, 3000, 20);
+  assert.equal(pace.sharpness, 1);
+});
+
+test("a map that has fewer points than may be drawn gets fewer pixels where frames are slow", () => {
+  const pace = new Pace(WHOLE);
+  for (let i = 0; i < 3; i++) {
+    pace.begin(200 * i, true);
+    pace.drew(10_000);
+  }
+  assert.equal(pace.sharpness, COARSE);
 });

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { placesOf } from "../src/scan/shares.ts";
+import { placesOf, sharersOf } from "../src/scan/shares.ts";
 import { chance, chances } from "../src/ui/text.ts";
 
 const LEVEL = { position: [0, 0, 0], quaternion: [0, 0, 0, 1] };
@@ -24,6 +24,8 @@ test("places that tie share the answer's probability", () => {
   assert.deepEqual(shares.slice(0, 2), [0.45, 0.45]);
   assert.ok(Math.abs(shares[2]! + shares[3]! - 0.1) < 1e-9);
   assert.deepEqual(placesOf(answer(0)), []);
+  assert.equal(sharersOf(answer(0.9, 0.45, 0.45, 0.1, 0.1)), 2);
+  assert.equal(sharersOf(answer(0.988, 0.988, 0.012)), 1);
 });
 
 test("what is not certain is not called 100 %, and two numbers that are compared differ", () => {

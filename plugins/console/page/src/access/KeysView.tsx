@@ -6,8 +6,8 @@ import type { Schemas } from "../api/client";
 import { Confirm } from "../ui/Confirm";
 import { Empty } from "../ui/Empty";
 import { ErrorText } from "../ui/ErrorText";
-import { age } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
+import { When } from "../ui/When";
 import { MakeKey } from "./MakeKey";
 import { NobodyAsked } from "./NobodyAsked";
 
@@ -87,7 +87,9 @@ function Table({ keys, revoke }: { keys: Schemas["Key"][]; revoke: (one: Schemas
             </td>
             <td data-name="Scopes">{one.scopes.join(", ")}</td>
             <td data-name="Maps">{one.maps.join(", ")}</td>
-            <td data-name="Made">{age(one.created_time)}</td>
+            <td data-name="Made">
+              <When iso={one.created_time} />
+            </td>
             <td data-name="Expires">{one.expires_time ? new Date(one.expires_time).toLocaleDateString("en-GB") : "never"}</td>
             <td class="actions">
               {one.revoked ? (

@@ -41,6 +41,11 @@ export interface LayersProps {
   above: () => void;
 }
 
+/** Whether the points are grey: over a rainbow nobody could read the heat of places, or red for what has gone. */
+export function isGreyBelow(layers: readonly string[]): boolean {
+  return layers.includes("localizability") || layers.includes("changes");
+}
+
 export function Layers({ colouring, largestPx, layers, empty, gridM, hasIntensity, storeys, storey, whole, above }: LayersProps) {
   const toggle = (name: LayerName) => {
     const on = layers.value.includes(name);
@@ -68,7 +73,7 @@ export function Layers({ colouring, largestPx, layers, empty, gridM, hasIntensit
           ))}
         </select>
       </label>
-      {layers.value.includes("localizability") ? <small>The points are grey while the places are coloured.</small> : null}
+      {isGreyBelow(layers.value) ? <small>The points are grey below the colours of what is laid over them.</small> : null}
       <label>
         Point size, at most {largestPx.value} px
         <input

@@ -14,7 +14,7 @@ import { ChangesPanel } from "./ChangesPanel";
 import type { Cloud } from "./cloud";
 import { gridStep } from "./gridStep";
 import { HeatLegend } from "./HeatLegend";
-import { Layers } from "./Layers";
+import { isGreyBelow, Layers } from "./Layers";
 import { changeMarks } from "./layerMarks";
 import { MapCanvas, showStorey } from "./MapCanvas";
 import { Measure } from "./measure";
@@ -56,6 +56,7 @@ export function MapView({ map }: { map: string }) {
     [map, version, isCompared],
   );
   const isHeated = layers.value.includes("localizability");
+  const isGrey = isGreyBelow(layers.value);
   const isTested = isHeated || layers.value.includes("aliases");
 
   const opened = (found: MapScene | null, with_: Cloud | null, its: Storey[]) => {
@@ -71,10 +72,10 @@ export function MapView({ map }: { map: string }) {
   useEffect(() => {
     const here = scene.current;
     if (!here) return;
-    here.material.colouring = isHeated ? "plain" : colouring.value; // over a rainbow no heat could be read
+    here.material.colouring = isGrey ? "plain" : colouring.value;
     here.material.largestPx = largestPx.value;
     showStorey(here, cloud.current!, storeys.value, storeys.value[Number(storey.value) - 1] ?? null);
-  }, [isReady.value, isHeated, colouring.value, largestPx.value, storey.value]);
+  }, [isReady.value, isGrey, colouring.value, largestPx.value, storey.value]);
 
   const empty = useLayerMarks(map, scene, cloud, isReady.value, version, layers.value, grid.load, problem);
 

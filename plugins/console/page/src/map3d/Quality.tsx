@@ -58,7 +58,7 @@ function NotSaid({ cells }: { cells: SpotCell[] }) {
   return (
     <details>
       <summary>
-        {helps.length} of {cells.length} places are known and not said
+        {helps.length} of {cells.length} places {helps.length === 1 ? "is" : "are"} known and not said
       </summary>
       <p>The right place is the best there, or ties with it, and is not sure enough to be said. What helps:</p>
       <ul class="lines">

@@ -7,14 +7,14 @@ const REST_MS = 200; // after a frame of a movement, if none follows
 
 export class Frames {
   private readonly pace = new Pace(MAX_POINTS);
-  private readonly draw: (mostPoints: number) => number;
+  private readonly draw: (mostPoints: number, sharpness: number) => number;
   private frame = 0;
   private rest = 0;
   private isMoving = false;
   private isHeld = false;
 
-  /** `draw` gets the most points that it may draw, and returns how many it drew. */
-  constructor(draw: (mostPoints: number) => number) {
+  /** `draw` gets the most points that it may draw and the share of pixels along each side, and returns how many points it drew. */
+  constructor(draw: (mostPoints: number, sharpness: number) => number) {
     this.draw = draw;
   }
 
@@ -47,7 +47,8 @@ export class Frames {
   private begin(): void {
     this.frame = 0;
     clearTimeout(this.rest);
-    this.pace.drew(this.draw(this.pace.begin(performance.now(), this.isMoving)));
+    const mostPoints = this.pace.begin(performance.now(), this.isMoving);
+    this.pace.drew(this.draw(mostPoints, this.pace.sharpness));
     if (!this.isMoving || this.isHeld) return;
     this.rest = window.setTimeout(() => {
       const isWhole = !this.isReduced;

@@ -17,6 +17,7 @@ import { type Orientation, orientationOf } from "./orientation";
 import { nearestOf, pointAt } from "./pick";
 
 const KEY_PAN_PX = 40; // each press
+const MOST_PIXEL_RATIO = 1.5; // a picture of points gains nothing by more
 const KEY_ZOOM = 0.85; // of the distance that a press leaves
 
 export class MapScene {
@@ -35,7 +36,7 @@ export class MapScene {
   private readonly controls: MapControls;
   private readonly sized = new ResizeObserver(() => this.resize());
   private readonly unlisten: () => void;
-  private readonly frames = new Frames((mostPoints) => this.draw(mostPoints));
+  private readonly frames = new Frames((mostPoints, sharpness) => this.draw(mostPoints, sharpness));
 
   /** `bulk` is the part of the map that is framed. */
   constructor(
@@ -46,7 +47,6 @@ export class MapScene {
     this.points = new DrawnPoints(cloud, () => this.redraw(), (error) => this.failed(error));
     this.renderer = new WebGLRenderer({ antialias: false, powerPreference: "high-performance" });
     this.renderer.setClearColor(token("picture-ground"));
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 1.5));
     this.eyeDome = new EyeDome(this.renderer);
     element.append(this.canvas);
     this.canvas.tabIndex = 0;
@@ -205,7 +205,9 @@ export class MapScene {
     this.redraw();
   }
 
-  private draw(mostPoints: number): number {
+  private draw(mostPoints: number, sharpness: number): number {
+    const pixelRatio = sharpness * Math.min(devicePixelRatio, MOST_PIXEL_RATIO);
+    if (this.renderer.getPixelRatio() !== pixelRatio) this.renderer.setPixelRatio(pixelRatio);
     this.points.show(this.camera, this.canvas.height / (2 * Math.tan((this.camera.fov * Math.PI) / 360)), mostPoints);
     this.eyeDome.render(this.cloudScene, this.overScene, this.camera);
     this.points.load();

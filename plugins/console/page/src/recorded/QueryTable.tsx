@@ -58,7 +58,9 @@ export function QueryTable({ queries, remove, point }: QueryTableProps) {
             <td data-name="Why">{answerOf(one).verdict === "localized" ? "" : whyOf(answerOf(one), leastAsked(one)).join(" ")}</td>
             <td class="number" data-name="Probability">{chance(answerOf(one).probability)}</td>
             <td data-name="Request">
-              <code title={`request ${one.request_id}`}>{short(one.request_id)}</code> <small>{one.transport}</small>
+              <span>
+                <code title={`request ${one.request_id}`}>{short(one.request_id)}</code> <small>{one.transport}</small>
+              </span>
             </td>
             <td class="number nowrap" data-name="Size">{size(one.body_bytes)}</td>
             <td data-name="Truth">{one.truth ? (one.truth.T_map_sensor ? "known" : "not in the map") : ""}</td>

@@ -13,8 +13,9 @@ type Answer = Pick<Schemas["Answer"], "hypotheses" | "probability">;
  * An answer gives each place behind the best ones as much as it can have at most, which may be more than is left for all.
  * Here they share what is left.
  */
-export function placesOf({ hypotheses, probability }: Answer): Place[] {
-  const tied = tiedOf(hypotheses.map((one) => one.probability), probability);
+export function placesOf(answer: Answer): Place[] {
+  const { hypotheses, probability } = answer;
+  const tied = sharersOf(answer);
   const others = hypotheses.slice(tied).reduce((sum, one) => sum + one.probability, 0);
   const share = Math.min(1, Math.max(0, 1 - probability) / (others || 1));
   return hypotheses
@@ -23,6 +24,10 @@ export function placesOf({ hypotheses, probability }: Answer): Place[] {
 }
 
 /** How many places the answer's probability is shared among: one, or those that tie. */
+export function sharersOf({ hypotheses, probability }: Answer): number {
+  return tiedOf(hypotheses.map((one) => one.probability), probability);
+}
+
 function tiedOf(probabilities: number[], all: number): number {
   const best = probabilities[0];
   if (!best) return Math.min(1, probabilities.length);

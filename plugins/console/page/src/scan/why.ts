@@ -2,6 +2,7 @@
 
 import type { Schemas } from "../api/client";
 import { chance, chances, percent, reason } from "../ui/text";
+import { sharersOf } from "./shares";
 
 type Answer = Schemas["Answer"];
 
@@ -13,8 +14,8 @@ export function whyOf(answer: Answer, least: number | null): string[] {
   }
   return answer.reasons.map((code) => {
     const best = answer.hypotheses[0];
-    if (code === "low_probability") return notSure(answer.probability, least);
-    if (code === "several_places") return `${reason(code)} ${notSure(answer.probability, least)}`;
+    if (code === "low_probability") return notSure(answer, least);
+    if (code === "several_places") return `${reason(code)} ${notSure(answer, least)}`;
     if (code === "low_inlier_ratio" && best) {
       return `${reason(code)} At the best place it is ${percent(best.inlier_ratio)}: it is not this map, or the map has changed.`;
     }
@@ -25,8 +26,11 @@ export function whyOf(answer: Answer, least: number | null): string[] {
   });
 }
 
-function notSure(probability: number, least: number | null): string {
-  if (least === null || probability >= least) return `The best place has ${chance(probability)}.`;
+function notSure(answer: Answer, least: number | null): string {
+  const { probability } = answer;
+  const tied = sharersOf(answer);
+  if (least === null || probability >= least)
+    return tied > 1 ? `${tied} places tie, and have ${chance(probability)} together.` : `The best place has ${chance(probability)}.`;
   const [found, asked] = chances(probability, least);
   return `${found} is less than the ${asked} asked for.`;
 }
