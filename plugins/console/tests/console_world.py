@@ -22,10 +22,12 @@ from firstfix.transform import Matrix
 from firstfix.wire.scan import encode_scan
 from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
+from firstfix_service.http_api.parts import MapParts
 from tests.service.service_world import Service, running_service
 from tests.service.token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
 from tests.small_world import SENSOR, SmallWorld
 from tests.storey_world import Box, mesh_of
+from tests.waiting import wait_until
 
 if TYPE_CHECKING:  # open3d
     from firstfix_builder.job.build_job import BuildResult
@@ -113,6 +115,8 @@ def running_console(
             "token": signed(sub=MARKUP, scope="admin", exp=time.time() + 86400),
         }
         digests = tuple(service.catalog.publish("yard", one.directory, one.manifest) for one in versions)
+        served = service.part(MapParts).maps.served
+        wait_until(lambda: served.version("yard") == digests[-1])  # or the first query is for the coarse one
         files = []
         for number, (scan, T_map_sensor) in enumerate(scans):
             file = folder / f"scan-{number:02}.ffscan"

@@ -273,6 +273,9 @@ def test_places_stand_side_by_side_with_the_deviations_of_the_one_that_has_them(
     assert others
     assert not any("±" in text for place in others for text in place.values())
     page.wait(".answer .hint", "95 % ellipse of place 1,")
+    for width in (1024, 1240, 1254, 1266, 1280, 1330, 1348, 1360, 1440):  # about where its rows become tables
+        page.size(width, 800)
+        assert page.js("find('.places', '').scrollWidth <= find('.places', '').clientWidth"), width
 
 
 def _sure_of_one_of_many(world):
