@@ -107,7 +107,7 @@ void bind_mesh(nb::module_& module) {
         require(start.size() > 0 && first[0] == 0 && std::is_sorted(first, first + start.size()) &&
                     first[start.size() - 1] == static_cast<std::int64_t>(triangles.shape(0)),
                 "the tiles do not hold each triangle once");
-        constexpr std::size_t kMostVertices = std::size_t{1} << 32;
+        constexpr std::size_t kMostVertices = std::size_t{1} << 28;  // for each a number is held
         require(vertices <= kMostVertices, "there are too many vertices");
         require(std::all_of(triangles.data(), triangles.data() + triangles.size(),
                             [=](auto corner) { return corner >= 0 && static_cast<std::size_t>(corner) < vertices; }),

@@ -366,7 +366,7 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "surface_net": lambda n: n.surface_net(
         *n.cell_planes(STREET.astype(float), 0.6)[:3], STREET.astype(float)[::3], 0.6, 2.0, 1.25
     ),
-    "with_neighbours": lambda n: n.with_neighbours(STREET.astype(float), 0.5, 3),
+    "with_neighbours": lambda n: n.with_neighbours(FEW.astype(float), 0.5, 3),
     "in_sight": lambda n: n.in_sight(
         (STREET[:4096, 0] > 30).astype(np.uint8).reshape(16, 16, 16),
         np.array([-60, -20, -8]),

@@ -174,7 +174,7 @@ def test_triangles_without_their_vertices_or_tiles_are_refused():
     with pytest.raises(ValueError, match="no vertex"):
         native.by_first_use(triangles - 1, np.array([0, 2]), 4)
     with pytest.raises(ValueError, match="too many vertices"):
-        native.by_first_use(triangles, np.array([0, 2]), 1 << 60)
+        native.by_first_use(triangles, np.array([0, 2]), (1 << 28) + 1)
 
 
 @pytest.mark.parametrize("least", [0, 1, 3, 900])
@@ -187,7 +187,20 @@ def test_points_with_neighbours_are_those_of_the_reference(radius_m: float, leas
     assert (kept == oracle.with_neighbours(points, radius_m, least)).all()
 
 
-def test_neighbours_at_a_distance_of_the_radius_and_far_away():
+def test_neighbours_are_nearer_than_the_radius():
     row = np.zeros((4, 3))
-    row[:, 2] = [0, 0.5, 1, 1.25]  # less than the radius counts, not what is equal to it
+    row[:, 2] = [0, 0.5, 1, 1.25]
     assert native.with_neighbours(row, 0.5, 1).tolist() == [0, 0, 1, 1]
+    assert len(native.with_neighbours(np.zeros((0, 3)), 0.5, 1)) == 0
+
+
+def test_invalid_neighbourhoods_are_refused():
+    for bad in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="size"):
+            native.with_neighbours(np.zeros((3, 3)), bad, 1)
+    for bad in (np.nan, np.inf, -np.inf):
+        with pytest.raises(ValueError, match="finite"):
+            native.with_neighbours(np.array([[0.0, bad, 0.0]]), 1.0, 1)
+    for apart_m in (1e7, 1e300):
+        with pytest.raises(ValueError, match="too far apart"):
+            native.with_neighbours(np.array([[0.0, 0, 0], [0, -apart_m, 0]]), 1.0, 1)

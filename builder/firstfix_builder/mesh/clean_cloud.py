@@ -52,17 +52,25 @@ def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float
     try:
         return column_means(points, voxel_m)
     except ValueError:
-        width_m = float(np.ptp(points[:, :3], axis=0).max())
-        raise BuildFailed(
-            f"the map is {width_m:,.0f} m wide: too large for voxels of {voxel_m} m. "
-            "Remove stray points far away from all others"
-        ) from None
+        raise _too_wide(points, f"voxels of {voxel_m} m") from None
+
+
+def _too_wide(points: NDArray[np.float64], what: str) -> BuildFailed:
+    width_m = float(np.ptp(points[:, :3], axis=0).max())
+    return BuildFailed(
+        f"the map is {width_m:,.0f} m wide: too large for {what}. "
+        "Remove stray points far away from all others"
+    )
 
 
 def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours: int) -> NDArray[np.float64]:
     """Keep those of (n, 3 or more) rows that have at least so many others within the radius."""
     at = np.ascontiguousarray(points[:, :3])
-    return points[with_neighbours(at, radius_m, min_neighbours).view(np.bool_)]
+    try:
+        kept = with_neighbours(at, radius_m, min_neighbours)
+    except ValueError:
+        raise _too_wide(points, f"neighbourhoods of {radius_m:.3g} m") from None
+    return points[kept.view(np.bool_)]
 
 
 def point_spacing_m(points: NDArray[np.float64]) -> float:

@@ -5,15 +5,17 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <stdexcept>
 #include <vector>
 
 namespace firstfix {
 
-// kept[i]: points[i] has at least `least` others less than radius_m away. Points are (count, 3) and finite.
+// kept[i]: points[i] has at least `least` others less than radius_m away. Points are (count, 3) and finite. Throws
+// std::invalid_argument where they lie over two million radii apart.
 inline void with_neighbours(const double* points, std::size_t count, double radius_m, std::size_t least,
                             std::uint8_t* kept) {
   constexpr unsigned kBits = 21;
-  constexpr std::int64_t kMost = (std::int64_t{1} << kBits) - 2;  // what lies beyond shares the last cell
+  constexpr double kMost = (1 << kBits) - 2;  // cells along an axis: one beside each end stays empty
   struct Item {
     std::int64_t cell;  // x, y, z of kBits, so that a row of cells along z stands together
     double at[3];
@@ -28,7 +30,8 @@ inline void with_neighbours(const double* points, std::size_t count, double radi
     for (std::size_t axis = 0; axis < 3; ++axis) {
       item.at[axis] = points[3 * i + axis];
       const double cell = std::floor((item.at[axis] - low[axis]) / radius_m);
-      item.cell = item.cell << kBits | (1 + std::min(kMost - 1, static_cast<std::int64_t>(std::min(cell, 1.0 * kMost))));
+      if (!(cell < kMost)) throw std::invalid_argument("points are too far apart for such a radius");
+      item.cell = item.cell << kBits | (1 + static_cast<std::int64_t>(cell));
     }
   }
   std::sort(items.begin(), items.end(), [](const Item& a, const Item& b) { return a.cell < b.cell; });
