@@ -4,8 +4,11 @@
 #include <cmath>
 
 #include "arrays.hpp"
+#include "firstfix/mesh/by_first_use.hpp"
 #include "firstfix/mesh/cell_planes.hpp"
+#include "firstfix/mesh/in_sight.hpp"
 #include "firstfix/mesh/surface_net.hpp"
+#include "firstfix/mesh/with_neighbours.hpp"
 #include "rooms.hpp"
 
 namespace firstfix::python {
@@ -62,6 +65,60 @@ void bind_mesh(nb::module_& module) {
                                array_of(std::move(net.triangles), {triangles, 3}));
       },
       "means"_a, "normals"_a, "weights"_a, "near"_a, "cell_m"_a, "reach_cells"_a, "trim_cells"_a);
+  module.def(
+      "with_neighbours",
+      [](Points points, double radius_m, std::size_t least) {
+        const std::size_t count = points.shape(0);
+        require(radius_m > 0 && std::isfinite(radius_m), "a neighbourhood has a size");
+        require(std::all_of(points.data(), points.data() + points.size(), [](double at) { return std::isfinite(at); }),
+                "a point is not finite");
+        auto kept = memory<std::uint8_t>(count);
+        without_gil([&] { with_neighbours(points.data(), count, radius_m, least, kept.get()); });
+        return array_of(std::move(kept), {count});
+      },
+      "points"_a, "radius_m"_a, "least"_a);
+  module.def(
+      "in_sight",
+      [](In<std::uint8_t, nb::shape<-1, -1, -1>> occupied, In<std::int64_t, nb::shape<3>> low, double voxel_m,
+         Points points, Points outwards, Points places, double start_voxels, std::size_t steps) {
+        const std::size_t count = points.shape(0);
+        require(outwards.shape(0) == count && places.shape(0) == count, "there is not one direction and place for each point");
+        require(voxel_m > 0 && std::isfinite(voxel_m) && std::isfinite(start_voxels), "a voxel has a size");
+        constexpr std::size_t kMostSteps = 1 << 16;
+        require(steps <= kMostSteps, "there are too many steps");
+        constexpr std::int64_t kFar = std::int64_t{1} << 52;  // doubles hold such numbers exactly
+        OccupiedVoxels voxels{occupied.data(), {}, {}, voxel_m};
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          voxels.size[axis] = static_cast<std::int64_t>(occupied.shape(axis));
+          voxels.low[axis] = low.data()[axis];
+          require(voxels.low[axis] >= -kFar && voxels.low[axis] <= kFar, "a voxel is too far away");
+        }
+        auto seen = memory<std::uint8_t>(count);
+        without_gil([&] {
+          in_sight(voxels, points.data(), outwards.data(), places.data(), count, start_voxels, steps, seen.get());
+        });
+        return array_of(std::move(seen), {count});
+      },
+      "occupied"_a, "low"_a, "voxel_m"_a, "points"_a, "outwards"_a, "places"_a, "start_voxels"_a, "steps"_a);
+  module.def(
+      "by_first_use",
+      [](In<std::int64_t, nb::shape<-1, 3>> triangles, In<std::int64_t, nb::shape<-1>> start, std::size_t vertices) {
+        const std::int64_t* first = start.data();
+        require(start.size() > 0 && first[0] == 0 && std::is_sorted(first, first + start.size()) &&
+                    first[start.size() - 1] == static_cast<std::int64_t>(triangles.shape(0)),
+                "the tiles do not hold each triangle once");
+        constexpr std::size_t kMostVertices = std::size_t{1} << 28;  // for each a number is held
+        require(vertices <= kMostVertices, "there are too many vertices");
+        require(std::all_of(triangles.data(), triangles.data() + triangles.size(),
+                            [=](auto corner) { return corner >= 0 && static_cast<std::size_t>(corner) < vertices; }),
+                "a triangle has a corner that is no vertex");
+        VerticesByUse found;
+        without_gil([&] { found = by_first_use(triangles.data(), first, start.size() - 1, vertices); });
+        const std::size_t number = found.triangles.size() / 3;
+        return std::make_tuple(array_of(std::move(found.used)), array_of(std::move(found.triangles), {number, 3}),
+                               array_of(std::move(found.vertex_start)));
+      },
+      "triangles"_a, "start"_a, "vertices"_a);
 }
 
 }  // namespace firstfix::python

@@ -3,8 +3,11 @@
 #include <stdexcept>
 #include <vector>
 
+#include "firstfix/mesh/by_first_use.hpp"
 #include "firstfix/mesh/cell_planes.hpp"
+#include "firstfix/mesh/in_sight.hpp"
 #include "firstfix/mesh/surface_net.hpp"
+#include "firstfix/mesh/with_neighbours.hpp"
 #include "hostile.hpp"
 
 namespace firstfix::tests {
@@ -46,10 +49,66 @@ void try_surface(Hostile& random) {
   }
 }
 
+void try_sight(Hostile& random) {
+  OccupiedVoxels voxels{nullptr, {}, {}, std::pow(10.0, random.real(3, 0))};
+  std::size_t all = 1;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    voxels.size[axis] = random.number(0, 12);
+    voxels.low[axis] = random.number(0, 20) - 10;
+    all *= static_cast<std::size_t>(voxels.size[axis]);
+  }
+  const std::vector<std::uint8_t> occupied(all, random.chance(0.5));
+  voxels.occupied = occupied.data();
+  const auto count = static_cast<std::size_t>(random.number(0, 60));
+  const auto points = coordinates(random, count), outwards = coordinates(random, count), places = coordinates(random, count);
+  std::vector<std::uint8_t> seen(count);
+  in_sight(voxels, points.data(), outwards.data(), places.data(), count, random.real(3, 0), 16, seen.data());
+  for (const std::uint8_t one : seen) expect(one <= 1, "a point is in sight or not");
+}
+
+void try_neighbours(Hostile& random) {
+  const auto count = static_cast<std::size_t>(random.number(0, 300));
+  std::vector<double> points = coordinates(random, count);
+  for (double& value : points) {
+    if (!std::isfinite(value)) value = 0;
+  }
+  const auto least = static_cast<std::size_t>(random.number(0, 5));
+  std::vector<std::uint8_t> kept(count, 2);
+  try {
+    with_neighbours(points.data(), count, std::pow(10.0, random.real(3, 0)), least, kept.data());
+  } catch (const std::invalid_argument&) {  // too far apart
+    return;
+  }
+  for (const std::uint8_t one : kept) {
+    expect(one <= 1, "a point is kept or not");
+    expect(one == 0 || count > least, "a point is kept for its neighbours");
+  }
+}
+
+void try_first_use(Hostile& random) {
+  const auto vertices = static_cast<std::size_t>(random.number(1, 50)), tiles = static_cast<std::size_t>(random.number(0, 5));
+  std::vector<std::int64_t> start{0}, triangles;
+  for (std::size_t tile = 0; tile < tiles; ++tile) start.push_back(start.back() + random.number(0, 40));
+  for (std::int64_t corner = 0; corner < 3 * start.back(); ++corner) {
+    triangles.push_back(random.number(0, static_cast<std::int64_t>(vertices) - 1));
+  }
+  const VerticesByUse found = by_first_use(triangles.data(), start.data(), tiles, vertices);
+  expect(found.vertex_start.size() == tiles + 1, "each tile begins somewhere");
+  for (std::size_t corner = 0; corner < triangles.size(); ++corner) {
+    const std::int64_t row = found.triangles[corner];
+    expect(found.used[static_cast<std::size_t>(row)] == triangles[corner], "a corner stays the same vertex");
+  }
+}
+
 }  // namespace
 }  // namespace firstfix::tests
 
 int main() {
   firstfix::tests::Hostile random(18);
-  for (int round = 0; round < 600; ++round) firstfix::tests::try_surface(random);
+  for (int round = 0; round < 600; ++round) {
+    firstfix::tests::try_surface(random);
+    firstfix::tests::try_sight(random);
+    firstfix::tests::try_first_use(random);
+    firstfix::tests::try_neighbours(random);
+  }
 }

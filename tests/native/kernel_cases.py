@@ -366,6 +366,18 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "surface_net": lambda n: n.surface_net(
         *n.cell_planes(STREET.astype(float), 0.6)[:3], STREET.astype(float)[::3], 0.6, 2.0, 1.25
     ),
+    "with_neighbours": lambda n: n.with_neighbours(FEW.astype(float), 0.5, 3),
+    "in_sight": lambda n: n.in_sight(
+        (STREET[:4096, 0] > 30).astype(np.uint8).reshape(16, 16, 16),
+        np.array([-60, -20, -8]),
+        0.4,
+        *(one.astype(float) for one in (FEW, NORMALS, FEW[::-1].copy())),
+        1.5,
+        16,
+    ),
+    "by_first_use": lambda n: n.by_first_use(
+        np.arange(3000).reshape(-1, 3) * 7 % 500, np.array([0, 10, 10, 700, 1000]), 500
+    ),
     "SeenSurface": _seen_surface,
     "bundle_rays": lambda n: n.bundle_rays(NORMALS),
     "TriangleTree": _cast,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -114,3 +116,91 @@ def test_invalid_limits_of_nets_are_refused():
             native.surface_net(means, normals, weights * bad, near, CELL_M, REACH, TRIM)
     with pytest.raises(ValueError, match="one normal and weight"):
         native.surface_net(means, normals[1:], weights, near, CELL_M, REACH, TRIM)
+
+
+def sight(seed: int) -> tuple[Any, ...]:
+    """Voxels, some of them occupied, and points in and around them with directions and places."""
+    rng = np.random.default_rng(seed)
+    occupied = (rng.random((9, 7, 5)) < 0.2).astype(np.uint8)
+    points = rng.uniform(-1.2, 1.2, (500, 3))
+    outwards = rng.normal(size=(500, 3))
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    places = rng.uniform(-2, 2, (500, 3))
+    places[:9] = points[:9] + 0.01
+    return occupied, np.array([-5, -3, -2]), 0.2, points, outwards, places
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_in_sight_is_so_for_the_reference(seed: int):
+    given = sight(seed)
+    seen = native.in_sight(*given, 1.5, 16)
+    assert (seen == oracle.in_sight(*given, 1.5, 16)).all()
+    assert 0.1 < seen.mean() < 0.9
+
+
+def test_invalid_voxels_have_nothing_in_sight():
+    occupied, low, voxel_m, points, outwards, places = sight(0)
+    for bad in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="size"):
+            native.in_sight(occupied, low, bad, points, outwards, places, 1.5, 16)
+    with pytest.raises(ValueError, match="one direction and place"):
+        native.in_sight(occupied, low, voxel_m, points, outwards[1:], places, 1.5, 16)
+    with pytest.raises(ValueError, match="steps"):
+        native.in_sight(occupied, low, voxel_m, points, outwards, places, 1.5, 1 << 40)
+    with pytest.raises(ValueError, match="far away"):
+        native.in_sight(occupied, low - 2**60, voxel_m, points, outwards, places, 1.5, 16)
+    unknown = np.full_like(points, np.nan)
+    assert native.in_sight(occupied, low, voxel_m, unknown, outwards, places, 1.5, 16).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_vertices_stand_in_the_order_of_their_first_use(seed: int):
+    rng = np.random.default_rng(seed)
+    triangles = rng.integers(0, 60, (200, 3))
+    start = np.array([0, 0, 50, 130, 200])  # one tile is empty
+    for found, expected in zip(
+        native.by_first_use(triangles, start, 70), oracle.by_first_use(triangles, start, 70), strict=True
+    ):
+        assert (found == expected).all()
+
+
+def test_triangles_without_their_vertices_or_tiles_are_refused():
+    triangles = np.array([[0, 1, 2], [2, 1, 3]])
+    for start in ([], [0], [1, 2], [0, 3], [0, 2, 1, 2]):
+        with pytest.raises(ValueError, match="each triangle once"):
+            native.by_first_use(triangles, np.array(start, np.int64), 4)
+    with pytest.raises(ValueError, match="no vertex"):
+        native.by_first_use(triangles, np.array([0, 2]), 3)
+    with pytest.raises(ValueError, match="no vertex"):
+        native.by_first_use(triangles - 1, np.array([0, 2]), 4)
+    with pytest.raises(ValueError, match="too many vertices"):
+        native.by_first_use(triangles, np.array([0, 2]), (1 << 28) + 1)
+
+
+@pytest.mark.parametrize("least", [0, 1, 3, 900])
+@pytest.mark.parametrize("radius_m", [0.02, 0.15, 5.0])
+def test_points_with_neighbours_are_those_of_the_reference(radius_m: float, least: int):
+    points = room(700, 3) - 1e3
+    points[:5] = points[5]  # they coincide
+    points[5:9] += [[9, 0, 0], [0, -9, 0], [0, 0, 9], [-9, 9, -9]]
+    kept = native.with_neighbours(points, radius_m, least)
+    assert (kept == oracle.with_neighbours(points, radius_m, least)).all()
+
+
+def test_neighbours_are_nearer_than_the_radius():
+    row = np.zeros((4, 3))
+    row[:, 2] = [0, 0.5, 1, 1.25]
+    assert native.with_neighbours(row, 0.5, 1).tolist() == [0, 0, 1, 1]
+    assert len(native.with_neighbours(np.zeros((0, 3)), 0.5, 1)) == 0
+
+
+def test_invalid_neighbourhoods_are_refused():
+    for bad in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="size"):
+            native.with_neighbours(np.zeros((3, 3)), bad, 1)
+    for bad in (np.nan, np.inf, -np.inf):
+        with pytest.raises(ValueError, match="finite"):
+            native.with_neighbours(np.array([[0.0, bad, 0.0]]), 1.0, 1)
+    for apart_m in (1e7, 1e300):
+        with pytest.raises(ValueError, match="too far apart"):
+            native.with_neighbours(np.array([[0.0, 0, 0], [0, -apart_m, 0]]), 1.0, 1)

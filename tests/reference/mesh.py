@@ -83,3 +83,53 @@ def surface_net(
             if all(corner in vertices for corner in ring):
                 quadrangles.append(tuple(ring if below < 0 else ring[::-1]))
     return vertices, quadrangles
+
+
+def in_sight(
+    occupied: NDArray[np.uint8],
+    low: NDArray[np.int64],
+    voxel_m: float,
+    points: NDArray[np.float64],
+    outwards: NDArray[np.float64],
+    places: NDArray[np.float64],
+    start_voxels: float,
+    steps: int,
+) -> NDArray[np.uint8]:
+    """Whether nothing near each point hides it from its place."""
+
+    def is_occupied(at: NDArray[np.float64]) -> NDArray[np.bool_]:
+        cell = np.floor(at / voxel_m).astype(np.int64) - low
+        inside = ((cell >= 0) & (cell < occupied.shape)).all(axis=1)
+        hit = np.zeros(len(at), bool)
+        hit[inside] = occupied[tuple(cell[inside].T)]
+        return hit
+
+    start = points + outwards * (start_voxels * voxel_m)
+    ray = places - start
+    length = np.linalg.norm(ray, axis=1)
+    ray /= np.maximum(length, 1e-9)[:, None]
+    clear = np.ones(len(points), bool)
+    for step in range(steps):
+        distance = step * voxel_m
+        ask = np.flatnonzero(clear & (distance < length - voxel_m))
+        clear[ask] = ~is_occupied(start[ask] + ray[ask] * distance)
+    return clear.view(np.uint8)
+
+
+def by_first_use(
+    triangles: NDArray[np.int64], start: NDArray[np.int64], vertices: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Vertices of each tile in the order of their first use, triangles of them, and each tile's start."""
+    tile = np.repeat(np.arange(len(start) - 1), np.diff(start))
+    in_tile = triangles + tile[:, None] * vertices
+    used, first, corner = np.unique(in_tile, return_index=True, return_inverse=True)
+    by_use = np.argsort(first)
+    number = np.empty(len(used), np.int64)
+    number[by_use] = np.arange(len(used))
+    return used[by_use] % vertices, number[corner.reshape(-1, 3)], np.searchsorted(first[by_use], 3 * start)
+
+
+def with_neighbours(points: NDArray[np.float64], radius_m: float, least: int) -> NDArray[np.uint8]:
+    """Whether each point has so many others less than a radius away."""
+    away2 = ((points[:, None] - points) ** 2).sum(axis=2)
+    return ((away2 < radius_m**2).sum(axis=1) > least).astype(np.uint8)

@@ -6,7 +6,8 @@ import ctypes
 from contextlib import suppress
 
 LARGE_BYTES = 4 << 20  # smaller ones are many: to map each anew takes time
-_M_MMAP_THRESHOLD = -3  # of glibc's <malloc.h>
+KEPT_BYTES = 32 << 20  # at a heap's end: what the next scan needs again is not given back in between
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's <malloc.h>
 
 
 def return_large_blocks() -> None:
@@ -17,4 +18,6 @@ def return_large_blocks() -> None:
     tenths. Other C libraries are left as they are.
     """
     with suppress(AttributeError, OSError):
-        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, LARGE_BYTES)
+        libc = ctypes.CDLL(None)
+        libc.mallopt(_M_MMAP_THRESHOLD, LARGE_BYTES)
+        libc.mallopt(_M_TRIM_THRESHOLD, KEPT_BYTES)

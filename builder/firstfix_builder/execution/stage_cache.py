@@ -188,13 +188,13 @@ class StageCache:
         try:
             (part / "files").mkdir()
             fill(part / "files")
-            record = {"stage": name, "files": _hashes(part / "files")}
-            (part / "stage.json").write_text(json.dumps(record, sort_keys=True))
+            made = _hashes(part / "files")
+            (part / "stage.json").write_text(json.dumps({"stage": name, "files": made}, sort_keys=True))
             self._move_in(part, key)
         finally:
             shutil.rmtree(part, ignore_errors=True)
             os.close(lock)
-        found = self._find(key)
+        found = self._find(key, made)
         if found is None:
             raise OSError(f"stage {name} vanished from {self._folder} as it was written")
         return found
@@ -211,15 +211,19 @@ class StageCache:
             if self._remove(path):
                 total -= sizes[path]
 
-    def _find(self, key: str) -> StageResult | None:
-        """The stage, locked against pruning; None if it is missing or damaged."""
+    def _find(self, key: str, made: Mapping[str, str] | None = None) -> StageResult | None:
+        """The stage, locked against pruning; None if it is missing or damaged.
+
+        Args:
+            made: hashes of its files, which were just written; None: they are read and hashed.
+        """
         path = self._folder / key
         lock = _lock(path, fcntl.LOCK_SH)
         if lock is None:
             return None
         try:
             recorded = json.loads((path / "stage.json").read_bytes())["files"]
-            intact = recorded == _hashes(path / "files")
+            intact = recorded == (_hashes(path / "files") if made is None else made)
             os.utime(path / "stage.json")
         except (OSError, ValueError, KeyError, TypeError):
             intact = False

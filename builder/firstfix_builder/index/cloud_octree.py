@@ -22,6 +22,7 @@ from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.align import MapSurface
 from firstfix.transform import Matrix, transform_points
 
+from ..mesh.bounds import bounds
 from ..mesh.intensity import Intensity
 
 CELLS = 128  # cells along the edge of a node, of which each gives one point at most; a power of two
@@ -98,13 +99,10 @@ class CloudOctree:
         """
         T = np.eye(4) if T_map_points is None else T_map_points
         parts = [slice(first, first + AT_ONCE) for first in range(0, len(points), AT_ONCE)]
-        ends = [
-            [moved.min(axis=0), moved.max(axis=0)]
-            for moved in (transform_points(T, points[p]) for p in parts)
-        ]
-        bounds = np.array([np.min(ends, axis=(0, 1)), np.max(ends, axis=(0, 1))])
+        ends = [bounds(transform_points(T, points[part])) for part in parts]
+        bounds_m = np.array([np.min(ends, axis=(0, 1)), np.max(ends, axis=(0, 1))])
         marks = marks or {}
-        together = [bounds, *(mark for mark in marks.values() if len(mark))]
+        together = [bounds_m, *(mark for mark in marks.values() if len(mark))]
         low = np.min([part.min(axis=0) for part in together], axis=0) - SPARE_M
         high = np.max([part.max(axis=0) for part in together], axis=0) + SPARE_M
 
@@ -123,7 +121,7 @@ class CloudOctree:
             if bright is not None and intensity is not None:
                 bright[place] = intensity.values[part][kept]
         told = intensity if intensity is None or bright is None else replace(intensity, values=bright)
-        return cls(offsets, shuffled, marks, low, float((high - low).max()), bounds, told)
+        return cls(offsets, shuffled, marks, low, float((high - low).max()), bounds_m, told)
 
     def nodes(self) -> Iterator[Node]:
         """The nodes, parents before children."""

@@ -9,8 +9,9 @@ from scipy.spatial import cKDTree
 from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.builds.config import CleanConfig
 from firstfix.errors import BuildFailed
-from firstfix.native import column_means
+from firstfix.native import column_means, with_neighbours
 
+from .bounds import in_all
 from .places.chance import SPACING_STEPS, stepped
 
 SPACING_SAMPLES = 50_000
@@ -27,8 +28,8 @@ def clean_cloud(points: NDArray[np.float64], config: CleanConfig) -> NDArray[np.
     Raises:
         BuildFailed: nothing is left.
     """
-    is_finite = np.isfinite(points[:, :3]).all(axis=1)
-    cloud = points if is_finite.all() else points[is_finite]
+    is_finite = np.isfinite(points[:, :3])
+    cloud = points if is_finite.all() else points[in_all(is_finite)]
     if config.voxel_m is not None:
         cloud = voxel_means(cloud, config.voxel_m)
     voxel_m = config.voxel_m or 0.0
@@ -51,19 +52,25 @@ def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float
     try:
         return column_means(points, voxel_m)
     except ValueError:
-        width_m = float(np.ptp(points[:, :3], axis=0).max())
-        raise BuildFailed(
-            f"the map is {width_m:,.0f} m wide: too large for voxels of {voxel_m} m. "
-            "Remove stray points far away from all others"
-        ) from None
+        raise _too_wide(points, f"voxels of {voxel_m} m") from None
+
+
+def _too_wide(points: NDArray[np.float64], what: str) -> BuildFailed:
+    width_m = float(np.ptp(points[:, :3], axis=0).max())
+    return BuildFailed(
+        f"the map is {width_m:,.0f} m wide: too large for {what}. "
+        "Remove stray points far away from all others"
+    )
 
 
 def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours: int) -> NDArray[np.float64]:
     """Keep those of (n, 3 or more) rows that have at least so many others within the radius."""
-    # the k-th neighbour's distance, not a count: its cost does not grow with the density
-    at = points[:, :3]
-    distance, _ = _quick_tree(at).query(at, k=[min_neighbours + 1], distance_upper_bound=radius_m, workers=-1)
-    return points[np.isfinite(distance[:, 0])]
+    at = np.ascontiguousarray(points[:, :3])
+    try:
+        kept = with_neighbours(at, radius_m, min_neighbours)
+    except ValueError:
+        raise _too_wide(points, f"neighbourhoods of {radius_m:.3g} m") from None
+    return points[kept.view(np.bool_)]
 
 
 def point_spacing_m(points: NDArray[np.float64]) -> float:

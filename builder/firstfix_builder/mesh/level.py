@@ -11,6 +11,8 @@ from firstfix.scan.levelling import estimate_up, refined_up
 from firstfix.scan.reduction import at_most, voxel_means
 from firstfix.transform import Matrix, make_transform, rotation_between
 
+from .bounds import in_all
+
 VOXEL_M = 0.3
 MAX_LEAN_DEG = 10.0  # a larger lean is a property of the place, not of the frame
 MIN_LEAN_DEG = 0.2
@@ -52,8 +54,9 @@ def leaning_frame(points: NDArray[np.float64]) -> Matrix:
 
 
 def _normals(points: NDArray[np.float64]) -> NDArray[np.floating]:
+    is_finite = np.isfinite(points)
     try:
-        thinned = voxel_means(points[np.isfinite(points).all(axis=1)], VOXEL_M)
+        thinned = voxel_means(points if is_finite.all() else points[in_all(is_finite)], VOXEL_M)
     except ValueError:
         raise BuildFailed(f"the map is too large for voxels of {VOXEL_M} m") from None
     return Surface.around(thinned).normals

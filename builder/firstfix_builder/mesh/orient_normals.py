@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from firstfix.native import in_sight
+
 STOREY_M = 2.0  # height of the slices in which places are searched, so that both sides of a slab have some
 PER_STOREY = 3
 SIGHT_START_VOXELS = 1.5  # the point's own surface must not hide the scanner
@@ -127,18 +129,17 @@ class Occupancy:
         self, points: NDArray[np.float64], outwards: NDArray[np.float64], places: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
         """(n,) whether nothing near the point hides it from its place."""
-        start = points + outwards * (SIGHT_START_VOXELS * self.voxel_m)
-        ray = places - start
-        length = np.linalg.norm(ray, axis=1)
-        ray /= np.maximum(length, 1e-9)[:, None]
-        clear = np.ones(len(points), bool)
-        for step in range(SIGHT_STEPS):
-            distance = step * self.voxel_m
-            ask = np.flatnonzero(clear & (distance < length - self.voxel_m))
-            if len(ask) == 0:
-                break
-            clear[ask] = ~self.at(start[ask] + ray[ask] * distance)
-        return clear
+        seen = in_sight(
+            self._grid.reshape(self._size).view(np.uint8),
+            self._low,
+            self.voxel_m,
+            points,
+            outwards,
+            places,
+            SIGHT_START_VOXELS,
+            SIGHT_STEPS,
+        )
+        return seen.view(np.bool_)
 
     def _flat(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
         flat: NDArray[np.int64] = (cell[:, 0] * self._size[1] + cell[:, 1]) * self._size[2] + cell[:, 2]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.errors import BuildFailed
+from firstfix.native import by_first_use
 
 from ..execution.local_executor import in_turn
 from .map_tiles import by_tiles
@@ -47,15 +49,8 @@ class TiledMesh:
     def of(cls, mesh: Mesh) -> TiledMesh:
         """Sort a mesh of at least one triangle, and removes unused vertices."""
         order, start = by_tiles(middle(mesh.vertices[mesh.triangles]), TILE_M)
-        triangles = mesh.triangles[order]
-        tile = np.repeat(np.arange(len(start) - 1), np.diff(start))
-        in_tile = triangles + tile[:, None] * len(mesh.vertices)
-        used, first, corner = np.unique(in_tile, return_index=True, return_inverse=True)
-        by_use = np.argsort(first)
-        number = np.empty(len(used), np.int64)
-        number[by_use] = np.arange(len(used))
-        vertex_start = np.searchsorted(first[by_use], 3 * start)
-        ordered = Mesh(mesh.vertices[used[by_use] % len(mesh.vertices)], number[corner.reshape(-1, 3)])
+        used, triangles, vertex_start = by_first_use(mesh.triangles[order], start, len(mesh.vertices))
+        ordered = Mesh(mesh.vertices[used], triangles)
         corners = ordered.vertices[ordered.triangles, :2]
         low = np.minimum.reduceat(lowest(corners), start[:-1])
         high = np.maximum.reduceat(highest(corners), start[:-1])
@@ -63,8 +58,17 @@ class TiledMesh:
 
     def save(self, directory: Path) -> None:
         """Write the files of ``Mesh.save`` and ``SurfaceCells.save``, tile_start.npy and tile_box.npy."""
+        self._save_tiles(directory)
+        SurfaceCells.of(self.mesh.vertices, self.mesh.triangles).save(directory)
+
+    def _save_tiles(self, directory: Path) -> None:
+        """Write the files of ``load``."""
         self.mesh.save(directory)
-        _save_places(directory, [SurfaceCells.of(self.mesh.vertices, self.mesh.triangles)], self)
+        self._save_places(directory)
+
+    def _save_places(self, directory: Path) -> None:
+        np.save(directory / "tile_start.npy", np.stack([self.start, self.vertex_start]))
+        np.save(directory / "tile_box.npy", np.stack([self.low, self.high]))
 
     @classmethod
     def load(cls, directory: Path) -> TiledMesh:
@@ -100,18 +104,24 @@ def write_tiled_mesh(parts: Iterable[Mesh], directory: Path) -> None:
     Raises:
         BuildFailed: there is no triangle.
     """
+    batches = _batches(parts)
+    first, second = next(batches, None), next(batches, None)
+    if first is None:
+        raise BuildFailed("the map gives no surface: its points are too sparse or too scattered")
+    if second is None:
+        TiledMesh.of(first).save(directory)
+        return
     with TemporaryDirectory(dir=directory) as folder:
 
         def tiled_in_a_file(batch: tuple[int, Mesh]) -> TiledMesh:
             number, mesh = batch
             (Path(folder) / str(number)).mkdir()
-            TiledMesh.of(mesh).save(Path(folder) / str(number))
+            TiledMesh.of(mesh)._save_tiles(Path(folder) / str(number))
             return TiledMesh.load(Path(folder) / str(number))
 
-        tiled = [one for _, one in in_turn(tiled_in_a_file, enumerate(_batches(parts)))]
-        if not tiled:
-            raise BuildFailed("the map gives no surface: its points are too sparse or too scattered")
-        _merge(tiled, directory)
+        several = enumerate(chain([first, second], batches))
+        del first, second
+        _merge([one for _, one in in_turn(tiled_in_a_file, several)], directory)
 
 
 def _batches(parts: Iterable[Mesh]) -> Iterator[Mesh]:
@@ -156,7 +166,8 @@ def _merge(tiled: Sequence[TiledMesh], directory: Path) -> None:
     whole = TiledMesh(Mesh(vertices, triangles), np.array(start), np.array(vertex_start), low, high)
     for array in (vertices, triangles):
         array.flush()
-    _save_places(directory, cells, whole)
+    whole._save_places(directory)
+    SurfaceCells.joined(cells).save(directory)
 
 
 @dataclass(frozen=True)
@@ -182,9 +193,3 @@ def _joined_tile(held: Sequence[tuple[TiledMesh, int]]) -> tuple[Mesh, _Tile]:
     cells = None if is_large.all() else SurfaceCells.of(mesh.vertices, mesh.triangles[~is_large])
     box = lowest(corners)[:, :2].min(axis=0), highest(corners)[:, :2].max(axis=0)
     return mesh, _Tile(box, cells, mesh.with_triangles(is_large))
-
-
-def _save_places(directory: Path, cells: Sequence[SurfaceCells], tiled: TiledMesh) -> None:
-    SurfaceCells.joined(cells).save(directory)
-    np.save(directory / "tile_start.npy", np.stack([tiled.start, tiled.vertex_start]))
-    np.save(directory / "tile_box.npy", np.stack([tiled.low, tiled.high]))

@@ -49,7 +49,7 @@ class PreparedSandbox:
         """
         folder = options.work / "build"
         scratch = folder / SCRATCH / uuid.uuid4().hex
-        for one in (scratch, folder / "home", options.work / "sources"):
+        for one in (scratch, options.work / "sources"):
             one.mkdir(parents=True, exist_ok=True)
         folders = {one: _identity(one) for one in (folder, *sources)}
         read_end, write_end = os.pipe()

@@ -58,7 +58,7 @@ MIN_FILE_BYTES = 1 << 30
 MIN_MEMORY_BYTES = 4 << 30  # that libraries reserve for threads and heaps
 # The environment variables that a build gets: how to find Python and its libraries.
 _PASSED = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONUNBUFFERED", "PYTHONDONTWRITEBYTECODE")
-_PASSED_PREFIXES = ("OMP_", "OPENBLAS_", "MKL_", "LD_LIBRARY_", "MPL")
+_PASSED_PREFIXES = ("OMP_", "OPENBLAS_", "MKL_", "LD_LIBRARY_")
 
 
 def start_process(
@@ -96,7 +96,7 @@ def start_process(
         ],
         stdin=subprocess.PIPE,
         pass_fds=(messages_to,),
-        env=_environment(scratch, folder / "home"),
+        env=_environment(scratch),
         process_group=0,
     )
 
@@ -124,11 +124,10 @@ def end_process(process: subprocess.Popen[bytes]) -> None:
         process.stdin.close()
 
 
-def _environment(scratch: Path, home: Path) -> dict[str, str]:
+def _environment(scratch: Path) -> dict[str, str]:
     passed = {
         name: value
         for name, value in os.environ.items()
         if name in _PASSED or name.startswith(_PASSED_PREFIXES)
     }
-    # libraries cache lists there that take seconds to make, such as that of the fonts
-    return {**passed, "HOME": str(home), "MPLCONFIGDIR": str(home), "TMPDIR": str(scratch)}
+    return {**passed, "HOME": str(scratch), "TMPDIR": str(scratch)}  # no build finds what another left there

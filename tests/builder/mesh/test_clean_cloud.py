@@ -10,6 +10,7 @@ from firstfix_builder.mesh.clean_cloud import (
     point_spacing_m,
     surface_spacings_m,
     voxel_means,
+    without_strays,
 )
 
 
@@ -24,6 +25,11 @@ def test_strays_and_broken_points_go_and_the_surface_stays():
     broken = np.array([[np.nan, 0, 0], [0, np.inf, 0]])
     cleaned = clean_cloud(np.concatenate([broken, strays, cloud]), CleanConfig(voxel_m=None))
     np.testing.assert_array_equal(cleaned, cloud)
+
+
+def test_a_map_with_a_point_beyond_all_others_is_refused_in_words():
+    with pytest.raises(BuildFailed, match="too large for neighbourhoods of"):
+        without_strays(np.array([[0.0, 0, 0], [0.1, 0, 0], [3e6, 0, 0]]), 0.1, 1)
 
 
 def test_nothing_is_a_stray_when_no_neighbour_is_asked_for():

@@ -125,6 +125,9 @@ def test_nothing_forbidden_is_done(attempts: dict[str, str], place: Place, tmp_p
     }
     assert SECRET not in environment.values()
     assert not any(name.startswith(("AWS_", "FIRSTFIX_")) for name in environment)
+    for name in ("HOME", "TMPDIR"):  # of this build alone: the next one finds nothing that it left there
+        assert Path(environment[name]).is_relative_to(place.work / "build" / "tmp")
+        assert not Path(environment[name]).exists()
     assert (place.store / "secret").read_text() == SECRET
     assert not (tmp_path / "written").exists()
 

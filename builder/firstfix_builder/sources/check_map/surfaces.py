@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from firstfix.engine.registration.surface import Surface
 
+from ...mesh.bounds import extent
 from ...mesh.clean_cloud import voxel_means
 
 COLUMN_M = 16.0  # a large map is looked at in some of such columns
@@ -23,7 +24,7 @@ def surfaces(points: NDArray[np.float64], voxel_m: float, max_points: int) -> Su
     Raises:
         BuildFailed: stray points are too far away from the others.
     """
-    flat = np.sort(np.argsort(np.ptp(points, axis=0))[1:])
+    flat = np.sort(np.argsort(extent(points))[1:])
     column, count = numbered(np.floor(points[:, flat] / COLUMN_M).astype(np.int64))
     order = np.random.default_rng(_SEED).permutation(len(count))
     kept = np.zeros(len(count), bool)

@@ -10,6 +10,8 @@ from firstfix.bit_exact.sample import rows_by_chance
 from firstfix.findings.finding import Finding
 from firstfix.findings.map_kinds import TRAJECTORY_ELSEWHERE, TRAJECTORY_IS_CLOUD, TRAJECTORY_LEFT_OUT
 
+from ...mesh.bounds import bounds
+
 TOUCHING_M = 0.15  # no sensor is so near to a surface all the way
 MAX_TOUCHING = 0.6
 MARGIN_M = 20.0
@@ -27,8 +29,8 @@ def check_trajectory(
         is_given: by the user. Poses that came with the map refuse no map: they are left out of it.
     """
     at = poses[rows_by_chance(len(poses), _SAMPLED_POSES), :3, 3]
-    low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
-    outside = float(((at < low) | (at > high)).any(axis=1).mean())
+    low, high = bounds(points)
+    outside = float(((at < low - MARGIN_M) | (at > high + MARGIN_M)).any(axis=1).mean())
     if outside > MAX_OUTSIDE:
         numbers = {"poses": len(poses), "outside_share": outside, "margin_m": MARGIN_M}
         why = f"{outside:.0%} of them lie over {MARGIN_M:.0f} m outside it"

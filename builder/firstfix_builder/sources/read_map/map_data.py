@@ -13,6 +13,7 @@ from firstfix.errors import MalformedData
 from firstfix.formats.point_cloud import PointCloud
 from firstfix.transform import make_transform
 
+from ...mesh.bounds import in_all
 from ...mesh.intensity import Intensity
 from .what_was_read import WhatWasRead
 
@@ -97,7 +98,7 @@ def finite_rows(points: NDArray[np.float64]) -> NDArray[np.bool_]:
         MalformedData: none is.
     """
     with np.errstate(invalid="ignore"):
-        keep = np.all(np.abs(points) <= MAX_ABS_COORDINATE_M, axis=1)  # NaN compares false
+        keep = in_all(np.abs(points) <= MAX_ABS_COORDINATE_M)  # NaN compares false
     if not keep.any():
         raise MalformedData(f"none of its {len(points)} points has finite coordinates")
     return keep
