@@ -99,6 +99,8 @@ class Surface:
 
         Tile by tile, which takes little memory.
         """
+        if not len(self):
+            return self
         tiles = tile_rows(columns_of(self.points, voxel_m), cells_a_tile(voxel_m))
         return Surface.together([self.at(one.rows)._thinned(voxel_m) for one in tiles])
 
